@@ -1,0 +1,276 @@
+"""One native loop on the CPU: the loop that every simulation, tuning and diagnosis runs in.
+
+XLA on the CPU compiles a `while` into one native function only while its body touches less than
+1 KB; above that every step is a chain of small kernel calls, ten times slower and more. `native`
+asks for the one function whatever the size, through the metadata that XLA itself puts on small
+loops; from jax 0.12 on XLA does so unasked, and `native` leaves the function alone. `scan_loop` is
+`lax.scan` as the measurements want it: the carry kept whole between steps, the memory of reverse
+mode bounded.
+
+Both only change how fast a result comes, never what it is (beyond rounding).
+"""
+
+import contextlib
+import contextvars
+import functools
+import math
+import os
+import pathlib
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any, ParamSpec, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.experimental.xla_metadata import set_xla_metadata
+from jax.extend.core import jaxpr_as_fun
+
+from .errors import InputError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+C = TypeVar("C")
+X = TypeVar("X")
+Y = TypeVar("Y")
+
+CHECKPOINTS = ("none", "step", "nested", "auto")
+
+_switch: contextvars.ContextVar[bool | None] = contextvars.ContextVar("native", default=None)
+# Set while `fpjax.gradients` traces a reverse pass: (candidates, bytes allowed for the residuals).
+_reverse: contextvars.ContextVar[tuple[int, int] | None] = contextvars.ContextVar(
+    "reverse", default=None
+)
+
+# jax 0.12 hoists every loop by itself; asking again only pins call boundaries that cost 10-20 % in
+# reverse mode.
+_XLA_HOISTS_BY_ITSELF = (0, 12)
+
+# What may stand in one kernel. A list of what is allowed, not of what is forbidden: XLA fails hard
+# on a sort, a LAPACK or FFI call, a callback or a collective inside the kernel, and a primitive
+# that nobody has tried is better run slowly than not at all.
+_ELEMENTWISE = """
+abs acos acosh add add_any and asin asinh atan atan2 atanh cbrt ceil clamp conj
+convert_element_type copy copy_p cos cosh digamma div eq erf erf_inv erfc exp exp2 expm1 floor ge
+gt imag integer_pow is_finite le lgamma log log1p logistic lt max min mul ne neg nextafter not or
+population_count clz pow real reduce_precision rem round rsqrt select_and_scatter_add select_n
+shift_left shift_right_arithmetic shift_right_logical sign sin sinh sqrt square stop_gradient sub
+tan tanh xor
+"""
+_STRUCTURE = """
+broadcast broadcast_in_dim concatenate dynamic_slice dynamic_update_slice expand_dims gather iota
+pad reshape rev scatter scatter-add scatter_add scatter_max scatter_min scatter_mul slice split
+squeeze transpose bitcast_convert_type empty empty2 pvary pcast
+argmax argmin cumlogsumexp cummax cummin cumprod cumsum reduce_and reduce_max reduce_min reduce_or
+reduce_prod reduce_sum reduce_xor reduce dot_general mul_add
+"""
+_CONTROL = """
+pjit jit closed_call core_call remat remat2 checkpoint custom_jvp_call custom_vjp_call
+custom_vjp_call_jaxpr custom_lin scan while cond optimization_barrier
+"""
+_ALLOWED = frozenset((_ELEMENTWISE + _STRUCTURE + _CONTROL).split())
+
+
+def native_enabled() -> bool:
+    """Whether `native` asks XLA for one kernel: here, now, on this jax and this backend.
+
+    The order: `native_mode`, then the environment variable `FPJAX_NATIVE` ("0" never, "1" on every
+    CPU), then what was measured: on a CPU, on jax before 0.12 (which does it by itself).
+    Read when a function is traced: what is compiled stays as it was compiled.
+    """
+    chosen = _switch.get()
+    if chosen is None:
+        word = os.environ.get("FPJAX_NATIVE", "").strip().lower()
+        if word in ("0", "off", "false", "no"):
+            chosen = False
+        elif word in ("1", "on", "true", "yes"):
+            chosen = True
+        elif word in ("", "auto"):
+            chosen = jax.__version_info__ < _XLA_HOISTS_BY_ITSELF
+        else:
+            raise InputError(
+                f"FPJAX_NATIVE={word!r} is neither 0 nor 1: use 0 for the plain loop, 1 to ask "
+                "for one kernel, or leave it unset for the measured choice."
+            )
+    return chosen and jax.default_backend() == "cpu"
+
+
+@contextlib.contextmanager
+def native_mode(enabled: bool | None) -> Iterator[None]:
+    """Within the block: `native` on (True), off (False) or as measured (None), for new traces."""
+    token = _switch.set(enabled)
+    try:
+        yield
+    finally:
+        _switch.reset(token)
+
+
+def native(fn: Callable[P, R]) -> Callable[P, R]:
+    """`fn`, compiled by XLA on the CPU as one kernel; the same numbers, `fn` itself elsewhere.
+
+    Put it around the outermost function that holds the loop, the gradient included:
+    `native(value_and_gradient(cost))`, not the other way round. It works under vmap, grad, jvp,
+    lax.map, shard_map and an outer jit.
+
+    **Arguments:** `fn`: arrays and pytrees of arrays in and out, positional. Where its trace holds
+    what cannot stand in a kernel (sort, linear algebra, FFT, callbacks, collectives, random bits
+    from a custom call), it is evaluated as it stands, from the same trace.
+    """
+
+    # The ambient reverse pass is an argument, or a trace made without it would be found again in it.
+    @functools.partial(jax.jit, static_argnums=(0, 1))
+    def compiled(enabled: bool, reverse: Any, arguments: tuple[Any, ...]) -> Any:
+        return _one_kernel(fn, arguments) if enabled else fn(*arguments)
+
+    @functools.wraps(fn)
+    def wrapped(*arguments: Any) -> Any:
+        return compiled(native_enabled(), _reverse.get(), arguments)
+
+    return wrapped
+
+
+def _one_kernel(fn: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    closed, shape = jax.make_jaxpr(fn, return_shape=True)(*arguments)
+    structure = jax.tree.structure(shape)
+    flat = jax.tree.leaves(arguments)
+
+    evaluate = jaxpr_as_fun(closed)
+    if what_forbids_one_kernel(closed.jaxpr) is None:
+        # The trace above was made outside the metadata, so that the one call carries it and
+        # nothing within does.
+        kernel = jax.jit(lambda *values: evaluate(*values))
+        with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
+            return jax.tree.unflatten(structure, kernel(*flat))
+    return jax.tree.unflatten(structure, evaluate(*flat))
+
+
+def what_forbids_one_kernel(jaxpr: Any) -> str | None:
+    """The name of the first primitive in `jaxpr` that cannot stand in one kernel; None if none."""
+    for equation in jaxpr.eqns:
+        name = equation.primitive.name
+        if name not in _ALLOWED:
+            return name
+        for value in equation.params.values():
+            for inner in value if isinstance(value, (tuple, list)) else (value,):
+                inner = getattr(inner, "jaxpr", inner)
+                found = what_forbids_one_kernel(inner) if hasattr(inner, "eqns") else None
+                if found is not None:
+                    return found
+    return None
+
+
+def scan_loop(
+    step: Callable[[C, X], tuple[C, Y]],
+    carry: C,
+    xs: X,
+    *,
+    length: int | None = None,
+    checkpoint: str = "auto",
+    unroll: int = 2,
+) -> tuple[C, Y]:
+    """`lax.scan(step, carry, xs)`, the same result, with bounded memory in reverse mode.
+
+    **Arguments:** `step(carry, x) -> (carry, y)`; `xs`: a pytree with leading axis time, or None
+    with `length`; `checkpoint`: "none" keeps what every step needs for its derivative, "step" keeps
+    the carry of every step (time x carry), "nested" keeps the carry every sqrt(time) steps and
+    costs one more forward pass, "auto" takes none in a plain run and, within
+    `fpjax.gradients.value_and_gradient`, step or nested by size; `unroll`: steps in one turn of the
+    loop (2 measured best).
+
+    Raises `InputError` on an unknown checkpoint and on `xs` without a common length.
+    """
+    if checkpoint not in CHECKPOINTS:
+        raise InputError(f"checkpoint={checkpoint!r} is not known: use one of {CHECKPOINTS}.")
+    length = _length(xs, length)
+    mode = _chosen_checkpoint(carry, length) if checkpoint == "auto" else checkpoint
+    if mode == "none":
+        return lax.scan(_whole_carry(step), carry, xs, length=length, unroll=unroll)
+    step = jax.checkpoint(step, prevent_cse=False)
+
+    def run(carry: C, xs: X, length: int) -> tuple[C, Y]:
+        return lax.scan(_whole_carry(step), carry, xs, length=length, unroll=unroll)
+
+    block = math.isqrt(length) if mode == "nested" else 0
+    if block < 2:
+        return run(carry, xs, length)
+    blocks = length // block
+    head = jax.tree.map(lambda x: x[: blocks * block].reshape(blocks, block, *x.shape[1:]), xs)
+    whole_block = jax.checkpoint(lambda c, x: run(c, x, block), prevent_cse=False)
+    carry, ys = lax.scan(whole_block, carry, head, length=blocks)
+    ys = jax.tree.map(lambda y: y.reshape(blocks * block, *y.shape[2:]), ys)
+    rest = length - blocks * block
+    if rest:
+        carry, tail = run(carry, jax.tree.map(lambda x: x[blocks * block :], xs), rest)
+        ys = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), ys, tail)
+    return carry, ys
+
+
+def _length(xs: Any, length: int | None) -> int:
+    lengths = {leaf.shape[0] for leaf in jax.tree.leaves(xs)} | ({length} - {None})
+    if len(lengths) != 1:
+        raise InputError(
+            f"A loop needs one length, but xs and length give {sorted(lengths) or 'none'}: "
+            "give every leaf of xs the same leading axis, or xs=None and length=N."
+        )
+    return lengths.pop()
+
+
+def _whole_carry(step: Callable[[C, X], tuple[C, Y]]) -> Callable[[C, X], tuple[C, Y]]:
+    """`step` whose new carry is computed once: without the barrier the unrolled second step is
+    fused into the first and recomputes it for every state (40 % slower at 64 candidates)."""
+
+    def stepped(carry: C, x: X) -> tuple[C, Y]:
+        carry, y = step(carry, x)
+        return (lax.optimization_barrier(carry) if jax.tree.leaves(carry) else carry), y
+
+    return stepped
+
+
+def _chosen_checkpoint(carry: Any, length: int) -> str:
+    reverse = _reverse.get()
+    if reverse is None:
+        return "none"
+    candidates, allowed = reverse
+    size = sum(leaf.size * leaf.dtype.itemsize for leaf in map(jnp.asarray, jax.tree.leaves(carry)))
+    return "step" if size * length * candidates <= allowed else "nested"
+
+
+@contextlib.contextmanager
+def reverse_pass(*, candidates: int, scratch: int) -> Iterator[None]:
+    """Within the block, loops with checkpoint="auto" keep at most about `scratch` [bytes] for the
+    reverse pass of `candidates` simulations at once."""
+    token = _reverse.set((candidates, scratch))
+    try:
+        yield
+    finally:
+        _reverse.reset(token)
+
+
+def enable_compilation_cache(directory: str | os.PathLike[str] | None = None) -> pathlib.Path:
+    """Keep compiled programs on disk, so that the next process starts in a tenth of the time.
+
+    Never on by itself: the command line calls it, a library user may. Returns the folder: given,
+    or `FPJAX_CACHE`, or the user's cache folder. Raises `InputError` if it cannot be written.
+    """
+    folder = pathlib.Path(directory or os.environ.get("FPJAX_CACHE") or _user_cache()).expanduser()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"The compilation cache cannot be kept in {folder} ({error.strerror}): give a folder "
+            "that can be written, or go without."
+        ) from error
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    return folder
+
+
+def _user_cache() -> pathlib.Path:
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
+    elif sys.platform == "darwin":
+        base = "~/Library/Caches"
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    return pathlib.Path(base) / "fpjax"
