@@ -38,13 +38,12 @@ CHECKPOINTS = ("none", "step", "nested", "auto")
 
 _switch: contextvars.ContextVar[bool | None] = contextvars.ContextVar("native", default=None)
 # Set while `fpjax.gradients` traces a reverse pass: (candidates, bytes allowed for the residuals).
-_reverse: contextvars.ContextVar[tuple[int, int] | None] = contextvars.ContextVar(
-    "reverse", default=None
-)
+_reverse: contextvars.ContextVar[tuple[int, int] | None] = contextvars.ContextVar("reverse", default=None)
 
 # jax 0.12 hoists every loop by itself; asking again only pins call boundaries that cost 10-20 % in
-# reverse mode.
-_XLA_HOISTS_BY_ITSELF = (0, 12)
+# reverse mode. On jax 0.6 a large array in the kernel (200 candidates) ends the process: XLA's
+# check `run_options != nullptr` in runtime_fork_join.cc.
+_ASKED_FROM, _ASKED_BELOW = (0, 7), (0, 12)
 
 # What may stand in one kernel. A list of what is allowed, not of what is forbidden: XLA fails hard
 # on a sort, a LAPACK or FFI call, a callback or a collective inside the kernel, and a primitive
@@ -75,7 +74,7 @@ def native_enabled() -> bool:
     """Whether `native` asks XLA for one kernel: here, now, on this jax and this backend.
 
     The order: `native_mode`, then the environment variable `FPJAX_NATIVE` ("0" never, "1" on every
-    CPU), then what was measured: on a CPU, on jax before 0.12 (which does it by itself).
+    CPU), then what was measured: on a CPU, on jax 0.7 to 0.11 (0.12 does it by itself).
     Read when a function is traced: what is compiled stays as it was compiled.
     """
     chosen = _switch.get()
@@ -86,7 +85,7 @@ def native_enabled() -> bool:
         elif word in ("1", "on", "true", "yes"):
             chosen = True
         elif word in ("", "auto"):
-            chosen = jax.__version_info__ < _XLA_HOISTS_BY_ITSELF
+            chosen = _ASKED_FROM <= jax.__version_info__[:2] < _ASKED_BELOW
         else:
             raise InputError(
                 f"FPJAX_NATIVE={word!r} is neither 0 nor 1: use 0 for the plain loop, 1 to ask "

@@ -1,0 +1,39 @@
+"""`python -m benchmarks NAME`: one folder a benchmark, imported only when it is asked for."""
+
+import argparse
+import importlib
+import sys
+
+from fpjax.errors import InputError
+
+NAMES = {
+    "thesis": "every printed cell of the thesis, as printed / obtained / verdict, and its figures",
+    "compare": "Algorithm 1, sweep, gradient and Nelder-Mead at the same objective and budget",
+    "speed": "fpjax against a C++ loop and its peers, with the goals' table",
+    "withheld": "the diagnosis on simulated and real logs whose effect is withheld",
+}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one benchmark; returns the exit code (0, or 2 after one sentence on bad input)."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    commands = parser.add_subparsers(dest="name", required=True, metavar="NAME")
+    argv = sys.argv[1:] if argv is None else argv
+    chosen = next((word for word in argv if not word.startswith("-")), None)
+    for name, summary in NAMES.items():
+        command = commands.add_parser(name, help=summary, description=summary)
+        if name == chosen:
+            importlib.import_module(f"benchmarks.{name}.command").add_arguments(command)
+    arguments = parser.parse_args(argv)
+    try:
+        return importlib.import_module(f"benchmarks.{arguments.name}.command").run(arguments)
+    except InputError as error:
+        print(f"benchmarks {arguments.name}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"benchmarks {arguments.name}: interrupted", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

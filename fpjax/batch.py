@@ -1,0 +1,236 @@
+"""A batch of candidates of any size, in chunks that fit one kernel, on all cores.
+
+The time of a chunk is flat in its size up to the vector width, and its memory is bounded: a million
+candidates cost what their chunks cost, one after the other on every core.
+"""
+
+import concurrent.futures
+import functools
+import os
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.sharding import Mesh, PartitionSpec
+
+from .errors import InputError
+from .native import native, native_enabled
+
+# Candidates in one kernel: one chunk keeps its states in the first-level cache and its loops long
+# enough that LLVM vectorizes them (docs/performance.md).
+CHUNK_FLOAT64 = 64
+CHUNK_FLOAT32 = 128
+# LLVM unrolls shorter loops into scalar code: so many candidates are faster padded to this.
+VECTORIZED_FROM = 48
+PADDED_FROM = {8: 18, 4: 6}
+# Below so many candidates a core, a thread costs more than it brings.
+PER_WORKER = 48
+
+
+def map_chunks(
+    fn: Callable[..., Any],
+    arguments: Any,
+    shared: tuple[Any, ...] = (),
+    *,
+    chunk: int | None = None,
+    batched: bool = False,
+    devices: Sequence[jax.Device] | None = None,
+    workers: int | None = None,
+) -> Any:
+    """`vmap(fn)` over a leading axis, chunk by chunk in one kernel each, on all cores.
+
+    **Arguments:** `fn(candidate, *shared) -> pytree of arrays` for one candidate (with `batched`:
+    for a whole chunk, leading axis in and out); `arguments`: the candidates, a pytree with leading
+    axis B on every leaf; `shared`: what all candidates share (tables, logs), passed on as it is;
+    `chunk`: candidates in one kernel, by default 64 (float64) or 128 (float32); `devices`: by
+    default all local ones, used by `shard_map` where there are several; `workers`: on a single CPU
+    device, the threads that share the work, by default one a core.
+
+    Returns the results with leading axis B. Compiled once for each `fn` and shape, so pass the same
+    function object again, not a new lambda. Inside a jit, grad or vmap it is one `lax.map` on one
+    device. Raises `InputError` where the leaves have no common leading axis.
+    """
+    size = batch_size(arguments)
+    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((arguments, shared)))
+    if traced:
+        chunk = chunk or chunk_for(arguments, size)
+        count = -(-size // chunk)
+        blocks = jax.tree.map(lambda leaf: _blocks(jnp, leaf, count, chunk), arguments)
+        return _first(_chunked(fn, batched)(blocks, shared), size)
+
+    devices = tuple(jax.local_devices() if devices is None else devices)
+    if not devices:
+        raise InputError("devices=() leaves nothing to compute on: give at least one, or None.")
+    if len(devices) > 1:
+        parts = len(devices)
+    elif devices[0].platform == "cpu":
+        parts = max(1, min(workers or cores(), size // PER_WORKER))
+    else:
+        parts = 1
+    chunk = chunk or chunk_for(arguments, -(-size // parts))
+    count = -(-size // (chunk * parts))  # chunks of one part
+    wide = chunk >= VECTORIZED_FROM and devices[0].platform == "cpu"
+    blocks = jax.tree.map(lambda leaf: _blocks(np, np.asarray(leaf), count * parts, chunk), arguments)
+    enabled = native_enabled()
+    run, seen = _compiled(fn, batched, wide, enabled, devices if len(devices) > 1 else None)
+    if len(devices) > 1:
+        return _first(run(blocks, shared), size)
+    with jax.default_device(devices[0]):
+        if parts == 1:
+            return _first(run(blocks, shared), size)
+        return _threaded(run, seen, blocks, shared, parts, devices[0], size)
+
+
+def iterate_chunks(
+    fn: Callable[..., Any],
+    arguments: Any,
+    shared: tuple[Any, ...] = (),
+    *,
+    size: int = 16384,
+    start: int = 0,
+    chunk: int | None = None,
+    batched: bool = False,
+    devices: Sequence[jax.Device] | None = None,
+    workers: int | None = None,
+) -> Iterator[tuple[slice, Any]]:
+    """`map_chunks` in pieces of `size` candidates: yields (slice of the batch, its result as numpy).
+
+    For sweeps that take minutes: between two pieces the caller draws its progress bar, writes its
+    file, is interrupted. Every piece has the same shape (the last is padded), so nothing recompiles
+    and a candidate's result does not depend on where a run was resumed (`start`, a multiple of
+    `size`). Further arguments and errors: `map_chunks`.
+    """
+    total = batch_size(arguments)
+    if size < 1 or start % size:
+        raise InputError(
+            f"size={size}, start={start}: pieces hold at least one candidate and a run resumes at "
+            "a multiple of the piece."
+        )
+    for first in range(start, total, size):
+        piece = slice(first, min(first + size, total))
+        taken = jax.tree.map(lambda leaf, piece=piece: np.asarray(leaf)[piece], arguments)
+        if total > size:
+            taken = jax.tree.map(lambda leaf: _padded(np, leaf, size), taken)
+        result = map_chunks(fn, taken, shared, chunk=chunk, batched=batched, devices=devices, workers=workers)
+        number = piece.stop - piece.start
+        yield piece, jax.tree.map(lambda leaf, number=number: np.asarray(leaf)[:number], result)
+
+
+def batch_size(arguments: Any) -> int:
+    """The number of candidates; raises `InputError` where the leaves do not agree on one."""
+    shapes = [np.shape(leaf) for leaf in jax.tree.leaves(arguments)]
+    sizes = {shape[:1] for shape in shapes}
+    if len(sizes) != 1 or () in sizes or (0,) in sizes:
+        raise InputError(
+            f"A batch needs one leading axis of candidates on every array, not shapes {shapes}: "
+            "broadcast what all candidates share, or pass it as shared."
+        )
+    return shapes[0][0]
+
+
+def chunk_for(arguments: Any, size: int) -> int:
+    """How many candidates go into one kernel, for `size` candidates of this precision."""
+    widths = [jnp.result_type(leaf).itemsize for leaf in jax.tree.leaves(arguments)]
+    width = 8 if max(widths) >= 8 else 4
+    full = CHUNK_FLOAT64 if width == 8 else CHUNK_FLOAT32
+    if size >= full:
+        count = -(-size // full)
+        even = -(-size // (8 * count)) * 8  # no nearly empty last chunk
+        return full if count > 8 else min(full, max(VECTORIZED_FROM, even))
+    if size >= VECTORIZED_FROM:
+        return size
+    return VECTORIZED_FROM if size >= PADDED_FROM[width] else size
+
+
+def cores() -> int:
+    """The cores that this process may use."""
+    count = getattr(os, "sched_getaffinity", None)
+    return len(count(0)) if count else os.cpu_count() or 1
+
+
+def _chunked(fn: Callable[..., Any], batched: bool) -> Callable[..., Any]:
+    def run(blocks: Any, shared: tuple[Any, ...]) -> Any:
+        whole = fn if batched else jax.vmap(fn, in_axes=(0, *(None for _ in shared)))
+        kernel = native(whole)
+        if jax.tree.leaves(blocks)[0].shape[0] == 1:  # no loop around a single chunk
+            return kernel(jax.tree.map(lambda leaf: leaf[0], blocks), *shared)
+        result = lax.map(lambda block: kernel(block, *shared), blocks)
+        return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), result)
+
+    return run
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(
+    fn: Callable[..., Any],
+    batched: bool,
+    wide: bool,
+    enabled: bool,
+    devices: tuple[jax.Device, ...] | None,
+) -> tuple[Callable[..., Any], set[Any]]:
+    """(the jitted loop over chunks, the shapes that it was compiled for).
+
+    `enabled` is only there so that a switched `native` traces anew.
+    """
+    del enabled
+    run = _chunked(fn, batched)
+    if devices is not None:
+        mesh = Mesh(np.array(devices), ("candidates",))
+        split, whole = PartitionSpec("candidates"), PartitionSpec()
+        shard_map = getattr(jax, "shard_map", None)
+        if shard_map is None:  # jax 0.6
+            from jax.experimental.shard_map import shard_map
+        run = shard_map(run, mesh=mesh, in_specs=(split, whole), out_specs=split)
+    # 512-bit vectors: 15-50 % faster on long loops, slower on short ones.
+    options = {"xla_cpu_prefer_vector_width": "512"} if wide else None
+    return jax.jit(run, compiler_options=options), set()
+
+
+def _threaded(
+    run: Callable[..., Any],
+    seen: set[Any],
+    blocks: Any,
+    shared: tuple[Any, ...],
+    parts: int,
+    device: jax.Device,
+    size: int,
+) -> Any:
+    """Each thread runs one part: XLA releases the interpreter while it computes, and needs no
+    second device for it, which could only be had before jax starts."""
+
+    def part(number: int) -> Any:
+        def taken(leaf: Any) -> Any:
+            count = leaf.shape[0] // parts
+            return leaf[number * count : (number + 1) * count]
+
+        with jax.default_device(device):
+            result = run(jax.tree.map(taken, blocks), shared)
+        return jax.tree.map(np.asarray, result)
+
+    shapes = tuple((np.shape(x), str(jnp.result_type(x))) for x in jax.tree.leaves((blocks, shared)))
+    numbers = range(parts)
+    # The first time one thread goes ahead, or each would compile the same program.
+    ahead = [] if (parts, shapes) in seen else [part(0)]
+    with concurrent.futures.ThreadPoolExecutor(parts) as pool:
+        results = ahead + list(pool.map(part, numbers[len(ahead) :]))
+    seen.add((parts, shapes))
+    return jax.tree.map(lambda *leaves: jnp.asarray(np.concatenate(leaves)[:size]), *results)
+
+
+def _blocks(numpy: Any, leaf: Any, count: int, chunk: int) -> Any:
+    return _padded(numpy, leaf, count * chunk).reshape(count, chunk, *leaf.shape[1:])
+
+
+def _padded(numpy: Any, leaf: Any, size: int) -> Any:
+    """The last candidate repeated: a padded lane computes nothing new, and cannot diverge alone."""
+    missing = size - leaf.shape[0]
+    if missing == 0:
+        return leaf
+    return numpy.concatenate([leaf, numpy.broadcast_to(leaf[-1:], (missing, *leaf.shape[1:]))])
+
+
+def _first(result: Any, size: int) -> Any:
+    return jax.tree.map(lambda leaf: leaf if leaf.shape[0] == size else leaf[:size], result)

@@ -1,0 +1,229 @@
+"""Friction laws without memory: Coulomb, tanh, viscous, stiction, Stribeck, and levels by direction."""
+
+from typing import Any
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..block import optional_parameter, parameter, parameter_with, require_not_negative, require_positive
+from ..signals import Motion
+from .base import AbstractFriction, AbstractStaticFriction, safe_power
+
+
+class NoFriction(AbstractFriction):
+    """A frictionless body."""
+
+    def readout(self, state: Any, motion: Motion, applied: Array) -> Array:
+        """Zero [N m]."""
+        del state, applied
+        return jnp.zeros_like(motion.velocity)
+
+
+class Coulomb(AbstractStaticFriction):
+    """Coulomb friction k sign(w) (1.2), set-valued: for comparing with print, never for gradients.
+
+    Attributes:
+        coulomb: k [N m].
+    """
+
+    coulomb: Array = parameter()
+    steepness: None = None
+
+    def __check_init__(self) -> None:
+        require_not_negative(self, "coulomb", "N m")
+
+    def level(self, motion: Motion) -> Array:
+        """k [N m]."""
+        del motion
+        return self.coulomb
+
+    def drag(self, motion: Motion) -> Array:
+        """Zero [N m]."""
+        return jnp.zeros_like(motion.velocity)
+
+
+class SmoothCoulomb(AbstractStaticFriction):
+    """Smooth Coulomb friction k tanh(lambda w) (4.16), steepness a parameter like any other.
+
+    Attributes:
+        coulomb: k [N m].
+        steepness: lambda [s/rad].
+    """
+
+    coulomb: Array = parameter()
+    steepness: Array = parameter()
+
+    def __check_init__(self) -> None:
+        require_not_negative(self, "coulomb", "N m")
+        require_positive(self, "steepness", "s/rad")
+
+    def level(self, motion: Motion) -> Array:
+        """k [N m]."""
+        del motion
+        return self.coulomb
+
+    def drag(self, motion: Motion) -> Array:
+        """Zero [N m]."""
+        return jnp.zeros_like(motion.velocity)
+
+
+class Viscous(AbstractStaticFriction):
+    """Viscous friction b w, the linear part of (1.3).
+
+    Attributes:
+        viscous: b [N m s/rad].
+    """
+
+    viscous: Array = parameter()
+    steepness: None = None
+
+    def __check_init__(self) -> None:
+        require_not_negative(self, "viscous", "N m s/rad")
+
+    def level(self, motion: Motion) -> Array:
+        """Zero [N m]."""
+        return jnp.zeros_like(motion.velocity)
+
+    def drag(self, motion: Motion) -> Array:
+        """b w [N m]."""
+        return self.viscous * motion.velocity
+
+
+class CoulombViscous(AbstractStaticFriction):
+    """k sign(w) + b w (1.3), (2.3); with a steepness k tanh(lambda w) + b w (4.17).
+
+    Attributes:
+        coulomb: k [N m].
+        viscous: b [N m s/rad].
+        steepness: lambda [s/rad]; None for sign.
+    """
+
+    coulomb: Array = parameter()
+    viscous: Array = parameter()
+    steepness: Array | None = optional_parameter()
+
+    def __check_init__(self) -> None:
+        require_not_negative(self, "coulomb", "N m")
+        require_not_negative(self, "viscous", "N m s/rad")
+        require_positive(self, "steepness", "s/rad")
+
+    def level(self, motion: Motion) -> Array:
+        """k [N m]."""
+        del motion
+        return self.coulomb
+
+    def drag(self, motion: Motion) -> Array:
+        """b w [N m]."""
+        return self.viscous * motion.velocity
+
+
+class Stribeck(AbstractStaticFriction):
+    """Stribeck friction (1.4): [F_c + (F_s - F_c) exp(-|w / v_s|^delta)] sign(w) + b w.
+
+    Attributes:
+        coulomb: F_c [N m].
+        static: F_s [N m], at least F_c.
+        stribeck_velocity: v_s [rad/s].
+        viscous: b [N m s/rad].
+        exponent: delta [1]; 1 is Tustin's curve, 2 the Gaussian.
+        steepness: lambda [s/rad]; None for sign.
+    """
+
+    coulomb: Array = parameter()
+    static: Array = parameter()
+    stribeck_velocity: Array = parameter()
+    viscous: Array = parameter_with(0.0)
+    exponent: Array = parameter_with(2.0)
+    steepness: Array | None = optional_parameter()
+
+    def __check_init__(self) -> None:
+        require_not_negative(self, "coulomb", "N m")
+        require_not_negative(self, "static", "N m")
+        require_positive(self, "stribeck_velocity", "rad/s")
+        require_not_negative(self, "viscous", "N m s/rad")
+        require_positive(self, "exponent", "1")
+        require_positive(self, "steepness", "s/rad")
+
+    def level(self, motion: Motion) -> Array:
+        """F_c + (F_s - F_c) exp(-|w / v_s|^delta) [N m]."""
+        return stribeck_curve(motion.velocity, self.coulomb, self.static, self.stribeck_velocity, self.exponent)
+
+    def drag(self, motion: Motion) -> Array:
+        """b w [N m]."""
+        return self.viscous * motion.velocity
+
+
+class CoulombViscousStiction(AbstractFriction):
+    """Coulomb and viscous friction with stiction (1.5): at rest it balances the applied torque up to F_s.
+
+    Attributes:
+        coulomb: F_c [N m].
+        static: F_s [N m].
+        viscous: b [N m s/rad].
+        stick_velocity: half-width [rad/s] of the band that counts as rest; a fixed-step solver rarely hits zero exactly (Karnopp,
+            "Computer simulation of stick-slip friction in mechanical dynamic systems", 1985).
+        steepness: lambda [s/rad]; None for sign.
+    """
+
+    coulomb: Array = parameter()
+    static: Array = parameter()
+    viscous: Array = parameter_with(0.0)
+    stick_velocity: Array = parameter_with(0.0)
+    steepness: Array | None = optional_parameter()
+
+    def __check_init__(self) -> None:
+        require_not_negative(self, "coulomb", "N m")
+        require_not_negative(self, "static", "N m")
+        require_not_negative(self, "viscous", "N m s/rad")
+        require_not_negative(self, "stick_velocity", "rad/s")
+        require_positive(self, "steepness", "s/rad")
+
+    def readout(self, state: Any, motion: Motion, applied: Array) -> Array:
+        """Friction torque [N m]."""
+        sliding = CoulombViscous(self.coulomb, self.viscous, self.steepness).readout(state, motion, applied)
+        stuck = jnp.clip(applied, -self.static, self.static)
+        return jnp.where(jnp.abs(motion.velocity) <= self.stick_velocity, stuck, sliding)
+
+
+class AsymmetricCoulombViscous(AbstractStaticFriction):
+    """Coulomb and viscous friction with a level for each direction.
+
+    With a steepness the two levels blend through tanh: k(s) = (k+ + k-)/2 + (k+ - k-)/2 s, s = tanh(lambda w).
+
+    Attributes:
+        coulomb_positive: k for w > 0 [N m].
+        coulomb_negative: k for w < 0 [N m], a magnitude.
+        viscous_positive: b for w > 0 [N m s/rad].
+        viscous_negative: b for w < 0 [N m s/rad].
+        steepness: lambda [s/rad]; None for sign.
+    """
+
+    coulomb_positive: Array = parameter()
+    coulomb_negative: Array = parameter()
+    viscous_positive: Array = parameter()
+    viscous_negative: Array = parameter()
+    steepness: Array | None = optional_parameter()
+
+    def __check_init__(self) -> None:
+        require_not_negative(self, "coulomb_positive", "N m")
+        require_not_negative(self, "coulomb_negative", "N m")
+        require_not_negative(self, "viscous_positive", "N m s/rad")
+        require_not_negative(self, "viscous_negative", "N m s/rad")
+        require_positive(self, "steepness", "s/rad")
+
+    def level(self, motion: Motion) -> Array:
+        """Coulomb level of this direction [N m]."""
+        side = jnp.sign(motion.velocity) if self.steepness is None else jnp.tanh(self.steepness * motion.velocity)
+        mean = 0.5 * (self.coulomb_positive + self.coulomb_negative)
+        return mean + 0.5 * (self.coulomb_positive - self.coulomb_negative) * side
+
+    def drag(self, motion: Motion) -> Array:
+        """Viscous torque of this direction [N m]."""
+        viscous = jnp.where(motion.velocity > 0.0, self.viscous_positive, self.viscous_negative)
+        return viscous * motion.velocity
+
+
+def stribeck_curve(velocity: Array, coulomb: Array, static: Array, stribeck_velocity: Array, exponent: Array) -> Array:
+    """F_c + (F_s - F_c) exp(-|w / v_s|^delta) [N m] (1.4), with a finite gradient at w = 0 for every delta."""
+    decay = safe_power(jnp.abs(velocity) / stribeck_velocity, exponent)
+    return coulomb + (static - coulomb) * jnp.exp(-decay)

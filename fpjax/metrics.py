@@ -1,0 +1,391 @@
+"""What is measured on a run: accumulators that ride in the scan's carry, and step information of a recorded trace."""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .block import Block, optional_parameter, parameter, parameter_with
+from .signals import Signals
+
+Quantity = Callable[[Signals], Array]
+
+
+class AbstractMeasure(Block):
+    """A number that a run leaves, accumulated sample by sample without storing the trace."""
+
+    @abstractmethod
+    def init(self, zero: Array) -> Any:
+        """The accumulator before the first sample; `zero` is a scalar of the loop's dtype."""
+
+    @abstractmethod
+    def update(self, total: Any, signals: Signals) -> Any:
+        """The accumulator after one more sample."""
+
+    @abstractmethod
+    def final(self, total: Any, samples: int) -> Array:
+        """The measure after `samples` samples."""
+
+
+def velocity_error(signals: Signals) -> Array:
+    """r - w [rad/s]."""
+    return signals.reference - signals.velocity
+
+
+def position_error(signals: Signals) -> Array:
+    """r - position [rad], for a position loop."""
+    return signals.reference - signals.position
+
+
+def compensation_error(signals: Signals) -> Array:
+    """friction - compensation [N m]."""
+    return signals.friction - signals.compensation
+
+
+class MeanAbsolute(AbstractMeasure):
+    """Mean of |quantity| over all samples, t = 0 included.
+
+    Attributes:
+        quantity: a function of the signals (static), by default r - w.
+    """
+
+    quantity: Quantity = eqx.field(static=True, default=velocity_error)
+
+    def init(self, zero: Array) -> Array:
+        """Zero."""
+        return zero
+
+    def update(self, total: Array, signals: Signals) -> Array:
+        """Add |quantity|."""
+        return total + jnp.abs(self.quantity(signals))
+
+    def final(self, total: Array, samples: int) -> Array:
+        """The mean."""
+        return total / samples
+
+
+class RootMeanSquare(AbstractMeasure):
+    """Root of the mean square of a quantity over all samples.
+
+    Attributes:
+        quantity: a function of the signals (static), by default r - w.
+    """
+
+    quantity: Quantity = eqx.field(static=True, default=velocity_error)
+
+    def init(self, zero: Array) -> Array:
+        """Zero."""
+        return zero
+
+    def update(self, total: Array, signals: Signals) -> Array:
+        """Add the square."""
+        return total + jnp.square(self.quantity(signals))
+
+    def final(self, total: Array, samples: int) -> Array:
+        """The root mean square."""
+        return jnp.sqrt(total / samples)
+
+
+class MeanSquare(AbstractMeasure):
+    """Mean square of a quantity over all samples: smooth where `RootMeanSquare` has a kink, so a better cost.
+
+    Attributes:
+        quantity: a function of the signals (static), by default r - w.
+    """
+
+    quantity: Quantity = eqx.field(static=True, default=velocity_error)
+
+    def init(self, zero: Array) -> Array:
+        """Zero."""
+        return zero
+
+    def update(self, total: Array, signals: Signals) -> Array:
+        """Add the square."""
+        return total + jnp.square(self.quantity(signals))
+
+    def final(self, total: Array, samples: int) -> Array:
+        """The mean square."""
+        return total / samples
+
+
+class StandardDeviation(AbstractMeasure):
+    """Standard deviation of a quantity over all samples.
+
+    Attributes:
+        quantity: a function of the signals (static).
+    """
+
+    quantity: Quantity = eqx.field(static=True)
+
+    def init(self, zero: Array) -> tuple[Array, Array]:
+        """(sum, sum of squares)."""
+        return zero, zero
+
+    def update(self, total: Any, signals: Signals) -> Any:
+        """Add the quantity and its square."""
+        value = self.quantity(signals)
+        return total[0] + value, total[1] + jnp.square(value)
+
+    def final(self, total: Any, samples: int) -> Array:
+        """The standard deviation (population)."""
+        mean = total[0] / samples
+        return jnp.sqrt(jnp.maximum(total[1] / samples - jnp.square(mean), 0.0))
+
+
+class Largest(AbstractMeasure):
+    """Largest |quantity| over all samples.
+
+    Attributes:
+        quantity: a function of the signals (static).
+    """
+
+    quantity: Quantity = eqx.field(static=True)
+
+    def init(self, zero: Array) -> Array:
+        """Zero."""
+        return zero
+
+    def update(self, total: Array, signals: Signals) -> Array:
+        """Keep the larger."""
+        return jnp.maximum(total, jnp.abs(self.quantity(signals)))
+
+    def final(self, total: Array, samples: int) -> Array:
+        """The largest."""
+        del samples
+        return total
+
+
+class Final(AbstractMeasure):
+    """The quantity at the last sample.
+
+    Attributes:
+        quantity: a function of the signals (static).
+    """
+
+    quantity: Quantity = eqx.field(static=True)
+
+    def init(self, zero: Array) -> Array:
+        """Zero."""
+        return zero
+
+    def update(self, total: Array, signals: Signals) -> Array:
+        """Keep the newest."""
+        del total
+        return self.quantity(signals)
+
+    def final(self, total: Array, samples: int) -> Array:
+        """The last."""
+        del samples
+        return total
+
+
+class GradientRootMeanSquare(AbstractMeasure):
+    """Root mean square of a quantity's sample-to-sample difference: the "RMSE of gradient" of Table 3.4.
+
+    Attributes:
+        quantity: a function of the signals (static), by default r - w.
+    """
+
+    quantity: Quantity = eqx.field(static=True, default=velocity_error)
+
+    def init(self, zero: Array) -> tuple[Array, Array, Array]:
+        """(sum of squares, last value, samples seen)."""
+        return zero, zero, zero
+
+    def update(self, total: Any, signals: Signals) -> Any:
+        """Add the squared difference (none at the first sample)."""
+        squares, last, seen = total
+        value = self.quantity(signals)
+        return squares + jnp.where(seen > 0.0, jnp.square(value - last), 0.0), value, seen + 1.0
+
+    def final(self, total: Any, samples: int) -> Array:
+        """The root mean square, in the quantity's unit per sample."""
+        return jnp.sqrt(total[0] / max(samples - 1, 1))
+
+
+class CoulombTorqueError(AbstractMeasure):
+    """Mean |(k - k_hat) sign(w)| [N m]: the thesis' "friction torque" error.
+
+    Attributes:
+        coulomb: the true k [N m].
+    """
+
+    coulomb: Array = parameter()
+
+    def init(self, zero: Array) -> Array:
+        """Zero."""
+        return zero
+
+    def update(self, total: Array, signals: Signals) -> Array:
+        """Add |(k - k_hat) sign(w)|; without an observer k_hat is zero."""
+        estimate = signals.estimates.get("coulomb", jnp.zeros_like(total))
+        return total + jnp.abs((self.coulomb - estimate) * jnp.sign(signals.velocity))
+
+    def final(self, total: Array, samples: int) -> Array:
+        """The mean [N m]."""
+        return total / samples
+
+
+class EstimateError(AbstractMeasure):
+    """Mean square of (estimate - truth) / scale: the default tuning cost's one term.
+
+    Attributes:
+        name: which estimate (static).
+        truth: its true value, in its own unit.
+        scale: what the error is divided by; None for |truth|.
+        start: time [s] before which nothing counts.
+    """
+
+    name: str = eqx.field(static=True)
+    truth: Array = parameter()
+    scale: Array | None = optional_parameter()
+    start: Array = parameter_with(0.0)
+
+    def init(self, zero: Array) -> tuple[Array, Array]:
+        """(sum, samples counted)."""
+        return zero, zero
+
+    def update(self, total: Any, signals: Signals) -> Any:
+        """Add the squared normalised error once `start` has passed."""
+        scale = jnp.abs(self.truth) if self.scale is None else self.scale
+        error = (signals.estimates[self.name] - self.truth) / scale
+        counts = signals.time >= self.start
+        return total[0] + jnp.where(counts, jnp.square(error), 0.0), total[1] + jnp.where(counts, 1.0, 0.0)
+
+    def final(self, total: Any, samples: int) -> Array:
+        """The mean square [1]."""
+        del samples
+        return total[0] / jnp.maximum(total[1], 1.0)
+
+
+class EstimateFinal(AbstractMeasure):
+    """An estimate at the last sample, in its own unit.
+
+    Attributes:
+        name: which estimate (static).
+    """
+
+    name: str = eqx.field(static=True)
+
+    def init(self, zero: Array) -> Array:
+        """Zero."""
+        return zero
+
+    def update(self, total: Array, signals: Signals) -> Array:
+        """Keep the newest."""
+        del total
+        return signals.estimates[self.name]
+
+    def final(self, total: Array, samples: int) -> Array:
+        """The last."""
+        del samples
+        return total
+
+
+class EstimatePeak(AbstractMeasure):
+    """Largest |estimate| on the way, in its own unit.
+
+    Attributes:
+        name: which estimate (static).
+    """
+
+    name: str = eqx.field(static=True)
+
+    def init(self, zero: Array) -> Array:
+        """Zero."""
+        return zero
+
+    def update(self, total: Array, signals: Signals) -> Array:
+        """Keep the larger."""
+        return jnp.maximum(total, jnp.abs(signals.estimates[self.name]))
+
+    def final(self, total: Array, samples: int) -> Array:
+        """The largest."""
+        del samples
+        return total
+
+
+class SettlingTime(AbstractMeasure):
+    """Time [s] after which an estimate stays within `tolerance` of the truth; infinite if it is still outside at the end.
+
+    Attributes:
+        name: which estimate (static).
+        truth: its true value.
+        tolerance: fraction of |truth| [1].
+    """
+
+    name: str = eqx.field(static=True)
+    truth: Array = parameter()
+    tolerance: Array = parameter_with(0.05)
+
+    def init(self, zero: Array) -> tuple[Array, Array]:
+        """(first time inside since last outside [s], 1 while outside)."""
+        return zero, zero + 1.0
+
+    def update(self, total: Any, signals: Signals) -> Any:
+        """Remember when the band was entered."""
+        entered, was_outside = total
+        error = jnp.abs(signals.estimates[self.name] - self.truth)
+        outside = jnp.where(error <= self.tolerance * jnp.abs(self.truth), 0.0 * was_outside, 0.0 * was_outside + 1.0)
+        return jnp.where(was_outside > outside, signals.time, entered), outside
+
+    def final(self, total: Any, samples: int) -> Array:
+        """The settling time [s]."""
+        del samples
+        return jnp.where(total[1] > 0.0, jnp.inf, total[0])
+
+
+def control_effort() -> RootMeanSquare:
+    """Root mean square of the commanded torque [N m]."""
+    return RootMeanSquare(_torque)
+
+
+def _torque(signals: Signals) -> Array:
+    return signals.torque
+
+
+def step_info(
+    time: Any,
+    response: Any,
+    *,
+    final_value: float | None = None,
+    settling: float = 0.02,
+    rise: tuple[float, float] = (0.1, 0.9),
+) -> dict[str, float]:
+    """Step information of a recorded response, by the names that python-control uses.
+
+    Args:
+        time: [s], shape (samples,).
+        response: shape (samples,).
+        final_value: the steady state; None for the last value.
+        settling: half-width of the settling band as a fraction of the final value [1].
+        rise: fractions of the final value between which the rise time counts [1].
+
+    Returns:
+        RiseTime, SettlingTime, PeakTime [s], Overshoot, Undershoot [%], Peak, SteadyStateValue; NaN where undefined.
+    """
+    time, response = np.asarray(time, dtype=float), np.asarray(response, dtype=float)
+    target = float(response[-1]) if final_value is None else float(final_value)
+    nothing = float("nan")
+    names = ("RiseTime", "SettlingTime", "PeakTime", "Overshoot", "Undershoot", "Peak", "SteadyStateValue")
+    if target == 0.0 or not np.all(np.isfinite(response)):
+        return dict.fromkeys(names, nothing)
+    relative = response / target
+    low, high = (np.flatnonzero(relative >= fraction) for fraction in rise)
+    outside = np.flatnonzero(np.abs(relative - 1.0) > settling)
+    settled = 0 if outside.size == 0 else int(outside[-1]) + 1
+    peak = int(np.argmax(np.abs(response)))
+    values = (
+        float(time[high[0]] - time[low[0]]) if low.size and high.size else nothing,
+        float(time[settled] - time[0]) if settled < time.size else nothing,
+        float(time[peak] - time[0]),
+        100.0 * max(0.0, float(relative.max()) - 1.0),
+        100.0 * max(0.0, -float(relative.min())),
+        float(abs(response[peak])),
+        target,
+    )
+    return dict(zip(names, values, strict=True))

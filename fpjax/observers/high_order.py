@@ -1,0 +1,73 @@
+"""The observer on a high-order plant: its control passes the plant's high-order part first (3.27)-(3.28)."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..block import parameter, require_not_negative, require_positive
+from ..plants import high_order_derivative, high_order_output
+from .base import AbstractObserver
+
+
+class HighOrderState(eqx.Module):
+    """P_HO's two states and the wrapped observer's state."""
+
+    filtered: Array
+    filter_rate: Array
+    observer: Any
+
+
+class HighOrderFeedforward(AbstractObserver):
+    """Feeds an observer with P_HO u instead of u, so that an observer made for one mass sees the torque at the load (Fig 3.5).
+
+    The wrapped observer's `inertia` is the total J_m + J_l, the one of P_LO (3.27).
+
+    Attributes:
+        observer: the wrapped observer.
+        motor_inertia: J_m [kg m^2].
+        load_inertia: J_l [kg m^2].
+        stiffness: k_s [N m/rad].
+        damping: k_cv [N m s/rad].
+    """
+
+    observer: AbstractObserver
+    motor_inertia: Array = parameter()
+    load_inertia: Array = parameter()
+    stiffness: Array = parameter()
+    damping: Array = parameter()
+
+    def __check_init__(self) -> None:
+        require_positive(self, "motor_inertia", "kg m^2")
+        require_positive(self, "load_inertia", "kg m^2")
+        require_positive(self, "stiffness", "N m/rad")
+        require_not_negative(self, "damping", "N m s/rad")
+
+    @property
+    def estimated(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The wrapped observer's parameters."""
+        return self.observer.estimated
+
+    def init(self) -> HighOrderState:
+        """Filter and observer at rest."""
+        zero = jnp.zeros_like(self.motor_inertia)
+        return HighOrderState(zero, zero, self.observer.init())
+
+    def derivative(self, state: HighOrderState, control: Array, velocity: Array) -> HighOrderState:
+        """The filter driven by u, the observer by the filter's output."""
+        rate, acceleration = high_order_derivative(state.filtered, state.filter_rate, control, self)
+        transmitted = high_order_output(state.filtered, state.filter_rate, self)
+        return HighOrderState(rate, acceleration, self.observer.derivative(state.observer, transmitted, velocity))
+
+    def readout(self, state: HighOrderState, velocity: Array) -> tuple[Array, dict[str, Array]]:
+        """The wrapped observer's."""
+        return self.observer.readout(state.observer, velocity)
+
+    def slopes(self, velocity: Array) -> tuple[Array, ...]:
+        """The wrapped observer's."""
+        return self.observer.slopes(velocity)
+
+    def regressor(self, velocity: Array, parameters: dict[str, Array]) -> tuple[Array, ...]:
+        """The wrapped observer's."""
+        return self.observer.regressor(velocity, parameters)

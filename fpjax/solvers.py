@@ -1,0 +1,112 @@
+"""Fixed-step explicit solvers: Euler, ode3 (Bogacki-Shampine), RK4."""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+from jaxtyping import Array
+
+from .errors import InputError
+
+
+class AbstractSolver(eqx.Module):
+    """One explicit step; `nodes` are the fractions of the step at which the derivative is asked for, without repeats.
+
+    Class attributes:
+        nodes: where inputs must be known, as fractions of the step [1].
+        stability_limit: largest |rate| x dt on the negative real axis at which the step is stable [1].
+    """
+
+    name: ClassVar[str]
+    nodes: ClassVar[tuple[float, ...]]
+    stability_limit: ClassVar[float]
+
+    @abstractmethod
+    def advance(self, derivative: Callable[[int, Any], Any], state: Any, dt: Array) -> Any:
+        """The state one step of dt [s] later; `derivative(node, state)` gets the index into `nodes`."""
+
+
+class Euler(AbstractSolver):
+    """Explicit Euler, first order."""
+
+    name: ClassVar[str] = "euler"
+    nodes: ClassVar[tuple[float, ...]] = (0.0,)
+    stability_limit: ClassVar[float] = 2.0
+
+    def advance(self, derivative: Callable[[int, Any], Any], state: Any, dt: Array) -> Any:
+        """y + dt f(y)."""
+        return _combine(state, dt, (1.0, derivative(0, state)))
+
+
+class Heun(AbstractSolver):
+    """Heun's method (explicit trapezoid), second order."""
+
+    name: ClassVar[str] = "heun"
+    nodes: ClassVar[tuple[float, ...]] = (0.0, 1.0)
+    stability_limit: ClassVar[float] = 2.0
+
+    def advance(self, derivative: Callable[[int, Any], Any], state: Any, dt: Array) -> Any:
+        """y + dt (k1 + k2) / 2."""
+        first = derivative(0, state)
+        second = derivative(1, _combine(state, dt, (1.0, first)))
+        return _combine(state, dt, (0.5, first), (0.5, second))
+
+
+class BogackiShampine(AbstractSolver):
+    """ode3, third order: what Simulink's fixed-step default was for the thesis (Bogacki, Shampine, "A 3(2) pair of Runge-Kutta formulas", 1989)."""
+
+    name: ClassVar[str] = "ode3"
+    nodes: ClassVar[tuple[float, ...]] = (0.0, 0.5, 0.75)
+    stability_limit: ClassVar[float] = 2.5127
+
+    def advance(self, derivative: Callable[[int, Any], Any], state: Any, dt: Array) -> Any:
+        """y + dt (2 k1 + 3 k2 + 4 k3) / 9."""
+        first = derivative(0, state)
+        second = derivative(1, _combine(state, dt, (0.5, first)))
+        third = derivative(2, _combine(state, dt, (0.75, second)))
+        return _combine(state, dt, (2.0 / 9.0, first), (1.0 / 3.0, second), (4.0 / 9.0, third))
+
+
+class RungeKutta4(AbstractSolver):
+    """The classical Runge-Kutta method, fourth order."""
+
+    name: ClassVar[str] = "rk4"
+    nodes: ClassVar[tuple[float, ...]] = (0.0, 0.5, 1.0)
+    stability_limit: ClassVar[float] = 2.7853
+
+    def advance(self, derivative: Callable[[int, Any], Any], state: Any, dt: Array) -> Any:
+        """y + dt (k1 + 2 k2 + 2 k3 + k4) / 6."""
+        first = derivative(0, state)
+        second = derivative(1, _combine(state, dt, (0.5, first)))
+        third = derivative(1, _combine(state, dt, (0.5, second)))
+        fourth = derivative(2, _combine(state, dt, (1.0, third)))
+        return _combine(state, dt, (1.0 / 6.0, first), (1.0 / 3.0, second), (1.0 / 3.0, third), (1.0 / 6.0, fourth))
+
+
+SOLVERS: dict[str, AbstractSolver] = {
+    solver.name: solver for solver in (Euler(), Heun(), BogackiShampine(), RungeKutta4())
+}
+
+
+def get_solver(solver: str | AbstractSolver) -> AbstractSolver:
+    """A solver by its name (`euler`, `heun`, `ode3`, `rk4`); a solver object is passed through."""
+    if isinstance(solver, AbstractSolver):
+        return solver
+    if solver not in SOLVERS:
+        raise InputError(f"solver = {solver!r} is not known: choose one of {', '.join(SOLVERS)}.")
+    return SOLVERS[solver]
+
+
+def _combine(state: Any, dt: Array, *terms: tuple[float, Any]) -> Any:
+    """state + dt * sum(weight * slope), leaf by leaf."""
+    weights = [weight for weight, _ in terms]
+
+    def leaf(value: Array, *slopes: Array) -> Array:
+        total = weights[0] * slopes[0]
+        for weight, slope in zip(weights[1:], slopes[1:], strict=True):
+            total = total + weight * slope
+        return value + dt * total
+
+    return jax.tree.map(leaf, state, *[slope for _, slope in terms])

@@ -1,0 +1,303 @@
+"""The truth generator of `benchmarks withheld`: independent, exact where sticking is, converged."""
+
+import ast
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.withheld import truth
+from benchmarks.withheld.cases import (
+    DT,
+    PREROLL,
+    SETS,
+    Identity,
+    build,
+    generate,
+    identities,
+    seeds_of,
+    split,
+)
+from benchmarks.withheld.truth.check import window_residual
+from benchmarks.withheld.truth.effects import EFFECTS, UNITS
+from benchmarks.withheld.truth.integrate import simulate
+from benchmarks.withheld.truth.machine import Machine
+from benchmarks.withheld.truth.outside import OUTSIDE
+from benchmarks.withheld.truth.systems import KINDS
+
+CONTRACT = {
+    "coulomb_error": {"coulomb"},
+    "viscous_error": {"viscous"},
+    "inertia_error": {"inertia"},
+    "stribeck": {"stribeck_torque", "stribeck_velocity"},
+    "presliding": {"bristle_deflection", "bristle_stiffness"},
+    "asymmetric_friction": {
+        "coulomb_positive",
+        "coulomb_negative",
+        "viscous_positive",
+        "viscous_negative",
+    },
+    "position_dependent_friction": {"amplitude", "periods"},
+    "friction_drift": {"amplitude", "time_constant"},
+    "quadratic_drag": {"coefficient"},
+    "backlash": {"gap"},
+    "compliance": {"frequency", "stiffness"},
+    "unbalance": {"amplitude"},
+    "cogging": {"amplitude", "periods"},
+    "constant_torque": {"torque"},
+    "torque_gain_error": {"gain"},
+    "actuator_lag": {"time_constant"},
+    "velocity_lag": {"time_constant"},
+    "actuator_delay": {"delay"},
+    "velocity_delay": {"delay"},
+    "torque_saturation": {"limit"},
+    "torque_dead_zone": {"width"},
+    "velocity_bias": {"bias"},
+    "velocity_scale_error": {"scale"},
+    "velocity_quantisation": {"step"},
+}
+
+
+def open_loop(physics: dict[str, float], torque: np.ndarray, substeps: int = 50, preroll: int = 0):
+    """Run a machine without controller or noise under a torque given at the samples (linear)."""
+    count = len(torque) - 1
+    nothing = np.zeros(count)
+    machine = Machine(physics, nothing, nothing, nothing, preroll, disturbance=torque, dt=DT)
+    return simulate([machine], substeps)[0]
+
+
+def test_truth_imports_neither_the_package_nor_jax():
+    for path in Path(truth.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                names = [node.module or ""]
+            for name in names:
+                assert name.split(".")[0] in {"numpy", "collections", "dataclasses", "itertools",
+                                              "json", "pathlib", "typing"}, (path.name, name)
+
+
+def test_all_effects_of_the_contract_with_their_parameters():
+    assert set(EFFECTS) == set(CONTRACT)
+    for number, (effect, names) in enumerate(CONTRACT.items()):
+        for seed in (0, 1, 2):
+            plan = build(Identity(seed, "single", "servo", (effect,), number), 50).plan
+            found = set(plan.parameters[effect])
+            assert found <= names and found <= set(UNITS)
+            assert found == names or effect == "asymmetric_friction"
+
+
+def test_a_mass_sticks_exactly_and_breaks_away_at_the_right_time():
+    # torque ramps 4 N m/s on C = 1 N m, J = 0.5: rests until t = 0.25 s, then w = 4 (t-.25)^2/(2 J)
+    time = np.arange(601) * DT
+    physics = {"inertia": 0.5, "coulomb_positive": 1.0, "coulomb_negative": 1.0}
+    record = open_loop(physics, 4 * time)
+    rest = record.time <= 0.25
+    assert np.all(record.true_velocity[rest] == 0.0)
+    expected = 4 * (record.time - 0.25) ** 2
+    np.testing.assert_allclose(record.true_velocity[~rest], expected[~rest], rtol=0, atol=2e-8)
+
+
+def test_a_sliding_mass_stops_where_coulomb_friction_says_and_stays():
+    # 50 ms of 5 N m on J = 0.5, C = 1: w = 8 * 0.05 = 0.4 rad/s, stops 0.4 / 2 = 0.2 s later
+    torque = np.where(np.arange(601) <= 50, 5.0, 0.0)
+    physics = {"inertia": 0.5, "coulomb_positive": 1.0, "coulomb_negative": 1.0}
+    record = open_loop(physics, torque)
+    # the disturbance is linear between samples: the last drive period delivers half a period more
+    start = record.true_velocity[52]
+    stop = record.time[52] + start / 2
+    assert start == pytest.approx(0.4, abs=0.01)
+    sliding = (record.time > 0.06) & (record.time < stop)
+    expected = start - 2 * (record.time - record.time[52])
+    np.testing.assert_allclose(record.true_velocity[sliding], expected[sliding], atol=1e-12)
+    assert np.all(record.true_velocity[record.time > stop + 1e-9] == 0.0)
+    travel = record.true_position[-1] - record.true_position[52]
+    assert travel == pytest.approx(start**2 / 4, abs=1e-8)
+
+
+def test_stick_slip_under_a_sine_meets_the_analytic_solution():
+    # J w' = A sin(W t) - C after breakaway at asin(C/A)/W; sticks again where w returns to zero
+    a, c, j, angular = 2.0, 1.2, 0.05, 2 * np.pi * 2
+    time = np.arange(301) * 1e-3
+    physics = {"inertia": j, "coulomb_positive": c, "coulomb_negative": c}
+    record = open_loop(physics, a * np.sin(angular * time))
+    begin = np.arcsin(c / a) / angular
+    expected = (a * (np.cos(angular * begin) - np.cos(angular * record.time)) / angular
+                - c * (record.time - begin)) / j
+    # it slides on until the integral of the net torque is used up
+    after = (record.time > begin) & (expected > 0)
+    end = record.time[after][np.argmax(np.diff(record.time[after]) > 1.5e-3)] \
+        if np.any(np.diff(record.time[after]) > 1.5e-3) else record.time[after][-1]
+    slides = (record.time > begin) & (record.time <= end)
+    error = np.abs(record.true_velocity[slides] - expected[slides])
+    # samples of the torque are joined by lines: (W dt)^2 / 12 of the amplitude
+    assert np.max(error) < a * (angular * 1e-3) ** 2 / 12 / j / angular * 3
+    assert np.all(record.true_velocity[record.time < begin] == 0)
+
+
+def test_static_friction_above_coulomb_holds_until_it_breaks():
+    physics = {"inertia": 0.1, "coulomb_positive": 1.0, "coulomb_negative": 1.0,
+               "stribeck_torque": 0.5, "stribeck_velocity": 0.01, "stribeck_exponent": 2.0}
+    time = np.arange(401) * DT
+    record = open_loop(physics, 5 * time)
+    assert np.all(record.true_velocity[record.time <= 0.3] == 0)
+    # once it moves, the excess of the static torque accelerates it: (1.5 - 1) / 0.1 = 5 rad/s^2
+    moving = record.true_velocity[(record.time > 0.31)]
+    assert moving[-1] > 5 * 0.08
+
+
+@pytest.mark.parametrize("kind, exponent", [(1.0, 1.0), (2.0, 0.5), (2.0, 2.0), (3.0, 1.0)])
+def test_bristles_are_springs_at_small_travel_and_coulomb_friction_at_large(kind, exponent):
+    physics = {"inertia": 1e-3, "coulomb_positive": 1.0, "coulomb_negative": 1.0,
+               "bristle_kind": kind, "bristle_exponent": exponent, "bristle_stiffness": 1000.0,
+               "bristle_damping": 0.6}
+    # a slow ramp: the bristle's own curve is 1 % from its initial slope there
+    small = open_loop(physics, np.linspace(0, 0.02, 401))
+    assert small.true_position[-1] == pytest.approx(0.02 / 1000.0, rel=0.03)
+    large = open_loop(physics, np.full(301, 1.5))
+    slope = (large.true_velocity[-1] - large.true_velocity[-101]) / (100 * DT)
+    assert slope == pytest.approx(0.5 / 1e-3, rel=1e-3 if exponent < 2 else 0.01)
+
+
+def test_two_masses_swing_at_their_free_frequency():
+    inertia, share, frequency = 0.2, 0.4, 25.0
+    stiffness = inertia * share * (1 - share) * (2 * np.pi * frequency) ** 2
+    physics = {"inertia": inertia, "load_share": share, "transmission": 1.0, "stiffness": stiffness}
+    torque = np.where(np.arange(1001) < 5, 1.0, 0.0)
+    record = open_loop(physics, torque)
+    swing = record.true_velocity[100:] - record.true_velocity[100:].mean()
+    ups = np.flatnonzero((swing[:-1] < 0) & (swing[1:] >= 0))
+    exact = ups - swing[ups] / (swing[ups + 1] - swing[ups])
+    assert 1 / (np.mean(np.diff(exact)) * DT) == pytest.approx(frequency, rel=5e-4)
+
+
+def test_play_moves_the_load_only_once_it_is_crossed():
+    physics = {"inertia": 0.2, "load_share": 0.5, "transmission": 2.0, "gap": 0.02,
+               "stiffness": 3e4, "damping": 5.0, "coulomb_positive": 0.05, "coulomb_negative": 0.05,
+               "friction_load_share": 1.0}
+    record = open_loop(physics, np.full(301, 1.0))
+    crossing = np.sqrt(2 * 0.01 * 0.1 / 1.0)  # half the gap by the motor alone
+    alone = record.time < crossing
+    np.testing.assert_allclose(record.true_velocity[alone], 10 * record.time[alone], atol=1e-9)
+    assert record.true_velocity[-1] == pytest.approx(0.95 / 0.2 * 0.3, rel=0.1)
+
+
+def test_a_delay_need_not_be_whole_periods_and_a_lag_is_exact():
+    # J = 1, one period of command 1 N m by a P controller on a reference pulse
+    reference = np.zeros(60)
+    reference[10] = 1.0
+    for name, value in (("actuator_delay", 2.35e-3), ("actuator_lag", 3e-3)):
+        physics = {"inertia": 1.0, "kp": 1e-6, name: value}
+        nothing = np.zeros(60)
+        record = simulate([Machine(physics, reference, nothing, nothing)])[0]
+        got = record.true_velocity * 1e6 / DT  # a share of the pulse's impulse
+        since = record.time - 0.010
+        if name == "actuator_delay":
+            expected = np.clip((since - value) / DT, 0, 1)
+        else:
+            def ramp(t, lag=value):
+                t = np.maximum(t, 0)
+                return (t - lag * (1 - np.exp(-t / lag))) / DT
+            expected = ramp(since) - ramp(since - DT)
+        np.testing.assert_allclose(got, expected, atol=2e-6)
+
+
+def test_the_velocity_sensor_delays_by_a_fraction():
+    physics = {"inertia": 1.0, "velocity_delay": 3.4e-3}
+    record = open_loop(physics, np.full(101, 2.0))
+    later = record.time > 0.004
+    np.testing.assert_allclose(record.velocity[later], 2 * (record.time[later] - 3.4e-3), atol=1e-9)
+
+
+def short(effect: str, system: str, seed: int, periods: int = 160) -> Machine:
+    """A case without noise, cut to a few hundred milliseconds in the middle of its log."""
+    table = OUTSIDE if effect in OUTSIDE else EFFECTS
+    name = "outside" if effect in OUTSIDE else "single"
+    machine = build(Identity(seed, name, system, (effect,), list(table).index(effect)), 2000).machine
+    start = PREROLL + 400
+    machine.reference = machine.reference[start : start + periods]
+    machine.velocity_normal = machine.position_normal = np.zeros(periods)
+    machine.preroll = 0
+    for field in ("disturbance", "held_reading", "held_command"):
+        values = getattr(machine, field)
+        if values is not None:
+            setattr(machine, field, values[start : start + periods + 1][: periods + 1])
+    machine.physics |= {"velocity_step": 0.0}  # a rounding turns any difference into a whole step
+    return machine
+
+
+def test_fifty_substeps_are_converged_for_every_effect():
+    effects = [*EFFECTS, *OUTSIDE]
+    machines = [short(effect, system, 0) for system in ("servo", "drive") for effect in effects]
+    machines += [short(effect, "gimbal", 2) for effect in ("presliding", "backlash", "stribeck")]
+    coarse, fine = simulate(machines, 50), simulate(machines, 200)
+    for machine, a, b in zip(machines, coarse, fine, strict=True):
+        error = np.sqrt(np.mean((a.true_velocity - b.true_velocity) ** 2))
+        # far below the sensor noise that the log gets
+        assert error < 0.05 * machine.physics["velocity_noise"]
+
+
+def test_a_nominal_machine_leaves_nothing_but_noise():
+    case = build(Identity(0, "none", "drive", (), 0), 400)
+    record = simulate([case.machine])[0]
+    residual = window_residual(case.plan.nominal, record, DT)
+    ratio = np.mean(residual**2) / case.machine.physics["velocity_noise"] ** 2
+    assert abs(ratio - 1) < 5 * np.sqrt(2 / residual.size)
+
+
+def test_a_case_does_not_depend_on_its_company_and_its_path_tells_nothing(tmp_path):
+    wanted = [one for one in identities(0, ("single",), ("servo",)) if one.effects[0] in
+              ("stribeck", "unbalance", "velocity_delay")]
+    together = simulate([build(one, 60).machine for one in wanted])
+    for one, record in zip(wanted, together, strict=True):
+        alone = simulate([build(one, 60).machine])[0]
+        np.testing.assert_allclose(alone.velocity, record.velocity, rtol=1e-9, atol=1e-12)
+        assert not any(effect in one.name for effect in EFFECTS)
+    names = [one.name for seed in range(4) for one in identities(seed, SETS, tuple(KINDS))]
+    assert len(set(names)) == len(names)
+
+
+def test_logs_models_and_labels_on_disk(tmp_path, monkeypatch):
+    monkeypatch.setattr("benchmarks.withheld.cases.PERIODS", 120)
+    monkeypatch.setattr(build, "__defaults__", (120,))
+    wanted = identities(1, ("none", "outside"), ("drive",))
+    assert generate(tmp_path, wanted) == len(wanted)
+    assert generate(tmp_path, wanted) == 0
+    for one in wanted:
+        place = tmp_path / "logs" / one.name
+        assert sorted(p.name for p in place.iterdir()) == ["log.csv", "servo.toml"]
+        header = (place / "log.csv").read_text().splitlines()[0]
+        label = json.loads((tmp_path / "labels" / f"{one.name}.json").read_text())
+        assert ("position" in header) == label["with_position"]
+        assert label["half"] == "reported" and label["effects"] == []
+
+
+def test_halves_do_not_share_seeds():
+    assert [split(seed) for seed in range(3)] == ["development", "reported", "development"]
+    assert not set(seeds_of("development", 9)) & set(seeds_of("reported", 9))
+    assert all(split(seed) == "reported" for seed in seeds_of("reported", 9))
+
+
+def label_of(effect: str, seed: int, system: str = "drive") -> tuple[list[list[str]], bool, dict]:
+    from benchmarks.withheld.truth.twins import accepted
+
+    number = list(EFFECTS).index(effect)
+    case = build(Identity(seed, "single", system, (effect,), number), 20)
+    return accepted(case.plan, case.with_position), case.with_position, case.plan.laws
+
+
+def test_exact_twins_depend_on_the_position_channel():
+    seen = set()
+    for seed in range(12):
+        sets, position, _ = label_of("actuator_delay", seed)
+        assert (["velocity_delay"] in sets) == (not position)
+        seen.add(position)
+        sets, _, _ = label_of("constant_torque", seed)
+        assert ["asymmetric_friction"] in sets
+        sets, _, laws = label_of("asymmetric_friction", seed)
+        assert (["constant_torque"] in sets) == (laws["asymmetric_friction"] == "opposite Coulomb")
+        assert label_of("unbalance", seed)[0] == [["unbalance"]]
+    assert seen == {True, False}
