@@ -11,9 +11,11 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
+import jax.core
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.core import Tracer
 from jax.sharding import Mesh, PartitionSpec
 
 from .errors import InputError
@@ -37,24 +39,32 @@ def map_chunks(
     *,
     chunk: int | None = None,
     batched: bool = False,
-    devices: Sequence[jax.Device] | None = None,
+    devices: Sequence[Any] | None = None,
     workers: int | None = None,
 ) -> Any:
     """`vmap(fn)` over a leading axis, chunk by chunk in one kernel each, on all cores.
 
-    **Arguments:** `fn(candidate, *shared) -> pytree of arrays` for one candidate (with `batched`:
-    for a whole chunk, leading axis in and out); `arguments`: the candidates, a pytree with leading
-    axis B on every leaf; `shared`: what all candidates share (tables, logs), passed on as it is;
-    `chunk`: candidates in one kernel, by default 64 (float64) or 128 (float32); `devices`: by
-    default all local ones, used by `shard_map` where there are several; `workers`: on a single CPU
-    device, the threads that share the work, by default one a core.
+    Inside a jit, grad or vmap it is one `lax.map` on one device. It is compiled once for each `fn` and shape, so
+    pass the same function object again, not a new lambda.
 
-    Returns the results with leading axis B. Compiled once for each `fn` and shape, so pass the same
-    function object again, not a new lambda. Inside a jit, grad or vmap it is one `lax.map` on one
-    device. Raises `InputError` where the leaves have no common leading axis.
+    Args:
+        fn: `fn(candidate, *shared)` -> pytree of arrays for one candidate; if `batched`, for a whole chunk, with the
+            leading axis in and out.
+        arguments: the candidates, a pytree with leading axis B on every leaf.
+        shared: what all candidates share (tables, logs), passed on as it is.
+        chunk: candidates in one kernel; by default at most 64 (float64) or 128 (float32).
+        batched: see `fn`.
+        devices: used by `shard_map` where there are several; by default all local ones.
+        workers: on a single CPU device, threads that share the work; by default one a core.
+
+    Returns:
+        The results of `fn`, with leading axis B.
+
+    Raises:
+        InputError: where the leaves have no common leading axis.
     """
     size = batch_size(arguments)
-    traced = any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((arguments, shared)))
+    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((arguments, shared)))
     if traced:
         chunk = chunk or chunk_for(arguments, size)
         count = -(-size // chunk)
@@ -93,15 +103,31 @@ def iterate_chunks(
     start: int = 0,
     chunk: int | None = None,
     batched: bool = False,
-    devices: Sequence[jax.Device] | None = None,
+    devices: Sequence[Any] | None = None,
     workers: int | None = None,
 ) -> Iterator[tuple[slice, Any]]:
-    """`map_chunks` in pieces of `size` candidates: yields (slice of the batch, its result as numpy).
+    """`map_chunks` in pieces of `size` candidates: yields (slice of the batch, its result).
 
-    For sweeps that take minutes: between two pieces the caller draws its progress bar, writes its
-    file, is interrupted. Every piece has the same shape (the last is padded), so nothing recompiles
-    and a candidate's result does not depend on where a run was resumed (`start`, a multiple of
-    `size`). Further arguments and errors: `map_chunks`.
+    For sweeps that take minutes: between two pieces the caller draws its progress bar, writes its file, is
+    interrupted. Every piece has the same shape (the last is padded), so nothing recompiles and a candidate's result
+    does not depend on where a run was resumed.
+
+    Args:
+        fn: see `map_chunks`, as `arguments`, `shared`, `chunk`, `batched`, `devices` and `workers`.
+        arguments: the candidates.
+        shared: what all candidates share.
+        size: candidates of a piece.
+        start: the first candidate still to do, a multiple of `size`.
+        chunk: candidates in one kernel.
+        batched: whether `fn` takes a whole chunk.
+        devices: devices that share the work.
+        workers: threads that share the work.
+
+    Yields:
+        (slice of the batch, the results of its candidates as numpy arrays).
+
+    Raises:
+        InputError: where the leaves have no common leading axis, or `start` is not a multiple of `size`.
     """
     total = batch_size(arguments)
     if size < 1 or start % size:
@@ -120,7 +146,11 @@ def iterate_chunks(
 
 
 def batch_size(arguments: Any) -> int:
-    """The number of candidates; raises `InputError` where the leaves do not agree on one."""
+    """The number of candidates.
+
+    Raises:
+        InputError: where the leaves do not agree on one.
+    """
     shapes = [np.shape(leaf) for leaf in jax.tree.leaves(arguments)]
     sizes = {shape[:1] for shape in shapes}
     if len(sizes) != 1 or () in sizes or (0,) in sizes:
@@ -169,7 +199,7 @@ def _compiled(
     batched: bool,
     wide: bool,
     enabled: bool,
-    devices: tuple[jax.Device, ...] | None,
+    devices: tuple[Any, ...] | None,
 ) -> tuple[Callable[..., Any], set[Any]]:
     """(the jitted loop over chunks, the shapes that it was compiled for).
 
@@ -195,11 +225,14 @@ def _threaded(
     blocks: Any,
     shared: tuple[Any, ...],
     parts: int,
-    device: jax.Device,
+    device: Any,
     size: int,
 ) -> Any:
-    """Each thread runs one part: XLA releases the interpreter while it computes, and needs no
-    second device for it, which could only be had before jax starts."""
+    """Each thread runs one part.
+
+    XLA releases the interpreter while it computes; a second CPU device for `shard_map` could only
+    be had before jax starts.
+    """
 
     def part(number: int) -> Any:
         def taken(leaf: Any) -> Any:

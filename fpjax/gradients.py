@@ -34,15 +34,17 @@ def value_and_gradient(
 ) -> Callable[..., tuple[jax.Array, Any]]:
     """A function of the same arguments that returns (value, gradient by the first argument).
 
-    **Arguments:** `fn(parameters, *others) -> scalar`, the parameters a pytree of floats whose
-    loops are `scan_loop`s with checkpoint="auto"; `mode`: "forward", "reverse", or "auto" (forward
-    up to 4 parameters); `batched`: `fn` maps parameters with a leading axis B on every leaf
-    to B values, each of its own candidate only, and so does the gradient: faster than
-    `vmap(value_and_gradient(fn))` because each tangent stays one vector of B; `scratch`: the
-    memory that reverse mode may keep [bytes].
+    Wrap the result, not `fn`, in `native`.
 
-    Wrap the result, not `fn`, in `native`. Raises `InputError` on an unknown mode, on parameters
-    that are not floats, and where the value is not a scalar (B scalars if batched).
+    Args:
+        fn: `fn(parameters, *others)` -> scalar, its loops `scan_loop`s with checkpoint="auto".
+        mode: "forward", "reverse", or "auto" by the number of parameters.
+        batched: `fn` maps parameters with a leading axis B on every leaf to B values, each of its own candidate only,
+            and so does the gradient.
+        scratch: what reverse mode may keep [bytes].
+
+    Raises:
+        InputError: for an unknown mode, parameters that are not floats, and a value that is not a scalar (or B).
     """
     if mode not in MODES:
         raise InputError(f"mode={mode!r} is not known: use one of {MODES}.")

@@ -18,7 +18,7 @@ import os
 import pathlib
 import sys
 from collections.abc import Callable, Iterator
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -28,8 +28,7 @@ from jax.extend.core import jaxpr_as_fun
 
 from .errors import InputError
 
-P = ParamSpec("P")
-R = TypeVar("R")
+F = TypeVar("F", bound=Callable[..., Any])
 C = TypeVar("C")
 X = TypeVar("X")
 Y = TypeVar("Y")
@@ -104,28 +103,31 @@ def native_mode(enabled: bool | None) -> Iterator[None]:
         _switch.reset(token)
 
 
-def native(fn: Callable[P, R]) -> Callable[P, R]:
+def native(fn: F) -> F:
     """`fn`, compiled by XLA on the CPU as one kernel; the same numbers, `fn` itself elsewhere.
 
     Put it around the outermost function that holds the loop, the gradient included:
     `native(value_and_gradient(cost))`, not the other way round. It works under vmap, grad, jvp,
     lax.map, shard_map and an outer jit.
 
-    **Arguments:** `fn`: arrays and pytrees of arrays in and out, positional. Where its trace holds
-    what cannot stand in a kernel (sort, linear algebra, FFT, callbacks, collectives, random bits
-    from a custom call), it is evaluated as it stands, from the same trace.
+    Where the trace of `fn` holds what cannot stand in a kernel (sort, linear algebra, FFT, callbacks, collectives),
+    it is evaluated as it stands, from the same trace.
+
+    Args:
+        fn: positional arrays and pytrees of arrays in, a pytree of arrays out.
     """
 
-    # The ambient reverse pass is an argument, or a trace made without it would be found again in it.
-    @functools.partial(jax.jit, static_argnums=(0, 1))
-    def compiled(enabled: bool, reverse: Any, arguments: tuple[Any, ...]) -> Any:
+    # The ambient reverse pass is an argument: a trace made without it must not be found within it.
+    def evaluated(enabled: bool, reverse: Any, arguments: tuple[Any, ...]) -> Any:
         return _one_kernel(fn, arguments) if enabled else fn(*arguments)
 
+    compiled = jax.jit(evaluated, static_argnums=(0, 1))
+
     @functools.wraps(fn)
-    def wrapped(*arguments: Any) -> Any:
+    def wrapped(*arguments):
         return compiled(native_enabled(), _reverse.get(), arguments)
 
-    return wrapped
+    return cast(F, wrapped)
 
 
 def _one_kernel(fn: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
@@ -169,14 +171,18 @@ def scan_loop(
 ) -> tuple[C, Y]:
     """`lax.scan(step, carry, xs)`, the same result, with bounded memory in reverse mode.
 
-    **Arguments:** `step(carry, x) -> (carry, y)`; `xs`: a pytree with leading axis time, or None
-    with `length`; `checkpoint`: "none" keeps what every step needs for its derivative, "step" keeps
-    the carry of every step (time x carry), "nested" keeps the carry every sqrt(time) steps and
-    costs one more forward pass, "auto" takes none in a plain run and, within
-    `fpjax.gradients.value_and_gradient`, step or nested by size; `unroll`: steps in one turn of the
-    loop (2 measured best).
+    Args:
+        step: `step(carry, x)` -> (carry, y).
+        carry: what evolves.
+        xs: pytree with leading axis time, or None with `length`.
+        length: number of steps where `xs` does not give it.
+        checkpoint: "none" keeps what every step needs for its derivative; "step" keeps the carry of every step;
+            "nested" keeps the carry every sqrt(time) steps and costs one more forward pass; "auto" is "none", but
+            within `gradients.value_and_gradient` "step" or "nested" by size.
+        unroll: steps in one turn of the loop (2 was measured best).
 
-    Raises `InputError` on an unknown checkpoint and on `xs` without a common length.
+    Raises:
+        InputError: for an unknown checkpoint, and where there is no common length.
     """
     if checkpoint not in CHECKPOINTS:
         raise InputError(f"checkpoint={checkpoint!r} is not known: use one of {CHECKPOINTS}.")
@@ -205,7 +211,9 @@ def scan_loop(
 
 
 def _length(xs: Any, length: int | None) -> int:
-    lengths = {leaf.shape[0] for leaf in jax.tree.leaves(xs)} | ({length} - {None})
+    lengths: set[int] = {leaf.shape[0] for leaf in jax.tree.leaves(xs)}
+    if length is not None:
+        lengths.add(length)
     if len(lengths) != 1:
         raise InputError(
             f"A loop needs one length, but xs and length give {sorted(lengths) or 'none'}: "
@@ -215,8 +223,11 @@ def _length(xs: Any, length: int | None) -> int:
 
 
 def _whole_carry(step: Callable[[C, X], tuple[C, Y]]) -> Callable[[C, X], tuple[C, Y]]:
-    """`step` whose new carry is computed once: without the barrier the unrolled second step is
-    fused into the first and recomputes it for every state (40 % slower at 64 candidates)."""
+    """`step` whose new carry is computed once.
+
+    Without the barrier XLA fuses the unrolled second step into the first, and recomputes the first
+    for every state of the second (jax 0.12: 40 % slower at 64 candidates).
+    """
 
     def stepped(carry: C, x: X) -> tuple[C, Y]:
         carry, y = step(carry, x)
@@ -236,8 +247,10 @@ def _chosen_checkpoint(carry: Any, length: int) -> str:
 
 @contextlib.contextmanager
 def reverse_pass(*, candidates: int, scratch: int) -> Iterator[None]:
-    """Within the block, loops with checkpoint="auto" keep at most about `scratch` [bytes] for the
-    reverse pass of `candidates` simulations at once."""
+    """Within the block, loops with checkpoint="auto" bound their memory for a reverse pass.
+
+    They keep about `scratch` [bytes] of carries at most, for `candidates` simulations at once.
+    """
     token = _reverse.set((candidates, scratch))
     try:
         yield
@@ -246,10 +259,16 @@ def reverse_pass(*, candidates: int, scratch: int) -> Iterator[None]:
 
 
 def enable_compilation_cache(directory: str | os.PathLike[str] | None = None) -> pathlib.Path:
-    """Keep compiled programs on disk, so that the next process starts in a tenth of the time.
+    """Keep compiled programs on disk for the next process. Never on by itself.
 
-    Never on by itself: the command line calls it, a library user may. Returns the folder: given,
-    or `FPJAX_CACHE`, or the user's cache folder. Raises `InputError` if it cannot be written.
+    Args:
+        directory: by default `FPJAX_CACHE`, or else a folder of ours in the user's cache folder.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: where it cannot be written.
     """
     folder = pathlib.Path(directory or os.environ.get("FPJAX_CACHE") or _user_cache()).expanduser()
     try:
