@@ -50,9 +50,9 @@ from .metrics import control_effort as control_effort
 from .metrics import position_error as position_error
 from .metrics import step_info as step_info
 from .metrics import velocity_error as velocity_error
+from .observers import Absolute as Absolute
 from .observers import AbstractNonlinearity as AbstractNonlinearity
 from .observers import AbstractObserver as AbstractObserver
-from .observers import Absolute as Absolute
 from .observers import ClassicalFriedlandPark as ClassicalFriedlandPark
 from .observers import ExtendedFriedlandPark as ExtendedFriedlandPark
 from .observers import ExtendedSteepnessCoulomb as ExtendedSteepnessCoulomb

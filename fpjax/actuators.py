@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .block import Block, optional_parameter, require_not_negative, require_positive
+from .block import Block, as_optional, require_not_negative, require_positive
 from .errors import InputError
 from .signals import Motion
 
@@ -78,15 +78,15 @@ class Actuator(AbstractActuator):
         longest_delay: whole periods of history kept (static); the delay must stay below it.
     """
 
-    gain: Array | None = optional_parameter()
-    lag: Array | None = optional_parameter()
-    delay: Array | None = optional_parameter()
-    limit: Array | None = optional_parameter()
-    dead_zone: Array | None = optional_parameter()
-    offset: Array | None = optional_parameter()
-    cogging_amplitude: Array | None = optional_parameter()
-    cogging_periods: Array | None = optional_parameter()
-    cogging_phase: Array | None = optional_parameter()
+    gain: Array | None = eqx.field(converter=as_optional, default=None)
+    lag: Array | None = eqx.field(converter=as_optional, default=None)
+    delay: Array | None = eqx.field(converter=as_optional, default=None)
+    limit: Array | None = eqx.field(converter=as_optional, default=None)
+    dead_zone: Array | None = eqx.field(converter=as_optional, default=None)
+    offset: Array | None = eqx.field(converter=as_optional, default=None)
+    cogging_amplitude: Array | None = eqx.field(converter=as_optional, default=None)
+    cogging_periods: Array | None = eqx.field(converter=as_optional, default=None)
+    cogging_phase: Array | None = eqx.field(converter=as_optional, default=None)
     longest_delay: int = eqx.field(static=True, default=8)
 
     def __check_init__(self) -> None:
@@ -162,7 +162,8 @@ class Actuator(AbstractActuator):
 def delayed(history: tuple[Array, ...], oldest: Array, periods: Array) -> Array:
     """Mean over one period of a held signal delayed by `periods` (any fraction), newest first in `history`.
 
-    Linear interpolation between neighbouring periods is exact for the mean of a held signal; `oldest` is what stood before.
+    Linear interpolation between neighbouring periods is exact for the mean of a held signal; `oldest` is what stood
+    before.
     """
     values = (*history, oldest)
     total = jnp.zeros_like(values[0])

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from .errors import InputError
 
@@ -35,23 +36,8 @@ def as_optional(value: Any) -> Any:
     return None if value is None else as_parameter(value)
 
 
-def parameter() -> Any:
-    """A field that holds a physical parameter (a scalar array leaf)."""
-    return eqx.field(converter=as_parameter)
-
-
-def parameter_with(default: float) -> Any:
-    """A parameter field with a default value."""
-    return eqx.field(converter=as_parameter, default=default)
-
-
-def optional_parameter() -> Any:
-    """A parameter field that is absent (None, no leaf) unless given."""
-    return eqx.field(converter=as_optional, default=None)
-
-
 def _concrete(value: Any) -> np.ndarray | None:
-    if value is None or isinstance(value, jax.core.Tracer):
+    if value is None or isinstance(value, Tracer):
         return None
     if not isinstance(value, (jax.Array, np.ndarray, float, int)):
         return None

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .block import Block, as_parameter, optional_parameter, parameter, parameter_with, require_positive
+from .block import Block, as_optional, as_parameter, require_positive
 from .errors import InputError
 from .signals import Measurement
 
@@ -44,7 +44,7 @@ class Proportional(AbstractController):
         kp: proportional gain [N m s/rad].
     """
 
-    kp: Array = parameter()
+    kp: Array = eqx.field(converter=as_parameter)
 
     def init(self) -> tuple[()]:
         """No state."""
@@ -72,10 +72,10 @@ class ProportionalIntegral(AbstractController):
             (Astrom, Hagglund, "Advanced PID control", 2006, section 3.5); used only with a limit.
     """
 
-    kp: Array = parameter()
-    ki: Array = parameter()
-    limit: Array | None = optional_parameter()
-    tracking_time: Array = parameter_with(0.01)
+    kp: Array = eqx.field(converter=as_parameter)
+    ki: Array = eqx.field(converter=as_parameter)
+    limit: Array | None = eqx.field(converter=as_optional, default=None)
+    tracking_time: Array = eqx.field(converter=as_parameter, default=0.01)
 
     def __check_init__(self) -> None:
         require_positive(self, "limit", "N m")
@@ -109,9 +109,9 @@ class Lead(AbstractController):
         pole: p [rad/s].
     """
 
-    gain: Array = parameter()
-    zero: Array = parameter()
-    pole: Array = parameter()
+    gain: Array = eqx.field(converter=as_parameter)
+    zero: Array = eqx.field(converter=as_parameter)
+    pole: Array = eqx.field(converter=as_parameter)
 
     def __check_init__(self) -> None:
         require_positive(self, "pole", "rad/s")
@@ -167,7 +167,8 @@ def phase_lead_for_margin(plant: Callable[[complex], complex], crossover: float,
 class TransferFunction(AbstractController):
     """Any proper transfer function on the velocity error, highest power first.
 
-    Continuous stepping integrates it; sampled stepping uses scipy's zero-order-hold discretisation, made for the `period` given.
+    Continuous stepping integrates it; sampled stepping uses scipy's zero-order-hold discretisation, made for the
+    `period` given.
 
     Attributes:
         transition: A, shape (order, order).
@@ -200,8 +201,8 @@ class TransferFunction(AbstractController):
         denominator = np.atleast_1d(np.asarray(denominator, dtype=float))
         if denominator.size == 0 or denominator[0] == 0.0 or numerator.size > denominator.size:
             raise InputError(
-                f"TransferFunction: {numerator.tolist()} / {denominator.tolist()} is not proper: the denominator needs a "
-                f"leading coefficient other than zero and at least the numerator's order."
+                f"TransferFunction: {numerator.tolist()} / {denominator.tolist()} is not proper: the denominator "
+                f"needs a leading coefficient other than zero and at least the numerator's order."
             )
         a, b, c, d = signal.tf2ss(numerator, denominator)
         if denominator.size == 1:  # a pure gain: scipy returns a dummy state
@@ -211,8 +212,9 @@ class TransferFunction(AbstractController):
         self.period = period
         self.sampled_transition = self.sampled_drive = None
         if period is not None and denominator.size > 1:
-            discrete = signal.cont2discrete((a, b, c, d), period, method="zoh")
-            self.sampled_transition, self.sampled_drive = as_parameter(discrete[0]), as_parameter(discrete[1][:, 0])
+            held = signal.StateSpace(a, b, c, d).to_discrete(period, method="zoh")
+            self.sampled_transition = as_parameter(np.asarray(held.A))
+            self.sampled_drive = as_parameter(np.asarray(held.B)[:, 0])
 
     def init(self) -> tuple[Array, ...]:
         """The order's states, one scalar each."""
@@ -255,7 +257,7 @@ class PositionLoop(AbstractController):
         velocity_controller: the inner loop.
     """
 
-    kp: Array = parameter()
+    kp: Array = eqx.field(converter=as_parameter)
     velocity_controller: AbstractController
 
     def init(self) -> Any:
@@ -287,7 +289,7 @@ class Limited(AbstractController):
     """
 
     controller: AbstractController
-    limit: Array = parameter()
+    limit: Array = eqx.field(converter=as_parameter)
 
     def __check_init__(self) -> None:
         require_positive(self, "limit", "N m")

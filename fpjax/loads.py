@@ -2,10 +2,11 @@
 
 from abc import abstractmethod
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .block import Block, parameter, parameter_with
+from .block import Block, as_parameter
 from .signals import Motion
 
 
@@ -34,9 +35,9 @@ class Unbalance(AbstractLoad):
         offset: constant torque [N m].
     """
 
-    amplitude: Array = parameter()
-    phase: Array = parameter_with(0.0)
-    offset: Array = parameter_with(0.0)
+    amplitude: Array = eqx.field(converter=as_parameter)
+    phase: Array = eqx.field(converter=as_parameter, default=0.0)
+    offset: Array = eqx.field(converter=as_parameter, default=0.0)
 
     def readout(self, motion: Motion) -> Array:
         """Load torque [N m]."""

@@ -3,6 +3,7 @@
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -13,6 +14,8 @@ from .plants import AbstractPlant
 from .sensors import AbstractSensor, IdealSensor
 from .signals import Measurement, Motion, Signals
 from .solvers import AbstractSolver
+
+UNROLLED_SUBSTEPS = 4  # more of them go into an inner loop, so that compiling stays short
 
 
 class LoopState(eqx.Module):
@@ -128,13 +131,18 @@ class ClosedLoop(eqx.Module):
         actuator, applied = self.actuator.step(state.actuator, torque, motion, dt)
         output = self.plant.readout(state.plant, applied, time)
         plant, step = state.plant, dt / substeps
-        for index in range(substeps):
-            start = time + index * step
-            plant = solver.advance(
-                lambda node, at, start=start: self.plant.derivative(at, applied, start + solver.nodes[node] * step),
-                plant,
-                step,
-            )
+
+        def substep(plant: Any, start: Array) -> tuple[Any, None]:
+            def derivative(node: int, at: Any) -> Any:
+                return self.plant.derivative(at, applied, start + solver.nodes[node] * step)
+
+            return solver.advance(derivative, plant, step), None
+
+        if substeps <= UNROLLED_SUBSTEPS:
+            for index in range(substeps):
+                plant, _ = substep(plant, time + index * step)
+        else:
+            plant, _ = jax.lax.scan(substep, plant, time + step * jnp.arange(substeps).astype(time.dtype))
         now = _signals(time, reference, output, measurement, control, compensation, torque, applied, estimates)
         return LoopState(plant, controller, observer, actuator, sensor), now
 

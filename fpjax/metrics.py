@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .block import Block, optional_parameter, parameter, parameter_with
+from .block import Block, as_optional, as_parameter
 from .signals import Signals
 
 Quantity = Callable[[Signals], Array]
@@ -214,7 +214,7 @@ class CoulombTorqueError(AbstractMeasure):
         coulomb: the true k [N m].
     """
 
-    coulomb: Array = parameter()
+    coulomb: Array = eqx.field(converter=as_parameter)
 
     def init(self, zero: Array) -> Array:
         """Zero."""
@@ -241,9 +241,9 @@ class EstimateError(AbstractMeasure):
     """
 
     name: str = eqx.field(static=True)
-    truth: Array = parameter()
-    scale: Array | None = optional_parameter()
-    start: Array = parameter_with(0.0)
+    truth: Array = eqx.field(converter=as_parameter)
+    scale: Array | None = eqx.field(converter=as_optional, default=None)
+    start: Array = eqx.field(converter=as_parameter, default=0.0)
 
     def init(self, zero: Array) -> tuple[Array, Array]:
         """(sum, samples counted)."""
@@ -310,7 +310,7 @@ class EstimatePeak(AbstractMeasure):
 
 
 class SettlingTime(AbstractMeasure):
-    """Time [s] after which an estimate stays within `tolerance` of the truth; infinite if it is still outside at the end.
+    """Time [s] after which an estimate stays within `tolerance` of the truth; infinite if it ends outside.
 
     Attributes:
         name: which estimate (static).
@@ -319,8 +319,8 @@ class SettlingTime(AbstractMeasure):
     """
 
     name: str = eqx.field(static=True)
-    truth: Array = parameter()
-    tolerance: Array = parameter_with(0.05)
+    truth: Array = eqx.field(converter=as_parameter)
+    tolerance: Array = eqx.field(converter=as_parameter, default=0.05)
 
     def init(self, zero: Array) -> tuple[Array, Array]:
         """(first time inside since last outside [s], 1 while outside)."""

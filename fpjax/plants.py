@@ -1,4 +1,4 @@
-"""Plants: one mass (2.4), two masses with a spring and a damper (3.1)-(3.14), and the thesis' series form (3.27)-(3.28)."""
+"""Plants: one mass (2.4), two masses with a spring (3.1)-(3.14), and the thesis' series form (3.27)-(3.28)."""
 
 from abc import abstractmethod
 from typing import Any
@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .block import Block, parameter, require_not_negative, require_positive
+from .block import Block, as_parameter, require_not_negative, require_positive
 from .friction import AbstractFriction
 from .loads import AbstractLoad, NoLoad
 from .signals import Motion, PlantOutput
@@ -49,7 +49,7 @@ class OneMass(AbstractPlant):
         load: a known load.
     """
 
-    inertia: Array = parameter()
+    inertia: Array = eqx.field(converter=as_parameter)
     friction: AbstractFriction
     load: AbstractLoad = NoLoad()
 
@@ -100,10 +100,10 @@ class TwoMass(AbstractPlant):
         load: a known load on the load side.
     """
 
-    motor_inertia: Array = parameter()
-    load_inertia: Array = parameter()
-    stiffness: Array = parameter()
-    damping: Array = parameter()
+    motor_inertia: Array = eqx.field(converter=as_parameter)
+    load_inertia: Array = eqx.field(converter=as_parameter)
+    stiffness: Array = eqx.field(converter=as_parameter)
+    damping: Array = eqx.field(converter=as_parameter)
     friction: AbstractFriction
     load: AbstractLoad = NoLoad()
 
@@ -153,7 +153,7 @@ class TwoMass(AbstractPlant):
 
 
 class SeriesTwoMassState(eqx.Module):
-    """State of `SeriesTwoMass`: velocity [rad/s], position [rad], the filter P_HO's two states, the friction law's own."""
+    """State of `SeriesTwoMass`: velocity [rad/s], position [rad], P_HO's two states, the friction law's own."""
 
     velocity: Array
     position: Array
@@ -176,10 +176,10 @@ class SeriesTwoMass(AbstractPlant):
         load: a known load.
     """
 
-    motor_inertia: Array = parameter()
-    load_inertia: Array = parameter()
-    stiffness: Array = parameter()
-    damping: Array = parameter()
+    motor_inertia: Array = eqx.field(converter=as_parameter)
+    load_inertia: Array = eqx.field(converter=as_parameter)
+    stiffness: Array = eqx.field(converter=as_parameter)
+    damping: Array = eqx.field(converter=as_parameter)
     friction: AbstractFriction
     load: AbstractLoad = NoLoad()
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .block import Block, as_parameter, parameter, parameter_with, require_positive
+from .block import Block, as_parameter, require_positive
 from .errors import InputError
 
 
@@ -26,7 +26,7 @@ class Constant(AbstractReference):
         amplitude: [rad/s].
     """
 
-    amplitude: Array = parameter()
+    amplitude: Array = eqx.field(converter=as_parameter)
 
     def readout(self, time: Array) -> Array:
         """The amplitude."""
@@ -43,10 +43,10 @@ class Sine(AbstractReference):
         offset: [rad/s].
     """
 
-    amplitude: Array = parameter()
-    frequency: Array = parameter()
-    phase: Array = parameter_with(0.0)
-    offset: Array = parameter_with(0.0)
+    amplitude: Array = eqx.field(converter=as_parameter)
+    frequency: Array = eqx.field(converter=as_parameter)
+    phase: Array = eqx.field(converter=as_parameter, default=0.0)
+    offset: Array = eqx.field(converter=as_parameter, default=0.0)
 
     def readout(self, time: Array) -> Array:
         """The sine at time [s]."""
@@ -63,10 +63,10 @@ class Chirp(AbstractReference):
         sweep_time: T [s].
     """
 
-    amplitude: Array = parameter()
-    start_frequency: Array = parameter()
-    end_frequency: Array = parameter()
-    sweep_time: Array = parameter()
+    amplitude: Array = eqx.field(converter=as_parameter)
+    start_frequency: Array = eqx.field(converter=as_parameter)
+    end_frequency: Array = eqx.field(converter=as_parameter)
+    sweep_time: Array = eqx.field(converter=as_parameter)
 
     def __check_init__(self) -> None:
         require_positive(self, "sweep_time", "s")
@@ -86,9 +86,9 @@ class Triangle(AbstractReference):
         phase: [rad].
     """
 
-    amplitude: Array = parameter()
-    frequency: Array = parameter()
-    phase: Array = parameter_with(0.0)
+    amplitude: Array = eqx.field(converter=as_parameter)
+    frequency: Array = eqx.field(converter=as_parameter)
+    phase: Array = eqx.field(converter=as_parameter, default=0.0)
 
     def readout(self, time: Array) -> Array:
         """The triangle at time [s]."""
@@ -105,9 +105,9 @@ class Square(AbstractReference):
         phase: [rad].
     """
 
-    amplitude: Array = parameter()
-    frequency: Array = parameter()
-    phase: Array = parameter_with(0.0)
+    amplitude: Array = eqx.field(converter=as_parameter)
+    frequency: Array = eqx.field(converter=as_parameter)
+    phase: Array = eqx.field(converter=as_parameter, default=0.0)
 
     def readout(self, time: Array) -> Array:
         """The square wave at time [s]."""
@@ -132,7 +132,7 @@ class Multisine(AbstractReference):
         shapes = {np.shape(leaf) for leaf in (self.amplitudes, self.frequencies, self.phases)}
         if len(shapes) != 1:
             raise InputError(
-                f"Multisine: amplitudes, frequencies and phases have shapes {sorted(shapes)}: give one of each per tone."
+                f"Multisine: amplitudes, frequencies, phases have shapes {sorted(shapes)}: give one of each a tone."
             )
 
     def readout(self, time: Array) -> Array:
@@ -156,7 +156,7 @@ class Recorded(AbstractReference):
     """
 
     values: Array = eqx.field(converter=as_parameter)
-    interval: Array = parameter()
+    interval: Array = eqx.field(converter=as_parameter)
     hold: bool = eqx.field(static=True, default=True)
 
     def __check_init__(self) -> None:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array
 
-from .block import Block, parameter, parameter_with, require_not_negative, require_positive
+from .block import Block, as_parameter, require_not_negative, require_positive
 from .errors import InputError
 from .signals import Measurement, PlantOutput
 
@@ -77,10 +77,10 @@ class Gyro(AbstractSensor):
 
     noise_channels: ClassVar[int] = 2
 
-    noise: Array = parameter()
-    bias: Array = parameter_with(0.0)
-    random_walk: Array = parameter_with(0.0)
-    scale: Array = parameter_with(1.0)
+    noise: Array = eqx.field(converter=as_parameter)
+    bias: Array = eqx.field(converter=as_parameter, default=0.0)
+    random_walk: Array = eqx.field(converter=as_parameter, default=0.0)
+    scale: Array = eqx.field(converter=as_parameter, default=1.0)
     side: Side = eqx.field(static=True, default="load")
 
     def __check_init__(self) -> None:
@@ -112,9 +112,9 @@ class Encoder(AbstractSensor):
 
     noise_channels: ClassVar[int] = 1
 
-    step_size: Array = parameter()
-    noise: Array = parameter_with(0.0)
-    filter_time: Array = parameter_with(0.0)
+    step_size: Array = eqx.field(converter=as_parameter)
+    noise: Array = eqx.field(converter=as_parameter, default=0.0)
+    filter_time: Array = eqx.field(converter=as_parameter, default=0.0)
     side: Side = eqx.field(static=True, default="load")
 
     def __check_init__(self) -> None:
@@ -153,7 +153,7 @@ class KalmanFusion(AbstractSensor):
 
     gyro: Gyro
     encoder: Encoder
-    angle_noise: Array = parameter()
+    angle_noise: Array = eqx.field(converter=as_parameter)
 
     def __check_init__(self) -> None:
         require_positive(self, "angle_noise", "rad")
@@ -186,7 +186,7 @@ class KalmanFusion(AbstractSensor):
 
 
 def quantise(value: Array, step_size: Array) -> Array:
-    """Round to multiples of `step_size`; 0 leaves the value as it is. Its gradient is the identity (straight-through)."""
+    """Round to multiples of `step_size` (0: leave it); the gradient is the identity (straight-through)."""
     positive = step_size > 0.0
     size = jnp.where(positive, step_size, jnp.ones_like(step_size))
     rounded = jnp.round(value / size) * size

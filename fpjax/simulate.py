@@ -6,6 +6,7 @@ from typing import Any, Literal
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 from jaxtyping import Array
 
 from .block import as_parameter
@@ -79,7 +80,7 @@ def make_stepper(
     Raises:
         InputError: for a step or a duration that cannot be.
     """
-    if not isinstance(dt, jax.core.Tracer) and not float(dt) > 0.0:
+    if not isinstance(dt, Tracer) and not float(dt) > 0.0:
         raise InputError(f"dt = {float(dt):g} s cannot be: the step must be above zero; 1e-4 s is usual here.")
     if (duration is None) == (samples is None):
         raise InputError("Give either duration [s] or samples, not both and not neither.")
@@ -252,7 +253,7 @@ def simulate(
     stepper = make_stepper(
         dt=dt, duration=duration, samples=samples, solver=solver, stepping=stepping, substeps=substeps
     )
-    if not isinstance(dt, jax.core.Tracer):
+    if not isinstance(dt, Tracer):
         warn_if_stiff(loop, float(dt) / (substeps if stepping == "sampled" else 1), stepper.solver)
     run = _run(loop, reference, stepper, measures or {}, tuple(record), initial, key)
     if throw and run.diverged:

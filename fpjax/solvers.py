@@ -55,7 +55,7 @@ class Heun(AbstractSolver):
 
 
 class BogackiShampine(AbstractSolver):
-    """ode3, third order: what Simulink's fixed-step default was for the thesis (Bogacki, Shampine, "A 3(2) pair of Runge-Kutta formulas", 1989)."""
+    """ode3, third order: what Simulink took for the thesis (Bogacki, Shampine, "A 3(2) pair of formulas", 1989)."""
 
     name: ClassVar[str] = "ode3"
     nodes: ClassVar[tuple[float, ...]] = (0.0, 0.5, 0.75)

@@ -2,8 +2,8 @@
 
 import warnings
 
-import jax
 import numpy as np
+from jax.core import Tracer
 
 from .errors import FpjaxWarning
 from .loop import ClosedLoop
@@ -13,7 +13,7 @@ from .solvers import AbstractSolver
 def stiffness_number(loop: ClosedLoop, dt: float) -> float | None:
     """steepness x coulomb x dt / inertia [1]; None where the law has no steepness or the values are being traced.
 
-    Above the solver's limit (2 Euler, 2.51 ode3, 2.785 RK4) the velocity chatters around zero instead of settling there.
+    Above the solver's limit (2 Euler, 2.51 ode3, 2.785 RK4) the velocity chatters around zero.
 
     Args:
         loop: the closed loop.
@@ -29,7 +29,7 @@ def stiffness_number(loop: ClosedLoop, dt: float) -> float | None:
     if load_inertia is not None and hasattr(plant, "stiffness") and type(plant).__name__ == "TwoMass":
         inertia = load_inertia
     values = (steepness, coulomb, inertia, dt)
-    if any(value is None or isinstance(value, jax.core.Tracer) for value in values):
+    if any(value is None or isinstance(value, Tracer) for value in values):
         return None
     return float(np.max(np.asarray(steepness) * np.asarray(coulomb) * np.asarray(dt) / np.asarray(inertia)))
 

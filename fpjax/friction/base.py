@@ -37,7 +37,8 @@ class AbstractFriction(Block):
 class AbstractStaticFriction(AbstractFriction):
     """A law without memory: `level` x direction(velocity) + `drag`.
 
-    The parts are separate because a solver that resolves sticking exactly needs the set-valued level apart from the smooth rest.
+    The parts are separate because a solver that resolves sticking exactly needs the set-valued level apart from the
+    smooth rest.
     """
 
     steepness: eqx.AbstractVar[Any]

@@ -2,10 +2,11 @@
 
 from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..block import parameter, parameter_with, require_not_negative, require_positive
+from ..block import as_parameter, require_not_negative, require_positive
 from ..signals import Motion
 from .base import AbstractFriction, safe_power
 from .static import stribeck_curve
@@ -23,10 +24,10 @@ class Dahl(AbstractFriction):
         viscous: b [N m s/rad].
     """
 
-    coulomb: Array = parameter()
-    stiffness: Array = parameter()
-    exponent: Array = parameter_with(1.0)
-    viscous: Array = parameter_with(0.0)
+    coulomb: Array = eqx.field(converter=as_parameter)
+    stiffness: Array = eqx.field(converter=as_parameter)
+    exponent: Array = eqx.field(converter=as_parameter, default=1.0)
+    viscous: Array = eqx.field(converter=as_parameter, default=0.0)
 
     def __check_init__(self) -> None:
         require_positive(self, "coulomb", "N m")
@@ -53,8 +54,8 @@ class Dahl(AbstractFriction):
 class LuGre(AbstractFriction):
     """LuGre friction (1.7)-(1.8): dz/dt = w - sigma_0 |w| z / g(w); F = sigma_0 z + sigma_1 dz/dt + sigma_2 w.
 
-    g(w) = F_c + (F_s - F_c) exp(-|w / v_s|^delta), the Stribeck curve (1.4) without its viscous part (Canudas de Wit, Olsson,
-    Astrom, Lischinsky, "A new model for control of systems with friction", 1995).
+    g(w) = F_c + (F_s - F_c) exp(-|w / v_s|^delta), the Stribeck curve (1.4) without its viscous part (Canudas de Wit,
+    Olsson, Astrom, Lischinsky, "A new model for control of systems with friction", 1995).
 
     Attributes:
         coulomb: F_c [N m].
@@ -66,13 +67,13 @@ class LuGre(AbstractFriction):
         exponent: delta [1].
     """
 
-    coulomb: Array = parameter()
-    static: Array = parameter()
-    stribeck_velocity: Array = parameter()
-    bristle_stiffness: Array = parameter()
-    bristle_damping: Array = parameter_with(0.0)
-    viscous: Array = parameter_with(0.0)
-    exponent: Array = parameter_with(2.0)
+    coulomb: Array = eqx.field(converter=as_parameter)
+    static: Array = eqx.field(converter=as_parameter)
+    stribeck_velocity: Array = eqx.field(converter=as_parameter)
+    bristle_stiffness: Array = eqx.field(converter=as_parameter)
+    bristle_damping: Array = eqx.field(converter=as_parameter, default=0.0)
+    viscous: Array = eqx.field(converter=as_parameter, default=0.0)
+    exponent: Array = eqx.field(converter=as_parameter, default=2.0)
 
     def __check_init__(self) -> None:
         require_positive(self, "coulomb", "N m")

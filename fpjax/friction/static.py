@@ -2,10 +2,11 @@
 
 from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..block import optional_parameter, parameter, parameter_with, require_not_negative, require_positive
+from ..block import as_optional, as_parameter, require_not_negative, require_positive
 from ..signals import Motion
 from .base import AbstractFriction, AbstractStaticFriction, safe_power
 
@@ -26,7 +27,7 @@ class Coulomb(AbstractStaticFriction):
         coulomb: k [N m].
     """
 
-    coulomb: Array = parameter()
+    coulomb: Array = eqx.field(converter=as_parameter)
     steepness: None = None
 
     def __check_init__(self) -> None:
@@ -50,8 +51,8 @@ class SmoothCoulomb(AbstractStaticFriction):
         steepness: lambda [s/rad].
     """
 
-    coulomb: Array = parameter()
-    steepness: Array = parameter()
+    coulomb: Array = eqx.field(converter=as_parameter)
+    steepness: Array = eqx.field(converter=as_parameter)
 
     def __check_init__(self) -> None:
         require_not_negative(self, "coulomb", "N m")
@@ -74,7 +75,7 @@ class Viscous(AbstractStaticFriction):
         viscous: b [N m s/rad].
     """
 
-    viscous: Array = parameter()
+    viscous: Array = eqx.field(converter=as_parameter)
     steepness: None = None
 
     def __check_init__(self) -> None:
@@ -98,9 +99,9 @@ class CoulombViscous(AbstractStaticFriction):
         steepness: lambda [s/rad]; None for sign.
     """
 
-    coulomb: Array = parameter()
-    viscous: Array = parameter()
-    steepness: Array | None = optional_parameter()
+    coulomb: Array = eqx.field(converter=as_parameter)
+    viscous: Array = eqx.field(converter=as_parameter)
+    steepness: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
         require_not_negative(self, "coulomb", "N m")
@@ -129,12 +130,12 @@ class Stribeck(AbstractStaticFriction):
         steepness: lambda [s/rad]; None for sign.
     """
 
-    coulomb: Array = parameter()
-    static: Array = parameter()
-    stribeck_velocity: Array = parameter()
-    viscous: Array = parameter_with(0.0)
-    exponent: Array = parameter_with(2.0)
-    steepness: Array | None = optional_parameter()
+    coulomb: Array = eqx.field(converter=as_parameter)
+    static: Array = eqx.field(converter=as_parameter)
+    stribeck_velocity: Array = eqx.field(converter=as_parameter)
+    viscous: Array = eqx.field(converter=as_parameter, default=0.0)
+    exponent: Array = eqx.field(converter=as_parameter, default=2.0)
+    steepness: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
         require_not_negative(self, "coulomb", "N m")
@@ -160,16 +161,16 @@ class CoulombViscousStiction(AbstractFriction):
         coulomb: F_c [N m].
         static: F_s [N m].
         viscous: b [N m s/rad].
-        stick_velocity: half-width [rad/s] of the band that counts as rest; a fixed-step solver rarely hits zero exactly (Karnopp,
-            "Computer simulation of stick-slip friction in mechanical dynamic systems", 1985).
+        stick_velocity: half-width [rad/s] of the band that counts as rest; a fixed-step solver rarely hits zero exactly
+            (Karnopp, "Computer simulation of stick-slip friction in mechanical dynamic systems", 1985).
         steepness: lambda [s/rad]; None for sign.
     """
 
-    coulomb: Array = parameter()
-    static: Array = parameter()
-    viscous: Array = parameter_with(0.0)
-    stick_velocity: Array = parameter_with(0.0)
-    steepness: Array | None = optional_parameter()
+    coulomb: Array = eqx.field(converter=as_parameter)
+    static: Array = eqx.field(converter=as_parameter)
+    viscous: Array = eqx.field(converter=as_parameter, default=0.0)
+    stick_velocity: Array = eqx.field(converter=as_parameter, default=0.0)
+    steepness: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
         require_not_negative(self, "coulomb", "N m")
@@ -198,11 +199,11 @@ class AsymmetricCoulombViscous(AbstractStaticFriction):
         steepness: lambda [s/rad]; None for sign.
     """
 
-    coulomb_positive: Array = parameter()
-    coulomb_negative: Array = parameter()
-    viscous_positive: Array = parameter()
-    viscous_negative: Array = parameter()
-    steepness: Array | None = optional_parameter()
+    coulomb_positive: Array = eqx.field(converter=as_parameter)
+    coulomb_negative: Array = eqx.field(converter=as_parameter)
+    viscous_positive: Array = eqx.field(converter=as_parameter)
+    viscous_negative: Array = eqx.field(converter=as_parameter)
+    steepness: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
         require_not_negative(self, "coulomb_positive", "N m")

@@ -1,8 +1,8 @@
 """The Friedland-Park observers."""
 
+from .base import Absolute as Absolute
 from .base import AbstractNonlinearity as AbstractNonlinearity
 from .base import AbstractObserver as AbstractObserver
-from .base import Absolute as Absolute
 from .base import LogCosh as LogCosh
 from .base import NoObserver as NoObserver
 from .base import Quadratic as Quadratic

@@ -3,11 +3,12 @@
 from abc import abstractmethod
 from typing import Any, ClassVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..block import Block, parameter, require_not_negative, require_positive
+from ..block import Block, as_parameter, require_not_negative, require_positive
 from ..friction import log_cosh
 
 
@@ -30,7 +31,7 @@ class Quadratic(AbstractNonlinearity):
         gain: alpha.
     """
 
-    gain: Array = parameter()
+    gain: Array = eqx.field(converter=as_parameter)
 
     def __check_init__(self) -> None:
         require_not_negative(self, "gain", "1")
@@ -51,7 +52,7 @@ class Absolute(AbstractNonlinearity):
         gain: alpha.
     """
 
-    gain: Array = parameter()
+    gain: Array = eqx.field(converter=as_parameter)
 
     def __check_init__(self) -> None:
         require_not_negative(self, "gain", "1")
@@ -73,8 +74,8 @@ class LogCosh(AbstractNonlinearity):
         steepness: lambda [s/rad].
     """
 
-    gain: Array = parameter()
-    steepness: Array = parameter()
+    gain: Array = eqx.field(converter=as_parameter)
+    steepness: Array = eqx.field(converter=as_parameter)
 
     def __check_init__(self) -> None:
         require_not_negative(self, "gain", "1")

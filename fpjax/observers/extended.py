@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..block import optional_parameter, parameter, parameter_with, require_not_negative, require_positive
+from ..block import as_optional, as_parameter, require_not_negative, require_positive
 from ..friction import direction
 from .base import AbstractObserver, Quadratic, absolute_or_smooth
 from .single import steepness_sensitivity
@@ -31,10 +31,10 @@ class ExtendedFriedlandPark(AbstractObserver):
 
     estimated: ClassVar[tuple[str, ...]] = ("coulomb", "viscous")
 
-    inertia: Array = parameter()
-    gain_1: Array = parameter()
-    gain_2: Array = parameter()
-    steepness: Array | None = optional_parameter()
+    inertia: Array = eqx.field(converter=as_parameter)
+    gain_1: Array = eqx.field(converter=as_parameter)
+    gain_2: Array = eqx.field(converter=as_parameter)
+    steepness: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
         _check_extended(self)
@@ -78,11 +78,11 @@ class ExtendedSteepnessCoulomb(AbstractObserver):
 
     estimated: ClassVar[tuple[str, ...]] = ("steepness", "coulomb")
 
-    inertia: Array = parameter()
-    gain_1: Array = parameter()
-    gain_2: Array = parameter()
-    viscous: Array = parameter_with(0.0)
-    steepness: Array | None = optional_parameter()
+    inertia: Array = eqx.field(converter=as_parameter)
+    gain_1: Array = eqx.field(converter=as_parameter)
+    gain_2: Array = eqx.field(converter=as_parameter)
+    viscous: Array = eqx.field(converter=as_parameter, default=0.0)
+    steepness: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
         _check_extended(self)
@@ -130,11 +130,11 @@ class ExtendedSteepnessViscous(AbstractObserver):
 
     estimated: ClassVar[tuple[str, ...]] = ("steepness", "viscous")
 
-    inertia: Array = parameter()
-    gain_1: Array = parameter()
-    gain_2: Array = parameter()
-    coulomb: Array = parameter()
-    steepness: Array | None = optional_parameter()
+    inertia: Array = eqx.field(converter=as_parameter)
+    gain_1: Array = eqx.field(converter=as_parameter)
+    gain_2: Array = eqx.field(converter=as_parameter)
+    coulomb: Array = eqx.field(converter=as_parameter)
+    steepness: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
         _check_extended(self)

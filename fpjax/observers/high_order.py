@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..block import parameter, require_not_negative, require_positive
+from ..block import as_parameter, require_not_negative, require_positive
 from ..plants import high_order_derivative, high_order_output
 from .base import AbstractObserver
 
@@ -20,7 +20,7 @@ class HighOrderState(eqx.Module):
 
 
 class HighOrderFeedforward(AbstractObserver):
-    """Feeds an observer with P_HO u instead of u, so that an observer made for one mass sees the torque at the load (Fig 3.5).
+    """Feeds an observer with P_HO u instead of u, so that one made for one mass sees the torque at the load (Fig 3.5).
 
     The wrapped observer's `inertia` is the total J_m + J_l, the one of P_LO (3.27).
 
@@ -33,10 +33,10 @@ class HighOrderFeedforward(AbstractObserver):
     """
 
     observer: AbstractObserver
-    motor_inertia: Array = parameter()
-    load_inertia: Array = parameter()
-    stiffness: Array = parameter()
-    damping: Array = parameter()
+    motor_inertia: Array = eqx.field(converter=as_parameter)
+    load_inertia: Array = eqx.field(converter=as_parameter)
+    stiffness: Array = eqx.field(converter=as_parameter)
+    damping: Array = eqx.field(converter=as_parameter)
 
     def __check_init__(self) -> None:
         require_positive(self, "motor_inertia", "kg m^2")

@@ -2,10 +2,11 @@
 
 from typing import ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..block import optional_parameter, parameter, parameter_with, require_not_negative, require_positive
+from ..block import as_optional, as_parameter, require_not_negative, require_positive
 from ..friction import direction
 from .base import AbstractNonlinearity, AbstractObserver
 
@@ -22,10 +23,10 @@ class ClassicalFriedlandPark(AbstractObserver):
 
     estimated: ClassVar[tuple[str, ...]] = ("coulomb",)
 
-    inertia: Array = parameter()
+    inertia: Array = eqx.field(converter=as_parameter)
     nonlinearity: AbstractNonlinearity
-    viscous: Array = parameter_with(0.0)
-    steepness: Array | None = optional_parameter()
+    viscous: Array = eqx.field(converter=as_parameter, default=0.0)
+    steepness: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
         require_positive(self, "inertia", "kg m^2")
@@ -68,10 +69,10 @@ class ModifiedFriedlandPark(AbstractObserver):
 
     estimated: ClassVar[tuple[str, ...]] = ("coulomb",)
 
-    inertia: Array = parameter()
+    inertia: Array = eqx.field(converter=as_parameter)
     nonlinearity: AbstractNonlinearity
-    viscous: Array = parameter()
-    steepness: Array | None = optional_parameter()
+    viscous: Array = eqx.field(converter=as_parameter)
+    steepness: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
         require_positive(self, "inertia", "kg m^2")
@@ -114,10 +115,10 @@ class NovelFriedlandPark(AbstractObserver):
 
     estimated: ClassVar[tuple[str, ...]] = ("viscous",)
 
-    inertia: Array = parameter()
+    inertia: Array = eqx.field(converter=as_parameter)
     nonlinearity: AbstractNonlinearity
-    coulomb: Array = parameter_with(0.0)
-    steepness: Array | None = optional_parameter()
+    coulomb: Array = eqx.field(converter=as_parameter, default=0.0)
+    steepness: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
         require_positive(self, "inertia", "kg m^2")
@@ -159,9 +160,9 @@ class SteepnessObserver(AbstractObserver):
 
     estimated: ClassVar[tuple[str, ...]] = ("steepness",)
 
-    inertia: Array = parameter()
+    inertia: Array = eqx.field(converter=as_parameter)
     nonlinearity: AbstractNonlinearity
-    coulomb: Array = parameter()
+    coulomb: Array = eqx.field(converter=as_parameter)
 
     def __check_init__(self) -> None:
         require_positive(self, "inertia", "kg m^2")
