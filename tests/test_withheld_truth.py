@@ -76,8 +76,15 @@ def test_truth_imports_neither_the_package_nor_jax():
             elif isinstance(node, ast.ImportFrom) and node.level == 0:
                 names = [node.module or ""]
             for name in names:
-                assert name.split(".")[0] in {"numpy", "collections", "dataclasses", "itertools",
-                                              "json", "pathlib", "typing"}, (path.name, name)
+                assert name.split(".")[0] in {
+                    "numpy",
+                    "collections",
+                    "dataclasses",
+                    "itertools",
+                    "json",
+                    "pathlib",
+                    "typing",
+                }, (path.name, name)
 
 
 def test_all_effects_of_the_contract_with_their_parameters():
@@ -86,7 +93,8 @@ def test_all_effects_of_the_contract_with_their_parameters():
         for seed in (0, 1, 2):
             plan = build(Identity(seed, "single", "servo", (effect,), number), 50).plan
             found = set(plan.parameters[effect])
-            assert found <= names and found <= set(UNITS)
+            assert found <= names
+            assert found <= set(UNITS)
             assert found == names or effect == "asymmetric_friction"
 
 
@@ -125,12 +133,14 @@ def test_stick_slip_under_a_sine_meets_the_analytic_solution():
     physics = {"inertia": j, "coulomb_positive": c, "coulomb_negative": c}
     record = open_loop(physics, a * np.sin(angular * time))
     begin = np.arcsin(c / a) / angular
-    expected = (a * (np.cos(angular * begin) - np.cos(angular * record.time)) / angular
-                - c * (record.time - begin)) / j
+    expected = (a * (np.cos(angular * begin) - np.cos(angular * record.time)) / angular - c * (record.time - begin)) / j
     # it slides on until the integral of the net torque is used up
     after = (record.time > begin) & (expected > 0)
-    end = record.time[after][np.argmax(np.diff(record.time[after]) > 1.5e-3)] \
-        if np.any(np.diff(record.time[after]) > 1.5e-3) else record.time[after][-1]
+    end = (
+        record.time[after][np.argmax(np.diff(record.time[after]) > 1.5e-3)]
+        if np.any(np.diff(record.time[after]) > 1.5e-3)
+        else record.time[after][-1]
+    )
     slides = (record.time > begin) & (record.time <= end)
     error = np.abs(record.true_velocity[slides] - expected[slides])
     # samples of the torque are joined by lines: (W dt)^2 / 12 of the amplitude
@@ -139,8 +149,14 @@ def test_stick_slip_under_a_sine_meets_the_analytic_solution():
 
 
 def test_static_friction_above_coulomb_holds_until_it_breaks():
-    physics = {"inertia": 0.1, "coulomb_positive": 1.0, "coulomb_negative": 1.0,
-               "stribeck_torque": 0.5, "stribeck_velocity": 0.01, "stribeck_exponent": 2.0}
+    physics = {
+        "inertia": 0.1,
+        "coulomb_positive": 1.0,
+        "coulomb_negative": 1.0,
+        "stribeck_torque": 0.5,
+        "stribeck_velocity": 0.01,
+        "stribeck_exponent": 2.0,
+    }
     time = np.arange(401) * DT
     record = open_loop(physics, 5 * time)
     assert np.all(record.true_velocity[record.time <= 0.3] == 0)
@@ -149,11 +165,17 @@ def test_static_friction_above_coulomb_holds_until_it_breaks():
     assert moving[-1] > 5 * 0.08
 
 
-@pytest.mark.parametrize("kind, exponent", [(1.0, 1.0), (2.0, 0.5), (2.0, 2.0), (3.0, 1.0)])
+@pytest.mark.parametrize(("kind", "exponent"), [(1.0, 1.0), (2.0, 0.5), (2.0, 2.0), (3.0, 1.0)])
 def test_bristles_are_springs_at_small_travel_and_coulomb_friction_at_large(kind, exponent):
-    physics = {"inertia": 1e-3, "coulomb_positive": 1.0, "coulomb_negative": 1.0,
-               "bristle_kind": kind, "bristle_exponent": exponent, "bristle_stiffness": 1000.0,
-               "bristle_damping": 0.6}
+    physics = {
+        "inertia": 1e-3,
+        "coulomb_positive": 1.0,
+        "coulomb_negative": 1.0,
+        "bristle_kind": kind,
+        "bristle_exponent": exponent,
+        "bristle_stiffness": 1000.0,
+        "bristle_damping": 0.6,
+    }
     # a slow ramp: the bristle's own curve is 1 % from its initial slope there
     small = open_loop(physics, np.linspace(0, 0.02, 401))
     assert small.true_position[-1] == pytest.approx(0.02 / 1000.0, rel=0.03)
@@ -175,9 +197,17 @@ def test_two_masses_swing_at_their_free_frequency():
 
 
 def test_play_moves_the_load_only_once_it_is_crossed():
-    physics = {"inertia": 0.2, "load_share": 0.5, "transmission": 2.0, "gap": 0.02,
-               "stiffness": 3e4, "damping": 5.0, "coulomb_positive": 0.05, "coulomb_negative": 0.05,
-               "friction_load_share": 1.0}
+    physics = {
+        "inertia": 0.2,
+        "load_share": 0.5,
+        "transmission": 2.0,
+        "gap": 0.02,
+        "stiffness": 3e4,
+        "damping": 5.0,
+        "coulomb_positive": 0.05,
+        "coulomb_negative": 0.05,
+        "friction_load_share": 1.0,
+    }
     record = open_loop(physics, np.full(301, 1.0))
     crossing = np.sqrt(2 * 0.01 * 0.1 / 1.0)  # half the gap by the motor alone
     alone = record.time < crossing
@@ -198,9 +228,11 @@ def test_a_delay_need_not_be_whole_periods_and_a_lag_is_exact():
         if name == "actuator_delay":
             expected = np.clip((since - value) / DT, 0, 1)
         else:
+
             def ramp(t, lag=value):
                 t = np.maximum(t, 0)
                 return (t - lag * (1 - np.exp(-t / lag))) / DT
+
             expected = ramp(since) - ramp(since - DT)
         np.testing.assert_allclose(got, expected, atol=2e-6)
 
@@ -221,10 +253,11 @@ def short(effect: str, system: str, seed: int, periods: int = 160) -> Machine:
     machine.reference = machine.reference[start : start + periods]
     machine.velocity_normal = machine.position_normal = np.zeros(periods)
     machine.preroll = 0
-    for field in ("disturbance", "held_reading", "held_command"):
-        values = getattr(machine, field)
-        if values is not None:
-            setattr(machine, field, values[start : start + periods + 1][: periods + 1])
+    if machine.disturbance is not None:
+        machine.disturbance = machine.disturbance[start : start + periods + 1]
+    for field in ("held_reading", "held_command"):
+        if getattr(machine, field) is not None:
+            setattr(machine, field, getattr(machine, field)[start : start + periods])
     machine.physics |= {"velocity_step": 0.0}  # a rounding turns any difference into a whole step
     return machine
 
@@ -248,9 +281,12 @@ def test_a_nominal_machine_leaves_nothing_but_noise():
     assert abs(ratio - 1) < 5 * np.sqrt(2 / residual.size)
 
 
-def test_a_case_does_not_depend_on_its_company_and_its_path_tells_nothing(tmp_path):
-    wanted = [one for one in identities(0, ("single",), ("servo",)) if one.effects[0] in
-              ("stribeck", "unbalance", "velocity_delay")]
+def test_a_case_does_not_depend_on_its_company_and_its_path_tells_nothing():
+    wanted = [
+        one
+        for one in identities(0, ("single",), ("servo",))
+        if one.effects[0] in ("stribeck", "unbalance", "velocity_delay")
+    ]
     together = simulate([build(one, 60).machine for one in wanted])
     for one, record in zip(wanted, together, strict=True):
         alone = simulate([build(one, 60).machine])[0]
@@ -260,19 +296,18 @@ def test_a_case_does_not_depend_on_its_company_and_its_path_tells_nothing(tmp_pa
     assert len(set(names)) == len(names)
 
 
-def test_logs_models_and_labels_on_disk(tmp_path, monkeypatch):
-    monkeypatch.setattr("benchmarks.withheld.cases.PERIODS", 120)
-    monkeypatch.setattr(build, "__defaults__", (120,))
+def test_logs_models_and_labels_on_disk(tmp_path):
     wanted = identities(1, ("none", "outside"), ("drive",))
-    assert generate(tmp_path, wanted) == len(wanted)
-    assert generate(tmp_path, wanted) == 0
+    assert generate(tmp_path, wanted, periods=300) == len(wanted)
+    assert generate(tmp_path, wanted, periods=300) == 0
     for one in wanted:
         place = tmp_path / "logs" / one.name
         assert sorted(p.name for p in place.iterdir()) == ["log.csv", "servo.toml"]
         header = (place / "log.csv").read_text().splitlines()[0]
         label = json.loads((tmp_path / "labels" / f"{one.name}.json").read_text())
         assert ("position" in header) == label["with_position"]
-        assert label["half"] == "reported" and label["effects"] == []
+        assert label["half"] == "reported"
+        assert label["effects"] == []
 
 
 def test_halves_do_not_share_seeds():

@@ -1,0 +1,154 @@
+"""From scored cases to the figures of a set, and of all sets together."""
+
+import itertools
+import statistics
+from collections.abc import Iterable
+from typing import Any
+
+from .score import CaseScore, ParameterScore
+
+BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0)
+
+
+def share(values: Iterable[bool | None]) -> float | None:
+    """Share that is true of those that were asked, in [0, 1]."""
+    asked = [value for value in values if value is not None]
+    return sum(asked) / len(asked) if asked else None
+
+
+def brier(scores: list[CaseScore]) -> float | None:
+    """Mean squared difference of the stated probability and what was true."""
+    terms = [
+        (s.probability - float(s.statement)) ** 2
+        for s in scores
+        if s.probability is not None and s.statement is not None
+    ]
+    return statistics.fmean(terms) if terms else None
+
+
+def calibration(scores: list[CaseScore]) -> list[dict[str, float]]:
+    """Stated probability against the share that was right, in bins; empty bins are left out."""
+    rows = []
+    stated = [(s.probability, s.statement) for s in scores if s.probability is not None and s.statement is not None]
+    for low, high in itertools.pairwise(BINS):
+        inside = [(p, y) for p, y in stated if low <= p < high or (high == 1.0 and p == 1.0)]
+        if inside:
+            rows.append(
+                {
+                    "from": low,
+                    "to": high,
+                    "stated": statistics.fmean(p for p, _ in inside),
+                    "right": statistics.fmean(float(y) for _, y in inside),
+                    "count": len(inside),
+                }
+            )
+    return rows
+
+
+def parameters(scores: Iterable[ParameterScore]) -> dict[str, Any]:
+    """Median and 90th percentile of the relative error, coverage of the intervals."""
+    scores = list(scores)
+    errors = sorted(s.relative_error for s in scores)
+    return {
+        "count": len(scores),
+        "median_error": statistics.median(errors) if errors else None,
+        "p90_error": errors[min(len(errors) - 1, int(0.9 * len(errors)))] if errors else None,
+        "coverage": share(s.covered for s in scores),
+    }
+
+
+def times(scores: list[CaseScore]) -> dict[str, Any]:
+    """Seconds per log, warm calls only, with the first calls of a process apart."""
+    warm = [s.seconds for s in scores if s.seconds is not None and s.warm]
+    cold = [s.seconds for s in scores if s.seconds is not None and not s.warm]
+    return {
+        "median": statistics.median(warm) if warm else None,
+        "worst": max(warm) if warm else None,
+        "count": len(warm),
+        "first_calls": cold,
+    }
+
+
+def summary_of(scores: list[CaseScore]) -> dict[str, Any]:
+    """Every figure of a group of cases; None where its sets do not ask."""
+    closed = [s.closed for s in scores if s.closed is not None]
+    return {
+        "cases": len(scores),
+        "top1": share(s.top1 for s in scores),
+        "name": share(s.name for s in scores),
+        "strict": share(s.strict for s in scores),
+        "top3": share(s.top3 for s in scores),
+        "exact_causes": share(s.exact for s in scores),
+        "both": share(s.both for s in scores),
+        "at_least_one": share(s.one for s in scores),
+        "both_in_first_three": share(s.both_ranked for s in scores),
+        "false_alarms": share(s.false_alarm for s in scores),
+        "wrongly_confident": share(s.wrongly_confident for s in scores),
+        "brier": brier(scores),
+        "statements": sum(s.probability is not None for s in scores),
+        "gap_closed": statistics.median(closed) if closed else None,
+        "parameters": parameters(p for s in scores for p in s.parameters),
+        "time": times(scores),
+        "failed": sum(s.verdict == "failed" for s in scores),
+    }
+
+
+def summarise(scores: list[CaseScore]) -> dict[str, Any]:
+    """The content of `withheld.json`, but for provenance."""
+    sets = list(dict.fromkeys(s.set for s in scores))
+    # in a pair each effect's probability is at most what the sum leaves: not a calibrated single
+    judged = [s for s in scores if s.set != "pairs"]
+    effects = sorted({s.truth for s in scores if s.set in ("single", "single_off")})
+    return {
+        "sets": {name: summary_of([s for s in scores if s.set == name]) for name in sets},
+        "systems": {
+            name: summary_of([s for s in scores if s.system == name])
+            for name in dict.fromkeys(s.system for s in scores)
+        },
+        "effects": {
+            name: summary_of([s for s in scores if s.set in ("single", "single_off") and s.truth == name])
+            for name in effects
+        },
+        "brier": brier(judged),
+        "calibration": calibration(judged),
+        "parameters": parameters(p for s in scores for p in s.parameters),
+        "time": times(scores),
+        "confusion": confusion([s for s in scores if s.set != "pairs"]),
+        "misses": misses(scores),
+    }
+
+
+def confusion(scores: list[CaseScore]) -> dict[str, dict[str, int]]:
+    """How often each truth was answered by what."""
+    table: dict[str, dict[str, int]] = {}
+    for score in scores:
+        truth = {"none": "no gap", "outside": "outside"}.get(score.set, score.truth)
+        row = table.setdefault(truth, {})
+        row[score.column] = row.get(score.column, 0) + 1
+    return table
+
+
+def misses(scores: list[CaseScore]) -> list[dict[str, Any]]:
+    """Every case that counts against a goal, one line each."""
+    result = []
+    for s in scores:
+        good = {"single": s.top1, "single_off": s.top1, "pairs": s.both}.get(s.set)
+        if s.set == "none":
+            good = not s.false_alarm
+        if s.set == "outside":
+            good = not s.wrongly_confident
+        if not good:
+            result.append(
+                {
+                    "case": s.case,
+                    "set": s.set,
+                    "system": s.system,
+                    "truth": s.truth,
+                    "verdict": s.verdict,
+                    "causes": s.asserted,
+                    "answered": s.column,
+                    "right_name": s.name,
+                    "probability": s.probability,
+                }
+            )
+    return result
