@@ -64,6 +64,10 @@ from .observers import NoObserver as NoObserver
 from .observers import NovelFriedlandPark as NovelFriedlandPark
 from .observers import Quadratic as Quadratic
 from .observers import SteepnessObserver as SteepnessObserver
+from .parameters import get_parameter as get_parameter
+from .parameters import get_parameters as get_parameters
+from .parameters import parameter_names as parameter_names
+from .parameters import set_parameters as set_parameters
 from .plants import AbstractPlant as AbstractPlant
 from .plants import OneMass as OneMass
 from .plants import SeriesTwoMass as SeriesTwoMass

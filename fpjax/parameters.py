@@ -1,0 +1,151 @@
+"""Parameters by dotted name: what a sweep, a tuning and an identification read and set in any tree of blocks.
+
+A name is the path of attributes to an array leaf, as in `observer.gain_1` or `plant.friction.coulomb`; an entry of a
+tuple is its index (`parts.0.gain`), an entry of a dictionary its key.
+"""
+
+import dataclasses
+import difflib
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .errors import InputError
+
+
+def parameter_names(tree: Any) -> tuple[str, ...]:
+    """Dotted names of all floating-point leaves, in the order of the fields; what is None or static has none."""
+    return tuple(".".join(path) for path, _ in _leaves(tree, ()))
+
+
+def get_parameter(tree: Any, name: str) -> Array:
+    """The value of one parameter, in its own unit.
+
+    Args:
+        tree: a closed loop, a block, or any container of them.
+        name: dotted name, one of `parameter_names(tree)`.
+
+    Raises:
+        InputError: for a name that is not there; the nearest one is named.
+    """
+    for path, leaf in _leaves(tree, ()):
+        if ".".join(path) == name:
+            return leaf
+    raise InputError(_unknown(tree, name))
+
+
+def get_parameters(tree: Any, names: tuple[str, ...] | list[str]) -> dict[str, Array]:
+    """The values of several parameters by name, each in its own unit.
+
+    Raises:
+        InputError: for a name that is not there; the nearest one is named.
+    """
+    known = {".".join(path): leaf for path, leaf in _leaves(tree, ())}
+    for name in names:
+        if name not in known:
+            raise InputError(_unknown(tree, name))
+    return {name: known[name] for name in names}
+
+
+def set_parameters(tree: Any, values: Mapping[str, Any]) -> Any:
+    """A copy of the tree with new values; the structure and the dtypes stay, so nothing recompiles.
+
+    A block checks its concrete values again (a negative inertia is refused); traced values pass unchecked.
+
+    Args:
+        tree: a closed loop, a block, or any container of them.
+        values: by dotted name, a number or an array that has the parameter's shape or, for a vmap, that shape behind
+            leading batch axes.
+
+    Raises:
+        InputError: for a name that is not there (the nearest one is named), a wrong shape, or a value that cannot be.
+    """
+    names = tuple(values)
+    old = get_parameters(tree, names)
+    new = [_cast(name, values[name], old[name]) for name in names]
+    if not names:
+        return tree
+    changed = eqx.tree_at(lambda at: [_at(at, name.split(".")) for name in names], tree, new)
+    checked: set[int] = set()
+    for name in names:
+        for owner in _owners(changed, name.split(".")):
+            if id(owner) not in checked:
+                checked.add(id(owner))
+                _check_again(owner)
+    return changed
+
+
+def _leaves(tree: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Array]]:
+    if eqx.is_inexact_array(tree):
+        yield path, tree
+        return
+    for key, child in _children(tree):
+        yield from _leaves(child, (*path, key))
+
+
+def _children(tree: Any) -> list[tuple[str, Any]]:
+    if isinstance(tree, eqx.Module):
+        fields = [field for field in dataclasses.fields(tree) if not field.metadata.get("static", False)]
+        return [(field.name, getattr(tree, field.name, None)) for field in fields]
+    if isinstance(tree, dict):
+        return [(str(key), child) for key, child in tree.items()]
+    if isinstance(tree, (tuple, list)):
+        return [(str(index), child) for index, child in enumerate(tree)]
+    return []
+
+
+def _at(tree: Any, path: list[str]) -> Any:
+    for key in path:
+        tree = dict(_children(tree))[key]
+    return tree
+
+
+def _owners(tree: Any, path: list[str]) -> Iterator[Any]:
+    for key in path:
+        if isinstance(tree, eqx.Module):
+            yield tree
+        tree = dict(_children(tree))[key]
+
+
+def _check_again(owner: Any) -> None:
+    for kind in type(owner).__mro__:
+        check = kind.__dict__.get("__check_init__")
+        if check is not None:
+            check(owner)
+
+
+def _cast(name: str, value: Any, old: Array) -> Array:
+    if not isinstance(value, (jax.Array, np.ndarray, np.number, int, float, list, tuple)) or isinstance(value, bool):
+        raise InputError(f"{name} = {value!r} is not a number: give a number or an array of numbers.")
+    new = value.astype(old.dtype) if isinstance(value, jax.Array) else jnp.asarray(value, dtype=old.dtype)
+    kept = new.shape[new.ndim - old.ndim :] if new.ndim >= old.ndim else None
+    if kept != old.shape:
+        raise InputError(
+            f"{name} has shape {old.shape}, but the new value has {new.shape}: give one value of its own shape "
+            f"(or that shape behind batch axes, for a vmap)."
+        )
+    return new
+
+
+def _unknown(tree: Any, name: str) -> str:
+    known = parameter_names(tree)
+    parent, _, last = name.rpartition(".")
+    try:
+        absent = last in dict(_children(_at(tree, parent.split(".") if parent else [])))
+    except (KeyError, TypeError):
+        absent = False
+    if absent:
+        return (
+            f"parameter {name!r} is not a number here (it is absent or a whole block): build the block with a value "
+            f"for it first, or choose among {', '.join(known)}."
+        )
+    # The last word is what people remember: look for it anywhere before comparing whole paths.
+    near = [each for each in known if each.rpartition(".")[2] == last]
+    near = near or difflib.get_close_matches(name, known, n=1, cutoff=0.0)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return f"parameter {name!r} is not known: {hint}Known here: {', '.join(known) or 'none'}."

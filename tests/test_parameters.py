@@ -1,0 +1,92 @@
+"""Parameters by dotted name."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import pytest
+
+import fpjax as fp
+from fpjax.parameters import get_parameter, get_parameters, parameter_names, set_parameters
+
+
+@pytest.fixture
+def loop():
+    return fp.ClosedLoop(
+        fp.OneMass(10.0, fp.CoulombViscous(20.0, 2.0, 100.0)),
+        fp.ProportionalIntegral(150.0, 200.0),
+        fp.ExtendedFriedlandPark(10.0, 298.0, 72.6),
+    )
+
+
+def test_names_are_the_paths_of_the_leaves(loop):
+    names = parameter_names(loop)
+    assert "plant.friction.coulomb" in names
+    assert "observer.gain_1" in names
+    assert "observer.steepness" not in names  # None: not there
+    assert len(names) == len(jax.tree.leaves(eqx.filter(loop, eqx.is_inexact_array)))
+
+
+def test_get_and_set_round_trip_and_keep_the_structure(loop):
+    changed = set_parameters(loop, {"observer.gain_1": 5.0, "plant.friction.viscous": jnp.asarray(3.0)})
+    assert float(get_parameter(changed, "observer.gain_1")) == 5.0
+    assert get_parameters(changed, ["plant.friction.viscous"])["plant.friction.viscous"] == 3.0
+    assert float(get_parameter(loop, "observer.gain_1")) == 298.0
+    assert jax.tree.structure(changed) == jax.tree.structure(loop)
+    assert set_parameters(loop, {}) is loop
+
+
+def test_dtype_is_the_leafs_own(loop):
+    single = fp.astype(loop, jnp.float32)
+    changed = set_parameters(single, {"observer.gain_1": jnp.asarray(5.0, jnp.float64)})
+    assert get_parameter(changed, "observer.gain_1").dtype == jnp.float32
+
+
+def test_under_jit_vmap_and_grad(loop):
+    def gain(value):
+        return get_parameter(set_parameters(loop, {"observer.gain_1": value}), "observer.gain_1") ** 2
+
+    assert jnp.allclose(jax.jit(jax.vmap(gain))(jnp.arange(3.0)), jnp.arange(3.0) ** 2)
+    assert float(jax.grad(gain)(3.0)) == 6.0
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("observer.gain1", "observer.gain_1"),
+        ("gain_2", "observer.gain_2"),
+        ("observer.steepness", "absent"),
+        ("plant", "whole block"),
+        ("nonsense", "Known here"),
+    ],
+)
+def test_unknown_names_are_told_the_nearest(loop, name, said):
+    with pytest.raises(fp.InputError, match=said):
+        get_parameter(loop, name)
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"plant.inertia": -1.0}, "above zero"),
+        ({"plant.inertia": "ten"}, "not a number"),
+        ({"plant.inertia": True}, "not a number"),
+        ({"plant.inertias": 1.0}, "plant.inertia"),
+    ],
+)
+def test_values_that_cannot_be(loop, values, said):
+    with pytest.raises(fp.InputError, match=said):
+        set_parameters(loop, values)
+
+
+def test_wrong_shape_is_refused_and_batch_axes_are_not():
+    reference = fp.Multisine([1.0, 2.0], [1.0, 2.0], [0.0, 0.0])
+    with pytest.raises(fp.InputError, match="shape"):
+        set_parameters(reference, {"amplitudes": [1.0, 2.0, 3.0]})
+    loop = fp.OneMass(10.0, fp.NoFriction())
+    assert set_parameters(loop, {"inertia": jnp.ones(7)}).inertia.shape == (7,)
+
+
+def test_entries_of_tuples_and_dictionaries_have_names(loop):
+    tree = (loop.plant, {"sine": fp.Sine(1.0, 2.0)})
+    assert "1.sine.frequency" in parameter_names(tree)
+    assert float(get_parameter(set_parameters(tree, {"1.sine.frequency": 4.0}), "1.sine.frequency")) == 4.0
