@@ -4,8 +4,9 @@ import inspect
 import pathlib
 import re
 
-import fpjax
 import pytest
+
+import fpjax
 import tuning
 
 ROOT = pathlib.Path(__file__).parent.parent
