@@ -71,27 +71,27 @@ def map_chunks(
         blocks = jax.tree.map(lambda leaf: _blocks(jnp, leaf, count, chunk), arguments)
         return _first(_chunked(fn, batched)(blocks, shared), size)
 
-    devices = tuple(jax.local_devices() if devices is None else devices)
-    if not devices:
+    where: tuple[Any, ...] = tuple(jax.local_devices() if devices is None else devices)
+    if not where:
         raise InputError("devices=() leaves nothing to compute on: give at least one, or None.")
-    if len(devices) > 1:
-        parts = len(devices)
-    elif devices[0].platform == "cpu":
+    if len(where) > 1:
+        parts = len(where)
+    elif where[0].platform == "cpu":
         parts = max(1, min(workers or cores(), size // PER_WORKER))
     else:
         parts = 1
     chunk = chunk or chunk_for(arguments, -(-size // parts))
     count = -(-size // (chunk * parts))  # chunks of one part
-    wide = chunk >= VECTORIZED_FROM and devices[0].platform == "cpu"
+    wide = chunk >= VECTORIZED_FROM and where[0].platform == "cpu"
     blocks = jax.tree.map(lambda leaf: _blocks(np, np.asarray(leaf), count * parts, chunk), arguments)
     enabled = native_enabled()
-    run, seen = _compiled(fn, batched, wide, enabled, devices if len(devices) > 1 else None)
-    if len(devices) > 1:
+    run, seen = _compiled(fn, batched, wide, enabled, where if len(where) > 1 else None)
+    if len(where) > 1:
         return _first(run(blocks, shared), size)
-    with jax.default_device(devices[0]):
+    with jax.default_device(where[0]):
         if parts == 1:
             return _first(run(blocks, shared), size)
-        return _threaded(run, seen, blocks, shared, parts, devices[0], size)
+        return _threaded(run, seen, blocks, shared, parts, where[0], size)
 
 
 def iterate_chunks(
@@ -181,6 +181,19 @@ def cores() -> int:
     return len(count(0)) if count else os.cpu_count() or 1
 
 
+def shard_map(run: Callable[..., Any], *, mesh: Mesh, in_specs: Any, out_specs: Any) -> Callable[..., Any]:
+    """`jax.shard_map` under the name and the switch that this jax has for it.
+
+    The check of what varies over devices is off: a loop's initial state is a constant until the first step mixes the
+    candidate in, which the check takes for an error.
+    """
+    if hasattr(jax, "shard_map"):
+        return jax.shard_map(run, mesh=mesh, in_specs=in_specs, out_specs=out_specs, check_vma=False)
+    from jax.experimental.shard_map import shard_map as before
+
+    return before(run, mesh=mesh, in_specs=in_specs, out_specs=out_specs, check_rep=False)
+
+
 def _chunked(fn: Callable[..., Any], batched: bool) -> Callable[..., Any]:
     def run(blocks: Any, shared: tuple[Any, ...]) -> Any:
         whole = fn if batched else jax.vmap(fn, in_axes=(0, *(None for _ in shared)))
@@ -210,9 +223,6 @@ def _compiled(
     if devices is not None:
         mesh = Mesh(np.array(devices), ("candidates",))
         split, whole = PartitionSpec("candidates"), PartitionSpec()
-        shard_map = getattr(jax, "shard_map", None)
-        if shard_map is None:  # jax 0.6
-            from jax.experimental.shard_map import shard_map
         run = shard_map(run, mesh=mesh, in_specs=(split, whole), out_specs=split)
     # 512-bit vectors: 15-50 % faster on long loops, slower on short ones.
     options = {"xla_cpu_prefer_vector_width": "512"} if wide else None

@@ -49,8 +49,8 @@ _ASKED_FROM, _ASKED_BELOW = (0, 7), (0, 12)
 # that nobody has tried is better run slowly than not at all.
 _ELEMENTWISE = """
 abs acos acosh add add_any and asin asinh atan atan2 atanh cbrt ceil clamp conj
-convert_element_type copy copy_p cos cosh digamma div eq erf erf_inv erfc exp exp2 expm1 floor ge
-gt imag integer_pow is_finite le lgamma log log1p logistic lt max min mul ne neg nextafter not or
+convert_element_type copy copy_p cos cosh digamma div eq eq_to erf erf_inv erfc exp exp2 expm1 floor ge
+gt imag integer_pow is_finite le le_to lgamma log log1p logistic lt lt_to max min mul ne neg nextafter not or
 population_count clz pow real reduce_precision rem round rsqrt select_and_scatter_add select_n
 shift_left shift_right_arithmetic shift_right_logical sign sin sinh sqrt square stop_gradient sub
 tan tanh xor
