@@ -2,10 +2,12 @@
 
 import json
 import math
+from pathlib import Path
 
 import pytest
 
 from benchmarks.withheld.judge import read_scores, score_all
+from benchmarks.withheld.real import intervals, read_record, run_real
 from benchmarks.withheld.score import number, score_case
 from benchmarks.withheld.summary import calibration, confusion, misses, summarise, summary_of
 
@@ -235,3 +237,49 @@ def test_nothing_to_score_is_not_an_error():
     summary = summarise([])
     assert summary["brier"] is None
     assert summary["sets"] == {}
+
+
+EMPS = Path(__file__).parent.parent.parent / "shared" / "data" / "emps"
+
+
+class Answer:
+    """A diagnosis by hand for the real logs."""
+
+    def __init__(self, content):
+        self.content = content
+
+    def to_dict(self):
+        return self.content
+
+
+@pytest.mark.skipif(not EMPS.exists(), reason="the EMPS records are not here")
+def test_the_real_logs_are_read_and_their_checks_can_fail(tmp_path, capsys):
+    calls = []
+    record = read_record(EMPS / "DATA_EMPS_PULSES.mat")
+    pulses = intervals(record["pulses"] != 0, record["time"])
+    assert len(pulses) > 3
+    good = answer(
+        "unexplained",
+        ["asymmetric_friction"],
+        entry("asymmetric_friction", 0.9, viscous_positive=(166, 160, 170), viscous_negative=(241, 235, 245)),
+        gap={"unit": "N", "before": 2.54, "after": 1.5, "noise_floor": 0.29},
+    ) | {"where": {"time": [{"from": a, "to": b, "share": 0.1} for a, b in pulses]}}
+    bad = answer("explained", ["stribeck"], entry("velocity_delay", 0.9), entry("stribeck", 0.1))
+
+    def give(content):
+        def diagnose(log, model, holdout=None):
+            calls.append((log.name, holdout))
+            assert model.exists()
+            return Answer(content)
+
+        return diagnose
+
+    assert run_real(EMPS, tmp_path, give(good)) == 0
+    assert calls[0][0] == "emps.csv"
+    assert [path.name for path in calls[0][1]] == ["pulses.csv"]
+    assert run_real(EMPS, tmp_path, give(bad)) == 1
+    failed = [
+        c["passed"] for part in ("ladder", "pulses") for c in json.loads((tmp_path / "real.json").read_text())[part]
+    ]
+    assert failed.count(False) >= 5
+    capsys.readouterr()

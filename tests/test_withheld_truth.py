@@ -336,3 +336,62 @@ def test_exact_twins_depend_on_the_position_channel():
         assert (["constant_torque"] in sets) == (laws["asymmetric_friction"] == "opposite Coulomb")
         assert label_of("unbalance", seed)[0] == [["unbalance"]]
     assert seen == {True, False}
+
+
+MEMORYLESS = {
+    "coulomb_error": lambda p, _: {"coulomb_positive": p["coulomb"], "coulomb_negative": p["coulomb"]},
+    "viscous_error": lambda p, _: {"viscous_positive": p["viscous"], "viscous_negative": p["viscous"]},
+    "inertia_error": lambda p, _: {"inertia": p["inertia"]},
+    "stribeck": lambda p, hidden: hidden | p,
+    "asymmetric_friction": lambda p, _: p,
+    "position_dependent_friction": lambda p, hidden: (
+        hidden | {"ripple": p["amplitude"], "ripple_periods": p["periods"]}
+    ),
+    "quadratic_drag": lambda p, _: {"drag": p["coefficient"]},
+    "unbalance": lambda p, hidden: hidden | {"unbalance": p["amplitude"]},
+    "cogging": lambda p, hidden: hidden | {"cogging": p["amplitude"], "cogging_periods": p["periods"]},
+    "constant_torque": lambda p, _: {"constant_torque": p["torque"]},
+    "torque_gain_error": lambda p, _: {"gain": p["gain"]},
+    "torque_saturation": lambda p, hidden: hidden | {"limit": p["limit"]},
+    "torque_dead_zone": lambda p, _: {"dead_zone": p["width"]},
+    "velocity_bias": lambda p, _: {"bias": p["bias"]},
+    "velocity_scale_error": lambda p, _: {"scale": p["scale"]},
+}
+SHAPES = {
+    "stribeck": ("stribeck_exponent", "stribeck_shape"),
+    "position_dependent_friction": (
+        "ripple_phase",
+        "ripple_second",
+        "ripple_third",
+        "ripple_phase_second",
+        "ripple_phase_third",
+    ),
+    "unbalance": ("unbalance_phase",),
+    "cogging": ("cogging_phase", "cogging_second", "cogging_phase_second"),
+    "torque_saturation": ("softness",),
+}
+
+
+def test_the_labels_parameters_close_the_gap():
+    """Nominal model + the label's parameters (and hidden phases) leaves noise, in every case."""
+    cases = [
+        build(Identity(2, "single", "drive", (effect,), list(EFFECTS).index(effect)), 1500) for effect in MEMORYLESS
+    ]
+    for case, record in zip(cases, simulate([case.machine for case in cases]), strict=True):
+        plan, effect = case.plan, case.identity.effects[0]
+        hidden = {name: plan.physics[name] for name in SHAPES.get(effect, ()) if name in plan.physics}
+        change = MEMORYLESS[effect](plan.parameters[effect], hidden)
+        noise = case.machine.physics["velocity_noise"]
+        perfect = np.mean(window_residual(plan.nominal, record, DT, change=change) ** 2) / noise**2
+        nominal = np.mean(window_residual(plan.nominal, record, DT) ** 2) / noise**2
+        assert abs(perfect - 1) < 0.15, effect
+        assert nominal > 1.5, effect
+
+
+def test_every_effect_stands_out_of_the_noise():
+    cases = [build(Identity(1, "single", "servo", (effect,), i), 3000) for i, effect in enumerate(EFFECTS)]
+    for case, record in zip(cases, simulate([case.machine for case in cases], substeps=10), strict=True):
+        noise = case.machine.physics["velocity_noise"]
+        ratio = np.mean(window_residual(case.plan.nominal, record, DT) ** 2) / noise**2
+        # 3000 samples of pure noise scatter by sqrt(2 / 3000) = 0.026 around one
+        assert ratio > 1.5, case.identity

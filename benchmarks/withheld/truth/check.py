@@ -6,8 +6,10 @@ the velocity reading is 1 where the nominal model is right. Used to check the ge
 
 import numpy as np
 
+from .actuator import shaped
 from .integrate import Body
 from .machine import Machine, Record, stack
+from .sensor import rounded
 
 
 def noise_floor(physics: dict[str, float]) -> dict[str, float]:
@@ -18,9 +20,17 @@ def noise_floor(physics: dict[str, float]) -> dict[str, float]:
 
 
 def window_residual(
-    nominal: dict[str, float], record: Record, dt: float, length: int = 50, substeps: int = 10
+    nominal: dict[str, float],
+    record: Record,
+    dt: float,
+    length: int = 50,
+    substeps: int = 10,
+    change: dict[str, float] | None = None,
 ) -> np.ndarray:
-    """Velocity reading minus the nominal model's, (window, sample) [rad/s]."""
+    """Velocity reading minus the nominal model's, (window, sample) [rad/s].
+
+    `change` is physics (without memory) to be put into the nominal model.
+    """
     count = (len(record.time) - 1) // length
     physics = {
         "inertia": nominal["inertia"],
@@ -31,9 +41,10 @@ def window_residual(
         "known_offset": nominal.get("offset", 0.0),
         "known_unbalance": nominal.get("unbalance", 0.0),
         "known_unbalance_phase": nominal.get("unbalance_phase", 0.0),
-    }
+    } | (change or {})
     nothing = np.zeros(1)
-    body = Body(stack([Machine(physics, nothing, nothing, nothing)] * count))
+    p = stack([Machine(physics, nothing, nothing, nothing)] * count)
+    body = Body(p)
     start = np.arange(count) * length
     body.position = record.true_position[start].copy()
     body.velocity = record.true_velocity[start].copy()
@@ -41,12 +52,13 @@ def window_residual(
     h = dt / substeps
     residual = np.zeros((count, length))
     for k in range(length):
-        torque = record.torque[start + k]
+        torque = shaped(record.torque[start + k], p)
         for _ in range(substeps):
             body.drift(h / 2)
             body.kick(torque, h, 0.0)
             body.drift(h / 2)
-        residual[:, k] = record.velocity[start + k + 1] - body.velocity
+        seen = rounded(p["scale"] * body.velocity + p["bias"], p["velocity_step"])
+        residual[:, k] = record.velocity[start + k + 1] - seen
     return residual
 
 
