@@ -1,0 +1,329 @@
+"""Diagnosis: what was found, as data; the contract's `diagnosis.json` is its `to_dict`."""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+Verdict = Literal["no_gap", "explained", "unexplained"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One fitted parameter.
+
+    Attributes:
+        value: of the real system, in `unit`.
+        low: lower end of the 90 % interval.
+        high: upper end of the 90 % interval.
+        unit: as in the contract.
+        at_bound: the fit ended at the end of what was allowed.
+    """
+
+    value: float
+    low: float
+    high: float
+    unit: str
+    at_bound: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contract's four keys."""
+        return {"value": self.value, "low": self.low, "high": self.high, "unit": self.unit}
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One effect of the ranking.
+
+    Attributes:
+        effect: name of the vocabulary.
+        probability: that it is a cause, calibrated on simulated logs.
+        gap_after: rms of the gap on withheld data with this effect (beside the causes already asserted) in the model.
+        parameters: by the contract's name.
+        indistinguishable_from: effects that this log cannot tell from it.
+        evidence: log evidence less that of the nominal model [1], for those who want to look behind the probability.
+    """
+
+    effect: str
+    probability: float
+    gap_after: float
+    parameters: dict[str, Estimate]
+    indistinguishable_from: tuple[str, ...] = ()
+    evidence: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contract's keys."""
+        return {
+            "effect": self.effect,
+            "probability": self.probability,
+            "gap_after": self.gap_after,
+            "parameters": {name: estimate.to_dict() for name, estimate in self.parameters.items()},
+            "indistinguishable_from": list(self.indistinguishable_from),
+        }
+
+
+@dataclass(frozen=True)
+class Gap:
+    """How large the gap is on withheld data, before and after, each with its 90 % block-bootstrap interval.
+
+    Attributes:
+        signal: "velocity" or "position".
+        unit: of before, after and noise_floor.
+        before: rms with the nominal model.
+        after: rms with the causes in.
+        noise_floor: rms that a perfect model would leave.
+        closed: (before - after) / (before - noise_floor) [1].
+        before_interval: (low, high).
+        after_interval: (low, high).
+        noise_floor_interval: (low, high).
+        closed_interval: (low, high).
+    """
+
+    signal: str
+    unit: str
+    before: float
+    after: float
+    noise_floor: float
+    closed: float
+    before_interval: tuple[float, float]
+    after_interval: tuple[float, float]
+    noise_floor_interval: tuple[float, float]
+    closed_interval: tuple[float, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contract's keys, and the intervals."""
+        return {
+            "signal": self.signal,
+            "unit": self.unit,
+            "before": self.before,
+            "after": self.after,
+            "noise_floor": self.noise_floor,
+            "closed": self.closed,
+            "interval": {
+                "before": list(self.before_interval),
+                "after": list(self.after_interval),
+                "noise_floor": list(self.noise_floor_interval),
+                "closed": list(self.closed_interval),
+            },
+        }
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung of the ladder: the gap once this effect is in as well.
+
+    Attributes:
+        added: name of the effect.
+        gap_after: rms on withheld data, in the gap's unit.
+        interval: 90 % block-bootstrap interval of gap_after.
+    """
+
+    added: str
+    gap_after: float
+    interval: tuple[float, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contract's keys, and the interval."""
+        return {"added": self.added, "gap_after": self.gap_after, "interval": list(self.interval)}
+
+
+@dataclass(frozen=True)
+class Share:
+    """A stretch of an axis and the share of the gap's energy in it.
+
+    Attributes:
+        start: in the axis' unit (s, rad/s, rad, Hz).
+        stop: in the axis' unit.
+        share: of the gap's energy [1].
+        expected: of the samples (or of the band) [1], what a gap that is everywhere alike would have.
+    """
+
+    start: float
+    stop: float
+    share: float
+    expected: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contract's keys."""
+        return {"from": self.start, "to": self.stop, "share": self.share}
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where the gap lies, from the one-step torque residual of the nominal model.
+
+    Attributes:
+        time: stretches that stand out [s].
+        velocity: [rad/s].
+        position: [rad].
+        frequency: [Hz].
+        regime: shares by name: reversal, low_speed, acceleration, cruise, limit.
+        residual: the torque residual itself [N m], shape (samples,), and its axes, for the maps of the report.
+        axes: "time", "velocity", "position" (None where unknown), each of shape (samples,).
+        maps: for each axis every bin, not only those that stand out.
+    """
+
+    time: tuple[Share, ...] = ()
+    velocity: tuple[Share, ...] = ()
+    position: tuple[Share, ...] = ()
+    frequency: tuple[Share, ...] = ()
+    regime: dict[str, float] = field(default_factory=dict)
+    residual: np.ndarray | None = None
+    axes: dict[str, np.ndarray] = field(default_factory=dict)
+    maps: dict[str, tuple[Share, ...]] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contract's keys."""
+        axes = ("time", "velocity", "position", "frequency")
+        return {axis: [share.to_dict() for share in getattr(self, axis)] for axis in axes} | {"regime": self.regime}
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What would tell two effects apart.
+
+    Attributes:
+        separates: the two effects.
+        do: a sentence for the person at the machine.
+    """
+
+    separates: tuple[str, str]
+    do: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contract's keys."""
+        return {"separates": list(self.separates), "do": self.do}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Measured against simulated on one log, in windows restarted from fitted states; NaN where nothing was simulated.
+
+    Attributes:
+        name: the log's.
+        signal: "velocity" or "position".
+        unit: of measured, before and after.
+        time: [s], shape (samples,).
+        measured: shape (samples,).
+        before: the nominal model, shape (samples,).
+        after: the corrected model, shape (samples,).
+        withheld: True where the sample was not fitted, shape (samples,).
+        torque: commanded [N m], shape (samples,).
+        window: index of the window of each sample, -1 for none, shape (samples,).
+    """
+
+    name: str
+    signal: str
+    unit: str
+    time: np.ndarray
+    measured: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    withheld: np.ndarray
+    torque: np.ndarray
+    window: np.ndarray
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What the final fit knows about each of its parameters.
+
+    Attributes:
+        parameter: dotted name or the contract's.
+        value: in `unit`.
+        standard_deviation: in `unit`.
+        unit: of both.
+        verdict: "pinned", "traded off with ...", "flat" or "at a bound".
+    """
+
+    parameter: str
+    value: float
+    standard_deviation: float
+    unit: str
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Where the simulation is wrong, which effect causes it, how far the gap shrinks.
+
+    Attributes:
+        verdict: "no_gap", "explained" or "unexplained".
+        causes: what is asserted, most important first.
+        ranking: every effect tried, most probable first.
+        gap: before and after, on withheld data.
+        steps: the ladder.
+        where: places that stand out.
+        next_experiment: for effects that this log cannot tell apart.
+        model: the corrected model as `servo.toml` text.
+        warnings: sentences.
+        comparisons: measured against simulated, one entry a log.
+        identifiability: of the final fit.
+        residual_where: where what is left lies, when the verdict is "unexplained".
+        probability: that the stated causes are exactly the right ones, calibrated.
+        seconds: time spent by stage [s].
+    """
+
+    verdict: Verdict
+    causes: tuple[str, ...]
+    ranking: tuple[Ranked, ...]
+    gap: Gap
+    steps: tuple[Step, ...]
+    where: Where
+    next_experiment: tuple[Experiment, ...]
+    model: str
+    warnings: tuple[str, ...]
+    comparisons: tuple[Comparison, ...] = ()
+    identifiability: tuple[Identifiability, ...] = ()
+    residual_where: Where | None = None
+    probability: float = 0.0
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Exactly the contract's `diagnosis.json` (numbers, strings, lists and dictionaries only)."""
+        return {
+            "verdict": self.verdict,
+            "causes": list(self.causes),
+            "ranking": [entry.to_dict() for entry in self.ranking],
+            "gap": self.gap.to_dict(),
+            "steps": [step.to_dict() for step in self.steps],
+            "where": self.where.to_dict(),
+            "next_experiment": [experiment.to_dict() for experiment in self.next_experiment],
+            "model": self.model,
+            "warnings": list(self.warnings),
+        }
+
+    def __str__(self) -> str:
+        gap = self.gap
+        lines = [self.sentence()]
+        lines.append(
+            f"gap ({gap.signal}, rms, withheld): before {gap.before:.4g}, after {gap.after:.4g}, "
+            f"noise floor {gap.noise_floor:.4g} {gap.unit}"
+        )
+        for entry in self.ranking[:5]:
+            values = ", ".join(
+                f"{name} {p.value:.4g} [{p.low:.4g}, {p.high:.4g}] {p.unit}" for name, p in entry.parameters.items()
+            )
+            same = (
+                f" (not told apart from {', '.join(entry.indistinguishable_from)})"
+                if entry.indistinguishable_from
+                else ""
+            )
+            lines.append(f"  {entry.probability:6.1%}  {entry.effect:28s} gap {entry.gap_after:.4g}  {values}{same}")
+        lines.extend(f"warning: {warning}" for warning in self.warnings)
+        return "\n".join(lines)
+
+    def sentence(self) -> str:
+        """The verdict in one sentence."""
+        if self.verdict == "no_gap":
+            return "No gap: nothing beyond the noise of the sensors."
+        if self.verdict == "explained":
+            return (
+                f"Explained by {' + '.join(self.causes)}: {self.gap.closed:.1%} of the gap is closed on withheld data."
+            )
+        if self.causes:
+            return (
+                f"Not fully explained: {' + '.join(self.causes)} closes {self.gap.closed:.1%} of the gap, "
+                "and what remains has structure that no effect of the vocabulary closes."
+            )
+        return "Unexplained: there is a gap, and no effect of the vocabulary closes it."

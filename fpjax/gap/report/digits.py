@@ -1,0 +1,143 @@
+"""Numbers for a reader: as many digits as the interval earns, one power of ten per line, units spelled properly."""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_NO_BREAK = "\u202f"
+_MINUS = "−"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its interval.
+
+    Attributes:
+        value: the number, in `unit`; NaN where there is none.
+        low: lower end of the interval; NaN where it is not known.
+        high: upper end of the interval; NaN where it is not known.
+        unit: the unit as the contract writes it (`N m s/rad`); "1" or "" for a pure number.
+    """
+
+    value: float
+    low: float = math.nan
+    high: float = math.nan
+    unit: str = ""
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a finite value."""
+        return math.isfinite(self.value)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether both ends of the interval are finite."""
+        return math.isfinite(self.low) and math.isfinite(self.high)
+
+
+def as_number(given: Any) -> float:
+    """A finite float, or NaN for None, text and anything else that is no number."""
+    if isinstance(given, bool) or given is None:
+        return math.nan
+    try:
+        return float(given)
+    except (TypeError, ValueError):
+        return math.nan
+
+
+def as_estimate(given: Any, unit: str = "", interval: Any = None) -> Estimate:
+    """An `Estimate` from what a diagnosis holds: a number, {value, low, high, unit}, or a number and [low, high].
+
+    Args:
+        given: a number, or a mapping with `value` and optionally `low`, `high`, `unit`.
+        unit: the unit where `given` has none.
+        interval: [low, high] in the same unit, or None.
+    """
+    if isinstance(given, Mapping):
+        low, high = as_number(given.get("low")), as_number(given.get("high"))
+        return Estimate(as_number(given.get("value")), low, high, str(given.get("unit") or unit))
+    low = high = math.nan
+    if isinstance(interval, Mapping):
+        low, high = as_number(interval.get("low")), as_number(interval.get("high"))
+    elif isinstance(interval, (list, tuple)) and len(interval) == 2:
+        low, high = as_number(interval[0]), as_number(interval[1])
+    return Estimate(as_number(given), low, high, unit)
+
+
+def show_unit(unit: str) -> str:
+    """`N m s^2/rad^2` as `N·m·s²/rad²`; a pure number has no unit."""
+    text = unit.strip()
+    if text in {"", "1", "-"}:
+        return ""
+    text = re.sub(r"\^(-?\d+)", lambda found: found.group(1).translate(_SUPERSCRIPTS), text)
+    return re.sub(r"(?<=[\w²³⁻¹])[ *](?=\w)", "·", text)
+
+
+def show(value: float, digits: int = 3) -> str:
+    """A number with so many significant digits; very small and very large ones with a power of ten."""
+    if not math.isfinite(value):
+        return "not known"
+    if value == 0.0:
+        return "0"
+    return _show(value, _decimals(value, digits), _power(value))
+
+
+def show_estimate(estimate: Estimate, digits: int = 4) -> tuple[str, str]:
+    """The value and its interval as text, both with the digits that the interval earns, without unit.
+
+    Two significant digits of the interval's half width decide; `digits` is the most the value gets, and what it gets
+    without an interval. The interval is "" where it is not known.
+    """
+    value, low, high = estimate.value, estimate.low, estimate.high
+    if not math.isfinite(value):
+        return "not known", ""
+    if not estimate.bounded:
+        return show(value, digits), ""
+    half = 0.5 * (high - low)
+    largest = max(abs(value), abs(low), abs(high))
+    power = _power(largest)
+    most = _decimals(largest, max(digits, 6))
+    decimals = min(_decimals(half, 2), most) if half > 0.0 else _decimals(largest, digits)
+    return _show(value, decimals, power), f"{_show(low, decimals, power)} to {_show(high, decimals, power)}"
+
+
+def show_with_unit(estimate: Estimate, digits: int = 3) -> str:
+    """`0.142 rad/s`."""
+    unit = show_unit(estimate.unit)
+    return f"{show(estimate.value, digits)}{_NO_BREAK}{unit}" if unit else show(estimate.value, digits)
+
+
+def show_percent(share: float) -> str:
+    """A share between 0 and 1 in per cent; never "100 %" or "0 %" for what is not exactly that."""
+    if not math.isfinite(share):
+        return "not known"
+    percent = 100.0 * share
+    if 99.5 <= percent < 100.0:
+        text = f"{min(percent, 99.9):.1f}"
+    elif 0.0 < percent < 0.1:
+        text = "< 0.1"
+    elif abs(percent) < 1.0 and percent != 0.0:
+        text = f"{percent:.1f}"
+    else:
+        text = f"{percent:.0f}"
+    return f"{text.replace('-', _MINUS)}{_NO_BREAK}%"
+
+
+def _power(value: float) -> int:
+    """The power of ten to take out: 0 unless the number would need many zeros."""
+    exponent = math.floor(math.log10(abs(value)))
+    return exponent if exponent < -3 or exponent > 5 else 0
+
+
+def _decimals(value: float, digits: int) -> int:
+    """Decimals that show so many significant digits of the value."""
+    return digits - 1 - math.floor(math.log10(abs(value)) + 1e-12)
+
+
+def _show(value: float, decimals: int, power: int) -> str:
+    scaled = value / 10.0**power
+    text = f"{scaled:.{max(decimals + power, 0)}f}".replace("-", _MINUS)
+    return text if power == 0 else f"{text}×10{str(power).translate(_SUPERSCRIPTS)}"

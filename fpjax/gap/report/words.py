@@ -1,0 +1,168 @@
+"""The vocabulary in a reader's words: what an effect is called, what it means, and how a linear axis says it."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class EffectWords:
+    """What the report says about an effect.
+
+    Attributes:
+        name: a noun phrase that fits after "the simulation lacks" (or, of a wrong value, "the simulation has").
+        meaning: one clause on what it does to the machine.
+        wrong_value: whether the nominal value is wrong rather than an effect absent.
+    """
+
+    name: str
+    meaning: str
+    wrong_value: bool = False
+
+
+EFFECTS = {
+    "coulomb_error": EffectWords("a wrong Coulomb friction", "the nominal Coulomb level is off", True),
+    "viscous_error": EffectWords("a wrong viscous friction", "the nominal viscous friction is off", True),
+    "inertia_error": EffectWords("a wrong inertia", "the nominal inertia is off", True),
+    "stribeck": EffectWords("Stribeck friction", "extra friction near rest that falls with speed"),
+    "presliding": EffectWords("presliding friction", "contacts bend like bristles before they slide"),
+    "asymmetric_friction": EffectWords("asymmetric friction", "friction depends on the direction of motion"),
+    "position_dependent_friction": EffectWords(
+        "position-dependent friction", "the Coulomb level varies with the angle"
+    ),
+    "friction_drift": EffectWords("friction drift", "friction falls as the machine warms up"),
+    "quadratic_drag": EffectWords("quadratic drag", "a torque that grows with the square of the speed"),
+    "backlash": EffectWords("backlash", "play between motor and load"),
+    "compliance": EffectWords("compliance", "an elastic transmission between motor and load"),
+    "unbalance": EffectWords("unbalance", "gravity on an off-centre mass, one period per turn"),
+    "cogging": EffectWords("cogging", "a torque locked to the angle, several periods per turn"),
+    "constant_torque": EffectWords("a constant torque", "an offset added to the commanded torque"),
+    "torque_gain_error": EffectWords("a torque gain error", "the applied torque is not the commanded one", True),
+    "actuator_lag": EffectWords("an actuator lag", "the torque follows its command to first order"),
+    "actuator_delay": EffectWords("an actuator delay", "the torque follows its command after a dead time"),
+    "velocity_lag": EffectWords("a velocity sensor lag", "the reading follows the velocity to first order"),
+    "velocity_delay": EffectWords("a velocity sensor delay", "the reading comes after a dead time"),
+    "torque_saturation": EffectWords("torque saturation", "the applied torque is limited"),
+    "torque_dead_zone": EffectWords("a torque dead zone", "the first part of the command is lost"),
+    "velocity_bias": EffectWords("a velocity sensor bias", "the reading has an offset"),
+    "velocity_scale_error": EffectWords("a velocity scale error", "the reading is too large or too small", True),
+    "velocity_quantisation": EffectWords("velocity quantisation", "the reading is rounded to a step"),
+}
+
+REGIMES = {
+    "reversal": "at reversals",
+    "low_speed": "at low speed",
+    "acceleration": "while accelerating",
+    "cruise": "at steady speed",
+    "limit": "at the torque limit",
+}
+
+STATES = {
+    "pinned": "pinned down",
+    "traded_off": "traded off",
+    "flat": "flat",
+    "dead": "dead",
+    "at_bound": "at its bound",
+    "not_pinned": "not pinned down",
+}
+
+STATE_MEANINGS = {
+    "pinned": "the log fixes it",
+    "traded_off": "only a combination with others is fixed",
+    "flat": "the log says little about it",
+    "dead": "it changes nothing in this log",
+    "at_bound": "the fit ran into its limit: do not trust the value",
+    "not_pinned": "the log does not fix it",
+}
+
+_LINEAR = (
+    ("torque", "force"),
+    ("inertia", "mass"),
+    ("the angle", "the position"),
+    ("per turn", "per period of travel"),
+)
+
+
+def _spell(name: str) -> str:
+    return name.replace("_", " ").strip()
+
+
+def effect_name(effect: str, motion: str = "rotary") -> str:
+    """What an effect is called; an effect that is not of the vocabulary keeps its own name."""
+    words = EFFECTS.get(effect)
+    return _for_motion(words.name, motion) if words else _spell(effect)
+
+
+def effect_title(effect: str, motion: str = "rotary") -> str:
+    """The same, fit for the start of a row: no article, capital first."""
+    name = effect_name(effect, motion)
+    for article in ("a ", "an ", "the "):
+        name = name.removeprefix(article)
+    return name[:1].upper() + name[1:]
+
+
+def effect_meaning(effect: str, motion: str = "rotary") -> str:
+    """One clause on what the effect does, "" where it is not of the vocabulary."""
+    words = EFFECTS.get(effect)
+    return _for_motion(words.meaning, motion) if words else ""
+
+
+def is_wrong_value(effect: str) -> bool:
+    """Whether the effect is a nominal value that is off rather than something absent."""
+    words = EFFECTS.get(effect)
+    return words is not None and words.wrong_value
+
+
+def regime_name(regime: str, motion: str = "rotary") -> str:
+    """Where a regime lies, in words."""
+    return _for_motion(REGIMES.get(regime, _spell(regime)), motion)
+
+
+def parameter_name(parameter: str) -> str:
+    """A parameter's name with spaces."""
+    return _spell(parameter)
+
+
+def state_name(state: str) -> str:
+    """How well a parameter is fixed."""
+    return STATES.get(state, _spell(state))
+
+
+def state_meaning(state: str) -> str:
+    """What that means, "" for a state that is not known here."""
+    return STATE_MEANINGS.get(state, "")
+
+
+def motion_units(motion: str) -> dict[str, str]:
+    """Units of time, velocity, position and frequency for a rotary or a linear axis."""
+    length = "m" if motion == "linear" else "rad"
+    return {"time": "s", "velocity": f"{length}/s", "position": length, "frequency": "Hz"}
+
+
+def join(names: list[str], last: str = "and") -> str:
+    """`a, b and c`."""
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} {last} {names[-1]}"
+
+
+def sure(probability: float) -> str:
+    """Confidence in words."""
+    for least, words in _CONFIDENCE:
+        if probability >= least:
+            return words
+    return "little more than a guess"
+
+
+_CONFIDENCE = (
+    (0.98, "practically certain"),
+    (0.9, "very likely"),
+    (0.75, "likely"),
+    (0.5, "more likely than not"),
+    (0.25, "doubtful"),
+)
+
+
+def _for_motion(text: str, motion: str) -> str:
+    if motion == "linear":
+        for rotary, linear in _LINEAR:
+            text = text.replace(rotary, linear)
+    return text

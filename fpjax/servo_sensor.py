@@ -1,0 +1,93 @@
+"""The sensor of a real servo: which side it sits on, its lag and dead time, its scale and bias, its step and noise."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from .actuators import delayed
+from .block import as_parameter, require_not_negative, require_positive
+from .sensors import AbstractSensor, quantise
+from .signals import Measurement, PlantOutput
+
+
+class ServoSensorState(eqx.Module):
+    """Lagged rate [rad/s], true rate one period ago [rad/s], last lagged rates (newest first), 0 before the first sample."""
+
+    lagged: Array
+    before: Array
+    history: tuple[Array, ...]
+    started: Array
+
+
+class ServoSensor(AbstractSensor):
+    """Rate: lag, dead time, scale, bias, noise, step, in that order; position: the encoder's own noise and step.
+
+    Every field has a neutral value at which it is not there.
+
+    Attributes:
+        load_side: 1 reads the load, 0 the motor, in between a mixture [1] (an array leaf, so that both sides can be tried).
+        scale: reading = scale x rate + bias [1]; neutral 1.
+        bias: [rad/s]; neutral 0.
+        lag: first-order time constant [s]; neutral 0.
+        delay: dead time [s], any fraction of a period; neutral 0.
+        noise: standard deviation of a rate reading [rad/s].
+        step_size: rate is rounded to it [rad/s]; neutral 0.
+        position_noise: [rad].
+        position_step: [rad]; neutral 0.
+        longest_delay: whole periods of history kept (static); the delay must stay below it.
+    """
+
+    noise_channels: ClassVar[int] = 2
+
+    load_side: Array = eqx.field(converter=as_parameter, default=1.0)
+    scale: Array = eqx.field(converter=as_parameter, default=1.0)
+    bias: Array = eqx.field(converter=as_parameter, default=0.0)
+    lag: Array = eqx.field(converter=as_parameter, default=0.0)
+    delay: Array = eqx.field(converter=as_parameter, default=0.0)
+    noise: Array = eqx.field(converter=as_parameter, default=0.0)
+    step_size: Array = eqx.field(converter=as_parameter, default=0.0)
+    position_noise: Array = eqx.field(converter=as_parameter, default=0.0)
+    position_step: Array = eqx.field(converter=as_parameter, default=0.0)
+    longest_delay: int = eqx.field(static=True, default=16)
+
+    def __check_init__(self) -> None:
+        require_positive(self, "scale", "1")
+        for name, unit in (("lag", "s"), ("delay", "s"), ("noise", "rad/s"), ("step_size", "rad/s")):
+            require_not_negative(self, name, unit)
+        require_not_negative(self, "position_noise", "rad")
+        require_not_negative(self, "position_step", "rad")
+
+    def init(self) -> ServoSensorState:
+        """At rest."""
+        zero = jnp.zeros_like(self.scale)
+        return ServoSensorState(zero, zero, tuple(zero for _ in range(self.longest_delay)), zero)
+
+    def step(
+        self, state: ServoSensorState, output: PlantOutput, noise: tuple[Array, ...], dt: Array
+    ) -> tuple[ServoSensorState, Measurement]:
+        """Rate [rad/s] and position [rad] read now."""
+        rate, angle = self.seen(output)
+        lagged = jnp.where(state.started > 0.0, self.follow(state.lagged, state.before, rate, dt), rate)
+        history = (lagged, *state.history[:-1])
+        late = delayed(history, state.history[-1], self.delay / dt)
+        reading = quantise(self.reading(late) + self.noise * noise[0], self.step_size)
+        position = quantise(angle + self.position_noise * noise[1], self.position_step)
+        return ServoSensorState(lagged, rate, history, jnp.ones_like(rate)), Measurement(reading, position)
+
+    def seen(self, output: PlantOutput) -> tuple[Array, Array]:
+        """True rate [rad/s] and position [rad] on the sensor's side."""
+        rate = output.motor_velocity + self.load_side * (output.velocity - output.motor_velocity)
+        angle = output.motor_position + self.load_side * (output.position - output.motor_position)
+        return rate, angle
+
+    def follow(self, lagged: Array, before: Array, rate: Array, dt: Array) -> Array:
+        """The lag's output after a period in which the rate went from `before` to `rate` in a line; exact for a line."""
+        lag = jnp.maximum(self.lag, 1e-6 * dt)
+        slope = lag * (rate - before) / dt
+        return rate - slope + (lagged - before + slope) * jnp.exp(-dt / lag)
+
+    def reading(self, rate: Array) -> Array:
+        """scale x rate + bias [rad/s]."""
+        return self.scale * rate + self.bias

@@ -1,0 +1,153 @@
+"""Exact sticking: one step that stops where the speed crosses zero, and holds there while friction can.
+
+A set-valued law sign(w) needs no steepness and no small steps if the step knows it: where the speed would change its sign,
+the step is cut at the crossing and goes on with what is left of the torque, soft(T, k) / J, in the rest of the time; a body
+at rest stays there while |T| <= k. Forward mode differentiates this almost everywhere. One step a control period is enough
+for a held torque; the torque's smooth part is taken at the middle of the step (second order).
+
+Reference: the event is that of Karnopp, "Computer simulation of stick-slip friction in mechanical dynamic systems", 1985,
+resolved in time instead of by a band of speeds.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from .errors import InputError
+from .friction import AbstractFriction, AbstractStaticFriction
+from .friction.bristles import Bristles
+from .plants import AbstractPlant, OneMass, OneMassState, TwoMassState
+from .signals import Motion
+from .transmission import Transmission
+
+_NEARLY_REST = 1e-30  # a speed that has a direction and no size
+
+
+def advance_exact(plant: AbstractPlant, state: Any, torque: Array, time: Array, dt: Array, substeps: int = 1) -> Any:
+    """The plant's state dt [s] later under a held torque [N m], with sticking resolved exactly.
+
+    Args:
+        plant: `OneMass` under a static law or `Bristles`, or `Transmission` under a static law.
+        state: the plant's state at `time`.
+        torque: applied over the step [N m].
+        time: start of the step [s].
+        dt: length of the step [s].
+        substeps: steps taken within it (a spring needs several).
+
+    Raises:
+        InputError: for a plant or a law that has no exact step.
+    """
+    step = dt / substeps
+    for index in range(substeps):
+        start = time + index * step
+        if isinstance(plant, Transmission) and isinstance(plant.friction, AbstractStaticFriction):
+            state = _transmission(plant, state, torque, start, step)
+        elif isinstance(plant, OneMass) and isinstance(plant.friction, AbstractStaticFriction):
+            state = _one_mass(plant, state, torque, start, step)
+        elif isinstance(plant, OneMass) and isinstance(plant.friction, Bristles):
+            state = _bristles(plant, state, torque, start, step)
+        else:
+            raise InputError(
+                f"{type(plant).__name__} with {type(plant.friction).__name__} has no exact sticking step: use one mass or a "
+                "Transmission with a static friction law, or a solver such as rk4 with a steepness."
+            )
+    return state
+
+
+def _one_mass(plant: OneMass, state: OneMassState, torque: Array, time: Array, dt: Array) -> OneMassState:
+    law = plant.friction
+    assert isinstance(law, AbstractStaticFriction)
+    velocity, half = state.velocity, 0.5 * dt
+    side = jnp.sign(velocity)
+    start = Motion(velocity, state.position, time)
+    first = torque - plant.load.readout(start) - law.drag(start) - side * law.level(start)
+    halfway = velocity + half * first / plant.inertia
+    halfway = jnp.where(halfway * side > 0.0, halfway, 0.5 * velocity)
+    middle = Motion(halfway, state.position + half * velocity, time + half)
+    load = plant.load.readout(middle)
+    sliding = (torque - load - law.drag(middle) - side * law.level(middle)) / plant.inertia
+    return OneMassState(*_slip(law, velocity, state.position, torque - load, sliding, middle, plant.inertia, dt), ())
+
+
+def _slip(
+    law: AbstractStaticFriction,
+    velocity: Array,
+    position: Array,
+    free: Array,
+    sliding: Array,
+    middle: Motion,
+    inertia: Array,
+    dt: Array,
+    share: Any = 1.0,
+) -> tuple[Array, Array]:
+    """(velocity, position) after dt: slides with acceleration `sliding` [rad/s^2] until it would cross zero, then sticks or breaks away."""
+    after = velocity + dt * sliding
+    crosses = velocity * after <= 0.0
+    safe = jnp.where(crosses & (velocity != 0.0), sliding, 1.0)
+    until = jnp.where(velocity != 0.0, -velocity / safe, 0.0)
+    rest = Motion(jnp.where(free < 0.0, -_NEARLY_REST, _NEARLY_REST), middle.position, middle.time)
+    level = share * law.level(rest)
+    left = (free - jnp.clip(free, -level, level)) / inertia  # soft(T, k) / J
+    turned = left * (dt - until)
+    slid = position + 0.5 * dt * (velocity + after)
+    stopped = position + 0.5 * until * velocity + 0.5 * (dt - until) * turned
+    return jnp.where(crosses, turned, after), jnp.where(crosses, stopped, slid)
+
+
+def _bristles(plant: OneMass, state: OneMassState, torque: Array, time: Array, dt: Array) -> OneMassState:
+    """Half a step of travel, the bristles by their exact law, the speed by the mean share, the other half."""
+    bristles = plant.friction
+    assert isinstance(bristles, Bristles)
+    law, half = bristles.law, 0.5 * dt
+    velocity, share = state.velocity, state.friction
+    start = Motion(velocity, state.position, time)
+    # The share that acts over the step: after the travel of half a step at the speed that the step begins with.
+    between = bristles.advance(share, half * velocity)
+    first = torque - plant.load.readout(start) - law.drag(start) - law.level(start) * between
+    halfway = velocity + half * first / plant.inertia
+    middle = Motion(halfway, state.position + half * velocity, time + half)
+    side = jnp.where(halfway < 0.0, -1.0, 1.0)
+    slack = jnp.maximum(1.0 - between * side, _NEARLY_REST)
+    # sigma_1 dz/dt, implicit in the speed: a stiff damper must not limit the step.
+    damper = bristles.damping * jnp.exp(bristles.exponent * jnp.log(slack))
+    pulled = (
+        torque
+        - plant.load.readout(middle)
+        - law.drag(middle)
+        - law.level(middle) * bristles.advance(share, half * halfway)
+    )
+    slope = (pulled - damper * velocity) / (plant.inertia + half * damper)
+    after = velocity + dt * slope
+    travel = half * (velocity + after)
+    return OneMassState(after, state.position + travel, bristles.advance(share, travel))
+
+
+def _transmission(plant: Transmission, state: TwoMassState, torque: Array, time: Array, dt: Array) -> TwoMassState:
+    """Half a step of the positions, a whole step of the speeds, half a step of the positions."""
+    law, half = plant.friction, 0.5 * dt
+    assert isinstance(law, AbstractStaticFriction)
+    motor_position = state.motor_position + half * state.motor_velocity
+    load_position = state.load_position + half * state.load_velocity
+    middle = TwoMassState(state.motor_velocity, motor_position, state.load_velocity, load_position, ())
+    shaft = plant.shaft(middle)
+    motor = Motion(state.motor_velocity, motor_position, time + half)
+    load = Motion(state.load_velocity, load_position, time + half)
+    on_load = shaft - plant.load.readout(load)
+    motor_velocity = _turn(law, motor, torque - shaft, plant.motor_inertia, 1.0 - plant.friction_share, dt)
+    load_velocity = _turn(law, load, on_load, plant.load_inertia, plant.friction_share, dt)
+    return TwoMassState(
+        motor_velocity,
+        motor_position + half * motor_velocity,
+        load_velocity,
+        load_position + half * load_velocity,
+        (),
+    )
+
+
+def _turn(law: AbstractStaticFriction, motion: Motion, free: Array, inertia: Array, share: Array, dt: Array) -> Array:
+    braking = share * (law.drag(motion) + jnp.sign(motion.velocity) * law.level(motion))
+    velocity, _ = _slip(
+        law, motion.velocity, motion.position, free, (free - braking) / inertia, motion, inertia, dt, share
+    )
+    return velocity
