@@ -283,3 +283,9 @@ def test_the_real_logs_are_read_and_their_checks_can_fail(tmp_path, capsys):
     ]
     assert failed.count(False) >= 5
     capsys.readouterr()
+
+
+def test_a_report_of_a_set_that_found_nothing(tmp_path, capsys):
+    score_all(tmp_path, [label("none", (), [[]])], {})
+    assert "false_alarms" in capsys.readouterr().out
+    assert (tmp_path / "parameters.png").exists()

@@ -160,12 +160,15 @@ def check_pulses(diagnosis: dict[str, Any], pulses: list[tuple[float, float]]) -
     ]
 
 
+def _package() -> Callable[..., Any]:
+    from fpjax.gap import diagnose
+
+    return diagnose
+
+
 def run_real(folder: Path, out: Path, diagnose: Callable[..., Any] | None = None) -> int:
     """Diagnose the EMPS records, print the checks, write `real.json`; 1 if a check fails."""
-    if diagnose is None:
-        from fpjax.gap import diagnose as tool
-
-        diagnose = tool
+    tool = _package() if diagnose is None else diagnose
     fit = read_record(folder / "DATA_EMPS.mat")
     pulsed = read_record(folder / "DATA_EMPS_PULSES.mat")
     place = out / "real"
@@ -180,7 +183,7 @@ def run_real(folder: Path, out: Path, diagnose: Callable[..., Any] | None = None
         ("pulses", "pulses_left_out.csv", None),
     ):
         start = time.perf_counter()
-        answer = diagnose(place / log, model=place / "servo.toml", holdout=holdout).to_dict()
+        answer = tool(place / log, model=place / "servo.toml", holdout=holdout).to_dict()
         times[name], answers[name] = time.perf_counter() - start, answer
         (place / f"{name}.json").write_text(json.dumps(answer, indent=1) + "\n")
     active = intervals(pulsed["pulses"] != 0, pulsed["time"])

@@ -37,7 +37,7 @@ def print_report(summary: dict[str, Any]) -> None:
     """Print the tables."""
     print(f"\n{'set':12}{'cases':>6}  {'figure':24}{'obtained':>10}{'goal':>10}")
     for name, figures in summary["sets"].items():
-        for column in COLUMNS.get(name, ()):
+        for column in COLUMNS[name]:
             goal = GOALS.get((name, column))
             print(f"{name:12}{figures['cases']:6d}  {column:24}{percent(figures[column]):>10}{percent(goal):>10}")
     print(
@@ -213,6 +213,8 @@ def draw_parameters(axes: Any, summary: dict[str, Any]) -> None:
     axes.axvline(0.1, color=GREY, linewidth=1, linestyle="--")
     axes.set_yticks(range(len(rows)), [words(name) for name, _ in rows], fontsize=8.5)
     axes.set_xscale("log")
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.xaxis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "25" else "")
     axes.set_xlabel("relative error of a parameter [%]: median (blue), 90th percentile (orange)")
     axes.grid(axis="x", color="#e6e8eb", linewidth=0.7)
     axes.set_axisbelow(True)

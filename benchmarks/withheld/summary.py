@@ -7,6 +7,7 @@ from typing import Any
 
 from .score import CaseScore, ParameterScore
 
+ORDER = ("single", "single_off", "pairs", "none", "outside")
 BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0)
 
 
@@ -95,7 +96,7 @@ def summary_of(scores: list[CaseScore]) -> dict[str, Any]:
 
 def summarise(scores: list[CaseScore]) -> dict[str, Any]:
     """The content of `withheld.json`, but for provenance."""
-    sets = list(dict.fromkeys(s.set for s in scores))
+    sets = [name for name in ORDER if any(s.set == name for s in scores)]
     # in a pair each effect's probability is at most what the sum leaves: not a calibrated single
     judged = [s for s in scores if s.set != "pairs"]
     effects = sorted({s.truth for s in scores if s.set in ("single", "single_off")})
