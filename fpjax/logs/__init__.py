@@ -1,0 +1,4 @@
+"""Logs: what a machine recorded, read from the formats that people have, checked, in SI units."""
+
+from .log import Log as Log
+from .read import read_log as read_log

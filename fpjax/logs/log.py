@@ -1,0 +1,72 @@
+"""Log: what a machine recorded, in SI units, on one uniform clock."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+Values = np.ndarray
+
+
+@dataclass(frozen=True)
+class Log:
+    """A recorded run of one machine: float64, SI units, one row per control period.
+
+    Attributes:
+        time: start of each control period [s], uniform, shape (samples,).
+        torque: commanded at that time and held over the period [N m] (linear: [N]), shape (samples,).
+        velocity: read at the start of the period [rad/s] (linear: [m/s]); None where the log has none.
+        position: read at the start of the period [rad] (linear: [m]); None where the log has none.
+        reference: what the controller was asked to follow [rad/s], or [rad] for a position loop; None without.
+        dt: control period [s].
+        name: where it came from, for messages and pictures.
+        linear: whether motion is in metres and torque in newtons.
+        torque_unit: "N m", "N", or the label ("V", "PWM", ...) that inertia and friction follow.
+        extra: the other columns, as they were recorded.
+        warnings: what the reader found and repaired, a sentence each.
+    """
+
+    time: Values
+    torque: Values
+    velocity: Values | None
+    position: Values | None
+    reference: Values | None
+    dt: float
+    name: str = "log"
+    linear: bool = False
+    torque_unit: str = "N m"
+    extra: dict[str, Values] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def samples(self) -> int:
+        """Number of rows."""
+        return len(self.time)
+
+    @property
+    def duration(self) -> float:
+        """From the first period's start to the last one's end [s]."""
+        return self.samples * self.dt
+
+    @property
+    def rate(self) -> float:
+        """Control rate [Hz]."""
+        return 1.0 / self.dt
+
+    @property
+    def motion_unit(self) -> str:
+        """Unit of position: "m" or "rad"."""
+        return "m" if self.linear else "rad"
+
+    def columns(self) -> dict[str, Values]:
+        """The canonical columns that are there, by name, in the contract's order."""
+        names = ("time", "torque", "velocity", "position", "reference")
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+    def __str__(self) -> str:
+        return (
+            f"{self.name}: {self.samples} samples at {self.rate:.6g} Hz ({self.duration:.4g} s), "
+            f"{', '.join(self.columns())}"
+        )

@@ -1,0 +1,65 @@
+"""MATLAB files: v7 and older by scipy, v7.3 (HDF5) by pymatreader of the `logs` extra."""
+
+import pathlib
+import warnings
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from .numpy_file import add_array
+from .table import Table, need
+
+
+def read(path: pathlib.Path, wanted: Mapping[str, str]) -> Table:
+    """The vectors of a .mat file; structs are flattened with dots ("log.velocity"), single numbers left out.
+
+    Raises:
+        InputError: for a file that is no .mat file, or a v7.3 one without the extra.
+    """
+    del wanted
+    from scipy import io
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            content: Any = io.loadmat(path, squeeze_me=True, simplify_cells=True)
+    except NotImplementedError:  # scipy's word for v7.3
+        content = _read_hdf(path)
+    except Exception as error:  # scipy raises whatever its parser trips over on a damaged file
+        raise InputError(
+            f"{path.name} is no .mat file that can be read ({_first_line(error)}): save it again."
+        ) from error
+    columns: dict[str, np.ndarray] = {}
+    text: dict[str, str] = {}
+    _flatten(columns, text, "", content)
+    return Table(columns, first_row=1, text=text)
+
+
+def _read_hdf(path: pathlib.Path) -> Any:
+    reader = need("pymatreader", path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return reader.read_mat(str(path))
+    except Exception as error:  # h5py and pymatreader: whatever a damaged file makes them raise
+        raise InputError(
+            f"{path.name} is no v7.3 .mat file that can be read ({_first_line(error)}): save it again with -v7."
+        ) from error
+
+
+def _flatten(columns: dict[str, np.ndarray], text: dict[str, str], prefix: str, value: Any) -> None:
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            if not str(name).startswith("__"):
+                _flatten(columns, text, f"{prefix}.{name}" if prefix else str(name), inner)
+    else:
+        try:
+            add_array(columns, text, prefix, value)
+        except (ValueError, TypeError):
+            text[prefix] = f"column {prefix} is not an array of numbers"
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:120]

@@ -1,0 +1,48 @@
+"""NumPy archives (.npz): one array a column, or one structured array."""
+
+import pathlib
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..errors import InputError
+from .table import Table
+
+
+def read(path: pathlib.Path, wanted: Mapping[str, str]) -> Table:
+    """The arrays of an .npz file; single numbers and tables are left out.
+
+    Raises:
+        InputError: for a file that is no archive of plain arrays.
+    """
+    del wanted
+    columns, text = {}, {}
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            for name in archive.files:
+                add_array(columns, text, name, archive[name])
+    except Exception as error:  # zipfile, zlib, struct and numpy: whatever a damaged file makes them raise
+        raise InputError(
+            f"{path.name} is no archive of plain arrays ({(str(error).splitlines() or ['damaged'])[0][:60]}): "
+            f"write it with numpy.savez(path, time=t, torque=u, velocity=w)."
+        ) from error
+    return Table(columns, first_row=0, text=text)
+
+
+def add_array(columns: dict[str, np.ndarray], text: dict[str, str], name: str, value: object) -> None:
+    """File an array under its name: vectors as they are, tables by column, records by field."""
+    array = np.asarray(value)
+    if array.dtype.names:
+        for field in array.dtype.names:
+            add_array(columns, text, f"{name}.{field}", array[field])
+        return
+    if array.dtype.kind not in "biuf":
+        text[name] = f"column {name} is not numbers (it holds {array.dtype})"
+        return
+    array = array.astype(np.float64)
+    if array.size > 1 and array.size == max(array.shape):
+        columns[name] = array.reshape(-1)
+    elif array.ndim == 2 and min(array.shape) > 1:
+        tall = array if array.shape[0] >= array.shape[1] else array.T
+        if tall.shape[1] <= 64:
+            columns.update({f"{name}.{index}": tall[:, index].copy() for index in range(tall.shape[1])})
