@@ -9,4 +9,5 @@ from .diagnosis import Identifiability as Identifiability
 from .diagnosis import Ranked as Ranked
 from .diagnosis import Share as Share
 from .diagnosis import Step as Step
+from .diagnosis import Tracking as Tracking
 from .diagnosis import Where as Where

@@ -1,9 +1,15 @@
 """Diagnosis: what was found, as data; the contract's `diagnosis.json` is its `to_dict`."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Verdict = Literal["no_gap", "explained", "unexplained"]
 
@@ -244,6 +250,23 @@ class Identifiability:
 
 
 @dataclass(frozen=True)
+class Tracking:
+    """The closed loop's tracking error on withheld data, where the controller is known.
+
+    Attributes:
+        unit: of the three.
+        measured: rms of reference less measured.
+        before: rms that the nominal simulator predicts.
+        after: rms that the corrected simulator predicts.
+    """
+
+    unit: str
+    measured: float
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """Where the simulation is wrong, which effect causes it, how far the gap shrinks.
 
@@ -262,6 +285,10 @@ class Diagnosis:
         residual_where: where what is left lies, when the verdict is "unexplained".
         probability: that the stated causes are exactly the right ones, calibrated.
         seconds: time spent by stage [s].
+        motion: "rotary" or "linear", as in the model's `[units]`.
+        nominal: the model as given, `servo.toml` text, so that a report can show what changed; "" where unknown.
+        tracking: closed-loop tracking error, measured and predicted; None where the controller is not known.
+        provenance: `command`, `inputs` (a list of {name, role, sha256, samples}), `versions`, `started`, `seeds`.
     """
 
     verdict: Verdict
@@ -278,6 +305,29 @@ class Diagnosis:
     residual_where: Where | None = None
     probability: float = 0.0
     seconds: dict[str, float] = field(default_factory=dict)
+    motion: Literal["rotary", "linear"] = "rotary"
+    nominal: str = ""
+    tracking: Tracking | None = None
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def plot(self) -> Figure:
+        """One page: the verdict, measured against simulated, where, and how far the gap shrinks."""
+        from .report import draw_overview  # here, because a diagnosis is data that needs no pictures
+
+        return draw_overview(self)
+
+    def report(self, path: str | Path) -> Path:
+        """Write `report.html` and every picture as PNG.
+
+        Args:
+            path: the folder; it is made.
+
+        Returns:
+            The path of `report.html`.
+        """
+        from .report import write_report
+
+        return write_report(self, path)
 
     def to_dict(self) -> dict[str, Any]:
         """Exactly the contract's `diagnosis.json` (numbers, strings, lists and dictionaries only)."""
