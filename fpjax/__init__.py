@@ -1,109 +1,47 @@
-"""fpjax: simulate, tune and diagnose servo loops with friction, in JAX."""
+"""fpjax: simulate, tune and diagnose servo loops with friction, in JAX.
 
-from .actuators import AbstractActuator as AbstractActuator
-from .actuators import Actuator as Actuator
-from .actuators import IdealActuator as IdealActuator
-from .block import Block as Block
-from .controllers import AbstractController as AbstractController
-from .controllers import Lead as Lead
-from .controllers import Limited as Limited
-from .controllers import PositionLoop as PositionLoop
-from .controllers import Proportional as Proportional
-from .controllers import ProportionalIntegral as ProportionalIntegral
-from .controllers import TransferFunction as TransferFunction
-from .controllers import design_lead as design_lead
-from .controllers import phase_lead_for_margin as phase_lead_for_margin
-from .errors import FpjaxWarning as FpjaxWarning
-from .errors import InputError as InputError
-from .friction import AbstractFriction as AbstractFriction
-from .friction import AbstractStaticFriction as AbstractStaticFriction
-from .friction import AsymmetricCoulombViscous as AsymmetricCoulombViscous
-from .friction import Coulomb as Coulomb
-from .friction import CoulombViscous as CoulombViscous
-from .friction import CoulombViscousStiction as CoulombViscousStiction
-from .friction import Dahl as Dahl
-from .friction import LuGre as LuGre
-from .friction import NoFriction as NoFriction
-from .friction import SmoothCoulomb as SmoothCoulomb
-from .friction import Stribeck as Stribeck
-from .friction import Viscous as Viscous
-from .loads import AbstractLoad as AbstractLoad
-from .loads import NoLoad as NoLoad
-from .loads import Unbalance as Unbalance
-from .loop import ClosedLoop as ClosedLoop
-from .loop import LoopState as LoopState
-from .metrics import AbstractMeasure as AbstractMeasure
-from .metrics import CoulombTorqueError as CoulombTorqueError
-from .metrics import EstimateError as EstimateError
-from .metrics import EstimateFinal as EstimateFinal
-from .metrics import EstimatePeak as EstimatePeak
-from .metrics import Final as Final
-from .metrics import GradientRootMeanSquare as GradientRootMeanSquare
-from .metrics import Largest as Largest
-from .metrics import MeanAbsolute as MeanAbsolute
-from .metrics import MeanSquare as MeanSquare
-from .metrics import RootMeanSquare as RootMeanSquare
-from .metrics import SettlingTime as SettlingTime
-from .metrics import StandardDeviation as StandardDeviation
-from .metrics import compensation_error as compensation_error
-from .metrics import control_effort as control_effort
-from .metrics import position_error as position_error
-from .metrics import step_info as step_info
-from .metrics import velocity_error as velocity_error
-from .observers import Absolute as Absolute
-from .observers import AbstractNonlinearity as AbstractNonlinearity
-from .observers import AbstractObserver as AbstractObserver
-from .observers import ClassicalFriedlandPark as ClassicalFriedlandPark
-from .observers import ExtendedFriedlandPark as ExtendedFriedlandPark
-from .observers import ExtendedSteepnessCoulomb as ExtendedSteepnessCoulomb
-from .observers import ExtendedSteepnessViscous as ExtendedSteepnessViscous
-from .observers import HighOrderFeedforward as HighOrderFeedforward
-from .observers import LogCosh as LogCosh
-from .observers import ModifiedFriedlandPark as ModifiedFriedlandPark
-from .observers import NoObserver as NoObserver
-from .observers import NovelFriedlandPark as NovelFriedlandPark
-from .observers import Quadratic as Quadratic
-from .observers import SteepnessObserver as SteepnessObserver
-from .parameters import get_parameter as get_parameter
-from .parameters import get_parameters as get_parameters
-from .parameters import parameter_names as parameter_names
-from .parameters import set_parameters as set_parameters
-from .plants import AbstractPlant as AbstractPlant
-from .plants import OneMass as OneMass
-from .plants import SeriesTwoMass as SeriesTwoMass
-from .plants import TwoMass as TwoMass
-from .plants import resonance_frequency as resonance_frequency
-from .references import AbstractReference as AbstractReference
-from .references import Chirp as Chirp
-from .references import Constant as Constant
-from .references import Multisine as Multisine
-from .references import Recorded as Recorded
-from .references import Sine as Sine
-from .references import Square as Square
-from .references import Triangle as Triangle
-from .sensors import AbstractSensor as AbstractSensor
-from .sensors import Encoder as Encoder
-from .sensors import Gyro as Gyro
-from .sensors import IdealSensor as IdealSensor
-from .sensors import KalmanFusion as KalmanFusion
-from .signals import Measurement as Measurement
-from .signals import Motion as Motion
-from .signals import PlantOutput as PlantOutput
-from .signals import Signals as Signals
-from .simulate import Inputs as Inputs
-from .simulate import Run as Run
-from .simulate import Status as Status
-from .simulate import Stepper as Stepper
-from .simulate import astype as astype
-from .simulate import make_inputs as make_inputs
-from .simulate import make_stepper as make_stepper
-from .simulate import roll as roll
-from .simulate import simulate as simulate
-from .solvers import AbstractSolver as AbstractSolver
-from .solvers import BogackiShampine as BogackiShampine
-from .solvers import Euler as Euler
-from .solvers import Heun as Heun
-from .solvers import RungeKutta4 as RungeKutta4
-from .solvers import get_solver as get_solver
-from .stability import safe_steepness as safe_steepness
-from .stability import stiffness_number as stiffness_number
+The public surface is `fpjax/public.py`; it is imported when its first name is asked for, so that `fpjax --help` and
+`fpjax inspect` need not wait for jax.
+"""
+
+import importlib
+import importlib.util
+import sys
+import types
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .public import *  # noqa: F403
+
+# Public functions that share the name of the module they live in.
+_SHADOWED = frozenset({"estimate", "simulate"})
+
+
+def __getattr__(name: str) -> Any:
+    if name.startswith("__"):
+        raise AttributeError(f"module 'fpjax' has no attribute {name!r}")
+    public = importlib.import_module("fpjax.public")
+    try:
+        value = getattr(public, name)
+    except AttributeError:
+        if importlib.util.find_spec(f"fpjax.{name}") is None:
+            raise AttributeError(f"module 'fpjax' has no attribute {name!r}") from None
+        value = importlib.import_module(f"fpjax.{name}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    public = importlib.import_module("fpjax.public")
+    return sorted(name for name in vars(public) if not name.startswith("_"))
+
+
+class _Package(types.ModuleType):
+    """Importing the module `fpjax.simulate` must not put it over the function of that name."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (name in _SHADOWED and isinstance(value, types.ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
