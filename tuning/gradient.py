@@ -1,0 +1,132 @@
+"""Adam and L-BFGS (optax) in log-gain space, all starts and references side by side."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .lanes import Best, Lanes, Outcome
+from .methods import LBFGS, Adam
+from .stopping import Stop
+
+ARMIJO = 1e-4  # fraction of the expected descent that a step must bring
+SHORTEST = 1e-7  # shortest step [e-folds] before a lane gives up
+
+
+def adam(lanes: Lanes, settings: Adam, stop: Stop) -> Outcome:
+    """Adam; a lane that meets a diverged point goes back to its best one and forgets its momentum.
+
+    Args:
+        lanes: starts and references.
+        settings: rate, iterations, tolerance, mode.
+        stop: when a lane is over beyond the settings.
+    """
+    import optax
+
+    schedule = optax.cosine_decay_schedule(settings.rate, settings.iterations, alpha=0.1)
+    optimizer = optax.scale_by_adam(b1=0.8, b2=0.95)
+    at = lanes.problem.space.coordinates(lanes.start)
+    best, kept = Best(*at.shape), at.copy()
+    state = optimizer.init(jnp.asarray(at))
+    needed = lanes.gradient_simulations(settings.mode)
+    active = np.ones(lanes.count, bool)
+    for iteration in range(settings.iterations):
+        active &= ~stop.before(best, needed)
+        if not active.any():
+            break
+        cost, slope = lanes.value_and_gradient(at, settings.mode)
+        healthy = np.isfinite(cost) & np.all(np.isfinite(slope), axis=1)
+        values = lanes.values(at)
+        for lane in np.flatnonzero(active):
+            improved = healthy[lane] and cost[lane] < best.costs[lane]
+            best.offer(lane, values[lane], cost[lane] if healthy[lane] else np.inf, needed)
+            if improved:
+                kept[lane] = at[lane]
+            if not np.isfinite(best.costs[lane]):
+                active[lane] = False  # a start that diverged is dropped
+            elif healthy[lane] and np.linalg.norm(slope[lane]) <= settings.tolerance * abs(cost[lane]):
+                active[lane], best.reasons[lane] = False, "the gradient vanished"
+        slope = np.where(healthy[:, None], slope, 0.0)
+        state = jax.tree.map(lambda leaf: _masked(leaf, healthy), state)
+        with jax.numpy_dtype_promotion("standard"):  # optax mixes its counter with floats
+            moves, state = optimizer.update(jnp.asarray(slope), state)
+        moved = at - float(schedule(iteration)) * np.asarray(moves)
+        at = np.where(active[:, None], np.where(healthy[:, None], moved, kept), at)
+        stop.progress(best)
+    return best.outcome()
+
+
+def lbfgs(lanes: Lanes, settings: LBFGS, stop: Stop) -> Outcome:
+    """L-BFGS directions from optax, and a backtracking line search that never leaves a lane worse off.
+
+    Every trial step costs one value and gradient, of all lanes at once, so that an accepted one is at once the next
+    iteration's.
+
+    Args:
+        lanes: starts and references.
+        settings: iterations, tolerance, memory, longest, mode.
+        stop: when a lane is over beyond the settings.
+    """
+    import optax
+
+    transform = optax.scale_by_lbfgs(memory_size=settings.memory)
+    turn = jax.jit(jax.vmap(transform.update))
+    at = lanes.problem.space.coordinates(lanes.start)
+    best = Best(*at.shape)
+    needed = lanes.gradient_simulations(settings.mode)
+    cost, slope = np.full(lanes.count, np.inf), np.zeros_like(at)
+    state: Any = jax.vmap(transform.init)(jnp.asarray(at))
+    direction, length = np.zeros_like(at), np.ones(lanes.count)
+    trial = at.copy()
+    active = np.ones(lanes.count, bool)
+    for iteration in range(settings.iterations):
+        active &= ~stop.before(best, needed)
+        if not active.any():
+            break
+        tried, tried_slope = lanes.value_and_gradient(trial, settings.mode)
+        healthy = np.isfinite(tried) & np.all(np.isfinite(tried_slope), axis=1)
+        expected = ARMIJO * length * np.sum(direction * slope, axis=1)
+        # The start is compared with infinity: any start that ran is accepted.
+        accepted = active & healthy & (tried <= cost + expected if iteration else True)
+        values = lanes.values(trial)
+        for lane in np.flatnonzero(active):
+            best.offer(lane, values[lane], tried[lane] if healthy[lane] else np.inf, needed)
+        at = np.where(accepted[:, None], trial, at)
+        cost = np.where(accepted, tried, cost)
+        slope = np.where(accepted[:, None], tried_slope, slope)
+        if accepted.any():
+            with jax.numpy_dtype_promotion("standard"):  # optax mixes int32 and int64
+                preconditioned, turned = turn(jnp.asarray(slope), state, jnp.asarray(at))
+            state = jax.tree.map(lambda new, old: jnp.where(_rows(accepted, new), new, old), turned, state)
+            direction = np.where(accepted[:, None], _downhill(-np.asarray(preconditioned), slope), direction)
+            norm = np.linalg.norm(direction, axis=1)
+            limit = np.minimum(1.0, settings.longest / np.maximum(norm, 1e-300))
+            length = np.where(accepted, limit, 0.25 * length)
+        else:
+            length = 0.25 * length
+        for lane in np.flatnonzero(active):
+            if not np.isfinite(cost[lane]):
+                active[lane] = False
+            elif np.linalg.norm(slope[lane]) <= settings.tolerance * abs(cost[lane]):
+                active[lane], best.reasons[lane] = False, "the gradient vanished"
+            elif length[lane] * np.linalg.norm(direction[lane]) < SHORTEST:
+                active[lane], best.reasons[lane] = False, "no step descends further"
+        trial = at + length[:, None] * direction
+        stop.progress(best)
+    return best.outcome()
+
+
+def _downhill(direction: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """The direction, or the steepest one (an e-fold long) where it does not descend: a kink spoils the curvature."""
+    steepest = -slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
+    descends = np.sum(direction * slope, axis=1) < 0.0
+    return np.where(descends[:, None] & np.all(np.isfinite(direction), axis=1, keepdims=True), direction, steepest)
+
+
+def _rows(mask: np.ndarray, like: Any) -> Any:
+    return jnp.asarray(mask).reshape(mask.shape + (1,) * (like.ndim - 1))
+
+
+def _masked(leaf: Any, keep: np.ndarray) -> Any:
+    return jnp.where(jnp.asarray(keep)[:, None], leaf, 0.0) if getattr(leaf, "ndim", 0) == 2 else leaf

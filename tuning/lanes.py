@@ -1,0 +1,192 @@
+"""Lanes: the starts x references that a method drives side by side, and the count of what each has cost."""
+
+import dataclasses
+import functools
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from fpjax.gradients import FORWARD_UP_TO, SCRATCH, value_and_gradient
+from fpjax.native import native, native_enabled
+
+from .problem import Problem, lane_cost, lane_residuals, simulations_of
+
+REVERSE_COUNTS = 4  # simulations that a reverse-mode value and gradient counts for (performance.md: 2.0 to 5.6)
+
+_COMPILED: dict[Any, Any] = {}
+
+
+@dataclasses.dataclass
+class Clock:
+    """Seconds spent compiling and computing."""
+
+    compile_seconds: float = 0.0
+    run_seconds: float = 0.0
+
+    def call(self, fn: Callable[..., Any], *arguments: Any) -> Any:
+        """`fn(*arguments)` as one compiled kernel, its result on the host; compiling is timed apart.
+
+        Compiled once for each `fn`, structure and shape.
+        """
+        arguments = jax.tree.map(jnp.asarray, arguments)
+        leaves, structure = jax.tree.flatten(arguments)
+        key = (fn, structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves), native_enabled())
+        if key not in _COMPILED:
+            begin = time.perf_counter()
+            _COMPILED[key] = jax.jit(native(fn)).lower(*arguments).compile()
+            self.compile_seconds += time.perf_counter() - begin
+        begin = time.perf_counter()
+        result = jax.tree.map(np.asarray, _COMPILED[key](*arguments))
+        self.run_seconds += time.perf_counter() - begin
+        return result
+
+
+@dataclasses.dataclass
+class Lanes:
+    """Independent searches that run side by side.
+
+    Attributes:
+        problem: what is minimised.
+        start: shape (lanes, n), in the parameters' units.
+        index: the reference that a lane alone is tuned on, shape (lanes,); None for all references at once.
+        clock: where the time went.
+    """
+
+    problem: Problem
+    start: np.ndarray
+    index: np.ndarray | None
+    clock: Clock = dataclasses.field(default_factory=Clock)
+
+    @property
+    def count(self) -> int:
+        """Number of lanes."""
+        return self.start.shape[0]
+
+    @property
+    def cases(self) -> int:
+        """Simulations of one cost."""
+        return simulations_of(self.problem, self.index is not None)
+
+    def gradient_simulations(self, mode: str) -> int:
+        """Simulations that a value and gradient of one lane counts for: 1 + n forward, 4 in reverse, a case."""
+        n = self.start.shape[1]
+        forward = mode == "forward" or (mode == "auto" and n <= FORWARD_UP_TO)
+        return self.cases * (1 + n if forward else REVERSE_COUNTS)
+
+    def costs(self, values: np.ndarray) -> np.ndarray:
+        """Costs of candidates of shape (lanes, candidates, n), in the parameters' units: shape (lanes, candidates)."""
+        lanes, candidates, n = values.shape
+        flat = np.reshape(values, (lanes * candidates, n)).astype(self.problem.dtype)
+        index = None if self.index is None else np.repeat(self.index, candidates)
+        return self.clock.call(_costs, flat, index, self.problem).reshape(lanes, candidates).astype(float)
+
+    def value_and_gradient(self, at: np.ndarray, mode: str) -> tuple[np.ndarray, np.ndarray]:
+        """(costs of shape (lanes,), gradients of shape (lanes, n)) at unbounded coordinates of shape (lanes, n)."""
+        fn = _gradient_function(mode, max(1, self.cases))
+        value, gradient = self.clock.call(fn, at.astype(self.problem.dtype), self.index, self.problem)
+        return value.astype(float), gradient.astype(float)
+
+    def residuals_and_jacobian(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(residuals (lanes, m), Jacobians (lanes, m, n), costs (lanes,)) at unbounded coordinates (lanes, n).
+
+        The squares of the residuals sum to the mean over the cases.
+        """
+        return self.clock.call(_residuals_and_jacobian, at.astype(self.problem.dtype), self.index, self.problem)
+
+    def residuals(self, at: np.ndarray) -> np.ndarray:
+        """Residuals of shape (lanes, m) at unbounded coordinates of shape (lanes, n), without derivatives."""
+        return self.clock.call(_residuals, at.astype(self.problem.dtype), self.index, self.problem).astype(float)
+
+    def values(self, at: np.ndarray) -> np.ndarray:
+        """Parameter values at unbounded coordinates of shape (..., n)."""
+        space = self.problem.space
+        flat = jnp.asarray(np.reshape(at, (-1, at.shape[-1])), self.problem.dtype)
+        return np.asarray(jax.vmap(space.values)(flat), dtype=float).reshape(at.shape)
+
+
+@dataclasses.dataclass
+class Outcome:
+    """What a search leaves of every lane.
+
+    Attributes:
+        values: best parameters found, shape (lanes, n).
+        costs: their costs, shape (lanes,); infinite where a lane never ran whole.
+        simulations: simulations used, shape (lanes,).
+        iterations: iterations done, shape (lanes,).
+        history: of each lane, (simulations so far, best cost so far) after every iteration.
+        reasons: of each lane, why it ended.
+    """
+
+    values: np.ndarray
+    costs: np.ndarray
+    simulations: np.ndarray
+    iterations: np.ndarray
+    history: list[list[tuple[int, float]]]
+    reasons: list[str]
+
+
+class Best:
+    """The best point of every lane so far, and its history."""
+
+    def __init__(self, lanes: int, n: int):
+        self.values = np.full((lanes, n), np.nan)
+        self.costs = np.full(lanes, np.inf)
+        self.simulations = np.zeros(lanes, int)
+        self.iterations = np.zeros(lanes, int)
+        self.history: list[list[tuple[int, float]]] = [[] for _ in range(lanes)]
+        self.reasons = ["stopped at its number of iterations"] * lanes
+
+    def offer(self, lane: int, values: np.ndarray, cost: float, simulations: int) -> None:
+        """One more iteration of a lane: its point, that point's cost, and what the iteration used."""
+        self.simulations[lane] += simulations
+        self.iterations[lane] += 1
+        if cost < self.costs[lane]:
+            self.costs[lane], self.values[lane] = cost, values
+        self.history[lane].append((int(self.simulations[lane]), float(self.costs[lane])))
+
+    def outcome(self) -> Outcome:
+        """As an `Outcome`."""
+        for lane in range(len(self.reasons)):
+            if not np.isfinite(self.costs[lane]):
+                self.reasons[lane] = "diverged"
+        return Outcome(self.values, self.costs, self.simulations, self.iterations, self.history, self.reasons)
+
+
+def _costs(values: Any, index: Any, problem: Problem) -> Any:
+    return jax.vmap(lane_cost, (0, None if index is None else 0, None))(values, index, problem)
+
+
+@functools.lru_cache(maxsize=32)
+def _gradient_function(mode: str, cases: int) -> Callable[..., Any]:
+    def costs(at: Any, index: Any, problem: Problem) -> Any:
+        return _costs(jax.vmap(problem.space.values)(at), index, problem)
+
+    return value_and_gradient(costs, mode=mode, batched=True, scratch=max(1, SCRATCH // cases))
+
+
+def _residuals(at: Any, index: Any, problem: Problem) -> Any:
+    def one(at: Any, index: Any) -> Any:
+        rows = lane_residuals(problem.space.values(at), index, problem)
+        return jnp.ravel(rows) / math.sqrt(rows.shape[0])
+
+    return jax.vmap(one, (0, None if index is None else 0))(at, index)
+
+
+def _residuals_and_jacobian(at: Any, index: Any, problem: Problem) -> Any:
+    def one(at: Any, index: Any) -> Any:
+        def residuals(at: Any) -> Any:
+            return lane_residuals(problem.space.values(at), index, problem)
+
+        tangents = jnp.eye(at.shape[0], dtype=at.dtype)
+        # The residuals do not depend on the direction: they are computed once, outside the vmap.
+        rows, slopes = jax.vmap(lambda tangent: jax.jvp(residuals, (at,), (tangent,)), out_axes=(None, 2))(tangents)
+        cost = jnp.mean(jax.vmap(problem.objective.cost_of)(rows))
+        share = 1.0 / math.sqrt(rows.shape[0])
+        return share * jnp.ravel(rows), share * slopes.reshape(-1, at.shape[0]), cost
+
+    return jax.vmap(one, (0, None if index is None else 0))(at, index)

@@ -1,0 +1,222 @@
+"""What a tuning minimises: one interface, the cost accumulated in the carry, as a number or as a vector of residuals."""
+
+from abc import abstractmethod
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+import fpjax
+from fpjax import AbstractMeasure, ClosedLoop
+from fpjax.block import Block, as_parameter
+from fpjax.errors import InputError
+
+from .measures import NoiseGain, SquaredAfter, safe_root
+
+BINS = 16  # time bins of a residual vector
+
+
+def _parameters(values: Any) -> dict[str, Any]:
+    return {name: as_parameter(value) for name, value in dict(values).items()}
+
+
+class AbstractObjective(Block):
+    """A cost of one run; the mean (or the worst) over all cases is what a tuning minimises.
+
+    `cost` is what every method compares. `residuals` is what Levenberg-Marquardt squares: for `Estimation` and
+    `Tracking` the sum of their squares is the cost itself, for `Thesis` (a sum of magnitudes) they are its terms.
+    """
+
+    @abstractmethod
+    def measures(self, loop: ClosedLoop, horizon: Array, binned: bool) -> dict[str, AbstractMeasure]:
+        """What a run of `horizon` [s] must accumulate; `binned` for the residuals."""
+
+    @abstractmethod
+    def cost(self, loop: ClosedLoop, finals: dict[str, Array]) -> Array:
+        """The cost of a run, from its measures (not binned) [1]."""
+
+    @abstractmethod
+    def residuals(self, loop: ClosedLoop, finals: dict[str, Array]) -> Array:
+        """The residuals of a run, from its measures (binned) [1], shape (residuals,)."""
+
+    def cost_of(self, residuals: Array) -> Array:
+        """The cost of a run from its residuals [1]."""
+        return jnp.sum(jnp.square(residuals))
+
+    def check(self, loop: ClosedLoop) -> None:
+        """Raise `InputError` where this loop cannot be judged so."""
+        del loop
+
+
+class Thesis(AbstractObjective):
+    """|estimate - truth| at the last sample, summed over the estimates: the cost of Appendix B.
+
+    The text of the thesis says MAE, its code takes the final value. At the thesis' operating point this cost tunes a
+    transient to pass through the truth at t = T; it does not make the observer estimate. `Estimation` does.
+
+    Attributes:
+        scales: what each error is divided by, by estimate, in the estimate's unit; 1 where missing (Appendix B adds
+            N m and N m s/rad as they are).
+        truths: true values by estimate; where missing the plant's friction law tells them.
+    """
+
+    scales: dict[str, Array] = eqx.field(converter=_parameters, default_factory=dict)
+    truths: dict[str, Array] = eqx.field(converter=_parameters, default_factory=dict)
+
+    def measures(self, loop: ClosedLoop, horizon: Array, binned: bool) -> dict[str, AbstractMeasure]:
+        """The last value of every estimate."""
+        del horizon, binned
+        return {name: fpjax.EstimateFinal(name) for name in _estimated(loop)}
+
+    def residuals(self, loop: ClosedLoop, finals: dict[str, Array]) -> Array:
+        """(estimate - truth) / scale of every estimate."""
+        terms = []
+        for name in _estimated(loop):
+            error = finals[name] - truth_of(loop, name, self.truths)
+            terms.append(error / self.scales[name] if name in self.scales else error)
+        return jnp.stack(terms)
+
+    def cost(self, loop: ClosedLoop, finals: dict[str, Array]) -> Array:
+        """Sum of |residuals|."""
+        return self.cost_of(self.residuals(loop, finals))
+
+    def cost_of(self, residuals: Array) -> Array:
+        """Sum of |residuals| [1]."""
+        return jnp.sum(jnp.abs(residuals))
+
+    def check(self, loop: ClosedLoop) -> None:
+        """An observer whose truth is known."""
+        for name in _estimated(loop):
+            truth_of(loop, name, self.truths)
+
+
+class Tracking(AbstractObjective):
+    """Mean square of the tracking error over `scale`.
+
+    Without noise it has no optimum inside any range: larger gains always track better (REPRODUCTION.md). Use it with a
+    noisy sensor, or for the controller's gains.
+
+    Attributes:
+        scale: what the error is divided by [rad/s] (or [rad] with `position`).
+        start: time [s] before which nothing counts.
+        position: judge r - position instead of r - velocity (static).
+    """
+
+    scale: Array = eqx.field(converter=as_parameter, default=1.0)
+    start: Array = eqx.field(converter=as_parameter, default=0.0)
+    position: bool = eqx.field(static=True, default=False)
+
+    def measures(self, loop: ClosedLoop, horizon: Array, binned: bool) -> dict[str, AbstractMeasure]:
+        """The mean square of the error."""
+        del loop
+        quantity = fpjax.position_error if self.position else fpjax.velocity_error
+        error = SquaredAfter(quantity, None, jnp.zeros_like(self.scale), self.scale, self.start, horizon, BINS if binned else 0)
+        return {"error": error}
+
+    def residuals(self, loop: ClosedLoop, finals: dict[str, Array]) -> Array:
+        """Root mean square of every time bin."""
+        del loop
+        return finals["error"]
+
+    def cost(self, loop: ClosedLoop, finals: dict[str, Array]) -> Array:
+        """The mean square [1]."""
+        del loop
+        return finals["error"]
+
+
+class Estimation(AbstractObjective):
+    """Time average of the squared normalised estimate errors, summed over the estimates: the default.
+
+    Over several true plants it asks for gains that estimate, not for gains whose transient passes the truth.
+
+    Attributes:
+        start: time [s] before which nothing counts: the swing of an estimate on its way is the price of a fast slow
+            mode, and an average that holds it would forbid such gains.
+        scales: what each error is divided by, by estimate, in the estimate's unit; |truth| where missing.
+        truths: true values by estimate; where missing the plant's friction law tells them.
+        noise: standard deviation of the velocity measurement [rad/s] for the noise-gain penalty.
+        noise_weight: weight of the penalty [1]: the mean square of g'(w) noise / scale, the noise that passes
+            straight through estimate = z - g(w) into the estimate; 0 for none.
+    """
+
+    start: Array = eqx.field(converter=as_parameter, default=0.0)
+    scales: dict[str, Array] = eqx.field(converter=_parameters, default_factory=dict)
+    truths: dict[str, Array] = eqx.field(converter=_parameters, default_factory=dict)
+    noise: Array = eqx.field(converter=as_parameter, default=0.0)
+    noise_weight: Array = eqx.field(converter=as_parameter, default=0.0)
+
+    def measures(self, loop: ClosedLoop, horizon: Array, binned: bool) -> dict[str, AbstractMeasure]:
+        """The mean square error of every estimate, and the noise gain."""
+        bins = BINS if binned else 0
+        found: dict[str, AbstractMeasure] = {}
+        for name in _estimated(loop):
+            truth = truth_of(loop, name, self.truths)
+            found[name] = SquaredAfter(None, name, truth, self._scale(name, truth), self.start, horizon, bins)
+        scales = tuple(self._scale(name, truth_of(loop, name, self.truths)) for name in _estimated(loop))
+        found["noise"] = NoiseGain(loop.observer, scales, self.noise)
+        return found
+
+    def _scale(self, name: str, truth: Array) -> Array:
+        return self.scales[name] if name in self.scales else jnp.abs(truth)
+
+    def residuals(self, loop: ClosedLoop, finals: dict[str, Array]) -> Array:
+        """Root mean square of every estimate in every time bin, and the weighted noise gain."""
+        noise = jnp.reshape(safe_root(self.noise_weight * finals["noise"]), (1,))
+        return jnp.concatenate([*(finals[name] for name in _estimated(loop)), noise])
+
+    def cost(self, loop: ClosedLoop, finals: dict[str, Array]) -> Array:
+        """The sum of the mean squares [1]."""
+        total = self.noise_weight * finals["noise"]
+        for name in _estimated(loop):
+            total = total + finals[name]
+        return total
+
+    def check(self, loop: ClosedLoop) -> None:
+        """An observer whose truth is known, and not zero where it is what errors are divided by."""
+        for name in _estimated(loop):
+            truth = np.asarray(truth_of(loop, name, self.truths))
+            if name not in self.scales and not np.all(np.abs(truth) > 0):
+                raise InputError(
+                    f"The true {name} is 0, so its error cannot be divided by it: give Estimation(scales={{'{name}': ...}}) "
+                    f"in the unit of {name}."
+                )
+
+
+OBJECTIVES: dict[str, type[AbstractObjective]] = {"thesis": Thesis, "tracking": Tracking, "estimation": Estimation}
+
+
+def get_objective(objective: str | AbstractObjective) -> AbstractObjective:
+    """An objective by its name ("thesis", "tracking", "estimation"); an objective is passed through.
+
+    Raises:
+        InputError: for a name that is not known.
+    """
+    if isinstance(objective, AbstractObjective):
+        return objective
+    if objective not in OBJECTIVES:
+        raise InputError(f"objective = {objective!r} is not known: choose one of {', '.join(OBJECTIVES)}.")
+    return OBJECTIVES[objective]()
+
+
+def truth_of(loop: ClosedLoop, name: str, truths: dict[str, Array]) -> Array:
+    """The true value of an estimate, in its unit: from `truths`, or else the plant's friction law.
+
+    Raises:
+        InputError: where neither tells it.
+    """
+    value = truths[name] if name in truths else getattr(loop.plant.friction, name, None)
+    if value is None:
+        raise InputError(
+            f"{type(loop.plant.friction).__name__} has no {name}, so the estimate's truth is not known: "
+            f"give the objective truths={{'{name}': ...}}."
+        )
+    return value
+
+
+def _estimated(loop: ClosedLoop) -> tuple[str, ...]:
+    names = loop.observer.estimated
+    if not names:
+        raise InputError("This loop has no observer, so there is no estimate to judge: use objective='tracking'.")
+    return names

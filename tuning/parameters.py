@@ -1,0 +1,128 @@
+"""What is tuned: parameters by dotted name (`fpjax.parameters`), their bounds, and a space without bounds."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from fpjax.errors import InputError
+from fpjax.parameters import get_parameter
+
+Scale = Literal["log", "linear"]
+
+DECADES = 4.0  # a log parameter without bounds may move this far either way
+SHARPNESS = 8  # of the bend towards a bound: 0.1 % from straight at 40 % of the way, 4 % at 80 %
+STARTS_INSIDE = 0.97  # a start on a bound would have no slope: it begins this far of the way
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """One parameter to tune.
+
+    Attributes:
+        name: dotted path in the loop, as "observer.gain_1" or "controller.kp".
+        start: where to start, in the parameter's unit; None for its value in the loop.
+        low: smallest value, in the parameter's unit; None for 1e-4 of the start (log scale only).
+        high: largest value, in the parameter's unit; None for 1e4 times the start (log scale only).
+        scale: "log" or "linear": the space in which a gradient moves.
+    """
+
+    name: str
+    start: float | None = None
+    low: float | None = None
+    high: float | None = None
+    scale: Scale = "log"
+
+
+class Space(eqx.Module):
+    """The unbounded coordinates in which gradients move.
+
+    A log parameter's unit is one e-fold, a linear one's half its range. Close to a bound the map bends,
+    c = middle + half q / (1 + |q|^p)^(1/p), so that no step leaves the bounds and no slope jumps.
+
+    Attributes:
+        middle: of the bounds, as a logarithm where log, shape (n,).
+        half: half the distance of the bounds, likewise, shape (n,).
+        logarithmic: 1 where log, else 0, shape (n,).
+    """
+
+    middle: Array
+    half: Array
+    logarithmic: Array
+
+    def values(self, at: Array) -> Array:
+        """Parameter values, in their units, at unbounded coordinates of shape (n,)."""
+        log = self.logarithmic > 0.0
+        share = at * jnp.where(log, 1.0 / self.half, 1.0)
+        bent = self.middle + self.half * share / (1.0 + jnp.abs(share) ** SHARPNESS) ** (1.0 / SHARPNESS)
+        return jnp.where(log, jnp.exp(jnp.where(log, bent, 0.0)), bent)
+
+    def coordinates(self, values: Any) -> np.ndarray:
+        """Unbounded coordinates of values, shape (..., n), on the host."""
+        share = np.clip(self.share(values), -STARTS_INSIDE, STARTS_INSIDE)
+        straight = share / (1.0 - np.abs(share) ** SHARPNESS) ** (1.0 / SHARPNESS)
+        return straight * np.where(np.asarray(self.logarithmic) > 0, np.asarray(self.half), 1.0)
+
+    def share(self, values: Any) -> np.ndarray:
+        """Where values lie between their bounds: -1 at the low one, 1 at the high one; shape (..., n)."""
+        values = np.asarray(values, dtype=float)
+        log = np.asarray(self.logarithmic) > 0
+        bent = np.where(log, np.log(np.where(log, np.maximum(values, 1e-300), 1.0)), values)
+        return (bent - np.asarray(self.middle, dtype=float)) / np.asarray(self.half, dtype=float)
+
+
+def make_space(loop: Any, parameters: Sequence[str | Parameter], dtype: Any) -> tuple[tuple[str, ...], Array, Space]:
+    """(names, start of shape (n,), `Space`) of what is to be tuned.
+
+    Args:
+        loop: where the parameters live.
+        parameters: names, or `Parameter`s.
+        dtype: of the arrays.
+
+    Raises:
+        InputError: for a name, a start or bounds that cannot be.
+    """
+    full = [Parameter(one) if isinstance(one, str) else one for one in parameters]
+    if not full:
+        raise InputError("There is nothing to tune: name at least one parameter, as 'observer.gain_1'.")
+    names = tuple(one.name for one in full)
+    if len(set(names)) != len(names):
+        raise InputError(f"parameters = {', '.join(names)} names one twice: give each once.")
+    rows = [_row(loop, one) for one in full]
+    start, low, high, log = (np.array(column) for column in zip(*rows, strict=True))
+    logarithmic = log > 0
+    ends = [np.where(logarithmic, np.log(np.where(logarithmic, end, 1.0)), end) for end in (low, high)]
+    columns = ((ends[0] + ends[1]) / 2.0, (ends[1] - ends[0]) / 2.0, log)
+    return names, jnp.asarray(start, dtype), Space(*(jnp.asarray(column, dtype) for column in columns))
+
+
+def _row(loop: Any, one: Parameter) -> tuple[float, float, float, float]:
+    current = get_parameter(loop, one.name)
+    if current.ndim:
+        raise InputError(f"{one.name} is an array of shape {current.shape}: only single numbers can be tuned.")
+    start = float(current) if one.start is None else float(one.start)
+    if one.scale not in ("log", "linear"):
+        raise InputError(f"{one.name}: scale = {one.scale!r} is not known: choose 'log' or 'linear'.")
+    low, high = one.low, one.high
+    if one.scale == "log":
+        if not start > 0.0:
+            raise InputError(
+                f"{one.name} = {start:g} cannot start on a log scale: give a start above zero, or scale='linear'."
+            )
+        low = start * 10.0**-DECADES if low is None else low
+        high = start * 10.0**DECADES if high is None else high
+        if not low > 0.0:
+            raise InputError(f"{one.name}: low = {low:g} cannot be on a log scale: it must be above zero.")
+    if low is None or high is None:
+        raise InputError(f"{one.name} on a linear scale needs both low and high.")
+    if not (np.isfinite(low) and np.isfinite(high) and low < high):
+        raise InputError(
+            f"{one.name}: the range from {low:g} to {high:g} is empty or not finite: give a low below a high."
+        )
+    if not low <= start <= high:
+        raise InputError(f"{one.name} = {start:g} starts outside its range from {low:g} to {high:g}.")
+    return start, float(low), float(high), 1.0 if one.scale == "log" else 0.0

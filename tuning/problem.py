@@ -1,0 +1,209 @@
+"""A tuning problem as one pytree of arrays, and its cost for a set of gains: mean or worst over all cases."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+import fpjax
+from fpjax import AbstractReference, AbstractSolver, ClosedLoop, Inputs, Stepper
+from fpjax.errors import InputError
+from fpjax.parameters import get_parameter, set_parameters
+from fpjax.simulate import Stepping, loop_dtype
+from fpjax.stability import warn_if_stiff
+
+from .objective import AbstractObjective, get_objective
+from .parameters import Parameter, Space, make_space
+
+Aggregate = Literal["mean", "worst"]
+References = AbstractReference | Sequence[AbstractReference] | Mapping[str, AbstractReference]
+
+
+class Problem(eqx.Module):
+    """Everything that decides a cost. All leaves are arrays: another gain, reference, plant or dt recompiles nothing.
+
+    Attributes:
+        loop: the closed loop, as it is where neither a plant nor a candidate says otherwise.
+        stepper: how time passes.
+        time: [s], shape (samples,).
+        references: a table per node of the solver, each of shape (references, samples) [rad/s].
+        noise: a table per channel of the sensor, each of shape (seeds, samples).
+        plants: true plants: values by parameter name, each of shape (plants,).
+        objective: the cost of one run.
+        space: the coordinates in which gradients move.
+        parameters: what a candidate sets (static).
+        seeds: noise seeds (static).
+        aggregate: "mean" or "worst" over the cases (static).
+    """
+
+    loop: ClosedLoop
+    stepper: Stepper
+    time: Array
+    references: tuple[Array, ...]
+    noise: tuple[Array, ...]
+    plants: dict[str, Array]
+    objective: AbstractObjective
+    space: Space
+    parameters: tuple[str, ...] = eqx.field(static=True)
+    seeds: int = eqx.field(static=True)
+    aggregate: Aggregate = eqx.field(static=True)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(references, plants, seeds): their product is the number of simulations of one cost."""
+        plants = next(iter(self.plants.values())).shape[0] if self.plants else 1
+        return self.references[0].shape[0], plants, self.seeds
+
+    @property
+    def dtype(self) -> Any:
+        """The loop's precision."""
+        return self.time.dtype
+
+
+def make_problem(
+    loop: ClosedLoop,
+    references: References,
+    parameters: Sequence[str | Parameter],
+    *,
+    objective: str | AbstractObjective = "estimation",
+    dt: float,
+    duration: float | None = None,
+    samples: int | None = None,
+    solver: str | AbstractSolver = "rk4",
+    stepping: Stepping = "continuous",
+    substeps: int = 1,
+    plants: Mapping[str, Any] | None = None,
+    noise_seeds: Sequence[int] = (),
+    aggregate: Aggregate = "mean",
+) -> tuple[Problem, Array, tuple[str, ...]]:
+    """(problem, start of shape (n,), labels of the references); the arguments are those of `tuning.tune`.
+
+    Raises:
+        InputError: for settings that cannot be.
+    """
+    stepper = fpjax.make_stepper(
+        dt=dt, duration=duration, samples=samples, solver=solver, stepping=stepping, substeps=substeps
+    )
+    dtype = loop_dtype(loop)
+    labels, listed = label_references(references)
+    names, start, space = make_space(loop, parameters, dtype)
+    chosen = get_objective(objective)
+    chosen = fpjax.astype(chosen, dtype)
+    if aggregate not in ("mean", "worst"):
+        raise InputError(f"aggregate = {aggregate!r} is not known: choose 'mean' or 'worst'.")
+    if noise_seeds and not loop.sensor.noise_channels:
+        raise InputError(
+            f"noise_seeds = {list(noise_seeds)} needs a sensor with noise, not {type(loop.sensor).__name__}: "
+            "give the loop a Gyro, with stepping='sampled'."
+        )
+    varied = {name: jnp.asarray(np.atleast_1d(np.asarray(values)), dtype) for name, values in (plants or {}).items()}
+    sizes = {values.shape for values in varied.values()}
+    if len(sizes) > 1:
+        raise InputError(f"plants gives arrays of shapes {sorted(sizes)}: one value of each parameter a plant.")
+    for name in varied:
+        get_parameter(loop, name)
+        if name in names:
+            raise InputError(f"{name} is both tuned and varied over the plants: leave it out of one of them.")
+    for index in range(next(iter(sizes))[0] if sizes else 1):
+        judged = set_parameters(loop, {name: values[index] for name, values in varied.items()})
+        chosen.check(judged)
+        warn_if_stiff(judged, dt / (substeps if stepping == "sampled" else 1), stepper.solver)
+    tables = [fpjax.make_inputs(loop, reference, stepper) for reference in listed]
+    channels = loop.sensor.noise_channels
+    noisy = [fpjax.make_inputs(loop, listed[0], stepper, jax.random.key(seed)).noise for seed in noise_seeds]
+    noise = tuple(
+        jnp.stack([rows[channel] for rows in noisy]) if noisy else tables[0].noise[channel][None]
+        for channel in range(channels)
+    )
+    stacked = tuple(jnp.stack([table.references[node] for table in tables]) for node in range(len(tables[0].references)))
+    problem = Problem(
+        loop, stepper, tables[0].time, stacked, noise, varied, chosen, space, names, max(1, len(noise_seeds)), aggregate
+    )
+    return problem, start, labels
+
+
+def label_references(references: References) -> tuple[tuple[str, ...], list[AbstractReference]]:
+    """(labels, references) of one reference, a list of them, or a dictionary by label.
+
+    Raises:
+        InputError: where there is none.
+    """
+    if isinstance(references, Mapping):
+        labels, listed = tuple(references), list(references.values())
+    else:
+        listed = [references] if isinstance(references, AbstractReference) else list(references)
+        kinds = [type(one).__name__.lower() for one in listed]
+        labels = tuple(
+            kind if kinds.count(kind) == 1 else f"{kind}_{kinds[: place + 1].count(kind)}"
+            for place, kind in enumerate(kinds)
+        )
+    if not listed:
+        raise InputError("There is no reference to tune on: give at least one, as fpjax.Sine(1.0, 1.0).")
+    return labels, listed
+
+
+def case_costs(values: Array, index: Array | None, problem: Problem) -> Array:
+    """Cost of every case for one candidate, shape (references, plants, seeds); not finite where a run diverged.
+
+    Args:
+        values: of the parameters, in their units, shape (n,).
+        index: which reference alone counts (the first axis is then 1); None for all.
+        problem: from `make_problem`.
+    """
+
+    def judged(loop: ClosedLoop, inputs: Inputs) -> Array:
+        measures = problem.objective.measures(loop, horizon(problem), False)
+        finals, _, _ = fpjax.roll(loop, inputs, problem.stepper, measures)
+        return problem.objective.cost(loop, finals)
+
+    return _over_cases(judged, values, index, problem)
+
+
+def lane_cost(values: Array, index: Array | None, problem: Problem) -> Array:
+    """The mean or the worst of `case_costs`; infinite where a run diverged."""
+    costs = case_costs(values, index, problem)
+    cost = jnp.mean(costs) if problem.aggregate == "mean" else jnp.max(costs)
+    return jnp.where(jnp.isfinite(cost), cost, jnp.inf)
+
+
+def lane_residuals(values: Array, index: Array | None, problem: Problem) -> Array:
+    """The residuals of every case, shape (cases, residuals); arguments as of `case_costs`."""
+
+    def judged(loop: ClosedLoop, inputs: Inputs) -> Array:
+        measures = problem.objective.measures(loop, horizon(problem), True)
+        finals, _, _ = fpjax.roll(loop, inputs, problem.stepper, measures)
+        return problem.objective.residuals(loop, finals)
+
+    rows = _over_cases(judged, values, index, problem)
+    return rows.reshape(-1, rows.shape[-1])
+
+
+def horizon(problem: Problem) -> Array:
+    """Time of the last sample [s]."""
+    return problem.time[-1]
+
+
+def simulations_of(problem: Problem, alone: bool) -> int:
+    """Simulations of one cost: cases, of one reference if `alone`."""
+    references, plants, seeds = problem.shape
+    return (1 if alone else references) * plants * seeds
+
+
+def _over_cases(judged: Any, values: Array, index: Array | None, problem: Problem) -> Array:
+    references = problem.references
+    if index is not None:
+        references = tuple(table[index][None] for table in references)
+    _, plants, seeds = problem.shape
+
+    def one(tables: tuple[Array, ...], plant: dict[str, Array], noise: tuple[Array, ...]) -> Array:
+        candidate = {name: values[place] for place, name in enumerate(problem.parameters)}
+        loop = set_parameters(problem.loop, plant | candidate)
+        return judged(loop, Inputs(problem.time, tables, noise))
+
+    over_seeds = jax.vmap(one, (None, None, 0), axis_size=seeds)
+    over_plants = jax.vmap(over_seeds, (None, 0, None), axis_size=plants)
+    return jax.vmap(over_plants, (0, None, None))(references, problem.plants, problem.noise)

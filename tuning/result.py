@@ -1,0 +1,111 @@
+"""What a tuning leaves: gains, costs, what they took, and the identifiability block."""
+
+import dataclasses
+import math
+import platform
+from typing import Any
+
+import jax
+import numpy as np
+
+from fpjax._version import __version__
+from fpjax.parameters import set_parameters
+
+from .identifiability import Identifiability
+
+
+@dataclasses.dataclass(frozen=True)
+class TuningResult:
+    """One tuning of one set of references.
+
+    Attributes:
+        method: its name.
+        objective: its name.
+        references: labels of the references it was tuned on.
+        gains: tuned values by parameter name, in their units.
+        start: where it started, likewise.
+        cost: of the gains, the mean (or worst) over all cases [1].
+        start_cost: of the first start [1]; infinite where it diverged.
+        mean: over the cases [1].
+        worst: over the cases [1].
+        cases: cost of every case, nested lists of shape (references, plants, seeds).
+        simulations: runs of one case used by all starts, tangents counted (a forward-mode gradient of n gains: 1 + n).
+        simulated_steps: simulations x samples.
+        iterations: of the best start.
+        history: (simulations so far of all starts, best cost so far).
+        starts: number of starts.
+        diverged_starts: how many of them diverged and were dropped.
+        message: why it ended.
+        run_seconds: computing.
+        compile_seconds: compiling, apart.
+        identifiability: what the residuals pin; None where every start diverged.
+        versions: of what computed it.
+    """
+
+    method: str
+    objective: str
+    references: tuple[str, ...]
+    gains: dict[str, float]
+    start: dict[str, float]
+    cost: float
+    start_cost: float
+    mean: float
+    worst: float
+    cases: Any
+    simulations: int
+    simulated_steps: int
+    iterations: int
+    history: list[tuple[int, float]]
+    starts: int
+    diverged_starts: int
+    message: str
+    run_seconds: float
+    compile_seconds: float
+    identifiability: Identifiability | None
+    versions: dict[str, str]
+
+    @property
+    def diverged(self) -> bool:
+        """Whether no start ever ran whole."""
+        return not math.isfinite(self.cost)
+
+    def apply(self, loop: Any) -> Any:
+        """A copy of the loop with the tuned gains."""
+        return set_parameters(loop, self.gains)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON takes it; what is not finite as None."""
+        return _plain({**dataclasses.asdict(self), "references": list(self.references)})
+
+    def __str__(self) -> str:
+        gains = "\n".join(f"  {name:<28} {self.start[name]:>12.6g} -> {value:<12.6g}" for name, value in self.gains.items())
+        dropped = f", {self.diverged_starts} of {self.starts} starts diverged" if self.diverged_starts else ""
+        lines = [
+            f"{self.method} on {', '.join(self.references)} ({self.objective}): {self.message}{dropped}",
+            gains,
+            f"  cost {self.start_cost:.6g} -> {self.cost:.6g}  (mean {self.mean:.6g}, worst case {self.worst:.6g})",
+            f"  {self.simulations} simulations, {self.simulated_steps:.3g} steps, {self.run_seconds:.2f} s"
+            f" + {self.compile_seconds:.2f} s compiling",
+        ]
+        return "\n".join([*lines, *([str(self.identifiability)] if self.identifiability else [])])
+
+
+def versions() -> dict[str, str]:
+    """Versions that a figure depends on."""
+    return {
+        "fpjax": __version__,
+        "jax": jax.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+        "backend": jax.default_backend(),
+    }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(part) for part in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    return int(value) if isinstance(value, np.integer) else value
