@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.withheld.judge import read_scores, score_all
+import fpjax.gap
+from benchmarks.withheld.cases import identities
+from benchmarks.withheld.judge import diagnose_all, read_scores, score_all
 from benchmarks.withheld.real import intervals, read_record, run_real
 from benchmarks.withheld.score import number, score_case
 from benchmarks.withheld.summary import calibration, confusion, misses, summarise, summary_of
@@ -289,3 +291,34 @@ def test_a_report_of_a_set_that_found_nothing(tmp_path, capsys):
     score_all(tmp_path, [label("none", (), [[]])], {})
     assert "false_alarms" in capsys.readouterr().out
     assert (tmp_path / "parameters.png").exists()
+
+
+def test_an_interrupted_run_goes_on_and_a_failing_log_is_counted(tmp_path, monkeypatch, capsys):
+    wanted = identities(0, ("none",), ("servo", "drive"))
+    for one in wanted:
+        place = tmp_path / "logs" / one.name
+        place.mkdir(parents=True)
+        (place / "log.csv").write_text("time,torque,velocity\n")
+        (place / "servo.toml").write_text("")
+    asked, broken = [], {wanted[1].name}
+
+    def diagnose(log, model):
+        asked.append(log.parent.name)
+        assert model.name == "servo.toml"
+        if log.parent.name in broken:
+            raise ValueError("does not converge")
+        return Answer(answer("no_gap", []))
+
+    monkeypatch.setattr(fpjax.gap, "diagnose", diagnose, raising=False)
+    diagnose_all(tmp_path, wanted)
+    assert asked == [one.name for one in wanted]
+    labels = [label("none", (), [[]], case=one.name) for one in wanted]
+    scores = read_scores(tmp_path, labels)
+    assert [s.verdict for s in scores] == ["no_gap", "failed", "no_gap", "no_gap"]
+    assert [s.warm for s in scores if s.seconds is not None] == [False, True, True]
+    assert "does not converge" in (tmp_path / "results" / wanted[1].name / "error.txt").read_text()
+    broken.clear()
+    diagnose_all(tmp_path, wanted)
+    assert asked[len(wanted) :] == [wanted[1].name]
+    assert summary_of(read_scores(tmp_path, labels))["false_alarms"] == 0.0
+    assert "reused" in capsys.readouterr().err

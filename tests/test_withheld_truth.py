@@ -19,7 +19,7 @@ from benchmarks.withheld.cases import (
     seeds_of,
     split,
 )
-from benchmarks.withheld.truth.check import window_residual
+from benchmarks.withheld.truth.check import refit, window_residual
 from benchmarks.withheld.truth.effects import EFFECTS, UNITS
 from benchmarks.withheld.truth.integrate import simulate
 from benchmarks.withheld.truth.machine import Machine
@@ -388,10 +388,22 @@ def test_the_labels_parameters_close_the_gap():
         assert nominal > 1.5, effect
 
 
-def test_every_effect_stands_out_of_the_noise():
-    cases = [build(Identity(1, "single", "servo", (effect,), i), 3000) for i, effect in enumerate(EFFECTS)]
+def test_every_effect_stands_out_of_the_noise_and_only_nominal_errors_are_fitted_away():
+    # the fourth nominal-like effect: a gain divides all three by itself
+    nominal_like = {"coulomb_error", "viscous_error", "inertia_error", "torque_gain_error"}
+    cases = [build(Identity(2, "single", "servo", (effect,), i), 3000) for i, effect in enumerate(EFFECTS)]
     for case, record in zip(cases, simulate([case.machine for case in cases], substeps=10), strict=True):
         noise = case.machine.physics["velocity_noise"]
         ratio = np.mean(window_residual(case.plan.nominal, record, DT) ** 2) / noise**2
+        fitted, residual = refit(case.plan.nominal, record, DT)
+        left = np.mean(residual**2) / noise**2
         # 3000 samples of pure noise scatter by sqrt(2 / 3000) = 0.026 around one
         assert ratio > 1.5, case.identity
+        if case.identity.effects[0] in nominal_like:
+            assert abs(left - 1) < 0.15, case.identity
+            gain = case.machine.physics.get("gain", 1.0)
+            for name, tolerance in (("inertia", 0.002), ("coulomb", 0.005), ("viscous", 0.03)):
+                true = getattr(case.plan.draw, name) / gain
+                assert fitted[name] == pytest.approx(true, rel=tolerance), case.identity
+        else:
+            assert left > 1.5, case.identity

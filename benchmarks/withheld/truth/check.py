@@ -66,3 +66,28 @@ def chi_square(nominal: dict[str, float], physics: dict[str, float], record: Rec
     """Reduced chi-square of the nominal model's window residual against sensor noise alone."""
     residual = window_residual(nominal, record, dt)
     return float(np.mean(residual**2) / physics["velocity_noise"] ** 2)
+
+
+def refit(
+    nominal: dict[str, float], record: Record, dt: float, iterations: int = 4
+) -> tuple[dict[str, float], np.ndarray]:
+    """Inertia, Coulomb and viscous that fit the windows best, and the residual that they leave.
+
+    Gauss-Newton with differences: what no nominal value can explain is the effect's own.
+    """
+    names = ("inertia", "coulomb", "viscous")
+    best = dict(nominal)
+    left = window_residual(best, record, dt, substeps=4)
+    current, residual = dict(best), left
+    for _ in range(iterations):
+        columns = [
+            (window_residual(current | {n: 1.005 * current[n]}, record, dt, substeps=4) - residual).ravel() / 0.005
+            for n in names
+        ]
+        step = np.linalg.lstsq(np.stack(columns, axis=1), -residual.ravel(), rcond=None)[0]
+        for name, change in zip(names, step, strict=True):
+            current[name] *= float(np.clip(1 + change, 0.5, 2))
+        residual = window_residual(current, record, dt, substeps=4)
+        if np.mean(residual**2) < np.mean(left**2):
+            best, left = dict(current), residual
+    return best, left
