@@ -23,10 +23,9 @@ from typing import Any, TypeVar, cast
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.experimental.xla_metadata import set_xla_metadata
-from jax.extend.core import jaxpr_as_fun
 
 from .errors import InputError
+from .one_kernel import one_kernel
 
 F = TypeVar("F", bound=Callable[..., Any])
 C = TypeVar("C")
@@ -44,37 +43,13 @@ _reverse: contextvars.ContextVar[tuple[int, int] | None] = contextvars.ContextVa
 # check `run_options != nullptr` in runtime_fork_join.cc.
 _ASKED_FROM, _ASKED_BELOW = (0, 7), (0, 12)
 
-# What may stand in one kernel. A list of what is allowed, not of what is forbidden: XLA fails hard
-# on a sort, a LAPACK or FFI call, a callback or a collective inside the kernel, and a primitive
-# that nobody has tried is better run slowly than not at all.
-_ELEMENTWISE = """
-abs acos acosh add add_any and asin asinh atan atan2 atanh cbrt ceil clamp conj
-convert_element_type copy copy_p cos cosh digamma div eq eq_to erf erf_inv erfc exp exp2 expm1 floor ge
-gt imag integer_pow is_finite le le_to lgamma log log1p logistic lt lt_to max min mul ne neg nextafter not or
-population_count clz pow real reduce_precision rem round rsqrt select_and_scatter_add select_n
-shift_left shift_right_arithmetic shift_right_logical sign sin sinh sqrt square stop_gradient sub
-tan tanh xor
-"""
-_STRUCTURE = """
-broadcast broadcast_in_dim concatenate dynamic_slice dynamic_update_slice expand_dims gather iota
-pad reshape rev scatter scatter-add scatter_add scatter_max scatter_min scatter_mul slice split
-squeeze transpose bitcast_convert_type empty empty2 pvary pcast
-argmax argmin cumlogsumexp cummax cummin cumprod cumsum reduce_and reduce_max reduce_min reduce_or
-reduce_prod reduce_sum reduce_xor reduce dot_general mul_add
-"""
-_CONTROL = """
-pjit jit closed_call core_call remat remat2 checkpoint custom_jvp_call custom_vjp_call
-custom_vjp_call_jaxpr custom_lin scan while cond optimization_barrier
-"""
-_ALLOWED = frozenset((_ELEMENTWISE + _STRUCTURE + _CONTROL).split())
-
 
 def native_enabled() -> bool:
-    """Whether `native` asks XLA for one kernel: here, now, on this jax and this backend.
+    """Whether `native` asks XLA for one kernel, where it compiles for a CPU.
 
-    The order: `native_mode`, then the environment variable `FPJAX_NATIVE` ("0" never, "1" on every
-    CPU), then what was measured: on a CPU, on jax 0.7 to 0.11 (0.12 does it by itself).
-    Read when a function is traced: what is compiled stays as it was compiled.
+    The order: `native_mode`, then the environment variable `FPJAX_NATIVE` ("0" never, "1" always), then what was
+    measured: on jax 0.7 to 0.11 (0.12 does it by itself). Read when a function is traced: what is compiled stays as it
+    was compiled.
     """
     chosen = _switch.get()
     if chosen is None:
@@ -90,7 +65,7 @@ def native_enabled() -> bool:
                 f"FPJAX_NATIVE={word!r} is neither 0 nor 1: use 0 for the plain loop, 1 to ask "
                 "for one kernel, or leave it unset for the measured choice."
             )
-    return chosen and jax.default_backend() == "cpu"
+    return chosen
 
 
 @contextlib.contextmanager
@@ -119,7 +94,7 @@ def native(fn: F) -> F:
 
     # The ambient reverse pass is an argument: a trace made without it must not be found within it.
     def evaluated(enabled: bool, reverse: Any, arguments: tuple[Any, ...]) -> Any:
-        return _one_kernel(fn, arguments) if enabled else fn(*arguments)
+        return one_kernel(fn, arguments) if enabled else fn(*arguments)
 
     compiled = jax.jit(evaluated, static_argnums=(0, 1))
 
@@ -128,36 +103,6 @@ def native(fn: F) -> F:
         return compiled(native_enabled(), _reverse.get(), arguments)
 
     return cast(F, wrapped)
-
-
-def _one_kernel(fn: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-    closed, shape = jax.make_jaxpr(fn, return_shape=True)(*arguments)
-    structure = jax.tree.structure(shape)
-    flat = jax.tree.leaves(arguments)
-
-    evaluate = jaxpr_as_fun(closed)
-    if what_forbids_one_kernel(closed.jaxpr) is None:
-        # The trace above was made outside the metadata, so that the one call carries it and
-        # nothing within does.
-        kernel = jax.jit(lambda *values: evaluate(*values))
-        with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
-            return jax.tree.unflatten(structure, kernel(*flat))
-    return jax.tree.unflatten(structure, evaluate(*flat))
-
-
-def what_forbids_one_kernel(jaxpr: Any) -> str | None:
-    """The name of the first primitive in `jaxpr` that cannot stand in one kernel; None if none."""
-    for equation in jaxpr.eqns:
-        name = equation.primitive.name
-        if name not in _ALLOWED:
-            return name
-        for value in equation.params.values():
-            for inner in value if isinstance(value, (tuple, list)) else (value,):
-                inner = getattr(inner, "jaxpr", inner)
-                found = what_forbids_one_kernel(inner) if hasattr(inner, "eqns") else None
-                if found is not None:
-                    return found
-    return None
 
 
 def scan_loop(

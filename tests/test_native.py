@@ -19,8 +19,8 @@ from fpjax.native import (
     native_mode,
     reverse_pass,
     scan_loop,
-    what_forbids_one_kernel,
 )
+from fpjax.one_kernel import what_forbids_one_kernel
 
 STEPS = 300
 
@@ -146,7 +146,9 @@ def test_what_cannot_stand_in_a_kernel_falls_back(name):
 
 ALLOWED = {
     "arithmetic": lambda x: jnp.clip(jnp.abs(x) ** 1.5 + x**3 - x / 3.0, -4.0, 4.0) + jnp.sign(x) + x % 0.7,
-    "functions": lambda x: jnp.sin(x) + jnp.cos(x) * jnp.exp(-x) + jnp.log1p(x**2) + jnp.arctan2(x, 1.0 + x) + jnp.sqrt(x**2),
+    "functions": lambda x: (
+        jnp.sin(x) + jnp.cos(x) * jnp.exp(-x) + jnp.log1p(x**2) + jnp.arctan2(x, 1.0 + x) + jnp.sqrt(x**2)
+    ),
     "hyperbolic": lambda x: jnp.tanh(x) + jnp.sinh(x) - jax.nn.sigmoid(x) + jax.scipy.special.erf(x) + jnp.arcsinh(x),
     "rounding": lambda x: jnp.floor(x) + jnp.ceil(x) + jnp.round(x) + jnp.where(jnp.isfinite(x), x, 0.0),
     "integers": lambda x: x * ((jnp.int32(5) << jnp.int32(2)) & jnp.int32(7)).astype(x.dtype),
@@ -175,6 +177,46 @@ def test_what_is_allowed_compiles_in_one_kernel(name, batch):
     assert what_forbids_one_kernel(jax.make_jaxpr(run)(x).jaxpr) is None
     with native_mode(True):
         np.testing.assert_allclose(jax.jit(native(run))(x), run(x), rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["arithmetic", "hyperbolic"])
+def test_a_later_vmap_that_is_too_large_for_one_kernel(name):
+    """XLA before 0.12 gives these operations to its threads, and cannot do so within a kernel."""
+    run = native(lambda x: scan_loop(lambda carry, _: (0.5 * ALLOWED[name](carry), None), x, None, length=5)[0])
+    x = jnp.outer(jnp.linspace(0.5, 1.5, 3000), jnp.array([0.3, -0.2, 0.9, 0.1]))
+    with native_mode(True):
+        on = jax.jit(jax.vmap(run))(x)
+    with native_mode(False):
+        off = jax.jit(jax.vmap(run))(x)
+    np.testing.assert_allclose(on, off, rtol=1e-10, atol=1e-12)
+
+
+def test_constants_captured_tracers_and_passed_through_arguments():
+    """XLA before 0.12 ends the process where an argument of the kernel is a constant array."""
+    table, kept = jnp.sin(jnp.linspace(0.0, 30.0, STEPS)), jnp.linspace(0.0, 1.0, STEPS)
+
+    def run(gain, table, unused, flags):
+        def step(carry, x):
+            return carry + 0.1 * (gain * x[0] - jnp.tanh(carry)) + x[1], None
+
+        return scan_loop(step, jnp.zeros_like(gain), (table, kept))[0], table, gain, flags
+
+    def outer(wrap, gain):
+        def within(scale):
+            captured = wrap(lambda g: run(g * scale, table, table, kept > 0.5)[0])(gain)
+            return (
+                captured,
+                wrap(run)(gain, table, kept, kept > 0.5),
+                wrap(run)(jnp.array(2.0), table * 2.0, kept, True),
+            )
+
+        return jax.vmap(within)(jnp.array([1.0, 2.0]))
+
+    with native_mode(True):
+        on = jax.jit(lambda gain: outer(native, gain))(jnp.array(0.3))
+    off = outer(lambda fn: fn, jnp.array(0.3))
+    for a, b in zip(jax.tree.leaves(on), jax.tree.leaves(off), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12)
 
 
 def test_traced_once():

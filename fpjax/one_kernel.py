@@ -1,0 +1,171 @@
+"""The primitive behind `native`: a program that XLA on the CPU is asked to compile as one kernel.
+
+It is a primitive, and not only metadata on a call, because the decision needs the final sizes: XLA before 0.12 gives
+expensive operations on large arrays to its threads, fails hard where it finds such a call within the kernel, and a
+later `vmap` is what makes the arrays large. So the decision falls when the program is lowered.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+from jax import lax
+from jax.core import Tracer, eval_jaxpr
+from jax.experimental.xla_metadata import set_xla_metadata
+from jax.extend.core import Primitive, jaxpr_as_fun
+from jax.interpreters import ad, batching, mlir
+
+# What may stand in one kernel. A list of what is allowed, not of what is forbidden: XLA fails hard on a sort, a LAPACK
+# or FFI call, a callback or a collective inside the kernel, and a primitive that nobody has tried is better run slowly
+# than not at all.
+_ELEMENTWISE = """
+abs acos acosh add add_any and asin asinh atan atan2 atanh cbrt ceil clamp conj convert_element_type copy copy_p cos
+cosh digamma div eq eq_to erf erf_inv erfc exp exp2 expm1 floor ge gt imag integer_pow is_finite le le_to lgamma log
+log1p logistic lt lt_to max min mul ne neg nextafter not or population_count clz pow real reduce_precision rem round
+rsqrt select_n shift_left shift_right_arithmetic shift_right_logical sign sin sinh sqrt square stop_gradient sub tan
+tanh xor
+"""
+_STRUCTURE = """
+broadcast broadcast_in_dim concatenate dynamic_slice dynamic_update_slice expand_dims gather iota pad reshape rev
+scatter scatter-add scatter_add scatter_max scatter_min scatter_mul slice split squeeze transpose bitcast_convert_type
+empty empty2 pvary pcast argmax argmin cumlogsumexp cummax cummin cumprod cumsum reduce_and reduce_max reduce_min
+reduce_or reduce_prod reduce_sum reduce_xor reduce dot_general mul_add
+"""
+_CONTROL = """
+pjit jit closed_call core_call remat remat2 checkpoint custom_jvp_call custom_vjp_call custom_vjp_call_jaxpr custom_lin
+scan while cond optimization_barrier fpjax_one_kernel
+"""
+_ALLOWED = frozenset((_ELEMENTWISE + _STRUCTURE + _CONTROL).split())
+
+# XLA parallelizes an operation from a cost of 2 x 100,000 cycles on: its operations, plus 10 a byte where it does more
+# operations than it touches bytes (so 11 an operation at most), or from 2 x 256 KB of output on. Below, nothing can go
+# wrong; above, the kernel is compiled once on trial.
+_SAFE_OPERATIONS = 200_000 // 11
+_SAFE_BYTES = 512 * 1024
+
+
+def one_kernel(fn: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    """`fn(*arguments)`, traced once, to be lowered for the CPU as one kernel where that can be.
+
+    Args:
+        fn: a function of arrays and pytrees of arrays.
+        arguments: its arguments.
+    """
+    closed, shape = jax.make_jaxpr(fn, return_shape=True)(*arguments)
+    structure = jax.tree.structure(shape)
+    values = jax.tree.leaves(arguments)
+    captured = [const for const in closed.consts if isinstance(const, Tracer)]
+    if what_forbids_one_kernel(closed.jaxpr) is not None:
+        return jax.tree.unflatten(structure, jaxpr_as_fun(closed)(*values))
+    if captured:  # tracers that `fn` closes over become arguments; arrays stay constants of the program
+        inner, consts = closed.jaxpr, closed.consts
+
+        def program(captured: list[Any], values: list[Any]) -> Any:
+            rest = iter(captured)
+            return eval_jaxpr(inner, [next(rest) if isinstance(c, Tracer) else c for c in consts], *values)
+
+        closed = jax.make_jaxpr(program)(captured, values)
+    return jax.tree.unflatten(structure, one_kernel_p.bind(*captured, *values, jaxpr=closed))
+
+
+def what_forbids_one_kernel(jaxpr: Any) -> str | None:
+    """The name of the first primitive in `jaxpr` that cannot stand in one kernel; None if there is none."""
+    for equation in jaxpr.eqns:
+        if equation.primitive.name not in _ALLOWED:
+            return equation.primitive.name
+        for inner in _inner_programs(equation):
+            found = what_forbids_one_kernel(inner)
+            if found is not None:
+                return found
+    return None
+
+
+def _inner_programs(equation: Any) -> list[Any]:
+    found = []
+    for value in equation.params.values():
+        for inner in value if isinstance(value, (tuple, list)) else (value,):
+            inner = getattr(inner, "jaxpr", inner)
+            if hasattr(inner, "eqns"):
+                found.append(inner)
+    return found
+
+
+def _surely_sequential(jaxpr: Any) -> bool:
+    """Whether no operation in `jaxpr`, however XLA fuses it, is large enough to be given to threads."""
+    operations = 0
+    for equation in jaxpr.eqns:
+        inner = _inner_programs(equation)
+        if inner:
+            if not all(map(_surely_sequential, inner)):
+                return False
+            continue
+        size = max((_size(v.aval) for v in equation.outvars), default=0)
+        if size * 8 > _SAFE_BYTES:
+            return False
+        operations += size * _COSTS.get(equation.primitive.name, 1)
+    return operations < _SAFE_OPERATIONS
+
+
+# Operations that XLA expands into many; all others count once.
+_EXPANDED = "acosh asinh atan2 atanh digamma erf erf_inv erfc lgamma nextafter pow rem sinh cosh"
+_COSTS = dict.fromkeys(_EXPANDED.split(), 40)
+
+
+def _size(aval: Any) -> int:
+    return int(np.prod(aval.shape)) if hasattr(aval, "shape") else 0
+
+
+def _kernel(closed: Any) -> Callable[..., Any]:
+    evaluate = jaxpr_as_fun(closed)
+    call = jax.jit(lambda *values: evaluate(*values))
+
+    def kernel(*values: Any) -> Any:
+        # An argument that XLA sees to be a constant array ends the process: a check in ir_emitter.cc, jax 0.7 to 0.11.
+        values = lax.optimization_barrier(values)
+        with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
+            return call(*values)
+
+    return kernel
+
+
+def _compiles(closed: Any) -> bool:
+    shapes = [jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in closed.in_avals]
+    try:
+        jax.jit(_kernel(closed)).lower(*shapes).compile()
+    except jax.errors.JaxRuntimeError:
+        return False
+    return True
+
+
+def _lower_plain(ctx: Any, *values: Any, jaxpr: Any) -> Any:
+    return mlir.lower_fun(jaxpr_as_fun(jaxpr), multiple_results=True)(ctx, *values)
+
+
+def _lower_cpu(ctx: Any, *values: Any, jaxpr: Any) -> Any:
+    asked = _surely_sequential(jaxpr.jaxpr) or _compiles(jaxpr)
+    run = _kernel(jaxpr) if asked else jaxpr_as_fun(jaxpr)
+    return mlir.lower_fun(run, multiple_results=True)(ctx, *values)
+
+
+def _batched(values: Any, dims: Any, *, jaxpr: Any) -> Any:
+    run = jax.vmap(jaxpr_as_fun(jaxpr), in_axes=tuple(dims))
+    batched = jax.make_jaxpr(run)(*values)
+    out = one_kernel_p.bind(*values, jaxpr=batched)
+    return out, (0,) * len(out)
+
+
+def _differentiated(primals: Any, tangents: Any, *, jaxpr: Any) -> Any:
+    """The derivative is taken of the plain program: ask for one kernel around the gradient, not within it."""
+    tangents = [ad.instantiate_zeros(tangent) for tangent in tangents]
+    return jax.jvp(jaxpr_as_fun(jaxpr), tuple(primals), tuple(tangents))
+
+
+one_kernel_p = Primitive("fpjax_one_kernel")
+one_kernel_p.multiple_results = True
+one_kernel_p.def_impl(lambda *values, jaxpr: jax.jit(lambda *v: one_kernel_p.bind(*v, jaxpr=jaxpr))(*values))
+one_kernel_p.def_abstract_eval(lambda *avals, jaxpr: jaxpr.out_avals)
+batching.primitive_batchers[one_kernel_p] = _batched
+ad.primitive_jvps[one_kernel_p] = _differentiated
+mlir.register_lowering(one_kernel_p, _lower_plain)
+mlir.register_lowering(one_kernel_p, _lower_cpu, platform="cpu")
