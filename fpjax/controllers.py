@@ -157,7 +157,13 @@ def design_lead(plant: Callable[[complex], complex], crossover: float, phase_lea
 
 
 def phase_lead_for_margin(plant: Callable[[complex], complex], crossover: float, margin: float) -> float:
-    """Phase [rad] that a lead must add at `crossover` [Hz] for a phase margin [rad] (3.17)-(3.19)."""
+    """Phase [rad] that a lead must add (3.17)-(3.19).
+
+    Args:
+        plant: transfer function G(s) from control to measured velocity.
+        crossover: gain crossover frequency [Hz].
+        margin: wanted phase margin [rad].
+    """
     phase = float(np.angle(plant(2j * math.pi * crossover)))
     if phase > 0.0:
         phase -= 2.0 * math.pi

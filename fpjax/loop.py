@@ -19,7 +19,15 @@ UNROLLED_SUBSTEPS = 4  # more of them go into an inner loop, so that compiling s
 
 
 class LoopState(eqx.Module):
-    """The evolving state of a closed loop: one entry a block."""
+    """The evolving state of a closed loop.
+
+    Attributes:
+        plant: the plant's, the friction law's within it.
+        controller: the controller's.
+        observer: the observer's.
+        actuator: the actuator's.
+        sensor: the sensor's.
+    """
 
     plant: Any
     controller: Any

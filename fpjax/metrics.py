@@ -32,17 +32,17 @@ class AbstractMeasure(Block):
 
 
 def velocity_error(signals: Signals) -> Array:
-    """r - w [rad/s]."""
+    """r - w [rad/s] of `signals`."""
     return signals.reference - signals.velocity
 
 
 def position_error(signals: Signals) -> Array:
-    """r - position [rad], for a position loop."""
+    """r - position [rad] of `signals`, for a position loop."""
     return signals.reference - signals.position
 
 
 def compensation_error(signals: Signals) -> Array:
-    """friction - compensation [N m]."""
+    """friction - compensation [N m] of `signals`."""
     return signals.friction - signals.compensation
 
 

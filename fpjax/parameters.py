@@ -19,7 +19,7 @@ from .errors import InputError
 
 
 def parameter_names(tree: Any) -> tuple[str, ...]:
-    """Dotted names of all floating-point leaves, in the order of the fields; what is None or static has none."""
+    """Dotted names of all floating-point leaves of `tree`, in the order of the fields; what is None or static has none."""
     return tuple(".".join(path) for path, _ in _leaves(tree, ()))
 
 
@@ -41,6 +41,10 @@ def get_parameter(tree: Any, name: str) -> Array:
 
 def get_parameters(tree: Any, names: tuple[str, ...] | list[str]) -> dict[str, Array]:
     """The values of several parameters by name, each in its own unit.
+
+    Args:
+        tree: a closed loop, a block, or any container of them.
+        names: dotted names, each one of `parameter_names(tree)`.
 
     Raises:
         InputError: for a name that is not there; the nearest one is named.

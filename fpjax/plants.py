@@ -234,7 +234,13 @@ def high_order_output(filtered: Array, rate: Array, plant: Any) -> Array:
 
 
 def resonance_frequency(motor_inertia: Array, load_inertia: Array, stiffness: Array) -> Array:
-    """Free-free resonance [Hz] (3.15): sqrt(k_s (J_l + J_m) / (J_l J_m)) / 2 pi."""
+    """Free-free resonance [Hz] (3.15): sqrt(k_s (J_l + J_m) / (J_l J_m)) / 2 pi.
+
+    Args:
+        motor_inertia: J_m [kg m^2].
+        load_inertia: J_l [kg m^2].
+        stiffness: k_s [N m/rad].
+    """
     return jnp.sqrt(stiffness * (motor_inertia + load_inertia) / (motor_inertia * load_inertia)) / (2.0 * jnp.pi)
 
 

@@ -326,5 +326,5 @@ def loop_dtype(tree: Any) -> Any:
 
 
 def astype(tree: Any, dtype: Any) -> Any:
-    """A copy of a block, a loop or a reference with every floating leaf in `dtype`."""
+    """A copy of `tree` (a block, a loop, a reference) with every floating leaf in `dtype`."""
     return jax.tree.map(lambda leaf: leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf, tree)

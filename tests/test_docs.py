@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-import fpjax
+import fpjax.public
 import tuning
 
 ROOT = pathlib.Path(__file__).parent.parent
@@ -16,7 +16,7 @@ DOCUMENTED = {
 }
 PUBLIC = [
     (package.__name__, name, value)
-    for package in (fpjax, tuning)
+    for package in (fpjax.public, tuning)
     for name, value in vars(package).items()
     if not name.startswith("_") and (inspect.isclass(value) or inspect.isfunction(value))
 ]

@@ -25,6 +25,7 @@ class Coulomb(AbstractStaticFriction):
 
     Attributes:
         coulomb: k [N m].
+        steepness: always None; `SmoothCoulomb` is the law with one.
     """
 
     coulomb: Array = eqx.field(converter=as_parameter)
@@ -73,6 +74,7 @@ class Viscous(AbstractStaticFriction):
 
     Attributes:
         viscous: b [N m s/rad].
+        steepness: always None: there is no set-valued part to smooth.
     """
 
     viscous: Array = eqx.field(converter=as_parameter)
