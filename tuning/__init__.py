@@ -11,6 +11,11 @@ from .objective import Estimation as Estimation
 from .objective import Thesis as Thesis
 from .objective import Tracking as Tracking
 from .parameters import Parameter as Parameter
+from .population import population as population
 from .result import TuningResult as TuningResult
+from .sweep import Axis as Axis
+from .sweep import sweep as sweep
+from .sweep_result import SweepResult as SweepResult
+from .sweep_result import load_sweep as load_sweep
 from .tune import tune as tune
 from .tune import tune_each as tune_each

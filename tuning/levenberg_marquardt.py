@@ -1,5 +1,6 @@
 """Levenberg-Marquardt (optimistix) on the residual vector, in log-gain space, all starts and references side by side."""
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -13,7 +14,8 @@ from .lanes import Best, Lanes, Outcome
 from .methods import LevenbergMarquardt
 from .stopping import Stop
 
-DAMPING = 1e-4  # first damping, as a fraction of the largest diagonal element of J^T J
+DAMPING = 1e-5  # first damping, as a fraction of the largest diagonal element of J^T J
+KNEE = 100.0  # a gain's coordinate is linear down to its start over this, and logarithmic below
 FAR = 1e6  # stands for the residuals of a diverged point, so that the step to it is refused
 
 
@@ -33,7 +35,10 @@ def levenberg_marquardt(lanes: Lanes, settings: LevenbergMarquardt, stop: Stop) 
         InputError: for aggregate="worst", which is no sum of squares.
     """
     if lanes.problem.aggregate != "mean":
-        raise InputError("Levenberg-Marquardt needs a sum of squares, not the worst case: use 'lbfgs' or 'adam' for it.")
+        raise InputError(
+            "Levenberg-Marquardt needs a sum of squares, not the worst case: use 'lbfgs' or 'adam' for it."
+        )
+    lanes = _in_gains(lanes)
     trial = lanes.problem.space.coordinates(lanes.start)
     best = Best(*trial.shape)
     needed = lanes.gradient_simulations("forward")
@@ -73,6 +78,12 @@ def levenberg_marquardt(lanes: Lanes, settings: LevenbergMarquardt, stop: Stop) 
         trial = np.where(stuck[:, None], trial, proposed)
         stop.progress(best)
     return best.outcome()
+
+
+def _in_gains(lanes: Lanes) -> Lanes:
+    """The same lanes in coordinates that are linear in the gains down to a `KNEE`th of the first start."""
+    space = lanes.problem.space.linear_above(lanes.start[0] / KNEE)
+    return dataclasses.replace(lanes, problem=eqx.tree_at(lambda problem: problem.space, lanes.problem, space))
 
 
 def _solver(tolerance: float) -> tuple[Any, Any]:

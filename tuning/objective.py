@@ -112,7 +112,9 @@ class Tracking(AbstractObjective):
         """The mean square of the error."""
         del loop
         quantity = fpjax.position_error if self.position else fpjax.velocity_error
-        error = SquaredAfter(quantity, None, jnp.zeros_like(self.scale), self.scale, self.start, horizon, BINS if binned else 0)
+        error = SquaredAfter(
+            quantity, None, jnp.zeros_like(self.scale), self.scale, self.start, horizon, BINS if binned else 0
+        )
         return {"error": error}
 
     def residuals(self, loop: ClosedLoop, finals: dict[str, Array]) -> Array:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -16,7 +17,7 @@ Scale = Literal["log", "linear"]
 
 DECADES = 4.0  # a log parameter without bounds may move this far either way
 SHARPNESS = 8  # of the bend towards a bound: 0.1 % from straight at 40 % of the way, 4 % at 80 %
-STARTS_INSIDE = 0.97  # a start on a bound would have no slope: it begins this far of the way
+INSIDE = 0.999  # of the way to a bound: a start on it would have no slope
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,24 +49,32 @@ class Space(eqx.Module):
         middle: of the bounds, as a logarithm where log, shape (n,).
         half: half the distance of the bounds, likewise, shape (n,).
         logarithmic: 1 where log, else 0, shape (n,).
+        knee: where log, and not zero: the value around which the coordinate turns from linear (above) to logarithmic
+            (below), value = knee ln(1 + e^x); shape (n,).
     """
 
     middle: Array
     half: Array
     logarithmic: Array
+    knee: Array
 
     def values(self, at: Array) -> Array:
         """Parameter values, in their units, at unbounded coordinates of shape (n,)."""
-        log = self.logarithmic > 0.0
-        share = at * jnp.where(log, 1.0 / self.half, 1.0)
+        log, turns = self.logarithmic > 0.0, self.knee > 0.0
+        straight = self.middle + at * jnp.where(log, 1.0, self.half)
+        turning = jnp.log(jnp.where(turns, self.knee, 1.0) * jax.nn.softplus(jnp.maximum(at, -500.0)))
+        share = (jnp.where(turns, turning, straight) - self.middle) / self.half
         bent = self.middle + self.half * share / (1.0 + jnp.abs(share) ** SHARPNESS) ** (1.0 / SHARPNESS)
         return jnp.where(log, jnp.exp(jnp.where(log, bent, 0.0)), bent)
 
     def coordinates(self, values: Any) -> np.ndarray:
         """Unbounded coordinates of values, shape (..., n), on the host."""
-        share = np.clip(self.share(values), -STARTS_INSIDE, STARTS_INSIDE)
+        share = np.clip(self.share(values), -INSIDE, INSIDE)
         straight = share / (1.0 - np.abs(share) ** SHARPNESS) ** (1.0 / SHARPNESS)
-        return straight * np.where(np.asarray(self.logarithmic) > 0, np.asarray(self.half), 1.0)
+        half, knee = np.asarray(self.half, float), np.asarray(self.knee, float)
+        multiple = np.exp(straight * half + np.asarray(self.middle, float)) / np.where(knee > 0, knee, 1.0)
+        turning = multiple + np.log(-np.expm1(-np.maximum(multiple, 1e-300)))
+        return np.where(knee > 0, turning, straight * np.where(np.asarray(self.logarithmic) > 0, half, 1.0))
 
     def share(self, values: Any) -> np.ndarray:
         """Where values lie between their bounds: -1 at the low one, 1 at the high one; shape (..., n)."""
@@ -73,6 +82,15 @@ class Space(eqx.Module):
         log = np.asarray(self.logarithmic) > 0
         bent = np.where(log, np.log(np.where(log, np.maximum(values, 1e-300), 1.0)), values)
         return (bent - np.asarray(self.middle, dtype=float)) / np.asarray(self.half, dtype=float)
+
+    def linear_above(self, values: np.ndarray) -> "Space":
+        """The same bounds in coordinates that are linear above these values and logarithmic below, where log.
+
+        An estimate that the observer has not yet brought home is about proportional to a gain: a Newton step in the
+        gain itself is then exact, where one in its logarithm goes an e-fold at a time.
+        """
+        knee = jnp.where(self.logarithmic > 0.0, jnp.asarray(values, self.middle.dtype), 0.0)
+        return Space(self.middle, self.half, self.logarithmic, knee)
 
 
 def make_space(loop: Any, parameters: Sequence[str | Parameter], dtype: Any) -> tuple[tuple[str, ...], Array, Space]:
@@ -96,7 +114,7 @@ def make_space(loop: Any, parameters: Sequence[str | Parameter], dtype: Any) -> 
     start, low, high, log = (np.array(column) for column in zip(*rows, strict=True))
     logarithmic = log > 0
     ends = [np.where(logarithmic, np.log(np.where(logarithmic, end, 1.0)), end) for end in (low, high)]
-    columns = ((ends[0] + ends[1]) / 2.0, (ends[1] - ends[0]) / 2.0, log)
+    columns = ((ends[0] + ends[1]) / 2.0, (ends[1] - ends[0]) / 2.0, log, np.zeros_like(log))
     return names, jnp.asarray(start, dtype), Space(*(jnp.asarray(column, dtype) for column in columns))
 
 

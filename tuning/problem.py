@@ -119,7 +119,9 @@ def make_problem(
         jnp.stack([rows[channel] for rows in noisy]) if noisy else tables[0].noise[channel][None]
         for channel in range(channels)
     )
-    stacked = tuple(jnp.stack([table.references[node] for table in tables]) for node in range(len(tables[0].references)))
+    stacked = tuple(
+        jnp.stack([table.references[node] for table in tables]) for node in range(len(tables[0].references))
+    )
     problem = Problem(
         loop, stepper, tables[0].time, stacked, noise, varied, chosen, space, names, max(1, len(noise_seeds)), aggregate
     )

@@ -78,7 +78,9 @@ class TuningResult:
         return _plain({**dataclasses.asdict(self), "references": list(self.references)})
 
     def __str__(self) -> str:
-        gains = "\n".join(f"  {name:<28} {self.start[name]:>12.6g} -> {value:<12.6g}" for name, value in self.gains.items())
+        gains = "\n".join(
+            f"  {name:<28} {self.start[name]:>12.6g} -> {value:<12.6g}" for name, value in self.gains.items()
+        )
         dropped = f", {self.diverged_starts} of {self.starts} starts diverged" if self.diverged_starts else ""
         lines = [
             f"{self.method} on {', '.join(self.references)} ({self.objective}): {self.message}{dropped}",

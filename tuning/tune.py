@@ -16,7 +16,7 @@ from .grid_search import algorithm_1, algorithm_1_repaired
 from .identifiability import identifiability
 from .lanes import Clock, Lanes, Outcome
 from .levenberg_marquardt import levenberg_marquardt
-from .methods import METHODS, Adam, GridSearch, LBFGS, LevenbergMarquardt, Method, NelderMead, RepairedGridSearch
+from .methods import LBFGS, METHODS, Adam, GridSearch, LevenbergMarquardt, Method, NelderMead, RepairedGridSearch
 from .nelder_mead import nelder_mead
 from .objective import AbstractObjective
 from .parameters import Parameter

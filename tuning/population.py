@@ -1,0 +1,45 @@
+"""Populations of true plants around a nominal one, for `plants=`."""
+
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fpjax.errors import InputError
+from fpjax.parameters import get_parameter
+
+
+def population(
+    loop: Any, spread: Mapping[str, float], *, count: int | None = None, seed: int = 0
+) -> dict[str, np.ndarray]:
+    """True plants around the loop's own, the first of them the loop's own.
+
+    The observer and the controller stay as they are: what they believe of the inertia is then off by as much as the
+    plant is.
+
+    Args:
+        loop: the nominal loop.
+        spread: by parameter name, how far it goes either way, as a fraction of its value: {"plant.inertia": 0.2}.
+        count: plants, drawn uniformly; None for the corners of the box (2^n) and the nominal one.
+        seed: of the draw.
+
+    Returns:
+        Values by parameter name, each of shape (plants,), as `tune(plants=...)` takes them.
+
+    Raises:
+        InputError: for a spread that cannot be.
+    """
+    if not spread:
+        raise InputError("population needs at least one parameter to vary, as {'plant.inertia': 0.2}.")
+    for name, share in spread.items():
+        if not 0.0 < share < 1.0:
+            raise InputError(f"{name}: a spread of {share:g} cannot be: give a fraction between 0 and 1, as 0.2.")
+    if count is None:
+        signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(spread))))
+    else:
+        if count < 1:
+            raise InputError(f"count = {count} leaves no plant: give at least 1.")
+        signs = np.random.default_rng(seed).uniform(-1.0, 1.0, (count - 1, len(spread)))
+    factors = 1.0 + np.vstack([np.zeros(len(spread)), signs]) * np.array(list(spread.values()))
+    return {name: float(get_parameter(loop, name)) * factors[:, place] for place, name in enumerate(spread)}

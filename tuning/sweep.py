@@ -1,0 +1,234 @@
+"""Dense sweeps over any named parameters: chunked, bounded in memory, resumable, on this machine or on a cluster."""
+
+import dataclasses
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from fpjax import AbstractSolver, ClosedLoop
+from fpjax.batch import map_chunks
+from fpjax.errors import InputError
+from fpjax.parameters import get_parameter
+from fpjax.simulate import Stepping
+
+from .objective import AbstractObjective
+from .parameters import Parameter, Scale
+from .problem import Aggregate, Problem, References, case_costs, make_problem
+from .progress import Progress
+from .result import versions
+from .sweep_result import SweepResult
+from .sweep_store import SweepStore, fingerprint
+
+CHUNK = 4096  # candidates of one chunk: of one file, of one task of a cluster
+KERNEL_CASES = 64  # simulations in one kernel (fpjax.batch)
+
+
+@dataclasses.dataclass(frozen=True)
+class Axis:
+    """One axis of a sweep.
+
+    Attributes:
+        name: dotted name of a parameter, as "observer.gain_1".
+        low: first value, in the parameter's unit.
+        high: last value, in the parameter's unit.
+        count: number of values.
+        scale: "log" or "linear" spacing.
+    """
+
+    name: str
+    low: float
+    high: float
+    count: int
+    scale: Scale = "log"
+
+    @property
+    def values(self) -> np.ndarray:
+        """The values, shape (count,)."""
+        if self.scale == "log":
+            return np.geomspace(self.low, self.high, self.count)
+        return np.linspace(self.low, self.high, self.count)
+
+    def check(self) -> None:
+        """Raise `InputError` for an axis that cannot be."""
+        if self.scale not in ("log", "linear"):
+            raise InputError(f"{self.name}: scale = {self.scale!r} is not known: choose 'log' or 'linear'.")
+        if self.count < 1:
+            raise InputError(f"{self.name}: count = {self.count} leaves nothing to sweep: give at least 1.")
+        if not (np.isfinite(self.low) and np.isfinite(self.high)):
+            raise InputError(f"{self.name}: from {self.low:g} to {self.high:g} is not finite: give two numbers.")
+        if self.scale == "log" and not self.low > 0.0:
+            raise InputError(
+                f"{self.name}: low = {self.low:g} cannot be on a log scale: give one above zero, or scale='linear'."
+            )
+        if not (self.low < self.high or (self.count == 1 and self.low == self.high)):
+            raise InputError(
+                f"{self.name}: the range from {self.low:g} to {self.high:g} is empty: give a low below the high."
+            )
+
+
+def sweep(
+    loop: ClosedLoop,
+    references: References,
+    *,
+    axes: Sequence[Axis],
+    dt: float,
+    duration: float | None = None,
+    samples: int | None = None,
+    objective: str | AbstractObjective = "estimation",
+    solver: str | AbstractSolver = "rk4",
+    stepping: Stepping = "continuous",
+    substeps: int = 1,
+    plants: Mapping[str, Any] | None = None,
+    noise_seeds: Sequence[int] = (),
+    aggregate: Aggregate = "mean",
+    chunk: int = CHUNK,
+    out: str | Path | None = None,
+    resume: bool = False,
+    scheduler: str | None = None,
+    progress: bool = False,
+) -> SweepResult:
+    """The cost at every point of a grid over named parameters.
+
+    Args:
+        loop: the closed loop; its own friction law is the truth that estimates are judged by.
+        references: one, a list, or a dictionary by label; each has its own cost at every point.
+        axes: one for each parameter; the first varies slowest.
+        dt: step, or control period when sampled [s].
+        duration: of a run [s]; or `samples`.
+        samples: of a run.
+        objective: "estimation", "tracking", "thesis", or an objective.
+        solver: "euler", "heun", "ode3" or "rk4".
+        stepping: "continuous" or "sampled".
+        substeps: solver steps per control period when sampled.
+        plants: true plants: values by parameter name, one a plant; see `population`.
+        noise_seeds: seeds of the sensor's noise, a run for each.
+        aggregate: "mean" or "worst" over plants x seeds.
+        chunk: candidates in one file; memory grows with it, not with the sweep.
+        out: folder for the finished chunks; without it an interrupted sweep is lost.
+        resume: go on with what is in `out`; the result is bit-equal to an uninterrupted one.
+        scheduler: address of a Dask scheduler ("tcp://host:8786"), extra `cluster`; `out` should then be a folder that
+            the workers see too.
+        progress: show a bar with an ETA on stderr, where that is a terminal.
+
+    Returns:
+        The grid of costs; a diverged candidate costs infinity.
+
+    Raises:
+        InputError: for what cannot be, with what to do.
+        KeyboardInterrupt: on Ctrl-C; the chunks finished by then stay in `out`.
+    """
+    problem, labels, axes = _prepare(
+        loop,
+        references,
+        axes,
+        {
+            "objective": objective,
+            "dt": dt,
+            "duration": duration,
+            "samples": samples,
+            "solver": solver,
+            "stepping": stepping,
+            "substeps": substeps,
+            "plants": plants,
+            "noise_seeds": noise_seeds,
+            "aggregate": aggregate,
+        },
+    )
+    if chunk < 1:
+        raise InputError(f"chunk = {chunk} cannot be: give at least 1 candidate.")
+    shape = tuple(axis.count for axis in axes)
+    total, columns = int(np.prod([int(count) for count in shape], dtype=object)), problem.shape[0]
+    pieces = -(-total // chunk)
+    store = SweepStore(out, fingerprint(problem, axes, chunk), pieces, total, columns, chunk, resume=resume)
+    bar = Progress(f"sweep of {total:,} candidates") if progress else None
+    missing = store.missing()
+    begin = time.perf_counter()
+    if bar is not None:
+        bar.begin_at(1.0 - len(missing) / pieces)
+    try:
+        finished = pieces - len(missing)
+        done = _local(problem, axes, total, chunk, missing) if scheduler is None else None
+        if done is None:
+            from .cluster import on_cluster
+
+            assert scheduler is not None
+            done = on_cluster(scheduler, problem, axes, total, chunk, missing, store)
+        for piece, costs in done:
+            if costs is not None:
+                store.keep(piece, costs)
+            finished += 1
+            if bar is not None:
+                bar.show(finished / pieces)
+    finally:
+        if bar is not None:
+            bar.end()
+    return SweepResult(
+        axes=tuple(axes),
+        references=labels,
+        costs=store.assemble().reshape(*shape, columns),
+        objective=type(problem.objective).__name__.lower(),
+        simulations=total * int(np.prod(problem.shape)),
+        simulated_steps=total * int(np.prod(problem.shape)) * problem.stepper.samples,
+        run_seconds=time.perf_counter() - begin,
+        versions=versions(),
+    )
+
+
+def candidates(axes: Sequence[Axis], first: int, size: int) -> np.ndarray:
+    """Candidates `first` to `first + size` of the grid, shape (size, axes); past the end the last one is repeated."""
+    total = int(np.prod([int(axis.count) for axis in axes], dtype=object))
+    index = np.minimum(np.arange(first, first + size, dtype=np.int64), total - 1)
+    places = np.unravel_index(index, tuple(axis.count for axis in axes))
+    return np.stack([axis.values[place] for axis, place in zip(axes, places, strict=True)], axis=1)
+
+
+def evaluate_chunk(
+    problem: Problem, axes: Sequence[Axis], piece: int, chunk: int, total: int, workers: int | None = None
+) -> np.ndarray:
+    """Costs of one chunk, shape (candidates, references); every chunk has the same shape inside, so nothing recompiles.
+
+    Args:
+        problem: from `make_problem`.
+        axes: of the grid.
+        piece: which chunk.
+        chunk: candidates in a chunk.
+        total: candidates of the sweep.
+        workers: threads; None for one a core.
+    """
+    size = min(chunk, total)
+    values = candidates(axes, piece * chunk, size).astype(problem.dtype)
+    kernel = max(1, min(size, KERNEL_CASES // int(np.prod(problem.shape))))
+    costs = map_chunks(_reference_costs, values, (problem,), chunk=kernel, workers=workers)
+    return np.asarray(costs)[: min(total, (piece + 1) * chunk) - piece * chunk]
+
+
+def _local(
+    problem: Problem, axes: Sequence[Axis], total: int, chunk: int, missing: Sequence[int]
+) -> Iterator[tuple[int, np.ndarray]]:
+    for piece in missing:
+        yield piece, evaluate_chunk(problem, axes, piece, chunk, total)
+
+
+def _reference_costs(values: Any, problem: Problem) -> Any:
+    costs = case_costs(values, None, problem)
+    cost = jnp.mean(costs, axis=(1, 2)) if problem.aggregate == "mean" else jnp.max(costs, axis=(1, 2))
+    return jnp.where(jnp.isfinite(cost), cost, jnp.inf)
+
+
+def _prepare(
+    loop: ClosedLoop, references: References, axes: Sequence[Axis], settings: dict[str, Any]
+) -> tuple[Problem, tuple[str, ...], tuple[Axis, ...]]:
+    axes = tuple(axes)
+    if not axes:
+        raise InputError("There is nothing to sweep: give at least one Axis, as Axis('observer.gain_1', 1, 1e3, 50).")
+    for axis in axes:
+        get_parameter(loop, axis.name)
+        axis.check()
+    # A linear space has no say in a sweep; it only lets a parameter be zero or negative.
+    named = [Parameter(axis.name, axis.low, axis.low, axis.low + 1.0, "linear") for axis in axes]
+    problem, _, labels = make_problem(loop, references, named, **settings)
+    return problem, labels, axes

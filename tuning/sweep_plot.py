@@ -1,0 +1,70 @@
+"""The picture of a sweep: contours over two axes, or a line over one."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fpjax.plotting import BLACK, BLUE, GREY, new_figure, save
+
+from .sweep_result import SweepResult
+
+LEVELS = 24
+MOST_POINTS = 400  # drawn along an axis; a denser grid is thinned for the picture
+
+
+def draw(result: SweepResult, path: Path, reference: str | None = None) -> Path:
+    """Draw and save; see `SweepResult.plot`."""
+    figure, panels = new_figure(size=(6.6, 4.6))
+    axes = panels[0, 0]
+    cost = np.asarray(result.cost(reference), dtype=float)
+    gains, least = result.best(reference)
+    best = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    others = ""
+    if len(result.axes) > 2:
+        cost = cost[(slice(None), slice(None), *best[2:])]
+        others = ", ".join(f"{axis.name} = {gains[axis.name]:.4g}" for axis in result.axes[2:])
+    title = f"{result.objective} cost on {reference or ', '.join(result.references)}"
+    axes.set_title(title + (f"  ({others})" if others else ""))
+    first = result.axes[0]
+    if len(result.axes) == 1:
+        axes.plot(first.values, np.where(np.isfinite(cost), cost, np.nan), color=BLUE)
+        axes.plot(gains[first.name], least, "o", color=BLACK, label=f"least: {least:.4g} at {gains[first.name]:.5g}")
+        axes.set(xlabel=first.name, ylabel="cost", xscale=first.scale)
+        if least > 0.0:
+            axes.set_yscale("log")
+    else:
+        second = result.axes[1]
+        _contours(figure, axes, first, second, cost)
+        label = f"least: {least:.4g} at ({gains[second.name]:.5g}, {gains[first.name]:.5g})"
+        axes.plot(
+            gains[second.name], gains[first.name], "o", color="white", markeredgecolor=BLACK, label=label, zorder=5
+        )
+        axes.set(xlabel=second.name, ylabel=first.name, xscale=second.scale, yscale=first.scale)
+        axes.grid(False)
+    axes.legend(loc="lower right")
+    return save(figure, path)
+
+
+def _contours(figure: Any, axes: Any, first: Any, second: Any, cost: np.ndarray) -> None:
+    rows, columns = (max(1, count // MOST_POINTS) for count in cost.shape)
+    down, across, shown = first.values[::rows], second.values[::columns], cost[::rows, ::columns]
+    finite = np.isfinite(shown)
+    if not finite.any() or min(shown.shape) < 2:
+        axes.text(0.5, 0.5, "nothing to draw: every run diverged", transform=axes.transAxes, ha="center")
+        return
+    positive = shown[finite & (shown > 0.0)]
+    grid = np.ma.masked_invalid(np.where(finite, shown, np.nan))
+    if positive.size and positive.min() < positive.max():
+        grid = np.ma.log10(np.ma.maximum(grid, positive.min()))
+    # The far end of a landscape would take all the levels: they follow the quantiles, where the points are.
+    levels = np.unique(np.quantile(grid.compressed(), np.linspace(0.0, 1.0, LEVELS)))
+    if levels.size < 2:
+        levels = np.array([levels[0] - 0.5, levels[0] + 0.5])
+    filled = axes.contourf(across, down, grid, levels=levels, cmap="viridis")
+    lines = axes.contour(across, down, grid, levels=levels[::4], colors="white", linewidths=0.5)
+    axes.clabel(lines, fontsize=7, fmt=lambda level: f"{10**level:.3g}")
+    bar = figure.colorbar(filled, ax=axes, label="cost (diverged: grey)")
+    bar.set_ticks(levels[:: max(1, levels.size // 6)])
+    bar.set_ticklabels([f"{10**level:.3g}" for level in levels[:: max(1, levels.size // 6)]])
+    axes.set_facecolor(GREY)

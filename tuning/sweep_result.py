@@ -1,0 +1,144 @@
+"""What a sweep leaves: the grid of costs, its `.npz` with named axes, its contour picture."""
+
+import dataclasses
+import io
+import json
+import os
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fpjax.errors import InputError
+
+if TYPE_CHECKING:
+    from .sweep import Axis
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepResult:
+    """A grid of costs.
+
+    Attributes:
+        axes: of the grid, the first varying slowest.
+        references: labels of the references.
+        costs: shape (*counts, references); infinite where a run diverged; a memory map where the sweep had a folder.
+        objective: its name.
+        simulations: runs of one case.
+        simulated_steps: simulations x samples.
+        run_seconds: computing, compiling included.
+        versions: of what computed it.
+    """
+
+    axes: "tuple[Axis, ...]"
+    references: tuple[str, ...]
+    costs: np.ndarray
+    objective: str
+    simulations: int
+    simulated_steps: int
+    run_seconds: float
+    versions: dict[str, str]
+
+    def cost(self, reference: str | None = None) -> np.ndarray:
+        """Costs on one reference, or their mean over all, shape (*counts).
+
+        Raises:
+            InputError: for a reference that was not swept.
+        """
+        if reference is None:
+            return self.costs[..., 0] if len(self.references) == 1 else self.costs.mean(axis=-1)
+        if reference not in self.references:
+            raise InputError(f"{reference!r} was not swept: choose among {', '.join(self.references)}.")
+        return self.costs[..., self.references.index(reference)]
+
+    def best(self, reference: str | None = None) -> tuple[dict[str, float], float]:
+        """(values by name, cost) of the cheapest candidate on one reference, or on all of them."""
+        cost = self.cost(reference)
+        place = np.unravel_index(int(np.argmin(cost)), cost.shape)
+        values = {axis.name: float(axis.values[i]) for axis, i in zip(self.axes, place, strict=True)}
+        return values, float(cost[place])
+
+    @property
+    def diverged(self) -> int:
+        """Candidates whose run diverged on some reference."""
+        return int(np.count_nonzero(~np.all(np.isfinite(self.costs), axis=-1)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Summary without the grid, as JSON takes it."""
+        best = {label: self.best(label) for label in self.references}
+        return {
+            "objective": self.objective,
+            "axes": [dataclasses.asdict(axis) for axis in self.axes],
+            "best": {label: {"gains": gains, "cost": cost} for label, (gains, cost) in best.items()},
+            "best_of_all": dict(zip(("gains", "cost"), self.best(), strict=True)),
+            "diverged": self.diverged,
+            "simulations": self.simulations,
+            "simulated_steps": self.simulated_steps,
+            "run_seconds": self.run_seconds,
+            "versions": self.versions,
+        }
+
+    def save(self, path: str | Path) -> Path:
+        """Write an `.npz`: `cost`, an array of values for each axis by its name, `axes` and `references` in order.
+
+        Raises:
+            InputError: where it cannot be written.
+        """
+        path = Path(path)
+        partial = path.with_name(f".{path.name}.partial")
+        small: dict[str, np.ndarray] = {axis.name: axis.values for axis in self.axes}
+        small["axes"] = np.array([axis.name for axis in self.axes] + ["reference"])
+        small["references"] = np.array(self.references)
+        small["summary"] = np.array(json.dumps(self.to_dict()))
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with zipfile.ZipFile(partial, "w") as archive:
+                for name, array in small.items():
+                    buffer = io.BytesIO()
+                    np.save(buffer, array)
+                    archive.writestr(f"{name}.npy", buffer.getvalue())
+                with archive.open("cost.npy", "w", force_zip64=True) as file:
+                    _stream(file, self.costs)
+            os.replace(partial, path)
+        except OSError as error:
+            raise InputError(
+                f"The sweep cannot be written to {path} ({error.strerror}): choose another place."
+            ) from error
+        return path
+
+    def plot(self, path: str | Path, reference: str | None = None) -> Path:
+        """Draw the cost over the first two axes (over one, a line; any further axis at its best value).
+
+        Raises:
+            InputError: where the picture cannot be written.
+        """
+        from .sweep_plot import draw
+
+        return draw(self, Path(path), reference)
+
+    def __str__(self) -> str:
+        lines = [f"sweep of {self.simulations:,} simulations ({self.objective}), {self.run_seconds:.1f} s"]
+        for label in (*self.references, *([None] if len(self.references) > 1 else [])):
+            gains, cost = self.best(label)
+            shown = ", ".join(f"{name} = {value:.6g}" for name, value in gains.items())
+            lines.append(f"  {label or 'all references':<16} least cost {cost:.6g} at {shown}")
+        if self.diverged:
+            lines.append(f"  {self.diverged:,} candidates diverged")
+        return "\n".join(lines)
+
+
+def load_sweep(path: str | Path) -> dict[str, Any]:
+    """What `SweepResult.save` wrote: arrays by name, `summary` as a dictionary."""
+    with np.load(Path(path)) as archive:
+        content = {name: archive[name] for name in archive.files}
+    return content | {"summary": json.loads(str(content["summary"]))}
+
+
+def _stream(file: Any, array: np.ndarray) -> None:
+    """Write an array in `.npy` form piece by piece: a memory map never comes into memory whole."""
+    header = {"descr": np.lib.format.dtype_to_descr(array.dtype), "fortran_order": False, "shape": array.shape}
+    np.lib.format.write_array_header_2_0(file, header)
+    flat = array.reshape(-1)
+    for first in range(0, flat.size, 1 << 20):
+        file.write(np.ascontiguousarray(flat[first : first + (1 << 20)]).tobytes())
