@@ -19,7 +19,7 @@ from .errors import InputError
 
 
 def parameter_names(tree: Any) -> tuple[str, ...]:
-    """Dotted names of all floating-point leaves of `tree`, in the order of the fields; what is None or static has none."""
+    """Dotted names of all floating-point leaves of `tree`, in order; what is None or static has none."""
     return tuple(".".join(path) for path, _ in _leaves(tree, ()))
 
 
