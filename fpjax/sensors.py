@@ -170,11 +170,13 @@ class KalmanFusion(AbstractSensor):
         gyro_state, rate = self.gyro.step(gyro_state, output, noise[:2], dt)
         encoder_state, reading = self.encoder.step(encoder_state, output, noise[2:], dt)
         # Correct with the encoder (measurement of the angle).
-        innovation = p11 + jnp.square(self.angle_noise)
+        reading_variance = jnp.square(self.angle_noise)
+        innovation = p11 + reading_variance
         gain_angle, gain_bias = p11 / innovation, p12 / innovation
         residual = reading.position - angle
         angle, bias = angle + gain_angle * residual, bias + gain_bias * residual
-        p11, p12, p22 = (1.0 - gain_angle) * p11, (1.0 - gain_angle) * p12, p22 - gain_bias * p12
+        # (1 - gain) p11 without its cancellation, which costs float32 all digits where the encoder is much the better.
+        p11, p12, p22 = gain_angle * reading_variance, gain_bias * reading_variance, p22 - gain_bias * p12
         velocity = rate.velocity - bias
         measurement = Measurement(velocity, angle)
         # Predict to the next sample with the rate held; the bias walks.

@@ -3,6 +3,7 @@
 from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -192,5 +193,7 @@ class SteepnessObserver(AbstractObserver):
 
 
 def steepness_sensitivity(coulomb: Array, steepness: Array, velocity: Array) -> Array:
-    """d[k tanh(lambda w)]/d lambda = k w (1 - tanh^2(lambda w)) [N m rad/s]."""
-    return coulomb * velocity * (1.0 - jnp.square(jnp.tanh(steepness * velocity)))
+    """d[k tanh(lambda w)]/d lambda = k w / cosh^2(lambda w) [N m rad/s]."""
+    # 1 / cosh^2 x = 4 sigmoid(2 x) sigmoid(-2 x): 1 - tanh^2 x has no digit left once tanh is saturated.
+    twice = 2.0 * steepness * velocity
+    return coulomb * velocity * (4.0 * jax.nn.sigmoid(twice) * jax.nn.sigmoid(-twice))
