@@ -1,5 +1,6 @@
 """Tuning: gains by Algorithm 1, dense sweeps and gradients, on any named parameters of any block."""
 
+from .axis import Axis as Axis
 from .methods import LBFGS as LBFGS
 from .methods import Adam as Adam
 from .methods import GridSearch as GridSearch
@@ -13,7 +14,6 @@ from .objective import Tracking as Tracking
 from .parameters import Parameter as Parameter
 from .population import population as population
 from .result import TuningResult as TuningResult
-from .sweep import Axis as Axis
 from .sweep import sweep as sweep
 from .sweep_result import SweepResult as SweepResult
 from .sweep_result import load_sweep as load_sweep

@@ -48,10 +48,10 @@ def adam(lanes: Lanes, settings: Adam, stop: Stop) -> Outcome:
             elif healthy[lane] and np.linalg.norm(slope[lane]) <= settings.tolerance * abs(cost[lane]):
                 active[lane], best.reasons[lane] = False, "the gradient vanished"
         slope = np.where(healthy[:, None], slope, 0.0)
-        state = jax.tree.map(lambda leaf: _masked(leaf, healthy), state)
+        state = _forgotten(state, healthy)
         with jax.numpy_dtype_promotion("standard"):  # optax mixes its counter with floats
             moves, state = optimizer.update(jnp.asarray(slope), state)
-        moved = at - float(schedule(iteration)) * np.asarray(moves)
+        moved = at - float(np.asarray(schedule(iteration))) * np.asarray(moves)
         at = np.where(active[:, None], np.where(healthy[:, None], moved, kept), at)
         stop.progress(best)
     return best.outcome()
@@ -98,7 +98,7 @@ def lbfgs(lanes: Lanes, settings: LBFGS, stop: Stop) -> Outcome:
         if accepted.any():
             with jax.numpy_dtype_promotion("standard"):  # optax mixes int32 and int64
                 preconditioned, turned = turn(jnp.asarray(slope), state, jnp.asarray(at))
-            state = jax.tree.map(lambda new, old: jnp.where(_rows(accepted, new), new, old), turned, state)
+            state = _where(accepted, turned, state)
             direction = np.where(accepted[:, None], _downhill(-np.asarray(preconditioned), slope), direction)
             norm = np.linalg.norm(direction, axis=1)
             limit = np.minimum(1.0, settings.longest / np.maximum(norm, 1e-300))
@@ -124,9 +124,19 @@ def _downhill(direction: np.ndarray, slope: np.ndarray) -> np.ndarray:
     return np.where(descends[:, None] & np.all(np.isfinite(direction), axis=1, keepdims=True), direction, steepest)
 
 
-def _rows(mask: np.ndarray, like: Any) -> Any:
-    return jnp.asarray(mask).reshape(mask.shape + (1,) * (like.ndim - 1))
+def _where(lanes: np.ndarray, new: Any, old: Any) -> Any:
+    """The new state of these lanes, the old one of the others."""
+
+    def leaf(new: Any, old: Any) -> Any:
+        return jnp.where(jnp.asarray(lanes).reshape(lanes.shape + (1,) * (new.ndim - 1)), new, old)
+
+    return jax.tree.map(leaf, new, old)
 
 
-def _masked(leaf: Any, keep: np.ndarray) -> Any:
-    return jnp.where(jnp.asarray(keep)[:, None], leaf, 0.0) if getattr(leaf, "ndim", 0) == 2 else leaf
+def _forgotten(state: Any, keep: np.ndarray) -> Any:
+    """Adam's state with the momentum of the lanes not kept at zero."""
+
+    def leaf(leaf: Any) -> Any:
+        return jnp.where(jnp.asarray(keep)[:, None], leaf, 0.0) if jnp.ndim(leaf) == 2 else leaf
+
+    return jax.tree.map(leaf, state)

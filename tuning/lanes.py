@@ -141,7 +141,7 @@ class Best:
         self.history: list[list[tuple[int, float]]] = [[] for _ in range(lanes)]
         self.reasons = ["stopped at its number of iterations"] * lanes
 
-    def offer(self, lane: int, values: np.ndarray, cost: float, simulations: int) -> None:
+    def offer(self, lane: Any, values: np.ndarray, cost: float, simulations: int) -> None:
         """One more iteration of a lane: its point, that point's cost, and what the iteration used."""
         self.simulations[lane] += simulations
         self.iterations[lane] += 1

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt (optimistix) on the residual vector, in log-gain space, all starts and references side by side."""
+"""Levenberg-Marquardt (optimistix) on the residual vector, all starts and references side by side."""
 
 import dataclasses
 from typing import Any

@@ -71,7 +71,9 @@ class LBFGS:
 
 @dataclasses.dataclass(frozen=True)
 class LevenbergMarquardt:
-    """optimistix.LevenbergMarquardt on the residual vector, in log-gain space.
+    """optimistix.LevenbergMarquardt on the residual vector.
+
+    In coordinates that are linear in the gains down to a hundredth of the start and logarithmic below.
 
     Attributes:
         iterations: at most so many.

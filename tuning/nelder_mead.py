@@ -7,7 +7,7 @@ from .methods import NelderMead
 from .stopping import Stop
 
 
-class _Over(Exception):
+class _OverError(Exception):
     """The target or the budget is reached."""
 
 
@@ -39,12 +39,12 @@ def _one(lanes: Lanes, lane: int, settings: NelderMead, stop: Stop, best: Best) 
 
     def cost(at: np.ndarray) -> float:
         if stop.before(best, lanes.cases)[lane]:
-            raise _Over
+            raise _OverError
         values = lanes.values(at)
         value = float(alone.costs(values[None, None])[0, 0])
         best.offer(lane, values, value, lanes.cases)
         if not np.isfinite(best.costs[lane]) and best.iterations[lane] > n:
-            raise _Over
+            raise _OverError
         stop.progress(best)
         return value
 
@@ -60,5 +60,5 @@ def _one(lanes: Lanes, lane: int, settings: NelderMead, stop: Stop, best: Best) 
         result = scipy.optimize.minimize(cost, begin, method="Nelder-Mead", options=options)
         if result.success:
             best.reasons[lane] = "the simplex no longer changes"
-    except _Over:
+    except _OverError:
         pass

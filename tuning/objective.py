@@ -1,4 +1,4 @@
-"""What a tuning minimises: one interface, the cost accumulated in the carry, as a number or as a vector of residuals."""
+"""What a tuning minimises: one interface, accumulated in the carry, as a number or as a vector of residuals."""
 
 from abc import abstractmethod
 from typing import Any
@@ -181,8 +181,8 @@ class Estimation(AbstractObjective):
             truth = np.asarray(truth_of(loop, name, self.truths))
             if name not in self.scales and not np.all(np.abs(truth) > 0):
                 raise InputError(
-                    f"The true {name} is 0, so its error cannot be divided by it: give Estimation(scales={{'{name}': ...}}) "
-                    f"in the unit of {name}."
+                    f"The true {name} is 0, so its error cannot be divided by it: give "
+                    f"Estimation(scales={{'{name}': ...}}) in the unit of {name}."
                 )
 
 

@@ -4,8 +4,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 
-from fpjax.plotting import BLACK, BLUE, GREY, new_figure, save
+from fpjax.plotting import BLACK, BLUE, GREY, STYLE, new_figure, save
 
 from .sweep_result import SweepResult
 
@@ -15,6 +16,11 @@ MOST_POINTS = 400  # drawn along an axis; a denser grid is thinned for the pictu
 
 def draw(result: SweepResult, path: Path, reference: str | None = None) -> Path:
     """Draw and save; see `SweepResult.plot`."""
+    with rc_context(STYLE):
+        return _draw(result, path, reference)
+
+
+def _draw(result: SweepResult, path: Path, reference: str | None) -> Path:
     figure, panels = new_figure(size=(6.6, 4.6))
     axes = panels[0, 0]
     cost = np.asarray(result.cost(reference), dtype=float)
@@ -26,15 +32,16 @@ def draw(result: SweepResult, path: Path, reference: str | None = None) -> Path:
         others = ", ".join(f"{axis.name} = {gains[axis.name]:.4g}" for axis in result.axes[2:])
     title = f"{result.objective} cost on {reference or ', '.join(result.references)}"
     axes.set_title(title + (f"  ({others})" if others else ""))
-    first = result.axes[0]
-    if len(result.axes) == 1:
+    named = list(result.axes)
+    first = named[0]
+    if len(named) == 1:
         axes.plot(first.values, np.where(np.isfinite(cost), cost, np.nan), color=BLUE)
         axes.plot(gains[first.name], least, "o", color=BLACK, label=f"least: {least:.4g} at {gains[first.name]:.5g}")
         axes.set(xlabel=first.name, ylabel="cost", xscale=first.scale)
         if least > 0.0:
             axes.set_yscale("log")
     else:
-        second = result.axes[1]
+        second = named[1]
         _contours(figure, axes, first, second, cost)
         label = f"least: {least:.4g} at ({gains[second.name]:.5g}, {gains[first.name]:.5g})"
         axes.plot(
@@ -47,7 +54,7 @@ def draw(result: SweepResult, path: Path, reference: str | None = None) -> Path:
 
 
 def _contours(figure: Any, axes: Any, first: Any, second: Any, cost: np.ndarray) -> None:
-    rows, columns = (max(1, count // MOST_POINTS) for count in cost.shape)
+    rows, columns = max(1, cost.shape[0] // MOST_POINTS), max(1, cost.shape[1] // MOST_POINTS)
     down, across, shown = first.values[::rows], second.values[::columns], cost[::rows, ::columns]
     finite = np.isfinite(shown)
     if not finite.any() or min(shown.shape) < 2:

@@ -6,14 +6,13 @@ import json
 import os
 import zipfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fpjax.errors import InputError
 
-if TYPE_CHECKING:
-    from .sweep import Axis
+from .axis import Axis
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +30,7 @@ class SweepResult:
         versions: of what computed it.
     """
 
-    axes: "tuple[Axis, ...]"
+    axes: tuple[Axis, ...]
     references: tuple[str, ...]
     costs: np.ndarray
     objective: str

@@ -23,6 +23,7 @@ from .parameters import Parameter
 from .problem import Aggregate, References, case_costs, make_problem
 from .progress import Progress
 from .result import TuningResult, versions
+from .smoothness import set_valued
 from .stopping import Stop
 
 _SEARCHES: dict[type, Callable[[Any, Any, Stop], Outcome]] = {
@@ -199,14 +200,6 @@ def _settings(method: str | Method, loop: ClosedLoop) -> Method:
             "one), or use 'grid', 'grid_repaired' or 'nelder_mead'."
         )
     return method
-
-
-def set_valued(loop: ClosedLoop) -> str:
-    """The block whose law holds a sign(), so that gradients through it say nothing; empty where none does."""
-    for block in (loop.plant.friction, loop.observer):
-        if hasattr(block, "steepness") and block.steepness is None:
-            return type(block).__name__
-    return ""
 
 
 def _draw_starts(problem: Any, start: np.ndarray, starts: int, spread: float, seed: int) -> np.ndarray:

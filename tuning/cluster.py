@@ -1,0 +1,121 @@
+"""A sweep on Dask distributed: one task and one file a chunk (extra `cluster`).
+
+What a killed worker loses is the chunk it was at, which another worker does again; what a killed driver loses is the
+chunks then running: the finished ones are in the folder, and `resume=True` computes the missing ones, bit-equal.
+"""
+
+import functools
+import json
+import pickle
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from fpjax.errors import InputError
+
+from .axis import Axis
+from .problem import Problem
+from .sweep_store import MANIFEST, SweepStore, write_chunk
+
+RETRIES = 10  # workers that may die at one chunk before it is given up
+AHEAD = 4  # chunks given out at once, as a multiple of the workers' threads
+
+
+def on_cluster(
+    address: str,
+    problem: Problem,
+    axes: Sequence[Axis],
+    total: int,
+    chunk: int,
+    missing: Sequence[int],
+    store: SweepStore,
+) -> Iterator[tuple[int, np.ndarray | None]]:
+    """Finished chunks as they come: (which, costs), or (which, None) where the worker has written the file itself.
+
+    Args:
+        address: of the scheduler.
+        problem: from `make_problem`.
+        axes: of the grid.
+        total: candidates.
+        chunk: candidates in a chunk.
+        missing: chunks to compute.
+        store: where they go; a worker that sees its folder writes there.
+
+    Raises:
+        InputError: where `distributed` is not installed or the scheduler does not answer.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        raise InputError("scheduler=... needs Dask distributed: install fpjax[cluster].") from error
+    try:
+        client = distributed.Client(address, timeout="10s", set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise InputError(
+            f"No Dask scheduler answers at {address!r} ({type(error).__name__}): start one with `dask scheduler` and "
+            "workers with `dask worker ADDRESS`, or leave scheduler out."
+        ) from error
+    folder = None if store.folder is None else str(store.folder.resolve())
+    payload = pickle.dumps(
+        (jax.tree.map(np.asarray, problem), tuple(axes), chunk, total, bool(jax.config.jax_enable_x64))
+    )
+    with client:
+        waiting = iter(missing)
+        running = distributed.as_completed([])
+        counts: Any = client.nthreads()
+        threads = max(1, sum(counts.values()))
+
+        def give_out() -> None:
+            piece = next(waiting, None)
+            if piece is not None:
+                # Not pure: a chunk whose file was lost is computed again, not remembered by the cluster.
+                running.add(
+                    client.submit(
+                        _compute,
+                        payload,
+                        piece,
+                        folder,
+                        store.identity,
+                        pure=False,
+                        retries=RETRIES,
+                        key=f"chunk-{piece}-{store.identity[:12]}",
+                    )
+                )
+
+        for _ in range(AHEAD * threads):
+            give_out()
+        for future in running:
+            piece, costs = future.result()
+            future.release()
+            give_out()
+            yield piece, costs
+
+
+def _compute(payload: bytes, piece: int, folder: str | None, identity: str) -> tuple[int, np.ndarray | None]:
+    """On a worker: compute one chunk, and write it where the sweep's folder is to be seen."""
+    from .sweep import evaluate_chunk
+
+    problem, axes, chunk, total = _unpacked(payload)
+    costs = evaluate_chunk(problem, axes, piece, chunk, total, workers=1)
+    if folder is not None and _sees(Path(folder), identity):
+        write_chunk(Path(folder), piece, costs)
+        return piece, None
+    return piece, costs
+
+
+@functools.lru_cache(maxsize=2)
+def _unpacked(payload: bytes) -> Any:
+    problem, axes, chunk, total, double = pickle.loads(payload)
+    if double and not jax.config.jax_enable_x64:  # a worker is ours alone: it computes as the driver would
+        jax.config.update("jax_enable_x64", True)
+    return jax.tree.map(jax.numpy.asarray, problem), axes, chunk, total
+
+
+def _sees(folder: Path, identity: str) -> bool:
+    try:
+        return json.loads((folder / MANIFEST).read_text())["identity"] == identity
+    except (OSError, ValueError, KeyError):
+        return False

@@ -1,0 +1,23 @@
+"""Whether derivatives through a loop say anything."""
+
+import dataclasses
+from typing import Any
+
+import equinox as eqx
+import jax
+
+import fpjax
+
+
+def set_valued(tree: Any) -> str:
+    """The name of a block within that holds sign() or |.|, so that gradients through it say nothing; else empty."""
+    if isinstance(tree, (fpjax.Coulomb, fpjax.Absolute)):
+        return type(tree).__name__
+    if not isinstance(tree, eqx.Module):
+        parts = tree.values() if isinstance(tree, dict) else tree if isinstance(tree, (tuple, list)) else ()
+        return next((found for part in parts if (found := set_valued(part))), "")
+    # Viscous friction has no level that a sign could switch.
+    if getattr(tree, "steepness", 0.0) is None and not isinstance(tree, fpjax.Viscous):
+        return type(tree).__name__
+    fields = [getattr(tree, field.name, None) for field in dataclasses.fields(tree)]
+    return next((found for part in fields if not isinstance(part, jax.Array) and (found := set_valued(part))), "")
