@@ -1,0 +1,1 @@
+"""The thesis, reproduced: every printed cell with its verdict, and its figures."""

@@ -1,0 +1,127 @@
+"""`python -m benchmarks thesis`: every printed cell as printed / obtained / verdict, and the thesis' figures."""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from .cells import Cell, Printed
+
+QUICK_HELP = "check the verdicts with another solver only, not with a ten times finer step"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    parser.add_argument("--out", type=Path, required=True, help="folder of thesis.json and the figures")
+    parser.add_argument("--quick", action="store_true", help=QUICK_HELP)
+    parser.add_argument("--no-figures", action="store_true", help="the cells only")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compute every cell and its verdict, print the table, write the files, draw the figures."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)  # Algorithm 1 stops at 1e-3, and chatter remembers every digit
+    from tuning.progress import Progress
+    from tuning.result import versions
+
+    from .presets import PRINTED
+    from .table import table, write_json
+
+    began = time.perf_counter()
+    write_json(args.out / "thesis.json", [])  # an unwritable folder is told before the work, not after it
+    bar = Progress("thesis: cells")
+    cells = all_cells(quick=args.quick, progress=bar.show)
+    bar.end()
+    print(table(cells))
+    write_json(args.out / "thesis.json", [cell.row() for cell in cells])
+    write_json(args.out / "thesis_details.json", [cell.details() for cell in cells])
+    seconds = {"cells": time.perf_counter() - began}
+    pictures: list[str] = []
+    if not args.no_figures:
+        from .figures import draw_all
+
+        began = time.perf_counter()
+        bar = Progress("thesis: figures")
+        pictures = [path.name for path in draw_all(args.out, bar.show)]
+        bar.end()
+        seconds["figures"] = time.perf_counter() - began
+        print(f"{len(pictures)} figures in {args.out}")
+    command = ["python", "-m", "benchmarks", *sys.argv[1:]]
+    write_json(
+        args.out / "run.json",
+        {
+            "command": command,
+            "inputs": {},
+            "seeds": [],
+            "solver": str(PRINTED),
+            "versions": versions(),
+            "seconds": seconds,
+            "figures": pictures,
+        },
+    )
+    print(f"{args.out / 'thesis.json'} written; " + ", ".join(f"{name} {took:.0f} s" for name, took in seconds.items()))
+    return 0
+
+
+class Chapter(NamedTuple):
+    """What a chapter's module gives.
+
+    Attributes:
+        printed: its cells.
+        obtain: every cell with one setting.
+        reasons: why cells miss, from what was obtained.
+        checked: whether other settings count towards the verdict.
+    """
+
+    printed: tuple[Printed, ...]
+    obtain: Callable[..., dict[str, float]]
+    reasons: Callable[[Mapping[str, float]], dict[str, str]]
+    checked: bool = True
+
+
+def chapters() -> dict[str, Chapter]:
+    """The chapters by name."""
+    from . import chapter2, chapter3, chapter4, limits, search
+
+    return {
+        "chapter2": Chapter(chapter2.PRINTED, chapter2.obtain, chapter2.reasons),
+        "chapter3": Chapter(chapter3.PRINTED, chapter3.obtain, chapter3.reasons),
+        "chapter4": Chapter(chapter4.PRINTED, chapter4.obtain, chapter4.reasons),
+        "search": Chapter(search.PRINTED, search.obtain, search.reasons),
+        "limits": Chapter(limits.PRINTED, limits.obtain, limits.reasons, checked=False),
+    }
+
+
+def all_cells(
+    *, quick: bool, names: tuple[str, ...] = (), progress: Callable[[float, str], object] | None = None
+) -> list[Cell]:
+    """Every cell with its verdict.
+
+    Args:
+        quick: check with another solver only.
+        names: chapters; none for all.
+        progress: called with the share done and what is next.
+    """
+    from .cells import judge
+    from .presets import FINER_STEP, FINEST_STEP, OTHER_SOLVER, PRINTED
+
+    chosen = {name: chapter for name, chapter in chapters().items() if not names or name in names}
+    checks = (OTHER_SOLVER,) if quick else (OTHER_SOLVER, FINER_STEP)
+    finest = FINER_STEP if quick else FINEST_STEP
+    jobs = sum(1 + len(checks) if chapter.checked else 1 for chapter in chosen.values())
+    done = 0
+    cells = []
+    for name, chapter in chosen.items():
+        found = {}
+        for setting in (PRINTED, *checks) if chapter.checked else (finest,):
+            if progress is not None:
+                progress(done / jobs, f"{name}, {setting}")
+            found[setting] = chapter.obtain(setting)
+            done += 1
+        obtained = found.pop(PRINTED if chapter.checked else finest)
+        others = {str(setting): values for setting, values in found.items()}
+        cells += judge(chapter.printed, obtained, others, chapter.reasons(obtained))
+    return cells

@@ -1,0 +1,95 @@
+"""Panels that many figures share."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+import fpjax
+from fpjax import plotting
+
+from .. import presets
+from ..presets import PRINTED, Setting
+
+SECONDS, VELOCITY, TORQUE = "time [s]", "velocity [deg/s]", "torque [N m]"
+Window = tuple[float, float] | None
+
+
+def record(
+    observer: fpjax.AbstractObserver,
+    reference: fpjax.AbstractReference,
+    duration: float,
+    *signals: str,
+    law: fpjax.AbstractFriction | None = None,
+    setting: Setting = PRINTED,
+) -> dict[str, np.ndarray]:
+    """Signals of the one-mass loop, by name, with "time"."""
+    loop = presets.one_mass(observer, law)
+    return presets.traces(presets.run(loop, reference, duration, setting, record=signals))
+
+
+def within(signals: Mapping[str, np.ndarray], window: Window) -> dict[str, np.ndarray]:
+    """The signals inside a window of time [s]."""
+    if window is None:
+        return dict(signals)
+    inside = (signals["time"] >= window[0]) & (signals["time"] <= window[1])
+    return {name: values[inside] for name, values in signals.items()}
+
+
+def velocities(
+    axis: Any,
+    runs: Mapping[str, Mapping[str, np.ndarray]],
+    colors: Mapping[str, str],
+    *,
+    title: str = "",
+    window: Window = None,
+) -> None:
+    """Reference and the velocities of several runs; the run drawn last lies on top."""
+    first = within(next(iter(runs.values())), window)
+    axis.plot(*plotting.thin(first["time"], first["reference"]), color=plotting.REFERENCE, ls="--", label="reference")
+    for name, signals in runs.items():
+        shown = within(signals, window)
+        axis.plot(*plotting.thin(shown["time"], shown["velocity"]), color=colors[name], label=name, lw=1.1)
+    finish(axis, title, VELOCITY)
+
+
+def estimate_panel(axis: Any, existing: Any, estimated: Any, *, title: str, label: str = TORQUE) -> None:
+    """An existing torque and its estimate, each as (time, values)."""
+    axis.plot(*plotting.thin(*existing), color=plotting.TRUTH, lw=1.0, label="existing")
+    axis.plot(*plotting.thin(*estimated), color=plotting.COMPENSATED, lw=1.3, ls="--", label="estimated")
+    finish(axis, title, label)
+
+
+def finish(axis: Any, title: str, label: str) -> None:
+    """Title and vertical label."""
+    axis.set_title(title)
+    axis.set_ylabel(label)
+
+
+def outer_labels(axes: np.ndarray, horizontal: str = SECONDS) -> None:
+    """Horizontal labels below the last row only, vertical ones left of the first column only."""
+    for axis in axes[-1]:
+        axis.set_xlabel(horizontal)
+    for axis in axes[:, 1:].flat:
+        axis.set_ylabel("")
+
+
+def legend(figure: Any, axis: Any, columns: int = 3) -> None:
+    """One legend for the whole figure, below the panels."""
+    handles, labels = axis.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
+
+
+COLORS = {"uncompensated": plotting.UNCOMPENSATED, "compensated": plotting.COMPENSATED}
+
+
+def with_and_without(
+    uncompensated: Mapping[str, np.ndarray], compensated: Mapping[str, np.ndarray]
+) -> dict[str, Mapping[str, np.ndarray]]:
+    """The two runs by the names that `COLORS` knows."""
+    return {"uncompensated": uncompensated, "compensated": compensated}
+
+
+def lettered(titles: Sequence[str]) -> list[str]:
+    """(a) ..., (b) ..."""
+    return [f"({chr(ord('a') + index)}) {title}" for index, title in enumerate(titles)]
