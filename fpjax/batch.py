@@ -5,6 +5,7 @@ candidates cost what their chunks cost, one after the other on every core.
 """
 
 import concurrent.futures
+import contextlib
 import functools
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -25,9 +26,10 @@ from .native import native, native_enabled
 # enough that LLVM vectorizes them (docs/performance.md).
 CHUNK_FLOAT64 = 64
 CHUNK_FLOAT32 = 128
-# LLVM unrolls shorter loops into scalar code: so many candidates are faster padded to this.
+# LLVM turns loops shorter than this into scalar code, except at powers of two: by the bytes of a float, (from, to)
+# which number of candidates padding was faster.
 VECTORIZED_FROM = 48
-PADDED_FROM = {8: 18, 4: 6}
+PADDED = {8: ((6, 8), (28, VECTORIZED_FROM)), 4: ((4, 8), (9, VECTORIZED_FROM))}
 # Below so many candidates a core, a thread costs more than it brings.
 PER_WORKER = 48
 
@@ -71,25 +73,24 @@ def map_chunks(
         blocks = jax.tree.map(lambda leaf: _blocks(jnp, leaf, count, chunk), arguments)
         return _first(_chunked(fn, batched)(blocks, shared), size)
 
-    where: tuple[Any, ...] = tuple(jax.local_devices() if devices is None else devices)
+    where: list[Any] = list(jax.local_devices() if devices is None else devices)
     if not where:
         raise InputError("devices=() leaves nothing to compute on: give at least one, or None.")
-    if len(where) > 1:
-        parts = len(where)
-    elif where[0].platform == "cpu":
+    if size < len(where) * PER_WORKER:
+        where = where[:1]
+    parts = len(where)
+    if parts == 1 and where[0].platform == "cpu":
         parts = max(1, min(workers or cores(), size // PER_WORKER))
-    else:
-        parts = 1
     chunk = chunk or chunk_for(arguments, -(-size // parts))
-    count = -(-size // (chunk * parts))  # chunks of one part
     wide = chunk >= VECTORIZED_FROM and where[0].platform == "cpu"
-    blocks = jax.tree.map(lambda leaf: _blocks(np, np.asarray(leaf), count * parts, chunk), arguments)
-    enabled = native_enabled()
-    run, seen = _compiled(fn, batched, wide, enabled, where if len(where) > 1 else None)
-    if len(where) > 1:
-        return _first(run(blocks, shared), size)
-    with jax.default_device(where[0]):
-        if parts == 1:
+    several = tuple(where) if len(where) > 1 else None
+    run, seen = _compiled(fn, batched, wide, native_enabled(), several, parts == 1 and chunk == size)
+    with jax.default_device(where[0]) if devices is not None else contextlib.nullcontext():
+        if parts == 1 and chunk == size:
+            return run(arguments, shared)
+        count = -(-size // (chunk * parts))  # chunks of one part
+        blocks = jax.tree.map(lambda leaf: _blocks(np, np.asarray(leaf), count * parts, chunk), arguments)
+        if parts == 1 or several is not None:
             return _first(run(blocks, shared), size)
         return _threaded(run, seen, blocks, shared, parts, where[0], size)
 
@@ -170,9 +171,7 @@ def chunk_for(arguments: Any, size: int) -> int:
         count = -(-size // full)
         even = -(-size // (8 * count)) * 8  # no nearly empty last chunk
         return full if count > 8 else min(full, max(VECTORIZED_FROM, even))
-    if size >= VECTORIZED_FROM:
-        return size
-    return VECTORIZED_FROM if size >= PADDED_FROM[width] else size
+    return next((to for start, to in PADDED[width] if start <= size <= to), size)
 
 
 def cores() -> int:
@@ -194,10 +193,12 @@ def shard_map(run: Callable[..., Any], *, mesh: Mesh, in_specs: Any, out_specs: 
     return before(run, mesh=mesh, in_specs=in_specs, out_specs=out_specs, check_rep=False)
 
 
-def _chunked(fn: Callable[..., Any], batched: bool) -> Callable[..., Any]:
+def _chunked(fn: Callable[..., Any], batched: bool, single: bool = False) -> Callable[..., Any]:
     def run(blocks: Any, shared: tuple[Any, ...]) -> Any:
         whole = fn if batched else jax.vmap(fn, in_axes=(0, *(None for _ in shared)))
         kernel = native(whole)
+        if single:
+            return kernel(blocks, *shared)
         if jax.tree.leaves(blocks)[0].shape[0] == 1:  # no loop around a single chunk
             return kernel(jax.tree.map(lambda leaf: leaf[0], blocks), *shared)
         result = lax.map(lambda block: kernel(block, *shared), blocks)
@@ -213,13 +214,14 @@ def _compiled(
     wide: bool,
     enabled: bool,
     devices: tuple[Any, ...] | None,
+    single: bool,
 ) -> tuple[Callable[..., Any], set[Any]]:
     """(the jitted loop over chunks, the shapes that it was compiled for).
 
     `enabled` is only there so that a switched `native` traces anew.
     """
     del enabled
-    run = _chunked(fn, batched)
+    run = _chunked(fn, batched, single)
     if devices is not None:
         mesh = Mesh(np.array(devices), ("candidates",))
         split, whole = PartitionSpec("candidates"), PartitionSpec()

@@ -130,8 +130,8 @@ def test_chunk_by_batch_and_precision():
     double, single = np.zeros(1), np.zeros(1, np.float32)
     assert chunk_for(double, 10**6) == CHUNK_FLOAT64 == 64
     assert chunk_for(single, 10**6) == CHUNK_FLOAT32 == 128
-    assert [chunk_for(double, n) for n in (1, 5, 17, 18, 40, 50, 64, 65)] == [1, 5, 17, 48, 48, 50, 64, 48]
-    assert [chunk_for(single, n) for n in (1, 5, 6, 47, 100, 128)] == [1, 5, 48, 48, 100, 128]
+    assert [chunk_for(double, n) for n in (1, 5, 6, 8, 9, 27, 28, 50, 64, 65)] == [1, 5, 8, 8, 9, 27, 48, 50, 64, 48]
+    assert [chunk_for(single, n) for n in (1, 3, 4, 9, 47, 100, 128)] == [1, 3, 8, 48, 48, 100, 128]
 
 
 def test_bad_batches_are_refused():
