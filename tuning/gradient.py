@@ -1,5 +1,6 @@
 """Adam and L-BFGS (optax) in log-gain space, all starts and references side by side."""
 
+import functools
 from typing import Any
 
 import jax
@@ -68,15 +69,12 @@ def lbfgs(lanes: Lanes, settings: LBFGS, stop: Stop) -> Outcome:
         settings: iterations, tolerance, memory, longest, mode.
         stop: when a lane is over beyond the settings.
     """
-    import optax
-
-    transform = optax.scale_by_lbfgs(memory_size=settings.memory)
-    turn = jax.jit(jax.vmap(transform.update))
+    initial, turn = _turner(settings.memory)
     at = lanes.problem.space.coordinates(lanes.start)
     best = Best(*at.shape)
     needed = lanes.gradient_simulations(settings.mode)
     cost, slope = np.full(lanes.count, np.inf), np.zeros_like(at)
-    state: Any = jax.vmap(transform.init)(jnp.asarray(at))
+    state: Any = initial(jnp.asarray(at))
     direction, length = np.zeros_like(at), np.ones(lanes.count)
     trial = at.copy()
     active = np.ones(lanes.count, bool)
@@ -115,6 +113,15 @@ def lbfgs(lanes: Lanes, settings: LBFGS, stop: Stop) -> Outcome:
         trial = at + length[:, None] * direction
         stop.progress(best)
     return best.outcome()
+
+
+@functools.lru_cache(maxsize=8)
+def _turner(memory: int) -> tuple[Any, Any]:
+    """(initial state, update) of optax' L-BFGS over lanes, compiled once."""
+    import optax
+
+    transform = optax.scale_by_lbfgs(memory_size=memory)
+    return jax.vmap(transform.init), jax.jit(jax.vmap(transform.update))
 
 
 def _downhill(direction: np.ndarray, slope: np.ndarray) -> np.ndarray:

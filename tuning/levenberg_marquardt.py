@@ -1,6 +1,7 @@
 """Levenberg-Marquardt (optimistix) on the residual vector, all starts and references side by side."""
 
 import dataclasses
+import functools
 from typing import Any
 
 import equinox as eqx
@@ -86,6 +87,7 @@ def _in_gains(lanes: Lanes) -> Lanes:
     return dataclasses.replace(lanes, problem=eqx.tree_at(lambda problem: problem.space, lanes.problem, space))
 
 
+@functools.lru_cache(maxsize=8)
 def _solver(tolerance: float) -> tuple[Any, Any]:
     """(start, step) of optimistix' solver over lanes."""
     import optimistix
