@@ -1,8 +1,9 @@
 """One style for every picture: a palette that colour-blind readers can tell apart, and files written whole."""
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import rc_context
@@ -31,7 +32,7 @@ UNCOMPENSATED = RED
 COMPENSATED = BLUE
 SERIES = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, BLACK)  # lines that mean nothing in particular, in this order
 
-STYLE: dict[str, Any] = {
+STYLE: Any = {
     "figure.dpi": 100,
     "savefig.dpi": 130,
     "figure.facecolor": "white",
@@ -65,24 +66,29 @@ STYLE: dict[str, Any] = {
 }
 
 
+def style() -> AbstractContextManager[None]:
+    """The common style for what is drawn inside the `with`: lines, titles and legends take it when they are made."""
+    return rc_context(STYLE)
+
+
 def new_figure(
     rows: int = 1,
     columns: int = 1,
     *,
     size: tuple[float, float] | None = None,
-    share_x: bool = False,
-    share_y: bool = False,
+    share_x: bool | Literal["all", "row", "col"] = False,
+    share_y: bool | Literal["all", "row", "col"] = False,
     title: str = "",
     height_ratios: Sequence[float] | None = None,
 ) -> tuple[Figure, np.ndarray]:
-    """A figure in the common style, apart from pyplot's global state.
+    """A figure in the common style, apart from pyplot's global state; draw on it inside `with style():`.
 
     Args:
         rows: panels from top to bottom.
         columns: panels from left to right.
         size: (width, height) [inch]; None for one that suits the panels.
-        share_x: one horizontal axis for all panels.
-        share_y: one vertical axis for all panels.
+        share_x: one horizontal axis for all panels, or for each "row" or "col".
+        share_y: one vertical axis for all panels, or for each "row" or "col".
         title: above all panels.
         height_ratios: heights of the rows to one another [1].
 
@@ -91,7 +97,7 @@ def new_figure(
     """
     if size is None:
         size = (6.6 if columns == 1 else 4.4 * columns, 3.4 if rows == 1 else 2.4 * rows)
-    with rc_context(STYLE):
+    with style():
         figure = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)
         axes = figure.subplots(
@@ -124,7 +130,7 @@ def save(figure: Figure, path: str | Path) -> Path:
     partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with rc_context(STYLE):
+        with style():
             figure.savefig(partial)
         partial.replace(path)
     except OSError as error:
@@ -147,18 +153,14 @@ def thin(time: Any, *signals: Any, points: int = 4000) -> tuple[np.ndarray, ...]
         (time, *signals), each of shape (kept,); unchanged where they are short.
     """
     arrays = [np.asarray(array) for array in (time, *signals)]
-    bins = points // (2 * max(len(signals), 1))
-    width = len(arrays[0]) // max(bins, 1)
+    samples = len(arrays[0])
+    width = -(-samples * 2 * max(len(signals), 1) // max(points, 1))
     if width < 3:
         return tuple(arrays)
-    whole = bins * width
-    starts = np.arange(bins) * width
-    kept = [np.array([0, len(arrays[0]) - 1])]
+    starts = np.arange(0, samples, width)
+    kept = [np.array([0, samples - 1])]
     for array in arrays[1:]:
-        table = array[:whole].reshape(bins, width)
-        kept += [starts + table.argmin(axis=1), starts + table.argmax(axis=1)]
-        tail = array[whole:]
-        if tail.size:
-            kept.append(whole + np.array([tail.argmin(), tail.argmax()]))
-    index = np.unique(np.concatenate(kept))
+        whole = np.pad(array, (0, starts.size * width - samples), mode="edge").reshape(starts.size, width)
+        kept += [starts + whole.argmin(axis=1), starts + whole.argmax(axis=1)]
+    index = np.unique(np.minimum(np.concatenate(kept), samples - 1))
     return tuple(array[index] for array in arrays)

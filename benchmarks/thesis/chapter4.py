@@ -65,9 +65,7 @@ def _fig_4_2(setting: Setting) -> dict[str, float]:
     found = {}
     for gain_2, gain_1 in FIG_4_2_GAINS:
         loop = presets.one_mass(presets.extended(gain_1, gain_2))
-        result = presets.run(
-            loop, presets.sine(1.0), ESTIMATE_DURATION, setting, record=("estimates.viscous",)
-        )
+        result = presets.run(loop, presets.sine(1.0), ESTIMATE_DURATION, setting, record=("estimates.viscous",))
         estimate = presets.traces(result)["estimates.viscous"] / DEGREE
         cell = f"fig4.2/alpha_2={gain_2:g},alpha_1={gain_1:g}/viscous"
         found[cell] = float(np.mean(estimate[-round(LAST_PERIOD / setting.dt) :]))
@@ -98,9 +96,7 @@ def _steepness(setting: Setting) -> dict[str, float]:
     found = {}
     for truth in (1.0, OBSERVED_STEEPNESS):
         loop = presets.one_mass(presets.steepness_observer(), fpjax.SmoothCoulomb(COULOMB, truth))
-        result = presets.run(
-            loop, presets.sine(1.0), ESTIMATE_DURATION, setting, record=("estimates.steepness",)
-        )
+        result = presets.run(loop, presets.sine(1.0), ESTIMATE_DURATION, setting, record=("estimates.steepness",))
         last = presets.traces(result)["estimates.steepness"][-round(LAST_PERIOD / setting.dt) :]
         found[f"4.5/lambda={truth:g}/steepness"] = float(last[-1])
         found[f"fig4.11/lambda={truth:g}/deviation"] = float(np.std(last))
@@ -117,9 +113,7 @@ def _table_4_7(setting: Setting) -> dict[str, float]:
     found = {}
     for name, observer in observers.items():
         loop = presets.one_mass(observer, presets.friction(steepness=EXTENDED_STEEPNESS))
-        result = presets.run(
-            loop, presets.sine(1.0), DURATION, setting, measures={"velocity": fpjax.MeanAbsolute()}
-        )
+        result = presets.run(loop, presets.sine(1.0), DURATION, setting, measures={"velocity": fpjax.MeanAbsolute()})
         found[f"4.7/{name}"] = presets.numbers(result)["velocity"]
     bare = found.pop("4.7/uncompensated")
     return found | {"4.7/extension=1/uncompensated": bare, "4.7/extension=2/uncompensated": bare}

@@ -20,9 +20,7 @@ def obtain(setting: Setting) -> dict[str, float]:
         observer = presets.classical(fpjax.Absolute(alpha)) if alpha else fpjax.NoObserver()
         measures = presets.velocity_and_friction()
         loop = presets.one_mass(observer)
-        errors = presets.numbers(
-            presets.run(loop, presets.sine(10.0), chapter2.DURATION, setting, measures=measures)
-        )
+        errors = presets.numbers(presets.run(loop, presets.sine(10.0), chapter2.DURATION, setting, measures=measures))
         for signal, value in errors.items():
             found[f"limit/2.3/g2/alpha={alpha:g}/{signal}"] = value
     return found

@@ -1,13 +1,14 @@
 """The thesis' cases in the units that give its printed numbers.
 
-The loop runs in deg/s: velocity, reference and error are in deg/s, torques in N m. So inertia, viscous friction, spring
-and damper are scaled by pi/180, and a steepness is in s/deg. Nothing in the text says so; the printed digits do, and the
-lead controller's gain does (57.1 with the factor, 3268 without).
+The loop runs in deg/s: velocity, reference and error are in deg/s, torques in N m. So inertia, viscous friction,
+spring and damper are scaled by pi/180, and a steepness is in s/deg. Nothing in the text says so; the printed digits do,
+and the lead controller's gain does (57.1 with the factor, 3268 without).
 """
 
 import dataclasses
 import functools
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,7 @@ def friction(viscous: float = VISCOUS, steepness: float | None = None) -> fpjax.
 
 def one_mass(observer: fpjax.AbstractObserver, law: fpjax.AbstractFriction | None = None) -> fpjax.ClosedLoop:
     """One mass under the PI controller of Table 2.1."""
-    plant = fpjax.OneMass(INERTIA, friction() if law is None else law)
+    plant = fpjax.OneMass(inertia=INERTIA, friction=friction() if law is None else law)
     return fpjax.ClosedLoop(plant, fpjax.ProportionalIntegral(150.0, 200.0), observer)
 
 
@@ -128,21 +129,43 @@ def two_mass_transfer(s: complex) -> complex:
     return spring / (reduced * s * s + spring) / ((MOTOR_INERTIA + LOAD_INERTIA) * s)
 
 
-def two_mass_controller(name: str) -> fpjax.AbstractController:
-    """Chapter 3's "pi" or "lead" controller; the lead as designed, not as rounded in print."""
-    if name == "pi":
-        return fpjax.ProportionalIntegral(40.0, 500.0)
-    return fpjax.design_lead(two_mass_transfer, CROSSOVER, PHASE_LEAD)
-
-
 def two_mass(name: str, *, coulomb: float = COULOMB, compensated: bool = False) -> fpjax.ClosedLoop:
-    """Fig 3.5: P_HO, then friction and P_LO, with CFP (g2, alpha = 100) fed by P_HO u where `compensated`."""
-    plant = fpjax.SeriesTwoMass(MOTOR_INERTIA, LOAD_INERTIA, STIFFNESS, DAMPING, fpjax.Coulomb(coulomb))
-    observer: fpjax.AbstractObserver = fpjax.NoObserver()
-    if compensated:
-        inner = fpjax.ClassicalFriedlandPark(MOTOR_INERTIA + LOAD_INERTIA, fpjax.Absolute(100.0))
-        observer = fpjax.HighOrderFeedforward(inner, MOTOR_INERTIA, LOAD_INERTIA, STIFFNESS, DAMPING)
-    return fpjax.ClosedLoop(plant, two_mass_controller(name), observer)
+    """Fig 3.5 as the text reads it: u is the controller's output behind P_HO, "the torque exerted on load".
+
+    The compensation is added there, where no motor sits; so the observer sees its own u and cancels the friction
+    exactly, and P_HO belongs to the controller's side. CFP has g2 with alpha = 100.
+    """
+    reduced = MOTOR_INERTIA * LOAD_INERTIA / (MOTOR_INERTIA + LOAD_INERTIA)
+    high_order = [DAMPING, STIFFNESS], [reduced, DAMPING, STIFFNESS]  # P_HO (3.28)
+    if name == "pi":
+        controller = [40.0, 500.0], [1.0, 0.0]
+    else:
+        lead = fpjax.design_lead(two_mass_transfer, CROSSOVER, PHASE_LEAD)
+        controller = [float(lead.gain), float(lead.gain * lead.zero)], [1.0, float(lead.pole)]
+    numerator, denominator = (np.polymul(*pair) for pair in zip(controller, high_order, strict=True))
+    plant = fpjax.OneMass(inertia=MOTOR_INERTIA + LOAD_INERTIA, friction=fpjax.Coulomb(coulomb=coulomb))
+    observer = _two_mass_observer() if compensated else fpjax.NoObserver()
+    return fpjax.ClosedLoop(plant, fpjax.TransferFunction(numerator, denominator), observer)
+
+
+def two_mass_from_motor(name: str) -> fpjax.ClosedLoop:
+    """The same with a compensation that a motor could give: it passes P_HO like the control, and comes late."""
+    plant = fpjax.SeriesTwoMass(
+        motor_inertia=MOTOR_INERTIA,
+        load_inertia=LOAD_INERTIA,
+        stiffness=STIFFNESS,
+        damping=DAMPING,
+        friction=fpjax.Coulomb(coulomb=COULOMB),
+    )
+    controller: fpjax.AbstractController = fpjax.ProportionalIntegral(40.0, 500.0)
+    if name == "lead":
+        controller = fpjax.design_lead(two_mass_transfer, CROSSOVER, PHASE_LEAD)
+    observer = fpjax.HighOrderFeedforward(_two_mass_observer(), MOTOR_INERTIA, LOAD_INERTIA, STIFFNESS, DAMPING)
+    return fpjax.ClosedLoop(plant, controller, observer)
+
+
+def _two_mass_observer() -> fpjax.ClassicalFriedlandPark:
+    return fpjax.ClassicalFriedlandPark(MOTOR_INERTIA + LOAD_INERTIA, fpjax.Absolute(100.0))
 
 
 def run(
@@ -151,12 +174,18 @@ def run(
     duration: float,
     setting: Setting = PRINTED,
     *,
-    measures: dict[str, fpjax.AbstractMeasure] | None = None,
+    measures: Mapping[str, fpjax.AbstractMeasure] | None = None,
     record: tuple[str, ...] = (),
 ) -> fpjax.Run:
     """Simulate from rest, as the thesis does: continuous stepping, all states zero."""
     return fpjax.simulate(
-        loop, reference, dt=setting.dt, duration=duration, solver=setting.solver, measures=measures, record=record
+        loop,
+        reference,
+        dt=setting.dt,
+        duration=duration,
+        solver=setting.solver,
+        measures=dict(measures or {}),
+        record=record,
     )
 
 

@@ -147,7 +147,9 @@ def obtain(setting: Setting) -> dict[str, float]:
 def reasons(found: Mapping[str, float]) -> dict[str, str]:
     """Why cells of these tables miss."""
     del found
-    landing = "Algorithm 1 makes a start-up transient land on the truth at 0.5 s, and solver and step decide where it lands"
+    landing = (
+        "Algorithm 1 makes a start-up transient land on the truth at 0.5 s, and solver and step decide where it lands"
+    )
     return {
         "4.2/": landing,
         "4.2/square": f"a 1 Hz square over {DURATION:g} s is the constant reference, so this row must repeat that one",

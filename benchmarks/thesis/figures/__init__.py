@@ -5,7 +5,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from fpjax.plotting import save
+from fpjax import plotting
 
 
 def all_figures() -> dict[str, Callable[[], Figure]]:
@@ -33,5 +33,7 @@ def draw_all(
     for index, (stem, draw) in enumerate(figures.items()):
         if progress is not None:
             progress(index / len(figures), stem)
-        written.append(save(draw(), out / f"{stem}.png"))
+        with plotting.style():
+            figure = draw()
+        written.append(plotting.save(figure, out / f"{stem}.png"))
     return written

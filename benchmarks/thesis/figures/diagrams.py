@@ -1,66 +1,112 @@
-"""Block diagrams: Figs 2.10, 2.14 and 3.5, from one list of boxes and arrows."""
+"""Block diagrams: Figs 2.10, 2.14 and 3.5."""
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch
 
 from fpjax import plotting
 
-HEIGHT = 0.62
-RADIUS = 0.16
+HEIGHT, RADIUS = 0.66, 0.17
+FILL = "#EEF4FA"
+
+Corners = Sequence[tuple[float, float]]
 
 
 @dataclasses.dataclass(frozen=True)
-class Box:
-    """A block at (x, y), `width` wide."""
+class _Loop:
+    """What differs between the diagrams."""
 
-    text: str
-    x: float
-    y: float
-    width: float = 1.3
+    observer: str
+    compensation: str
+    friction: str
+    high_order: bool = False
 
 
-def _draw(name: str, boxes: Sequence[Box], sums: Sequence[tuple[float, float]], arrows: Sequence, texts: Sequence) -> Figure:
-    """Boxes, sums, arrows (each a list of corners) and texts (x, y, text)."""
-    figure, axes = plotting.new_figure(title=name, size=(8.6, 3.4))
+def _box(axis: Any, text: str, x: float, y: float, width: float) -> None:
+    corner = (x - width / 2.0, y - HEIGHT / 2.0)
+    axis.add_patch(FancyBboxPatch(corner, width, HEIGHT, boxstyle="round,pad=0.02", fc=FILL, ec=plotting.BLUE, lw=1.2))
+    axis.text(x, y, text, ha="center", va="center", fontsize=10)
+
+
+def _sum(axis: Any, x: float, signs: dict[tuple[float, float], str]) -> None:
+    axis.add_patch(Circle((x, 0.0), RADIUS, fc="white", ec=plotting.BLACK, lw=1.1, zorder=3))
+    for (right, up), sign in signs.items():
+        axis.text(x + right, up, sign, ha="center", va="center", fontsize=9)
+
+
+def _arrow(axis: Any, corners: Corners) -> None:
+    xs, ys = zip(*corners, strict=True)
+    axis.plot(xs, ys, color=plotting.BLACK, lw=1.1)
+    # The head alone: a line under it keeps every corner square.
+    axis.annotate(
+        "",
+        corners[-1],
+        corners[-2],
+        arrowprops={"arrowstyle": "-|>", "color": plotting.BLACK, "lw": 1.1, "shrinkA": 0, "shrinkB": 0},
+    )
+
+
+def _draw(name: str, loop: _Loop) -> Figure:
+    figure, axes = plotting.new_figure(title=name, size=(9.2, 3.9))
     axis = axes[0, 0]
-    for box in boxes:
-        corner = (box.x - box.width / 2, box.y - HEIGHT / 2)
-        axis.add_patch(
-            FancyBboxPatch(corner, box.width, HEIGHT, boxstyle="round,pad=0.03", fc="#EEF4FA", ec=plotting.BLUE, lw=1.1)
-        )
-        axis.text(box.x, box.y, box.text, ha="center", va="center", fontsize=10)
-    for place in sums:
-        axis.add_patch(Circle(place, RADIUS, fc="white", ec=plotting.BLACK, lw=1.0, zorder=3))
-        axis.text(*place, "+", ha="center", va="center", fontsize=10, zorder=4)
-    for corners in arrows:
-        xs, ys = zip(*corners, strict=True)
-        axis.plot(xs[:-1], ys[:-1], color=plotting.BLACK, lw=1.0)
-        axis.annotate(
-            "", corners[-1], corners[-2], arrowprops={"arrowstyle": "-|>", "color": plotting.BLACK, "lw": 1.0, "shrinkA": 0, "shrinkB": 0}
-        )
-    for x, y, text in texts:
-        axis.text(x, y, text, ha="center", va="center", fontsize=9.5)
-    axis.set_xlim(-0.6, 9.6)
-    axis.set_ylim(-2.5, 1.3)
-    axis.set_aspect("equal")
+    shift = 1.75 if loop.high_order else 0.0
+    tap, first, second, plant, end = (3.3 + shift, 4.2 + shift, 5.6 + shift, 7.0 + shift, 8.2 + shift)
+    low, high, bottom = -1.55, 1.25, -2.45
+
+    _arrow(axis, [(0.0, 0.0), (0.85 - RADIUS, 0.0)])
+    _sum(axis, 0.85, {(-0.32, 0.2): "+", (-0.2, -0.34): "\N{MINUS SIGN}"})
+    _arrow(axis, [(0.85 + RADIUS, 0.0), (1.5, 0.0)])
+    _box(axis, "$C(s)$", 2.1, 0.0, 1.1)
+    if loop.high_order:
+        _arrow(axis, [(2.65, 0.0), (3.25, 0.0)])
+        _box(axis, "$P_{HO}(s)$", 3.9, 0.0, 1.25)
+    _arrow(axis, [(2.65 + shift * 1.07, 0.0), (first - RADIUS, 0.0)])
+    _sum(axis, first, {(-0.3, 0.2): "+", (-0.2, -0.34): "+"})
+    _arrow(axis, [(first + RADIUS, 0.0), (second - RADIUS, 0.0)])
+    _sum(axis, second, {(-0.3, 0.2): "+", (-0.2, 0.36): "\N{MINUS SIGN}"})
+    _arrow(axis, [(second + RADIUS, 0.0), (plant - 0.5, 0.0)])
+    _box(axis, r"$\dfrac{1}{(J_m + J_l)s}$" if loop.high_order else r"$\dfrac{1}{Js}$", plant, 0.0, 1.2)
+    _arrow(axis, [(plant + 0.6, 0.0), (end + 0.7, 0.0)])
+
+    _box(axis, loop.friction, plant - 0.1, high, 1.9)
+    _arrow(axis, [(end, 0.0), (end, high), (plant + 0.85, high)])
+    _arrow(axis, [(plant - 1.05, high), (second, high), (second, RADIUS)])
+    _box(axis, loop.observer, 5.7 + shift, low, 3.4)
+    _arrow(axis, [(tap, 0.0), (tap, low), (4.0 + shift, low)])
+    _arrow(axis, [(end, 0.0), (end, low), (7.4 + shift, low)])
+    _arrow(axis, [(first, low + HEIGHT / 2.0), (first, -RADIUS)])
+    _arrow(axis, [(end + 0.3, 0.0), (end + 0.3, bottom), (0.85, bottom), (0.85, -RADIUS)])
+
+    for x, text in ((0.2, "$r$"), (tap, "$u$"), (0.5 * (first + second), "$u_n$"), (end + 0.55, "$w$")):
+        axis.text(x, 0.22, text, ha="center", va="center")
+    axis.text(first + 0.12, 0.45 * low, loop.compensation, ha="left", va="center")
+    axis.set(xlim=(-0.2, end + 0.9), ylim=(bottom - 0.2, high + HEIGHT), aspect="equal")
     axis.set_axis_off()
     return figure
 
 
-def _observer_loop(name: str, observer: str, friction: str, compensation: str, high_order: str = "") -> Figure:
-    """Controller, sum of compensation, plant with its friction, and the observer below."""
-    tap = 3.2  # where the observer takes u
-    boxes = [
-        Box("$C(s)$", 1.9, 0.0, 1.1),
-        Box(f"{high_order}$\\frac{{1}}{{Js}}$" if not high_order else "$P_{HO}(s)$", 5.3, 0.0, 1.1),
-        Box(observer, 4.2, -1.9, 2.4),
-        Box(friction, 7.6, 1.0, 1.9),
-    ]
-    del tap
-    return _draw(name, boxes, [], [], [])
+def figure_2_10() -> Figure:
+    """System with MFP."""
+    observer = r"$\dot z = g'(w)\,(u - bw)/J,\quad \hat k = z - g(w)$"
+    return _draw(
+        "Fig 2.10  System with MFP", _Loop(observer, r"$\hat k\,\mathrm{sign}(w)$", r"$k\,\mathrm{sign}(w) + bw$")
+    )
 
 
-FIGURES: dict = {}
+def figure_2_14() -> Figure:
+    """System with NFP."""
+    observer = r"$\dot z = g'(w)\,u/J,\quad \hat b = z - g(w)$"
+    return _draw("Fig 2.14  System with NFP", _Loop(observer, r"$\hat b\,w$", "$bw$"))
+
+
+def figure_3_5() -> Figure:
+    """Two masses with CFP."""
+    observer = r"$\dot z = g'(w)\,u/J,\quad \hat k = z - g(w)$"
+    loop = _Loop(observer, r"$\hat k\,\mathrm{sign}(w)$", r"$k\,\mathrm{sign}(w)$", high_order=True)
+    return _draw("Fig 3.5  Two masses with CFP: friction and compensation act on the load", loop)
+
+
+FIGURES = {"figure_2_10": figure_2_10, "figure_2_14": figure_2_14, "figure_3_05": figure_3_5}

@@ -26,7 +26,9 @@ def figure_4_2() -> Figure:
         )
         label = f"$\\alpha_2$ = {gain_2:g}, $\\alpha_1$ = {gain_1:g}"
         axes[0, 0].plot(*plotting.thin(signals["time"], signals["estimates.coulomb"]), color=color, label=label)
-        axes[1, 0].plot(*plotting.thin(signals["time"], signals["estimates.viscous"] / DEGREE), color=color, label=label)
+        axes[1, 0].plot(
+            *plotting.thin(signals["time"], signals["estimates.viscous"] / DEGREE), color=color, label=label
+        )
     axes[0, 0].axhline(COULOMB, color=plotting.TRUTH, ls="--", lw=1.0, label="true")
     axes[1, 0].axhline(presets.VISCOUS / DEGREE, color=plotting.TRUTH, ls="--", lw=1.0)
     panels.finish(axes[0, 0], "", "$\\hat k$ [N m]")
@@ -143,9 +145,7 @@ def figure_4_10() -> Figure:
     bare = panels.record(fpjax.NoObserver(), presets.sine(1.0), 2.0, "reference", "velocity", law=law)
     estimated = _steepness_run(truth)
     panels.velocities(axes[0, 0], panels.with_and_without(bare, estimated), panels.COLORS, title="(a) velocity")
-    axes[1, 0].plot(
-        *plotting.thin(estimated["time"], estimated["estimates.steepness"]), color=plotting.COMPENSATED
-    )
+    axes[1, 0].plot(*plotting.thin(estimated["time"], estimated["estimates.steepness"]), color=plotting.COMPENSATED)
     axes[1, 0].axhline(truth, color=plotting.TRUTH, ls="--", lw=1.0)
     axes[1, 0].set_ylim(0.0, 1.4 * truth)
     panels.finish(axes[1, 0], "(b) estimate, its first peak cut off", "$\\hat\\lambda$ [s/deg]")
@@ -156,7 +156,7 @@ def figure_4_10() -> Figure:
 
 def figure_4_11() -> Figure:
     """What the thesis calls instability."""
-    name = "Fig 4.11  Control of the steepness observer: the oscillation at $\\lambda$ = 1 is the solver's"
+    name = "Fig 4.11  Nominal input with the steepness observer: the oscillation at $\\lambda$ = 1 is the solver's"
     cases = (
         (1.0, presets.PRINTED, plotting.UNCOMPENSATED),
         (1.0, presets.OTHER_SOLVER, plotting.GREEN),

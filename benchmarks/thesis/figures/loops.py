@@ -35,9 +35,7 @@ def _torques(observers: Sequence[fpjax.AbstractObserver], titles: Sequence[str],
     """Coulomb torque and its estimate, at 10 Hz."""
     figure, axes = plotting.new_figure(2, 2, share_x=True, share_y=True, title=name, size=(8.8, 5.2))
     for axis, observer, title in zip(axes.flat, observers, panels.lettered(titles), strict=True):
-        signals = panels.record(
-            observer, presets.sine(10.0), chapter2.DURATION, "velocity", "estimates.coulomb"
-        )
+        signals = panels.record(observer, presets.sine(10.0), chapter2.DURATION, "velocity", "estimates.coulomb")
         side = np.sign(signals["velocity"])
         existing = signals["time"], COULOMB * side
         estimated = signals["time"], signals["estimates.coulomb"] * side
@@ -72,10 +70,10 @@ def figure_2_6() -> Figure:
     observers = {"no compensation": fpjax.NoObserver()} | dict(zip(_ALPHA_TITLES, _quadratic(), strict=True))
     for (label, observer), color in zip(observers.items(), (plotting.GREY, *plotting.SERIES), strict=False):
         signals = panels.record(observer, presets.sine(10.0), chapter2.DURATION, "torque")
-        for axis, window in ((axes[0, 0], None), (axes[1, 0], (0.02, 0.12))):
+        for axis, window in ((axes[0, 0], None), (axes[1, 0], (0.0, 0.03))):
             shown = panels.within(signals, window)
             axis.plot(*plotting.thin(shown["time"], shown["torque"]), color=color, label=label, lw=1.0)
-    for axis, title in zip(axes[:, 0], ("(a) whole run", "(b) two of its reversals"), strict=True):
+    for axis, title in zip(axes[:, 0], ("(a) whole run", "(b) its start, where the overshoot is"), strict=True):
         panels.finish(axis, title, panels.TORQUE)
     panels.outer_labels(axes)
     panels.legend(figure, axes[0, 0], 5)
@@ -135,18 +133,13 @@ def figure_2_12() -> Figure:
 def figure_2_13() -> Figure:
     """Chirp response with MFP."""
     name = f"Fig 2.13  MFP: chirp from 1 to 100 Hz in {CHIRP_DURATION:g} s (its length is not printed)"
-    figure, axes = plotting.new_figure(2, 1, title=name, size=(7.6, 5.4))
     runs = _modified(CHIRP_DURATION, fpjax.Chirp(1.0, 1.0, 100.0, CHIRP_DURATION))
-    panels.velocities(axes[0, 0], runs, panels.COLORS, title="(a) whole run")
-    panels.velocities(axes[1, 0], runs, panels.COLORS, title="(b) around 20 Hz", window=(1.8, 2.1))
-    panels.outer_labels(axes)
-    panels.legend(figure, axes[0, 0])
-    return figure
+    return panels.chirp_figure(name, runs, CHIRP_DURATION)
 
 
 def _novel(gain: float, *signals: str) -> dict[str, np.ndarray]:
     return panels.record(
-        presets.novel(gain), presets.sine(1.0), 2.0, *signals, law=fpjax.Viscous(presets.NOVEL_VISCOUS)
+        presets.novel(gain), presets.sine(1.0), 2.0, *signals, law=fpjax.Viscous(viscous=presets.NOVEL_VISCOUS)
     )
 
 
@@ -177,7 +170,9 @@ def figure_2_16() -> Figure:
     time, velocity = signals["time"], signals["velocity"]
     true, estimated = presets.NOVEL_VISCOUS * velocity, signals["estimates.viscous"] * velocity
     coulomb = COULOMB * np.sign(velocity)
-    panels.estimate_panel(axes[0, 0], (time, coulomb + true), (time, coulomb + estimated), title="(a) Coulomb + viscous")
+    panels.estimate_panel(
+        axes[0, 0], (time, coulomb + true), (time, coulomb + estimated), title="(a) Coulomb + viscous"
+    )
     panels.estimate_panel(axes[1, 0], (time, true), (time, estimated), title="(b) viscous alone")
     panels.outer_labels(axes)
     panels.legend(figure, axes[0, 0])

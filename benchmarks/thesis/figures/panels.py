@@ -1,9 +1,11 @@
 """Panels that many figures share."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import fpjax
 from fpjax import plotting
@@ -58,6 +60,35 @@ def estimate_panel(axis: Any, existing: Any, estimated: Any, *, title: str, labe
     axis.plot(*plotting.thin(*existing), color=plotting.TRUTH, lw=1.0, label="existing")
     axis.plot(*plotting.thin(*estimated), color=plotting.COMPENSATED, lw=1.3, ls="--", label="estimated")
     finish(axis, title, label)
+
+
+def chirp_figure(name: str, runs: Mapping[str, Mapping[str, np.ndarray]], duration: float) -> Figure:
+    """A chirp from 1 to 100 Hz in `duration` [s]: its start, a stretch around 20 Hz, the amplitude over frequency."""
+    figure, axes = plotting.new_figure(3, 1, title=name, size=(7.6, 7.2))
+    rate = 99.0 / duration
+    twenty = 19.0 / rate
+    velocities(axes[0, 0], runs, COLORS, title="(a) 1 to 10 Hz", window=(0.0, 9.0 / rate))
+    velocities(axes[1, 0], runs, COLORS, title="(b) around 20 Hz", window=(twenty - 0.12, twenty + 0.12))
+    outer_labels(axes[:2])
+    axes[0, 0].set_xlabel(SECONDS)
+    for label, signals in runs.items():
+        # Windows of two periods hold a peak each.
+        edges = _period_edges(rate, duration)
+        places = np.searchsorted(signals["time"], edges)
+        peaks = [np.max(np.abs(signals["velocity"][start:stop])) for start, stop in itertools.pairwise(places)]
+        axes[2, 0].plot(1.0 + rate * 0.5 * (edges[:-1] + edges[1:]), peaks, color=COLORS[label], label=label)
+    axes[2, 0].axhline(1.0, color=plotting.REFERENCE, ls="--")
+    axes[2, 0].set_xlabel("frequency of the reference [Hz]")
+    axes[2, 0].set_ylim(bottom=0.0)
+    finish(axes[2, 0], "(c) largest |velocity| of every two periods", VELOCITY)
+    legend(figure, axes[0, 0])
+    return figure
+
+
+def _period_edges(rate: float, duration: float) -> np.ndarray:
+    """Times [s] at which a chirp from 1 Hz up, gaining `rate` [Hz/s], has completed an even number of periods."""
+    cycles = np.arange(0.0, duration + 0.5 * rate * duration**2, 2.0)
+    return (np.sqrt(1.0 + 2.0 * rate * cycles) - 1.0) / rate
 
 
 def finish(axis: Any, title: str, label: str) -> None:

@@ -29,19 +29,17 @@ def figure_4_4() -> Figure:
     name = "Fig 4.4  Algorithm 1: cost by iteration and reference"
     figure, axes = plotting.new_figure(title=name, size=(7.4, 4.2))
     axis = axes[0, 0]
-    for (reference, found), color in zip(
-        search.efp_searches(presets.PRINTED).items(), plotting.SERIES, strict=False
-    ):
-        dashed = reference == "square"  # it lies on the constant reference
+    colors = dict(zip(search.REFERENCES, plotting.SERIES, strict=False)) | {"square": plotting.YELLOW}
+    for reference, found in search.efp_searches(presets.PRINTED).items():
+        wide = reference == "constant"  # the square lies on it
         axis.semilogy(
             range(1, len(found.errors) + 1),
             found.errors,
-            color=color,
+            color=colors[reference],
             marker="o",
-            ms=3,
-            ls="--" if dashed else "-",
+            ms=6 if wide else 3,
+            lw=4.0 if wide else 1.3,
             label=reference,
-            zorder=3 if dashed else 2,
         )
     axis.axhline(search.THRESHOLD, color=plotting.TRUTH, ls="--", lw=1.0)
     panels.finish(axis, "", "final |errors| of $\\hat k$ and $\\hat b$, summed")

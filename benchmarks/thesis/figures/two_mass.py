@@ -29,8 +29,13 @@ def _bode(transfers: dict[str, Callable[[complex], complex]], name: str, marks: 
         for axis in axes[:, 0]:
             axis.axvline(place, color=plotting.GREY, ls=":", lw=1.0)
         axes[0, 0].annotate(
-            text, (place, 1.0), xycoords=("data", "axes fraction"), xytext=(5, -11), textcoords="offset points",
-            fontsize=8.5, color=plotting.GREY,
+            text,
+            (place, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(5, -11),
+            textcoords="offset points",
+            fontsize=8.5,
+            color=plotting.GREY,
         )
     panels.finish(axes[0, 0], "", "magnitude [dB]")
     panels.finish(axes[1, 0], "", "phase [deg]")
@@ -88,6 +93,12 @@ def _sine_run(name: str, coulomb: float, compensated: bool) -> dict[str, np.ndar
     return presets.traces(presets.run(loop, presets.sine(1.0), 2.0, record=("reference", "velocity")))
 
 
+@functools.cache
+def _motor_side_run(name: str) -> dict[str, np.ndarray]:
+    loop = presets.two_mass_from_motor(name)
+    return presets.traces(presets.run(loop, presets.sine(1.0), 2.0, record=("reference", "velocity")))
+
+
 _TUNED_COLORS = {"without friction": plotting.GREEN, "with friction": plotting.UNCOMPENSATED}
 
 
@@ -104,7 +115,7 @@ def _pair(name: str, runs: dict, colors: dict[str, str], zoom: tuple[float, floa
     panels.velocities(axes[0, 0], runs, colors, title="(a) two periods")
     panels.velocities(axes[1, 0], runs, colors, title="(b) around a reversal", window=zoom)
     panels.outer_labels(axes)
-    panels.legend(figure, axes[0, 0])
+    panels.legend(figure, axes[0, 0], 4)
     return figure
 
 
@@ -129,40 +140,37 @@ def figure_3_9() -> Figure:
     return figure
 
 
+_COMPENSATED_COLORS = panels.COLORS | {"compensated at the motor": plotting.ORANGE}
+
+
 def _compensated(name: str) -> dict[str, dict[str, np.ndarray]]:
-    return panels.with_and_without(
-        _sine_run(name, presets.COULOMB, False), _sine_run(name, presets.COULOMB, True)
-    )
+    return {
+        "uncompensated": _sine_run(name, presets.COULOMB, False),
+        "compensated at the motor": _motor_side_run(name),
+        "compensated": _sine_run(name, presets.COULOMB, True),
+    }
 
 
 def figure_3_10() -> Figure:
     """PI with CFP."""
-    return _pair("Fig 3.10  Two masses under PI with CFP", _compensated("pi"), panels.COLORS, (0.9, 1.15))
+    return _pair("Fig 3.10  Two masses under PI with CFP", _compensated("pi"), _COMPENSATED_COLORS, (0.9, 1.15))
 
 
 def figure_3_11() -> Figure:
     """Lead with CFP."""
-    return _pair("Fig 3.11  Two masses under lead with CFP", _compensated("lead"), panels.COLORS, (0.9, 1.15))
+    return _pair("Fig 3.11  Two masses under lead with CFP", _compensated("lead"), _COMPENSATED_COLORS, (0.9, 1.15))
 
 
 def figure_3_12() -> Figure:
     """Chirp under lead with CFP."""
     name = f"Fig 3.12  Two masses under lead: chirp 1 to 100 Hz in {CHIRP_DURATION:g} s (its length is not printed)"
-    figure, axes = plotting.new_figure(2, 1, title=name, size=(7.6, 5.4))
     chirp = fpjax.Chirp(1.0, 1.0, 100.0, CHIRP_DURATION)
-    runs = panels.with_and_without(
-        *(
-            presets.traces(
-                presets.run(presets.two_mass("lead", compensated=on), chirp, CHIRP_DURATION, record=("reference", "velocity"))
-            )
-            for on in (False, True)
-        )
-    )
-    panels.velocities(axes[0, 0], runs, panels.COLORS, title="(a) whole run")
-    panels.velocities(axes[1, 0], runs, panels.COLORS, title="(b) around 20 Hz", window=(1.8, 2.1))
-    panels.outer_labels(axes)
-    panels.legend(figure, axes[0, 0])
-    return figure
+    runs = [
+        presets.run(presets.two_mass("lead", compensated=on), chirp, CHIRP_DURATION, record=("reference", "velocity"))
+        for on in (False, True)
+    ]
+    traces = panels.with_and_without(*map(presets.traces, runs))
+    return panels.chirp_figure(name, traces, CHIRP_DURATION)
 
 
 FIGURES = {
