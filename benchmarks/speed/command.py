@@ -1,0 +1,131 @@
+"""`python -m benchmarks speed --out DIR`: fpjax against a C++ loop and its peers, with the goals' table."""
+
+import argparse
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+from fpjax.errors import InputError
+
+SIZES = (1, 5, 64, 1024, 16384, 131072)
+MILLION = 1_000_000
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The options of the benchmark."""
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder for speed.json, speed.txt and speed.png")
+    parser.add_argument("--quick", action="store_true", help="small sizes, once: whether it works, not how fast")
+    parser.add_argument("--repeats", type=int, default=5, help="interleaved samples of each row (default 5)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure everything, write speed.json, speed.txt and speed.png, print the tables."""
+    if arguments.repeats < 1:
+        raise InputError(f"--repeats {arguments.repeats} cannot be: give at least 1.")
+    out = pathlib.Path(arguments.out)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {out} cannot be a folder ({error.strerror}): give another.") from error
+
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import numpy as np
+
+    from . import goals, measure, picture
+
+    started = time.time()
+    steps, repeats = (200, 1) if arguments.quick else (5000, arguments.repeats)
+    sizes = (1, 5, 64) if arguments.quick else SIZES
+    bench = measure.Bench(steps, repeats, lambda line: print(line, file=sys.stderr, flush=True))
+    results: dict[str, Any] = {
+        "command": "python -m benchmarks speed" + (" --quick" if arguments.quick else ""),
+        "machine": measure.machine(),
+        "versions": bench.versions,
+        "steps": steps,
+        "repeats": repeats,
+        "values": [],
+        "flat": [],
+        "gradients": [],
+        "growth": {"horizon": [], "gains": []},
+        "scaling": [],
+        "skipped": bench.skipped,
+    }
+    results["first_call"] = first_calls()
+    for dtype in (np.float64, np.float32):
+        for size in sizes:
+            results["values"] += bench.value_rows(dtype, size)
+        if not arguments.quick:
+            results["flat"] += bench.value_rows(dtype, MILLION, only_fastest=True)
+        for size in sizes[: 3 if arguments.quick else 4]:
+            for gains in (2,) if arguments.quick else (2, 5, 10):
+                results["gradients"] += bench.gradient_rows(dtype, size, gains, with_plain=size <= 64)
+    if not arguments.quick:
+        results["growth"] = bench.growth(np.float64)
+    for size in sizes[-1:] if arguments.quick else (1024, 16384, 131072):
+        results["scaling"] += bench.scaling(np.float64, size)
+    results["peak_memory_megabytes"] = measure.peak_memory()
+    results["goals"] = goals.goals(results)
+    results["seconds"] = time.time() - started
+
+    text = "\n\n".join([rows_table(results), goals.table(results["goals"])])
+    if arguments.quick:
+        text += "\n--quick: 200 steps are mostly overhead; these figures say that it works, not how fast it is"
+    (out / "speed.json").write_text(json.dumps(results, indent=1) + "\n")
+    (out / "speed.txt").write_text(text + "\n")
+    picture.draw(results, out / "speed.png")
+    print(text)
+    return 0
+
+
+def first_calls() -> dict[str, float]:
+    """What fresh processes pay: cold, and with the compilation cache filled by the one before."""
+    found: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as cache:
+        for suffix, extra in (("", []), ("", [cache]), (", warm cache", [cache])):
+            command = [sys.executable, "-m", "benchmarks.speed.first_call", *extra]
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            if done.returncode != 0:
+                return {}
+            if suffix or not extra:
+                found |= {name + suffix: spent for name, spent in json.loads(done.stdout.splitlines()[-1]).items()}
+    return found
+
+
+def rows_table(results: dict[str, Any]) -> str:
+    """Throughput of the values, ratios of the gradients, scaling, and what was skipped, as text."""
+    lines = [f"{results['machine']['processor']}, {results['machine']['cores']} cores, one core used"]
+    lines.append(", ".join(f"{name} {number}" for name, number in results["versions"].items()))
+    for dtype in ("float64", "float32"):
+        rows = [row for row in results["values"] + results["flat"] if row["dtype"] == dtype]
+        sizes = list(dict.fromkeys(row["candidates"] for row in rows))
+        lines += ["", f"value, {dtype}, steps per second", f"{'candidates':16}" + "".join(f"{s:>10}" for s in sizes)]
+        for name in dict.fromkeys(row["implementation"] for row in rows):
+            mine = {row["candidates"]: row for row in rows if row["implementation"] == name}
+            cells = [f"{mine[s]['steps_per_second']:10.2e}" if s in mine else f"{'':10}" for s in sizes]
+            word = "  (disagrees)" if any(row.get("disagrees") for row in mine.values()) else ""
+            lines.append(f"{name:16}" + "".join(cells) + word)
+    lines += ["", "value and gradient over value (scratch of a chunk [MB])"]
+    for row in results["gradients"]:
+        if row["what"] != "value":
+            memory = "" if row["scratch_bytes"] is None else f"  ({row['scratch_bytes'] / 1e6:.2f})"
+            lines.append(
+                f"{row['dtype']} B={row['candidates']:<6} {row['gains']:2} gains  {row['implementation']:14} "
+                f"{row['what']:8} {row['over_value']:6.2f}{memory}"
+            )
+    lines += ["", "all cores"]
+    for row in results["scaling"]:
+        lines.append(
+            f"B={row['candidates']:<8} {row['workers']} cores  {row['steps_per_second']:.2e} steps/s  "
+            f"{row['speedup']:.2f} times one core  differs by {row['relative_error']:.1e}"
+        )
+    lines += ["", "first call of a fresh process [s]"]
+    lines += [f"{name:24} {spent:.2f}" for name, spent in results["first_call"].items()]
+    lines += ["", *(f"skipped {skip['implementation']}: {skip['why']}" for skip in results["skipped"])]
+    lines.append(f"peak memory of the whole benchmark {results.get('peak_memory_megabytes', 0):.0f} MB")
+    return "\n".join(lines)

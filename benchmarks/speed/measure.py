@@ -1,0 +1,223 @@
+"""The rows of the benchmark: values, gradients, growth, cores."""
+
+import importlib.metadata
+import importlib.util
+import platform
+import resource
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from fpjax.batch import chunk_for, cores, map_chunks
+from fpjax.gradients import value_and_gradient
+from fpjax.native import native, native_enabled
+
+from . import cpp, peers, servo, timing
+
+# Agreement with the plain scan that a row must reach to count: 5,000 steps in another order of operations.
+AGREE = {"float64": 1e-9, "float32": 2e-4}
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that is timed."""
+    found = {"python": platform.python_version()}
+    for name in ("jax", "jaxlib", "numpy", "numba", "diffrax"):
+        if importlib.util.find_spec(name) is not None:
+            found[name] = importlib.metadata.version(name)
+    return found
+
+
+def machine() -> dict[str, Any]:
+    """The processor and how many cores of it this process may use."""
+    model = platform.processor() or platform.machine()
+    try:
+        with open("/proc/cpuinfo") as file:
+            model = next((line.split(":", 1)[1].strip() for line in file if line.startswith("model name")), model)
+    except OSError:
+        pass
+    return {"processor": model, "cores": cores(), "system": platform.system()}
+
+
+def peak_memory() -> float:
+    """The largest resident memory of this process so far [MB]."""
+    unit = 1e6 if sys.platform == "darwin" else 1e3
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
+
+
+def steps_for(size: int, steps: int) -> int:
+    """Fewer steps for the largest batches: the time is linear in them (see growth), and the peers take minutes."""
+    return steps if size <= 1024 else max(steps // 5, 1)
+
+
+class Bench:
+    """What all rows share: the C++ library or the word why there is none, the versions, what was skipped."""
+
+    def __init__(self, steps: int, repeats: int, say: Callable[[str], None]) -> None:
+        self.steps, self.repeats, self.say = steps, repeats, say
+        self.versions = versions()
+        self.skipped: list[dict[str, str]] = []
+        built = cpp.build()
+        self.cpp = None if isinstance(built, str) else built
+        if isinstance(built, str):
+            self.skipped.append({"implementation": "C++", "why": built})
+        self.peers: dict[str, Callable[..., Any]] = {"numpy": peers.with_numpy}
+        for name, make in (("numba", peers.with_numba), ("diffrax", peers.with_diffrax)):
+            if importlib.util.find_spec(name) is None:
+                self.skipped.append({"implementation": name, "why": f"{name} is not installed"})
+            else:
+                self.peers[name] = make
+
+    def value_rows(self, dtype: Any, size: int, only_fastest: bool = False) -> list[dict[str, Any]]:
+        """One row an implementation: the cost of `size` candidates of two gains, on one core."""
+        steps = steps_for(size, self.steps)
+        batch, reference = servo.candidates(size, 2, dtype), servo.table(steps, dtype)
+        calls: dict[str, Callable[[], Any]] = {}
+        if self.cpp is not None:
+            calls["C++"] = self._fastest_cpp(batch, reference, size)
+        if not only_fastest:
+            for name, make in self.peers.items():
+                calls[name] = make(batch, reference)
+            calls["vmap(lax.scan)"] = self._plain(batch, reference)
+        calls["fpjax"] = self.fpjax_value(batch, steps, dtype, size)
+        expected = np.asarray(calls["fpjax"]() if only_fastest else calls["vmap(lax.scan)"]())
+        errors = {name: float(np.max(np.abs(np.asarray(call()) / expected - 1.0))) for name, call in calls.items()}
+        # The first calls above compiled; their time is taken apart, in fresh processes (first_call.py).
+        times = timing.interleaved(calls, self.repeats)
+        rows = []
+        for name, (median, _) in times.items():
+            rows.append(self._row(name, "value", dtype, size, 2, steps, median) | {"relative_error": errors[name]})
+            if not errors[name] <= AGREE[np.dtype(dtype).name]:
+                rows[-1]["disagrees"] = True
+        return rows
+
+    def fpjax_value(self, batch: Any, steps: int, dtype: Any, size: int, workers: int = 1) -> Callable[[], Any]:
+        """The library's own way: `native` under jit for a handful of candidates, `map_chunks` for more."""
+        cost, shared = servo.library(steps, dtype)
+        arrays = {name: jnp.asarray(value) for name, value in batch.items()}
+        if size <= 5:
+            run = jax.jit(native(jax.vmap(cost, in_axes=(0, None))))
+            return lambda: run(arrays, *shared)
+        return lambda: map_chunks(cost, arrays, shared, workers=workers, devices=jax.local_devices()[:1])
+
+    def _plain(self, batch: Any, reference: Any) -> Callable[[], Any]:
+        run = jax.jit(jax.vmap(servo.by_hand, in_axes=(0, None)))
+        arrays = {name: jnp.asarray(value) for name, value in batch.items()}
+        table = jnp.asarray(reference)
+        return lambda: run(arrays, table)
+
+    def _fastest_cpp(self, batch: Any, reference: Any, size: int) -> Callable[[], Any]:
+        part = min(size, 64) if size % 64 == 0 else size
+        small = {name: value[:part] for name, value in batch.items()}
+        variants = {f"{width} {tanh}": (width, tanh) for width in cpp.widths(part) for tanh in (False, True)}
+        trial = {name: cpp.runner(self.cpp, small, reference, *variant) for name, variant in variants.items()}
+        times = timing.interleaved(trial, 3, 0.005)
+        best = min(times, key=lambda name: times[name][0])
+        return cpp.runner(self.cpp, batch, reference, *variants[best])
+
+    def gradient_rows(self, dtype: Any, size: int, gains: int, with_plain: bool) -> list[dict[str, Any]]:
+        """Value, value and gradient by every mode, and the plain gradient, of the same candidates."""
+        steps = self.steps
+        batch = servo.candidates(size, gains, dtype)
+        arrays = {name: jnp.asarray(value) for name, value in batch.items()}
+        cost, shared = servo.library(steps, dtype)
+        calls: dict[str, Callable[[], Any]] = {}
+        scratch: dict[str, int | None] = {}
+        chunk = chunk_for(arrays, size) if size > 5 else size
+        block = {name: jnp.resize(value, (chunk,)) for name, value in arrays.items()}
+
+        def over_candidates(candidates: Any, *shared: Any) -> Any:
+            return jax.vmap(cost, in_axes=(0, None))(candidates, *shared)
+
+        functions: dict[str, Callable[..., Any]] = {"value": over_candidates}
+        for mode in ("auto", "forward", "reverse"):
+            functions[mode] = value_and_gradient(over_candidates, mode=mode, batched=True)
+        for name, function in functions.items():
+            kernel = jax.jit(native(function))
+            if size <= 5:
+                calls[name] = lambda kernel=kernel: kernel(arrays, *shared)
+            else:
+                calls[name] = lambda function=function: map_chunks(
+                    function, arrays, shared, batched=True, workers=1, devices=jax.local_devices()[:1]
+                )
+            scratch[name] = _scratch(kernel, block, *shared)
+        if with_plain:
+            reference = jnp.asarray(servo.table(steps, dtype))
+            plain = jax.jit(jax.vmap(jax.value_and_grad(servo.by_hand), in_axes=(0, None)))
+            calls["plain"] = lambda: plain(arrays, reference)
+            scratch["plain"] = _scratch(plain, arrays, reference)
+        expected = calls["forward"]()[1]
+        agree = {}
+        for name in calls:
+            if name != "value":
+                gradient = calls[name]()[1]
+                agree[name] = max(_relative(gradient[key], expected[key]) for key in expected)
+        times = timing.interleaved(calls, self.repeats)
+        primal = times["value"][0]
+        return [
+            self._row("vmap(lax.scan)" if name == "plain" else "fpjax", name, dtype, size, gains, steps, median)
+            | {"over_value": median / primal, "scratch_bytes": scratch[name], "relative_error": agree.get(name)}
+            for name, (median, _) in times.items()
+        ]
+
+    def growth(self, dtype: Any, size: int = 64) -> dict[str, list[dict[str, Any]]]:
+        """Cost and memory of value and gradient by horizon and by number of gains, at `size` candidates."""
+        horizon, gains = [], []
+        for factor in (0.25, 0.5, 1.0, 2.0, 4.0):
+            other = Bench.__new__(Bench)
+            other.__dict__.update(self.__dict__, steps=max(2, int(self.steps * factor)))
+            horizon += other.gradient_rows(dtype, size, 2, with_plain=False)
+        for count in range(1, len(servo.NAMES) + 1):
+            gains += self.gradient_rows(dtype, size, count, with_plain=False)
+        return {"horizon": horizon, "gains": gains}
+
+    def scaling(self, dtype: Any, size: int) -> list[dict[str, Any]]:
+        """The same batch on one core and on all, and how far the results differ."""
+        steps = steps_for(size, self.steps)
+        batch = servo.candidates(size, 2, dtype)
+        calls = {str(workers): self.fpjax_value(batch, steps, dtype, size, workers) for workers in sorted({1, cores()})}
+        results = {name: np.asarray(call()) for name, call in calls.items()}
+        times = timing.interleaved(calls, self.repeats)
+        return [
+            self._row("fpjax", "value", dtype, size, 2, steps, median)
+            | {
+                "workers": int(name),
+                "speedup": times["1"][0] / median,
+                "relative_error": float(np.max(np.abs(results[name] / results["1"] - 1.0))),
+            }
+            for name, (median, _) in times.items()
+        ]
+
+    def _row(
+        self, name: str, what: str, dtype: Any, size: int, gains: int, steps: int, median: float
+    ) -> dict[str, Any]:
+        self.say(f"{name} {what} {np.dtype(dtype).name} B={size} gains={gains}: {median / steps * 1e9:.1f} ns/step")
+        package = {"C++": cpp.version() if self.cpp is not None else "", "fpjax": f"jax {self.versions['jax']}"}
+        package |= {"vmap(lax.scan)": package["fpjax"]}
+        return {
+            "implementation": name,
+            "version": package.get(name) or f"{name} {self.versions.get(name, '')}",
+            "native": native_enabled() if name == "fpjax" else None,
+            "what": what,
+            "dtype": np.dtype(dtype).name,
+            "candidates": size,
+            "gains": gains,
+            "steps": steps,
+            "seconds": median,
+            "ns_per_step": median / steps * 1e9,
+            "steps_per_second": size * steps / median,
+        }
+
+
+def _relative(a: Any, b: Any) -> float:
+    """Largest difference over the largest magnitude: single slopes pass through zero."""
+    return float(jnp.max(jnp.abs(a - b)) / jnp.max(jnp.abs(b)))
+
+
+def _scratch(function: Any, *arguments: Any) -> int | None:
+    """Bytes that one call holds besides its inputs and outputs, by XLA's own account."""
+    analysis = function.lower(*arguments).compile().memory_analysis()
+    return None if analysis is None else int(analysis.temp_size_in_bytes)
