@@ -52,6 +52,10 @@ from .metrics import control_effort as control_effort
 from .metrics import position_error as position_error
 from .metrics import step_info as step_info
 from .metrics import velocity_error as velocity_error
+from .model_file import Model as Model
+from .model_file import Units as Units
+from .model_file import dump_model as dump_model
+from .model_file import load_model as load_model
 from .observers import Absolute as Absolute
 from .observers import AbstractNonlinearity as AbstractNonlinearity
 from .observers import AbstractObserver as AbstractObserver

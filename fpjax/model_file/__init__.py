@@ -1,0 +1,7 @@
+"""servo.toml: the nominal simulator as a file, the same for every command."""
+
+from .keys import Units as Units
+from .model import Model as Model
+from .model import dump_model as dump_model
+from .model import load_model as load_model
+from .simplify import simplified as simplified

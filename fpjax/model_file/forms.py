@@ -1,0 +1,93 @@
+"""Forms: a word in `type = ...`, the block it stands for, and its keys; blocks are built and described by one table."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jax.core import Tracer
+
+from ..errors import InputError
+from .keys import Key, Units, check_keys, choose, read_values
+
+
+@dataclass(frozen=True)
+class Form:
+    """One type of a section.
+
+    Attributes:
+        name: the word in `type`.
+        block: the class.
+        keys: its numbers.
+    """
+
+    name: str
+    block: type
+    keys: tuple[Key, ...]
+
+    def build(self, section: str, table: Mapping[str, Any], units: Units, **more: Any) -> Any:
+        """The block from a section; `more` holds the fields that are no numbers."""
+        check_keys(section, table, ["type", *(key.name for key in self.keys)], f" for type = {self.name!r}")
+        values = read_values(section, table, self.keys, units)
+        fields = {key.attribute: values[key.name] for key in self.keys}
+        return self.block(**fields, **more)
+
+    def describe(self, block: Any) -> dict[str, Any]:
+        """The section that builds this block."""
+        return {"type": self.name, **numbers(block, self.keys)}
+
+
+def numbers(block: Any, keys: Sequence[Key]) -> dict[str, Any]:
+    """The block's values by key; what is at its default is left out, what is not a number is refused."""
+    table = {}
+    for key in keys:
+        value = getattr(block, key.attribute)
+        if value is None:
+            continue
+        plain = tuple(float(each) for each in np.asarray(value)) if key.many else number(value, key.name)
+        if key.required or plain != key.default:
+            table[key.name] = list(plain) if isinstance(plain, tuple) else plain
+    return table
+
+
+def number(value: Any, name: str) -> float:
+    """A leaf as a Python number.
+
+    Raises:
+        InputError: for a leaf that is a batch or a tracer.
+    """
+    if isinstance(value, Tracer) or np.ndim(value) != 0:
+        raise InputError(f"{name} is not one number (shape {np.shape(value)}): write one of the batch at a time.")
+    return float(value)
+
+
+def form_of(section: str, table: Mapping[str, Any], forms: Sequence[Form], others: Sequence[str] = ()) -> str:
+    """The word in `type`.
+
+    Raises:
+        InputError: where it is missing or not known.
+    """
+    known = [form.name for form in forms] + list(others)
+    if "type" not in table:
+        raise InputError(f'[{section}] type is missing: write type = "{known[0]}", or one of {", ".join(known)}.')
+    return choose(section, "type", table["type"], known)
+
+
+def pick(forms: Sequence[Form], name: str) -> Form:
+    """The form of that name."""
+    return next(form for form in forms if form.name == name)
+
+
+def form_for(block: Any, forms: Sequence[Form], section: str) -> Form:
+    """The form that describes this block.
+
+    Raises:
+        InputError: for a block of a class that servo.toml has no words for.
+    """
+    for form in forms:
+        if type(block) is form.block:
+            return form
+    raise InputError(
+        f"servo.toml has no words for {type(block).__name__} in [{section}]: it knows "
+        f"{', '.join(form.block.__name__ for form in forms)}; keep such a loop in Python."
+    )

@@ -1,0 +1,190 @@
+"""Keys of servo.toml: their units, what values they may have, and the sentences for those that cannot be."""
+
+import difflib
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from ..errors import InputError
+
+Sign = Literal["any", "positive", "not negative", "share"]
+MUST = {
+    "positive": "above zero",
+    "not negative": "zero or more",
+    "share": "between 0 and 1",
+    "any": "finite",
+}
+_MISSING = object()
+
+
+@dataclass(frozen=True)
+class Units:
+    """`[units]`: what motion and torque are measured in.
+
+    Attributes:
+        motion: "rotary" (kg m^2, N m, rad) or "linear" (kg, N, m).
+        torque: "N m", "N", or another label, which inertia and friction then follow.
+        reference: what the controller is asked to follow: "velocity", "position" or "none".
+        sensors: what a log of this machine holds: "velocity", "position" or "both".
+    """
+
+    motion: str = "rotary"
+    torque: str = "N m"
+    reference: str = "velocity"
+    sensors: str = "velocity"
+
+    def name(self, unit: str) -> str:
+        """A rotary SI unit in this machine's units: "N m s/rad" of a linear axis is "N s/m"."""
+        if self.torque in ("N m", "N"):
+            return _LINEAR.get(unit, unit) if self.motion == "linear" else unit
+        base = _LABELLED.get(unit, unit).replace("T", self.torque, 1)
+        return base.replace("rad", "m") if self.motion == "linear" else base
+
+
+_LINEAR = {
+    "kg m^2": "kg", "N m": "N", "N m s/rad": "N s/m", "N m/rad": "N/m", "N m s^2/rad^2": "N s^2/m^2",
+    "rad": "m", "rad/s": "m/s", "s/rad": "s/m", "1/rev": "rad/m", "rad/s/sqrt(s)": "m/s/sqrt(s)",
+}  # fmt: skip
+_LABELLED = {
+    "kg m^2": "T s^2/rad", "N m": "T", "N m s/rad": "T s/rad", "N m/rad": "T/rad", "N m s^2/rad^2": "T s^2/rad^2",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Key:
+    """One number of a section.
+
+    Attributes:
+        name: as written in the file.
+        unit: in rotary SI.
+        sign: what it may be.
+        default: when it is not written; without one the key is required, with None the feature is not there.
+        field: the block's attribute; "" for the same name.
+        many: a list of numbers.
+    """
+
+    name: str
+    unit: str
+    sign: Sign = "any"
+    default: Any = _MISSING
+    field: str = ""
+    many: bool = False
+
+    @property
+    def required(self) -> bool:
+        """Whether the file must have it."""
+        return self.default is _MISSING
+
+    @property
+    def attribute(self) -> str:
+        """The block's attribute."""
+        return self.field or self.name
+
+
+def check_keys(section: str, table: Mapping[str, Any], known: Iterable[str], also: str = "") -> None:
+    """Refuse keys that the section does not have, naming the nearest.
+
+    Args:
+        section: as in "[plant]".
+        table: what was written.
+        known: every key that may be there.
+        also: a hint for the end of the sentence.
+    """
+    known = list(known)
+    for key in table:
+        if key not in known:
+            raise InputError(f"[{section}] {key} is not known: {nearest(key, known)}{also}.")
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """What is meant by a word that is not among the known ones, and what there is."""
+    known = list(known)
+    near = difflib.get_close_matches(word.lower(), known, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return f"{hint}{'There' if hint else 'there'} are {', '.join(known)}"
+
+
+def choose(section: str, key: str, value: Any, known: Iterable[str]) -> str:
+    """A word among those known.
+
+    Raises:
+        InputError: naming the nearest.
+    """
+    known = list(known)
+    if not isinstance(value, str):
+        raise InputError(f"[{section}] {key} = {value!r} is not a word: write one of {', '.join(known)} in quotes.")
+    if value not in known:
+        raise InputError(f"[{section}] {key} = {value!r} is not known: {nearest(value, known)}.")
+    return value
+
+
+def read_number(section: str, key: Key, value: Any, units: Units) -> float:
+    """A number that the key may have.
+
+    Raises:
+        InputError: saying what was written, why it cannot be, and what to check.
+    """
+    unit = units.name(key.unit)
+    shown = "" if unit == "1" else f" {unit}"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        kind = "text" if isinstance(value, str) else "yes or no" if isinstance(value, bool) else "a list or a table"
+        hint = " without quotes" if isinstance(value, str) else ""
+        raise InputError(f"[{section}] {key.name} = {str(value)[:40]!r} is {kind}: write a number{hint} [{unit}].")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    good = (
+        math.isfinite(number)
+        and {
+            "any": True,
+            "positive": number > 0.0,
+            "not negative": number >= 0.0,
+            "share": 0.0 <= number <= 1.0,
+        }[key.sign]
+    )
+    if not good:
+        why = "finite" if not math.isfinite(number) else MUST[key.sign]
+        check = "its unit" if key.sign == "any" else "its sign and its unit"
+        raise InputError(
+            f"[{section}] {key.name} = {number:g}{shown} cannot be: it must be {why}; check {check} ({unit})."
+        )
+    return number
+
+
+def read_values(section: str, table: Mapping[str, Any], keys: Iterable[Key], units: Units) -> dict[str, Any]:
+    """The values of a section's keys by the name of the key; a default where nothing is written.
+
+    Raises:
+        InputError: for a key that is missing or a value that cannot be.
+    """
+    values: dict[str, Any] = {}
+    for key in keys:
+        if key.name not in table:
+            if key.required:
+                raise InputError(missing(section, key, table, units))
+            values[key.name] = key.default
+        elif key.many:
+            values[key.name] = _read_list(section, key, table[key.name], units)
+        else:
+            values[key.name] = read_number(section, key, table[key.name], units)
+    return values
+
+
+def missing(section: str, key: Key, table: Mapping[str, Any], units: Units) -> str:
+    """The sentence for a key that must be there; a misspelt one is pointed at."""
+    near = difflib.get_close_matches(key.name, [name for name in table if name != "type"], n=1, cutoff=0.75)
+    unit = units.name(key.unit)
+    hint = f" (is {near[0]!r} meant?)" if near else ""
+    example = "[...]" if key.many else "..."
+    return f"[{section}] {key.name} is missing{hint}: write {key.name} = {example} in {unit}."
+
+
+def _read_list(section: str, key: Key, value: Any, units: Units) -> tuple[float, ...]:
+    if not isinstance(value, list) or not value:
+        raise InputError(
+            f"[{section}] {key.name} = {str(value)[:40]} is not a list: write {key.name} = [1.0, ...] "
+            f"[{units.name(key.unit)}]."
+        )
+    return tuple(read_number(section, key, item, units) for item in value)

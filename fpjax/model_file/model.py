@@ -1,0 +1,352 @@
+"""servo.toml <-> Model: the closed loop, what it follows, and how time passes."""
+
+import dataclasses
+import os
+import pathlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+
+from ..controllers import AbstractController, Proportional
+from ..errors import InputError
+from ..friction.bristles import Bristles
+from ..loop import ClosedLoop
+from ..plants import AbstractPlant
+from ..references import AbstractReference
+from ..simulate import Stepper, Stepping, make_stepper
+from ..solvers import SOLVERS, get_solver
+from . import body, loop_parts, toml_text
+from .friction import OFFSET, SECTION, Steepness, build_friction, describe_friction
+from .keys import Key, Units, check_keys, choose, missing, nearest, read_values
+
+SECTIONS = (
+    "units", "plant", "transmission", "friction", "load", "actuator", "sensor",
+    "controller", "observer", "reference", "simulation",
+)  # fmt: skip
+_DT = Key("dt", "s", "positive")
+_DURATION = Key("duration", "s", "positive", None)
+_UNITS = {
+    "motion": ("rotary", "linear"),
+    "reference": ("velocity", "position", "none"),
+    "sensors": ("velocity", "position", "both"),
+}
+LARGEST_RUN = 1e9  # samples: beyond it a unit is wrong
+
+
+@dataclass(frozen=True)
+class Model:
+    """The nominal simulator that a servo.toml describes.
+
+    Attributes:
+        loop: plant, controller, observer, actuator, sensor; a controller that is not known is a `Proportional(0.0)`.
+        reference: what it follows; None where a log brings it.
+        dt: step, or control period when sampled [s].
+        duration: of a simulation [s]; None where a log brings it.
+        stepping: "continuous" or "sampled".
+        solver: name of the solver.
+        substeps: solver steps per control period when sampled.
+        units: what motion and torque are measured in.
+        controller_known: False for type = "unknown".
+        sections: as they were written.
+        text: the file's text.
+        path: the file; None for text.
+        notes: what was chosen for the user, a sentence each.
+    """
+
+    loop: ClosedLoop
+    reference: AbstractReference | None
+    dt: float
+    duration: float | None = None
+    stepping: Stepping = "continuous"
+    solver: str = "rk4"
+    substeps: int = 1
+    units: Units = field(default_factory=Units)
+    controller_known: bool = True
+    sections: Mapping[str, Any] = field(default_factory=dict)
+    text: str = ""
+    path: pathlib.Path | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def linear(self) -> bool:
+        """Whether the axis is linear (m, N)."""
+        return self.units.motion == "linear"
+
+    @property
+    def sensors(self) -> str:
+        """What a log of this machine holds: "velocity", "position" or "both"."""
+        return self.units.sensors
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """The nominal parameters by name, in the machine's units: inertia, and what its friction has."""
+        friction = self.loop.plant.friction
+        law = friction.law if isinstance(friction, Bristles) else friction
+        values = {"inertia": body.total_inertia(self.loop.plant)}
+        values |= {
+            name: float(leaf)
+            for name in type(law).__dataclass_fields__
+            if isinstance(leaf := getattr(law, name), jax.Array) and leaf.ndim == 0
+        }
+        for name in ("coulomb", "viscous"):
+            sides = [values.get(f"{name}_{side}") for side in ("positive", "negative")]
+            if name not in values:
+                values[name] = 0.5 * (sides[0] + sides[1]) if sides[0] is not None and sides[1] is not None else 0.0
+        values["offset"] = body.describe_load(self.loop.plant.load)[1]
+        return values
+
+    def stepper(self, *, samples: int | None = None, duration: float | None = None) -> Stepper:
+        """How time passes, for `roll` and the tuning.
+
+        Args:
+            samples: instead of the duration.
+            duration: [s] instead of the model's.
+
+        Raises:
+            InputError: where neither says how long.
+        """
+        if samples is None and duration is None:
+            duration = self.needed_duration()
+        return make_stepper(
+            dt=self.dt,
+            duration=duration if samples is None else None,
+            samples=samples,
+            solver=self.solver,
+            stepping=self.stepping,
+            substeps=self.substeps,
+        )
+
+    def needed_duration(self) -> float:
+        """The duration [s].
+
+        Raises:
+            InputError: where the file has none.
+        """
+        if self.duration is None:
+            raise InputError(missing("simulation", Key("duration", "s"), {}, self.units))
+        return self.duration
+
+    def needed_reference(self) -> AbstractReference:
+        """The reference.
+
+        Raises:
+            InputError: where the file has none.
+        """
+        if self.reference is None:
+            raise InputError(
+                '[reference] is missing: write for instance type = "sine", amplitude = 1.0, frequency = 1.0, or give a '
+                "log that brings its own reference with --log."
+            )
+        return self.reference
+
+    def needed_controller(self) -> AbstractController:
+        """The controller.
+
+        Raises:
+            InputError: where it is unknown.
+        """
+        if not self.controller_known:
+            raise InputError(
+                "[controller] is unknown, which is enough to estimate and diagnose but not to simulate: write "
+                'type = "pi" with kp and ki, or one of p, lead, transfer_function, position_cascade.'
+            )
+        return self.loop.controller
+
+
+def load_model(source: str | os.PathLike[str]) -> Model:
+    """Read a servo.toml.
+
+    Args:
+        source: its path, or its text (anything with a line break or a "=").
+
+    Returns:
+        A `Model`.
+
+    Raises:
+        InputError: one sentence on the first thing that cannot be, naming section and key.
+    """
+    text, path = toml_text.read_source(source)
+    name = path.name if path else "the model"
+    sections = toml_text.parse(text, name)
+    for section in sections:
+        if section not in SECTIONS:
+            raise InputError(f"{name}: section [{section}] is not known: {nearest(section, SECTIONS)}.")
+    for section, table in sections.items():
+        several = section == "load" and isinstance(table, list) and all(isinstance(each, dict) for each in table)
+        if not isinstance(table, dict) and not several:
+            raise InputError(f"{name}: {section} is a section: write [{section}] on a line of its own, its keys below.")
+    for section in ("plant", SECTION, "simulation"):
+        if section not in sections:
+            needs = {"plant": "type and inertia", SECTION: "type, coulomb and viscous", "simulation": "dt"}[section]
+            raise InputError(f"{name}: section [{section}] is missing: it needs {needs}.")
+    return _build(sections, text, path)
+
+
+def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) -> Model:
+    units = _read_units(sections.get("units", {}))
+    time = _read_simulation(sections["simulation"], units)
+    solver, dt = get_solver(time["solver"]), time["dt"]
+    friction_table = sections[SECTION]
+    offset = read_values(SECTION, friction_table, (OFFSET,), units)["offset"]
+    notes: list[str] = []
+    # The steepness follows the inertia of what rubs, so the body is built before its friction.
+    bare = body.build_plant(
+        sections["plant"], sections.get("transmission"), build_friction({"type": "none"}, units, _never()),
+        body.build_load(sections.get("load"), offset, units), units,
+    )  # fmt: skip
+    sampled_only = bool(sections.get("actuator", {}).get("delay")) or (
+        bool(sections.get("sensor")) and sections["sensor"].get("type") != "ideal"
+    )
+    stepping = _stepping(time["stepping"], sampled_only, sections, notes)
+    step = dt / time["substeps"] if stepping == "sampled" else dt
+    steepness = Steepness(body.rubbing_inertia(bare), step, solver, units)
+    friction = build_friction(friction_table, units, steepness)
+    if steepness.note:
+        notes.append(steepness.note)
+    plant = body.build_plant(sections["plant"], sections.get("transmission"), friction, bare.load, units)
+    controller = loop_parts.build_controller(sections.get("controller", {"type": "unknown"}), units, dt)
+    loop = ClosedLoop(
+        plant=plant,
+        controller=Proportional(0.0) if controller is None else controller,
+        observer=loop_parts.build_observer(sections.get("observer"), units, plant, _known(plant)),
+        actuator=body.build_actuator(sections.get("actuator"), units, dt),
+        sensor=body.build_sensor(sections.get("sensor"), units, dt),
+    )
+    reference = loop_parts.build_reference(
+        sections.get("reference"), units, path.parent if path else None, units.motion == "linear", time["duration"]
+    )
+    return Model(
+        loop=loop,
+        reference=reference,
+        dt=dt,
+        duration=time["duration"],
+        stepping=stepping,
+        solver=time["solver"],
+        substeps=time["substeps"],
+        units=units,
+        controller_known=controller is not None,
+        sections=sections,
+        text=text,
+        path=path,
+        notes=tuple(notes),
+    )
+
+
+def _read_units(table: Mapping[str, Any]) -> Units:
+    check_keys("units", table, [field.name for field in dataclasses.fields(Units)])
+    words = {key: choose("units", key, table[key], known) for key, known in _UNITS.items() if key in table}
+    linear = words.get("motion") == "linear"
+    torque = table.get("torque", "N" if linear else "N m")
+    if not isinstance(torque, str) or not torque.strip():
+        raise InputError(
+            f'[units] torque = {torque!r} is not a unit: write "N m", "N", or a label such as "V" or "PWM".'
+        )
+    torque = {"Nm": "N m", "N*m": "N m"}.get(torque, torque)
+    if torque == ("N m" if linear else "N"):
+        kind, right = ("linear", "N") if linear else ("rotary", "N m")
+        raise InputError(
+            f'[units] torque = "{torque}" does not go with a {kind} axis: write "{right}", or change motion.'
+        )
+    return Units(torque=torque, **words)
+
+
+def _read_simulation(table: Mapping[str, Any], units: Units) -> dict[str, Any]:
+    check_keys("simulation", table, ["dt", "duration", "stepping", "substeps", "solver"])
+    values = read_values("simulation", table, (_DT, _DURATION), units)
+    dt, duration = values["dt"], values["duration"]
+    if duration is not None and not dt <= duration <= LARGEST_RUN * dt:
+        why = "shorter than one step" if duration < dt else f"{duration / dt:.3g} steps"
+        raise InputError(
+            f"[simulation] duration = {duration:g} s is {why} of dt = {dt:g} s: check the unit (s) of both."
+        )
+    substeps = table.get("substeps", 1)
+    if isinstance(substeps, bool) or not isinstance(substeps, int) or not 1 <= substeps <= 100_000:
+        raise InputError(f"[simulation] substeps = {substeps!r} cannot be: write a whole number from 1 to 100000.")
+    solver = choose("simulation", "solver", table.get("solver", "rk4"), SOLVERS)
+    stepping = (
+        choose("simulation", "stepping", table["stepping"], ("continuous", "sampled")) if "stepping" in table else ""
+    )
+    return {**values, "substeps": substeps, "solver": solver, "stepping": stepping}
+
+
+def _stepping(written: str, sampled_only: bool, sections: Mapping[str, Any], notes: list[str]) -> Stepping:
+    which = "[sensor]" if sections.get("sensor") else "[actuator] delay"
+    if sampled_only and written == "continuous":
+        raise InputError(
+            f'{which} only exists at sample instants: write [simulation] stepping = "sampled", or drop {which}.'
+        )
+    if sampled_only and not written:
+        notes.append(f'[simulation] stepping is not given: "sampled" was chosen, because {which} needs it.')
+        return "sampled"
+    return "sampled" if written == "sampled" else "continuous"
+
+
+def _known(plant: AbstractPlant) -> dict[str, float | None]:
+    """What an observer may take from the model."""
+    law: Any = plant.friction.law if isinstance(plant.friction, Bristles) else plant.friction
+
+    def mean(name: str) -> float:
+        if hasattr(law, name):
+            return max(float(getattr(law, name)), 0.0)
+        if hasattr(law, f"{name}_positive"):
+            return 0.5 * float(getattr(law, f"{name}_positive") + getattr(law, f"{name}_negative"))
+        return 0.0
+
+    steepness = getattr(law, "steepness", None)
+    return {
+        "inertia": body.total_inertia(plant),
+        "coulomb": mean("coulomb"),
+        "viscous": mean("viscous"),
+        "steepness": None if steepness is None else float(steepness),
+    }
+
+
+def _never() -> Steepness:
+    return Steepness(1.0, 1.0, get_solver("rk4"), Units())
+
+
+def dump_model(model: Model, *, comments: Mapping[tuple[str, str], str] | None = None) -> str:
+    """A model as servo.toml text; `load_model` of it gives the same numbers to the last bit.
+
+    Args:
+        model: the model, its loop perhaps replaced (`dataclasses.replace(model, loop=...)`).
+        comments: by (section, key), what to write behind a value.
+
+    Raises:
+        InputError: for a block that the file has no words for.
+    """
+    loop, written = model.loop, model.sections
+    loads, offset = body.describe_load(loop.plant.load)
+    friction = describe_friction(loop.plant.friction)
+    if offset:
+        friction["offset"] = offset
+    plants = body.describe_plant(loop.plant)
+    actuator = body.describe_actuator(loop.actuator)
+    controller = loop.controller if model.controller_known else None
+    simulation: dict[str, Any] = {"dt": model.dt}
+    if model.duration is not None:
+        simulation["duration"] = model.duration
+    simulation |= {"stepping": model.stepping, "solver": model.solver}
+    if model.substeps != 1:
+        simulation["substeps"] = model.substeps
+    sections: dict[str, Any] = {
+        "units": _write_units(model.units),
+        "plant": plants["plant"],
+        "transmission": plants.get("transmission"),
+        "friction": friction,
+        "load": loads[0] if len(loads) == 1 else loads,
+        "actuator": actuator,
+        "sensor": body.describe_sensor(loop.sensor),
+        "controller": loop_parts.describe_controller(controller, written.get("controller", {})),
+        "observer": loop_parts.describe_observer(loop.observer),
+        "reference": loop_parts.describe_reference(model.reference, written.get("reference", {})),
+        "simulation": simulation,
+    }
+    return toml_text.write({name: table for name, table in sections.items() if table}, comments)
+
+
+def _write_units(units: Units) -> dict[str, str]:
+    default = Units(torque="N" if units.motion == "linear" else "N m")
+    return {key: value for key, value in dataclasses.asdict(units).items() if value != getattr(default, key)}

@@ -1,0 +1,138 @@
+"""A loop without the effects that sit at their neutral value: what a corrected model should look like in a file."""
+
+import dataclasses
+from typing import Any
+
+from ..actuators import AbstractActuator, Actuator, IdealActuator
+from ..friction import AbstractFriction, AsymmetricCoulombViscous, CoulombViscous
+from ..friction.bristles import Bristles
+from ..friction.general import GeneralFriction
+from ..loads import AbstractLoad, NoLoad, Unbalance
+from ..loop import ClosedLoop
+from ..position_torque import Loads, PositionTorque
+from ..sensors import AbstractSensor, IdealSensor
+from ..servo_sensor import ServoSensor
+from ..solvers import get_solver
+from .body import rubbing_inertia
+from .friction import Steepness, largest_level
+from .model import Model
+
+UNREACHED = 1e29  # a torque limit [N m] that stands for none
+
+
+def simplified(model: Model, loop: ClosedLoop | None = None, *, smooth: bool = True) -> Model:
+    """The model with every neutral effect dropped, ready for `dump_model`.
+
+    Args:
+        model: gives stepping, units, controller and reference.
+        loop: in place of the model's own; its controller and observer are kept as they are.
+        smooth: give a set-valued friction law a steepness that the model's step can follow.
+
+    Returns:
+        A `Model` whose loop does the same; stepping becomes "sampled" where a sensor or a delay needs it.
+    """
+    loop = model.loop if loop is None else loop
+    friction = simple_friction(loop.plant.friction)
+    plant = _with(loop.plant, friction=friction, load=simple_load(loop.plant.load))
+    actuator, sensor = simple_actuator(loop.actuator), simple_sensor(loop.sensor)
+    delayed = isinstance(actuator, Actuator) and actuator.delay is not None
+    stepping = "sampled" if delayed or not isinstance(sensor, IdealSensor) else model.stepping
+    if smooth and not isinstance(friction, Bristles) and getattr(friction, "steepness", 0.0) is None:
+        step = model.dt / model.substeps if stepping == "sampled" else model.dt
+        chooser = Steepness(rubbing_inertia(plant), step, get_solver(model.solver), model.units)
+        if largest_level(friction) > 0.0:
+            plant = _with(plant, friction=chooser.into(friction))
+    loop = ClosedLoop(plant, loop.controller, loop.observer, actuator, sensor)
+    return dataclasses.replace(model, loop=loop, stepping=stepping)
+
+
+def simple_friction(law: AbstractFriction) -> AbstractFriction:
+    """The plainest law that is the same."""
+    if isinstance(law, Bristles):  # the file's bristles stand on the general law
+        inner = law.law
+        if isinstance(inner, CoulombViscous):
+            inner = GeneralFriction(coulomb=inner.coulomb, viscous=inner.viscous, steepness=inner.steepness)
+        return _with(law, law=_trimmed(inner) if isinstance(inner, GeneralFriction) else inner)
+    if not isinstance(law, GeneralFriction):
+        return law
+    law = _trimmed(law)
+    extras = (law.stribeck_torque, law.drift_amplitude, law.drag_coefficient)
+    if law.position_cosine or not all(_zero(extra) for extra in extras):
+        return law
+    if _zero(law.coulomb_difference) and _zero(law.viscous_difference):
+        return CoulombViscous(law.coulomb, law.viscous, law.steepness)
+    sides = (
+        law.coulomb + law.coulomb_difference,
+        law.coulomb - law.coulomb_difference,
+        law.viscous + law.viscous_difference,
+        law.viscous - law.viscous_difference,
+    )
+    if min(float(side) for side in sides) < 0.0:
+        return law
+    return AsymmetricCoulombViscous(*sides, law.steepness)
+
+
+def _trimmed(law: GeneralFriction) -> GeneralFriction:
+    """Without the terms that add nothing."""
+    pairs = list(zip(law.position_cosine, law.position_sine, strict=True))
+    while pairs and _zero(pairs[-1][0]) and _zero(pairs[-1][1]):
+        pairs.pop()
+    absent = {name: None for name in ("stribeck_torque", "drift_amplitude") if _zero(getattr(law, name))}
+    cosine, sine = (tuple(pair[part] for pair in pairs) for part in (0, 1))
+    return _with(law, position_cosine=cosine, position_sine=sine, **absent)
+
+
+def simple_load(load: AbstractLoad) -> AbstractLoad:
+    """Without the parts that hold nothing."""
+    parts = load.parts if isinstance(load, Loads) else (load,)
+    kept: list[AbstractLoad] = []
+    for part in parts:
+        if isinstance(part, PositionTorque):
+            if not all(_zero(value) for value in (*part.cosine, *part.sine)):
+                kept.append(part)
+        elif isinstance(part, Unbalance):
+            if not (_zero(part.amplitude) and _zero(part.offset)):
+                kept.append(part)
+        elif not isinstance(part, NoLoad):
+            kept.append(part)
+    if not kept:
+        return NoLoad()
+    return kept[0] if len(kept) == 1 else Loads(tuple(kept))
+
+
+def simple_actuator(actuator: AbstractActuator) -> AbstractActuator:
+    """Without what sits at its neutral value."""
+    if not isinstance(actuator, Actuator):
+        return actuator
+    neutral = {"gain": 1.0, "lag": 0.0, "delay": 0.0, "dead_zone": 0.0, "offset": 0.0}
+    gone: dict[str, None] = {
+        name: None
+        for name, value in neutral.items()
+        if getattr(actuator, name) is not None and float(getattr(actuator, name)) == value
+    }
+    if actuator.limit is not None and float(actuator.limit) >= UNREACHED:
+        gone["limit"] = None
+    if actuator.cogging_amplitude is not None and _zero(actuator.cogging_amplitude):
+        gone |= {"cogging_amplitude": None, "cogging_periods": None, "cogging_phase": None}
+    kept = _with(actuator, **gone)
+    names = (*neutral, "limit", "cogging_amplitude")
+    return IdealActuator() if all(getattr(kept, name) is None for name in names) else kept
+
+
+def simple_sensor(sensor: AbstractSensor) -> AbstractSensor:
+    """An ideal one where nothing is between the motion and the reading."""
+    if not isinstance(sensor, ServoSensor) or float(sensor.load_side) not in (0.0, 1.0):
+        return sensor
+    zeros = (sensor.bias, sensor.lag, sensor.delay, sensor.noise, sensor.step_size)
+    nothing = all(_zero(each) for each in (*zeros, sensor.position_noise, sensor.position_step))
+    if nothing and float(sensor.scale) == 1.0:
+        return IdealSensor("load" if float(sensor.load_side) else "motor")
+    return sensor
+
+
+def _zero(value: Any) -> bool:
+    return value is None or float(value) == 0.0
+
+
+def _with(block: Any, **changes: Any) -> Any:
+    return dataclasses.replace(block, **changes) if changes else block
