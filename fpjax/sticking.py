@@ -24,7 +24,9 @@ from .transmission import Transmission
 _NEARLY_REST = 1e-30  # a speed that has a direction and no size
 
 
-def advance_exact(plant: AbstractPlant, state: Any, torque: Array, time: Array, dt: Array, substeps: int = 1) -> Any:
+def advance_exact(
+    plant: AbstractPlant, state: Any, torque: Array, time: Array, dt: Array, substeps: int = 1
+) -> Any:
     """The plant's state dt [s] later under a held torque [N m], with sticking resolved exactly.
 
     Args:
@@ -60,14 +62,16 @@ def _one_mass(plant: OneMass, state: OneMassState, torque: Array, time: Array, d
     assert isinstance(law, AbstractStaticFriction)
     velocity, half = state.velocity, 0.5 * dt
     side = jnp.sign(velocity)
-    start = Motion(velocity, state.position, time)
-    first = torque - plant.load.readout(start) - law.drag(start) - side * law.level(start)
+    # Position and time of the middle for every evaluation: then their sines and exponentials are computed once.
+    place, moment = state.position + half * velocity, time + half
+    start = Motion(velocity, place, moment)
+    free = torque - plant.load.readout(start)
+    first = free - law.drag(start) - side * law.level(start)
     halfway = velocity + half * first / plant.inertia
     halfway = jnp.where(halfway * side > 0.0, halfway, 0.5 * velocity)
-    middle = Motion(halfway, state.position + half * velocity, time + half)
-    load = plant.load.readout(middle)
-    sliding = (torque - load - law.drag(middle) - side * law.level(middle)) / plant.inertia
-    return OneMassState(*_slip(law, velocity, state.position, torque - load, sliding, middle, plant.inertia, dt), ())
+    middle = Motion(halfway, place, moment)
+    sliding = (free - law.drag(middle) - side * law.level(middle)) / plant.inertia
+    return OneMassState(*_slip(law, velocity, state.position, free, sliding, middle, plant.inertia, dt), ())
 
 
 def _slip(
@@ -81,7 +85,7 @@ def _slip(
     dt: Array,
     share: Any = 1.0,
 ) -> tuple[Array, Array]:
-    """(velocity, position) after dt: slides with acceleration `sliding` [rad/s^2] until it would cross zero, then sticks or breaks away."""
+    """(velocity, position) after dt: slides with `sliding` [rad/s^2] up to zero speed, then sticks or breaks away."""
     after = velocity + dt * sliding
     crosses = velocity * after <= 0.0
     safe = jnp.where(crosses & (velocity != 0.0), sliding, 1.0)
@@ -102,11 +106,14 @@ def _bristles(plant: OneMass, state: OneMassState, torque: Array, time: Array, d
     law, half = bristles.law, 0.5 * dt
     velocity, share = state.velocity, state.friction
     start = Motion(velocity, state.position, time)
+    place, moment = state.position + half * velocity, time + half
+    start = Motion(velocity, place, moment)
+    free = torque - plant.load.readout(start)
     # The share that acts over the step: after the travel of half a step at the speed that the step begins with.
     between = bristles.advance(share, half * velocity)
-    first = torque - plant.load.readout(start) - law.drag(start) - law.level(start) * between
+    first = free - law.drag(start) - law.level(start) * between
     halfway = velocity + half * first / plant.inertia
-    middle = Motion(halfway, state.position + half * velocity, time + half)
+    middle = Motion(halfway, place, moment)
     side = jnp.where(halfway < 0.0, -1.0, 1.0)
     slack = jnp.maximum(1.0 - between * side, _NEARLY_REST)
     # sigma_1 dz/dt, implicit in the speed: a stiff damper must not limit the step.

@@ -22,13 +22,13 @@ class GeneralFriction(AbstractStaticFriction):
         viscous: b, mean of both directions [N m s/rad].
         coulomb_difference: dk, half of positive less negative direction [N m]; neutral 0.
         viscous_difference: db, half of positive less negative direction [N m s/rad]; neutral 0.
-        stribeck_torque: F_s above Coulomb [N m]; neutral 0.
+        stribeck_torque: F_s above Coulomb [N m]; neutral 0; None leaves the term out of the computation.
         stribeck_velocity: v_s [rad/s].
         stribeck_exponent: delta [1]; 1 is Tustin's curve, 2 the Gaussian.
         position_cosine: c_i [N m] for the harmonics 1, 2, 3 ... of n; neutral 0.
         position_sine: s_i [N m]; neutral 0.
         position_periods: n [1/rev].
-        drift_amplitude: extra level at t = 0 [N m]; neutral 0.
+        drift_amplitude: extra level at t = 0 [N m]; neutral 0; None leaves the term out.
         drift_time: tau [s].
         drag: c of c w |w| [N m s^2/rad^2]; neutral 0.
         steepness: lambda [s/rad] of tanh in place of sign; None for sign.
@@ -38,13 +38,13 @@ class GeneralFriction(AbstractStaticFriction):
     viscous: Array = eqx.field(converter=as_parameter)
     coulomb_difference: Array = eqx.field(converter=as_parameter, default=0.0)
     viscous_difference: Array = eqx.field(converter=as_parameter, default=0.0)
-    stribeck_torque: Array = eqx.field(converter=as_parameter, default=0.0)
+    stribeck_torque: Array | None = eqx.field(converter=as_optional, default=None)
     stribeck_velocity: Array = eqx.field(converter=as_parameter, default=1.0)
     stribeck_exponent: Array = eqx.field(converter=as_parameter, default=2.0)
     position_cosine: tuple[Array, ...] = ()
     position_sine: tuple[Array, ...] = ()
     position_periods: Array = eqx.field(converter=as_parameter, default=1.0)
-    drift_amplitude: Array = eqx.field(converter=as_parameter, default=0.0)
+    drift_amplitude: Array | None = eqx.field(converter=as_optional, default=None)
     drift_time: Array = eqx.field(converter=as_parameter, default=1.0)
     drag_coefficient: Array = eqx.field(converter=as_parameter, default=0.0)
     steepness: Array | None = eqx.field(converter=as_optional, default=None)
@@ -58,9 +58,11 @@ class GeneralFriction(AbstractStaticFriction):
     def level(self, motion: Motion) -> Array:
         """Magnitude of the set-valued part [N m] for motion in the direction of `motion.velocity`."""
         level = self.coulomb + self._side(motion) * self.coulomb_difference
-        falling = safe_power(jnp.abs(motion.velocity) / self.stribeck_velocity, self.stribeck_exponent)
-        level = level + self.stribeck_torque * jnp.exp(-falling)
-        level = level + self.drift_amplitude * jnp.exp(-motion.time / self.drift_time)
+        if self.stribeck_torque is not None:
+            falling = safe_power(jnp.abs(motion.velocity) / self.stribeck_velocity, self.stribeck_exponent)
+            level = level + self.stribeck_torque * jnp.exp(-falling)
+        if self.drift_amplitude is not None:
+            level = level + self.drift_amplitude * jnp.exp(-motion.time / self.drift_time)
         level = level + fourier(self.position_cosine, self.position_sine, self.position_periods * motion.position)
         return jnp.maximum(level, 0.0)
 

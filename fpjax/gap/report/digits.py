@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_PREFIXED = {"s", "m", "m/s", "rad", "rad/s", "N m"}
 _NO_BREAK = "\u202f"
 _MINUS = "−"
 
@@ -104,8 +105,28 @@ def show_estimate(estimate: Estimate, digits: int = 4) -> tuple[str, str]:
     return _show(value, decimals, power), f"{_show(low, decimals, power)} to {_show(high, decimals, power)}"
 
 
+def scale_for(value: float, unit: str) -> tuple[float, str]:
+    """The factor and the unit in which a value of this size reads best: 0.00402 s as 4.02 ms.
+
+    Only units that people say with a prefix get one; any other keeps its unit and the factor 1.
+    """
+    if unit not in _PREFIXED or not 0.0 < abs(value) < 0.1:
+        return 1.0, unit
+    return (1e3, f"m{unit}") if abs(value) >= 1e-3 else (1e6, f"µ{unit}")
+
+
+def scaled(estimate: Estimate, factor: float, unit: str) -> Estimate:
+    """The same estimate in another unit: every number times the factor."""
+    return Estimate(factor * estimate.value, factor * estimate.low, factor * estimate.high, unit)
+
+
+def readable(estimate: Estimate) -> Estimate:
+    """The estimate in the unit in which it reads best."""
+    return scaled(estimate, *scale_for(estimate.value, estimate.unit))
+
+
 def show_with_unit(estimate: Estimate, digits: int = 3) -> str:
-    """`0.142 rad/s`."""
+    """`0.142 rad/s`, in the estimate's own unit."""
     unit = show_unit(estimate.unit)
     return f"{show(estimate.value, digits)}{_NO_BREAK}{unit}" if unit else show(estimate.value, digits)
 

@@ -55,22 +55,13 @@ REGIMES = {
     "limit": "at the torque limit",
 }
 
-STATES = {
-    "pinned": "pinned down",
-    "traded_off": "traded off",
-    "flat": "flat",
-    "dead": "dead",
-    "at_bound": "at its bound",
-    "not_pinned": "not pinned down",
-}
-
+# What to make of a parameter's state, by how the state begins.
 STATE_MEANINGS = {
-    "pinned": "the log fixes it",
-    "traded_off": "only a combination with others is fixed",
-    "flat": "the log says little about it",
+    "pinned": "this log fixes it",
+    "traded": "only their combination is fixed",
+    "flat": "this log says next to nothing about it",
     "dead": "it changes nothing in this log",
-    "at_bound": "the fit ran into its limit: do not trust the value",
-    "not_pinned": "the log does not fix it",
+    "at a bound": "the fit ran into its limit: do not trust the value",
 }
 
 _LINEAR = (
@@ -121,14 +112,9 @@ def parameter_name(parameter: str) -> str:
     return _spell(parameter)
 
 
-def state_name(state: str) -> str:
-    """How well a parameter is fixed."""
-    return STATES.get(state, _spell(state))
-
-
 def state_meaning(state: str) -> str:
-    """What that means, "" for a state that is not known here."""
-    return STATE_MEANINGS.get(state, "")
+    """What a parameter's state means, "" for one that is not known here."""
+    return next((meaning for start, meaning in STATE_MEANINGS.items() if state.startswith(start)), "")
 
 
 def motion_units(motion: str) -> dict[str, str]:

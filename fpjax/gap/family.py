@@ -1,0 +1,166 @@
+"""Family: one compiled super-model, and the batches of lanes that run through it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..plants import AbstractPlant
+from .effect import Effect, Parameter, Setting, free, neutral_vector
+from .machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
+from .record import Record
+from .replay import LANES, STATES, TAPS, Windows, residual_kernel
+from .vocabulary import NOMINAL
+
+Key = tuple[Structure, tuple[Feature, ...]]
+
+
+def double_precision() -> Any:
+    """A context in which arrays are float64; the process' own setting is left alone."""
+    switch = getattr(jax, "enable_x64", None)
+    if switch is None:
+        from jax.experimental import enable_x64 as switch
+    return switch(True)
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """The model that the log is compared with.
+
+    Attributes:
+        plant: of the model.
+        actuator: of the model, or None.
+        sensor: of the model, or None.
+    """
+
+    plant: AbstractPlant
+    actuator: Any = None
+    sensor: Any = None
+
+
+@dataclass(frozen=True)
+class Family:
+    """All effects that one structure and one set of terms can hold.
+
+    Attributes:
+        key: structure and features.
+        machine: the nominal machine with every effect neutral.
+        effects: those that it can hold.
+        parameters: theirs, the nominal ones first.
+    """
+
+    key: Key
+    machine: Machine
+    effects: tuple[Effect, ...]
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def states(self) -> int:
+        """Number of start values of a window."""
+        return STATES[self.key[0]]
+
+    def index(self, name: str) -> int:
+        """Place of a parameter in the vector."""
+        return [p.name for p in self.parameters].index(name)
+
+    def neutral(self, setting: Setting) -> np.ndarray:
+        """The nominal model's vector, shape (parameters,)."""
+        return neutral_vector(self.parameters, setting)
+
+
+def make_family(key: Key, nominal: Nominal, effects: tuple[Effect, ...], setting: Setting) -> Family:
+    """The family of a structure and features; effects that need more are left out."""
+    structure, features = key
+    machine = nominal_machine(nominal.plant, nominal.actuator, nominal.sensor, features)
+    machine = with_structure(machine, structure, 0.1 / setting.dt, 2e-3 * setting.speed)
+    structure = structure_of(machine)
+    fitting = tuple(e for e in effects if e.structure in ("rigid", structure) and set(e.features) <= set(features))
+    named = {p.name: p for p in NOMINAL}
+    for parameter in free(fitting):
+        named.setdefault(parameter.name, parameter)
+    return Family((structure, features), machine, (_BASE, *fitting), tuple(named.values()))
+
+
+_BASE = Effect("nominal", NOMINAL, features=())
+
+
+def key_for(effects: tuple[Effect, ...]) -> Key:
+    """What a machine must have to hold these effects together."""
+    structures = {e.structure for e in effects} - {"rigid"}
+    structure: Structure = "transmission" if "transmission" in structures else "bristles" if structures else "rigid"
+    wanted = {feature for e in effects for feature in e.features}
+    return structure, tuple(f for f in FEATURES if f in wanted)
+
+
+class Runner:
+    """Runs lanes through a family's compiled loop; compiled once for a family, a window length and the log's channels."""
+
+    def __init__(self, family: Family, records: list[Record], tables: list[Any]):
+        self.family = family
+        self.records = records
+        self.tables = tables
+        first = records[0]
+        channels = (first.velocity is not None, first.position is not None)
+        self.samples = first.samples
+        self.channels = sum(channels)
+        self.kernel = residual_kernel(family.machine, family.effects, family.parameters, first.samples, channels)
+
+    def run(self, which: int, vector: np.ndarray, states: np.ndarray, windows: dict[str, np.ndarray]) -> np.ndarray:
+        """Residuals in standard deviations, shape (channels, samples, lanes).
+
+        Args:
+            which: index of the record.
+            vector: (parameters, lanes).
+            states: (states, lanes).
+            windows: the fields of `Windows`, each of shape (lanes,) (`hidden` (2, lanes)).
+        """
+        count = vector.shape[1]
+        result = np.empty((self.channels, self.samples, count))
+        with double_precision():
+            pending = []
+            for first in range(0, count, LANES):
+                lanes = np.minimum(np.arange(first, first + LANES), count - 1)
+                part = Windows(
+                    **{
+                        name: jnp.asarray(value[lanes])
+                        for name, value in windows.items()
+                        if name not in ("hidden",)
+                    },
+                    hidden=tuple(jnp.asarray(value[lanes]) for value in windows["hidden"]),
+                )
+                out = self.kernel(
+                    jnp.asarray(vector[:, lanes]), jnp.asarray(states[:, lanes]), part, self.tables[which]
+                )
+                pending.append((first, out))
+                if len(pending) > 2:
+                    _store(result, *pending.pop(0))
+            for item in pending:
+                _store(result, *item)
+        return result
+
+
+def _store(result: np.ndarray, first: int, out: Any) -> None:
+    last = min(first + LANES, result.shape[2])
+    result[:, :, first:last] = np.asarray(out)[:, :, : last - first]
+
+
+def window_fields(record: Record, windows: np.ndarray, hidden: np.ndarray) -> dict[str, Any]:
+    """The fields of `Windows` for some windows of a record, each of shape (windows,).
+
+    Args:
+        record: the log.
+        windows: indices into its `starts`.
+        hidden: centre of the hidden states, shape (2, all windows).
+    """
+    starts = record.starts[windows]
+    return {
+        "start": (starts + TAPS).astype(np.int32),
+        "time": record.time[starts] - record.time[0],
+        "velocity": record.speed[starts],
+        "slope": record.acceleration[starts],
+        "position": record.angle[starts],
+        "hidden": hidden[:, windows],
+        "integrated": np.full(len(starts), 1.0 if record.position is None else 0.0),
+    }

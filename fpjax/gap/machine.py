@@ -1,0 +1,226 @@
+"""Machine: the simulator's own blocks without the controller, as a recorded torque drives them."""
+
+from typing import Any, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.core import Tracer
+from jaxtyping import Array
+
+from ..actuators import Actuator
+from ..errors import InputError
+from ..friction import AbstractFriction
+from ..friction.bristles import Bristles
+from ..friction.dynamic import Dahl, LuGre
+from ..friction.general import GeneralFriction
+from ..friction.static import (
+    AsymmetricCoulombViscous,
+    Coulomb,
+    CoulombViscous,
+    NoFriction,
+    SmoothCoulomb,
+    Stribeck,
+    Viscous,
+)
+from ..loads import AbstractLoad, Unbalance
+from ..plants import AbstractPlant, OneMass, TwoMass
+from ..position_torque import ConstantTorque, Loads, PositionTorque
+from ..servo_sensor import ServoSensor
+from ..transmission import Transmission
+
+Structure = Literal["rigid", "bristles", "transmission"]
+Feature = Literal["shape", "ripple", "torque"]  # Stribeck and drift; friction and torque that depend on the position
+FEATURES: tuple[Feature, ...] = ("shape", "ripple", "torque")
+NO_LIMIT = 1e30  # a torque limit that nothing reaches [N m]
+
+
+class Machine(eqx.Module):
+    """Plant, actuator and sensor: what stands between the commanded torque and the log.
+
+    Attributes:
+        plant: `OneMass` under `GeneralFriction` or `Bristles`, or `Transmission`.
+        actuator: every effect at its neutral value unless an effect has set it.
+        sensor: likewise.
+    """
+
+    plant: OneMass | Transmission
+    actuator: Actuator
+    sensor: ServoSensor
+
+    @property
+    def law(self) -> GeneralFriction:
+        """The static friction law, under the bristles if there are any."""
+        friction = self.plant.friction
+        law = friction.law if isinstance(friction, Bristles) else friction
+        assert isinstance(law, GeneralFriction)
+        return law
+
+
+def structure_of(machine: Machine) -> Structure:
+    """Which of the three structures a machine has."""
+    if isinstance(machine.plant, Transmission):
+        return "transmission"
+    return "bristles" if isinstance(machine.plant.friction, Bristles) else "rigid"
+
+
+def nominal_machine(
+    plant: AbstractPlant, actuator: Any = None, sensor: Any = None, features: tuple[Feature, ...] = FEATURES
+) -> Machine:
+    """The nominal model as a `Machine` with every effect of the features present and neutral.
+
+    Args:
+        plant: one mass or two, under any friction law of the package.
+        actuator: of the nominal model; what it holds is known and stays.
+        sensor: likewise.
+        features: terms that an effect may want; those left out cost nothing.
+
+    Raises:
+        InputError: for a plant that cannot be driven by a recorded torque here.
+    """
+    law, bristle = general_law(plant.friction)
+    law = _with_features(law, features)
+    extra = (_neutral_torque(1.0, 1), _neutral_torque(6.0, 2)) if "torque" in features else ()
+    load = Loads((_known(plant.load), *extra))
+    if isinstance(plant, TwoMass):
+        total = plant.motor_inertia + plant.load_inertia
+        body: Any = Transmission(
+            inertia=total,
+            load_share=plant.load_inertia / total,
+            stiffness=plant.stiffness,
+            damping=plant.damping,
+            friction=law,
+            load=load,
+        )
+    elif isinstance(plant, Transmission):
+        body = eqx.tree_at(lambda at: (at.friction, at.load), plant, (law, load))
+    elif isinstance(plant, OneMass):
+        body = OneMass(plant.inertia, law if bristle is None else eqx.tree_at(lambda at: at.law, bristle, law), load)
+    else:
+        raise InputError(
+            f"{type(plant).__name__} cannot be the nominal model of a diagnosis: use one_mass or two_mass in [plant]."
+        )
+    return Machine(body, _full_actuator(actuator), sensor if isinstance(sensor, ServoSensor) else ServoSensor())
+
+
+def with_structure(machine: Machine, structure: Structure, frequency: float, deflection: float) -> Machine:
+    """The same machine with room for bristles or a transmission, which then are no longer neutral.
+
+    Args:
+        machine: of any structure; one that has more already is returned as it is.
+        structure: the one wanted.
+        frequency: free-free resonance [Hz] of a new transmission.
+        deflection: of new bristles [rad].
+    """
+    plant = machine.plant
+    if structure == "bristles" and structure_of(machine) == "rigid":
+        return eqx.tree_at(lambda at: at.plant.friction, machine, Bristles(machine.law, deflection))
+    if structure == "transmission" and not isinstance(plant, Transmission):
+        stiffness = 0.25 * plant.inertia * (2.0 * jnp.pi * frequency) ** 2
+        damping = 0.1 * stiffness / (2.0 * jnp.pi * frequency)
+        body = Transmission(plant.inertia, 0.5, stiffness, damping, machine.law, 0.0, 0.5, plant.load)
+        return eqx.tree_at(lambda at: at.plant, machine, body)
+    return machine
+
+
+def general_law(law: AbstractFriction) -> tuple[GeneralFriction, Bristles | None]:
+    """Any law of the package as `GeneralFriction`, under `Bristles` where it has memory."""
+    if isinstance(law, Bristles):
+        inner, _ = general_law(law.law)
+        return inner, law
+    if isinstance(law, GeneralFriction):
+        return eqx.tree_at(lambda at: at.steepness, law, None, is_leaf=lambda leaf: leaf is None), None
+    if isinstance(law, NoFriction):
+        return GeneralFriction(0.0, 0.0), None
+    if isinstance(law, (CoulombViscous, SmoothCoulomb, Coulomb, Viscous)):
+        return GeneralFriction(getattr(law, "coulomb", 0.0), getattr(law, "viscous", 0.0)), None
+    if isinstance(law, AsymmetricCoulombViscous):
+        coulomb, viscous = law.coulomb_positive + law.coulomb_negative, law.viscous_positive + law.viscous_negative
+        return GeneralFriction(
+            0.5 * coulomb,
+            0.5 * viscous,
+            0.5 * (law.coulomb_positive - law.coulomb_negative),
+            0.5 * (law.viscous_positive - law.viscous_negative),
+        ), None
+    if isinstance(law, (Stribeck, LuGre)):
+        inner = GeneralFriction(
+            law.coulomb,
+            law.viscous,
+            stribeck_torque=law.static - law.coulomb,
+            stribeck_velocity=law.stribeck_velocity,
+            stribeck_exponent=law.exponent,
+        )
+        if isinstance(law, LuGre):
+            return inner, Bristles(inner, law.coulomb / law.bristle_stiffness, law.bristle_damping)
+        return inner, None
+    if isinstance(law, Dahl):
+        inner = GeneralFriction(law.coulomb, law.viscous)
+        return inner, Bristles(inner, law.coulomb / law.stiffness, 0.0, law.exponent)
+    raise InputError(f"The friction law {type(law).__name__} cannot be the nominal one of a diagnosis.")
+
+
+def _with_features(law: GeneralFriction, features: tuple[Feature, ...]) -> GeneralFriction:
+    """The law with neutral terms where a feature wants them; what the nominal model has already stays."""
+
+    def either(value: Any, feature: Feature, neutral: Any) -> Any:
+        return neutral if feature in features and _absent(value) else value
+
+    def fields(at: GeneralFriction) -> tuple[Any, ...]:
+        return at.stribeck_torque, at.drift_amplitude, at.position_cosine, at.position_sine
+
+    new = (
+        either(law.stribeck_torque, "shape", jnp.zeros(())),
+        either(law.drift_amplitude, "shape", jnp.zeros(())),
+        either(law.position_cosine, "ripple", _zeros(3)),
+        either(law.position_sine, "ripple", _zeros(3)),
+    )
+    return eqx.tree_at(fields, law, new, is_leaf=_absent)
+
+
+def _absent(value: Any) -> bool:
+    return value is None or (isinstance(value, tuple) and not value)
+
+
+def _known(load: AbstractLoad) -> AbstractLoad:
+    """The nominal model's load, without a sine where its amplitude is zero."""
+    if isinstance(load, Unbalance) and not isinstance(load.amplitude, Tracer) and float(load.amplitude) == 0.0:
+        return ConstantTorque(load.offset)
+    return load
+
+
+def lanes(machine: Machine, count: int, dtype: Any = float) -> Machine:
+    """Every leaf as an array of `count` equal entries, one a lane."""
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, dtype), (count,)), machine)
+
+
+def known_load(machine: Machine) -> AbstractLoad:
+    """The load that the nominal model knows."""
+    assert isinstance(machine.plant.load, Loads)
+    return machine.plant.load.parts[0]
+
+
+def _neutral_torque(periods: float, harmonics: int) -> PositionTorque:
+    return PositionTorque(_zeros(harmonics), _zeros(harmonics), periods)
+
+
+def _zeros(count: int) -> tuple[Array, ...]:
+    return tuple(jnp.zeros(()) for _ in range(count))
+
+
+def _full_actuator(actuator: Any) -> Actuator:
+    known = actuator if isinstance(actuator, Actuator) else Actuator()
+
+    def or_else(value: Array | None, neutral: float) -> Any:
+        return neutral if value is None else value
+
+    return Actuator(
+        gain=or_else(known.gain, 1.0),
+        lag=or_else(known.lag, 0.0),
+        delay=or_else(known.delay, 0.0),
+        limit=or_else(known.limit, NO_LIMIT),
+        dead_zone=or_else(known.dead_zone, 0.0),
+        offset=or_else(known.offset, 0.0),
+        cogging_amplitude=known.cogging_amplitude,
+        cogging_periods=known.cogging_periods,
+        cogging_phase=known.cogging_phase,
+    )

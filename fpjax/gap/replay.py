@@ -1,0 +1,235 @@
+"""Replay: a recorded torque through the blocks, in windows, with the sensitivities that a fit needs.
+
+All windows of all candidates, and every small change of a parameter that a Jacobian needs, are lanes of one compiled loop:
+a lane has its own parameters and its own window, `LANES` of them run at once in double precision. (Forward-mode tangents of
+the super-model were measured: 1.6 times slower than a lane for each change, and five times longer to compile.)
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..actuators import ActuatorState
+from ..plants import OneMassState, TwoMassState
+from ..signals import Motion, PlantOutput
+from ..sticking import advance_exact
+from .effect import Effect, Parameter
+from .machine import Machine, Structure, lanes, structure_of
+
+LANES = 64
+TAPS = 128  # periods of the past that a lag is started from
+STATES: dict[Structure, int] = {"rigid": 2, "bristles": 3, "transmission": 4}
+SUBSTEPS: dict[Structure, int] = {"rigid": 1, "bristles": 2, "transmission": 4}
+_WORST = 1e4  # a residual of more standard deviations counts as this many: a diverged lane must not overflow
+
+
+class Tables(eqx.Module):
+    """The log as the loop reads it, padded to a length of few choices.
+
+    Attributes:
+        torque: commanded [N m], TAPS periods of the past first, shape (padded,).
+        velocity: read [rad/s], in step with torque.
+        velocity_weight: 1 / standard deviation [s/rad]; 0 where there is no reading or the sample is padding.
+        position: read [rad].
+        position_weight: 1 / standard deviation [1/rad].
+        dt: control period [s].
+    """
+
+    torque: Array
+    velocity: Array
+    velocity_weight: Array
+    position: Array
+    position_weight: Array
+    dt: Array
+
+
+class Windows(eqx.Module):
+    """Where the lanes' windows lie, and what is known of the machine's state there; every field of shape (lanes,).
+
+    Attributes:
+        start: index of the first sample in `Tables`.
+        time: of it [s].
+        velocity: smoothed reading [rad/s].
+        slope: its rate of change [rad/s^2].
+        position: of the start [rad]; measured or integrated.
+        hidden: centre of the hidden states (share of the bristles; twist [rad] and relative speed [rad/s]), two of them.
+        integrated: 1 where the position is the integral of the velocity reading, 0 where it is measured.
+    """
+
+    start: Array
+    time: Array
+    velocity: Array
+    slope: Array
+    position: Array
+    hidden: tuple[Array, Array]
+    integrated: Array
+
+
+Builder = Callable[[Array], Machine]
+
+
+def builder(nominal: Machine, effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], count: int) -> Builder:
+    """From a parameter vector of shape (parameters, lanes) to a machine with every effect in."""
+    wide = lanes(nominal, count)
+
+    def build(vector: Array) -> Machine:
+        values = {p.name: vector[index] for index, p in enumerate(parameters)}
+        machine = wide
+        for effect in effects:
+            machine = effect.change(machine, values)
+        return machine
+
+    return build
+
+
+def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -> tuple[Any, Array, Array, Array]:
+    """(plant's state, lagged torque, lagged rate, rate one period before) at the start of the windows.
+
+    Args:
+        machine: of the lanes.
+        windows: of the lanes.
+        states: what is free, as deviations from what is known: reading [rad/s], position [rad], hidden ones; (states, lanes).
+        tables: the log.
+    """
+    sensor, actuator = machine.sensor, machine.actuator
+    late = sensor.lag + sensor.delay
+    rate = (windows.velocity + states[0] + late * windows.slope - sensor.bias) / sensor.scale
+    drift = windows.integrated * ((windows.position - sensor.bias * windows.time) / sensor.scale - windows.position)
+    position = windows.position + drift + states[1]
+    structure = structure_of(machine)
+    if structure == "transmission":
+        side = sensor.load_side
+        twist, relative = windows.hidden[0] + states[2], windows.hidden[1] + states[3]
+        motor_rate, motor_position = rate + side * relative, position + side * twist
+        plant: Any = TwoMassState(motor_rate, motor_position, motor_rate - relative, motor_position - twist, ())
+    elif structure == "bristles":
+        plant = OneMassState(rate, position, jnp.clip(windows.hidden[0] + states[2], -1.0, 1.0))
+    else:
+        plant = OneMassState(rate, position, ())
+    decay = jnp.exp(-tables.dt / jnp.maximum(actuator.lag, 1e-6 * tables.dt))
+    plain = eqx.tree_at(
+        lambda at: (at.lag, at.delay), actuator, (None, None), is_leaf=lambda leaf: leaf is None
+    )
+    still = Motion(jnp.zeros_like(rate), jnp.zeros_like(rate), jnp.zeros_like(rate))
+    lagged, weight = jnp.zeros_like(rate), 1.0 - decay
+    for tap in range(TAPS):
+        command = command_at(tables, windows.start - 1 - tap, actuator.delay)
+        lagged = lagged + weight * plain.readout(ActuatorState(None, ()), command, still)
+        weight = weight * decay
+    offset = jnp.zeros_like(rate) if actuator.offset is None else actuator.offset
+    reading = (windows.velocity + states[0] - sensor.bias) / sensor.scale + sensor.delay * windows.slope
+    return plant, lagged - offset, reading, rate - tables.dt * windows.slope / sensor.scale
+
+
+def command_at(tables: Tables, index: Array, delay: Array) -> Array:
+    """The mean command [N m] over the period of that index after a dead time [s]; exact for a held command."""
+    periods = delay / tables.dt
+    whole = jax.lax.stop_gradient(jnp.floor(periods))
+    first = jnp.maximum(index - whole.astype(index.dtype), 0)
+    fraction = periods - whole
+    return tables.torque[first] + fraction * (tables.torque[jnp.maximum(first - 1, 0)] - tables.torque[first])
+
+
+class Carry(eqx.Module):
+    """State of a lane: the plant's, the lagged torque [N m], the lagged rate now and one period ago, the rate one period ago."""
+
+    plant: Any
+    torque: Array
+    lagged: Array
+    lagged_before: Array
+    rate_before: Array
+
+
+def begin(machine: Machine, windows: Windows, states: Array, tables: Tables) -> Carry:
+    """The carry before the first sample."""
+    plant, torque, reading, before = initial(machine, windows, states, tables)
+    return Carry(plant, torque, reading, reading - tables.dt * windows.slope / machine.sensor.scale, before)
+
+
+def advance(
+    machine: Machine, carry: Carry, windows: Windows, tables: Tables, index: Array
+) -> tuple[Carry, tuple[Array, Array]]:
+    """One control period: (next carry, (predicted reading [rad/s], predicted position [rad]))."""
+    structure = structure_of(machine)
+    substeps = SUBSTEPS[structure]
+    at = windows.start + index
+    time = windows.time + index.astype(tables.dt.dtype) * tables.dt
+    state = carry.plant
+    sensor = machine.sensor
+    output = _output(state)
+    rate, angle = sensor.seen(output)
+    late = carry.lagged + _fraction(sensor.delay, tables.dt) * (carry.lagged_before - carry.lagged)
+    predicted = (sensor.reading(late), angle)
+    command = command_at(tables, at, machine.actuator.delay)
+    half = 0.5 * tables.dt
+    motion = Motion(output.motor_velocity, output.motor_position + half * output.motor_velocity, time + half)
+    actuator = eqx.tree_at(lambda block: block.delay, machine.actuator, None, is_leaf=lambda leaf: leaf is None)
+    after, applied = actuator.step(ActuatorState(carry.torque, ()), command, motion, tables.dt)
+    following = advance_exact(machine.plant, state, applied, time, tables.dt, substeps)
+    rate_after, _ = sensor.seen(_output(following))
+    lagged = sensor.follow(carry.lagged, rate, rate_after, tables.dt)
+    torque = carry.torque if after.lagged is None else after.lagged
+    return Carry(following, torque, lagged, carry.lagged, rate), predicted
+
+
+def residuals(predicted: tuple[Array, Array], machine: Machine, windows: Windows, tables: Tables, index: Array) -> tuple[Array, Array]:
+    """What was predicted less what was read, in standard deviations; a dead time of the sensor reads later samples."""
+    at = windows.start + index
+    whole = jax.lax.stop_gradient(jnp.floor(machine.sensor.delay / tables.dt)).astype(at.dtype)
+    later = jnp.minimum(at + whole, tables.velocity.shape[0] - 1)
+    velocity = (predicted[0] - tables.velocity[later]) * tables.velocity_weight[later]
+    position = (predicted[1] - tables.position[at]) * tables.position_weight[at]
+    return jnp.clip(velocity, -_WORST, _WORST), jnp.clip(position, -_WORST, _WORST)
+
+
+def residual_kernel(
+    nominal: Machine,
+    effects: tuple[Effect, ...],
+    parameters: tuple[Parameter, ...],
+    samples: int,
+    channels: tuple[bool, bool],
+) -> Callable[[Array, Array, Windows, Tables], Array]:
+    """The compiled loop: (vector, states, windows, tables) -> residuals.
+
+    Args:
+        nominal: with every effect neutral; its structure is the kernel's.
+        effects: all effects of the super-model.
+        parameters: their parameters, in the order of the vector.
+        samples: length of a window.
+        channels: whether (velocity, position) is in the log.
+
+    Returns:
+        A function of: vector (parameters, LANES); states (states, LANES); windows; tables. It gives what was predicted less what
+        was read, in standard deviations, shape (channels, samples, LANES): velocity, then position.
+    """
+    build = builder(nominal, effects, parameters, LANES)
+
+    def run(vector: Array, states: Array, windows: Windows, tables: Tables) -> Array:
+        machine = build(vector)
+
+        def step(carry: Carry, index: Array) -> tuple[Carry, tuple[Array, ...]]:
+            following, predicted = advance(machine, carry, windows, tables, index)
+            both = residuals(predicted, machine, windows, tables, index)
+            return following, tuple(r for r, there in zip(both, channels, strict=True) if there)
+
+        start = begin(machine, windows, states, tables)
+        return jnp.stack(jax.lax.scan(step, start, jnp.arange(samples, dtype=jnp.int32))[1])
+
+    return jax.jit(run)
+
+
+def _output(state: Any) -> PlantOutput:
+    if isinstance(state, TwoMassState):
+        return PlantOutput(
+            state.load_velocity, state.load_position, state.motor_velocity, state.motor_position, state.load_velocity
+        )
+    return PlantOutput(state.velocity, state.position, state.velocity, state.position, state.velocity)
+
+
+def _fraction(delay: Array, dt: Array) -> Array:
+    periods = delay / dt
+    return periods - jax.lax.stop_gradient(jnp.floor(periods))
