@@ -1,7 +1,7 @@
 """One style for every picture: a palette that colour-blind readers can tell apart, and files written whole."""
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -134,7 +134,8 @@ def save(figure: Figure, path: str | Path) -> Path:
             figure.savefig(partial)
         partial.replace(path)
     except OSError as error:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):
+            partial.unlink()
         raise InputError(
             f"The picture {path} cannot be written ({error.strerror}): give a folder that can be written with --out."
         ) from error

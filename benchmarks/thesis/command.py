@@ -27,8 +27,9 @@ def run(args: argparse.Namespace) -> int:
     from tuning.progress import Progress
     from tuning.result import versions
 
+    from .beyond import recoveries, text
     from .presets import PRINTED
-    from .table import table, write_json
+    from .table import markdown, table, write_json, write_text
 
     began = time.perf_counter()
     write_json(args.out / "thesis.json", [])  # an unwritable folder is told before the work, not after it
@@ -36,8 +37,12 @@ def run(args: argparse.Namespace) -> int:
     cells = all_cells(quick=args.quick, progress=bar.show)
     bar.end()
     print(table(cells))
+    found = recoveries()
+    print("\n" + text(found) + "\n")
     write_json(args.out / "thesis.json", [cell.row() for cell in cells])
     write_json(args.out / "thesis_details.json", [cell.details() for cell in cells])
+    write_json(args.out / "recoveries.json", [one._asdict() for one in found])
+    write_text(args.out / "thesis.md", markdown(cells))
     seconds = {"cells": time.perf_counter() - began}
     pictures: list[str] = []
     if not args.no_figures:

@@ -46,12 +46,24 @@ def _by_reason(cells: Sequence[Cell]) -> dict[str, list[str]]:
     return found
 
 
+def markdown(cells: Sequence[Cell]) -> str:
+    """The cells as the table of docs/thesis.md."""
+    lines = ["| cell | printed | obtained | verdict |", "|---|---|---|---|"]
+    lines += [f"| {cell.printed.cell} | {_printed(cell)} | {cell.obtained:.4g} | {cell.verdict} |" for cell in cells]
+    return "\n".join([*lines, "", summary(cells) + ".", ""])
+
+
 def write_json(path: Path, content: Any) -> None:
+    """Write JSON; arguments and errors as of `write_text`."""
+    write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def write_text(path: Path, content: str) -> None:
     """Write whole or not at all.
 
     Args:
-        path: file to write.
-        content: what JSON can hold.
+        path: file to write; its folder is made.
+        content: of the file.
 
     Raises:
         InputError: where it cannot be written.
@@ -59,7 +71,7 @@ def write_json(path: Path, content: Any) -> None:
     partial = path.with_name(f".{path.name}.partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
+        partial.write_text(content)
         partial.replace(path)
     except OSError as error:
         raise InputError(

@@ -147,8 +147,7 @@ def figure_4_10() -> Figure:
     panels.velocities(axes[0, 0], panels.with_and_without(bare, estimated), panels.COLORS, title="(a) velocity")
     axes[1, 0].plot(*plotting.thin(estimated["time"], estimated["estimates.steepness"]), color=plotting.COMPENSATED)
     axes[1, 0].axhline(truth, color=plotting.TRUTH, ls="--", lw=1.0)
-    axes[1, 0].set_ylim(0.0, 1.4 * truth)
-    panels.finish(axes[1, 0], "(b) estimate, its first peak cut off", "$\\hat\\lambda$ [s/deg]")
+    panels.finish(axes[1, 0], "(b) estimate", "$\\hat\\lambda$ [s/deg]")
     panels.outer_labels(axes)
     panels.legend(figure, axes[0, 0])
     return figure
