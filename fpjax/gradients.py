@@ -21,8 +21,9 @@ MODES = ("auto", "forward", "reverse")
 # Up to this many parameters forward mode was the cheaper one (docs/performance.md).
 FORWARD_UP_TO = 4
 
-# What one reverse pass may keep of the carries of its steps [bytes]: about a second-level cache.
-SCRATCH = 1_000_000
+# What one reverse pass may keep of the carries of its steps [bytes], about a second-level cache. A carry holds more
+# than its derivative needs (the cost is linear): what is really kept was about two thirds.
+SCRATCH = 1_500_000
 
 
 def value_and_gradient(

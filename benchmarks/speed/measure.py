@@ -132,9 +132,14 @@ class Bench:
         def over_candidates(candidates: Any, *shared: Any) -> Any:
             return jax.vmap(cost, in_axes=(0, None))(candidates, *shared)
 
-        functions: dict[str, Callable[..., Any]] = {"value": over_candidates}
+        batched = size > 1
+        if not batched:  # one simulation: scalars, as a user has them
+            arrays = {name: value[0] for name, value in arrays.items()}
+            block = arrays
+        function = over_candidates if batched else cost
+        functions: dict[str, Callable[..., Any]] = {"value": function}
         for mode in ("auto", "forward", "reverse"):
-            functions[mode] = value_and_gradient(over_candidates, mode=mode, batched=True)
+            functions[mode] = value_and_gradient(function, mode=mode, batched=batched)
         for name, function in functions.items():
             kernel = jax.jit(native(function))
             if size <= 5:
@@ -146,7 +151,8 @@ class Bench:
             scratch[name] = _scratch(kernel, block, *shared)
         if with_plain:
             reference = jnp.asarray(servo.table(steps, dtype))
-            plain = jax.jit(jax.vmap(jax.value_and_grad(servo.by_hand), in_axes=(0, None)))
+            one = jax.value_and_grad(servo.by_hand)
+            plain = jax.jit(jax.vmap(one, in_axes=(0, None)) if batched else one)
             calls["plain"] = lambda: plain(arrays, reference)
             scratch["plain"] = _scratch(plain, arrays, reference)
         expected = calls["forward"]()[1]

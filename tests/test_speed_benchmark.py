@@ -1,0 +1,87 @@
+"""The speed benchmark runs from end to end, its implementations agree, and its goals' table says what it measured."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from benchmarks.speed import cpp, goals, measure, servo
+
+
+@pytest.mark.slow
+def test_quick_run_from_the_command_line(tmp_path):
+    command = [sys.executable, "-m", "benchmarks", "speed", "--quick", "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=500)
+    assert done.returncode == 0, done.stderr
+    results = json.loads((tmp_path / "speed.json").read_text())
+    assert {"C++", "numpy", "numba", "diffrax", "vmap(lax.scan)", "fpjax"} == {
+        row["implementation"] for row in results["values"]
+    } | {skip["implementation"] for skip in results["skipped"]}
+    for row in results["values"]:
+        assert "disagrees" not in row, row
+        assert row["seconds"] > 0.0
+        assert row["version"]
+    for row in results["gradients"]:
+        assert row["what"] == "value" or row["relative_error"] < measure.AGREE[row["dtype"]]
+    for goal in results["goals"]:
+        assert set(goal) == {"name", "goal", "measured", "met", "reason"}
+        assert goal["met"] or goal["reason"]
+    assert results["first_call"]["value"] > 0.0
+    assert (tmp_path / "speed.png").stat().st_size > 10_000
+    assert "goals met" in done.stdout
+
+
+def test_every_implementation_computes_the_same_numbers():
+    """In float64, 200 steps; the rows are made and compared as in the benchmark itself."""
+    bench = measure.Bench(steps=200, repeats=1, say=lambda line: None)
+    if bench.cpp is None:
+        assert any("g++" in skip["why"] for skip in bench.skipped)
+    bench.peers.pop("diffrax", None)  # not written for strict promotion; the quick run has it
+    for size in (1, 7, 64):
+        for row in bench.value_rows(np.float64, size):
+            assert row["relative_error"] < 1e-10, row
+
+
+def test_library_loop_is_the_equations():
+    """Against the loop written out in plain Python floats."""
+    steps = 60
+    reference = servo.table(steps, np.float64)
+    c = dict(servo.NOMINAL, velocity=0.05)
+    w, q, z1, z2, total = c["velocity"], 0.0, 0.0, 0.0, 0.0
+    for r in reference.tolist():
+        w, q, z1, z2, total = (float(x) for x in servo.euler(c, w, q, z1, z2, total, r, servo.DT))
+    cost, shared = servo.library(steps, np.float64)
+    value = cost({name: np.asarray(value) for name, value in c.items()}, *shared)
+    np.testing.assert_allclose(value, total / steps, rtol=1e-13)
+
+
+def test_missing_compiler_is_said(monkeypatch):
+    monkeypatch.setattr(cpp.shutil, "which", lambda name: None)
+    assert cpp.build() == "no g++ on this machine"
+
+
+def row(name, size, seconds, dtype="float64"):
+    return {"implementation": name, "dtype": dtype, "candidates": size, "seconds": seconds, "steps": 10}
+
+
+def test_goals_are_judged_by_the_rows():
+    results = {
+        "versions": {"jax": "9.9"},
+        "values": [row("C++", 1, 1.0), row("fpjax", 1, 1.1), row("vmap(lax.scan)", 1, 0.5)],
+        "flat": [],
+        "gradients": [],
+        "first_call": {"value": 0.5},
+    }
+    found = {goal["name"]: goal for goal in goals.goals(results)}
+    assert found["f64 value over C++, B=1"]["met"] is True
+    assert found["f64 value over C++, B=1"]["measured"] == pytest.approx(1.1)
+    slower = found["f64 times as fast as vmap(lax.scan), B=1"]
+    assert slower["met"] is False
+    assert "jax 9.9" in slower["reason"]
+    assert found["first call after import [s], value"]["met"] is False
+    assert not any("B=64" in name for name in found)
+    assert "1 of 3 goals met" in goals.table(list(found.values()))
+    results["values"][1]["disagrees"] = True
+    assert "f64 value over C++, B=1" not in {goal["name"] for goal in goals.goals(results)}
