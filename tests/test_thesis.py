@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import pathlib
 import subprocess
 import sys
 
@@ -12,6 +13,7 @@ import pytest
 
 from benchmarks.__main__ import main
 from benchmarks.thesis import chapter2, chapter3, chapter4, command, limits, presets, search
+from benchmarks.thesis.beyond import recoveries
 from benchmarks.thesis.cells import NOT_REPRODUCED, REPRODUCED, SOLVER_SPECIFIC, Cell, Printed, judge
 from benchmarks.thesis.figures import all_figures, draw_all
 from fpjax import plotting
@@ -184,9 +186,40 @@ def test_a_reason_belongs_to_the_longest_beginning_of_the_cell_and_not_to_reprod
     assert [cell.reason for cell in cells] == ["all", "this", ""]
 
 
+def documented():
+    """Rows of the page's table: cell, printed, obtained, verdict."""
+    lines = (
+        (pathlib.Path(__file__).parent.parent / "docs" / "thesis.md").read_text().split("## Every cell")[1].splitlines()
+    )
+    rows = [[word.strip() for word in line.strip("|").split("|")] for line in lines if line.startswith("|")]
+    return rows[2:]
+
+
+def test_the_page_lists_every_cell():
+    printed = [one for chapter in command.chapters().values() for one in chapter.printed]
+    assert [row[:2] for row in documented()] == [[one.cell, "< " * one.below + one.text] for one in printed]
+
+
+def test_other_truths():
+    found = {(one.observer, one.truth): one for one in recoveries()}
+    # what EFP calls b is its start-up transient
+    expected = {0.0: 1.989, 1.0: 1.991, 2.0: 1.993, 4.0: 1.996, 8.0: 2.003, 20.0: 2.022}
+    for truth, value in expected.items():
+        assert found["EFP", truth].estimate == pytest.approx(value, abs=2e-3)
+    for truth in (5.0, 10.0, 20.0):
+        assert abs(found["NFP", truth].error) < 4e-4
+    for truth in (1.0, 2.0, 5.0, 20.0):
+        assert abs(found["extension 2", truth].error) < 0.021
+    assert abs(found["extension 1", 15.0].error) > 0.03
+
+
 @pytest.mark.slow
 def test_all_cells_with_their_verdicts():
-    verdicts = {cell.printed.cell: cell.verdict for cell in command.all_cells(quick=False)}
+    cells = command.all_cells(quick=False)
+    verdicts = {cell.printed.cell: cell.verdict for cell in cells}
+    for (name, _, obtained, verdict), cell in zip(documented(), cells, strict=True):
+        assert verdict == cell.verdict, name
+        assert cell.obtained == pytest.approx(float(obtained), rel=0.02), name  # chatter remembers every rounding
     reproduced = [cell for cell, *_ in CHAPTER_2 if cell not in SPECIFIC] + [cell for cell, _ in DESIGN]
     reproduced += ["4.4/lambda=1/velocity", "4.4/lambda=10/friction", "4.5/lambda=25/steepness"]
     reproduced += ["4.7/extension=1/compensated", "4.7/extension=2/compensated", "fig2.6/g1/alpha=500/overshoot"]

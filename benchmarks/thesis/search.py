@@ -155,7 +155,7 @@ def reasons(found: Mapping[str, float]) -> dict[str, str]:
         "4.2/square": f"a 1 Hz square over {DURATION:g} s is the constant reference, so this row must repeat that one",
         "4.6/": landing,
         "4.6/extension=2": (
-            "extension 2 estimates whatever the gains, so many gains pass the stop; which of them depends on details "
-            "of the search that Appendix B, written for extension 1, does not give"
+            "Appendix B is the search of extension 1, that of extension 2 is not given; with the printed gains it "
+            "estimates well (recoveries.json)"
         ),
     }
