@@ -1,0 +1,134 @@
+"""report.html: one file that needs nothing from anywhere, and every picture as PNG beside it."""
+
+from importlib.resources import files
+from pathlib import Path
+
+from ...errors import InputError
+from ..diagnosis import Diagnosis
+from . import sections
+from .contents import Contents, read
+from .markup import text
+from .pictures import overview_of, pictures_of
+from .svg import to_png, to_svg
+from .text import verdict_sentence, verdict_title
+from .theme import css_variables
+
+_NAVIGATION = (
+    ("record", "Simulation"),
+    ("where", "Where"),
+    ("ranking", "Which effect"),
+    ("shrink", "How far"),
+    ("apart", "Not told apart"),
+    ("identifiability", "Identifiability"),
+    ("model", "Model"),
+    ("warnings", "Warnings"),
+    ("provenance", "Provenance"),
+)
+
+# A browser that is asked to load anything at all for this page refuses.
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+def write_report(diagnosis: Diagnosis, out_dir: str | Path) -> Path:
+    """Write `report.html` and its pictures: `overview.png`, `record.png`, `where.png`, `residual.png`, `shrink.png`.
+
+    A picture for which the diagnosis has no data is left out.
+
+    Args:
+        diagnosis: what `fpjax.gap.diagnose` found.
+        out_dir: the folder; it is made.
+
+    Returns:
+        The path of `report.html`.
+
+    Raises:
+        InputError: the folder cannot be written, or the diagnosis' verdict is none of the contract's.
+    """
+    contents = read(diagnosis)
+    pictures = pictures_of(contents)
+    drawn = {
+        picture.name: (
+            to_svg(picture.wide, f"{picture.name}-wide", picture.description),
+            to_svg(picture.narrow, f"{picture.name}-narrow", picture.description),
+        )
+        for picture in pictures
+    }
+    folder = Path(out_dir)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _write(folder / "overview.png", to_png(overview_of(contents)))
+        for picture in pictures:
+            _write(folder / f"{picture.name}.png", to_png(picture.wide))
+        _write(folder / "report.html", to_page(contents, drawn).encode())
+    except OSError as error:
+        raise InputError(
+            f"The report cannot be written to {folder} ({error.strerror}): give a folder that can be written with --out."
+        ) from error
+    return folder / "report.html"
+
+
+def to_page(contents: Contents, pictures: dict[str, tuple[str, str]]) -> str:
+    """The page.
+
+    Args:
+        contents: what is told.
+        pictures: wide and narrow SVG by name.
+    """
+    style = css_variables() + files(__package__).joinpath("report.css").read_text("utf-8")
+    body = "\n".join(
+        (
+            sections.record(contents, pictures),
+            sections.where(contents, pictures),
+            sections.ranking(contents),
+            sections.shrink(contents, pictures),
+            sections.apart(contents),
+            sections.identifiability(contents),
+            sections.model(contents),
+            sections.warnings(contents),
+            sections.provenance(contents),
+        )
+    )
+    description = text(verdict_sentence(contents))
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{_POLICY}">
+<meta name="generator" content="fpjax">
+<meta name="description" content="{description}">
+<title>{text(verdict_title(contents))}: sim-to-real gap</title>
+<style>
+{style}</style>
+</head>
+<body>
+{sections.header(contents)}
+<main>
+{_navigation(contents)}
+{body}
+</main>
+<footer>{text(sections.units_note(contents))} Written by fpjax.</footer>
+</body>
+</html>
+"""
+
+
+def _navigation(contents: Contents) -> str:
+    links = []
+    for name, title in _NAVIGATION:
+        if name == "warnings" and contents.warnings:
+            count = len(contents.warnings)
+            links.append(f'<a class="alert" href="#warnings">{count} warning{"s" if count > 1 else ""}</a>')
+        else:
+            links.append(f'<a href="#{name}">{text(title)}</a>')
+    return f'<nav aria-label="Sections">{"".join(links)}</nav>'
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Whole or not at all: a reader never sees half a report."""
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        partial.write_bytes(content)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)

@@ -1,0 +1,91 @@
+"""The few HTML elements a report is made of. Every text goes through `text`; nothing else writes what others named."""
+
+from collections.abc import Iterable
+from html import escape
+
+from .digits import Estimate, readable, show, show_estimate, show_percent, show_unit
+
+
+def text(given: object) -> str:
+    """Any text, escaped for an element or an attribute."""
+    return escape(str(given), quote=True)
+
+
+def data(value: float, shown: str) -> str:
+    """A number as shown, with the exact one beside it for machines."""
+    return f'<data value="{value!r}">{text(shown)}</data>'
+
+
+def percent(share: float) -> str:
+    """A share in per cent."""
+    return data(share, show_percent(share))
+
+
+def gap_number(raw: Estimate, shown: Estimate) -> str:
+    """A gap: shown in the unit that suits the report, exact in the contract's.
+
+    Args:
+        raw: as in `diagnosis.json`.
+        shown: the same in the unit to be read.
+    """
+    if not raw.known:
+        return '<span class="quiet">not known</span>'
+    unit = show_unit(shown.unit)
+    return f'<span class="value">{data(raw.value, show(shown.value))}{f" {text(unit)}" if unit else ""}</span>'
+
+
+def gap_interval(raw: Estimate, shown: Estimate) -> str:
+    """The interval of a gap, "" where it is not known."""
+    if not raw.bounded:
+        return ""
+    return f"{data(raw.low, show(shown.low))} to {data(raw.high, show(shown.high))}"
+
+
+def parameter(estimate: Estimate) -> str:
+    """A parameter's value, interval and unit, with the digits that the interval earns."""
+    if not estimate.known:
+        return '<span class="quiet">not known</span>'
+    shown = readable(estimate)
+    value, interval = show_estimate(shown)
+    unit = show_unit(shown.unit)
+    out = f'<span class="value">{data(estimate.value, value)}{f" {text(unit)}" if unit else ""}</span>'
+    if interval:
+        low, high = interval.split(" to ")
+        out += f' <span class="interval">[{data(estimate.low, low)} to {data(estimate.high, high)}]</span>'
+    return out
+
+
+def section(name: str, title: str, *parts: str) -> str:
+    """A section with a heading that can be linked to."""
+    body = "\n".join(part for part in parts if part)
+    return f'<section id="{name}" aria-labelledby="{name}-title">\n<h2 id="{name}-title">{text(title)}</h2>\n{body}\n</section>'
+
+
+def paragraph(*sentences: str) -> str:
+    """Plain sentences; "" where there are none."""
+    told = " ".join(sentence for sentence in sentences if sentence)
+    return f"<p>{text(told)}</p>" if told else ""
+
+
+def table(headings: list[str], rows: Iterable[tuple[str, list[str]]]) -> str:
+    """A table that becomes one card per row on a phone.
+
+    Args:
+        headings: of the columns.
+        rows: a row's class and its cells, as markup.
+    """
+    head = "".join(f'<th scope="col">{text(heading)}</th>' for heading in headings)
+    body = ""
+    for kind, cells in rows:
+        tds = "".join(
+            f'<td{" class=first" if i == 0 else ""} data-label="{text(heading)}">{f"<div>{cell}</div>" if cell else ""}</td>'
+            for i, (heading, cell) in enumerate(zip(headings, cells, strict=True))
+        )
+        body += f'<tr{f" class={kind}" if kind else ""}>{tds}</tr>\n'
+    return f'<table class="cards">\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody>\n</table>'
+
+
+def figure(name: str, wide: str, narrow: str, caption: str = "") -> str:
+    """A picture in its two layouts; the page shows the one that fits."""
+    told = f"<figcaption>{text(caption)}</figcaption>" if caption else ""
+    return f'<figure id="figure-{name}">\n<div class="wide">{wide}</div>\n<div class="narrow">{narrow}</div>\n{told}</figure>'

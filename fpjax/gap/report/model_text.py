@@ -1,0 +1,103 @@
+"""The corrected model as servo.toml text, with what changed against the nominal one marked."""
+
+import base64
+from dataclasses import dataclass
+
+from .markup import text
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of the corrected model.
+
+    Attributes:
+        text: as it stands in the file.
+        change: "" for none, `changed` or `added`.
+        was: the nominal value of a changed one.
+    """
+
+    text: str
+    change: str = ""
+    was: str = ""
+
+
+def compare(nominal: str, corrected: str) -> tuple[list[Line], list[str]]:
+    """The corrected model's lines, marked, and what the nominal one had that is gone (`section.key = value`).
+
+    Without a nominal model nothing is marked.
+    """
+    if not nominal.strip():
+        return [Line(line) for line in corrected.splitlines()], []
+    old = {name: value for _, name, value in _entries(nominal)}
+    new = {name for _, name, _ in _entries(corrected)}
+    lines, marks = [], {number: (name, value) for number, name, value in _entries(corrected)}
+    sections = {name.rpartition(".")[0] for name in old}
+    for number, line in enumerate(corrected.splitlines()):
+        if number in marks:
+            name, value = marks[number]
+            if name not in old:
+                lines.append(Line(line, "added"))
+            elif _same(old[name], value):
+                lines.append(Line(line))
+            else:
+                lines.append(Line(line, "changed", old[name]))
+        else:
+            section = _section(line)
+            lines.append(Line(line, "added" if section and section not in sections else ""))
+    return lines, [f"{name} = {value}" for name, value in old.items() if name not in new]
+
+
+def to_html(nominal: str, corrected: str) -> str:
+    """The model as a block of code, and a link that saves it."""
+    lines, gone = compare(nominal, corrected)
+    shown = []
+    for line in lines:
+        was = f'<span class="was">was {text(line.was)}</span>' if line.was else ""
+        kind = f"line {line.change}".strip()
+        shown.append(f'<span class="{kind}">{text(line.text)}{was}</span>')
+    encoded = base64.b64encode(corrected.encode()).decode()
+    link = f'<p><a download="corrected.toml" href="data:text/plain;charset=utf-8;base64,{encoded}">Save as corrected.toml</a></p>'
+    lost = f'<p class="quiet">No longer in the model: {text(", ".join(gone))}.</p>' if gone else ""
+    return f"<pre><code>{''.join(shown)}</code></pre>\n{lost}\n{link}"
+
+
+def count_changes(nominal: str, corrected: str) -> int:
+    """How many values differ from the nominal model, those added or gone included."""
+    lines, gone = compare(nominal, corrected)
+    return sum(bool(line.change) and not _section(line.text) for line in lines) + len(gone)
+
+
+def _entries(model: str) -> list[tuple[int, str, str]]:
+    """(line number, section.key, value) of each `key = value` line; comments are no part of a value."""
+    found, section = [], ""
+    for number, line in enumerate(model.splitlines()):
+        if named := _section(line):
+            section = named
+        elif "=" in line and not line.lstrip().startswith("#"):
+            key, _, value = line.partition("=")
+            found.append((number, f"{section}.{key.strip()}".lstrip("."), _without_comment(value)))
+    return found
+
+
+def _section(line: str) -> str:
+    stripped = _without_comment(line)
+    return stripped.strip("[] ") if stripped.startswith("[") and stripped.endswith("]") and "=" not in stripped else ""
+
+
+def _without_comment(value: str) -> str:
+    quote = ""
+    for i, letter in enumerate(value):
+        if quote:
+            quote = "" if letter == quote else quote
+        elif letter in "\"'":
+            quote = letter
+        elif letter == "#":
+            return value[:i].strip()
+    return value.strip()
+
+
+def _same(one: str, other: str) -> bool:
+    try:
+        return float(one) == float(other)
+    except ValueError:
+        return one == other

@@ -1,0 +1,198 @@
+"""Measured against simulated on withheld data: the whole record, the error, and the worst place enlarged."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from ...plotting import thin
+from .contents import Contents, Series
+from .digits import show_unit
+from .theme import AFTER, BAND, BEFORE, FLOOR, INK, MUTED, SOFT
+
+
+def has_record(contents: Contents) -> bool:
+    """Whether there is anything to draw."""
+    return any(series.before is not None for series in contents.series)
+
+
+def model_names(contents: Contents) -> tuple[str, str]:
+    """What the two simulations are called in a legend."""
+    return "nominal model", "corrected model" if contents.causes else "best attempt"
+
+
+def draw_record(figure: Any, contents: Contents, *, narrow: bool) -> None:
+    """Draw on a figure or subfigure.
+
+    Args:
+        figure: to draw on.
+        contents: has at least one series with `before`.
+        narrow: panels below one another, for a phone.
+    """
+    if narrow:
+        signal_axes, error_axes, zoom_axes = figure.subplots(3, 1, gridspec_kw={"height_ratios": [1.0, 1.0, 1.35]})
+    else:
+        grid = figure.add_gridspec(2, 2, width_ratios=[1.55, 1.0])
+        signal_axes = figure.add_subplot(grid[0, 0])
+        error_axes = figure.add_subplot(grid[1, 0])
+        zoom_axes = figure.add_subplot(grid[:, 1])
+    unit = show_unit(contents.unit)
+    factor, error_unit = contents.scale
+    shown = [s for s in contents.series if s.before is not None]
+    shown_after = contents.verdict != "no_gap"
+    names = model_names(contents)
+    worst, first, last = worst_place(shown)
+    for series, shift in zip(shown, _shifts(shown), strict=True):
+        moved = series.time + shift
+        _lines(signal_axes, series, moved, INK, series.measured, "measured", width=2.4, alpha=0.28)
+        _lines(error_axes, series, moved, BEFORE, factor * _error(series, series.before), "")
+        if series.before is not None:
+            _lines(signal_axes, series, moved, BEFORE, series.before, names[0], width=1.0)
+        if series.after is not None and shown_after:
+            _lines(signal_axes, series, moved, AFTER, series.after, names[1], width=1.0)
+            _lines(error_axes, series, moved, AFTER, factor * _error(series, series.after), "")
+        if series is worst:
+            for axes in (signal_axes, error_axes):
+                axes.axvspan(moved[first], moved[last], color=BAND, linewidth=0, zorder=0)
+    if contents.floor.known:
+        # twice the rms: the band that holds 95 % of what is only noise
+        error_axes.axhspan(
+            -2 * factor * contents.floor.value,
+            2 * factor * contents.floor.value,
+            color=SOFT,
+            alpha=0.55,
+            linewidth=0,
+            zorder=0.5,
+            label="noise (±2 rms)",
+        )
+        error_axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.985), handlelength=1.2, borderaxespad=0.0)
+    if len(shown) == 1:
+        _name_holes(signal_axes, shown[0])
+    moved_ends = len(shown) > 1 and any(_shifts(shown))
+    signal_axes.set_title("Withheld data")
+    signal_axes.set_ylabel(f"{contents.signal} [{unit}]")
+    signal_axes.tick_params(labelbottom=False)
+    error_axes.set_title("Measured less simulated")
+    error_axes.set_ylabel(f"error [{show_unit(error_unit)}]")
+    error_axes.set_xlabel("withheld time, logs end to end [s]" if moved_ends else "time [s]")
+    error_axes.sharex(signal_axes)
+    _zoom(zoom_axes, worst, first, last, names, with_after=shown_after)
+    zoom_axes.set_title("The worst place, enlarged" if shown_after else "An enlarged stretch")
+    zoom_axes.set_ylabel(f"{contents.signal} [{unit}]")
+    zoom_axes.set_xlabel(f"time in {worst.label} [s]" if len(shown) > 1 else "time [s]")
+
+
+def worst_place(shown: list[Series]) -> tuple[Series, int, int]:
+    """The stretch in which the nominal model is most wrong: series, first and last sample."""
+    best, found = -1.0, (shown[0], 0, len(shown[0].time) - 1)
+    for series in shown:
+        squares = np.nan_to_num(np.square(_error(series, series.before)))
+        for start, stop in _blocks(series):
+            length = max(min(stop - start, 500, max(stop - start, 600) // 2), 2)
+            sums = np.convolve(squares[start:stop], np.ones(length) / length, mode="valid")
+            at = int(np.argmax(sums))
+            if sums[at] > best:
+                best, found = float(sums[at]), (series, start + at, start + at + length - 1)
+    return found
+
+
+def _zoom(axes: Axes, series: Series, first: int, last: int, names: tuple[str, str], *, with_after: bool) -> None:
+    part = slice(first, last + 1)
+    time = series.time[part]
+    starts = series.starts[(series.starts > first) & (series.starts <= last)] - first
+    near = Series(series.label, time, series.measured[part], series.before, series.after, starts)
+    _lines(axes, near, time, INK, series.measured[part], "measured", width=3.2, alpha=0.28)
+    if series.before is not None:
+        _lines(axes, near, time, BEFORE, series.before[part], names[0], width=1.5, style=(0, (5, 1.6)))
+    if series.after is not None and with_after:
+        _lines(axes, near, time, AFTER, series.after[part], names[1], width=1.5)
+    axes.legend(loc="best", handlelength=2.2)
+    axes.margins(x=0.0)
+    for start in starts:
+        axes.axvline(time[start], color=FLOOR, linewidth=0.6, linestyle=(0, (1, 2)))
+    if starts.size:
+        axes.annotate(
+            "restarted from the measurement",
+            (time[starts[0]], 0.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(4, 5),
+            textcoords="offset points",
+            fontsize=7.5,
+            color=MUTED,
+        )
+
+
+def _lines(
+    axes: Axes,
+    series: Series,
+    time: np.ndarray,
+    colour: str,
+    values: np.ndarray,
+    label: str,
+    *,
+    width: float = 1.0,
+    alpha: float = 1.0,
+    style: Any = "-",
+) -> None:
+    """One line, broken where a window or a block ends, and no denser than can be seen."""
+    pieces_time, pieces = [], []
+    budget = max(3000 // (len(series.starts) + 1), 24)
+    for start, stop in _windows(series):
+        part = np.isfinite(values[start:stop])
+        if not part.any():
+            continue
+        short_time, short = thin(time[start:stop][part], values[start:stop][part], points=budget)
+        pieces_time += [short_time, short_time[-1:]]
+        pieces += [short, np.array([np.nan])]
+    if pieces:
+        known = axes.get_legend_handles_labels()[1]
+        axes.plot(
+            np.concatenate(pieces_time),
+            np.concatenate(pieces),
+            color=colour,
+            linewidth=width,
+            alpha=alpha,
+            linestyle=style,
+            solid_capstyle="round",
+            label=f"_{label}" if label in known or not label else label,
+        )
+
+
+def _error(series: Series, simulated: np.ndarray | None) -> np.ndarray:
+    return np.full(len(series.time), np.nan) if simulated is None else series.measured - simulated
+
+
+def _windows(series: Series) -> list[tuple[int, int]]:
+    ends = [0, *map(int, series.starts), len(series.time)]
+    return [(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True) if b - a >= 2]
+
+
+def _blocks(series: Series) -> list[tuple[int, int]]:
+    """Stretches without a hole in time; windows that follow one another are one block."""
+    step = np.median(np.diff(series.time))
+    holes = np.flatnonzero(np.diff(series.time) > 2.5 * step) + 1
+    ends = [0, *map(int, holes), len(series.time)]
+    return [(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True) if b - a >= 2]
+
+
+def _name_holes(axes: Axes, series: Series) -> None:
+    """Say of a wide hole in the withheld time that it was fitted, so that nobody takes it for lost data."""
+    blocks = _blocks(series)
+    whole = series.time[-1] - series.time[0]
+    for (_, stop), (start, _) in zip(blocks[:-1], blocks[1:], strict=True):
+        low, high = series.time[stop - 1], series.time[start]
+        if high - low > 0.12 * whole:
+            spot = (0.5 * (low + high), 0.5)
+            axes.annotate("fitted", spot, xycoords=("data", "axes fraction"), ha="center", va="center", fontsize=8, color=MUTED)
+
+
+def _shifts(shown: list[Series]) -> list[float]:
+    """How far each log's time is moved so that no two overlap; zero where they do not."""
+    spans = sorted((s.time[0], s.time[-1]) for s in shown)
+    if all(a[1] < b[0] for a, b in zip(spans[:-1], spans[1:], strict=True)):
+        return [0.0] * len(shown)
+    shifts, at = [], 0.0
+    for series in shown:
+        shifts.append(at - float(series.time[0]))
+        at += 1.04 * float(series.time[-1] - series.time[0])
+    return shifts

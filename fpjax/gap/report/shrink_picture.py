@@ -1,0 +1,99 @@
+"""How far the gap shrinks: one row per cause, what is left solid, what went away pale, the noise floor as a line."""
+
+import math
+from typing import Any
+
+from .contents import Contents
+from .digits import Estimate, show, show_percent, show_unit
+from .theme import AFTER, BEFORE, FLOOR, INK, MUTED, PAPER, SOFT
+from .words import effect_title
+
+
+def rows_of(contents: Contents) -> list[tuple[str, Estimate]]:
+    """Names and gaps from top to bottom: the nominal model, each added cause, the best attempt where nothing is asserted."""
+    rows = [("Nominal model", contents.before)]
+    for step in contents.steps:
+        # the twin closes the gap just as well: the row must not sound surer than the ranking
+        twin = " (or twin)" if contents.twins_of(step.added) else ""
+        rows.append((f"+ {effect_title(step.added, contents.motion)}{twin}", step.gap))
+    if not contents.steps and contents.verdict != "no_gap" and contents.after.known:
+        rows.append(("Corrected model" if contents.causes else "Best attempt", contents.after))
+    return [(name, gap) for name, gap in rows if gap.known]
+
+
+def draw_shrink(figure: Any, contents: Contents, *, narrow: bool) -> None:
+    """Draw on a figure or subfigure.
+
+    Args:
+        figure: to draw on.
+        contents: has a gap before.
+        narrow: names above the bars instead of beside them, for a phone.
+    """
+    axes = figure.subplots()
+    rows = [(name, contents.readable(gap)) for name, gap in rows_of(contents)]
+    floor = contents.readable(contents.floor)
+    largest = max(max(gap.value, gap.high if gap.bounded else 0.0) for _, gap in rows)
+    previous = None
+    for i, (name, gap) in enumerate(rows):
+        at = -i
+        if previous is not None and previous > gap.value:
+            axes.barh(at, previous - gap.value, left=gap.value, height=0.5, color=SOFT, alpha=0.45, linewidth=0, zorder=2)
+        axes.barh(at, gap.value, height=0.5, color=BEFORE if i == 0 else AFTER, linewidth=0, zorder=3)
+        if gap.bounded:
+            low, high = max(gap.low, 0.0), gap.high
+            # the dark whisker would vanish on the bar without a rim of paper
+            axes.plot([low, high], [at, at], color=PAPER, linewidth=3.4, solid_capstyle="butt", zorder=4)
+            axes.plot([low, high], [at, at], color=INK, linewidth=1.4, solid_capstyle="butt", zorder=5)
+        reach = max(gap.value, gap.high if gap.bounded else 0.0, previous or 0.0)
+        axes.annotate(
+            show(gap.value), (reach, at), xytext=(7, 0), textcoords="offset points", va="center", fontweight="bold", zorder=6
+        )
+        if narrow:
+            axes.annotate(name, (0.0, at + 0.29), xytext=(6, 1), textcoords="offset points", va="bottom")
+        previous = gap.value
+    if floor.known:
+        axes.axvline(floor.value, color=FLOOR, linewidth=1.4, linestyle=(0, (4, 2)), zorder=5.5)
+        axes.annotate(
+            f"noise floor {show(floor.value)}",
+            (floor.value, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(4, -2),
+            textcoords="offset points",
+            va="top",
+            color=MUTED,
+        )
+    axes.set_ylim(-len(rows) + 0.45, 0.95 if not narrow else 1.15)
+    axes.set_xlim(0.0, 1.16 * max(largest, floor.value if floor.known else 0.0))
+    axes.set_yticks([] if narrow else [-i for i in range(len(rows))], [] if narrow else [name for name, _ in rows])
+    axes.tick_params(axis="y", length=0, labelcolor=INK, labelsize=9.0)
+    axes.spines["left"].set_visible(False)
+    axes.grid(visible=True, axis="x")
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel(f"rms {contents.signal} error on withheld data [{show_unit(contents.scale[1])}]")
+
+
+def draw_ranking(figure: Any, contents: Contents) -> None:
+    """Draw the probabilities of the first few effects on a figure or subfigure.
+
+    Args:
+        figure: to draw on.
+        contents: has a ranking.
+    """
+    axes = figure.subplots()
+    shown = [c for c in contents.ranking if math.isfinite(c.probability)][:5]
+    rows = [-i for i in range(len(shown))]
+    shares = [c.probability for c in shown]
+    twins = set().union(*(contents.twins_of(cause) for cause in contents.causes))
+    colours = [AFTER if c.effect in contents.causes or c.effect in twins else SOFT for c in shown]
+    bars = axes.barh(rows, shares, height=0.5, color=colours, linewidth=0)
+    for bar, candidate in zip(bars, shown, strict=True):
+        bar.set_alpha(0.5 if candidate.effect in twins - set(contents.causes) else 1.0)
+    for row, share in zip(rows, shares, strict=True):
+        axes.annotate(show_percent(share), (share, row), xytext=(5, 0), textcoords="offset points", va="center")
+    axes.set_yticks(rows, [effect_title(c.effect, contents.motion) for c in shown])
+    axes.tick_params(axis="y", length=0, labelcolor=INK, labelsize=8.5)
+    axes.set_xlim(0.0, 1.2)
+    axes.set_xticks([])
+    axes.set_title("Probability")
+    axes.spines["bottom"].set_visible(False)
+    axes.grid(visible=False)

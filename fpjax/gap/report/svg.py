@@ -1,0 +1,70 @@
+"""A figure as inline SVG that follows the page: its colours are the page's variables, its text the page's font."""
+
+import io
+import re
+from html import escape
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from .theme import REPORT_STYLE, ROLES
+
+_SHADES = {light: role for role, (light, _) in ROLES.items()}
+
+
+def to_svg(figure: Figure, name: str, description: str) -> str:
+    """The figure as one `<svg>` element for a page.
+
+    Args:
+        figure: drawn in the theme's colours.
+        name: unique on the page; identifiers in the picture begin with it.
+        description: what the picture shows, for readers who cannot see it.
+    """
+    buffer = io.StringIO()
+    # no date and no random identifiers: the same diagnosis gives the same bytes
+    with rc_context({**REPORT_STYLE, "svg.hashsalt": name}):
+        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r'\bid="', f'id="{name}-', text)
+    text = re.sub(r"url\(#", f"url(#{name}-", text)
+    text = re.sub(r'xlink:href="#', f'href="#{name}-', text)
+    # the root keeps its viewBox only: the page says how wide it is; namespaces are HTML's own
+    box = re.search(r'viewBox="[^"]*"', text)
+    label = escape(description, quote=True)
+    text = re.sub(
+        r"<svg[^>]*>",
+        lambda _: f'<svg {box.group() if box else ""} role="img" aria-label="{label}" focusable="false">',
+        text,
+        count=1,
+    )
+    text = re.sub(r"#[0-9a-f]{6}\b", lambda found: _shade(found.group()), text)
+    text = re.sub(r'(?<= d=")[^"]*', lambda found: _shorten(found.group()), text)
+    text = re.sub(r"(font(?:-family)?): [^;\"]*?('[^;\"]*|sans-serif)(?=[;\"])", _inherit_font, text)
+    return re.sub(r"\n\s*", "\n", text).strip()
+
+
+def to_png(figure: Figure, dots_per_inch: int = 150) -> bytes:
+    """The figure as PNG, on light paper."""
+    buffer = io.BytesIO()
+    with rc_context(REPORT_STYLE):
+        figure.savefig(buffer, format="png", dpi=dots_per_inch, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def _shade(found: str) -> str:
+    role = _SHADES.get(found)
+    return f"var(--{role})" if role else found
+
+
+def _shorten(path: str) -> str:
+    """A path with two decimals: a hundredth of a point cannot be seen, and the page is half as large."""
+    return re.sub(r"-?\d+\.\d+", lambda found: f"{float(found.group()):.2f}".rstrip("0").rstrip("."), path)
+
+
+def _inherit_font(found: re.Match[str]) -> str:
+    """The page's font in place of a list of families, the size kept."""
+    size = re.search(r"[\d.]+px", found.group())
+    return f"font-size: {size.group()}" if size else "font-family: inherit"

@@ -1,0 +1,186 @@
+"""Where the gap lies: its energy along time, velocity, position and frequency, by regime, and the residual itself."""
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import PercentFormatter
+
+from .contents import AXES, Contents, Place
+from .digits import show_percent, show_unit
+from .theme import BEFORE, INK, MUTED, SOFT
+from .words import motion_units, regime_name
+
+
+def axes_with_places(contents: Contents) -> list[str]:
+    """The axes that have anything to show."""
+    return [axis for axis in AXES if contents.maps.get(axis) or contents.where.get(axis)]
+
+
+def has_where(contents: Contents) -> bool:
+    """Whether there is anything to draw."""
+    return bool(axes_with_places(contents) or contents.regimes)
+
+
+def draw_where(figure: Any, contents: Contents, *, narrow: bool) -> None:
+    """Draw the maps on a figure or subfigure: what stands out in colour, the rest in grey.
+
+    Args:
+        figure: to draw on.
+        contents: has a map or a regime.
+        narrow: panels below one another, for a phone.
+    """
+    panels = axes_with_places(contents)
+    units = motion_units(contents.motion)
+    names = [*(["regime"] if contents.regimes else []), *panels]
+    spots = _stacked(figure, names) if narrow else _side_by_side(figure, names)
+    for axis in panels:
+        _bars(spots[axis], contents.maps.get(axis) or (), contents.where.get(axis) or (), with_even=axis != "frequency")
+        spots[axis].set_title(f"By {axis}")
+        spots[axis].set_xlabel(f"{axis} [{show_unit(units[axis])}]")
+        if axis == "frequency":
+            _frequency_scale(spots[axis], contents.maps.get(axis) or contents.where[axis])
+    for axis in panels:
+        if spots[axis].get_legend_handles_labels()[1]:
+            spots[axis].legend(loc="upper right", handlelength=1.8)
+            break
+    if contents.regimes:
+        _regimes(spots["regime"], contents)
+        spots["regime"].set_title("By regime")
+
+
+def _stacked(figure: Any, names: list[str]) -> dict[str, Axes]:
+    drawn = figure.subplots(len(names), 1, squeeze=False)[:, 0]
+    for axes, name in zip(drawn, names, strict=True):
+        if name != "regime":
+            axes.set_ylabel("share of the gap")
+    return dict(zip(names, drawn, strict=True))
+
+
+def _side_by_side(figure: Any, names: list[str]) -> dict[str, Axes]:
+    """Time and regime above, the other axes below."""
+    rows = [[n for n in ("time", "regime") if n in names], [n for n in names if n not in ("time", "regime")]]
+    rows = [row for row in rows if row]
+    # a subfigure per row: labels of one row do not push the other's panels apart
+    bands = np.atleast_1d(figure.subfigures(len(rows), 1))
+    spots: dict[str, Axes] = {}
+    for band, row in zip(bands, rows, strict=True):
+        ratios = [1.9, 1.0] if row == ["time", "regime"] else [1.0] * len(row)
+        drawn = band.subplots(1, len(row), squeeze=False, gridspec_kw={"width_ratios": ratios})[0]
+        if row != ["regime"]:
+            drawn[0].set_ylabel("share of the gap")
+        spots |= dict(zip(row, drawn, strict=True))
+    return spots
+
+
+def _bars(axes: Axes, bins: tuple[Place, ...], standing_out: tuple[Place, ...], *, with_even: bool) -> None:
+    for place in bins or standing_out:
+        out = not bins or any(_overlap(place, other) > 0.5 for other in standing_out)
+        axes.bar(
+            place.low,
+            place.share,
+            width=place.high - place.low,
+            align="edge",
+            color=BEFORE if out else SOFT,
+            linewidth=0,
+            zorder=2,
+        )
+    if with_even and bins and all(math.isfinite(p.even) for p in bins):
+        edges = [p.low for p in bins] + [bins[-1].high]
+        axes.stairs([p.even for p in bins], edges, baseline=None, color=MUTED, linewidth=0.9, linestyle=(0, (3, 2)), label="if spread evenly")
+    top = 1.18 * max(p.share for p in bins or standing_out) or 1.0
+    axes.set_ylim(0.0, top)
+    axes.locator_params(axis="y", nbins=4)
+    axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0 if top > 0.04 else 1, symbol="\u202f%"))
+    axes.margins(x=0.01)
+
+
+def _overlap(place: Place, other: Place) -> float:
+    """The share of `place` that lies within `other`."""
+    width = place.high - place.low
+    return (min(place.high, other.high) - max(place.low, other.low)) / width if width > 0.0 else 0.0
+
+
+def _frequency_scale(axes: Axes, bins: tuple[Place, ...]) -> None:
+    positive = [p for p in bins if p.low > 0.0]
+    if len(positive) > 2 and positive[-1].high > 20.0 * positive[0].low:
+        axes.set_xscale("log")
+        axes.set_xlim(positive[0].low, positive[-1].high)
+        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+
+
+def _regimes(axes: Axes, contents: Contents) -> None:
+    names = [r for r, share in contents.regimes.items() if math.isfinite(share)]
+    shares = [contents.regimes[name] for name in names]
+    largest = max(shares, default=0.0)
+    rows = np.arange(len(names))[::-1]
+    stands_out = contents.verdict != "no_gap"
+    colours = [BEFORE if s == largest and stands_out else SOFT for s in shares]
+    axes.barh(rows, shares, height=0.62, color=colours, linewidth=0, zorder=2)
+    for row, share in zip(rows, shares, strict=True):
+        axes.annotate(show_percent(share), (share, row), xytext=(4, 0), textcoords="offset points", va="center", color=INK)
+    axes.set_yticks(rows, [regime_name(name, contents.motion) for name in names])
+    axes.tick_params(axis="y", length=0, labelcolor=INK, labelsize=8.5)
+    axes.spines["bottom"].set_visible(False)
+    axes.set_xlim(0.0, 1.25 * largest or 1.0)
+    axes.set_xticks([])
+    axes.grid(visible=False)
+
+
+def residual_axes(contents: Contents) -> list[str]:
+    """The axes against which the residual can be drawn."""
+    if contents.residual is None or contents.verdict == "no_gap":
+        return []
+    samples = len(contents.residual)
+    return [
+        axis
+        for axis in ("velocity", "position", "time")
+        if (values := contents.residual_axes.get(axis)) is not None
+        and len(values) == samples
+        and np.isfinite(values).any()
+        and np.ptp(values[np.isfinite(values)]) > 0.0
+    ]
+
+
+def draw_residual(figure: Any, contents: Contents, *, narrow: bool) -> None:
+    """Draw what the nominal model cannot account for against motion: the median of each bin, and the middle 80 %.
+
+    Args:
+        figure: to draw on.
+        contents: has a residual.
+        narrow: panels below one another, for a phone.
+    """
+    panels = residual_axes(contents)
+    drawn = figure.subplots(*((len(panels), 1) if narrow else (1, len(panels))), squeeze=False, sharey=True).ravel()
+    units = motion_units(contents.motion)
+    effort = ("force", "N") if contents.motion == "linear" else ("torque", "N·m")
+    residual = np.asarray(contents.residual, float)
+    for axes, axis in zip(drawn, panels, strict=True):
+        centres, low, middle, high = _binned(np.asarray(contents.residual_axes[axis], float), residual)
+        axes.axhline(0.0, color=MUTED, linewidth=0.8)
+        axes.fill_between(centres, low, high, color=BEFORE, alpha=0.18, linewidth=0, label="middle 80 %")
+        axes.plot(centres, middle, color=BEFORE, linewidth=1.6, label="median")
+        axes.set_title(f"Against {axis}")
+        axes.set_xlabel(f"{axis} [{show_unit(units[axis])}]")
+        axes.margins(x=0.01)
+    for axes in drawn if narrow else drawn[:1]:
+        axes.set_ylabel(f"{effort[0]} residual [{effort[1]}]")
+    drawn[0].legend(loc="best")
+
+
+def _binned(axis: np.ndarray, values: np.ndarray, bins: int = 60) -> tuple[np.ndarray, ...]:
+    """Centres, 10 %, 50 % and 90 % of the values in each bin; NaN where a bin holds too few to say."""
+    known = np.isfinite(axis) & np.isfinite(values)
+    axis, values = axis[known], values[known]
+    # the outermost half per cent would stretch the axis for a handful of samples
+    edges = np.linspace(*np.quantile(axis, [0.005, 0.995]), bins + 1)
+    index = np.digitize(axis, edges) - 1
+    quantiles = np.full((3, bins), np.nan)
+    for i in range(bins):
+        inside = values[index == i]
+        if inside.size >= 8:
+            quantiles[:, i] = np.quantile(inside, [0.1, 0.5, 0.9])
+    centres = 0.5 * (edges[1:] + edges[:-1])
+    keep = np.isfinite(quantiles[1])
+    return centres[keep], quantiles[0, keep], quantiles[1, keep], quantiles[2, keep]

@@ -1,0 +1,377 @@
+"""Diagnoses as a report gets them, made from small simulated machines: one per verdict, and what is awkward to show.
+
+The machine is simulated here in plain numpy; what a fit would have found is set by hand near the truth. Gaps, maps and
+shares are computed from the simulated signals, so pictures and numbers belong together.
+"""
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+from fpjax.gap import (
+    Comparison,
+    Diagnosis,
+    Estimate,
+    Experiment,
+    Gap,
+    Identifiability,
+    Ranked,
+    Share,
+    Step,
+    Tracking,
+    Where,
+)
+
+DT = 1e-3
+
+
+@dataclasses.dataclass(frozen=True)
+class Machine:
+    inertia: float = 0.05
+    coulomb: float = 0.40
+    viscous: float = 0.03
+    stribeck: float = 0.0
+    stribeck_velocity: float = 0.15
+    constant: float = 0.0
+    delay: int = 0
+
+
+def run(machine, torque, velocity, position):
+    """Torque-driven motion from one start: velocity and position at each sample."""
+    torque = np.concatenate([np.full(machine.delay, torque[0]), torque])[: len(torque)] + machine.constant
+    velocities, positions = np.empty(len(torque)), np.empty(len(torque))
+    for k, applied in enumerate(torque):
+        velocities[k], positions[k] = velocity, position
+        level = machine.coulomb + machine.stribeck * math.exp(-((velocity / machine.stribeck_velocity) ** 2))
+        free = velocity + DT * (applied - machine.viscous * velocity) / machine.inertia
+        slide = DT * level / machine.inertia
+        after = math.copysign(max(abs(free) - slide, 0.0), free)
+        position += 0.5 * DT * (velocity + after)
+        velocity = after
+    return velocities, positions
+
+
+@functools.cache
+def record(machine, seconds, disturbance=None):
+    """A closed-loop record under PI control: time, torque, reference, velocity, position (true)."""
+    time = np.arange(round(seconds / DT)) * DT
+    reference = 1.6 * np.sin(1.3 * time) + 0.9 * np.sin(4.1 * time + 0.7) + 0.3 * np.sin(17.0 * time)
+    torque, velocities, positions = (np.empty(len(time)) for _ in range(3))
+    velocity = position = total = 0.0
+    applied = [0.0] * (machine.delay + 1)
+    for k, wanted in enumerate(reference):
+        error = wanted - velocity
+        total += DT * error
+        torque[k] = 2.0 * error + 12.0 * total
+        velocities[k], positions[k] = velocity, position
+        applied = [*applied[1:], torque[k]]
+        outside = 0.0 if disturbance is None else disturbance(time[k])
+        level = machine.coulomb + machine.stribeck * math.exp(-((velocity / machine.stribeck_velocity) ** 2))
+        free = velocity + DT * (applied[0] + machine.constant + outside - machine.viscous * velocity) / machine.inertia
+        after = math.copysign(max(abs(free) - DT * level / machine.inertia, 0.0), free)
+        position += 0.5 * DT * (velocity + after)
+        velocity = after
+    return time, torque, reference, velocities, positions
+
+
+def compare(name, machine, before, after, *, seconds=8.0, signal="velocity", noise=2e-3, disturbance=None, scale=1.0):
+    time, torque, _, velocity, position = record(machine, seconds, disturbance)
+    random = np.random.default_rng(7)
+    true = velocity if signal == "velocity" else position
+    measured = true + noise * random.standard_normal(len(time))
+    window = (np.arange(len(time)) // 250).astype(int)
+    simulated = []
+    for model in (before, after):
+        found = np.full(len(time), np.nan)
+        if model is not None:
+            for w in np.unique(window):
+                at = np.flatnonzero(window == w)
+                v, p = run(model, torque[at], velocity[at[0]], position[at[0]])
+                found[at] = v if signal == "velocity" else p
+        simulated.append(found)
+    withheld = (time % 4.0) >= 2.75
+    unit = {"velocity": "rad/s", "position": "rad"}[signal]
+    return Comparison(name, signal, unit, time, measured * scale, simulated[0] * scale, simulated[1] * scale, withheld, torque, window)
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def interval(errors, blocks=20, seed=1):
+    """Block bootstrap of the rms: 5 and 95 %."""
+    parts = np.array_split(np.square(errors), blocks)
+    random = np.random.default_rng(seed)
+    draws = [rms(np.sqrt(np.concatenate([parts[i] for i in random.integers(0, blocks, blocks)]))) for _ in range(300)]
+    return tuple(float(q) for q in np.quantile(draws, [0.05, 0.95]))
+
+
+def gap_of(comparison, floor):
+    measured = comparison.measured[comparison.withheld]
+    before, after = measured - comparison.before[comparison.withheld], measured - comparison.after[comparison.withheld]
+    if not np.isfinite(after).any():
+        after = before
+    low, high = interval(before)
+    low_after, high_after = interval(after)
+    closable = rms(before) - floor
+    closed = [(rms(before) - x) / closable for x in (rms(after), high_after, low_after)]
+    return Gap(
+        comparison.signal,
+        comparison.unit,
+        rms(before),
+        rms(after),
+        floor,
+        closed[0],
+        (low, high),
+        (low_after, high_after),
+        (0.97 * floor, 1.03 * floor),
+        (closed[1], closed[2]),
+    )
+
+
+def shares(axis, energy, bins):
+    edges = np.linspace(axis.min(), axis.max(), bins + 1)
+    index = np.clip(np.digitize(axis, edges) - 1, 0, bins - 1)
+    total = energy.sum()
+    return tuple(
+        Share(float(edges[i]), float(edges[i + 1]), float(energy[index == i].sum() / total), float(np.mean(index == i)))
+        for i in range(bins)
+    )
+
+
+def where_of(comparison, velocity, position, torque, nominal, *, with_position=True, scale=1.0):
+    acceleration = np.gradient(velocity, DT)
+    held = 0.5 * (torque + np.concatenate([torque[:1], torque[:-1]]))
+    moving = np.abs(velocity) > 0.02
+    needed = nominal.inertia * acceleration + nominal.viscous * velocity + nominal.coulomb * np.sign(velocity)
+    noise = 0.02 * np.random.default_rng(3).standard_normal(len(torque))
+    residual = np.where(moving, held - needed, 0.0) + noise
+    energy = residual**2
+    maps = {"time": shares(comparison.time, energy, 48), "velocity": shares(scale * velocity, energy, 25)}
+    axes = {"time": comparison.time, "velocity": scale * velocity}
+    if with_position:
+        maps["position"] = shares(scale * position, energy, 25)
+        axes["position"] = scale * position
+    spectrum = np.abs(np.fft.rfft(residual)[1:400]) ** 2
+    frequency = np.fft.rfftfreq(len(residual), DT)[1:400]
+    bands = []
+    for low, high in zip(*(lambda e: (e[:-1], e[1:]))(np.geomspace(frequency[0], frequency[-1], 18)), strict=True):
+        inside = (frequency >= low) & (frequency < high)
+        bands.append(Share(float(low), float(high), float(spectrum[inside].sum() / spectrum.sum()), float(inside.mean())))
+    maps["frequency"] = tuple(bands)
+    regime = {
+        "reversal": float(energy[np.abs(velocity) < 0.1].sum() / energy.sum()),
+        "low_speed": float(energy[(np.abs(velocity) >= 0.1) & (np.abs(velocity) < 0.4)].sum() / energy.sum()),
+        "acceleration": float(energy[(np.abs(velocity) >= 0.4) & (np.abs(acceleration) > 3)].sum() / energy.sum()),
+        "cruise": float(energy[(np.abs(velocity) >= 0.4) & (np.abs(acceleration) <= 3)].sum() / energy.sum()),
+        "limit": 0.0,
+    }
+    out = {
+        axis: tuple(s for s in sorted(bins, key=lambda s: -s.share)[:3] if s.share > 2.0 * s.expected)
+        for axis, bins in maps.items()
+    }
+    return Where(regime=regime, residual=residual, axes=axes, maps=maps, **out)
+
+
+NOMINAL = """[units]
+sensors = "both"
+
+[plant]
+type = "one_mass"
+inertia = 0.05
+
+[friction]
+type = "coulomb_viscous"
+coulomb = 0.4
+viscous = 0.03
+
+[simulation]
+dt = 0.001
+duration = 8.0
+"""
+
+PROVENANCE = {
+    "command": "fpjax diagnose axis.csv --model servo.toml --out result",
+    "inputs": [
+        {"name": "axis.csv", "role": "fitted and withheld blocks", "sha256": "9f2c" * 16, "samples": 8000},
+        {"name": "servo.toml", "role": "model", "sha256": "41ab" * 16},
+    ],
+    "versions": {"fpjax": "0.1.0", "jax": "0.12.0", "python": "3.12.4"},
+    "started": "2026-11-21T12:30:05Z",
+    "seeds": [0],
+}
+SECONDS = {"read": 0.11, "locate": 0.42, "screen": 4.8, "fit": 7.9, "withheld": 1.3}
+
+
+def explained():
+    """Stribeck friction, alone and clear; a position channel is there."""
+    truth = Machine(stribeck=0.22)
+    comparison = compare("axis.csv", truth, Machine(), Machine(stribeck=0.2187, stribeck_velocity=0.1509))
+    time, torque, _, velocity, position = record(truth, 8.0)
+    gap = gap_of(comparison, 2.02e-3)
+    where = where_of(comparison, velocity, position, torque, Machine())
+    ranking = (
+        Ranked("stribeck", 0.962, gap.after, {
+            "stribeck_torque": Estimate(0.2187, 0.2131, 0.2243, "N m"),
+            "stribeck_velocity": Estimate(0.1509, 0.1466, 0.1552, "rad/s"),
+        }, evidence=4120.0),
+        Ranked("presliding", 0.027, gap.before * 0.42, {
+            "bristle_deflection": Estimate(3.11e-4, 2.2e-4, 4.1e-4, "rad"),
+            "bristle_stiffness": Estimate(1286.0, 950.0, 1610.0, "N m/rad"),
+        }),
+        Ranked("coulomb_error", 0.006, gap.before * 0.71, {"coulomb": Estimate(0.4386, 0.4301, 0.4471, "N m")}),
+        Ranked("torque_dead_zone", 0.001, gap.before * 0.83, {"width": Estimate(0.041, 0.033, 0.049, "N m")}),
+        Ranked("compliance", 0.0, gap.before * 0.98, {
+            "frequency": Estimate(88.0, math.nan, math.nan, "Hz"),
+            "stiffness": Estimate(3820.0, math.nan, math.nan, "N m/rad"),
+        }),
+    )
+    model = NOMINAL.replace("coulomb = 0.4\n", "coulomb = 0.4012\nstribeck_torque = 0.2187\nstribeck_velocity = 0.1509\n")
+    return Diagnosis(
+        "explained", ("stribeck",), ranking, gap, (Step("stribeck", gap.after, gap.after_interval),), where, (), model,
+        (), (comparison,),
+        (
+            Identifiability("inertia", 0.05002, 4.1e-5, "kg m^2", "pinned"),
+            Identifiability("coulomb", 0.4012, 7.2e-4, "N m", "pinned"),
+            Identifiability("viscous", 0.0297, 9.0e-4, "N m s/rad", "pinned"),
+            Identifiability("stribeck_torque", 0.2187, 3.4e-3, "N m", "pinned"),
+            Identifiability("stribeck_velocity", 0.1509, 2.6e-3, "rad/s", "traded off with stribeck_torque"),
+        ),
+        None, 0.962, SECONDS, "rotary", NOMINAL, Tracking("rad/s", 0.0712, 0.0489, 0.0708), PROVENANCE,
+    )
+
+
+def pair_with_twins():
+    """Two causes, each with a twin that a velocity-only log cannot tell from it."""
+    truth = Machine(constant=0.11, delay=4)
+    comparison = compare("run_1.csv", truth, Machine(), Machine(constant=0.1097, delay=4), noise=3e-3)
+    middle = compare("run_1.csv", truth, Machine(), Machine(constant=0.1097), noise=3e-3)
+    _, torque, _, velocity, position = record(truth, 8.0)
+    gap, one = gap_of(comparison, 3.0e-3), gap_of(middle, 3.0e-3)
+    where = where_of(comparison, velocity, position, torque, Machine(), with_position=False)
+    ranking = (
+        Ranked("constant_torque", 0.24, one.after, {"torque": Estimate(0.1097, 0.1079, 0.1115, "N m")}, ("asymmetric_friction",)),
+        Ranked("asymmetric_friction", 0.23, one.after, {
+            "coulomb_positive": Estimate(0.2903, 0.2885, 0.2921, "N m"),
+            "coulomb_negative": Estimate(0.5097, 0.5079, 0.5115, "N m"),
+        }, ("constant_torque",)),
+        Ranked("actuator_delay", 0.22, gap.after, {"delay": Estimate(4.02e-3, 3.93e-3, 4.11e-3, "s")}, ("velocity_delay",)),
+        Ranked("velocity_delay", 0.21, gap.after, {"delay": Estimate(4.02e-3, 3.93e-3, 4.11e-3, "s")}, ("actuator_delay",)),
+        Ranked("actuator_lag", 0.05, 1.6 * gap.after, {"time_constant": Estimate(4.4e-3, 4.1e-3, 4.7e-3, "s")}),
+        Ranked("compliance", 0.02, 1.9 * gap.after, {
+            "frequency": Estimate(41.7, 36.0, 47.4, "Hz"), "stiffness": Estimate(858.0, 640.0, 1076.0, "N m/rad"),
+        }),
+        Ranked("inertia_error", 0.004, 0.93 * gap.before, {"inertia": Estimate(0.0541, 0.0533, 0.0549, "kg m^2")}),
+    )
+    model = NOMINAL.replace('sensors = "both"', 'sensors = "velocity"')
+    corrected = model.replace("viscous = 0.03\n", "viscous = 0.0304\noffset = -0.1097\n") + "\n[actuator]\ndelay = 0.00402\n"
+    return Diagnosis(
+        "explained", ("constant_torque", "actuator_delay"), ranking, gap,
+        (Step("constant_torque", one.after, one.after_interval), Step("actuator_delay", gap.after, gap.after_interval)),
+        where,
+        (
+            Experiment(("constant_torque", "asymmetric_friction"),
+                       "Coast down from the same speed in both directions with the drive off: a constant torque acts at rest too, friction does not."),
+            Experiment(("actuator_delay", "velocity_delay"),
+                       "Record the encoder position beside the rate sensor: a late sensor disagrees with the position, a late actuator does not."),
+        ),
+        corrected,
+        (
+            "No position column: delays and scale errors of actuator and sensor cannot be told apart in this log.",
+            "12 samples were repeated (0.15 % of the log); they were left out of the fit.",
+        ),
+        (comparison,),
+        (
+            Identifiability("inertia", 0.0499, 1.1e-4, "kg m^2", "pinned"),
+            Identifiability("coulomb", 0.4, 9.8e-4, "N m", "traded off with torque"),
+            Identifiability("viscous", 0.0304, 1.5e-3, "N m s/rad", "pinned"),
+            Identifiability("torque", 0.1097, 1.1e-3, "N m", "pinned"),
+            Identifiability("delay", 4.02e-3, 5.5e-5, "s", "pinned"),
+            Identifiability("limit", 2.5, math.inf, "N m", "flat"),
+        ),
+        None, 0.9, SECONDS, "rotary", model, None, PROVENANCE,
+    )
+
+
+def no_gap():
+    """Nothing beyond the noise."""
+    truth = Machine()
+    comparison = compare("axis.csv", truth, Machine(), None)
+    _, torque, _, velocity, position = record(truth, 8.0)
+    gap = dataclasses.replace(gap_of(comparison, 1.99e-3), closed=math.nan, closed_interval=(math.nan, math.nan))
+    where = dataclasses.replace(
+        where_of(comparison, velocity, position, torque, Machine()), time=(), velocity=(), position=(), frequency=()
+    )
+    ranking = (
+        Ranked("viscous_error", 0.011, gap.before, {"viscous": Estimate(0.0303, 0.0294, 0.0312, "N m s/rad")}),
+        Ranked("velocity_bias", 0.006, gap.before, {"bias": Estimate(-4.0e-5, -1.3e-4, 5.0e-5, "rad/s")}),
+    )
+    return Diagnosis(
+        "no_gap", (), ranking, gap, (), where, (), NOMINAL, (), (comparison,),
+        (Identifiability("inertia", 0.05, 4.0e-5, "kg m^2", "pinned"),),
+        None, 0.97, SECONDS, "rotary", NOMINAL, None, PROVENANCE,
+    )
+
+
+def unexplained():
+    """A position-only log of a linear axis with pushes that no effect explains."""
+
+    def push(t):
+        return 0.5 if 3.0 <= t < 3.3 or 7.1 <= t < 7.35 else 0.0
+
+    truth = Machine()
+    comparison = compare("press.mat", truth, Machine(), Machine(coulomb=0.385), signal="position", noise=2e-4,
+                         disturbance=push, scale=0.01)
+    comparison = dataclasses.replace(comparison, unit="m")
+    _, torque, _, velocity, position = record(truth, 8.0, push)
+    gap = dataclasses.replace(gap_of(comparison, 2.0e-6), unit="m")
+    where = where_of(comparison, velocity, position, torque, Machine(), scale=0.01)
+    ranking = (
+        Ranked("coulomb_error", 0.03, gap.after, {"coulomb": Estimate(38.5, 34.2, 42.8, "N")}),
+        Ranked("backlash", 0.02, 0.97 * gap.before, {"gap": Estimate(2.1e-5, 0.3e-5, 3.9e-5, "m", at_bound=True)}, ("compliance",)),
+        Ranked("compliance", 0.01, 0.99 * gap.before, {"frequency": Estimate(61.0, 20.0, 102.0, "Hz")}, ("backlash",)),
+    )
+    model = """[units]
+motion = "linear"
+reference = "position"
+sensors = "position"
+
+[plant]
+type = "one_mass"
+inertia = 95.11
+
+[friction]
+type = "coulomb_viscous"
+coulomb = 20.39
+viscous = 203.5
+offset = -3.165
+
+[simulation]
+dt = 0.001
+"""
+    return Diagnosis(
+        "unexplained", (), ranking, gap, (), where,
+        (Experiment(("backlash", "compliance"), "Slow reversals at two payloads: play keeps its width, a spring does not."),),
+        model,
+        ("Something pushes the axis between 3.0 and 3.3 s and between 7.1 and 7.35 s; it returns with no motion of the axis.",),
+        (comparison,),
+        (
+            Identifiability("mass", 95.2, 0.3, "kg", "pinned"),
+            Identifiability("coulomb", 20.4, 1.4, "N", "traded off with viscous"),
+            Identifiability("gap", 2.1e-5, 1.1e-5, "m", "at a bound"),
+        ),
+        where, 0.94, SECONDS, "linear", model, None, {},
+    )
+
+
+def bare():
+    """The least that a diagnosis can hold: no series, no maps, no intervals, no provenance."""
+    nan2 = (math.nan, math.nan)
+    gap = Gap("velocity", "rad/s", 0.0523, 0.0101, math.nan, math.nan, nan2, nan2, nan2, nan2)
+    where = Where(time=(Share(1.2, 1.5, 0.4),), regime={"reversal": 0.7, "cruise": 0.3})
+    ranking = (Ranked("backlash", 0.8, 0.0101, {"gap": Estimate(1.02e-3, math.nan, math.nan, "rad")}),)
+    return Diagnosis("explained", ("backlash",), ranking, gap, (), where, (), "", ())
+
+
+CASES = {"explained": explained, "pair_with_twins": pair_with_twins, "no_gap": no_gap, "unexplained": unexplained, "bare": bare}
