@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .public import *  # noqa: F403
 
 # Public functions that share the name of the module they live in.
-_SHADOWED = frozenset({"estimate", "simulate"})
+_SHADOWED = frozenset({"estimate", "identify", "simulate"})
 
 
 def __getattr__(name: str) -> Any:

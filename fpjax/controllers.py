@@ -61,6 +61,24 @@ class Proportional(AbstractController):
         return self.kp * (reference - measurement.velocity)
 
 
+class TorqueInput(AbstractController):
+    """No controller: the reference is the torque itself [N m], as in a run driven by a recorded torque."""
+
+    def init(self) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def derivative(self, state: Any, reference: Array, measurement: Measurement) -> tuple[()]:
+        """Nothing moves."""
+        del state, reference, measurement
+        return ()
+
+    def readout(self, state: Any, reference: Array, measurement: Measurement) -> Array:
+        """The reference [N m]."""
+        del state, measurement
+        return reference
+
+
 class ProportionalIntegral(AbstractController):
     """u = kp e + integral of ki e, e = r - w; with an output limit and back-calculation anti-windup.
 

@@ -10,6 +10,7 @@ from .controllers import Limited as Limited
 from .controllers import PositionLoop as PositionLoop
 from .controllers import Proportional as Proportional
 from .controllers import ProportionalIntegral as ProportionalIntegral
+from .controllers import TorqueInput as TorqueInput
 from .controllers import TransferFunction as TransferFunction
 from .controllers import design_lead as design_lead
 from .controllers import phase_lead_for_margin as phase_lead_for_margin
@@ -29,6 +30,8 @@ from .friction import NoFriction as NoFriction
 from .friction import SmoothCoulomb as SmoothCoulomb
 from .friction import Stribeck as Stribeck
 from .friction import Viscous as Viscous
+from .identify import Identified as Identified
+from .identify import identify as identify
 from .loads import AbstractLoad as AbstractLoad
 from .loads import NoLoad as NoLoad
 from .loads import Unbalance as Unbalance

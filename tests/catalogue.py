@@ -255,6 +255,7 @@ def controller_case(name, build, stepping="continuous", reference=None):
 
 CONTROLLERS = [
     controller_case("p", lambda: fp.Proportional(150.0)),
+    controller_case("torque_input", fp.TorqueInput),
     controller_case("pi", controller),
     controller_case("pi_limited", lambda: fp.ProportionalIntegral(150.0, 2000.0, 40.0, 0.02)),
     controller_case("pi_sampled", controller, "sampled"),
