@@ -15,7 +15,8 @@ import fpjax as fp
 from fpjax.errors import InputError
 from fpjax.friction.bristles import Bristles
 from fpjax.friction.general import GeneralFriction
-from fpjax.model_file import dump_model, load_model, simplified, toml_text
+from fpjax import toml_text
+from fpjax.model_file import dump_model, load_model, simplified
 from fpjax.position_torque import Loads, PositionTorque
 from fpjax.servo_sensor import ServoSensor
 from fpjax.transmission import Transmission

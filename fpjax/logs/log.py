@@ -22,6 +22,7 @@ class Log:
         linear: whether motion is in metres and torque in newtons.
         torque_unit: "N m", "N", or the label ("V", "PWM", ...) that inertia and friction follow.
         extra: the other columns, as they were recorded.
+        jitter: largest deviation of a recorded stamp from the uniform clock [s].
         warnings: what the reader found and repaired, a sentence each.
     """
 
@@ -36,6 +37,7 @@ class Log:
     torque_unit: str = "N m"
     extra: dict[str, Values] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    jitter: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time)

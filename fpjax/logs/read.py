@@ -106,6 +106,7 @@ def read_log(
         torque_unit=torque_unit,
         extra=extra,
         warnings=tuple(notes),
+        jitter=clock.jitter,
     )
 
 

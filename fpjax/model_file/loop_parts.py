@@ -235,9 +235,9 @@ def describe_observer(observer: AbstractObserver) -> dict[str, Any]:
         steepness = getattr(at, "steepness", None)
         table: dict[str, Any] = {"type": name}
         if name in _SINGLE:
-            shape = cast(Any, at.nonlinearity)
+            shape: Any = cast(Any, at.nonlinearity)
             word = next(word for word, kind in _NONLINEARITIES.items() if type(shape) is kind)
-            table |= {"gain": number(shape.gain, "gain"), "nonlinearity": word}
+            table |= {"gain": number(getattr(shape, "gain"), "gain")  # noqa: B009 (each has one; their base does not say so), "nonlinearity": word}
             steepness = getattr(shape, "steepness", steepness)
         else:
             table |= numbers(at, _GAINS)

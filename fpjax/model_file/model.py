@@ -17,7 +17,8 @@ from ..plants import AbstractPlant
 from ..references import AbstractReference
 from ..simulate import Stepper, Stepping, make_stepper
 from ..solvers import SOLVERS, get_solver
-from . import body, loop_parts, toml_text
+from .. import toml_text
+from . import body, loop_parts
 from .friction import OFFSET, SECTION, Steepness, build_friction, describe_friction
 from .keys import Key, Units, check_keys, choose, missing, nearest, read_values
 

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
-from ..errors import InputError
+from .errors import InputError
 
 
 def read_source(source: str | os.PathLike[str]) -> tuple[str, pathlib.Path | None]:

@@ -1,0 +1,118 @@
+"""What commands share: arguments, the start of jax, tables, notes."""
+
+import argparse
+import contextlib
+import sys
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from ..errors import InputError
+from ..runfile import RunFile, open_folder
+
+
+def add_out(parser: argparse.ArgumentParser, required: bool = False) -> None:
+    """--out, --no-cache."""
+    parser.add_argument(
+        "--out", metavar="DIR", required=required, help="folder for results, pictures and run.json (made if missing)"
+    )
+    parser.add_argument(
+        "--no-cache", action="store_true", help="compile afresh: do not keep compiled programs for the next time"
+    )
+
+
+def add_log_options(parser: argparse.ArgumentParser) -> None:
+    """--columns, --repair."""
+    parser.add_argument(
+        "--columns",
+        metavar="MAP",
+        help='where names or units differ: "velocity=gyro_z:deg/s,torque=tau_cmd", with a factor "torque=vir*35.15:N", '
+        'or the preset "emps"',
+    )
+    parser.add_argument(
+        "--repair", action="store_true", help="drop repeated rows, fill short gaps and lone NaNs, and say so"
+    )
+
+
+def start_jax(arguments: argparse.Namespace) -> None:
+    """Double precision, and compiled programs kept for the next process unless --no-cache."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    if not arguments.no_cache:
+        from ..native import enable_compilation_cache
+
+        with contextlib.suppress(InputError):  # a home that cannot be written is no reason not to compute
+            enable_compilation_cache()
+
+
+@contextlib.contextmanager
+def running(arguments: argparse.Namespace) -> Iterator[RunFile]:
+    """The run file of a command: --out is tried first, run.json is left at the end, also after a failure."""
+    record = RunFile(open_folder(arguments.out), arguments.argv)
+    arguments.kept = ""
+    try:
+        yield record
+    except KeyboardInterrupt:
+        record.write("interrupted")
+        raise
+    except InputError as error:
+        record.notes.append(str(error))
+        with contextlib.suppress(InputError):
+            record.write("bad input")
+        raise
+    record.write()
+
+
+def say(record: RunFile, sentence: str) -> None:
+    """A note for the user, kept in run.json."""
+    record.notes.append(sentence)
+    print(f"note: {sentence}", file=sys.stderr)
+
+
+def table(rows: Sequence[Sequence[Any]], header: Sequence[str] = ()) -> str:
+    """Columns that line up: words to the left, numbers to the right."""
+    cells = [[show(cell) for cell in row] for row in ([header] if header else []) + [list(row) for row in rows]]
+    width = [max(len(row[i]) for row in cells if i < len(row)) for i in range(max(map(len, cells), default=0))]
+    numeric = [
+        any(isinstance(row[i], int | float) for row in rows if i < len(row)) and len(rows) > 0
+        for i in range(len(width))
+    ]
+    lines = []
+    for row in cells:
+        parts = [cell.rjust(width[i]) if numeric[i] else cell.ljust(width[i]) for i, cell in enumerate(row)]
+        lines.append(("  " + "  ".join(parts)).rstrip())
+    if header:
+        lines.insert(1, "  " + "  ".join("-" * each for each in width))
+    return "\n".join(lines)
+
+
+def show(value: Any) -> str:
+    """A number with five digits, a word as it is."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return str(value)
+    return str(value) if isinstance(value, int) else f"{value:.5g}"
+
+
+def finish(record: RunFile) -> None:
+    """Say where the results are."""
+    if record.folder is not None and record.outputs:
+        names = ", ".join(dict.fromkeys(record.outputs))
+        print(f"\nwrote {names} and run.json to {record.folder}")
+
+
+def read_pairs(words: Sequence[str], option: str) -> dict[str, float]:
+    """{"plant.inertia": 12.0} of ["plant.inertia=12"].
+
+    Raises:
+        InputError: for what is not NAME=NUMBER.
+    """
+    values = {}
+    for word in words:
+        name, equals, number = word.partition("=")
+        try:
+            values[name.strip()] = float(number)
+        except ValueError:
+            equals = ""
+        if not equals or not name.strip():
+            raise InputError(f"{option} {word!r} is not NAME=NUMBER: write for instance {option} plant.inertia=12.")
+    return values

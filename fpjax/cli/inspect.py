@@ -1,0 +1,146 @@
+"""`fpjax inspect`: what is in a log, what it can show, and a starter servo.toml."""
+
+import argparse
+import sys
+from typing import Any
+
+from ..runfile import RunFile, write_json, write_whole
+from .common import add_log_options, add_out, finish, running, table
+
+EXTRAS = 6  # columns shown that nobody mapped
+EXAMPLES = """\
+examples:
+  fpjax inspect run.csv --out look
+  fpjax inspect run.csv --columns "velocity=gyro_z:deg/s,torque=tau_cmd"
+  fpjax inspect DATA_EMPS.mat --columns emps --out look
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's words."""
+    parser.epilog = EXAMPLES
+    parser.add_argument("log", metavar="LOG", help="CSV, .npz, .mat, Parquet or MCAP")
+    add_log_options(parser)
+    parser.add_argument("--linear", action="store_true", help="a linear axis: m, N (told from the units where given)")
+    parser.add_argument("--no-plots", action="store_true", help="no pictures")
+    add_out(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Inspect; needs no jax."""
+    from ..logs import read_log
+    from ..logs.inspection import inspect_log
+
+    with running(arguments) as record:
+        record.stage("read")
+        path = record.read(arguments.log, "log")
+        log = read_log(path, columns=arguments.columns, linear=arguments.linear or None, repair=arguments.repair)
+        record.stage("inspect")
+        found = inspect_log(log)
+        _show(found)
+        for sentence in found.warnings[len(log.warnings) :]:
+            print(f"warning: {sentence}", file=sys.stderr)
+        record.notes.extend(found.warnings)
+        if record.folder is not None:
+            record.stage("write")
+            _write(found, record, not arguments.no_plots)
+        finish(record)
+    return 0
+
+
+def _show(found: Any) -> None:
+    log = found.log
+    jitter = f"stamps off by at most {100 * log.jitter / log.dt:.2g} % of a period"
+    print(f"{log.name}: {log.samples} rows, {log.rate:.6g} Hz, {log.duration:.4g} s, no gaps, {jitter}\n")
+    rows = []
+    for column in found.columns[: len(log.columns()) - 1 + EXTRAS]:
+        step = "" if column.step is None else f"{column.step:.3g}"
+        limit = "" if not column.at_limit else f"{100 * column.at_limit:.2g} %"
+        rows.append((column.name, column.unit, column.low, column.high, column.rms, column.noise, step, limit))
+    print(table(rows, ("column", "unit", "low", "high", "rms", "noise", "step", "at its limit")))
+    rate, unit = ("m/s", "m") if log.linear else ("rad/s", "rad")
+    print(
+        f"\n  speed up to {found.speed:.4g} {rate}, travel {found.travel:.4g} {unit}, {found.reversals} reversals, 99 % "
+        f"of the torque's power below {found.bandwidth:.3g} Hz\n"
+    )
+    print(table([(each.what, each.can, each.why) for each in found.abilities], ("can this log show", "", "because")))
+    nominal = found.nominal
+    if nominal is None:
+        print("\n  no nominal model: the motion has too few windows in both directions and at several speeds")
+        return
+    print(f"\nnominal by least squares ({100 * nominal.share:.4g} % of the torque's variance):")
+    units = ("inertia", "coulomb", "viscous", "offset")
+    names = _units(log)
+    print(
+        table(
+            [
+                (name, getattr(nominal, name), f"+- {deviation:.2g}", names[name])
+                for name, deviation in zip(units, nominal.deviations, strict=True)
+            ]
+        )
+    )
+
+
+def _units(log: Any) -> dict[str, str]:
+    force, motion = log.torque_unit, "m" if log.linear else "rad"
+    if force in ("N m", "N"):
+        inertia = "kg" if log.linear else "kg m^2"
+        viscous = "N s/m" if log.linear else "N m s/rad"
+    else:
+        inertia, viscous = f"{force} s^2/{motion}", f"{force} s/{motion}"
+    return {"inertia": inertia, "coulomb": force, "viscous": viscous, "offset": force}
+
+
+def starter(found: Any) -> str | None:
+    """A servo.toml with the least-squares nominal; None where it is not plausible."""
+    from ..toml_text import write
+
+    nominal, log = found.nominal, found.log
+    if nominal is None or not nominal.plausible:
+        return None
+    names = _units(log)
+    units = {"motion": "linear"} if log.linear else {}
+    if log.torque_unit not in ("N m", "N"):
+        units["torque"] = log.torque_unit
+    position_only = log.velocity is None
+    if position_only:
+        units["reference"] = "position"
+    sensors = "position" if position_only else "both" if log.position is not None else "velocity"
+    sections: dict[str, Any] = {
+        "units": {**units, "sensors": sensors},
+        "plant": {"type": "one_mass", "inertia": _digits(nominal.inertia)},
+        "friction": {
+            "type": "coulomb_viscous",
+            "coulomb": _digits(nominal.coulomb),
+            "viscous": max(_digits(nominal.viscous), 0.0),
+            "offset": _digits(nominal.offset),
+        },
+        "controller": {"type": "unknown"},
+        "simulation": {"dt": log.dt, "stepping": "sampled"},
+    }
+    places = {"inertia": "plant", "coulomb": "friction", "viscous": "friction", "offset": "friction"}
+    comments = {
+        (places[name], name): f"{names[name]}, +- {deviation:.2g}"
+        for name, deviation in zip(places, nominal.deviations, strict=True)
+    }
+    comments["controller", "type"] = 'enough to estimate and diagnose; to simulate: "pi" with kp and ki, ...'
+    comments["simulation", "dt"] = "s"
+    head = f"# A start by least squares on {log.name}; correct what you know better.\n"
+    return head + write(sections, comments)
+
+
+def _digits(value: float) -> float:
+    return float(f"{value:.6g}")
+
+
+def _write(found: Any, record: RunFile, plots: bool) -> None:
+    write_json(record.path("inspection.json"), found.to_dict())
+    text = starter(found)
+    if text is not None:
+        write_whole(record.path("servo.toml"), text)
+    else:
+        print("\n  no servo.toml was written: least squares gives no plausible machine (see the warnings)")
+    if plots:
+        from .pictures_log import draw_inspection
+
+        draw_inspection(found, record.path("inspection.png"))

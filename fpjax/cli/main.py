@@ -1,0 +1,123 @@
+"""The command line: parses, runs one command, and turns what went wrong into one sentence and an exit code."""
+
+import argparse
+import importlib
+import os
+import sys
+import warnings
+from typing import Any, NoReturn
+
+from .._version import __version__
+from ..errors import FpjaxWarning, InputError
+
+COMMANDS = {
+    "simulate": "run a servo.toml, or replay a log through it, and print the errors",
+    "sweep": "the cost on a dense grid of gains",
+    "tune": "gains by gradients, Algorithm 1 or Nelder-Mead",
+    "estimate": "run an observer over a log: friction estimates against least squares",
+    "inspect": "what is in a log, what it can show, and a starter servo.toml",
+    "diagnose": "where simulation and log differ, which effect causes it, how far the gap shrinks",
+    "demo": "simulate, tune and compare on an embedded example, in a minute",
+}
+EPILOG = """\
+a first hour:
+  fpjax demo --out demo                                simulate, tune, compare: pictures in demo/
+  fpjax inspect run.csv --out look                     what a log holds, and look/servo.toml to start from
+  fpjax estimate run.csv --model look/servo.toml       Coulomb and viscous friction over time
+  fpjax diagnose run.csv --model look/servo.toml --out why
+
+exit codes: 0 done, 2 bad input (one sentence on stderr), 130 interrupted (what is finished is kept)
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose complaint is one sentence."""
+
+    def error(self, message: str) -> NoReturn:
+        sentence = message[:1].upper() + message[1:]
+        print(f"{self.prog}: {sentence}; see {self.prog} --help.", file=sys.stderr)
+        raise SystemExit(2)
+
+
+def make_parser(chosen: str | None) -> argparse.ArgumentParser:
+    """The parser; only the chosen command's module is imported.
+
+    Args:
+        chosen: the command on the command line, None where there is none.
+    """
+    parser = _Parser(
+        prog="fpjax",
+        description="Simulate, tune and diagnose servo loops with friction.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"fpjax {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, summary in COMMANDS.items():
+        command = commands.add_parser(
+            name, help=summary, description=summary[0].upper() + summary[1:] + ".",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )  # fmt: skip
+        if name == chosen:
+            importlib.import_module(f"fpjax.cli.{name}").add_arguments(command)
+    return parser
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run one command.
+
+    Args:
+        argv: the words behind `fpjax`; None for the process's own.
+
+    Returns:
+        The exit code: 0, 2 after one sentence on bad input, 130 after Ctrl-C, 1 for a defect of ours.
+    """
+    argv = sys.argv[1:] if argv is None else argv
+    chosen = next((word for word in argv if not word.startswith("-")), None)
+    name = chosen if chosen in COMMANDS else None
+    arguments: Any = None
+    try:
+        arguments = make_parser(name).parse_args(argv)
+        arguments.argv = ["fpjax", *argv]
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning  # type: ignore[assignment]
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("always", FpjaxWarning)
+            result = importlib.import_module(f"fpjax.cli.{arguments.command}").run(arguments)
+        sys.stdout.flush()
+        return result or 0
+    except InputError as error:
+        return _fail(name, str(error), 2)
+    except KeyboardInterrupt:
+        kept = getattr(arguments, "kept", "")
+        return _fail(name, f"interrupted{f': {kept}' if kept else '; nothing was lost that was finished'}.", 130)
+    except BrokenPipeError:  # a reader such as `head` has had enough
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (for the interpreter's own flush at exit)
+        return 0
+    except MemoryError:
+        return _fail(name, "the memory is full: use fewer candidates, a shorter run or a larger step.", 2)
+    except Exception as error:
+        if os.environ.get("FPJAX_TRACEBACK"):
+            raise
+        first = (str(error).splitlines() or [""])[0][:200]
+        return _fail(
+            name,
+            f"stopped by a defect of fpjax ({type(error).__name__}: {first}); please report it with what "
+            f"FPJAX_TRACEBACK=1 shows.",
+            1,
+        )
+
+
+def _fail(name: str | None, sentence: str, code: int) -> int:
+    sys.stdout.flush()
+    print(f"fpjax {name}: {sentence}" if name else f"fpjax: {sentence}", file=sys.stderr)
+    return code
+
+
+def _show_warning(message: Any, category: Any, *_: Any, **__: Any) -> None:
+    if issubclass(category, FpjaxWarning):
+        print(f"warning: {message}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,90 @@
+"""Pictures of the commands, in the package's one style."""
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from matplotlib import rc_context
+
+from ..model_file import Model
+from ..plotting import BLUE, GREY, RED, STYLE, new_figure, save, thin
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _styled(draw: Callable[P, R]) -> Callable[P, R]:
+    """Titles and legends are styled when they are made, not when the figure is."""
+
+    @functools.wraps(draw)
+    def inside(*arguments: P.args, **options: P.kwargs) -> R:
+        with rc_context(STYLE):
+            return draw(*arguments, **options)
+
+    return inside
+
+
+@_styled
+def draw_run(model: Model, signals: dict[str, np.ndarray], path: Path) -> Path:
+    """Reference and motion, the error, the torques, and the estimates with their truth."""
+    position = model.units.reference == "position"
+    units = model.units
+    motion, unit = ("position", units.name("rad")) if position else ("velocity", units.name("rad/s"))
+    estimates = [name for name in signals if name.startswith("estimates.")]
+    figure, axes = new_figure(3 + len(estimates), 1, share_x=True, size=(7.0, 2.0 * (3 + len(estimates))))
+    time = signals["time"]
+    panels = axes[:, 0]
+    _line(panels[0], time, signals["reference"], GREY, "reference", linestyle="--")
+    _line(panels[0], time, signals[motion], BLUE, motion)
+    panels[0].set_ylabel(f"{motion} [{unit}]")
+    panels[0].legend(loc="upper right")
+    _line(panels[1], time, signals["reference"] - signals[motion], RED, "")
+    panels[1].set_ylabel(f"error [{unit}]")
+    _line(panels[2], time, signals["torque"], BLUE, "commanded")
+    _line(panels[2], time, signals["friction"], RED, "friction")
+    if estimates:
+        _line(panels[2], time, signals["compensation"], GREY, "compensation", linestyle="--")
+    panels[2].set_ylabel(f"{'force' if model.linear else 'torque'} [{units.name('N m')}]")
+    panels[2].legend(loc="upper right", ncols=3)
+    kinds = {"coulomb": "N m", "viscous": "N m s/rad", "steepness": "s/rad"}
+    for panel, name in zip(panels[3:], estimates, strict=True):
+        word = name.removeprefix("estimates.")
+        _line(panel, time, signals[name], BLUE, "estimate")
+        true = model.nominal.get(word)
+        if true:
+            panel.axhline(true, color=GREY, linestyle="--", label=f"true {true:g}")
+        panel.set_ylabel(f"{word} [{units.name(kinds.get(word, '1'))}]")
+        panel.legend(loc="lower right")
+    panels[-1].set_xlabel("time [s]")
+    return save(figure, path)
+
+
+@_styled
+def draw_replay(model: Model, found: Any, path: Path) -> Path:
+    """Record and simulation, and the difference, for every quantity that was compared."""
+    names = list(found.errors)
+    figure, axes = new_figure(
+        2 * len(names), 1, share_x=True, size=(7.4, 3.2 * len(names)), height_ratios=[2, 1] * len(names)
+    )
+    panels = axes[:, 0]
+    for place, name in enumerate(names):
+        recorded = getattr(found.log, name)
+        simulated = found.signals[name if name == "torque" else f"measured_{name}"]
+        error, unit, relative = found.errors[name]
+        word = "force" if name == "torque" and model.linear else name
+        upper, lower = panels[2 * place], panels[2 * place + 1]
+        _line(upper, found.log.time, recorded, GREY, "recorded")
+        _line(upper, found.log.time, simulated, BLUE, "simulated", linewidth=0.9)
+        upper.set_ylabel(f"{word} [{unit}]")
+        upper.legend(loc="upper right", ncols=2)
+        _line(lower, found.log.time, recorded - simulated, RED, "")
+        lower.set_ylabel(f"difference [{unit}]")
+        lower.set_title(f"{word}: rms {error:.3g} {unit}, {100 * relative:.2g} % of the record")
+    panels[-1].set_xlabel("time [s]")
+    return save(figure, path)
+
+
+def _line(axes: Any, time: np.ndarray, values: np.ndarray, color: str, label: str, **style: Any) -> None:
+    axes.plot(*thin(time, values), color=color, label=label or None, **style)

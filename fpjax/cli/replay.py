@@ -1,0 +1,127 @@
+"""A recorded reference replayed through a model, and how far the record is from the simulation."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..logs import Log
+from ..model_file import Model
+
+
+@dataclasses.dataclass(frozen=True)
+class Replay:
+    """A log beside its simulation.
+
+    Attributes:
+        log: the record.
+        signals: simulated signals by name, each of shape (samples,).
+        errors: by quantity: rms of record less simulation, its unit, and relative to the record's rms [1].
+        tracking: rms of reference less motion, of the record and of the simulation.
+        unit: of the tracked motion.
+    """
+
+    log: Log
+    signals: dict[str, np.ndarray]
+    errors: dict[str, tuple[float, str, float]]
+    tracking: tuple[float, float]
+    unit: str
+
+
+def replay(model: Model, log: Log, record: tuple[str, ...] = ()) -> Replay:
+    """Run the closed loop under the log's reference, from the log's first state.
+
+    Args:
+        model: with a known controller; its stepping is "sampled", as the log was.
+        log: with a reference.
+        record: signals to keep besides those that are compared.
+
+    Raises:
+        InputError: without a reference or a controller, for another period, or for a run that diverged.
+    """
+    from .. import Recorded, simulate
+
+    model.needed_controller()
+    if log.reference is None:
+        raise InputError(
+            f"{log.name} has no column reference, so nothing can be replayed: map it with --columns reference=NAME, or "
+            f"use fpjax estimate, which needs none."
+        )
+    if abs(log.dt / model.dt - 1.0) > 1e-3:
+        raise InputError(
+            f"{log.name} has a period of {log.dt:g} s and the model [simulation] dt = {model.dt:g} s: write "
+            f"dt = {log.dt:g}."
+        )
+    compared = ("torque", "velocity", "position", "measured_velocity", "measured_position")
+    run = simulate(
+        model.loop,
+        Recorded(log.reference, log.dt),
+        dt=log.dt,
+        samples=log.samples,
+        solver=model.solver,
+        stepping="sampled",
+        substeps=model.substeps,
+        record=tuple(dict.fromkeys((*compared, *record))),
+        initial=initial_state(model, log),
+    )
+    signals = {name: np.asarray(values) for name, values in run.signals.items()}
+    if run.diverged:
+        raise InputError(f"The replay of {log.name} {run.message}; check the signs and units of model and log.")
+    return _compared(model, log, signals)
+
+
+def _compared(model: Model, log: Log, signals: dict[str, np.ndarray]) -> Replay:
+    units = model.units
+    pairs = [("torque", log.torque, signals["torque"], units.name("N m"))]
+    if log.velocity is not None:
+        pairs.append(("velocity", log.velocity, signals["measured_velocity"], units.name("rad/s")))
+    if log.position is not None:
+        pairs.append(("position", log.position, signals["measured_position"], units.name("rad")))
+    errors = {}
+    for name, recorded, simulated, unit in pairs:
+        error, size = rms(recorded - simulated), rms(recorded)
+        errors[name] = (error, unit, error / size if size > 0.0 else float("nan"))
+    position = units.reference == "position"
+    motion = log.position if position else log.velocity
+    simulated = signals["measured_position" if position else "measured_velocity"]
+    assert log.reference is not None
+    recorded_error = float("nan") if motion is None else rms(log.reference - motion)
+    unit = units.name("rad" if position else "rad/s")
+    return Replay(log, signals, errors, (recorded_error, rms(log.reference - simulated)), unit)
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def initial_state(model: Model, log: Log) -> Any:
+    """The loop's state at the log's first row: its motion, and an integral that gives its torque."""
+    import equinox as eqx
+    import jax.numpy as jnp
+
+    from ..controllers import ProportionalIntegral
+
+    state = model.loop.init()
+    position = 0.0 if log.position is None else float(log.position[0])
+    velocity = _first_velocity(log)
+    names = [name for name in type(state.plant).__dataclass_fields__ if name != "friction"]
+    for name in names:
+        value = velocity if name.endswith("velocity") else position if name.endswith("position") else 0.0
+        state = eqx.tree_at(lambda at, name=name: getattr(at.plant, name), state, jnp.asarray(value))
+    controller = model.loop.controller
+    if isinstance(controller, ProportionalIntegral) and log.reference is not None and log.velocity is not None:
+        integral = float(log.torque[0]) - float(controller.kp) * float(log.reference[0] - log.velocity[0])
+        state = eqx.tree_at(lambda at: at.controller, state, jnp.asarray(integral))
+    return state
+
+
+def _first_velocity(log: Log) -> float:
+    if log.velocity is not None:
+        return float(log.velocity[0])
+    if log.position is None:
+        return 0.0
+    # A quadratic through the first rows: a single difference would be the encoder's step.
+    rows = min(21, log.samples)
+    return float(np.polyfit(log.time[:rows] - log.time[0], log.position[:rows], 2)[1])

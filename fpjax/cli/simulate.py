@@ -1,0 +1,169 @@
+"""`fpjax simulate`: run a servo.toml, or replay a log through it, and print the errors."""
+
+import argparse
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..runfile import RunFile, write_json
+from .common import add_log_options, add_out, finish, read_pairs, running, say, start_jax, table
+
+EXAMPLES = """\
+examples:
+  fpjax simulate servo.toml --out run
+  fpjax simulate servo.toml --set observer.gain_1=500 --set plant.inertia=12
+  fpjax simulate emps.toml --log DATA_EMPS.mat --columns emps     replay a recorded reference
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's words."""
+    parser.epilog = EXAMPLES
+    parser.add_argument("model", metavar="MODEL", help="servo.toml")
+    parser.add_argument("--log", metavar="LOG", help="replay the log's reference, print the error against its record")
+    add_log_options(parser)
+    parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter")
+    parser.add_argument("--duration", type=float, metavar="S", help="instead of the model's [s]")
+    parser.add_argument("--seed", type=int, default=0, help="of the sensor's noise (default 0)")
+    parser.add_argument("--no-plots", action="store_true", help="no pictures")
+    add_out(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate or replay."""
+    with running(arguments) as record:
+        record.stage("start")
+        start_jax(arguments)
+        model = open_model(arguments.model, arguments.set, record)
+        if arguments.log:
+            _replay(model, arguments, record)
+        else:
+            _simulate(model, arguments, record)
+        finish(record)
+    return 0
+
+
+def open_model(path: str, changes: list[str], record: RunFile) -> Any:
+    """The model of a command, its notes said, with `--set` applied.
+
+    Raises:
+        InputError: for what cannot be in the file or in the changes.
+    """
+    from ..model_file import load_model
+    from ..parameters import set_parameters
+
+    model = load_model(record.read(path, "model"))
+    for note in model.notes:
+        say(record, note)
+    if changes:
+        model = dataclasses.replace(model, loop=set_parameters(model.loop, read_pairs(changes, "--set")))
+    return model
+
+
+def _simulate(model: Any, arguments: argparse.Namespace, record: RunFile) -> None:
+    import jax
+
+    from .. import simulate
+    from .measured import measures_of, recorded_names, summary
+
+    model.needed_controller()
+    reference = model.needed_reference()
+    duration = arguments.duration if arguments.duration is not None else model.needed_duration()
+    record.seeds["sensor noise"] = arguments.seed
+    record.stage("simulate")
+    run = simulate(
+        model.loop, reference, dt=model.dt, duration=duration, solver=model.solver, stepping=model.stepping,
+        substeps=model.substeps, measures=measures_of(model), record=recorded_names(model),
+        key=jax.random.key(arguments.seed),
+    )  # fmt: skip
+    signals = {"time": np.asarray(run.time), **{name: np.asarray(each) for name, each in run.signals.items()}}
+    record.stage("write")
+    if record.folder is not None:
+        write_signals(record, signals)
+    if run.diverged:
+        raise InputError(_diverged(signals))
+    rows = summary(model, run)
+    print(f"{_title(model)}: {run.message}, {len(run.time)} samples of {model.dt:g} s")
+    print(table(rows, ("quantity", "value", "unit")))
+    if record.folder is not None:
+        values = {name: {"value": value, "unit": unit} for name, value, unit in rows}
+        write_json(record.path("simulation.json"), {"status": run.message, "measures": values})
+        if not arguments.no_plots:
+            from .pictures import draw_run
+
+            draw_run(model, signals, record.path("simulation.png"))
+
+
+def _title(model: Any) -> str:
+    return model.path.name if model.path else "the model"
+
+
+def _diverged(signals: dict[str, np.ndarray]) -> str:
+    healthy = np.ones(signals["time"].size, bool)
+    for values in signals.values():
+        healthy &= np.abs(values) < 1e15
+    first = int(np.argmin(healthy)) if not healthy.all() else healthy.size - 1
+    return (
+        f"The loop blows up at t = {signals['time'][first]:g} s: use smaller gains (controller or observer) or a "
+        f"smaller [simulation] dt, and check the signs."
+    )
+
+
+def write_signals(record: RunFile, signals: dict[str, np.ndarray]) -> None:
+    """simulation.csv in the log's own columns, so that every command that takes a log takes it."""
+    names = {"measured_velocity": "velocity", "measured_position": "position"}
+    own = {"velocity": "true_velocity", "position": "true_position"}
+    first = ("time", "torque", "measured_velocity", "measured_position", "reference")
+    order = [name for name in first if name in signals] + [name for name in signals if name not in first]
+    header = ",".join(names.get(name, own.get(name, name)) for name in order)
+    path = record.path("simulation.csv")
+    partial = path.with_name(".simulation.csv.partial")
+    try:
+        columns = np.column_stack([signals[name] for name in order])
+        np.savetxt(partial, columns, delimiter=",", header=header, comments="", fmt="%.10g")
+        partial.replace(path)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written ({error.strerror}): make room or use another --out.") from error
+
+
+def _replay(model: Any, arguments: argparse.Namespace, record: RunFile) -> None:
+    from ..logs import read_log
+    from .replay import replay
+
+    record.stage("read")
+    path = record.read(arguments.log, "log")
+    log = read_log(
+        path, columns=arguments.columns, linear=model.linear, repair=arguments.repair, require=("torque", "reference")
+    )
+    record.notes.extend(log.warnings)
+    record.stage("replay")
+    found = replay(model, log)
+    rows = [(name, error, unit, f"{100.0 * relative:.3g} %") for name, (error, unit, relative) in found.errors.items()]
+    print(f"{_title(model)} against {log}")
+    print(table(rows, ("record less simulation", "rms", "unit", "of the record's rms")))
+    recorded, simulated = found.tracking
+    print(f"\n  tracking error rms: {recorded:.4g} {found.unit} recorded, {simulated:.4g} {found.unit} simulated")
+    record.stage("write")
+    if record.folder is None:
+        return
+    write_json(
+        record.path("replay.json"),
+        {
+            "log": log.name,
+            "samples": log.samples,
+            "dt": log.dt,
+            "errors": {
+                name: {"rms": error, "unit": unit, "relative": relative}
+                for name, (error, unit, relative) in found.errors.items()
+            },
+            "tracking": {"recorded": recorded, "simulated": simulated, "unit": found.unit},
+        },
+    )
+    assert log.reference is not None
+    write_signals(record, {"time": log.time, "reference": log.reference, **found.signals})
+    if not arguments.no_plots:
+        from .pictures import draw_replay
+
+        draw_replay(model, found, record.path("replay.png"))

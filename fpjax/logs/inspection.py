@@ -1,0 +1,241 @@
+"""What is in a log, and what it can show: rate, ranges, saturation, quantisation, excitation."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .log import Log
+from .nominal import Nominal, fit_nominal, speed_of
+from .suspicions import suspicions
+
+SATURATED = 0.002  # share of the samples that sit at an extreme
+FEW_VALUES = 0.2  # distinct values per sample, below which a column is quantised
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a log.
+
+    Attributes:
+        name: canonical, or the file's own for what nobody mapped.
+        unit: of low, high, rms, noise and step.
+        low: smallest value.
+        high: largest value.
+        rms: root mean square.
+        noise: standard deviation of what changes from sample to sample, from third differences.
+        step: quantisation seen; None where there is none.
+        at_limit: share of the samples that sit at an extreme [1]; 0 where it is only touched.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    rms: float
+    noise: float
+    step: float | None
+    at_limit: float
+
+
+@dataclass(frozen=True)
+class Ability:
+    """Whether the excitation can show an effect.
+
+    Attributes:
+        what: the effect or quantity.
+        can: yes, "poorly" or no.
+        why: with the number that decides.
+    """
+
+    what: str
+    can: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What `fpjax inspect` found.
+
+    Attributes:
+        log: the log.
+        columns: each column.
+        reversals: of the motion.
+        speed: 99 % quantile of the speed [rad/s].
+        travel: range of the position, or of the integrated velocity [rad].
+        bandwidth: frequency below which 99 % of the torque's power lies [Hz].
+        abilities: what the excitation can show.
+        nominal: least squares; None where the motion does not allow it.
+        warnings: the reader's notes and what looks wrong.
+    """
+
+    log: Log
+    columns: tuple[Column, ...]
+    reversals: int
+    speed: float
+    travel: float
+    bandwidth: float
+    abilities: tuple[Ability, ...]
+    nominal: Nominal | None
+    warnings: tuple[str, ...] = field(default_factory=tuple)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON takes it."""
+        import dataclasses
+
+        log = self.log
+        return {
+            "log": log.name,
+            "samples": log.samples,
+            "dt": log.dt,
+            "rate": log.rate,
+            "duration": log.duration,
+            "jitter": log.jitter,
+            "linear": log.linear,
+            "torque_unit": log.torque_unit,
+            "columns": [dataclasses.asdict(column) for column in self.columns],
+            "reversals": self.reversals,
+            "speed": self.speed,
+            "travel": self.travel,
+            "bandwidth": self.bandwidth,
+            "abilities": [dataclasses.asdict(ability) for ability in self.abilities],
+            "nominal": None if self.nominal is None else dataclasses.asdict(self.nominal),
+            "warnings": list(self.warnings),
+        }
+
+
+def inspect_log(log: Log) -> Inspection:
+    """Look at a log."""
+    speed = speed_of(log)
+    fast = float(np.quantile(np.abs(speed), 0.99))
+    position = log.position if log.position is not None else np.cumsum(speed) * log.dt
+    travel, reversals = float(np.ptp(position)), count_reversals(speed, 0.05 * fast)
+    nominal = fit_nominal(log)
+    rate = "m/s" if log.linear else "rad/s"
+    reference = log.motion_unit if log.position is not None and log.velocity is None else rate
+    units = {"torque": log.torque_unit, "velocity": rate, "position": log.motion_unit, "reference": reference}
+    columns = [describe(name, units[name], values) for name, values in log.columns().items() if name != "time"]
+    columns += [describe(name, "", values) for name, values in log.extra.items() if np.all(np.isfinite(values))]
+    return Inspection(
+        log=log,
+        columns=tuple(columns),
+        reversals=reversals,
+        speed=fast,
+        travel=travel,
+        bandwidth=bandwidth_of(log.torque, log.dt),
+        abilities=tuple(abilities(log, speed, fast, travel, reversals, nominal)),
+        nominal=nominal,
+        warnings=(*log.warnings, *(sentence[0].upper() + sentence[1:] + "." for sentence in _looks(log, nominal))),
+    )
+
+
+def _looks(log: Log, nominal: Nominal | None) -> list[str]:
+    return suspicions(log, nominal=nominal)
+
+
+def describe(name: str, unit: str, values: np.ndarray) -> Column:
+    """Ranges, noise, quantisation and saturation of a column."""
+    low, high = float(values.min()), float(values.max())
+    # A smooth signal has no third difference; white noise has one of variance 20 sigma^2.
+    noise = float(np.median(np.abs(np.diff(values, 3)))) / 0.6745 / np.sqrt(20.0)
+    return Column(
+        name, unit, low, high, float(np.sqrt(np.mean(values**2))), noise, quantisation(values), _limit(values)
+    )
+
+
+def quantisation(values: np.ndarray) -> float | None:
+    """The step that all values are multiples of; None where there is none to be seen."""
+    distinct = np.unique(values)
+    if distinct.size < 3 or distinct.size > FEW_VALUES * values.size + 2:
+        distinct = distinct[: 0 if distinct.size < 3 else None]
+    if distinct.size < 3:
+        return None
+    gaps = np.diff(distinct)
+    # Rounding to text or to a float makes gaps of no meaning beside the real ones.
+    gaps = gaps[gaps > 1e-9 * max(abs(distinct[0]), abs(distinct[-1]))]
+    if gaps.size < 3:
+        return None
+    step = float(np.quantile(gaps, 0.05))
+    multiples = gaps / step
+    regular = np.mean(np.abs(multiples - np.round(multiples)) < 0.02)
+    # The gaps of any finely recorded signal look regular when there are hardly two values a step.
+    return step if regular > 0.9 and float(np.ptp(values)) / step < 1e7 else None
+
+
+def _limit(values: np.ndarray) -> float:
+    span = float(np.ptp(values))
+    if span == 0.0:
+        return 1.0
+    share = 0.0
+    for extreme in (values.min(), values.max()):
+        if abs(extreme) < 1e-3 * span:  # rest
+            continue
+        at = np.abs(values - extreme) < 1e-6 * span
+        runs = np.diff(np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]]))))[::2]
+        # Several samples in a row, more than once or for long: a limit, and not a peak.
+        if runs.size and runs.max() >= 5:
+            share += float(np.mean(at))
+    return share if share > SATURATED else 0.0
+
+
+def count_reversals(speed: np.ndarray, least: float) -> int:
+    """Changes of direction between motions faster than `least`."""
+    side = np.sign(speed[np.abs(speed) > least])
+    return int(np.count_nonzero(np.diff(side)))
+
+
+def bandwidth_of(values: np.ndarray, dt: float, share: float = 0.99) -> float:
+    """Frequency [Hz] below which that share of the power lies, mean and drift taken out."""
+    window = np.hanning(values.size)
+    power = np.abs(np.fft.rfft((values - values.mean()) * window)) ** 2
+    total = np.cumsum(power)
+    if total[-1] == 0.0:
+        return 0.0
+    return float(np.searchsorted(total, share * total[-1]) / (values.size * dt))
+
+
+def abilities(
+    log: Log, speed: np.ndarray, fast: float, travel: float, reversals: int, nominal: Nominal | None
+) -> list[Ability]:
+    """What the excitation can show, each with the number that decides."""
+    moving = np.abs(speed) > 0.02 * fast
+    slow = float(np.mean(moving & (np.abs(speed) < 0.1 * fast))) if fast else 0.0
+    spread = _spread(np.abs(speed[moving])) if moving.any() else 1.0
+    turns = travel / (2.0 * np.pi)
+    effort = _acceleration_share(log, speed, nominal)
+    both = log.velocity is not None and log.position is not None
+    high = bandwidth_of(np.diff(log.torque), log.dt)
+    found = [
+        _ability("Coulomb friction and offset", reversals, 2, 6, f"{reversals} reversals"),
+        _ability("viscous friction and drag", spread, 1.5, 3.0, f"speeds over a factor of {spread:.3g}"),
+        _ability("inertia", effort, 0.05, 0.15, f"{100 * effort:.2g} % of the torque accelerates"),
+        _ability("Stribeck, presliding", min(slow / 0.01, reversals / 4), 0.5, 1.0,
+                 f"{100 * slow:.2g} % of the time slow but moving, {reversals} reversals"),
+        _ability("friction drift", log.duration, 5.0, 20.0, f"{log.duration:.3g} s long"),
+        _ability("lag, delay, compliance", high * log.dt, 0.02, 0.1, f"torque changes up to {high:.3g} Hz"),
+    ]  # fmt: skip
+    if not log.linear:
+        name = "unbalance, cogging, friction by position"
+        found.append(_ability(name, turns, 0.5, 1.0, f"{turns:.2g} turns travelled"))
+    why = (
+        "velocity and position are there" if both else f"only {'velocity' if log.velocity is not None else 'position'}"
+    )
+    found.append(Ability("actuator delay apart from sensor delay", "yes" if both else "no", why))
+    return found
+
+
+def _ability(what: str, value: float, poor: float, good: float, why: str) -> Ability:
+    return Ability(what, "yes" if value >= good else "poorly" if value >= poor else "no", why)
+
+
+def _spread(speeds: np.ndarray) -> float:
+    low, high = np.quantile(speeds, [0.1, 0.9])
+    return float(high / low) if low > 0.0 else 1.0
+
+
+def _acceleration_share(log: Log, speed: np.ndarray, nominal: Nominal | None) -> float:
+    power = float(np.mean(log.torque**2))
+    if nominal is None or power == 0.0:
+        return 0.0
+    acceleration = np.gradient(speed, log.dt)
+    return float(min(np.sqrt(np.mean((nominal.inertia * acceleration) ** 2) / power), 1.0))

@@ -1,0 +1,61 @@
+"""Progress on stderr by stages, for what takes over a second; nothing where stderr is not a terminal."""
+
+import sys
+import threading
+import time
+
+FIRST_SHOWN, REDRAWN = 1.0, 0.25  # s
+
+
+class Stages:
+    """One line that names the stage, with the time spent, redrawn while the work holds the main thread.
+
+    Attributes:
+        title: the command.
+        total: number of stages; 0 where unknown.
+    """
+
+    def __init__(self, title: str, total: int = 0) -> None:
+        self.title, self.total = title, total
+        self._name, self._share, self._count, self._drawn = "", None, 0, False
+        self._begin = time.monotonic()
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        if sys.stderr.isatty():
+            self._thread = threading.Thread(target=self._redraw, daemon=True)
+            self._thread.start()
+
+    def stage(self, name: str, share: float | None = None) -> None:
+        """Say what is under way; `share` of the whole that is done, where that is known [1]."""
+        if name != self._name:
+            self._count += 1
+        self._name, self._share = name, share
+
+    def end(self) -> None:
+        """Clear the line."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join()
+        if self._drawn:
+            print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+    def __enter__(self) -> "Stages":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def _redraw(self) -> None:
+        while not self._stop.wait(REDRAWN):
+            spent = time.monotonic() - self._begin
+            if spent < FIRST_SHOWN or not self._name:
+                continue
+            self._drawn = True
+            print(f"\r\033[K{self._line(spent)}", end="", file=sys.stderr, flush=True)
+
+    def _line(self, spent: float) -> str:
+        which = f" {self._count}/{self.total}" if self.total else ""
+        left = ""
+        if self._share and self._share > 0.02:
+            left = f", about {spent * (1.0 - self._share) / self._share:.0f} s left"
+        return f"{self.title}{which}: {self._name}  {spent:.0f} s{left}"[:110]
