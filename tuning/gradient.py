@@ -95,8 +95,7 @@ def lbfgs(lanes: Lanes, settings: LBFGS, stop: Stop) -> Outcome:
         slope = np.where(accepted[:, None], tried_slope, slope)
         if accepted.any():
             with jax.numpy_dtype_promotion("standard"):  # optax mixes int32 and int64
-                preconditioned, turned = turn(jnp.asarray(slope), state, jnp.asarray(at))
-            state = _where(accepted, turned, state)
+                preconditioned, state = turn(jnp.asarray(slope), state, jnp.asarray(at), jnp.asarray(accepted))
             direction = np.where(accepted[:, None], _downhill(-np.asarray(preconditioned), slope), direction)
             norm = np.linalg.norm(direction, axis=1)
             limit = np.minimum(1.0, settings.longest / np.maximum(norm, 1e-300))
@@ -117,11 +116,16 @@ def lbfgs(lanes: Lanes, settings: LBFGS, stop: Stop) -> Outcome:
 
 @functools.lru_cache(maxsize=8)
 def _turner(memory: int) -> tuple[Any, Any]:
-    """(initial state, update) of optax' L-BFGS over lanes, compiled once."""
+    """(initial state, update of the accepted lanes) of optax' L-BFGS, compiled once."""
     import optax
 
     transform = optax.scale_by_lbfgs(memory_size=memory)
-    return jax.vmap(transform.init), jax.jit(jax.vmap(transform.update))
+
+    def turn(slope: Any, state: Any, at: Any, accepted: Any) -> Any:
+        direction, turned = transform.update(slope, state, at)
+        return direction, jax.tree.map(lambda new, old: jnp.where(accepted, new, old), turned, state)
+
+    return jax.jit(jax.vmap(transform.init)), jax.jit(jax.vmap(turn))
 
 
 def _downhill(direction: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -129,15 +133,6 @@ def _downhill(direction: np.ndarray, slope: np.ndarray) -> np.ndarray:
     steepest = -slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
     descends = np.sum(direction * slope, axis=1) < 0.0
     return np.where(descends[:, None] & np.all(np.isfinite(direction), axis=1, keepdims=True), direction, steepest)
-
-
-def _where(lanes: np.ndarray, new: Any, old: Any) -> Any:
-    """The new state of these lanes, the old one of the others."""
-
-    def leaf(new: Any, old: Any) -> Any:
-        return jnp.where(jnp.asarray(lanes).reshape(lanes.shape + (1,) * (new.ndim - 1)), new, old)
-
-    return jax.tree.map(leaf, new, old)
 
 
 def _forgotten(state: Any, keep: np.ndarray) -> Any:

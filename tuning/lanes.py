@@ -14,6 +14,7 @@ import numpy as np
 from fpjax.gradients import FORWARD_UP_TO, SCRATCH, value_and_gradient
 from fpjax.native import native, native_enabled
 
+from .parameters import Space
 from .problem import Problem, lane_cost, lane_residuals, simulations_of
 
 REVERSE_COUNTS = 4  # simulations that a reverse-mode value and gradient counts for (performance.md: 2.0 to 5.6)
@@ -106,7 +107,7 @@ class Lanes:
         """Parameter values at unbounded coordinates of shape (..., n)."""
         space = self.problem.space
         flat = jnp.asarray(np.reshape(at, (-1, at.shape[-1])), self.problem.dtype)
-        return np.asarray(jax.vmap(space.values)(flat), dtype=float).reshape(at.shape)
+        return np.asarray(_values(space, flat), dtype=float).reshape(at.shape)
 
 
 @dataclasses.dataclass
@@ -155,6 +156,11 @@ class Best:
             if not np.isfinite(self.costs[lane]):
                 self.reasons[lane] = "diverged"
         return Outcome(self.values, self.costs, self.simulations, self.iterations, self.history, self.reasons)
+
+
+@jax.jit
+def _values(space: Space, at: Any) -> Any:
+    return jax.vmap(space.values)(at)
 
 
 def _costs(values: Any, index: Any, problem: Problem) -> Any:

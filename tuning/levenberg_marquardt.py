@@ -16,7 +16,6 @@ from .methods import LevenbergMarquardt
 from .stopping import Stop
 
 DAMPING = 1e-5  # first damping, as a fraction of the largest diagonal element of J^T J
-KNEE = 100.0  # a gain's coordinate is linear down to its start over this, and logarithmic below
 FAR = 1e6  # stands for the residuals of a diverged point, so that the step to it is refused
 
 
@@ -82,8 +81,8 @@ def levenberg_marquardt(lanes: Lanes, settings: LevenbergMarquardt, stop: Stop) 
 
 
 def _in_gains(lanes: Lanes) -> Lanes:
-    """The same lanes in coordinates that are linear in the gains down to a `KNEE`th of the first start."""
-    space = lanes.problem.space.linear_above(lanes.start[0] / KNEE)
+    """The same lanes in coordinates that are linear in the gains below the first start."""
+    space = lanes.problem.space.linear_below(lanes.start[0])
     return dataclasses.replace(lanes, problem=eqx.tree_at(lambda problem: problem.space, lanes.problem, space))
 
 

@@ -8,6 +8,8 @@ from jaxtyping import Array
 
 from fpjax import AbstractMeasure, AbstractObserver, Signals
 
+NARROWEST = 1e-3  # the first time bin, as a fraction of the horizon
+
 
 def safe_root(value: Array) -> Array:
     """sqrt with slope zero at zero."""
@@ -16,9 +18,10 @@ def safe_root(value: Array) -> Array:
 
 
 class SquaredAfter(AbstractMeasure):
-    """Mean square of (quantity - target) / scale after `start`, whole or as the roots of time bins.
+    """Mean square of (quantity - target) / scale after `start`, whole or as the residuals of time bins.
 
-    The squares of the bins' values sum to the whole's value.
+    Each bin leaves two residuals, its mean (signed, so that Gauss-Newton sees its slope) and its spread; the squares
+    of all of them sum to the whole's value. The bins widen with time, as what settles does.
 
     Attributes:
         quantity: a function of the signals (static); None where `estimate` is given.
@@ -27,7 +30,7 @@ class SquaredAfter(AbstractMeasure):
         scale: what is divided by, in the quantity's unit.
         start: time [s] before which nothing counts.
         stop: end of the last bin [s].
-        bins: time bins, 0 for the whole (static); they divide the counted samples evenly only to a sample.
+        bins: time bins, 0 for the whole (static).
     """
 
     quantity: Any = eqx.field(static=True)
@@ -38,33 +41,38 @@ class SquaredAfter(AbstractMeasure):
     stop: Array
     bins: int = eqx.field(static=True)
 
-    def init(self, zero: Array) -> tuple[Any, Array]:
-        """(sums, samples counted)."""
-        return (zero if self.bins == 0 else tuple(zero for _ in range(self.bins))), zero
+    def init(self, zero: Array) -> Any:
+        """(sums of squares, samples) of the whole, or (sums, sums of squares, samples) of the bins."""
+        return (zero, zero) if self.bins == 0 else tuple((zero, zero, zero) for _ in range(self.bins))
 
     def update(self, total: Any, signals: Signals) -> Any:
-        """Add the square."""
+        """Add the error and its square."""
         value = self.quantity(signals) if self.estimate is None else signals.estimates[self.estimate]
-        square = jnp.square((value - self.target) / self.scale)
-        sums, counted = total
+        error = (value - self.target) / self.scale
         counts = signals.time >= self.start
-        counted = counted + jnp.where(counts, 1.0, 0.0)
         if self.bins == 0:
-            return sums + jnp.where(counts, square, 0.0), counted
-        place = (signals.time - self.start) / (self.stop - self.start) * self.bins
+            return total[0] + jnp.where(counts, jnp.square(error), 0.0), total[1] + jnp.where(counts, 1.0, 0.0)
+        reached = [counts]
+        for place in range(1, self.bins):
+            edge = self.start + (self.stop - self.start) * NARROWEST ** (1.0 - place / self.bins)
+            reached.append(counts & (signals.time >= edge))
         added = []
-        for index, part in enumerate(sums):
-            above = counts if index == 0 else place >= index
-            inside = above if index == self.bins - 1 else above & (place < index + 1)
-            added.append(part + jnp.where(inside, square, 0.0))
-        return tuple(added), counted
+        for place, (first, second, number) in enumerate(total):
+            inside = reached[place] & ~reached[place + 1] if place + 1 < self.bins else reached[place]
+            one = jnp.where(inside, error, 0.0)
+            added.append((first + one, second + jnp.square(one), number + jnp.where(inside, 1.0, 0.0)))
+        return tuple(added)
 
     def final(self, total: Any, samples: int) -> Array:
-        """The mean square, or the bins' roots of shape (bins,)."""
+        """The mean square, or the residuals of shape (2 bins,)."""
         del samples
-        sums, counted = total
-        counted = jnp.maximum(counted, 1.0)
-        return sums / counted if self.bins == 0 else safe_root(jnp.stack(sums) / counted)
+        if self.bins == 0:
+            return total[0] / jnp.maximum(total[1], 1.0)
+        first, second, number = (jnp.stack(column) for column in zip(*total, strict=True))
+        counted = jnp.maximum(jnp.sum(number), 1.0)
+        mean = first / jnp.maximum(number, 1.0)
+        spread = jnp.maximum(second - mean * first, 0.0)
+        return jnp.concatenate([mean * jnp.sqrt(number / counted), safe_root(spread / counted)])
 
 
 class NoiseGain(AbstractMeasure):

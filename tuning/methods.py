@@ -73,7 +73,7 @@ class LBFGS:
 class LevenbergMarquardt:
     """optimistix.LevenbergMarquardt on the residual vector.
 
-    In coordinates that are linear in the gains down to a hundredth of the start and logarithmic below.
+    In coordinates that are linear in the gains below the start and logarithmic above.
 
     Attributes:
         iterations: at most so many.

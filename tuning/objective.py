@@ -118,7 +118,7 @@ class Tracking(AbstractObjective):
         return {"error": error}
 
     def residuals(self, loop: ClosedLoop, finals: dict[str, Array]) -> Array:
-        """Root mean square of every time bin."""
+        """Mean and spread of the error in every time bin."""
         del loop
         return finals["error"]
 
@@ -164,7 +164,7 @@ class Estimation(AbstractObjective):
         return self.scales[name] if name in self.scales else jnp.abs(truth)
 
     def residuals(self, loop: ClosedLoop, finals: dict[str, Array]) -> Array:
-        """Root mean square of every estimate in every time bin, and the weighted noise gain."""
+        """Mean and spread of every estimate's error in every time bin, and the weighted noise gain."""
         noise = jnp.reshape(safe_root(self.noise_weight * finals["noise"]), (1,))
         return jnp.concatenate([*(finals[name] for name in _estimated(loop)), noise])
 

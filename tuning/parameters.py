@@ -1,11 +1,11 @@
 """What is tuned: parameters by dotted name (`fpjax.parameters`), their bounds, and a space without bounds."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import Any, Literal
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -15,6 +15,7 @@ from fpjax.parameters import get_parameter
 
 Scale = Literal["log", "linear"]
 
+TAIL = 0.3  # of the knee: where a linear coordinate turns logarithmic again
 DECADES = 4.0  # a log parameter without bounds may move this far either way
 SHARPNESS = 8  # of the bend towards a bound: 0.1 % from straight at 40 % of the way, 4 % at 80 %
 INSIDE = 0.999  # of the way to a bound: a start on it would have no slope
@@ -49,8 +50,8 @@ class Space(eqx.Module):
         middle: of the bounds, as a logarithm where log, shape (n,).
         half: half the distance of the bounds, likewise, shape (n,).
         logarithmic: 1 where log, else 0, shape (n,).
-        knee: where log, and not zero: the value around which the coordinate turns from linear (above) to logarithmic
-            (below), value = knee ln(1 + e^x); shape (n,).
+        knee: where log, and not zero: the value below which the coordinate is linear, shape (n,); from 0.3 of it
+            downwards it is logarithmic again, so that one step cannot leap to the low bound.
     """
 
     middle: Array
@@ -62,7 +63,7 @@ class Space(eqx.Module):
         """Parameter values, in their units, at unbounded coordinates of shape (n,)."""
         log, turns = self.logarithmic > 0.0, self.knee > 0.0
         straight = self.middle + at * jnp.where(log, 1.0, self.half)
-        turning = jnp.log(jnp.where(turns, self.knee, 1.0) * jax.nn.softplus(jnp.maximum(at, -500.0)))
+        turning = jnp.log(jnp.where(turns, self.knee, 1.0)) + _turning(at)
         share = (jnp.where(turns, turning, straight) - self.middle) / self.half
         bent = self.middle + self.half * share / (1.0 + jnp.abs(share) ** SHARPNESS) ** (1.0 / SHARPNESS)
         return jnp.where(log, jnp.exp(jnp.where(log, bent, 0.0)), bent)
@@ -73,7 +74,9 @@ class Space(eqx.Module):
         straight = share / (1.0 - np.abs(share) ** SHARPNESS) ** (1.0 / SHARPNESS)
         half, knee = np.asarray(self.half, float), np.asarray(self.knee, float)
         multiple = np.exp(straight * half + np.asarray(self.middle, float)) / np.where(knee > 0, knee, 1.0)
-        turning = multiple + np.log(-np.expm1(-np.maximum(multiple, 1e-300)))
+        low = TAIL * np.log(np.maximum(multiple, 1e-300) / TAIL) - 1.0 + TAIL
+        turning = np.where(multiple >= 1.0, np.log(np.maximum(multiple, 1.0)), multiple - 1.0)
+        turning = np.where(multiple < TAIL, low, turning)
         return np.where(knee > 0, turning, straight * np.where(np.asarray(self.logarithmic) > 0, half, 1.0))
 
     def share(self, values: Any) -> np.ndarray:
@@ -83,14 +86,22 @@ class Space(eqx.Module):
         bent = np.where(log, np.log(np.where(log, np.maximum(values, 1e-300), 1.0)), values)
         return (bent - np.asarray(self.middle, dtype=float)) / np.asarray(self.half, dtype=float)
 
-    def linear_above(self, values: np.ndarray) -> "Space":
-        """The same bounds in coordinates that are linear above these values and logarithmic below, where log.
+    def linear_below(self, values: np.ndarray) -> "Space":
+        """The same bounds in coordinates that are linear below these values and logarithmic above, where log.
 
-        An estimate that the observer has not yet brought home is about proportional to a gain: a Newton step in the
-        gain itself is then exact, where one in its logarithm goes an e-fold at a time.
+        An estimate that the observer has not yet brought home is about proportional to a gain: a Newton step down in
+        the gain itself is then nearly exact, where one in its logarithm goes an e-fold at a time. Upwards a valley
+        gain_1 ~ gain_2^p is straight in logarithms.
         """
         knee = jnp.where(self.logarithmic > 0.0, jnp.asarray(values, self.middle.dtype), 0.0)
         return Space(self.middle, self.half, self.logarithmic, knee)
+
+
+def _turning(at: Array) -> Array:
+    """ln of a multiple: x above 0, ln(1 + x) below, x / TAIL from the multiple TAIL downwards; its slope never jumps."""
+    middle = jnp.log1p(jnp.clip(at, TAIL - 1.0, 0.0))
+    low = math.log(TAIL) + (jnp.minimum(at, TAIL - 1.0) - (TAIL - 1.0)) / TAIL
+    return jnp.where(at > 0.0, at, jnp.where(at > TAIL - 1.0, middle, low))
 
 
 def make_space(loop: Any, parameters: Sequence[str | Parameter], dtype: Any) -> tuple[tuple[str, ...], Array, Space]:

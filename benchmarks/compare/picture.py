@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib import rc_context
+from matplotlib.ticker import NullFormatter
 
 from fpjax.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, STYLE, new_figure, save
 
@@ -49,6 +50,7 @@ def draw(rows: list[dict[str, Any]], observer: str, objective: str, path: Path) 
                 (handles[method],) = axes.step(used, costs, where="post", color=COLOURS[method], label=method)
                 axes.plot(used[-1], costs[-1], ".", color=COLOURS[method])
             axes.set(title=labels[place], xscale="log", yscale="log")
+            axes.xaxis.set_minor_formatter(NullFormatter())
             if place + columns >= len(labels):
                 axes.set_xlabel("simulations, tangents counted")
             if place % columns == 0:
