@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import fpjax as fp
+from fpjax import toml_text
 from fpjax.errors import InputError
 from fpjax.friction.bristles import Bristles
 from fpjax.friction.general import GeneralFriction
-from fpjax import toml_text
 from fpjax.model_file import dump_model, load_model, simplified
 from fpjax.position_torque import Loads, PositionTorque
 from fpjax.servo_sensor import ServoSensor

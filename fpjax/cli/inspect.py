@@ -60,8 +60,8 @@ def _show(found: Any) -> None:
     print(table(rows, ("column", "unit", "low", "high", "rms", "noise", "step", "at its limit")))
     rate, unit = ("m/s", "m") if log.linear else ("rad/s", "rad")
     print(
-        f"\n  speed up to {found.speed:.4g} {rate}, travel {found.travel:.4g} {unit}, {found.reversals} reversals, 99 % "
-        f"of the torque's power below {found.bandwidth:.3g} Hz\n"
+        f"\n  speed up to {found.speed:.4g} {rate}, travel {found.travel:.4g} {unit}, {found.reversals} reversals, "
+        f"99 % of the torque's power below {found.bandwidth:.3g} Hz\n"
     )
     print(table([(each.what, each.can, each.why) for each in found.abilities], ("can this log show", "", "because")))
     nominal = found.nominal

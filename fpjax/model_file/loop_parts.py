@@ -2,7 +2,7 @@
 
 import pathlib
 from collections.abc import Mapping
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -235,9 +235,10 @@ def describe_observer(observer: AbstractObserver) -> dict[str, Any]:
         steepness = getattr(at, "steepness", None)
         table: dict[str, Any] = {"type": name}
         if name in _SINGLE:
-            shape: Any = cast(Any, at.nonlinearity)
+            shape = at.nonlinearity
             word = next(word for word, kind in _NONLINEARITIES.items() if type(shape) is kind)
-            table |= {"gain": number(getattr(shape, "gain"), "gain")  # noqa: B009 (each has one; their base does not say so), "nonlinearity": word}
+            gain = number(getattr(shape, "gain"), "gain")  # noqa: B009 (each has one; their base does not say so)
+            table |= {"gain": gain, "nonlinearity": word}
             steepness = getattr(shape, "steepness", steepness)
         else:
             table |= numbers(at, _GAINS)

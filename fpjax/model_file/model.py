@@ -9,6 +9,7 @@ from typing import Any
 
 import jax
 
+from .. import toml_text
 from ..controllers import AbstractController, Proportional
 from ..errors import InputError
 from ..friction.bristles import Bristles
@@ -17,7 +18,6 @@ from ..plants import AbstractPlant
 from ..references import AbstractReference
 from ..simulate import Stepper, Stepping, make_stepper
 from ..solvers import SOLVERS, get_solver
-from .. import toml_text
 from . import body, loop_parts
 from .friction import OFFSET, SECTION, Steepness, build_friction, describe_friction
 from .keys import Key, Units, check_keys, choose, missing, nearest, read_values
