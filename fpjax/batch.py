@@ -21,6 +21,7 @@ from jax.sharding import Mesh, PartitionSpec
 
 from .errors import InputError
 from .native import native, native_enabled
+from .persistent import persistent
 
 # Candidates in one kernel: one chunk keeps its states in the first-level cache and its loops long
 # enough that LLVM vectorizes them (docs/performance.md).
@@ -81,10 +82,11 @@ def map_chunks(
     parts = len(where)
     if parts == 1 and where[0].platform == "cpu":
         parts = max(1, min(workers or cores(), size // PER_WORKER))
-    chunk = chunk or chunk_for(arguments, -(-size // parts))
+    on_gpu = where[0].platform in ("gpu", "cuda")  # one kernel takes the whole batch there, a candidate a lane
+    chunk = chunk or (-(-size // parts) if on_gpu else chunk_for(arguments, -(-size // parts)))
     wide = chunk >= VECTORIZED_FROM and where[0].platform == "cpu"
     several = tuple(where) if len(where) > 1 else None
-    run, seen = _compiled(fn, batched, wide, native_enabled(), several, parts == 1 and chunk == size)
+    run, seen = _compiled(fn, batched, wide, native_enabled(), several, parts == 1 and chunk == size, on_gpu)
     with jax.default_device(where[0]) if devices is not None else contextlib.nullcontext():
         if parts == 1 and chunk == size:
             return run(arguments, shared)
@@ -207,6 +209,14 @@ def _chunked(fn: Callable[..., Any], batched: bool, single: bool = False) -> Cal
     return run
 
 
+def _on_gpu(run: Callable[..., Any]) -> Callable[..., Any]:
+    def traced(*arguments: Any) -> Any:
+        with persistent():
+            return run(*arguments)
+
+    return traced
+
+
 @functools.lru_cache(maxsize=64)
 def _compiled(
     fn: Callable[..., Any],
@@ -215,13 +225,14 @@ def _compiled(
     enabled: bool,
     devices: tuple[Any, ...] | None,
     single: bool,
+    on_gpu: bool,
 ) -> tuple[Callable[..., Any], set[Any]]:
     """(the jitted loop over chunks, the shapes that it was compiled for).
 
     `enabled` is only there so that a switched `native` traces anew.
     """
     del enabled
-    run = _chunked(fn, batched, single)
+    run = _on_gpu(_chunked(fn, batched, single)) if on_gpu else _chunked(fn, batched, single)
     if devices is not None:
         mesh = Mesh(np.array(devices), ("candidates",))
         split, whole = PartitionSpec("candidates"), PartitionSpec()

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 
 from .errors import InputError
 from .native import reverse_pass
+from .persistent import is_persistent
 
 Parameters = TypeVar("Parameters")
 
@@ -39,7 +40,7 @@ def value_and_gradient(
 
     Args:
         fn: `fn(parameters, *others)` -> scalar, its loops `scan_loop`s with checkpoint="auto".
-        mode: "forward", "reverse", or "auto" by the number of parameters.
+        mode: "forward", "reverse", or "auto": forward up to four parameters and on a GPU.
         batched: `fn` maps parameters with a leading axis B on every leaf to B values, each of its own candidate only,
             and so does the gradient.
         scratch: what reverse mode may keep [bytes].
@@ -54,7 +55,7 @@ def value_and_gradient(
         parameters = jax.tree.map(jnp.asarray, parameters)
         candidates, count = _sizes(parameters, batched)
         cost = lambda p: fn(p, *others)  # noqa: E731
-        if mode == "forward" or (mode == "auto" and count <= FORWARD_UP_TO):
+        if mode == "forward" or (mode == "auto" and (count <= FORWARD_UP_TO or is_persistent())):
             return _forward(cost, parameters, candidates)
         with reverse_pass(candidates=candidates or 1, scratch=scratch):
             value, pull = jax.vjp(cost, parameters)
@@ -113,8 +114,10 @@ def _forward(cost: Callable[[Any], jax.Array], parameters: Any, candidates: int 
     def along(tangent: Any) -> tuple[jax.Array, jax.Array]:
         return jax.jvp(cost, (parameters,), (tangent,))
 
-    # The value does not depend on the direction: it is computed once, outside the vmap.
-    value, slopes = jax.vmap(along, out_axes=(None, 0))(tangents)
+    # The value does not depend on the direction: it is computed once, outside the vmap; but on a GPU a direction has a
+    # lane of its own, which holds the value too.
+    value, slopes = jax.vmap(along, out_axes=(0 if is_persistent() else None, 0))(tangents)
+    value = value[0] if is_persistent() else value
     _check(value, candidates)
     slopes = jnp.moveaxis(slopes, 0, -1)
     gradient = [

@@ -26,6 +26,7 @@ from jax import lax
 
 from .errors import InputError
 from .one_kernel import one_kernel
+from .persistent import fits, is_persistent, persistent_loop
 
 F = TypeVar("F", bound=Callable[..., Any])
 C = TypeVar("C")
@@ -132,6 +133,10 @@ def scan_loop(
     if checkpoint not in CHECKPOINTS:
         raise InputError(f"checkpoint={checkpoint!r} is not known: use one of {CHECKPOINTS}.")
     length = _length(xs, length)
+    if is_persistent() and checkpoint in ("auto", "none") and _reverse.get() is None and fits(carry, xs):
+        outputs = jax.eval_shape(step, carry, jax.tree.map(lambda x: x[0], xs))[1]
+        if not jax.tree.leaves(outputs):
+            return persistent_loop(step, carry, xs, length)
     mode = _chosen_checkpoint(carry, length) if checkpoint == "auto" else checkpoint
     if mode == "none":
         return lax.scan(_whole_carry(step), carry, xs, length=length, unroll=unroll)
