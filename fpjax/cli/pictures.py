@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib import rc_context
 
 from ..model_file import Model
-from ..plotting import BLUE, GREY, RED, STYLE, new_figure, save, thin
+from ..plotting import BLUE, GREY, RED, SERIES, STYLE, new_figure, save, thin
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -88,3 +88,49 @@ def draw_replay(model: Model, found: Any, path: Path) -> Path:
 
 def _line(axes: Any, time: np.ndarray, values: np.ndarray, color: str, label: str, **style: Any) -> None:
     axes.plot(*thin(time, values), color=color, label=label or None, **style)
+
+
+@_styled
+def draw_tuning(before: Model, after: Model, results: list[Any], path: Path) -> Path:
+    """Cost against simulations for every method, and the run before and after."""
+    from ..simulate import simulate
+
+    estimates = [f"estimates.{name}" for name in after.loop.observer.estimated]
+    rows = 2 + len(estimates)
+    figure, axes = new_figure(rows, 1, size=(7.0, 2.3 * rows))
+    panels = axes[:, 0]
+    for color, result in zip(SERIES, results, strict=False):
+        history = [(used, cost) for used, cost in result.history if np.isfinite(cost) and cost > 0.0]
+        if history:
+            used, cost = zip(*history, strict=True)
+            panels[0].step(
+                used, np.minimum.accumulate(cost), where="post", color=color, label=result.method, marker="."
+            )
+    panels[0].set(xlabel="simulations (tangents counted)", ylabel="best cost so far", yscale="log")
+    panels[0].legend(loc="upper right")
+    if after.reference is None:
+        return save(figure, path)
+    position = after.units.reference == "position"
+    motion = "position" if position else "velocity"
+    runs = {}
+    for name, model in (("before", before), ("after", after)):
+        run = simulate(
+            model.loop, after.reference, dt=model.dt, duration=model.needed_duration(), solver=model.solver,
+            stepping=model.stepping, substeps=model.substeps, record=("reference", motion, *estimates),
+        )  # fmt: skip
+        runs[name] = (np.asarray(run.time), {key: np.asarray(value) for key, value in run.signals.items()})
+    for (name, (time, signals)), color in zip(runs.items(), (RED, BLUE), strict=True):
+        _line(panels[1], time, signals["reference"] - signals[motion], color, name)
+        for panel, key in zip(panels[2:], estimates, strict=True):
+            _line(panel, time, signals[key], color, name)
+    panels[1].set_ylabel(f"tracking error [{after.units.name('rad' if position else 'rad/s')}]")
+    kinds = {"coulomb": "N m", "viscous": "N m s/rad", "steepness": "s/rad"}
+    for panel, key in zip(panels[2:], estimates, strict=True):
+        word = key.removeprefix("estimates.")
+        if after.nominal.get(word):
+            panel.axhline(after.nominal[word], color=GREY, linestyle="--", label="true")
+        panel.set_ylabel(f"{word} [{after.units.name(kinds.get(word, '1'))}]")
+    for panel in panels[1:]:
+        panel.legend(loc="upper right", ncols=3)
+    panels[-1].set_xlabel("time [s]")
+    return save(figure, path)

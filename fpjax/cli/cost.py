@@ -1,0 +1,124 @@
+"""What sweep and tune share: the objective, the references, the plants to tune for."""
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..runfile import RunFile
+from .simulate import open_model
+
+REFERENCES = ("sine", "constant", "chirp", "triangle", "square")
+
+
+def add_cost_arguments(parser: argparse.ArgumentParser) -> None:
+    """--objective and what it is averaged over."""
+    parser.add_argument("model", metavar="MODEL", help="servo.toml")
+    parser.add_argument(
+        "--objective", choices=("estimation", "tracking", "thesis"),
+        help="estimation: squared relative error of the estimates (default with an observer); tracking: squared "
+        "tracking error (default without); thesis: final error, Appendix B",
+    )  # fmt: skip
+    parser.add_argument("--after", type=float, metavar="S", default=0.0, help="count nothing before this time [s]")
+    parser.add_argument(
+        "--references", metavar="LIST",
+        help=f"several at once, of {','.join(REFERENCES)}, with the amplitude and frequency of [reference]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--plants", metavar="NAME=A,B,...", action="append", default=[],
+        help="true plants to tune for, as plant.friction.viscous=1,2,5 (several: the first of each go together)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--spread", metavar="NAME=SHARE", action="append", default=[],
+        help="true plants at the corners of +- SHARE around the model, as plant.inertia=0.2",
+    )  # fmt: skip
+    parser.add_argument("--worst", action="store_true", help="judge the worst case, not the mean")
+    parser.add_argument("--noise-seeds", type=int, metavar="N", default=0, help="runs with N draws of sensor noise")
+    parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter first")
+    parser.add_argument("--duration", type=float, metavar="S", help="of a run, instead of the model's [s]")
+
+
+def cost_settings(arguments: argparse.Namespace, record: RunFile) -> tuple[Any, Any, dict[str, Any]]:
+    """(model, references, keyword arguments of `tune` and `sweep`).
+
+    Raises:
+        InputError: for what cannot be.
+    """
+    from tuning import population
+    from tuning.objective import Estimation, Thesis, Tracking
+
+    model = open_model(arguments.model, arguments.set, record)
+    model.needed_controller()
+    duration = arguments.duration if arguments.duration is not None else model.needed_duration()
+    if not 0.0 <= arguments.after < duration:
+        raise InputError(f"--after {arguments.after:g} s cannot be: it must lie within the run of {duration:g} s.")
+    observed = bool(model.loop.observer.estimated)
+    chosen = arguments.objective or ("estimation" if observed else "tracking")
+    objective: Any = {
+        "estimation": lambda: Estimation(start=arguments.after),
+        "tracking": lambda: Tracking(start=arguments.after, position=model.units.reference == "position"),
+        "thesis": Thesis,
+    }[chosen]()
+    plants = {name: values for name, values in map(_plants, arguments.plants)}
+    spread = {name: values[0] for name, values in map(_plants, arguments.spread)}
+    if plants and spread:
+        raise InputError("--plants and --spread are two ways to say the same: give one of them.")
+    if len({len(values) for values in plants.values()}) > 1:
+        raise InputError("--plants: every list needs as many values as the others: they go together, one plant each.")
+    if spread:
+        plants = {name: list(values) for name, values in population(model.loop, spread).items()}
+    if arguments.noise_seeds < 0:
+        raise InputError(f"--noise-seeds {arguments.noise_seeds} cannot be: give zero or more.")
+    record.seeds["sensor noise"] = arguments.noise_seeds
+    settings = {
+        "dt": model.dt,
+        "duration": duration,
+        "objective": objective,
+        "solver": model.solver,
+        "stepping": model.stepping,
+        "substeps": model.substeps,
+        "plants": plants or None,
+        "noise_seeds": tuple(range(arguments.noise_seeds)),
+        "aggregate": "worst" if arguments.worst else "mean",
+    }
+    return model, references_of(model, arguments.references, duration), settings
+
+
+def _plants(word: str) -> tuple[str, list[float]]:
+    name, equals, numbers = word.partition("=")
+    try:
+        values = [float(number) for number in numbers.split(",")]
+    except ValueError:
+        values, equals = [], ""
+    if not equals or not values or not np.all(np.isfinite(values)):
+        raise InputError(f"{word!r} is not NAME=A,B,...: write for instance plant.friction.viscous=1,2,5.")
+    return name.strip(), values
+
+
+def references_of(model: Any, words: str | None, duration: float) -> dict[str, Any]:
+    """The model's reference, or several shapes with its amplitude and frequency."""
+    from .. import references
+
+    own = model.needed_reference()
+    if not words:
+        return {type(own).__name__.lower(): own}
+    amplitude, frequency = getattr(own, "amplitude", None), getattr(own, "frequency", None)
+    if amplitude is None or frequency is None:
+        raise InputError(
+            "--references takes amplitude and frequency from [reference], which has none: use a sine, triangle or "
+            "square there."
+        )
+    makers = {
+        "sine": lambda: references.Sine(amplitude, frequency),
+        "constant": lambda: references.Constant(amplitude),
+        "chirp": lambda: references.Chirp(amplitude, 0.0, frequency, duration),
+        "triangle": lambda: references.Triangle(amplitude, frequency),
+        "square": lambda: references.Square(amplitude, frequency),
+    }
+    chosen = {}
+    for word in words.split(","):
+        if word.strip() not in makers:
+            raise InputError(f"--references {word.strip()!r} is not known: choose among {', '.join(makers)}.")
+        chosen[word.strip()] = makers[word.strip()]()
+    return chosen

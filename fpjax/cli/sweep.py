@@ -1,0 +1,107 @@
+"""`fpjax sweep`: the cost on a dense grid of parameters, resumable."""
+
+import argparse
+import shutil
+from typing import Any
+
+from ..errors import InputError
+from ..runfile import write_json
+from .common import add_out, finish, running, start_jax
+from .cost import add_cost_arguments, cost_settings
+
+EXAMPLES = """\
+examples:
+  fpjax sweep servo.toml --axis observer.gain_1=10:1e4:60 --axis observer.gain_2=1:100:60 --out grid
+  fpjax sweep servo.toml --axis controller.kp=50:300:30:linear --objective tracking --out grid
+  fpjax sweep servo.toml --axis ... --out grid --resume       goes on after Ctrl-C
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's words."""
+    parser.epilog = EXAMPLES
+    add_cost_arguments(parser)
+    parser.add_argument(
+        "--axis", metavar="NAME=LOW:HIGH:COUNT[:linear]", action="append", default=[],
+        help="a parameter and its values, on a log scale unless :linear; once for each axis",
+    )  # fmt: skip
+    parser.add_argument("--resume", action="store_true", help="go on with an interrupted sweep in --out")
+    parser.add_argument("--chunk", type=int, default=4096, metavar="N", help="candidates kept at a time (default 4096)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster (extra `cluster`)")
+    parser.add_argument("--no-plots", action="store_true", help="no pictures")
+    add_out(parser, required=True)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Sweep."""
+    with running(arguments) as record:
+        record.stage("start")
+        start_jax(arguments)
+        axes = [read_axis(word) for word in arguments.axis]
+        if not axes:
+            raise InputError(
+                "There is nothing to sweep: give at least one --axis, as --axis observer.gain_1=10:1e4:50."
+            )
+        model, references, settings = cost_settings(arguments, record)
+        from tuning import sweep
+
+        assert record.folder is not None
+        chunks = record.folder / "chunks"
+        arguments.kept = f"finished chunks are kept in {chunks}; add --resume to the same command to go on"
+        record.stage("sweep")
+        try:
+            result = sweep(
+                model.loop, references, axes=axes, chunk=arguments.chunk, out=chunks, resume=arguments.resume,
+                scheduler=arguments.scheduler, progress=True, **settings,
+            )  # fmt: skip
+        except InputError as error:
+            raise InputError(str(error).replace("resume=True", "--resume")) from error
+        record.stage("write")
+        print(result)
+        for sentence in at_ends(result):
+            print(f"  {sentence}")
+        result.save(record.path("sweep.npz"))
+        write_json(record.path("sweep.json"), result.to_dict())
+        if not arguments.no_plots:
+            result.plot(record.path("sweep.png"))
+        del result
+        shutil.rmtree(chunks, ignore_errors=True)  # sweep.npz holds it all
+        arguments.kept = ""
+        finish(record)
+    return 0
+
+
+def read_axis(word: str) -> Any:
+    """An `Axis` of NAME=LOW:HIGH:COUNT[:log|linear].
+
+    Raises:
+        InputError: for what cannot be read or is no range.
+    """
+    from tuning import Axis
+
+    name, equals, rest = word.partition("=")
+    parts = rest.split(":")
+    try:
+        if not equals or not 3 <= len(parts) <= 4:
+            raise ValueError
+        low, high, count = float(parts[0]), float(parts[1]), float(parts[2])
+        if count != int(count):
+            raise ValueError
+    except (ValueError, OverflowError):
+        raise InputError(
+            f"--axis {word!r} is not NAME=LOW:HIGH:COUNT: write for instance observer.gain_1=10:1e4:50, with :linear at "
+            f"the end for a linear scale."
+        ) from None
+    scale: Any = parts[3] if len(parts) == 4 else "log"
+    axis = Axis(name.strip(), low, high, int(count), scale)
+    axis.check()
+    return axis
+
+
+def at_ends(result: Any) -> list[str]:
+    """Where the best of all lies at the end of an axis, the sentence that says so."""
+    best, _ = result.best()
+    ends = [
+        axis.name for axis in result.axes if axis.count > 2 and best[axis.name] in (axis.values[0], axis.values[-1])
+    ]
+    return [f"the least cost lies at an end of {' and '.join(ends)}: widen that range"] if ends else []

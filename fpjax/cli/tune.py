@@ -1,0 +1,144 @@
+"""`fpjax tune`: gains by gradients, Algorithm 1 or Nelder-Mead, and the tuned servo.toml."""
+
+import argparse
+import dataclasses
+from typing import Any
+
+from ..errors import InputError
+from ..runfile import RunFile, write_json, write_whole
+from .common import add_out, finish, running, start_jax, table
+from .cost import add_cost_arguments, cost_settings
+
+METHODS = ("levenberg_marquardt", "lbfgs", "adam", "grid", "grid_repaired", "nelder_mead")
+EXAMPLES = """\
+examples:
+  fpjax tune servo.toml --out tuned
+  fpjax tune servo.toml --method levenberg_marquardt --method grid --out both
+  fpjax tune servo.toml --parameter observer.gain_1=1:300:1e5 --parameter observer.gain_2 --starts 8 --out tuned
+  fpjax tune servo.toml --references sine,triangle,chirp --spread plant.inertia=0.2 --worst --out robust
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's words."""
+    parser.epilog = EXAMPLES
+    add_cost_arguments(parser)
+    parser.add_argument(
+        "--parameter", metavar="NAME[=LOW:START:HIGH[:linear]]", action="append", default=[],
+        help="what to tune (default: the observer's gains, or kp and ki without an observer)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--method", action="append", choices=METHODS, help="one or several to compare (default levenberg_marquardt)"
+    )
+    parser.add_argument("--starts", type=int, default=1, metavar="N", help="number of starts (default 1)")
+    parser.add_argument("--seed", type=int, default=0, help="of the drawn starts (default 0)")
+    parser.add_argument("--max-simulations", type=int, metavar="N", help="stop a start before it uses more")
+    parser.add_argument("--no-plots", action="store_true", help="no pictures")
+    add_out(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Tune."""
+    with running(arguments) as record:
+        record.stage("start")
+        start_jax(arguments)
+        model, references, settings = cost_settings(arguments, record)
+        parameters = [read_parameter(word) for word in arguments.parameter] or default_parameters(model)
+        from tuning import tune
+
+        record.seeds["starts"] = arguments.seed
+        results = []
+        for method in dict.fromkeys(arguments.method or ["levenberg_marquardt"]):
+            record.stage(method)
+            arguments.kept = f"nothing was tuned yet by {method}"
+            result = tune(
+                model.loop, references, parameters=parameters, method=method, starts=arguments.starts,
+                seed=arguments.seed, max_simulations=arguments.max_simulations, progress=True, **settings,
+            )  # fmt: skip
+            print(result, end="\n\n")
+            results.append(result)
+        whole = [result for result in results if not result.diverged]
+        if not whole:
+            raise InputError(
+                "Every start blows up: start from smaller gains (--parameter NAME=LOW:START:HIGH), or use a smaller "
+                "[simulation] dt."
+            )
+        best = min(whole, key=lambda result: result.cost)
+        if len(results) > 1:
+            print(compare(results), end="\n\n")
+        record.stage("write")
+        _write(model, results, best, record, arguments)
+        finish(record)
+    return 0
+
+
+def default_parameters(model: Any) -> list[Any]:
+    """The observer's gains, or the controller's.
+
+    Raises:
+        InputError: where there is neither.
+    """
+    from ..parameters import parameter_names
+
+    names = parameter_names(model.loop)
+    words = ("gain", "gain_1", "gain_2")
+    chosen = [name for name in names if name.startswith("observer.") and name.rpartition(".")[2] in words]
+    chosen = chosen or [
+        name for name in names if name.startswith("controller.") and name.endswith((".kp", ".ki", ".gain"))
+    ]
+    if not chosen:
+        raise InputError(f"There is nothing to tune: name it with --parameter, one of {', '.join(names)}.")
+    return chosen
+
+
+def read_parameter(word: str) -> Any:
+    """A `Parameter` of NAME, NAME=START or NAME=LOW:START:HIGH[:linear].
+
+    Raises:
+        InputError: for what cannot be read.
+    """
+    from tuning import Parameter
+
+    name, equals, rest = word.partition("=")
+    if not equals:
+        return Parameter(name.strip())
+    parts = rest.split(":")
+    scale: Any = parts.pop() if len(parts) in (2, 4) and parts[-1] in ("log", "linear") else "log"
+    try:
+        numbers = [float(part) for part in parts]
+        if len(numbers) == 1:
+            return Parameter(name.strip(), start=numbers[0], scale=scale)
+        low, start, high = numbers
+    except ValueError:
+        raise InputError(
+            f"--parameter {word!r} is not NAME=LOW:START:HIGH: write for instance observer.gain_1=1:300:1e5."
+        ) from None
+    return Parameter(name.strip(), start=start, low=low, high=high, scale=scale)
+
+
+def compare(results: list[Any]) -> str:
+    """A row a method."""
+    rows = []
+    for result in results:
+        gains = ", ".join(f"{value:.5g}" for value in result.gains.values())
+        rows.append((result.method, result.cost, result.simulations, result.run_seconds, result.compile_seconds, gains))
+    names = ", ".join(name.removeprefix("observer.") for name in results[0].gains)
+    return table(rows, ("method", "cost", "simulations", "run s", "compile s", names))
+
+
+def _write(model: Any, results: list[Any], best: Any, record: RunFile, arguments: argparse.Namespace) -> None:
+    if record.folder is None:
+        return
+    from ..model_file import dump_model
+
+    write_json(record.path("tune.json"), {"best": best.method, "results": [result.to_dict() for result in results]})
+    tuned = dataclasses.replace(model, loop=best.apply(model.loop))
+    comments = {}
+    for name, value in best.gains.items():
+        section, _, key = name.rpartition(".")
+        comments[section.split(".")[0], key] = f"tuned from {best.start[name]:g}" if value else ""
+    write_whole(record.path("tuned.toml"), dump_model(tuned, comments=comments))
+    if not arguments.no_plots:
+        from .pictures import draw_tuning
+
+        draw_tuning(model, tuned, results, record.path("tune.png"))
