@@ -60,7 +60,7 @@ def cost_settings(arguments: argparse.Namespace, record: RunFile) -> tuple[Any, 
         "tracking": lambda: Tracking(start=arguments.after, position=model.units.reference == "position"),
         "thesis": Thesis,
     }[chosen]()
-    plants = {name: values for name, values in map(_plants, arguments.plants)}
+    plants = dict(map(_plants, arguments.plants))
     spread = {name: values[0] for name, values in map(_plants, arguments.spread)}
     if plants and spread:
         raise InputError("--plants and --spread are two ways to say the same: give one of them.")

@@ -131,6 +131,6 @@ def draw_tuning(before: Model, after: Model, results: list[Any], path: Path) -> 
             panel.axhline(after.nominal[word], color=GREY, linestyle="--", label="true")
         panel.set_ylabel(f"{word} [{after.units.name(kinds.get(word, '1'))}]")
     for panel in panels[1:]:
-        panel.legend(loc="upper right", ncols=3)
+        panel.legend(loc="best", ncols=3)
     panels[-1].set_xlabel("time [s]")
     return save(figure, path)

@@ -89,8 +89,8 @@ def read_axis(word: str) -> Any:
             raise ValueError
     except (ValueError, OverflowError):
         raise InputError(
-            f"--axis {word!r} is not NAME=LOW:HIGH:COUNT: write for instance observer.gain_1=10:1e4:50, with :linear at "
-            f"the end for a linear scale."
+            f"--axis {word!r} is not NAME=LOW:HIGH:COUNT: write for instance observer.gain_1=10:1e4:50, with :linear "
+            f"at the end for a linear scale."
         ) from None
     scale: Any = parts[3] if len(parts) == 4 else "log"
     axis = Axis(name.strip(), low, high, int(count), scale)
