@@ -20,13 +20,13 @@ _SHADOWED = frozenset({"estimate", "identify", "simulate"})
 def __getattr__(name: str) -> Any:
     if name.startswith("__"):
         raise AttributeError(f"module 'fpjax' has no attribute {name!r}")
-    public = importlib.import_module("fpjax.public")
+    # A module first: one of ours may ask for another while the public surface is still being imported.
+    if name not in _SHADOWED and importlib.util.find_spec(f"fpjax.{name}") is not None:
+        return importlib.import_module(f"fpjax.{name}")
     try:
-        value = getattr(public, name)
+        value = getattr(importlib.import_module("fpjax.public"), name)
     except AttributeError:
-        if importlib.util.find_spec(f"fpjax.{name}") is None:
-            raise AttributeError(f"module 'fpjax' has no attribute {name!r}") from None
-        value = importlib.import_module(f"fpjax.{name}")
+        raise AttributeError(f"module 'fpjax' has no attribute {name!r}") from None
     globals()[name] = value
     return value
 

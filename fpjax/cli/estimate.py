@@ -1,0 +1,134 @@
+"""`fpjax estimate`: an observer over a log, friction estimates over time beside least squares."""
+
+import argparse
+import dataclasses
+import sys
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..runfile import RunFile, write_json
+from .common import add_log_options, add_out, finish, running, say, start_jax
+from .simulate import open_model
+
+LAPS = 20.0  # time constants in a log, for gains that nobody gave
+EXAMPLES = """\
+examples:
+  fpjax estimate run.csv --model servo.toml --out friction
+  fpjax estimate DATA_EMPS.mat --columns emps --model emps.toml --average 6.24 --out friction
+without [observer] in the model an EFP is taken whose gains follow the inertia and the log's speed
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's words."""
+    parser.epilog = EXAMPLES
+    parser.add_argument("log", metavar="LOG", help="CSV, .npz, .mat, Parquet or MCAP with torque and motion")
+    parser.add_argument("--model", metavar="MODEL", required=True, help="servo.toml: inertia, known load, observer")
+    add_log_options(parser)
+    parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter")
+    parser.add_argument(
+        "--average", type=float, metavar="S", help="take the mean over the last S seconds, a lap (default: a quarter)"
+    )
+    parser.add_argument(
+        "--differentiator", choices=("zero_phase", "causal"), default="zero_phase",
+        help="how a log without velocity gets one (default zero_phase; causal is what a drive could do)",
+    )  # fmt: skip
+    parser.add_argument("--cutoff", type=float, metavar="HZ", help="of that differentiator (default: rate / 10)")
+    parser.add_argument("--no-plots", action="store_true", help="no pictures")
+    add_out(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Estimate."""
+    with running(arguments) as record:
+        record.stage("start")
+        start_jax(arguments)
+        model, log = open_model_and_log(arguments, record)
+        from ..estimate import estimate, measured_velocity
+        from ..parameters import set_parameters
+        from .common import read_pairs
+
+        observer = model.loop.observer
+        if not observer.estimated:
+            velocity, _ = measured_velocity(log, differentiator=arguments.differentiator, cutoff=arguments.cutoff)
+            observer = default_observer(model, log, velocity, record)
+            own = read_pairs(arguments.observer_set, "--set")
+            observer = set_parameters(observer, own)
+        record.stage("estimate")
+        found = estimate(
+            log, observer, load=model.loop.plant.load, average=arguments.average,
+            differentiator=arguments.differentiator, cutoff=arguments.cutoff,
+        )  # fmt: skip
+        print(found)
+        record.notes.extend(found.sentences)
+        record.stage("write")
+        if record.folder is not None:
+            write_json(record.path("estimate.json"), found.to_dict())
+            _write_traces(found, record)
+            if not arguments.no_plots:
+                found.plot(record.path("estimate.png"))
+        finish(record)
+    return 0
+
+
+def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> tuple[Any, Any]:
+    """The model and the log of a command, checked against each other.
+
+    Raises:
+        InputError: for what cannot be in one of them.
+    """
+    from ..logs import read_log
+    from ..logs.suspicions import suspicions
+
+    changes = [word for word in arguments.set if not word.startswith("observer.")]
+    arguments.observer_set = [word.removeprefix("observer.") for word in arguments.set if word.startswith("observer.")]
+    model = open_model(arguments.model, changes, record)
+    if model.loop.observer.estimated and arguments.observer_set:
+        from ..parameters import set_parameters
+        from .common import read_pairs
+
+        observer = set_parameters(model.loop.observer, read_pairs(arguments.observer_set, "--set"))
+        model = dataclasses.replace(model, loop=dataclasses.replace(model.loop, observer=observer))
+    record.stage("read")
+    path = record.read(arguments.log, "log")
+    log = read_log(path, columns=arguments.columns, linear=model.linear, repair=arguments.repair)
+    record.notes.extend(log.warnings)
+    for sentence in suspicions(log, inertia=model.nominal["inertia"]):
+        sentence = sentence[0].upper() + sentence[1:] + "."
+        print(f"warning: {sentence}", file=sys.stderr)
+        record.notes.append(sentence)
+    return model, log
+
+
+def default_observer(model: Any, log: Any, velocity: np.ndarray, record: RunFile) -> Any:
+    """An EFP for a model without one: both modes as fast as a twentieth of the log, by (4.12) e' = -(1/J) s phi^T e.
+
+    Nothing here looks at the torque, so the answer has no say in the gains.
+    """
+    from .. import ExtendedFriedlandPark
+
+    inertia = model.nominal["inertia"]
+    mean_square = float(np.mean(np.square(velocity)))
+    if mean_square == 0.0:
+        raise InputError(f"{log.name} does not move, so no friction can be estimated from it: record one that does.")
+    time_constant = log.duration / LAPS
+    gain_1 = float(f"{inertia / (time_constant * mean_square):.3g}")
+    gain_2 = float(f"{inertia / time_constant:.3g}")
+    say(
+        record,
+        f"[observer] is not given: an EFP with gain_1 = {gain_1:g} and gain_2 = {gain_2:g} was chosen, from the "
+        f"inertia and the log's speed, for a time constant of about {time_constant:.3g} s.",
+    )
+    return ExtendedFriedlandPark(inertia=inertia, gain_1=gain_1, gain_2=gain_2)
+
+
+def _write_traces(found: Any, record: RunFile) -> None:
+    path = record.path("estimate.csv")
+    columns = np.column_stack([found.time, found.velocity, *found.estimates.values()])
+    try:
+        header = ",".join(["time", "velocity", *found.estimates])
+        np.savetxt(path, columns, delimiter=",", header=header, comments="", fmt="%.8g")
+    except OSError as error:
+        raise InputError(f"{path} cannot be written ({error.strerror}): use another --out.") from error
