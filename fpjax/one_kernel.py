@@ -15,6 +15,7 @@ from jax.core import Tracer, eval_jaxpr
 from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
+from jax.interpreters.partial_eval import dce_jaxpr
 
 # What may stand in one kernel. A list of what is allowed, not of what is forbidden: XLA fails hard on a sort, a LAPACK
 # or FFI call, a callback or a collective inside the kernel, and a primitive that nobody has tried is better run slowly
@@ -117,12 +118,14 @@ def _size(aval: Any) -> int:
 
 
 def _kernel(closed: Any) -> Callable[..., Any]:
-    evaluate = jaxpr_as_fun(closed)
+    # An array argument that nothing uses, or that XLA sees to be constant, ends the process: a check in ir_emitter.cc,
+    # jax 0.7 to 0.11. So the first are left out, and the others stand behind a barrier.
+    program, used = dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars))
+    evaluate = jaxpr_as_fun(closed.replace(jaxpr=program))
     call = jax.jit(lambda *values: evaluate(*values))
 
     def kernel(*values: Any) -> Any:
-        # An argument that XLA sees to be a constant array ends the process: a check in ir_emitter.cc, jax 0.7 to 0.11.
-        values = lax.optimization_barrier(values)
+        values = lax.optimization_barrier([value for value, wanted in zip(values, used, strict=True) if wanted])
         with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
             return call(*values)
 
