@@ -43,6 +43,11 @@ def persistent(*, interpret: bool = False) -> Iterator[None]:
         _mode.reset(token)
 
 
+def persistent_mode() -> str | None:
+    """None where loops are plain scans, else "cuda" or "interpret": part of the key of a cached trace."""
+    return _mode.get()
+
+
 def is_persistent() -> bool:
     """Whether loops are being traced for one kernel on a GPU."""
     return _mode.get() is not None
