@@ -5,6 +5,7 @@ chunks then running: the finished ones are in the folder, and `resume=True` comp
 """
 
 import functools
+import itertools
 import json
 import pickle
 from collections.abc import Iterator, Sequence
@@ -21,6 +22,7 @@ from .problem import Problem
 from .sweep_store import MANIFEST, SweepStore, write_chunk
 
 RETRIES = 10  # workers that may die at one chunk before it is given up
+PATIENCE = "10s"  # with a scheduler that does not answer
 AHEAD = 4  # chunks given out at once, as a multiple of the workers' threads
 
 
@@ -52,7 +54,7 @@ def on_cluster(
     except ImportError as error:
         raise InputError("scheduler=... needs Dask distributed: install fpjax[cluster].") from error
     try:
-        client = distributed.Client(address, timeout="10s", set_as_default=False)
+        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(
             f"No Dask scheduler answers at {address!r} ({type(error).__name__}): start one with `dask scheduler` and "
@@ -62,35 +64,27 @@ def on_cluster(
     payload = pickle.dumps(
         (jax.tree.map(np.asarray, problem), tuple(axes), chunk, total, bool(jax.config.jax_enable_x64))
     )
+    if not missing:
+        return
     with client:
         waiting = iter(missing)
-        running = distributed.as_completed([])
         counts: Any = client.nthreads()
         threads = max(1, sum(counts.values()))
 
-        def give_out() -> None:
-            piece = next(waiting, None)
-            if piece is not None:
-                # Not pure: a chunk whose file was lost is computed again, not remembered by the cluster.
-                running.add(
-                    client.submit(
-                        _compute,
-                        payload,
-                        piece,
-                        folder,
-                        store.identity,
-                        pure=False,
-                        retries=RETRIES,
-                        key=f"chunk-{piece}-{store.identity[:12]}",
-                    )
-                )
+        def submit(piece: int) -> Any:
+            # Not pure: a chunk whose file was lost is computed again, not remembered by the cluster.
+            name = f"chunk-{piece}-{store.identity[:12]}"
+            return client.submit(
+                _compute, payload, piece, folder, store.identity, pure=False, retries=RETRIES, key=name
+            )
 
-        for _ in range(AHEAD * threads):
-            give_out()
+        first = [submit(piece) for piece in itertools.islice(waiting, AHEAD * threads)]
+        running = distributed.as_completed(first, loop=client.loop)
         for future in running:
             piece, costs = future.result()
-            future.release()
-            give_out()
+            following = next(waiting, None)
+            if following is not None:
+                running.add(submit(following))
             yield piece, costs
 
 

@@ -98,7 +98,7 @@ class Space(eqx.Module):
 
 
 def _turning(at: Array) -> Array:
-    """ln of a multiple: x above 0, ln(1 + x) below, x / TAIL from the multiple TAIL downwards; its slope never jumps."""
+    """ln of a multiple: x above 0, ln(1 + x) below, x / TAIL from the multiple TAIL down; the slope never jumps."""
     middle = jnp.log1p(jnp.clip(at, TAIL - 1.0, 0.0))
     low = math.log(TAIL) + (jnp.minimum(at, TAIL - 1.0) - (TAIL - 1.0)) / TAIL
     return jnp.where(at > 0.0, at, jnp.where(at > TAIL - 1.0, middle, low))
