@@ -35,10 +35,9 @@ Y = TypeVar("Y")
 CHECKPOINTS = ("none", "step", "nested", "auto")  # in the order of their levels of blocks: 0, 1, 2, by size
 MOST_LEVELS = 4
 
-_EXPENSIVE = frozenset(
-    """tanh exp exp2 expm1 log log1p logistic pow sqrt cbrt sin cos tan sinh cosh asin acos atan atan2 asinh acosh atanh
-    erf erfc""".split()
-)
+_EXPENSIVE = """
+tanh exp exp2 expm1 log log1p logistic pow sqrt cbrt sin cos tan sinh cosh asin acos atan atan2 asinh acosh atanh erf erfc
+"""
 
 _switch: contextvars.ContextVar[bool | None] = contextvars.ContextVar("native", default=None)
 # Set while `fpjax.gradients` traces a reverse pass: (candidates, bytes allowed for the residuals).
@@ -152,7 +151,7 @@ def scan_loop(
 def _is_expensive(primitive: Any, *operands: Any, **parameters: Any) -> bool:
     """What a checkpointed step keeps besides its carry: 10-15 % faster, and a few numbers a step more."""
     del operands, parameters
-    return primitive.name in _EXPENSIVE
+    return primitive.name in _EXPENSIVE.split()
 
 
 def _in_blocks(step: Callable[[C, X], tuple[C, Y]], carry: C, xs: X, length: int, levels: int, unroll: int) -> Any:

@@ -12,14 +12,14 @@ from typing import Any
 from fpjax.errors import InputError
 
 SIZES = (1, 5, 64, 1024, 16384, 131072)
-MILLION = 1_000_000
+FLAT = (1024, 16384, 131072, 1_000_000)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the benchmark."""
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for speed.json, speed.txt and speed.png")
     parser.add_argument("--quick", action="store_true", help="small sizes, once: whether it works, not how fast")
-    parser.add_argument("--repeats", type=int, default=5, help="interleaved samples of each row (default 5)")
+    parser.add_argument("--repeats", type=int, default=3, help="interleaved samples of each row (default 3)")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -60,9 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
     for dtype in (np.float64, np.float32):
         for size in sizes:
             results["values"] += bench.value_rows(dtype, size)
-        if not arguments.quick:
-            results["flat"] += bench.value_rows(dtype, MILLION, only_fastest=True)
-        for size in sizes[: 3 if arguments.quick else 4]:
+        results["flat"] += bench.flat(dtype, (64, 128) if arguments.quick else FLAT)
+        for size in sizes[:4] if dtype is np.float64 else sizes[:3]:
             for gains in (2,) if arguments.quick else (2, 5, 10):
                 results["gradients"] += bench.gradient_rows(dtype, size, gains, with_plain=size <= 64)
     if not arguments.quick:
@@ -102,7 +101,7 @@ def rows_table(results: dict[str, Any]) -> str:
     lines = [f"{results['machine']['processor']}, {results['machine']['cores']} cores, one core used"]
     lines.append(", ".join(f"{name} {number}" for name, number in results["versions"].items()))
     for dtype in ("float64", "float32"):
-        rows = [row for row in results["values"] + results["flat"] if row["dtype"] == dtype]
+        rows = [row for row in results["values"] if row["dtype"] == dtype]
         sizes = list(dict.fromkeys(row["candidates"] for row in rows))
         lines += ["", f"value, {dtype}, steps per second", f"{'candidates':16}" + "".join(f"{s:>10}" for s in sizes)]
         for name in dict.fromkeys(row["implementation"] for row in rows):
@@ -110,6 +109,9 @@ def rows_table(results: dict[str, Any]) -> str:
             cells = [f"{mine[s]['steps_per_second']:10.2e}" if s in mine else f"{'':10}" for s in sizes]
             word = "  (disagrees)" if any(row.get("disagrees") for row in mine.values()) else ""
             lines.append(f"{name:16}" + "".join(cells) + word)
+    lines += ["", "value by batch alone, the same few steps, steps per second"]
+    for row in results["flat"]:
+        lines.append(f"{row['dtype']} B={row['candidates']:<8} {row['implementation']:6} {row['steps_per_second']:.2e}")
     lines += ["", "value and gradient over value (scratch of a chunk [MB])"]
     for row in results["gradients"]:
         if row["what"] != "value":

@@ -52,11 +52,11 @@ def goals(results: dict[str, Any]) -> list[dict[str, Any]]:
     for dtype in ("float64", "float32"):
         flat = [
             row["seconds"] / row["candidates"] / row["steps"]
-            for row in results["values"] + results["flat"]
-            if row["implementation"] == "fpjax" and row["dtype"] == dtype and row["candidates"] >= 1024
+            for row in results["flat"]
+            if row["implementation"] == "fpjax" and row["dtype"] == dtype
         ]
         if len(flat) > 1:
-            noise = "one of these sizes met a busy machine or a padded chunk"
+            noise = "results are gathered in memory past the cache, or one of these sizes met a busy machine"
             add(f"{dtype} spread of the cost of a candidate, B=1e3 to 1e6", "<=", 1.1, max(flat) / min(flat), noise)
     for size, times in ((1, 0.95), (5, 10.0), (64, 5.0), (1024, 2.2), (16384, 4.0), (131072, 6.0)):
         name = f"f64 times as fast as vmap(lax.scan), B={size}"

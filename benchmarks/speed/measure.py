@@ -71,19 +71,18 @@ class Bench:
             else:
                 self.peers[name] = make
 
-    def value_rows(self, dtype: Any, size: int, only_fastest: bool = False) -> list[dict[str, Any]]:
+    def value_rows(self, dtype: Any, size: int) -> list[dict[str, Any]]:
         """One row an implementation: the cost of `size` candidates of two gains, on one core."""
         steps = steps_for(size, self.steps)
         batch, reference = servo.candidates(size, 2, dtype), servo.table(steps, dtype)
         calls: dict[str, Callable[[], Any]] = {}
         if self.cpp is not None:
             calls["C++"] = self._fastest_cpp(batch, reference, size)
-        if not only_fastest:
-            for name, make in self.peers.items():
-                calls[name] = make(batch, reference)
-            calls["vmap(lax.scan)"] = self._plain(batch, reference)
+        for name, make in self.peers.items():
+            calls[name] = make(batch, reference)
+        calls["vmap(lax.scan)"] = self._plain(batch, reference)
         calls["fpjax"] = self.fpjax_value(batch, steps, dtype, size)
-        expected = np.asarray(calls["fpjax"]() if only_fastest else calls["vmap(lax.scan)"]())
+        expected = np.asarray(calls["vmap(lax.scan)"]())
         errors = {name: float(np.max(np.abs(np.asarray(call()) / expected - 1.0))) for name, call in calls.items()}
         # The first calls above compiled; their time is taken apart, in fresh processes (first_call.py).
         times = timing.interleaved(calls, self.repeats)
@@ -172,13 +171,29 @@ class Bench:
     def growth(self, dtype: Any, size: int = 64) -> dict[str, list[dict[str, Any]]]:
         """Cost and memory of value and gradient by horizon and by number of gains, at `size` candidates."""
         horizon, gains = [], []
-        for factor in (0.25, 0.5, 1.0, 2.0, 4.0):
+        for factor in (0.25, 1.0, 4.0, 16.0):
             other = Bench.__new__(Bench)
-            other.__dict__.update(self.__dict__, steps=max(2, int(self.steps * factor)))
+            other.__dict__.update(self.__dict__, steps=max(2, int(self.steps * factor)), repeats=2)
             horizon += other.gradient_rows(dtype, size, 2, with_plain=False)
-        for count in range(1, len(servo.NAMES) + 1):
+        for count in (1, 2, 3, 4, 6, 8, 10):
             gains += self.gradient_rows(dtype, size, count, with_plain=False)
         return {"horizon": horizon, "gains": gains}
+
+    def flat(self, dtype: Any, sizes: tuple[int, ...]) -> list[dict[str, Any]]:
+        """The library and C++ by batch alone: the same few steps at every size, interleaved."""
+        steps = max(self.steps // 10, 1)
+        rows = []
+        for name in ("C++", "fpjax"):
+            calls: dict[str, Callable[[], Any]] = {}
+            for size in sizes:
+                batch = servo.candidates(size, 2, dtype)
+                if name == "fpjax":
+                    calls[str(size)] = self.fpjax_value(batch, steps, dtype, size)
+                elif self.cpp is not None:
+                    calls[str(size)] = self._fastest_cpp(batch, servo.table(steps, dtype), size)
+            for size, (median, _) in timing.interleaved(calls, self.repeats).items():
+                rows.append(self._row(name, "value", dtype, int(size), 2, steps, median))
+        return rows
 
     def scaling(self, dtype: Any, size: int) -> list[dict[str, Any]]:
         """The same batch on one core and on all, and how far the results differ."""

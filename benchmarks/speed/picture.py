@@ -13,7 +13,7 @@ def draw(results: dict[str, Any], path: pathlib.Path) -> None:
 
     figure, axes = pyplot.subplots(2, 2, figsize=(11, 8), layout="constrained")
     for axis, dtype in zip(axes[0], ("float64", "float32"), strict=True):
-        rows = [row for row in results["values"] + results["flat"] if row["dtype"] == dtype]
+        rows = [row for row in results["values"] if row["dtype"] == dtype]
         for name in dict.fromkeys(row["implementation"] for row in rows):
             mine = sorted((row["candidates"], row["steps_per_second"]) for row in rows if row["implementation"] == name)
             if mine:
