@@ -13,10 +13,11 @@ import pathlib
 
 import jax
 import numpy as np
+from matplotlib import rc_context
 
 import fpjax as fp
 import tuning
-from fpjax.plotting import BLUE, RED, new_figure, save
+from fpjax.plotting import BLUE, RED, STYLE, new_figure, save
 
 DEGREE = math.pi / 180.0  # the thesis' loop runs in deg/s: inertia and viscous friction are scaled by this
 INERTIA, DT, STEEPNESS = 10.0 * DEGREE, 2e-4, 100.0
@@ -67,7 +68,11 @@ def main() -> None:
     parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("out"))
     out = parser.parse_args().out
     jax.config.update("jax_enable_x64", True)
+    with rc_context(STYLE):
+        tune_and_draw(out)
 
+
+def tune_and_draw(out: pathlib.Path) -> None:
     result = find_gains()
     print(result)
     tuned = (result.gains["observer.gain_2"], result.gains["observer.gain_1"] / DEGREE)
@@ -79,9 +84,8 @@ def main() -> None:
                 loop_with(*gains, viscous=viscous), REFERENCE, dt=DT, duration=30.0, record=("estimates.viscous",)
             )
             estimate = np.asarray(run.signals["estimates.viscous"]) / DEGREE
-            print(
-                f"  true b = {viscous:4g}: b_hat(30 s) = {estimate[-1]:8.4f}, largest |b_hat| {abs(estimate).max():7.0f}"
-            )
+            largest = np.abs(estimate).max()
+            print(f"  true b = {viscous:4g}: b_hat(30 s) = {estimate[-1]:8.4f}, largest |b_hat| {largest:7.0f}")
             name = label if viscous == 2.0 else None
             swing.semilogy(run.time[::50], np.abs(estimate[::50]), color=colour, linewidth=0.8, label=name)
             late.plot(viscous, estimate[-1], "o", color=colour, label=name)

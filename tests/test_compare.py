@@ -1,0 +1,114 @@
+"""`python -m benchmarks compare`: its JSON, its pictures, its arithmetic."""
+
+import json
+
+import pytest
+
+from benchmarks.__main__ import main
+from benchmarks.compare.goals import goals
+from fpjax.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory):
+    """(exit code, folder) of a quick run."""
+    folder = tmp_path_factory.mktemp("compare")
+    return main(["compare", "--quick", "--out", str(folder)]), folder
+
+
+def test_quick_run_writes_the_rows_the_goals_and_the_pictures(compared):
+    code, folder = compared
+    assert code == 0
+    content = json.loads((folder / "compare.json").read_text())
+    rows = content["rows"]
+    methods = {"algorithm_1", "algorithm_1_repaired", "levenberg_marquardt", "lbfgs", "adam", "nelder_mead"}
+    assert {row["method"] for row in rows} == methods | {"dense_sweep"}
+    assert {row["reference"] for row in rows} == {"sine", "chirp", "joint"}
+    assert {row["objective"] for row in rows} == {"estimation", "thesis"}
+    assert len(rows) == 7 * 3 * 2
+    assert len(content["goals"]) == 2 * 3 * 2
+    for name in ("compare_efp_estimation.png", "compare_efp_thesis.png"):
+        assert (folder / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_every_contestant_has_the_same_start_and_keeps_its_budget(compared):
+    rows = json.loads((compared[1] / "compare.json").read_text())["rows"]
+    for row in rows:
+        if row["method"] == "dense_sweep":
+            continue
+        budget = 24 * (2 if row["reference"] == "joint" else 1)
+        assert 0 < row["simulations"] <= budget
+        assert row["simulated_steps"] == 1001 * row["simulations"]
+        assert row["history"][-1] == [row["simulations"], row["cost"]]
+        assert {"jax", "fpjax", "numpy", "python"} <= set(row["versions"])
+        same = [
+            other["start_cost"]
+            for other in rows
+            if (other["objective"], other["reference"]) == (row["objective"], row["reference"])
+            and other["method"] != "dense_sweep"
+        ]
+        assert max(same) - min(same) <= 1e-9 * max(same)
+    joint = next(row for row in rows if row["method"] == "lbfgs" and row["reference"] == "joint")
+    # Two references, two gains in forward mode.
+    assert joint["history"][0][0] == 2 * 3
+
+
+def row(method, cost, history):
+    used = next(number for number, reached in history if reached <= cost)
+    gains = {"gain_2": 1.0, "gain_1": 2.0}
+    return {
+        "observer": "efp",
+        "objective": "estimation",
+        "reference": "sine",
+        "method": method,
+        "cost": cost,
+        "history": history,
+        "simulations_to_best": used,
+        "gains": gains,
+        "message": "reason",
+    }
+
+
+@pytest.mark.parametrize(
+    ("reached", "at", "fifth", "percent"), [(0.9, 20, True, True), (0.9, 21, False, True), (1.0, 20, True, False)]
+)
+def test_goals_are_computed_from_the_rows(reached, at, fifth, percent):
+    rows = [
+        row("dense_sweep", 0.895, [(100, 0.895)]),
+        row("algorithm_1", 1.0, [(4, 3.0), (100, 1.0), (120, 1.0)]),
+        row("levenberg_marquardt", reached, [(3, 3.0), (at, reached)]),
+        row("lbfgs", 2.0, [(3, 2.0)]),
+        row("adam", 2.0, [(3, 2.0)]),
+    ]
+    steps, minimum = goals(rows)
+    assert steps["ratio"] == at / 100
+    assert steps["method"] == minimum["method"] == "levenberg_marquardt"
+    assert (steps["met"], minimum["met"]) == (fifth, percent)
+    assert bool(steps["why_not"]) != fifth
+    assert bool(minimum["why_not"]) != percent
+
+
+def test_where_no_gradient_arrives_the_goal_says_where_it_ended():
+    rows = [
+        row("dense_sweep", 0.5, [(100, 0.5)]),
+        row("algorithm_1", 1.0, [(4, 1.0)]),
+        *(row(name, 2.0, [(3, 2.0)]) for name in ("levenberg_marquardt", "lbfgs", "adam")),
+    ]
+    steps, minimum = goals(rows)
+    assert steps["ratio"] is None
+    assert not steps["met"]
+    assert "no gradient method got below" in steps["why_not"]
+    assert "the sweep's minimum is at (1, 2)" in minimum["why_not"]
+
+
+@pytest.mark.parametrize("option", [["--budget", "3"], ["--points", "1"]])
+def test_absurd_options_end_with_one_sentence(option, tmp_path, capsys):
+    assert main(["compare", "--quick", "--out", str(tmp_path), *option]) == 2
+    assert option[0] in capsys.readouterr().err
+
+
+def test_an_unwritable_folder_ends_with_one_sentence(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["compare", "--quick", "--out", str(tmp_path / "file" / "out")]) == 2
+    assert "cannot be made" in capsys.readouterr().err
+    assert issubclass(InputError, Exception)
