@@ -1,3 +1,3 @@
 """`fpjax COMMAND`: one file a command, imported only when it is asked for."""
 
-from .main import main as main
+from .command_line import main as main

@@ -82,7 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Each step is a command; it is printed before it runs."""
-    from .main import main
+    from .command_line import main
 
     folder = open_folder(arguments.out)
     assert folder is not None

@@ -95,8 +95,7 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> tuple[
     path = record.read(arguments.log, "log")
     log = read_log(path, columns=arguments.columns, linear=model.linear, repair=arguments.repair)
     record.notes.extend(log.warnings)
-    for sentence in suspicions(log, inertia=model.nominal["inertia"]):
-        sentence = sentence[0].upper() + sentence[1:] + "."
+    for sentence, _ in suspicions(log, inertia=model.nominal["inertia"]):
         print(f"warning: {sentence}", file=sys.stderr)
         record.notes.append(sentence)
     return model, log

@@ -125,12 +125,8 @@ def inspect_log(log: Log) -> Inspection:
         bandwidth=bandwidth_of(log.torque, log.dt),
         abilities=tuple(abilities(log, speed, fast, travel, reversals, nominal)),
         nominal=nominal,
-        warnings=(*log.warnings, *(sentence[0].upper() + sentence[1:] + "." for sentence in _looks(log, nominal))),
+        warnings=(*log.warnings, *(one.sentence for one in suspicions(log, nominal=nominal))),
     )
-
-
-def _looks(log: Log, nominal: Nominal | None) -> list[str]:
-    return suspicions(log, nominal=nominal)
 
 
 def describe(name: str, unit: str, values: np.ndarray) -> Column:
