@@ -36,7 +36,8 @@ CHECKPOINTS = ("none", "step", "nested", "auto")  # in the order of their levels
 MOST_LEVELS = 4
 
 _EXPENSIVE = """
-tanh exp exp2 expm1 log log1p logistic pow sqrt cbrt sin cos tan sinh cosh asin acos atan atan2 asinh acosh atanh erf erfc
+tanh exp exp2 expm1 log log1p logistic pow sqrt cbrt sin cos tan sinh cosh asin acos atan atan2 asinh acosh atanh erf
+erfc
 """
 
 _switch: contextvars.ContextVar[bool | None] = contextvars.ContextVar("native", default=None)
