@@ -9,6 +9,7 @@ import functools
 import math
 
 import numpy as np
+
 from fpjax.gap import (
     Comparison,
     Diagnosis,
@@ -92,7 +93,9 @@ def compare(name, machine, before, after, *, seconds=8.0, signal="velocity", noi
         simulated.append(found)
     withheld = (time % 4.0) >= 2.75
     unit = {"velocity": "rad/s", "position": "rad"}[signal]
-    return Comparison(name, signal, unit, time, measured * scale, simulated[0] * scale, simulated[1] * scale, withheld, torque, window)
+    return Comparison(
+        name, signal, unit, time, measured * scale, simulated[0] * scale, simulated[1] * scale, withheld, torque, window
+    )
 
 
 def rms(values):
@@ -158,7 +161,9 @@ def where_of(comparison, velocity, position, torque, nominal, *, with_position=T
     bands = []
     for low, high in zip(*(lambda e: (e[:-1], e[1:]))(np.geomspace(frequency[0], frequency[-1], 18)), strict=True):
         inside = (frequency >= low) & (frequency < high)
-        bands.append(Share(float(low), float(high), float(spectrum[inside].sum() / spectrum.sum()), float(inside.mean())))
+        bands.append(
+            Share(float(low), float(high), float(spectrum[inside].sum() / spectrum.sum()), float(inside.mean()))
+        )
     maps["frequency"] = tuple(bands)
     regime = {
         "reversal": float(energy[np.abs(velocity) < 0.1].sum() / energy.sum()),
@@ -208,29 +213,55 @@ def explained():
     """Stribeck friction, alone and clear; a position channel is there."""
     truth = Machine(stribeck=0.22)
     comparison = compare("axis.csv", truth, Machine(), Machine(stribeck=0.2187, stribeck_velocity=0.1509))
-    time, torque, _, velocity, position = record(truth, 8.0)
+    _time, torque, _, velocity, position = record(truth, 8.0)
     gap = gap_of(comparison, 2.02e-3)
     where = where_of(comparison, velocity, position, torque, Machine())
     ranking = (
-        Ranked("stribeck", 0.962, gap.after, {
-            "stribeck_torque": Estimate(0.2187, 0.2131, 0.2243, "N m"),
-            "stribeck_velocity": Estimate(0.1509, 0.1466, 0.1552, "rad/s"),
-        }, evidence=4120.0),
-        Ranked("presliding", 0.027, gap.before * 0.42, {
-            "bristle_deflection": Estimate(3.11e-4, 2.2e-4, 4.1e-4, "rad"),
-            "bristle_stiffness": Estimate(1286.0, 950.0, 1610.0, "N m/rad"),
-        }),
+        Ranked(
+            "stribeck",
+            0.962,
+            gap.after,
+            {
+                "stribeck_torque": Estimate(0.2187, 0.2131, 0.2243, "N m"),
+                "stribeck_velocity": Estimate(0.1509, 0.1466, 0.1552, "rad/s"),
+            },
+            evidence=4120.0,
+        ),
+        Ranked(
+            "presliding",
+            0.027,
+            gap.before * 0.42,
+            {
+                "bristle_deflection": Estimate(3.11e-4, 2.2e-4, 4.1e-4, "rad"),
+                "bristle_stiffness": Estimate(1286.0, 950.0, 1610.0, "N m/rad"),
+            },
+        ),
         Ranked("coulomb_error", 0.006, gap.before * 0.71, {"coulomb": Estimate(0.4386, 0.4301, 0.4471, "N m")}),
         Ranked("torque_dead_zone", 0.001, gap.before * 0.83, {"width": Estimate(0.041, 0.033, 0.049, "N m")}),
-        Ranked("compliance", 0.0, gap.before * 0.98, {
-            "frequency": Estimate(88.0, math.nan, math.nan, "Hz"),
-            "stiffness": Estimate(3820.0, math.nan, math.nan, "N m/rad"),
-        }),
+        Ranked(
+            "compliance",
+            0.0,
+            gap.before * 0.98,
+            {
+                "frequency": Estimate(88.0, math.nan, math.nan, "Hz"),
+                "stiffness": Estimate(3820.0, math.nan, math.nan, "N m/rad"),
+            },
+        ),
     )
-    model = NOMINAL.replace("coulomb = 0.4\n", "coulomb = 0.4012\nstribeck_torque = 0.2187\nstribeck_velocity = 0.1509\n")
+    model = NOMINAL.replace(
+        "coulomb = 0.4\n", "coulomb = 0.4012\nstribeck_torque = 0.2187\nstribeck_velocity = 0.1509\n"
+    )
     return Diagnosis(
-        "explained", ("stribeck",), ranking, gap, (Step("stribeck", gap.after, gap.after_interval),), where, (), model,
-        (), (comparison,),
+        "explained",
+        ("stribeck",),
+        ranking,
+        gap,
+        (Step("stribeck", gap.after, gap.after_interval),),
+        where,
+        (),
+        model,
+        (),
+        (comparison,),
         (
             Identifiability("inertia", 0.05002, 4.1e-5, "kg m^2", "pinned"),
             Identifiability("coulomb", 0.4012, 7.2e-4, "N m", "pinned"),
@@ -238,7 +269,13 @@ def explained():
             Identifiability("stribeck_torque", 0.2187, 3.4e-3, "N m", "pinned"),
             Identifiability("stribeck_velocity", 0.1509, 2.6e-3, "rad/s", "traded off with stribeck_torque"),
         ),
-        None, 0.962, SECONDS, "rotary", NOMINAL, Tracking("rad/s", 0.0712, 0.0489, 0.0708), PROVENANCE,
+        None,
+        0.962,
+        SECONDS,
+        "rotary",
+        NOMINAL,
+        Tracking("rad/s", 0.0712, 0.0489, 0.0708),
+        PROVENANCE,
     )
 
 
@@ -251,30 +288,61 @@ def pair_with_twins():
     gap, one = gap_of(comparison, 3.0e-3), gap_of(middle, 3.0e-3)
     where = where_of(comparison, velocity, position, torque, Machine(), with_position=False)
     ranking = (
-        Ranked("constant_torque", 0.24, one.after, {"torque": Estimate(0.1097, 0.1079, 0.1115, "N m")}, ("asymmetric_friction",)),
-        Ranked("asymmetric_friction", 0.23, one.after, {
-            "coulomb_positive": Estimate(0.2903, 0.2885, 0.2921, "N m"),
-            "coulomb_negative": Estimate(0.5097, 0.5079, 0.5115, "N m"),
-        }, ("constant_torque",)),
-        Ranked("actuator_delay", 0.22, gap.after, {"delay": Estimate(4.02e-3, 3.93e-3, 4.11e-3, "s")}, ("velocity_delay",)),
-        Ranked("velocity_delay", 0.21, gap.after, {"delay": Estimate(4.02e-3, 3.93e-3, 4.11e-3, "s")}, ("actuator_delay",)),
+        Ranked(
+            "constant_torque",
+            0.24,
+            one.after,
+            {"torque": Estimate(0.1097, 0.1079, 0.1115, "N m")},
+            ("asymmetric_friction",),
+        ),
+        Ranked(
+            "asymmetric_friction",
+            0.23,
+            one.after,
+            {
+                "coulomb_positive": Estimate(0.2903, 0.2885, 0.2921, "N m"),
+                "coulomb_negative": Estimate(0.5097, 0.5079, 0.5115, "N m"),
+            },
+            ("constant_torque",),
+        ),
+        Ranked(
+            "actuator_delay", 0.22, gap.after, {"delay": Estimate(4.02e-3, 3.93e-3, 4.11e-3, "s")}, ("velocity_delay",)
+        ),
+        Ranked(
+            "velocity_delay", 0.21, gap.after, {"delay": Estimate(4.02e-3, 3.93e-3, 4.11e-3, "s")}, ("actuator_delay",)
+        ),
         Ranked("actuator_lag", 0.05, 1.6 * gap.after, {"time_constant": Estimate(4.4e-3, 4.1e-3, 4.7e-3, "s")}),
-        Ranked("compliance", 0.02, 1.9 * gap.after, {
-            "frequency": Estimate(41.7, 36.0, 47.4, "Hz"), "stiffness": Estimate(858.0, 640.0, 1076.0, "N m/rad"),
-        }),
+        Ranked(
+            "compliance",
+            0.02,
+            1.9 * gap.after,
+            {
+                "frequency": Estimate(41.7, 36.0, 47.4, "Hz"),
+                "stiffness": Estimate(858.0, 640.0, 1076.0, "N m/rad"),
+            },
+        ),
         Ranked("inertia_error", 0.004, 0.93 * gap.before, {"inertia": Estimate(0.0541, 0.0533, 0.0549, "kg m^2")}),
     )
     model = NOMINAL.replace('sensors = "both"', 'sensors = "velocity"')
-    corrected = model.replace("viscous = 0.03\n", "viscous = 0.0304\noffset = -0.1097\n") + "\n[actuator]\ndelay = 0.00402\n"
+    corrected = (
+        model.replace("viscous = 0.03\n", "viscous = 0.0304\noffset = -0.1097\n") + "\n[actuator]\ndelay = 0.00402\n"
+    )
     return Diagnosis(
-        "explained", ("constant_torque", "actuator_delay"), ranking, gap,
+        "explained",
+        ("constant_torque", "actuator_delay"),
+        ranking,
+        gap,
         (Step("constant_torque", one.after, one.after_interval), Step("actuator_delay", gap.after, gap.after_interval)),
         where,
         (
-            Experiment(("constant_torque", "asymmetric_friction"),
-                       "Coast down from the same speed in both directions with the drive off: a constant torque acts at rest too, friction does not."),
-            Experiment(("actuator_delay", "velocity_delay"),
-                       "Record the encoder position beside the rate sensor: a late sensor disagrees with the position, a late actuator does not."),
+            Experiment(
+                ("constant_torque", "asymmetric_friction"),
+                "Coast down both ways with the drive off: a constant torque acts at rest, friction does not.",
+            ),
+            Experiment(
+                ("actuator_delay", "velocity_delay"),
+                "Record the encoder too: a late rate sensor disagrees with it, a late actuator does not.",
+            ),
         ),
         corrected,
         (
@@ -290,7 +358,13 @@ def pair_with_twins():
             Identifiability("delay", 4.02e-3, 5.5e-5, "s", "pinned"),
             Identifiability("limit", 2.5, math.inf, "N m", "flat"),
         ),
-        None, 0.9, SECONDS, "rotary", model, None, PROVENANCE,
+        None,
+        0.9,
+        SECONDS,
+        "rotary",
+        model,
+        None,
+        PROVENANCE,
     )
 
 
@@ -308,9 +382,24 @@ def no_gap():
         Ranked("velocity_bias", 0.006, gap.before, {"bias": Estimate(-4.0e-5, -1.3e-4, 5.0e-5, "rad/s")}),
     )
     return Diagnosis(
-        "no_gap", (), ranking, gap, (), where, (), NOMINAL, (), (comparison,),
+        "no_gap",
+        (),
+        ranking,
+        gap,
+        (),
+        where,
+        (),
+        NOMINAL,
+        (),
+        (comparison,),
         (Identifiability("inertia", 0.05, 4.0e-5, "kg m^2", "pinned"),),
-        None, 0.97, SECONDS, "rotary", NOMINAL, None, PROVENANCE,
+        None,
+        0.97,
+        SECONDS,
+        "rotary",
+        NOMINAL,
+        None,
+        PROVENANCE,
     )
 
 
@@ -321,15 +410,29 @@ def unexplained():
         return 0.5 if 3.0 <= t < 3.3 or 7.1 <= t < 7.35 else 0.0
 
     truth = Machine()
-    comparison = compare("press.mat", truth, Machine(), Machine(coulomb=0.385), signal="position", noise=2e-4,
-                         disturbance=push, scale=0.01)
+    comparison = compare(
+        "press.mat",
+        truth,
+        Machine(),
+        Machine(coulomb=0.385),
+        signal="position",
+        noise=2e-4,
+        disturbance=push,
+        scale=0.01,
+    )
     comparison = dataclasses.replace(comparison, unit="m")
     _, torque, _, velocity, position = record(truth, 8.0, push)
     gap = dataclasses.replace(gap_of(comparison, 2.0e-6), unit="m")
     where = where_of(comparison, velocity, position, torque, Machine(), scale=0.01)
     ranking = (
         Ranked("coulomb_error", 0.03, gap.after, {"coulomb": Estimate(38.5, 34.2, 42.8, "N")}),
-        Ranked("backlash", 0.02, 0.97 * gap.before, {"gap": Estimate(2.1e-5, 0.3e-5, 3.9e-5, "m", at_bound=True)}, ("compliance",)),
+        Ranked(
+            "backlash",
+            0.02,
+            0.97 * gap.before,
+            {"gap": Estimate(2.1e-5, 0.3e-5, 3.9e-5, "m", at_bound=True)},
+            ("compliance",),
+        ),
         Ranked("compliance", 0.01, 0.99 * gap.before, {"frequency": Estimate(61.0, 20.0, 102.0, "Hz")}, ("backlash",)),
     )
     model = """[units]
@@ -351,17 +454,32 @@ offset = -3.165
 dt = 0.001
 """
     return Diagnosis(
-        "unexplained", (), ranking, gap, (), where,
-        (Experiment(("backlash", "compliance"), "Slow reversals at two payloads: play keeps its width, a spring does not."),),
+        "unexplained",
+        (),
+        ranking,
+        gap,
+        (),
+        where,
+        (
+            Experiment(
+                ("backlash", "compliance"), "Slow reversals at two payloads: play keeps its width, a spring does not."
+            ),
+        ),
         model,
-        ("Something pushes the axis between 3.0 and 3.3 s and between 7.1 and 7.35 s; it returns with no motion of the axis.",),
+        ("Something pushes the axis between 3.0 and 3.3 s and between 7.1 and 7.35 s, whatever the motion is.",),
         (comparison,),
         (
             Identifiability("mass", 95.2, 0.3, "kg", "pinned"),
             Identifiability("coulomb", 20.4, 1.4, "N", "traded off with viscous"),
             Identifiability("gap", 2.1e-5, 1.1e-5, "m", "at a bound"),
         ),
-        where, 0.94, SECONDS, "linear", model, None, {},
+        where,
+        0.94,
+        SECONDS,
+        "linear",
+        model,
+        None,
+        {},
     )
 
 
@@ -374,4 +492,10 @@ def bare():
     return Diagnosis("explained", ("backlash",), ranking, gap, (), where, (), "", ())
 
 
-CASES = {"explained": explained, "pair_with_twins": pair_with_twins, "no_gap": no_gap, "unexplained": unexplained, "bare": bare}
+CASES = {
+    "explained": explained,
+    "pair_with_twins": pair_with_twins,
+    "no_gap": no_gap,
+    "unexplained": unexplained,
+    "bare": bare,
+}

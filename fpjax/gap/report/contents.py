@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ..diagnosis import Comparison, Diagnosis, Identifiability, Share, Tracking
+from ..diagnosis import Comparison, Diagnosis, Identifiability, Ranked, Share, Tracking, Where
 from .digits import Estimate, as_estimate, as_number, scale_for, scaled
 
 AXES = ("time", "velocity", "position", "frequency")
@@ -29,6 +29,7 @@ class Candidate:
         gap_after: the gap that it leaves on withheld data.
         parameters: what was found, by name.
         twins: effects that this log cannot tell from it.
+        at_bound: parameters whose fit ended at the end of what was allowed.
     """
 
     effect: str
@@ -36,6 +37,7 @@ class Candidate:
     gap_after: Estimate
     parameters: dict[str, Estimate]
     twins: tuple[str, ...]
+    at_bound: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,21 @@ class Place:
     high: float
     share: float
     even: float = math.nan
+
+
+@dataclass(frozen=True)
+class Left:
+    """Where what the corrected model leaves lies.
+
+    Attributes:
+        where: the places that stand out, by axis.
+        maps: the same with every bin.
+        regimes: share of its energy by regime.
+    """
+
+    where: dict[str, tuple[Place, ...]]
+    maps: dict[str, tuple[Place, ...]]
+    regimes: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -123,7 +140,7 @@ class Contents:
         where: the places that stand out, by axis.
         maps: the same with every bin, where the diagnosis has it.
         regimes: share of the gap's energy by regime.
-        left: every bin of what the corrected model leaves, by axis; empty unless something is left to place.
+        left: where what the corrected model leaves lies; None where nothing is left to place.
         residual: one-step torque residual [N m], shape (samples,), or None.
         residual_axes: `time`, `velocity`, `position` of each sample of it, where known.
         experiments: what would tell the classes apart: effects and what to do.
@@ -152,7 +169,7 @@ class Contents:
     where: dict[str, tuple[Place, ...]] = field(default_factory=dict)
     maps: dict[str, tuple[Place, ...]] = field(default_factory=dict)
     regimes: dict[str, float] = field(default_factory=dict)
-    left: dict[str, tuple[Place, ...]] = field(default_factory=dict)
+    left: Left | None = None
     residual: np.ndarray | None = None
     residual_axes: dict[str, np.ndarray] = field(default_factory=dict)
     experiments: tuple[tuple[tuple[str, ...], str], ...] = ()
@@ -214,13 +231,16 @@ def read(diagnosis: Diagnosis) -> Contents:
     gap, where = answer["gap"], answer["where"]
     unit = str(gap["unit"])
     intervals = gap.get("interval", {})
-    ranking = tuple(_candidate(entry, unit) for entry in answer["ranking"])
+    ranking = tuple(
+        _candidate(entry, found, unit) for entry, found in zip(answer["ranking"], diagnosis.ranking, strict=True)
+    )
     causes = tuple(answer["causes"])
-    left = diagnosis.residual_where
     return Contents(
         verdict=answer["verdict"],
         causes=causes,
-        confidence=diagnosis.probability if diagnosis.probability > 0.0 else _confidence(answer["verdict"], causes, ranking),
+        confidence=diagnosis.probability
+        if diagnosis.probability > 0.0
+        else _confidence(answer["verdict"], causes, ranking),
         ranking=ranking,
         signal=str(gap["signal"]),
         unit=unit,
@@ -232,7 +252,7 @@ def read(diagnosis: Diagnosis) -> Contents:
         where={axis: _places(getattr(diagnosis.where, axis)) for axis in AXES},
         maps={axis: _places(diagnosis.where.maps.get(axis, ())) for axis in AXES},
         regimes={str(k): as_number(v) for k, v in where["regime"].items()},
-        left={axis: _places(left.maps.get(axis, ()) or getattr(left, axis)) for axis in AXES} if left else {},
+        left=_left(diagnosis.residual_where),
         residual=diagnosis.where.residual,
         residual_axes=dict(diagnosis.where.axes),
         experiments=tuple((tuple(e["separates"]), str(e["do"])) for e in answer["next_experiment"]),
@@ -248,13 +268,14 @@ def read(diagnosis: Diagnosis) -> Contents:
     )
 
 
-def _candidate(entry: Mapping[str, Any], unit: str) -> Candidate:
+def _candidate(entry: Mapping[str, Any], found: Ranked, unit: str) -> Candidate:
     return Candidate(
         effect=str(entry["effect"]),
         probability=as_number(entry["probability"]),
         gap_after=as_estimate(entry["gap_after"], unit),
         parameters={str(k): as_estimate(v) for k, v in entry["parameters"].items()},
         twins=tuple(entry["indistinguishable_from"]),
+        at_bound=tuple(str(name) for name, estimate in found.parameters.items() if estimate.at_bound),
     )
 
 
@@ -264,6 +285,16 @@ def _places(shares: Iterable[Share]) -> tuple[Place, ...]:
     found = [Place(s.start, s.stop, s.share, s.expected if even else math.nan) for s in shares]
     found = [p for p in found if all(map(math.isfinite, (p.low, p.high, p.share)))]
     return tuple(sorted(found, key=lambda place: place.low))
+
+
+def _left(found: Where | None) -> Left | None:
+    if found is None:
+        return None
+    return Left(
+        where={axis: _places(getattr(found, axis)) for axis in AXES},
+        maps={axis: _places(found.maps.get(axis, ())) for axis in AXES},
+        regimes={str(k): as_number(v) for k, v in found.regime.items()},
+    )
 
 
 def _series(comparison: Comparison, signal: str) -> Series | None:

@@ -62,7 +62,7 @@ def write_report(diagnosis: Diagnosis, out_dir: str | Path) -> Path:
         _write(folder / "report.html", to_page(contents, drawn).encode())
     except OSError as error:
         raise InputError(
-            f"The report cannot be written to {folder} ({error.strerror}): give a folder that can be written with --out."
+            f"The report cannot be written to {folder} ({error.strerror}): give a folder that can be written to."
         ) from error
     return folder / "report.html"
 
@@ -74,7 +74,7 @@ def to_page(contents: Contents, pictures: dict[str, tuple[str, str]]) -> str:
         contents: what is told.
         pictures: wide and narrow SVG by name.
     """
-    style = css_variables() + files(__package__).joinpath("report.css").read_text("utf-8")
+    style = css_variables() + files("fpjax.gap.report").joinpath("report.css").read_text("utf-8")
     body = "\n".join(
         (
             sections.record(contents, pictures),

@@ -58,7 +58,8 @@ def parameter(estimate: Estimate) -> str:
 def section(name: str, title: str, *parts: str) -> str:
     """A section with a heading that can be linked to."""
     body = "\n".join(part for part in parts if part)
-    return f'<section id="{name}" aria-labelledby="{name}-title">\n<h2 id="{name}-title">{text(title)}</h2>\n{body}\n</section>'
+    heading = f'<h2 id="{name}-title">{text(title)}</h2>'
+    return f'<section id="{name}" aria-labelledby="{name}-title">\n{heading}\n{body}\n</section>'
 
 
 def paragraph(*sentences: str) -> str:
@@ -77,15 +78,16 @@ def table(headings: list[str], rows: Iterable[tuple[str, list[str]]]) -> str:
     head = "".join(f'<th scope="col">{text(heading)}</th>' for heading in headings)
     body = ""
     for kind, cells in rows:
-        tds = "".join(
-            f'<td{" class=first" if i == 0 else ""} data-label="{text(heading)}">{f"<div>{cell}</div>" if cell else ""}</td>'
-            for i, (heading, cell) in enumerate(zip(headings, cells, strict=True))
-        )
-        body += f'<tr{f" class={kind}" if kind else ""}>{tds}</tr>\n'
+        tds = ""
+        for i, (heading, cell) in enumerate(zip(headings, cells, strict=True)):
+            kept = f"<div>{cell}</div>" if cell else ""
+            tds += f'<td{" class=first" if i == 0 else ""} data-label="{text(heading)}">{kept}</td>'
+        body += f"<tr{f' class={kind}' if kind else ''}>{tds}</tr>\n"
     return f'<table class="cards">\n<thead><tr>{head}</tr></thead>\n<tbody>\n{body}</tbody>\n</table>'
 
 
 def figure(name: str, wide: str, narrow: str, caption: str = "") -> str:
     """A picture in its two layouts; the page shows the one that fits."""
     told = f"<figcaption>{text(caption)}</figcaption>" if caption else ""
-    return f'<figure id="figure-{name}">\n<div class="wide">{wide}</div>\n<div class="narrow">{narrow}</div>\n{told}</figure>'
+    layouts = f'<div class="wide">{wide}</div>\n<div class="narrow">{narrow}</div>'
+    return f'<figure id="figure-{name}">\n{layouts}\n{told}</figure>'

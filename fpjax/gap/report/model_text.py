@@ -56,7 +56,8 @@ def to_html(nominal: str, corrected: str) -> str:
         kind = f"line {line.change}".strip()
         shown.append(f'<span class="{kind}">{text(line.text)}{was}</span>')
     encoded = base64.b64encode(corrected.encode()).decode()
-    link = f'<p><a download="corrected.toml" href="data:text/plain;charset=utf-8;base64,{encoded}">Save as corrected.toml</a></p>'
+    address = f"data:text/plain;charset=utf-8;base64,{encoded}"
+    link = f'<p><a download="corrected.toml" href="{address}">Save as corrected.toml</a></p>'
     lost = f'<p class="quiet">No longer in the model: {text(", ".join(gone))}.</p>' if gone else ""
     return f"<pre><code>{''.join(shown)}</code></pre>\n{lost}\n{link}"
 

@@ -1,5 +1,6 @@
 """Measured against simulated on withheld data: the whole record, the error, and the worst place enlarged."""
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from ...plotting import thin
 from .contents import Contents, Series
 from .digits import show_unit
 from .theme import AFTER, BAND, BEFORE, FLOOR, INK, MUTED, SOFT
+from .words import clip
 
 
 def has_record(contents: Contents) -> bool:
@@ -36,7 +38,7 @@ def draw_record(figure: Any, contents: Contents, *, narrow: bool) -> None:
         signal_axes = figure.add_subplot(grid[0, 0])
         error_axes = figure.add_subplot(grid[1, 0])
         zoom_axes = figure.add_subplot(grid[:, 1])
-    unit = show_unit(contents.unit)
+    unit = clip(show_unit(contents.unit))
     factor, error_unit = contents.scale
     shown = [s for s in contents.series if s.before is not None]
     shown_after = contents.verdict != "no_gap"
@@ -73,13 +75,13 @@ def draw_record(figure: Any, contents: Contents, *, narrow: bool) -> None:
     signal_axes.set_ylabel(f"{contents.signal} [{unit}]")
     signal_axes.tick_params(labelbottom=False)
     error_axes.set_title("Measured less simulated")
-    error_axes.set_ylabel(f"error [{show_unit(error_unit)}]")
+    error_axes.set_ylabel(f"error [{clip(show_unit(error_unit))}]")
     error_axes.set_xlabel("withheld time, logs end to end [s]" if moved_ends else "time [s]")
     error_axes.sharex(signal_axes)
     _zoom(zoom_axes, worst, first, last, names, with_after=shown_after)
     zoom_axes.set_title("The worst place, enlarged" if shown_after else "An enlarged stretch")
     zoom_axes.set_ylabel(f"{contents.signal} [{unit}]")
-    zoom_axes.set_xlabel(f"time in {worst.label} [s]" if len(shown) > 1 else "time [s]")
+    zoom_axes.set_xlabel(f"time in {clip(worst.label)} [s]" if len(shown) > 1 else "time [s]")
 
 
 def worst_place(shown: list[Series]) -> tuple[Series, int, int]:
@@ -109,7 +111,7 @@ def _zoom(axes: Axes, series: Series, first: int, last: int, names: tuple[str, s
     axes.legend(loc="best", handlelength=2.2)
     axes.margins(x=0.0)
     for start in starts:
-        axes.axvline(time[start], color=FLOOR, linewidth=0.6, linestyle=(0, (1, 2)))
+        axes.axvline(float(time[start]), color=FLOOR, linewidth=0.6, linestyle=(0, (1, 2)))
     if starts.size:
         axes.annotate(
             "restarted from the measurement",
@@ -164,7 +166,7 @@ def _error(series: Series, simulated: np.ndarray | None) -> np.ndarray:
 
 def _windows(series: Series) -> list[tuple[int, int]]:
     ends = [0, *map(int, series.starts), len(series.time)]
-    return [(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True) if b - a >= 2]
+    return [(a, b) for a, b in itertools.pairwise(ends) if b - a >= 2]
 
 
 def _blocks(series: Series) -> list[tuple[int, int]]:
@@ -172,24 +174,26 @@ def _blocks(series: Series) -> list[tuple[int, int]]:
     step = np.median(np.diff(series.time))
     holes = np.flatnonzero(np.diff(series.time) > 2.5 * step) + 1
     ends = [0, *map(int, holes), len(series.time)]
-    return [(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True) if b - a >= 2]
+    return [(a, b) for a, b in itertools.pairwise(ends) if b - a >= 2]
 
 
 def _name_holes(axes: Axes, series: Series) -> None:
     """Say of a wide hole in the withheld time that it was fitted, so that nobody takes it for lost data."""
     blocks = _blocks(series)
     whole = series.time[-1] - series.time[0]
-    for (_, stop), (start, _) in zip(blocks[:-1], blocks[1:], strict=True):
+    for (_, stop), (start, _) in itertools.pairwise(blocks):
         low, high = series.time[stop - 1], series.time[start]
         if high - low > 0.12 * whole:
             spot = (0.5 * (low + high), 0.5)
-            axes.annotate("fitted", spot, xycoords=("data", "axes fraction"), ha="center", va="center", fontsize=8, color=MUTED)
+            axes.annotate(
+                "fitted", spot, xycoords=("data", "axes fraction"), ha="center", va="center", fontsize=8, color=MUTED
+            )
 
 
 def _shifts(shown: list[Series]) -> list[float]:
     """How far each log's time is moved so that no two overlap; zero where they do not."""
     spans = sorted((s.time[0], s.time[-1]) for s in shown)
-    if all(a[1] < b[0] for a, b in zip(spans[:-1], spans[1:], strict=True)):
+    if all(a[1] < b[0] for a, b in itertools.pairwise(spans)):
         return [0.0] * len(shown)
     shifts, at = [], 0.0
     for series in shown:

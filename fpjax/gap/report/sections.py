@@ -18,7 +18,14 @@ from .markup import (
     text,
 )
 from .model_text import count_changes, to_html
-from .text import confidence_sentence, tracking_sentence, twin_sentences, verdict_sentence, verdict_title, where_sentence
+from .text import (
+    confidence_sentence,
+    tracking_sentence,
+    twin_sentences,
+    verdict_sentence,
+    verdict_title,
+    where_sentence,
+)
 from .words import effect_meaning, effect_name, effect_title, join, parameter_name, state_meaning
 
 # Below this a candidate is folded away: it is counted, and one click shows it.
@@ -31,7 +38,11 @@ def header(contents: Contents) -> str:
     origin = " · ".join(["Sim-to-real gap", *(name for name in inputs if name)])
     sure = confidence_sentence(contents)
     badge = f'<span class="badge">{text(verdict_title(contents))}</span>'
-    confidence = f'<span class="confidence">Confidence: <b>{text(sure[:1].lower() + sure[1:].rstrip("."))}</b></span>' if sure else ""
+    confidence = (
+        f'<span class="confidence">Confidence: <b>{text(sure[:1].lower() + sure[1:].rstrip("."))}</b></span>'
+        if sure
+        else ""
+    )
     return (
         f'<header class="{contents.verdict}">\n<p class="origin">{text(origin)}</p>\n'
         f'<div class="verdict">{badge}{confidence}</div>\n<h1>{_sentence(contents)}</h1>\n{_facts(contents)}\n</header>'
@@ -52,7 +63,7 @@ def _sentence(contents: Contents) -> str:
 
 
 def _facts(contents: Contents) -> str:
-    tiles = [("before", "Gap before", contents.before)]
+    tiles = [("before", "Difference" if contents.verdict == "no_gap" else "Gap before", contents.before)]
     if contents.verdict != "no_gap":
         tiles.append(("after", "Gap after" if contents.causes else "Gap after the best attempt", contents.after))
     tiles.append(("floor", "Noise floor", contents.floor))
@@ -60,10 +71,14 @@ def _facts(contents: Contents) -> str:
     for kind, title, gap in tiles:
         interval = gap_interval(gap, contents.readable(gap))
         told = f"<small>90 % interval {interval}</small>" if interval else ""
-        cells.append(f'<div class="is-{kind}"><dt>{title}</dt><dd>{gap_number(gap, contents.readable(gap))}{told}</dd></div>')
+        cells.append(
+            f'<div class="is-{kind}"><dt>{title}</dt><dd>{gap_number(gap, contents.readable(gap))}{told}</dd></div>'
+        )
     if contents.closed.known and contents.verdict != "no_gap":
         closed = contents.closed
-        interval = f"<small>90 % interval {percent(closed.low)} to {percent(closed.high)}</small>" if closed.bounded else ""
+        interval = (
+            f"<small>90 % interval {percent(closed.low)} to {percent(closed.high)}</small>" if closed.bounded else ""
+        )
         cells.append(f'<div class="is-closed"><dt>Gap closed</dt><dd>{percent(closed.value)}{interval}</dd></div>')
     return f'<dl class="facts">{"".join(cells)}</dl>'
 
@@ -76,9 +91,13 @@ def record(contents: Contents, pictures: dict[str, tuple[str, str]]) -> str:
     restarted = any(series.starts.size for series in contents.series)
     how = "None of these samples was used for the fit."
     if restarted:
-        how += " The simulation is driven by the recorded command and restarted in windows, so each window begins without error."
+        how += " The simulation is driven by the recorded command and restarted in windows from the measured state."
     return section(
-        "record", "Measured against simulated", paragraph(how), paragraph(tracking_sentence(contents)), figure("record", *pictures["record"])
+        "record",
+        "Measured against simulated",
+        paragraph(how),
+        paragraph(tracking_sentence(contents)),
+        figure("record", *pictures["record"]),
     )
 
 
@@ -119,7 +138,8 @@ def ranking(contents: Contents) -> str:
     out = [paragraph(rest + " Brackets hold 90 % intervals."), _ranking_table(contents, shown)]
     if folded:
         noun = "effect" if len(folded) == 1 else "effects"
-        out.append(f"<details><summary>{len(folded)} more {noun}, each less likely</summary>\n{_ranking_table(contents, folded)}</details>")
+        summary = f"<summary>{len(folded)} more {noun}, each less likely</summary>"
+        out.append(f"<details>{summary}\n{_ranking_table(contents, folded)}</details>")
     return section("ranking", "Which effect", *out)
 
 
@@ -133,7 +153,7 @@ def _ranking_table(contents: Contents, candidates: list[Candidate]) -> str:
         kind = "cause" if candidate.effect in contents.causes else "twin" if candidate.effect in twins else ""
         cells = [_effect_cell(contents, candidate), _probability_cell(candidate)]
         cells.append(gap_number(candidate.gap_after, contents.readable(candidate.gap_after)))
-        items = "".join(f"<li>{text(parameter_name(n))}<br>{parameter(e)}</li>" for n, e in candidate.parameters.items())
+        items = "".join(_parameter_item(candidate, name) for name in candidate.parameters)
         cells.append(f'<ul class="found">{items}</ul>' if items else "")
         if len(headings) == 5:
             cells.append(text(join([effect_name(t, contents.motion) for t in candidate.twins])))
@@ -147,6 +167,11 @@ def _effect_cell(contents: Contents, candidate: Candidate) -> str:
     meaning = text(effect_meaning(candidate.effect, contents.motion))
     code = f'<code class="effect">{text(candidate.effect)}</code>'
     return f'<span class="name">{title}</span>{pill}<small>{meaning}</small>{code}'
+
+
+def _parameter_item(candidate: Candidate, name: str) -> str:
+    note = "<small>at the end of what was allowed: do not trust it</small>" if name in candidate.at_bound else ""
+    return f"<li>{text(parameter_name(name))}<br>{parameter(candidate.parameters[name])}{note}</li>"
 
 
 def _probability_cell(candidate: Candidate) -> str:
@@ -163,8 +188,12 @@ def shrink(contents: Contents, pictures: dict[str, tuple[str, str]]) -> str:
     elif contents.steps:
         lead = "Causes are added one by one, most important first; pale is what each one took away."
     else:
-        lead = "No cause is asserted, so none is added."
-    caption = "Lines over the bars are 90 % intervals; dashed, what a perfect model would leave." if contents.before.bounded else ""
+        lead = "No cause is asserted; the best attempt is there for comparison."
+    caption = (
+        "Lines over the bars are 90 % intervals; dashed, what a perfect model would leave."
+        if contents.before.bounded
+        else ""
+    )
     drawn = figure("shrink", *pictures["shrink"], caption) if "shrink" in pictures else ""
     rows = []
     for step in contents.steps:
@@ -197,21 +226,34 @@ def apart(contents: Contents) -> str:
 def identifiability(contents: Contents) -> str:
     """How well this log fixes each parameter."""
     if not contents.identifiability:
-        return section("identifiability", "What this log fixes", paragraph("The diagnosis holds no analysis of its parameters."))
+        return section(
+            "identifiability", "What this log fixes", paragraph("The diagnosis holds no analysis of its parameters.")
+        )
     rows = []
     for fixing in contents.identifiability:
         meaning = state_meaning(fixing.state)
         state = f"{text(parameter_name(fixing.state))}{f'<small>{text(meaning)}</small>' if meaning else ''}"
-        rows.append(("", [f'<span class="name">{text(parameter_name(fixing.parameter))}</span>', parameter(fixing.estimate), state]))
+        rows.append(
+            (
+                "",
+                [
+                    f'<span class="name">{text(parameter_name(fixing.parameter))}</span>',
+                    parameter(fixing.estimate),
+                    state,
+                ],
+            )
+        )
     lead = "Parameters of the last fit, with 90 % intervals."
-    return section("identifiability", "What this log fixes", paragraph(lead), table(["Parameter", "Value", "In this log"], rows))
+    return section(
+        "identifiability", "What this log fixes", paragraph(lead), table(["Parameter", "Value", "In this log"], rows)
+    )
 
 
 def model(contents: Contents) -> str:
     """The corrected model, with what changed marked."""
     if not contents.model.strip():
         return section("model", "The corrected model", paragraph("The diagnosis holds no corrected model."))
-    use = "fpjax simulate and fpjax tune take this file as it is, so gains can be tuned again in a simulator that fits the machine."
+    use = "fpjax simulate and fpjax tune take this file as it is: gains can be tuned again in a simulator that fits."
     if not contents.nominal.strip():
         lead = use
     else:
@@ -270,4 +312,5 @@ def _input_cells(entry: dict[str, Any]) -> list[str]:
 
 def units_note(contents: Contents) -> str:
     """What "gap" means here, for the footer."""
-    return f"Gaps are rms errors of the {contents.signal} on withheld data, in {show_unit(contents.scale[1]) or 'its own unit'}."
+    unit = show_unit(contents.scale[1])
+    return f"Gaps are rms errors of the {contents.signal} on withheld data{f', in {unit}' if unit else ''}."

@@ -6,11 +6,11 @@ from typing import Any
 from .contents import Contents
 from .digits import Estimate, show, show_percent, show_unit
 from .theme import AFTER, BEFORE, FLOOR, INK, MUTED, PAPER, SOFT
-from .words import effect_title
+from .words import clip, effect_title
 
 
 def rows_of(contents: Contents) -> list[tuple[str, Estimate]]:
-    """Names and gaps from top to bottom: the nominal model, each added cause, the best attempt where nothing is asserted."""
+    """Names and gaps from top to bottom: the nominal model, each added cause, or the best attempt."""
     rows = [("Nominal model", contents.before)]
     for step in contents.steps:
         # the twin closes the gap just as well: the row must not sound surer than the ranking
@@ -30,14 +30,16 @@ def draw_shrink(figure: Any, contents: Contents, *, narrow: bool) -> None:
         narrow: names above the bars instead of beside them, for a phone.
     """
     axes = figure.subplots()
-    rows = [(name, contents.readable(gap)) for name, gap in rows_of(contents)]
+    rows = [(clip(name, 36), contents.readable(gap)) for name, gap in rows_of(contents)]
     floor = contents.readable(contents.floor)
     largest = max(max(gap.value, gap.high if gap.bounded else 0.0) for _, gap in rows)
     previous = None
     for i, (name, gap) in enumerate(rows):
         at = -i
         if previous is not None and previous > gap.value:
-            axes.barh(at, previous - gap.value, left=gap.value, height=0.5, color=SOFT, alpha=0.45, linewidth=0, zorder=2)
+            axes.barh(
+                at, previous - gap.value, left=gap.value, height=0.5, color=SOFT, alpha=0.45, linewidth=0, zorder=2
+            )
         axes.barh(at, gap.value, height=0.5, color=BEFORE if i == 0 else AFTER, linewidth=0, zorder=3)
         if gap.bounded:
             low, high = max(gap.low, 0.0), gap.high
@@ -46,7 +48,13 @@ def draw_shrink(figure: Any, contents: Contents, *, narrow: bool) -> None:
             axes.plot([low, high], [at, at], color=INK, linewidth=1.4, solid_capstyle="butt", zorder=5)
         reach = max(gap.value, gap.high if gap.bounded else 0.0, previous or 0.0)
         axes.annotate(
-            show(gap.value), (reach, at), xytext=(7, 0), textcoords="offset points", va="center", fontweight="bold", zorder=6
+            show(gap.value),
+            (reach, at),
+            xytext=(7, 0),
+            textcoords="offset points",
+            va="center",
+            fontweight="bold",
+            zorder=6,
         )
         if narrow:
             axes.annotate(name, (0.0, at + 0.29), xytext=(6, 1), textcoords="offset points", va="bottom")
@@ -69,7 +77,7 @@ def draw_shrink(figure: Any, contents: Contents, *, narrow: bool) -> None:
     axes.spines["left"].set_visible(False)
     axes.grid(visible=True, axis="x")
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel(f"rms {contents.signal} error on withheld data [{show_unit(contents.scale[1])}]")
+    axes.set_xlabel(f"rms {contents.signal} error on withheld data [{clip(show_unit(contents.scale[1]))}]")
 
 
 def draw_ranking(figure: Any, contents: Contents) -> None:
@@ -90,7 +98,7 @@ def draw_ranking(figure: Any, contents: Contents) -> None:
         bar.set_alpha(0.5 if candidate.effect in twins - set(contents.causes) else 1.0)
     for row, share in zip(rows, shares, strict=True):
         axes.annotate(show_percent(share), (share, row), xytext=(5, 0), textcoords="offset points", va="center")
-    axes.set_yticks(rows, [effect_title(c.effect, contents.motion) for c in shown])
+    axes.set_yticks(rows, [clip(effect_title(c.effect, contents.motion)) for c in shown])
     axes.tick_params(axis="y", length=0, labelcolor=INK, labelsize=8.5)
     axes.set_xlim(0.0, 1.2)
     axes.set_xticks([])

@@ -4,10 +4,9 @@ import io
 import re
 from html import escape
 
-from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from .theme import REPORT_STYLE, ROLES
+from .theme import ROLES, report_style
 
 _SHADES = {light: role for role, (light, _) in ROLES.items()}
 
@@ -22,7 +21,7 @@ def to_svg(figure: Figure, name: str, description: str) -> str:
     """
     buffer = io.StringIO()
     # no date and no random identifiers: the same diagnosis gives the same bytes
-    with rc_context({**REPORT_STYLE, "svg.hashsalt": name}):
+    with report_style(name):
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
@@ -49,7 +48,7 @@ def to_svg(figure: Figure, name: str, description: str) -> str:
 def to_png(figure: Figure, dots_per_inch: int = 150) -> bytes:
     """The figure as PNG, on light paper."""
     buffer = io.BytesIO()
-    with rc_context(REPORT_STYLE):
+    with report_style():
         figure.savefig(buffer, format="png", dpi=dots_per_inch, metadata={"Software": None})
     return buffer.getvalue()
 

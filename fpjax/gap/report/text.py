@@ -14,7 +14,9 @@ def verdict_title(contents: Contents) -> str:
 
 def verdict_sentence(contents: Contents) -> str:
     """The verdict in one sentence, without the confidence."""
-    before, after, floor = (show_with_unit(contents.readable(e)) for e in (contents.before, contents.after, contents.floor))
+    before, after, floor = (
+        show_with_unit(contents.readable(e)) for e in (contents.before, contents.after, contents.floor)
+    )
     over_floor = f", against a noise floor of {floor}" if contents.floor.known else ""
     if contents.verdict == "no_gap":
         return (
@@ -22,11 +24,14 @@ def verdict_sentence(contents: Contents) -> str:
             f"{over_floor}, and no effect beats chance."
         )
     if contents.verdict == "explained":
-        shrink = f"the {contents.signal} error on withheld data falls from {before} to {after} rms" + _of_closable(contents)
+        shrink = f"the {contents.signal} error on withheld data falls from {before} to {after} rms" + _of_closable(
+            contents
+        )
         return f"{_lacks(contents)}; with {_it(contents)} put right, {shrink}."
     differs = f"The simulation differs from the log by {before} rms in {contents.signal} on withheld data{over_floor}"
     if contents.causes:
-        return f"{differs}; {_asserted(contents)} explains part of it, and no effect of the vocabulary closes the {after} left."
+        part = f"{_asserted(contents)} explains part of it"
+        return f"{differs}; {part}, and no effect of the vocabulary closes the {after} left."
     attempt = contents.after.known and contents.before.known and contents.after.value < contents.before.value
     rest = f"; the best attempt still leaves {after}" if attempt else ""
     return f"{differs}, and no effect of the vocabulary closes this gap{rest}."
@@ -50,7 +55,12 @@ def where_sentence(contents: Contents) -> str:
     if regimes:
         share, regime = regimes[0]
         parts.append(f"{show_percent(share)} of the gap's energy lies {regime_name(regime, contents.motion)}")
-    told = {"time": "from", "velocity": "at velocities of", "position": "at positions of", "frequency": "at frequencies of"}
+    told = {
+        "time": "from",
+        "velocity": "at velocities of",
+        "position": "at positions of",
+        "frequency": "at frequencies of",
+    }
     for axis, before in told.items():
         largest = max(contents.where.get(axis, ()), key=lambda place: place.share, default=None)
         # what holds less than a fifth is on the map, and too little for a sentence
@@ -77,8 +87,8 @@ def twin_sentences(contents: Contents) -> list[str]:
         names = [effect_name(effect, contents.motion) for effect in group]
         probability = sum(c.probability for c in contents.ranking if c.effect in group and math.isfinite(c.probability))
         names = join(names)
-        share = f" Together: {show_percent(min(probability, 1.0))}." if probability > 0.0 else ""
-        sentences.append(f"{names[:1].upper()}{names[1:]} leave the same trace in this log.{share}")
+        share = f"; together they hold {show_percent(min(probability, 1.0))}" if probability > 0.0 else ""
+        sentences.append(f"{names[:1].upper()}{names[1:]} leave the same trace in this log{share}.")
     return sentences
 
 
@@ -87,7 +97,9 @@ def tracking_sentence(contents: Contents) -> str:
     known = {name: readable(estimate) for name, estimate in contents.tracking.items() if estimate.known}
     if "measured" not in known or not ({"before", "after"} & set(known)):
         return ""
-    predicted = [f"{show_with_unit(known[name])} {name} the correction" for name in ("before", "after") if name in known]
+    predicted = [
+        f"{show_with_unit(known[name])} {name} the correction" for name in ("before", "after") if name in known
+    ]
     measured = show_with_unit(known["measured"])
     return f"Closed-loop tracking error: {measured} rms measured; the simulator predicts {join(predicted)}."
 

@@ -1,6 +1,9 @@
 """One set of colours for pictures and page: each role has a light and a dark shade, and pictures follow the page."""
 
+from contextlib import AbstractContextManager
 from typing import Any
+
+from matplotlib import rc_context
 
 from ...plotting import BLUE, GREY, RED, STYLE
 
@@ -21,7 +24,7 @@ ROLES = {
 PAPER, INK, MUTED, AXIS, GRID, SOFT, BAND, BEFORE, AFTER, FLOOR = (light for light, _ in ROLES.values())
 
 # What the report changes in the common style: its own greys, and text that stays text in an SVG.
-REPORT_STYLE: dict[str, Any] = {
+_STYLE: Any = {
     **STYLE,
     "figure.facecolor": PAPER,
     "axes.facecolor": "none",
@@ -52,6 +55,15 @@ REPORT_STYLE: dict[str, Any] = {
     # a log's name may hold a dollar sign
     "text.parse_math": False,
 }
+
+
+def report_style(salt: str = "fpjax") -> AbstractContextManager[None]:
+    """The style within a `with` block.
+
+    Args:
+        salt: what identifiers within an SVG are made from, so that the same figure gives the same bytes.
+    """
+    return rc_context({**_STYLE, "svg.hashsalt": salt})
 
 
 def css_variables() -> str:

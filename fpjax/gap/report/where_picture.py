@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from .contents import AXES, Contents, Place
 from .digits import show_percent, show_unit
 from .theme import BEFORE, INK, MUTED, SOFT
-from .words import motion_units, regime_name
+from .words import clip, motion_units, regime_name
 
 
 def axes_with_places(contents: Contents) -> list[str]:
@@ -75,23 +75,32 @@ def _side_by_side(figure: Any, names: list[str]) -> dict[str, Axes]:
 
 
 def _bars(axes: Axes, bins: tuple[Place, ...], standing_out: tuple[Place, ...], *, with_even: bool) -> None:
-    for place in bins or standing_out:
-        out = not bins or any(_overlap(place, other) > 0.5 for other in standing_out)
-        axes.bar(
-            place.low,
-            place.share,
-            width=place.high - place.low,
-            align="edge",
-            color=BEFORE if out else SOFT,
-            linewidth=0,
-            zorder=2,
-        )
+    shown = bins or standing_out
+    out = [not bins or any(_overlap(place, other) > 0.5 for other in standing_out) for place in shown]
+    axes.bar(
+        [place.low for place in shown],
+        [place.share for place in shown],
+        width=[place.high - place.low for place in shown],
+        align="edge",
+        color=[BEFORE if stands_out else SOFT for stands_out in out],
+        linewidth=0,
+        zorder=2,
+    )
     if with_even and bins and all(math.isfinite(p.even) for p in bins):
         edges = [p.low for p in bins] + [bins[-1].high]
-        axes.stairs([p.even for p in bins], edges, baseline=None, color=MUTED, linewidth=0.9, linestyle=(0, (3, 2)), label="if spread evenly")
+        axes.stairs(
+            [p.even for p in bins],
+            edges,
+            baseline=None,
+            color=MUTED,
+            linewidth=0.9,
+            linestyle=(0, (3, 2)),
+            label="if spread evenly",
+        )
     top = 1.18 * max(p.share for p in bins or standing_out) or 1.0
     axes.set_ylim(0.0, top)
-    axes.locator_params(axis="y", nbins=4)
+    # steps of 2.5 would round to labels that lie
+    axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0 if top > 0.04 else 1, symbol="\u202f%"))
     axes.margins(x=0.01)
 
@@ -119,8 +128,10 @@ def _regimes(axes: Axes, contents: Contents) -> None:
     colours = [BEFORE if s == largest and stands_out else SOFT for s in shares]
     axes.barh(rows, shares, height=0.62, color=colours, linewidth=0, zorder=2)
     for row, share in zip(rows, shares, strict=True):
-        axes.annotate(show_percent(share), (share, row), xytext=(4, 0), textcoords="offset points", va="center", color=INK)
-    axes.set_yticks(rows, [regime_name(name, contents.motion) for name in names])
+        axes.annotate(
+            show_percent(share), (share, row), xytext=(4, 0), textcoords="offset points", va="center", color=INK
+        )
+    axes.set_yticks(rows, [clip(regime_name(name, contents.motion)) for name in names])
     axes.tick_params(axis="y", length=0, labelcolor=INK, labelsize=8.5)
     axes.spines["bottom"].set_visible(False)
     axes.set_xlim(0.0, 1.25 * largest or 1.0)
@@ -174,7 +185,8 @@ def _binned(axis: np.ndarray, values: np.ndarray, bins: int = 60) -> tuple[np.nd
     known = np.isfinite(axis) & np.isfinite(values)
     axis, values = axis[known], values[known]
     # the outermost half per cent would stretch the axis for a handful of samples
-    edges = np.linspace(*np.quantile(axis, [0.005, 0.995]), bins + 1)
+    first, last = np.quantile(axis, [0.005, 0.995])
+    edges = np.linspace(first, last, bins + 1)
     index = np.digitize(axis, edges) - 1
     quantiles = np.full((3, bins), np.nan)
     for i in range(bins):

@@ -85,6 +85,8 @@ def effect_name(effect: str, motion: str = "rotary") -> str:
 def effect_title(effect: str, motion: str = "rotary") -> str:
     """The same, fit for the start of a row: no article, capital first."""
     name = effect_name(effect, motion)
+    if effect not in EFFECTS:
+        return name[:1].upper() + name[1:]
     for article in ("a ", "an ", "the "):
         name = name.removeprefix(article)
     return name[:1].upper() + name[1:]
@@ -121,6 +123,11 @@ def motion_units(motion: str) -> dict[str, str]:
     """Units of time, velocity, position and frequency for a rotary or a linear axis."""
     length = "m" if motion == "linear" else "rad"
     return {"time": "s", "velocity": f"{length}/s", "position": length, "frequency": "Hz"}
+
+
+def clip(text: str, length: int = 26) -> str:
+    """A name short enough for a picture; the page has it whole."""
+    return text if len(text) <= length else f"{text[: length - 1].rstrip()}…"
 
 
 def join(names: list[str], last: str = "and") -> str:
