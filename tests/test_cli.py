@@ -463,3 +463,14 @@ def test_a_reader_that_has_enough_is_no_error(servo):
     error = process.stderr.read()
     assert process.wait(timeout=120) == 0
     assert "Traceback" not in error
+
+
+def test_the_documentation_names_every_option():
+    from fpjax.cli.command_line import make_parser
+
+    text = (REPO / "docs" / "cli.md").read_text()
+    for name in COMMANDS:
+        assert f"`fpjax {name}" in text
+        parser = make_parser(name)._subparsers._group_actions[0].choices[name]
+        for option in (word for action in parser._actions for word in action.option_strings if word.startswith("--")):
+            assert option in text or option == "--help", f"{name} {option}"

@@ -46,7 +46,7 @@ def suspicions(log: Log, *, inertia: float | None = None, nominal: Nominal | Non
     elif fit is not None and fit.share > 0.5 and fit.inertia < -3.0 * fit.deviations[0]:
         found.append(
             _serious(
-                "the motion accelerates against the torque: one of them has the wrong sign; map it with a factor of -1, as "
+                "the motion accelerates against the torque: one of them has the wrong sign; map it with a factor, as "
                 "--columns torque=NAME*-1"
             )
         )
@@ -72,9 +72,7 @@ def _motion(log: Log) -> list[Suspicion]:
     fastest = float(np.max(np.abs(speed)))
     if fastest == 0.0 or float(np.ptp(log.torque)) == 0.0:
         what = "the motion" if fastest == 0.0 else "the torque"
-        return [
-            _serious(f"{what} is constant over the whole log: nothing can be learnt from it, so record one that moves")
-        ]
+        return [_serious(f"{what} is constant over the whole log: nothing can be learnt from it")]
     moving = np.abs(speed) > 0.05 * fastest
     forward = float(np.mean(speed[moving] > 0.0))
     if min(forward, 1.0 - forward) < 0.02:
