@@ -129,7 +129,6 @@ def test_version(capsys):
 
 def test_what_is_mistyped_is_one_sentence(capsys):
     for words, match in (
-        (["simulat", "servo.toml"], "simulat"),
         (["simulate"], "required: MODEL"),
         (["tune", "servo.toml", "--method", "magic"], "magic"),
         (["sweep", "servo.toml"], "--out"),
@@ -140,6 +139,9 @@ def test_what_is_mistyped_is_one_sentence(capsys):
         error = capsys.readouterr().err
         assert match in error
         assert error.count("\n") == 1
+    refuse(capsys, "simulat", "servo.toml", match="there is no command 'simulat': did you mean 'simulate'?")
+    assert main([]) == 0
+    assert "a first hour" in capsys.readouterr().out
 
 
 # -------------------------------------------------------------------------------------------- simulate

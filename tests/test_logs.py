@@ -294,8 +294,8 @@ def test_names_that_come_near_are_offered():
         ("log.csv", bytes(range(256)) * 4, "is not text"),
         ("log.mat", bytes(range(256)) * 4, "is no .mat file"),
         ("log.npz", bytes(range(256)) * 4, "is no archive"),
-        ("log.parquet", bytes(range(256)) * 4, "is no Parquet file"),
-        ("log.mcap", bytes(range(256)) * 4, "is no MCAP"),
+        ("log.parquet", bytes(range(256)) * 4, "is no Parquet file|needs pyarrow"),
+        ("log.mcap", bytes(range(256)) * 4, "is no MCAP|needs mcap"),
         ("log.xlsx", b"PK", "kind that is not read"),
     ],
 )

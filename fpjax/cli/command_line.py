@@ -1,6 +1,7 @@
 """The command line: parses, runs one command, and turns what went wrong into one sentence and an exit code."""
 
 import argparse
+import difflib
 import importlib
 import os
 import sys
@@ -77,6 +78,13 @@ def main(argv: list[str] | None = None) -> int:
     name = chosen if chosen in COMMANDS else None
     arguments: Any = None
     try:
+        if not argv:
+            make_parser(None).print_help()
+            return 0
+        if chosen is not None and name is None:
+            near = difflib.get_close_matches(chosen, COMMANDS, n=1)
+            hint = f"did you mean {near[0]!r}? There" if near else "there"
+            raise InputError(f"there is no command {chosen!r}: {hint} are {', '.join(COMMANDS)}.")
         arguments = make_parser(name).parse_args(argv)
         arguments.argv = ["fpjax", *argv]
         with warnings.catch_warnings():
