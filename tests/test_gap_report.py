@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from report_cases import CASES
 
 from fpjax.errors import InputError
-from fpjax.gap import Estimate, Ranked, Share, Where
+from fpjax.gap import Estimate, Identifiability, Ranked, Share, Where
 from fpjax.gap.report import (
     contents,
     digits,
@@ -345,6 +345,20 @@ def test_units_and_shares_are_spelled_for_people():
     spaces = str.maketrans({"\u202f": " "})
     shares = {0.9996: "99.9 %", 1.0: "100 %", 0.0: "0 %", 0.0004: "< 0.1 %", 0.004: "0.4 %", 0.5: "50 %", -0.04: "−4 %"}
     assert {share: digits.show_percent(share).translate(spaces) for share in shares} == shares
+
+
+def test_a_parameter_at_its_bound_has_no_interval():
+    full = CASES["bare"]()
+    pinned, bound = (
+        Identifiability("gap", 1e-3, deviation, "rad", verdict)
+        for deviation, verdict in ((1e-5, "pinned"), (0.0, "at a bound"))
+    )
+    told = contents.read(dataclasses.replace(full, identifiability=(pinned, bound))).identifiability
+    assert told[0].estimate.bounded
+    assert told[0].estimate.high == pytest.approx(1e-3 + 1.645e-5)
+    assert not told[1].estimate.bounded
+    assert words.state_meaning("at a bound")
+    assert words.state_meaning("traded off with viscous")
 
 
 def test_what_changed_in_the_model_is_marked():

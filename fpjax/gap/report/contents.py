@@ -315,8 +315,10 @@ def _series(comparison: Comparison, signal: str) -> Series | None:
 
 
 def _fixing(found: Identifiability) -> Fixing:
-    # 1.645 standard deviations: the 90 % that every interval of a diagnosis has
-    half = 1.645 * found.standard_deviation if math.isfinite(found.standard_deviation) else math.nan
+    # 1.645 standard deviations: the 90 % that every interval of a diagnosis has. At a bound there is none: it counts as
+    # known there, and an interval of no width would look like certainty.
+    deviation = found.standard_deviation
+    half = 1.645 * deviation if math.isfinite(deviation) and deviation > 0.0 else math.nan
     estimate = Estimate(found.value, found.value - half, found.value + half, found.unit)
     return Fixing(found.parameter, estimate, found.verdict)
 

@@ -138,7 +138,7 @@ def _lines(
 ) -> None:
     """One line, broken where a window or a block ends, and no denser than can be seen."""
     pieces_time, pieces = [], []
-    budget = max(3000 // (len(series.starts) + 1), 24)
+    budget = max(2400 // (len(series.starts) + 1), 6)
     for start, stop in _windows(series):
         part = np.isfinite(values[start:stop])
         if not part.any():
