@@ -5,8 +5,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from fpjax import AbstractSolver, ClosedLoop
 from fpjax.batch import map_chunks
@@ -158,8 +160,9 @@ def evaluate_chunk(
     """
     size = min(chunk, total)
     values = candidates(axes, piece * chunk, size).astype(problem.dtype)
-    kernel = max(1, min(size, KERNEL_CASES // int(np.prod(problem.shape))))
-    costs = map_chunks(_reference_costs, values, (problem,), chunk=kernel, workers=workers)
+    _, plants, seeds = problem.shape
+    kernel = max(1, min(size, KERNEL_CASES // (plants * seeds))) if plants * seeds > 1 else None
+    costs = map_chunks(_reference_costs, values, (problem,), chunk=kernel, batched=True, workers=workers)
     return np.asarray(costs)[: min(total, (piece + 1) * chunk) - piece * chunk]
 
 
@@ -171,9 +174,18 @@ def _local(
 
 
 def _reference_costs(values: Any, problem: Problem) -> Any:
-    costs = case_costs(values, None, problem)
-    cost = jnp.mean(costs, axis=(1, 2)) if problem.aggregate == "mean" else jnp.max(costs, axis=(1, 2))
-    return jnp.where(jnp.isfinite(cost), cost, jnp.inf)
+    """Costs of one kernel's candidates, shape (candidates, references).
+
+    One reference after the other: candidates side by side are one long vector to XLA, candidates by references are not
+    (half the speed with 8 references).
+    """
+
+    def of_reference(index: Any) -> Any:
+        return jax.vmap(lambda candidate: case_costs(candidate, index, problem)[0])(values)
+
+    costs = lax.map(of_reference, jnp.arange(problem.shape[0]))
+    cost = jnp.mean(costs, axis=(2, 3)) if problem.aggregate == "mean" else jnp.max(costs, axis=(2, 3))
+    return jnp.where(jnp.isfinite(cost), cost, jnp.inf).T
 
 
 def _prepare(
