@@ -16,6 +16,8 @@ from .controllers import design_lead as design_lead
 from .controllers import phase_lead_for_margin as phase_lead_for_margin
 from .errors import FpjaxWarning as FpjaxWarning
 from .errors import InputError as InputError
+from .estimate import Estimation as Estimation
+from .estimate import estimate as estimate
 from .excitation import Excitation as Excitation
 from .excitation import assess_excitation as assess_excitation
 from .friction import AbstractFriction as AbstractFriction
