@@ -141,8 +141,8 @@ def _transmission(plant: Transmission, state: TwoMassState, torque: Array, time:
     motor = Motion(state.motor_velocity, motor_position, time + half)
     load = Motion(state.load_velocity, load_position, time + half)
     on_load = shaft - plant.load.readout(load)
-    motor_velocity = _turn(law, motor, torque - shaft, plant.motor_inertia, 1.0 - plant.friction_share, dt)
-    load_velocity = _turn(law, load, on_load, plant.load_inertia, plant.friction_share, dt)
+    motor_velocity = turn(law, motor, torque - shaft, plant.motor_inertia, 1.0 - plant.friction_share, dt)
+    load_velocity = turn(law, load, on_load, plant.load_inertia, plant.friction_share, dt)
     return TwoMassState(
         motor_velocity,
         motor_position + half * motor_velocity,
@@ -152,7 +152,8 @@ def _transmission(plant: Transmission, state: TwoMassState, torque: Array, time:
     )
 
 
-def _turn(law: AbstractStaticFriction, motion: Motion, free: Array, inertia: Array, share: Array, dt: Array) -> Array:
+def turn(law: AbstractStaticFriction, motion: Motion, free: Array, inertia: Array, share: Array, dt: Array) -> Array:
+    """Speed [rad/s] after dt of a body under a free torque [N m] and a share of a law; at rest it sticks exactly."""
     braking = share * (law.drag(motion) + jnp.sign(motion.velocity) * law.level(motion))
     velocity, _ = _slip(
         law, motion.velocity, motion.position, free, (free - braking) / inertia, motion, inertia, dt, share

@@ -11,3 +11,10 @@ from .diagnosis import Share as Share
 from .diagnosis import Step as Step
 from .diagnosis import Tracking as Tracking
 from .diagnosis import Where as Where
+from .effect import Effect as Effect
+from .effect import Parameter as Parameter
+from .effect import Setting as Setting
+from .effect import place as place
+from .machine import Machine as Machine
+from .vocabulary import EFFECTS as EFFECTS
+from .diagnose import diagnose as diagnose  # isort: skip

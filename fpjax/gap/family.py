@@ -87,10 +87,12 @@ _BASE = Effect("nominal", NOMINAL, features=())
 
 
 def key_for(effects: tuple[Effect, ...]) -> Key:
-    """What a machine must have to hold these effects together."""
+    """What a machine must have to hold these effects together; few keys, because each is compiled."""
     structures = {e.structure for e in effects} - {"rigid"}
     structure: Structure = "transmission" if "transmission" in structures else "bristles" if structures else "rigid"
     wanted = {feature for e in effects for feature in e.features}
+    if len(wanted) > (1 if structure == "rigid" else 0):
+        return structure, FEATURES
     return structure, tuple(f for f in FEATURES if f in wanted)
 
 
@@ -105,7 +107,9 @@ class Runner:
         channels = (first.velocity is not None, first.position is not None)
         self.samples = first.samples
         self.channels = sum(channels)
-        self.kernel = residual_kernel(family.machine, family.effects, family.parameters, first.samples, channels)
+        self.kernel = residual_kernel(family.effects, family.parameters, first.samples, channels)
+        with double_precision():
+            self.nominal = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), family.machine)
 
     def run(self, which: int, vector: np.ndarray, states: np.ndarray, windows: dict[str, np.ndarray]) -> np.ndarray:
         """Residuals in standard deviations, shape (channels, samples, lanes).
@@ -131,7 +135,7 @@ class Runner:
                     hidden=tuple(jnp.asarray(value[lanes]) for value in windows["hidden"]),
                 )
                 out = self.kernel(
-                    jnp.asarray(vector[:, lanes]), jnp.asarray(states[:, lanes]), part, self.tables[which]
+                    self.nominal, jnp.asarray(vector[:, lanes]), jnp.asarray(states[:, lanes]), part, self.tables[which]
                 )
                 pending.append((first, out))
                 if len(pending) > 2:

@@ -151,6 +151,10 @@ class Fitter:
         for candidate in candidates:
             candidate.converged = False
             candidate.cost = np.inf
+        self.go_on(candidates, windows, iterations)
+
+    def go_on(self, candidates: list[Candidate], windows: list[np.ndarray], iterations: int) -> None:
+        """`fit` from where the candidates stand."""
         for _ in range(iterations):
             active = [c for c in candidates if not c.converged]
             if not active:
@@ -168,6 +172,8 @@ class Fitter:
                 )
             )  # fmt: skip
         self.fit(frozen, windows, iterations)
+        for c, scored in zip(candidates, frozen, strict=True):
+            c.states = scored.states
         return [np.concatenate(c.window_cost) for c in frozen]
 
     def residuals(self, candidate: Candidate, which: int, windows: np.ndarray) -> np.ndarray:
@@ -175,6 +181,18 @@ class Fitter:
         vector = np.repeat(candidate.vector[:, None], len(windows), 1)
         fields = window_fields(self.runner.records[which], windows, candidate.hidden[which])
         return self.runner.run(which, vector, candidate.states[which][:, windows], fields)
+
+    def window_costs(self, candidates: list[Candidate], which: int, windows: np.ndarray) -> list[np.ndarray]:
+        """Chi-square of each window with the prior of its start values, as the candidates stand."""
+        vectors = [np.repeat(c.vector[:, None], len(windows), 1) for c in candidates]
+        states = [c.states[which][:, windows] for c in candidates]
+        fields = [window_fields(self.runner.records[which], windows, c.hidden[which]) for c in candidates]
+        deviation = self.scales[which][0]
+        live = deviation > 0
+        found = []
+        for s, out in zip(states, self._run(which, vectors, states, fields), strict=True):
+            found.append(np.sum(out * out, axis=(0, 1)) + np.sum((s[live] / deviation[live][:, None]) ** 2, 0))
+        return found
 
     def linearise(self, candidates: list[Candidate], windows: list[np.ndarray]) -> list[list[tuple]]:
         """For each candidate and record: (J^T J, J^T r, r^T r) of each window; parameters first, then the free states."""

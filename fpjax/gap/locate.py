@@ -1,7 +1,9 @@
 """Where the gap lies: the energy of the torque residual by time, velocity, position, frequency and regime.
 
-The residual is passed through the Wiener filter that its own spectrum and the sensor's noise ask for, so that differentiated
-noise does not drown it; what noise still passes is taken off the energy. A place stands out if it holds more than its share of
+The residual is passed through the Wiener filter that its own spectrum and the sensor's noise ask for, so that
+differentiated
+noise does not drown it; what noise still passes is taken off the energy. A place stands out if it holds more than its
+share of
 the samples and more than noise would put there. With nothing above the noise, nothing is listed.
 """
 
@@ -158,8 +160,10 @@ def _filtered(values: Values, gain: Values) -> Values:
 def regime_of(residual: Residual) -> Values:
     """The index in `REGIMES` of each sample, shape (samples,).
 
-    limit: the torque is clipped, or among its largest 5 %; reversal: slower than 10 % of the top speed around a change of
-    direction or a stop; low_speed: slower than 20 % otherwise; acceleration: more than 30 % of the top acceleration; cruise: the rest.
+    limit: the torque is clipped, or among its largest 5 %; reversal: slower than 10 % of the top speed around a
+    change of
+    direction or a stop; low_speed: slower than 20 % otherwise; acceleration: more than 30 % of the top acceleration;
+    cruise: the rest.
     """
     speed, torque = np.abs(residual.velocity), np.abs(residual.torque)
     top_speed = float(np.quantile(speed, 0.95))
@@ -249,7 +253,7 @@ def _standing_out(axis: str, bins: tuple[Share, ...], sure: Values) -> tuple[Sha
 
 
 def _smooth(values: Values) -> tuple[Values, Values]:
-    """Running mean over 9 lines, or over a seventh of the frequency where that is more, and how many independent lines it holds."""
+    """Running mean over 9 lines, or a seventh of the frequency where that is more, and its independent lines."""
     count = len(values)
     line = np.arange(count)
     half = np.maximum(4, line // 14)

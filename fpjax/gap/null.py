@@ -1,6 +1,8 @@
-"""What the residual of a perfect model would look like: the same motion, made by the nominal model itself, with the sensor's noise.
+"""What the residual of a perfect model would look like: the same motion, made by the nominal model itself, with the
+sensor's noise.
 
-Differentiated noise, rounding, sticking and the corners of the motion at a reversal all leave a residual of their own. Rather than
+Differentiated noise, rounding, sticking and the corners of the motion at a reversal all leave a residual of their
+own. Rather than
 a formula for each, logs are made in which nothing is wrong and are sent through the same code.
 """
 
@@ -46,7 +48,8 @@ def null_residuals(log, model: RigidBody, residual: Residual, *, draws: int = DR
     found = []
     for _ in range(draws):
         noise = residual.noise * random.standard_normal(len(torque))
-        step = quantisation(rate if rate is not None else angle)
+        column = rate if rate is not None else angle
+        step = 0.0 if column is None else quantisation(column)
         # a rounded sensor's noise is its rounding, plus what the level says is beyond it
         noise = noise * np.sqrt(max(1.0 - step**2 / 12.0 / max(residual.noise, 1e-300) ** 2, 0.0))
         if rate is not None:

@@ -5,6 +5,7 @@ a lane has its own parameters and its own window, `LANES` of them run at once in
 the super-model were measured: 1.6 times slower than a lane for each change, and five times longer to compile.)
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -69,21 +70,15 @@ class Windows(eqx.Module):
     integrated: Array
 
 
-Builder = Callable[[Array], Machine]
-
-
-def builder(nominal: Machine, effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], count: int) -> Builder:
-    """From a parameter vector of shape (parameters, lanes) to a machine with every effect in."""
-    wide = lanes(nominal, count)
-
-    def build(vector: Array) -> Machine:
-        values = {p.name: vector[index] for index, p in enumerate(parameters)}
-        machine = wide
-        for effect in effects:
-            machine = effect.change(machine, values)
-        return machine
-
-    return build
+def assembled(
+    nominal: Machine, effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], vector: Array
+) -> Machine:
+    """The nominal machine with every effect in, from a parameter vector of shape (parameters, lanes)."""
+    values = {p.name: vector[index] for index, p in enumerate(parameters)}
+    machine = lanes(nominal, vector.shape[1])
+    for effect in effects:
+        machine = effect.change(machine, values)
+    return machine
 
 
 def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -> tuple[Any, Array, Array, Array]:
@@ -186,30 +181,25 @@ def residuals(predicted: tuple[Array, Array], machine: Machine, windows: Windows
     return jnp.clip(velocity, -_WORST, _WORST), jnp.clip(position, -_WORST, _WORST)
 
 
+@functools.lru_cache(maxsize=64)
 def residual_kernel(
-    nominal: Machine,
-    effects: tuple[Effect, ...],
-    parameters: tuple[Parameter, ...],
-    samples: int,
-    channels: tuple[bool, bool],
-) -> Callable[[Array, Array, Windows, Tables], Array]:
-    """The compiled loop: (vector, states, windows, tables) -> residuals.
+    effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], samples: int, channels: tuple[bool, bool]
+) -> Callable[[Machine, Array, Array, Windows, Tables], Array]:
+    """The compiled loop: (nominal, vector, states, windows, tables) -> residuals; the same one for every log and model alike.
 
     Args:
-        nominal: with every effect neutral; its structure is the kernel's.
         effects: all effects of the super-model.
         parameters: their parameters, in the order of the vector.
         samples: length of a window.
         channels: whether (velocity, position) is in the log.
 
     Returns:
-        A function of: vector (parameters, LANES); states (states, LANES); windows; tables. It gives what was predicted less what
-        was read, in standard deviations, shape (channels, samples, LANES): velocity, then position.
+        A function of: the nominal machine; vector (parameters, LANES); states (states, LANES); windows; tables. It gives what was
+        predicted less what was read, in standard deviations, shape (channels, samples, LANES): velocity, then position.
     """
-    build = builder(nominal, effects, parameters, LANES)
 
-    def run(vector: Array, states: Array, windows: Windows, tables: Tables) -> Array:
-        machine = build(vector)
+    def run(nominal: Machine, vector: Array, states: Array, windows: Windows, tables: Tables) -> Array:
+        machine = assembled(nominal, effects, parameters, vector)
 
         def step(carry: Carry, index: Array) -> tuple[Carry, tuple[Array, ...]]:
             following, predicted = advance(machine, carry, windows, tables, index)

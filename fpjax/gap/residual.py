@@ -1,10 +1,15 @@
-"""The one-step torque residual: what the nominal model cannot account for, period by period, with the timing of a held torque.
+"""The one-step torque residual: what the nominal model cannot account for, period by period, with the timing of a
+held torque.
 
 The commanded torque F_k acts over [t_k, t_k + dt). Between two readings of the rate it is therefore exactly
 
     J (v_(k+1) - v_k) / dt = F_k - friction, at the middle of the period,
 
-and between three readings of the position J (q_(k+1) - 2 q_k + q_(k-1)) / dt^2 = (F_k + F_(k-1)) / 2 - friction, at t_k. Pairing
+and between three readings of the position
+
+    J (q_(k+1) - 2 q_k + q_(k-1)) / dt^2 = (F_k + F_(k-1)) / 2 - friction, at t_k.
+
+ Pairing
 F_k with a difference centred on t_k instead would show half a period of delay that does not exist.
 """
 
@@ -50,7 +55,7 @@ class Residual:
     dt: float
 
     def noise_spectrum(self, frequency: Values) -> Values:
-        """Mean power of white sensor noise in `values` at frequencies [Hz], relative to a white signal of unit variance."""
+        """Power of white sensor noise in `values` at frequencies [Hz]; its mean over them is the variance."""
         step = (2.0 * np.sin(np.pi * frequency * self.dt)) ** (2 * self.differences)
         return (self.noise * self.noise_gain) ** 2 * step / (2.0, 6.0)[self.differences - 1]
 
@@ -59,7 +64,8 @@ def torque_residual(log: Any, model: RigidBody) -> Residual:
     """The one-step torque residual of a log.
 
     Args:
-        log: a `fpjax.logs.Log` or a `Record`: `time`, `torque`, `velocity` and `position` (one of them may be None), `dt`.
+        log: a `fpjax.logs.Log` or a `Record`: `time`, `torque`, `velocity` and `position` (one of them may be None),
+        `dt`.
         model: the nominal model.
     """
     time, torque, dt = np.asarray(log.time, float), np.asarray(log.torque, float), float(log.dt)
@@ -110,7 +116,8 @@ def _set_valued(
 ) -> Values:
     """The Coulomb torque nearest to `left` among those that the motion allows.
 
-    At a known direction that is one number. Where the speed is zero within its noise, anything between both signs is possible,
+    At a known direction that is one number. Where the speed is zero within its noise, anything between both signs is
+    possible,
     and only what lies beyond them is a residual.
     """
     low, high = (_mean_sign(ends[0] + shift, ends[1] + shift) for shift in (-doubt, doubt))

@@ -13,7 +13,7 @@ Values = np.ndarray
 
 @dataclass(frozen=True)
 class RigidBody:
-    """The nominal model as numbers; torque = J a + friction + load, and what the actuator is known to do to the command.
+    """The nominal model as numbers: torque = J a + friction + load, and what the actuator is known to do.
 
     Attributes:
         inertia: J [kg m^2].

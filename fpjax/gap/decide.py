@@ -1,0 +1,183 @@
+"""Decide: alone, then together; forward with a swap of what came first; when to stop, and what is left."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .attribute import Fitted, Progress, Search
+from .effect import Effect
+
+MOST_CAUSES = 3
+DECISIVE = 8.0  # log evidence by which a cause must beat its absence
+WHITE = 1.04  # residual energy over what its own differences say is noise; above it there is structure
+EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed where some structure is left
+REMOVES = 0.5  # a further cause must remove this share of the energy that is left above the noise
+IMPOSSIBLE = ({"presliding", "compliance"}, {"presliding", "backlash"}, {"compliance", "backlash"})
+
+
+@dataclass
+class Decision:
+    """What the search found.
+
+    Attributes:
+        exact: the nominal model as given.
+        null: the nominal model with its three numbers free under the prior.
+        singles: every effect alone, best first.
+        path: the model after each cause, the nominal one first.
+        chosen: the last of the path.
+        rivals: sets of effects that compete with the chosen one, itself included, best first.
+        floor: residual energy per sample that is noise [1, in the estimated noise's variance].
+        structure: residual energy of the chosen model over the floor [1].
+        explained: the causes close the gap.
+        gap: the nominal model is rejected.
+    """
+
+    exact: Fitted
+    null: Fitted
+    singles: list[Fitted]
+    path: list[Fitted]
+    rivals: list[Fitted] = field(default_factory=list)
+    floor: float = 1.0
+    structure: float = 1.0
+    explained: bool = False
+    gap: bool = False
+
+    @property
+    def chosen(self) -> Fitted:
+        """The model with all causes asserted."""
+        return self.path[-1]
+
+
+def decide(search: Search, progress: Progress) -> Decision:
+    """The whole search on one machine's logs."""
+    progress("nominal model", 0.02)
+    exact_candidate, null_candidate = search.candidate((), {}, "fixed"), search.candidate((), {})
+    search.fit([exact_candidate, null_candidate], search.train, 10)
+    exact, null = search.finish([exact_candidate, null_candidate])
+    screen = search.screening(exact.train)
+    progress("every effect alone", 0.1)
+    options = [((effect,), start) for effect in search.effects for start in effect.starts(search.setting)]
+    singles = search.best_of(options, screen)
+    everything = [exact, null, *singles]
+    weigh(search, everything)
+    singles.sort(key=lambda f: -f.evidence)
+    best = singles[0]
+    decision = Decision(exact, null, singles, [exact])
+    _judge(search, decision, best)
+    if best.evidence - exact.evidence < DECISIVE:
+        _judge(search, decision, exact)
+        decision.rivals = singles
+        decision.explained = decision.structure < WHITE
+        return decision
+    decision.gap = True
+    decision.path.append(best)
+    decision.rivals = singles
+    while decision.structure > WHITE and len(decision.path) <= MOST_CAUSES:
+        progress(f"a cause beside {' + '.join(decision.chosen.names)}", 0.3 + 0.2 * len(decision.path))
+        if not _one_more(search, decision, screen):
+            break
+    _judge(search, decision, decision.chosen)
+    before, after = energy(search, exact), energy(search, decision.chosen)
+    closed = 1.0 - (np.sqrt(after) - np.sqrt(decision.floor)) / max(np.sqrt(before) - np.sqrt(decision.floor), 1e-12)
+    decision.explained = decision.structure < WHITE or (closed > EXPLAINED_SHARE and decision.structure < 1.5)
+    return decision
+
+
+def weigh(search: Search, fitted: list[Fitted]) -> None:
+    """Log evidence of every model on one scale: fitted and withheld windows, priors, and BIC's price for a parameter."""
+    scale = min(f.total for f in fitted if np.isfinite(f.total)) / search.count
+    for f in fitted:
+        own = {p.name for effect in f.candidate.effects for p in effect.parameters}
+        f.evidence = -0.5 * f.total / max(scale, 0.3) - 0.5 * len(own) * np.log(search.count)
+        if not np.isfinite(f.evidence):
+            f.evidence = -np.inf
+
+
+def energy(search: Search, fitted: Fitted) -> float:
+    """Residual energy per sample [1], over all windows."""
+    return float(np.sum(fitted.train) + np.sum(fitted.withheld)) / search.count
+
+
+def noise_share(search: Search, fitted: Fitted) -> float:
+    """Residual energy per sample that is white: half the mean square of the residual's differences, the quieter half of the windows."""
+    fitter = search.fitters[fitted.candidate.family.key]
+    found = []
+    for which, record in enumerate(search.records):
+        residual = fitter.residuals(fitted.candidate, which, np.arange(len(record.starts)))
+        # The rate channel where there is one: an encoder's rounding is not white.
+        difference = np.diff(residual[0], axis=0)
+        found.append(0.5 * np.mean(difference**2, axis=0))
+    return float(np.median(np.concatenate(found)))
+
+
+def _judge(search: Search, decision: Decision, fitted: Fitted) -> None:
+    decision.floor = noise_share(search, fitted)
+    decision.structure = channel_energy(search, fitted) / max(decision.floor, 1e-12)
+    first = search.records[0].channel
+    if first.step > 0:
+        # A rounded reading's error is not white: only the size of the step can be held against it.
+        decision.floor = max(decision.floor, min(1.0, channel_energy(search, fitted)))
+        decision.structure = channel_energy(search, fitted) / decision.floor
+
+
+def channel_energy(search: Search, fitted: Fitted) -> float:
+    """Residual energy per sample [1] of the channel that the gap is told in."""
+    fitter = search.fitters[fitted.candidate.family.key]
+    total, count = 0.0, 0
+    for which, record in enumerate(search.records):
+        residual = fitter.residuals(fitted.candidate, which, np.arange(len(record.starts)))[0]
+        total, count = total + float(np.sum(residual**2)), count + residual.size
+    return total / count
+
+
+def _one_more(search: Search, decision: Decision, screen: list[np.ndarray]) -> bool:
+    """Add the best further cause, then try to replace what was there; False if none is worth it."""
+    base = decision.chosen
+    found = search.best_of(_additions(search, base), screen)
+    if not found:
+        return False
+    weigh(search, [*found, base, decision.exact, decision.null, *decision.singles])
+    best = max(found, key=lambda f: f.evidence)
+    everything = list(found)
+    # Backward: with the new cause in, is what came first still the right companion?
+    if len(base.names) == 1:
+        newcomer = [f for f in decision.singles if f.names == (best.candidate.effects[-1].name,)]
+        if newcomer:
+            others = search.best_of(_additions(search, newcomer[0]), screen)
+            weigh(search, [*others, *found, base, decision.exact, decision.null, *decision.singles])
+            swapped = max(others, key=lambda f: f.evidence)
+            everything += others
+            if swapped.evidence > best.evidence + 2.0 and set(swapped.names) != set(best.names):
+                best = swapped
+    before = decision.structure * decision.floor
+    floor = noise_share(search, best)
+    after = channel_energy(search, best)
+    removed = (before - after) / max(before - floor, 1e-12)
+    if best.evidence - base.evidence < DECISIVE or removed < REMOVES:
+        return False
+    if np.sum(best.withheld) > np.sum(base.withheld):
+        return False
+    if set(base.names) <= set(best.names):
+        decision.path.append(best)
+    else:
+        first = next(f for f in decision.singles if f.names == best.names[:1])
+        decision.path[-1:] = [first, best]
+    decision.rivals = sorted([*everything, *decision.singles], key=lambda f: -f.evidence)
+    _judge(search, decision, best)
+    return True
+
+
+def _additions(search: Search, base: Fitted) -> list[tuple[tuple[Effect, ...], dict[str, float]]]:
+    """Every effect beside those of the base, from its own starts and the base's fit."""
+    values = base.candidate.values()
+    options = []
+    for effect in search.effects:
+        names = {*base.names, effect.name}
+        if effect.name in base.names or any(pair <= names for pair in IMPOSSIBLE):
+            continue
+        held = {p.name for p in effect.parameters}
+        if held <= {p.name for e in base.candidate.effects for p in e.parameters}:
+            continue  # a part of what is there already
+        for start in effect.starts(search.setting):
+            options.append(((*base.candidate.effects, effect), values | start))
+    return options
