@@ -1,4 +1,4 @@
-"""A machine in plain numpy, with an extra torque wherever a test wants it, logged as a drive logs it. Shares no code with fpjax."""
+"""A machine in plain numpy, with an extra torque wherever a test wants it; no code of fpjax but `Log`."""
 
 import dataclasses
 import math
@@ -38,7 +38,9 @@ def record(
     count = round(seconds / dt)
     time = dt * np.arange(count)
     if reference is None:
-        reference = 5.0 * np.sin(2 * np.pi * 0.53 * time) * (1 + 0.5 * np.sin(2 * np.pi * 0.11 * time)) + np.sin(2 * np.pi * 2.3 * time)
+        reference = 5.0 * np.sin(2 * np.pi * 0.53 * time) * (1 + 0.5 * np.sin(2 * np.pi * 0.11 * time)) + np.sin(
+            2 * np.pi * 2.3 * time
+        )
     torque, velocity, position = np.empty(count), np.empty(count), np.empty(count)
     speed, angle, integral, h = 0.0, 0.0, 0.0, dt / substeps
     noise = velocity_noise * random.standard_normal(count)
@@ -55,6 +57,12 @@ def record(
             speed = after
     position = position + position_noise * random.standard_normal(count)
     return Log(
-        time, torque, velocity if "velocity" in sensors else None, position if "position" in sensors else None,
-        reference, dt, "made.csv", linear,
+        time,
+        torque,
+        velocity if "velocity" in sensors else None,
+        position if "position" in sensors else None,
+        reference,
+        dt,
+        "made.csv",
+        linear,
     )

@@ -64,8 +64,12 @@ def test_around_25_hertz(sensors):
 def test_at_the_limit(sensors):
     time = 1e-3 * np.arange(8000)
     steps = 3.0 * np.sin(2 * np.pi * 0.5 * time) + 3.0 * (np.floor(time / 1.1) % 2)
-    log = record(extra=lambda t, v, q, u: -0.4 * np.sign(u) * (abs(u) > 2.0), sensors=sensors, reference=steps,
-                 position_noise=1e-6)  # a coarser encoder alone cannot resolve the few milliseconds at the limit
+    log = record(
+        extra=lambda t, v, q, u: -0.4 * np.sign(u) * (abs(u) > 2.0),
+        sensors=sensors,
+        reference=steps,
+        position_noise=1e-6,
+    )  # a coarser encoder alone cannot resolve the few milliseconds at the limit
 
     assert 0.01 < np.mean(np.abs(log.torque) > 2.0) < 0.05
     where = locate(log, BODY)
@@ -82,7 +86,7 @@ def test_the_gap_of_a_metre_is_that_of_a_radian():
 
 @pytest.mark.parametrize("sensors", SENSORS)
 def test_a_held_torque_shows_no_delay(sensors):
-    """The residual of a perfect model has no component along the torque's change, which is what half a period of delay adds."""
+    """A perfect model's residual has no part along the torque's change, which half a period of delay would add."""
     log = record(sensors=sensors, velocity_noise=1e-4, position_noise=1e-7)
     residual = torque_residual(log, BODY)
     moving = np.abs(residual.velocity) > 0.3

@@ -9,8 +9,7 @@ and between three readings of the position
 
     J (q_(k+1) - 2 q_k + q_(k-1)) / dt^2 = (F_k + F_(k-1)) / 2 - friction, at t_k.
 
- Pairing
-F_k with a difference centred on t_k instead would show half a period of delay that does not exist.
+Pairing F_k with a difference centred on t_k instead would show half a period of delay that does not exist.
 """
 
 from dataclasses import dataclass

@@ -93,8 +93,10 @@ def _missing(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
         if bad:
             yield Suspicion(
                 f"{log.name}: {name} is not a number in {bad} of {len(values)} rows (first in row "
-                f"{int(np.argmax(~np.isfinite(values)))}): fill or cut these rows.", "stop", "missing",
-            )  # fmt: skip
+                f"{int(np.argmax(~np.isfinite(values)))}): fill or cut these rows.",
+                "stop",
+                "missing",
+            )
 
 
 def _short(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
@@ -102,8 +104,10 @@ def _short(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
     if count < SHORTEST:
         yield Suspicion(
             f"{log.name}: {count} samples ({count * log.dt:.3g} s) are too few for a diagnosis, which needs at least "
-            f"{SHORTEST}: record for longer.", "stop", "short",
-        )  # fmt: skip
+            f"{SHORTEST}: record for longer.",
+            "stop",
+            "short",
+        )
 
 
 def _still(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
@@ -116,13 +120,17 @@ def _still(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
         if span == 0.0:
             yield Suspicion(
                 f"{log.name}: {name} is constant ({values[0]:g}) throughout, so it shows nothing: was the right column "
-                f"recorded, and did the machine move?", "stop", "still",
-            )  # fmt: skip
+                f"recorded, and did the machine move?",
+                "stop",
+                "still",
+            )
         elif name != "torque" and span < 12.0 * noise:
             yield Suspicion(
                 f"{log.name}: {name} stays within its own noise ({span:.3g} from end to end, noise {noise:.2g}): the "
-                f"machine hardly moves; record a run with reversals.", "stop", "still",
-            )  # fmt: skip
+                f"machine hardly moves; record a run with reversals.",
+                "stop",
+                "still",
+            )
 
 
 def _one_way(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
@@ -132,8 +140,10 @@ def _one_way(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
     if min(forward, 1.0 - forward) < ONE_WAY:
         yield Suspicion(
             f"{log.name}: the motion goes {'forward' if forward > 0.5 else 'backward'} only, so friction, a "
-            "constant torque and a dependence on direction cannot be told apart: record a run with reversals.", "warn", "one_way",
-        )  # fmt: skip
+            "constant torque and a dependence on direction cannot be told apart: record a run with reversals.",
+            "warn",
+            "one_way",
+        )
 
 
 def _clock(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
@@ -142,14 +152,18 @@ def _clock(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
         row = int(np.argmax(steps <= 0.0)) + 1
         yield Suspicion(
             f"{log.name}: time does not increase in {int(np.sum(steps <= 0.0))} rows (first in row {row}): remove the "
-            f"repeated rows, or split the log where the clock jumps.", "stop", "clock",
-        )  # fmt: skip
+            f"repeated rows, or split the log where the clock jumps.",
+            "stop",
+            "clock",
+        )
     elif np.any(steps > 1.5 * log.dt):
         lost = int(np.sum(np.round(steps / log.dt) - 1))
         yield Suspicion(
             f"{log.name}: {lost} samples are missing (first after t = "
-            f"{columns['time'][int(np.argmax(steps > 1.5 * log.dt))]:g} s): log without drops.", "warn", "clock",
-        )  # fmt: skip
+            f"{columns['time'][int(np.argmax(steps > 1.5 * log.dt))]:g} s): log without drops.",
+            "warn",
+            "clock",
+        )
 
 
 def _repeated(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
@@ -166,8 +180,10 @@ def _repeated(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
         if share > REPEATED and distinct > 0.8 * (1.0 - share) and share > 4.0 * (1.0 - distinct - share):
             yield Suspicion(
                 f"{log.name}: {share:.2%} of the {name} samples repeat the one before exactly, as if the "
-                "reading was not renewed every period: check the logger, or log without drops.", "warn", "repeated",
-            )  # fmt: skip
+                "reading was not renewed every period: check the logger, or log without drops.",
+                "warn",
+                "repeated",
+            )
 
 
 def _clipped(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
@@ -183,8 +199,10 @@ def _clipped(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
             if np.mean(at) > max(CLIPPED, expected) and runs > 0.5 * np.sum(at):
                 yield Suspicion(
                     f"{log.name}: {name} stays at its {word} value, {end:.4g}, for {np.mean(at):.1%} of the "
-                    "time: it is clipped there, and what happens beyond cannot be seen.", "warn", "clipped",
-                )  # fmt: skip
+                    "time: it is clipped there, and what happens beyond cannot be seen.",
+                    "warn",
+                    "clipped",
+                )
 
 
 def _position_against_velocity(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
@@ -196,32 +214,41 @@ def _position_against_velocity(log: Any, columns: dict[str, Values]) -> Iterator
     if not np.isfinite(ratio) or together < 0.5:
         yield Suspicion(
             f"{log.name}: velocity is not the rate of change of position (correlation {together:.2f}): one of them "
-            f"belongs to another axis, or has another time.", "warn", "inconsistent",
-        )  # fmt: skip
+            f"belongs to another axis, or has another time.",
+            "warn",
+            "inconsistent",
+        )
         return
     named = _unit_of(abs(ratio), linear=unit == "m")
     inverse = _unit_of(1.0 / abs(ratio), linear=unit == "m") if ratio else None
     if named:
         yield Suspicion(
             f"{log.name}: velocity looks like {named}: {abs(ratio):.3g} x the rate of change of position; give"
-            f" its unit, such as --columns velocity=velocity:{named}.", "stop", "unit",
-        )  # fmt: skip
+            f" its unit, such as --columns velocity=velocity:{named}.",
+            "stop",
+            "unit",
+        )
     elif inverse:
         angle = inverse.removesuffix("/s").replace("rpm", "rev/min")
         yield Suspicion(
             f"{log.name}: position looks like {angle}: its rate of change is {1 / abs(ratio):.3g} x the "
-            f"velocity; give its unit, such as --columns position=position:{angle}.", "stop", "unit",
-        )  # fmt: skip
+            f"velocity; give its unit, such as --columns position=position:{angle}.",
+            "stop",
+            "unit",
+        )
     elif ratio < 0.0:
         yield Suspicion(
             f"{log.name}: velocity has the opposite sign of the rate of change of position ({ratio:.3g} x): "
-            "turn one of them round.", "stop", "sign",
-        )  # fmt: skip
+            "turn one of them round.",
+            "stop",
+            "sign",
+        )
     elif not 0.5 < ratio < 2.0:
         yield Suspicion(
             f"{log.name}: velocity is {ratio:.3g} x the rate of change of position: check the units of both.",
-            "stop", "unit",
-        )  # fmt: skip
+            "stop",
+            "unit",
+        )
 
 
 def _swapped(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
@@ -232,8 +259,10 @@ def _swapped(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
     if swapped.explained > 0.9 and swapped.explained > straight.explained + 0.2 and swapped.inertia > 0.0:
         yield Suspicion(
             f"{log.name}: torque and velocity look swapped: with the columns exchanged, inertia and friction "
-            f"explain {swapped.explained:.0%} of the torque, as they are {max(straight.explained, 0.0):.0%}.", "stop", "swapped",
-        )  # fmt: skip
+            f"explain {swapped.explained:.0%} of the torque, as they are {max(straight.explained, 0.0):.0%}.",
+            "stop",
+            "swapped",
+        )
 
 
 def _torque_against_motion(log: Any, columns: dict[str, Values], model: RigidBody | None) -> Iterator[Suspicion]:
@@ -248,8 +277,10 @@ def _torque_against_motion(log: Any, columns: dict[str, Values], model: RigidBod
     if found.inertia < 0.0 and sure and found.coulomb <= 0.0:
         yield Suspicion(
             f"{log.name}: torque and motion have opposite signs (the machine speeds up against the torque): "
-            "turn the sign of one of them, such as --columns torque=torque*-1.", "stop", "sign",
-        )  # fmt: skip
+            "turn the sign of one of them, such as --columns torque=torque*-1.",
+            "stop",
+            "sign",
+        )
     elif model is not None and found.explained > 0.5:
         yield from _nominal(log, found, model, speed, sure=sure)
 
@@ -269,13 +300,17 @@ def _nominal(log: Any, found: Regression, model: RigidBody, speed: Values, *, su
             named = named if column == "velocity" else named.removesuffix("/s")
             yield Suspicion(
                 f"{log.name}: {column} looks like {named}: {ratio:.3g} x what the model expects ({seen}); give"
-                f" its unit, such as --columns {column}={column}:{named}, or correct the model's {what}.", "stop", "unit",
-            )  # fmt: skip
+                f" its unit, such as --columns {column}={column}:{named}, or correct the model's {what}.",
+                "stop",
+                "unit",
+            )
         else:
             yield Suspicion(
                 f"{log.name}: the model does not belong to this log: {seen}, {max(ratio, 1 / ratio):.3g} x "
-                f"off; check the unit of the {what} and the scale of the torque.", "stop", "nominal",
-            )  # fmt: skip
+                f"off; check the unit of the {what} and the scale of the torque.",
+                "stop",
+                "nominal",
+            )
         return
     fast = float(np.quantile(np.abs(speed), 0.95))
     for name, unit, here, there, size in (
@@ -286,8 +321,10 @@ def _nominal(log: Any, found: Regression, model: RigidBody, speed: Values, *, su
         if there > 0.0 and excess > 2.0 * found.torque and there > 5.0 * max(here, 0.0):
             yield Suspicion(
                 f"{log.name}: the model's {name} friction of {there:.3g} {unit} asks for more torque than the "
-                f"log holds (about {max(here, 0.0):.3g} would fit): is it ten times off?", "warn", "nominal",
-            )  # fmt: skip
+                f"log holds (about {max(here, 0.0):.3g} would fit): is it ten times off?",
+                "warn",
+                "nominal",
+            )
 
 
 def _unit_of(factor: float, *, linear: bool) -> str | None:
