@@ -122,3 +122,31 @@ def test_pulses_left_out_of_the_torque_of_a_real_axis_are_found_in_time():
     struck = sum(p.share for p in where.time if np.any(near[(log.time >= p.start) & (log.time < p.stop)]))
     assert found > 0.5
     assert struck > 0.9 * found
+
+
+def test_the_numbers_of_a_machine_are_those_of_its_blocks():
+    import fpjax as fp
+    from fpjax.gap.machine import nominal_machine
+    from fpjax.gap.rigid import rigid_body
+
+    plant = fp.OneMass(0.05, fp.CoulombViscous(0.4, 0.03), fp.Unbalance(0.2, 0.3, 0.1))
+    body = rigid_body(nominal_machine(plant, fp.Actuator(gain=0.9, delay=1.5e-3, limit=2.0)))
+    assert (body.inertia, body.coulomb, body.viscous) == pytest.approx((0.05, 0.4, 0.03))
+    angle = np.linspace(-3.0, 3.0, 7)
+    assert body.load is not None
+    assert body.applied is not None
+    np.testing.assert_allclose(body.load(angle, angle, angle), 0.2 * np.sin(angle + 0.3) + 0.1, atol=1e-6)
+    command = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 4.0, 4.0, 4.0, 4.0])
+    expected = np.array([0.0, 0.0, 0.0, 0.45, 0.9, 0.9, 2.0, 2.0, 2.0])
+    np.testing.assert_allclose(body.applied(command, np.zeros(9), 1e-3), expected, atol=1e-9)
+
+
+def test_a_log_made_by_a_nominal_model_with_a_load_leaves_nothing():
+    import fpjax as fp
+    from fpjax.gap.machine import nominal_machine
+    from fpjax.gap.rigid import rigid_body
+
+    log = record(extra=lambda t, v, q, u: -0.2 * np.sin(q + 0.3) - 0.1)
+    plant = fp.OneMass(0.05, fp.CoulombViscous(0.4, 0.03), fp.Unbalance(0.2, 0.3, 0.1))
+    assert sum(locate(log, rigid_body(nominal_machine(plant))).regime.values()) == 0.0
+    assert locate(log, BODY).frequency != ()
