@@ -11,6 +11,7 @@ from typing import Any
 
 from fpjax.errors import InputError
 
+PARTS = ("values", "flat", "gradients", "growth", "scaling", "first_call")
 SIZES = (1, 5, 64, 1024, 16384, 131072)
 FLAT = (1024, 16384, 131072, 1_000_000)
 
@@ -19,6 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options of the benchmark."""
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for speed.json, speed.txt and speed.png")
     parser.add_argument("--quick", action="store_true", help="small sizes, once: whether it works, not how fast")
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS, help="parts to measure (default: all)")
+    parser.add_argument("--sizes", nargs="+", type=int, default=None, metavar="B", help=f"batches (default {SIZES})")
     parser.add_argument("--repeats", type=int, default=3, help="interleaved samples of each row (default 3)")
 
 
@@ -26,6 +29,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Measure everything, write speed.json, speed.txt and speed.png, print the tables."""
     if arguments.repeats < 1:
         raise InputError(f"--repeats {arguments.repeats} cannot be: give at least 1.")
+    if arguments.sizes is not None and min(arguments.sizes) < 1:
+        raise InputError(f"--sizes {arguments.sizes} cannot be: a batch has at least one candidate.")
     out = pathlib.Path(arguments.out)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -41,7 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     started = time.time()
     steps, repeats = (200, 1) if arguments.quick else (5000, arguments.repeats)
-    sizes = (1, 5, 64) if arguments.quick else SIZES
+    sizes = tuple(arguments.sizes or ((1, 5, 64) if arguments.quick else SIZES))
+    only = arguments.only
     bench = measure.Bench(steps, repeats, lambda line: print(line, file=sys.stderr, flush=True))
     results: dict[str, Any] = {
         "command": "python -m benchmarks speed" + (" --quick" if arguments.quick else ""),
@@ -56,17 +62,19 @@ def run(arguments: argparse.Namespace) -> int:
         "scaling": [],
         "skipped": bench.skipped,
     }
-    results["first_call"] = first_calls()
+    results["first_call"] = first_calls() if "first_call" in only else {}
     for dtype in (np.float64, np.float32):
-        for size in sizes:
+        for size in sizes if "values" in only else ():
             results["values"] += bench.value_rows(dtype, size)
-        results["flat"] += bench.flat(dtype, (64, 128) if arguments.quick else FLAT)
-        for size in sizes[:4] if dtype is np.float64 else sizes[:3]:
+        if "flat" in only:
+            results["flat"] += bench.flat(dtype, (64, 128) if arguments.quick else FLAT)
+        small = [size for size in sizes if size <= (1024 if dtype is np.float64 else 64)]
+        for size in small if "gradients" in only else ():
             for gains in (2,) if arguments.quick else (2, 5, 10):
                 results["gradients"] += bench.gradient_rows(dtype, size, gains, with_plain=size <= 64)
-    if not arguments.quick:
+    if "growth" in only and not arguments.quick:
         results["growth"] = bench.growth(np.float64)
-    for size in sizes[-1:] if arguments.quick else (1024, 16384, 131072):
+    for size in [size for size in sizes if size >= (64 if arguments.quick else 1024)] if "scaling" in only else ():
         results["scaling"] += bench.scaling(np.float64, size)
     results["peak_memory_megabytes"] = measure.peak_memory()
     results["goals"] = goals.goals(results)
