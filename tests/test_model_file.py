@@ -390,6 +390,15 @@ def test_neutral_bristles_sensor_and_load_share_survive_a_file():
     assert "bristle_deflection = 0.001" in dump_model(model)
 
 
+def test_what_belongs_to_an_absent_effect_is_not_written():
+    law = GeneralFriction(coulomb=20.0, viscous=2.0, drag_coefficient=0.1, drift_amplitude=0.0, drift_time=2.5)
+    law = dataclasses.replace(law, stribeck_torque=0.0, stribeck_velocity=0.3, position_periods=7.0)
+    loop = dataclasses.replace(load_model(TEXT).loop, plant=fp.OneMass(inertia=10.0, friction=law))
+    text = dump_model(simplified(load_model(TEXT), loop))
+    assert "drag_coefficient = 0.1" in text
+    assert not [word for word in ("drift", "stribeck", "periods") if word in text]
+
+
 def test_a_block_without_words_is_said():
     class Own(fp.AbstractController):
         def init(self):

@@ -32,7 +32,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--each", action="store_true", help="each log is a machine of its own, with its own folder")
     add_log_options(parser)
-    parser.add_argument("--anyway", action="store_true", help="diagnose a log whose units or signs look wrong")
     parser.add_argument("--no-report", action="store_true", help="diagnosis.json only: no report.html, no pictures")
     add_out(parser, required=True)
 
@@ -72,7 +71,6 @@ def folder_names(names: list[str]) -> list[str]:
 
 def _log(path: str, role: str, model: Any, arguments: argparse.Namespace, record: RunFile) -> Any:
     from ..logs import read_log
-    from ..logs.suspicions import suspicions
 
     log = read_log(record.read(path, role), columns=arguments.columns, linear=model.linear, repair=arguments.repair)
     if abs(log.dt / model.dt - 1.0) > 1e-3:
@@ -81,13 +79,6 @@ def _log(path: str, role: str, model: Any, arguments: argparse.Namespace, record
             f"period there, dt = {log.dt:g}."
         )
     record.notes.extend(log.warnings)
-    for sentence, serious in suspicions(log, inertia=model.nominal["inertia"]):
-        if serious and not arguments.anyway:
-            raise InputError(
-                f"{log.name}: {sentence[0].lower()}{sentence[1:].rstrip('.')} (--anyway diagnoses it as it is)."
-            )
-        print(f"warning: {sentence}", file=sys.stderr)
-        record.notes.append(sentence)
     return log
 
 
@@ -103,10 +94,8 @@ def _one(
 
     record.stage("diagnose")
     with Stages("diagnose") as stages:
-        found = diagnose(logs, model, holdout=holdout or None, progress=stages.stage)
-    known = set(found.warnings)
-    more = [note for note in record.notes if note not in known]
-    found = dataclasses.replace(found, provenance=_provenance(record), warnings=(*found.warnings, *more))
+        found = diagnose(logs, model, holdout=holdout, progress=stages.stage)
+    found = dataclasses.replace(found, provenance=_provenance(record))
     print(found)
     record.stage("write")
     prefix = "" if folder == record.folder else f"{folder.name}/"

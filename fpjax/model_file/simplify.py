@@ -79,7 +79,11 @@ def _trimmed(law: GeneralFriction) -> GeneralFriction:
         pairs.pop()
     absent = {name: None for name in ("stribeck_torque", "drift_amplitude") if _zero(getattr(law, name))}
     cosine, sine = (tuple(pair[part] for pair in pairs) for part in (0, 1))
-    return _with(law, position_cosine=cosine, position_sine=sine, **absent)
+    plain = GeneralFriction(coulomb=law.coulomb, viscous=law.viscous)
+    companions = {"stribeck_torque": ("stribeck_velocity", "stribeck_exponent"), "drift_amplitude": ("drift_time",)}
+    idle = [name for term in absent for name in companions[term]] + ([] if pairs else ["position_periods"])
+    unused = {name: getattr(plain, name) for name in idle}
+    return _with(law, position_cosine=cosine, position_sine=sine, **absent, **unused)
 
 
 def simple_load(load: AbstractLoad) -> AbstractLoad:

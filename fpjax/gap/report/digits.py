@@ -99,6 +99,8 @@ def show_estimate(estimate: Estimate, digits: int = 4) -> tuple[str, str]:
         return show(value, digits), ""
     half = 0.5 * (high - low)
     largest = max(abs(value), abs(low), abs(high))
+    if largest == 0.0:  # a gap that the fit closed altogether has no digits to count
+        return "0", ""
     power = _power(largest)
     most = _decimals(largest, max(digits, 6))
     decimals = min(_decimals(half, 2), most) if half > 0.0 else _decimals(largest, digits)

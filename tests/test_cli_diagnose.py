@@ -1,0 +1,103 @@
+"""`fpjax diagnose` as its user meets it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fpjax.cli import main
+from fpjax.cli.diagnose import folder_names
+from fpjax.gap.report.contents import Estimate
+from fpjax.gap.report.digits import show_estimate
+from fpjax.model_file import load_model
+
+NOMINAL = """
+[plant]
+type = "one_mass"
+inertia = 10.0
+[friction]
+type = "coulomb_viscous"
+coulomb = 20.0
+viscous = 2.0
+steepness = 2000.0
+[controller]
+type = "pi"
+kp = 150.0
+ki = 800.0
+[reference]
+type = "multisine"
+amplitudes = [0.6, 0.3]
+frequencies = [0.6, 1.7]
+[simulation]
+dt = 1e-3
+duration = 4.0
+stepping = "sampled"
+substeps = 10
+"""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder with nominal.toml and a log whose truth has a constant torque of 2 N m besides."""
+    folder = tmp_path_factory.mktemp("diagnose")
+    (folder / "nominal.toml").write_text(NOMINAL)
+    truth = NOMINAL.replace("viscous = 2.0", "viscous = 2.0\noffset = -2.0") + "[sensor]\nnoise = 1e-3\n"
+    (folder / "truth.toml").write_text(truth)
+    words = ["simulate", str(folder / "truth.toml"), "--out", str(folder / "made"), "--no-plots", "--no-cache"]
+    assert main(words) == 0
+    rows = [line.split(",")[:3] for line in (folder / "made" / "simulation.csv").read_text().splitlines()]
+    assert rows[0] == ["time", "torque", "velocity"]
+    (folder / "log.csv").write_text("\n".join(",".join(row) for row in rows) + "\n")
+    return folder
+
+
+@pytest.mark.slow
+def test_the_cause_is_found_and_its_model_runs(made, tmp_path, capsys):
+    out = tmp_path / "why"
+    words = ["diagnose", str(made / "log.csv"), "--model", str(made / "nominal.toml"), "--out", str(out), "--no-cache"]
+    assert main(words) == 0
+    assert "Explained by constant_torque" in capsys.readouterr().out
+    found = json.loads((out / "diagnosis.json").read_text())
+    assert found["verdict"] == "explained"
+    assert found["causes"] == ["constant_torque"]
+    (torque,) = (entry["parameters"]["torque"] for entry in found["ranking"] if entry["effect"] == "constant_torque")
+    assert torque["value"] == pytest.approx(2.0, rel=0.02)
+    assert (out / "report.html").stat().st_size > 50_000
+    record = json.loads((out / "run.json").read_text())
+    assert [entry["role"] for entry in record["inputs"]] == ["model", "log"]
+    assert load_model(out / "corrected.toml").nominal["inertia"] == pytest.approx(10.0, rel=0.01)
+    assert main(["simulate", str(out / "corrected.toml"), "--no-cache"]) == 0
+
+
+def refuse(capsys, *words, match):
+    assert main([*map(str, words), "--no-cache"]) == 2
+    error = capsys.readouterr().err
+    sentences = [line for line in error.splitlines() if not line.startswith(("note:", "warning:"))]
+    assert len(sentences) == 1, error
+    assert match in sentences[0], error
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (lambda time, torque, velocity: (torque, np.degrees(velocity)), "deg/s"),
+        (lambda time, torque, velocity: (velocity, torque), "swapped"),
+        (lambda time, torque, velocity: (-torque, velocity), "sign"),
+        (lambda time, torque, velocity: (torque, 0.0 * velocity), ""),
+    ],
+)
+def test_a_log_that_is_not_what_it_says_is_refused(made, tmp_path, capsys, change, match):
+    time, torque, velocity = np.loadtxt(made / "log.csv", delimiter=",", skiprows=1).T
+    table = np.column_stack([time, *change(time, torque, velocity)])
+    np.savetxt(tmp_path / "odd.csv", table, delimiter=",", header="time,torque,velocity", comments="")
+    words = ["diagnose", tmp_path / "odd.csv", "--model", made / "nominal.toml", "--out", tmp_path / "why"]
+    refuse(capsys, *words, match=match)
+    assert not (tmp_path / "why" / "diagnosis.json").exists()
+
+
+def test_folders_of_separate_machines_have_names_of_their_own():
+    assert folder_names(["a.csv", "b.csv", "a.mat"]) == ["a-1", "b", "a-2"]
+
+
+def test_an_estimate_of_nothing_has_digits():
+    assert show_estimate(Estimate(0.0, 0.0, 0.0, "rad"))[0] == "0"
