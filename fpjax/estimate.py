@@ -126,7 +126,7 @@ class Estimation:
                 if name in self.least_squares:
                     panel.axhline(self.least_squares[name], color=RED, ls="--", label="least squares")
                 panel.set_ylabel(f"{name} [{self.unit(name)}]")
-                panel.legend(loc="lower right")
+                panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
             axes[-1, 0].set_xlabel("time [s]")
         return save(figure, path)
 
