@@ -374,9 +374,11 @@ def no_gap():
     comparison = compare("axis.csv", truth, Machine(), None)
     _, torque, _, velocity, position = record(truth, 8.0)
     gap = dataclasses.replace(gap_of(comparison, 1.99e-3), closed=math.nan, closed_interval=(math.nan, math.nan))
-    where = dataclasses.replace(
-        where_of(comparison, velocity, position, torque, Machine()), time=(), velocity=(), position=(), frequency=()
-    )
+    where = where_of(comparison, velocity, position, torque, Machine())
+    # what stands out of the noise is nothing, so every share is zero
+    maps = {axis: tuple(dataclasses.replace(s, share=0.0) for s in bins) for axis, bins in where.maps.items()}
+    regime = dict.fromkeys(where.regime, 0.0)
+    where = dataclasses.replace(where, time=(), velocity=(), position=(), frequency=(), maps=maps, regime=regime)
     ranking = (
         Ranked("viscous_error", 0.011, gap.before, {"viscous": Estimate(0.0303, 0.0294, 0.0312, "N m s/rad")}),
         Ranked("velocity_bias", 0.006, gap.before, {"bias": Estimate(-4.0e-5, -1.3e-4, 5.0e-5, "rad/s")}),

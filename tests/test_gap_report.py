@@ -27,12 +27,13 @@ from fpjax.gap.report import (
     write_report,
 )
 from fpjax.gap.vocabulary import EFFECTS
+from fpjax.model_file import dump_model, load_model
 
 SECTIONS = ["record", "where", "ranking", "shrink", "apart", "identifiability", "model", "warnings", "provenance"]
 PICTURES = {
     "explained": {"overview", "record", "where", "residual", "shrink"},
     "pair_with_twins": {"overview", "record", "where", "residual", "shrink"},
-    "no_gap": {"overview", "record", "where", "shrink"},
+    "no_gap": {"overview", "record", "shrink"},
     "unexplained": {"overview", "record", "where", "residual", "shrink", "left"},
     "bare": {"overview", "where", "shrink"},
 }
@@ -205,7 +206,7 @@ def test_a_linear_axis_is_told_in_its_own_words(written):
     shown = "".join(Page(source).text)
     assert "force residual [N]" in shown
     assert "velocity [m/s]" in shown
-    assert "at the force limit" in shown
+    assert "near the force limit" in shown
     assert "rad/s" not in shown
     assert "torque" not in shown
     assert shown.count("at the end of what was allowed") == 1
@@ -347,6 +348,24 @@ def test_units_and_shares_are_spelled_for_people():
     assert {share: digits.show_percent(share).translate(spaces) for share in shares} == shares
 
 
+def test_confidence_is_that_of_what_is_stated():
+    told = {name: contents.read(make()).confidence for name, make in CASES.items()}
+    assert told["explained"] == 0.962
+    # two causes and their twins: the sum of what the four hold
+    assert told["pair_with_twins"] == pytest.approx(0.24 + 0.23 + 0.22 + 0.21)
+    # what the ranking leaves for "none of these"
+    assert told["no_gap"] == pytest.approx(1.0 - 0.017)
+    assert told["unexplained"] == pytest.approx(0.94)
+    assert contents.read(dataclasses.replace(CASES["no_gap"](), probability=0.0)).confidence == told["no_gap"]
+    assert math.isnan(contents.read(dataclasses.replace(CASES["unexplained"](), ranking=())).confidence)
+    assert [words.sure(p) for p in (0.99, 0.9, 0.6, 0.1)] == [
+        "practically certain",
+        "very likely",
+        "more likely than not",
+        "little more than a guess",
+    ]
+
+
 def test_a_parameter_at_its_bound_has_no_interval():
     full = CASES["bare"]()
     pinned, bound = (
@@ -370,6 +389,20 @@ def test_what_changed_in_the_model_is_marked():
     assert gone == ["friction.viscous = 0.03"]
     assert model_text.count_changes(nominal, corrected) == 3
     assert not any(line.change for line in model_text.compare("", corrected)[0])
+
+
+def test_defaults_that_became_visible_are_no_change():
+    nominal = (
+        '[units]\nmotion = "rotary"\n[plant]\ntype = "one_mass"\ninertia = 0.1\n'
+        '[friction]\ntype = "coulomb_viscous"\ncoulomb = 0.4\nviscous = 0.03\n[simulation]\ndt = 0.001\n'
+    )
+    spelled_out = dump_model(load_model(nominal))
+    assert "solver" in spelled_out
+    assert model_text.count_changes(nominal, spelled_out) == 0
+    changed = spelled_out.replace("inertia = 0.1", "inertia = 0.11")
+    lines, gone = model_text.compare(nominal, changed)
+    assert [(line.text.split()[0], line.was) for line in lines if line.change] == [("inertia", "0.1")]
+    assert gone == []
 
 
 def test_the_vocabulary_is_worded_completely():

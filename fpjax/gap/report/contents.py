@@ -238,8 +238,9 @@ def read(diagnosis: Diagnosis) -> Contents:
     return Contents(
         verdict=answer["verdict"],
         causes=causes,
+        # `probability` speaks of one stated cause; of several, and of "no gap" and "none of these", the ranking does
         confidence=diagnosis.probability
-        if diagnosis.probability > 0.0
+        if len(causes) == 1 and answer["verdict"] == "explained" and diagnosis.probability > 0.0
         else _confidence(answer["verdict"], causes, ranking),
         ranking=ranking,
         signal=str(gap["signal"]),

@@ -1,9 +1,15 @@
 """The corrected model as servo.toml text, with what changed against the nominal one marked."""
 
 import base64
+import math
 from dataclasses import dataclass
 
+from ...errors import InputError
+from ...model_file import dump_model, load_model
 from .markup import text
+
+# Single precision keeps seven digits: a value that differs by less was written by another precision, not changed.
+_SAME = 1e-6
 
 
 @dataclass(frozen=True)
@@ -28,7 +34,9 @@ def compare(nominal: str, corrected: str) -> tuple[list[Line], list[str]]:
     """
     if not nominal.strip():
         return [Line(line) for line in corrected.splitlines()], []
-    old = {name: value for _, name, value in _entries(nominal)}
+    told = {name: value for _, name, value in _entries(nominal)}
+    whole = {name: value for _, name, value in _entries(_spelled_out(nominal))}
+    old = whole | told
     new = {name for _, name, _ in _entries(corrected)}
     lines, marks = [], {number: (name, value) for number, name, value in _entries(corrected)}
     sections = {name.rpartition(".")[0] for name in old}
@@ -44,7 +52,7 @@ def compare(nominal: str, corrected: str) -> tuple[list[Line], list[str]]:
         else:
             section = _section(line)
             lines.append(Line(line, "added" if section and section not in sections else ""))
-    return lines, [f"{name} = {value}" for name, value in old.items() if name not in new]
+    return lines, [f"{name} = {value}" for name, value in whole.items() if name not in new]
 
 
 def to_html(nominal: str, corrected: str) -> str:
@@ -80,6 +88,17 @@ def _entries(model: str) -> list[tuple[int, str, str]]:
     return found
 
 
+def _spelled_out(nominal: str) -> str:
+    """The nominal model as the corrected one is written, with the defaults that its author left out.
+
+    A value that only became visible is no change. A file that cannot be read stands as it is.
+    """
+    try:
+        return dump_model(load_model(nominal))
+    except InputError:
+        return nominal
+
+
 def _section(line: str) -> str:
     stripped = _without_comment(line)
     return stripped.strip("[] ") if stripped.startswith("[") and stripped.endswith("]") and "=" not in stripped else ""
@@ -99,6 +118,6 @@ def _without_comment(value: str) -> str:
 
 def _same(one: str, other: str) -> bool:
     try:
-        return float(one) == float(other)
+        return math.isclose(float(one), float(other), rel_tol=_SAME)
     except ValueError:
         return one == other

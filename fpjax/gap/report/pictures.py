@@ -14,7 +14,7 @@ from .record_picture import draw_record, has_record
 from .shrink_picture import draw_ranking, draw_shrink, rows_of
 from .text import confidence_sentence, verdict_sentence, verdict_title, where_sentence
 from .theme import MUTED, report_style
-from .where_picture import axes_with_places, draw_residual, draw_where, has_where, residual_axes
+from .where_picture import axes_with_places, draw_residual, draw_where, has_regimes, has_where, residual_axes
 
 _WIDE, _NARROW = 11.2, 4.3  # inch; the page shows them at about 96 and 84 pixels per inch
 
@@ -106,7 +106,7 @@ def overview_of(contents: Contents) -> Figure:
 
 
 def _where_picture(name: str, description: str, contents: Contents) -> Picture:
-    panels = len(axes_with_places(contents)) + bool(contents.regimes)
+    panels = len(axes_with_places(contents)) + has_regimes(contents)
     rows = 1 if panels < 3 else 2
     return _picture(name, description, draw_where, contents, 2.3 * rows + 0.2, 2.0 * panels + 0.2)
 

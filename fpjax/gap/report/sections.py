@@ -118,7 +118,8 @@ def where(contents: Contents, pictures: dict[str, tuple[str, str]]) -> str:
         parts.append("<h3>Where what is left lies</h3>")
         parts.append(figure("left", *pictures["left"], "The same shares of what the best attempt leaves."))
     if not any(parts):
-        parts.append(paragraph("No map was made for this log."))
+        nothing = "Nothing stands above the noise, so there is no place to show."
+        parts.append(paragraph(nothing if contents.verdict == "no_gap" else "No map was made for this log."))
     return section("where", "Where the gap lies", *parts)
 
 

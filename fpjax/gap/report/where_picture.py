@@ -15,12 +15,23 @@ from .words import clip, motion_units, regime_name
 
 def axes_with_places(contents: Contents) -> list[str]:
     """The axes that have anything to show."""
-    return [axis for axis in AXES if contents.maps.get(axis) or contents.where.get(axis)]
+    found = []
+    for axis in AXES:
+        places = (*contents.maps.get(axis, ()), *contents.where.get(axis, ()))
+        # a map of zeros is what is left where nothing stands above the noise
+        if any(place.share > 0.0 for place in places):
+            found.append(axis)
+    return found
+
+
+def has_regimes(contents: Contents) -> bool:
+    """Whether any regime holds a share of the gap."""
+    return any(share > 0.0 for share in contents.regimes.values())
 
 
 def has_where(contents: Contents) -> bool:
     """Whether there is anything to draw."""
-    return bool(axes_with_places(contents) or contents.regimes)
+    return bool(axes_with_places(contents)) or has_regimes(contents)
 
 
 def draw_where(figure: Any, contents: Contents, *, narrow: bool) -> None:
@@ -33,7 +44,7 @@ def draw_where(figure: Any, contents: Contents, *, narrow: bool) -> None:
     """
     panels = axes_with_places(contents)
     units = motion_units(contents.motion)
-    names = [*(["regime"] if contents.regimes else []), *panels]
+    names = [*(["regime"] if has_regimes(contents) else []), *panels]
     spots = _stacked(figure, names) if narrow else _side_by_side(figure, names)
     for axis in panels:
         _bars(spots[axis], contents.maps.get(axis) or (), contents.where.get(axis) or (), with_even=axis != "frequency")
@@ -45,7 +56,7 @@ def draw_where(figure: Any, contents: Contents, *, narrow: bool) -> None:
         if spots[axis].get_legend_handles_labels()[1]:
             spots[axis].legend(loc="upper right", handlelength=1.8)
             break
-    if contents.regimes:
+    if has_regimes(contents):
         _regimes(spots["regime"], contents)
         spots["regime"].set_title("By regime")
 

@@ -52,7 +52,7 @@ REGIMES = {
     "low_speed": "at low speed",
     "acceleration": "while accelerating",
     "cruise": "at steady speed",
-    "limit": "at the torque limit",
+    "limit": "near the torque limit",
 }
 
 # What to make of a parameter's state, by how the state begins.
