@@ -23,7 +23,7 @@ def read_source(source: str | os.PathLike[str]) -> tuple[str, pathlib.Path | Non
         return source, None
     path = pathlib.Path(source)
     try:
-        return path.read_text(encoding="utf-8-sig"), path
+        return path.read_bytes().decode("utf-8-sig", "strict" if path.suffix == ".toml" else "replace"), path
     except FileNotFoundError:
         raise InputError(f"{path} does not exist: {_neighbour(path)}.") from None
     except IsADirectoryError:

@@ -476,3 +476,61 @@ def test_the_documentation_names_every_option():
         parser = make_parser(name)._subparsers._group_actions[0].choices[name]
         for option in (word for action in parser._actions for word in action.option_strings if word.startswith("--")):
             assert option in text or option == "--help", f"{name} {option}"
+
+
+def test_log_and_model_in_each_others_place(servo, log, capsys):
+    refuse(capsys, "estimate", servo, "--model", log, match="is a log, not a model")
+    refuse(capsys, "simulate", log, match="is a log, not a model")
+    refuse(capsys, "inspect", servo, match="is a model, not a log")
+
+
+def test_progress_is_shown_on_a_terminal_only(servo, tmp_path):
+    pty = pytest.importorskip("pty")
+    axes = ["--axis", "observer.gain_1=10:1e4:120", "--axis", "observer.gain_2=1:100:120", "--chunk", "256"]
+    words = ["sweep", str(servo), *axes, "--out", str(tmp_path / "out"), "--no-plots", "--no-cache"]
+    ours, theirs = pty.openpty()
+    environment = {**os.environ, "PYTHONPATH": str(REPO)}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "fpjax", *words], env=environment, stdout=subprocess.PIPE, stderr=theirs, text=True
+    )
+    os.close(theirs)
+    shown = b""
+    while True:
+        try:
+            piece = os.read(ours, 4096)
+        except OSError:
+            break
+        if not piece:
+            break
+        shown += piece
+    os.close(ours)
+    printed, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert b"s left" in shown
+    assert "s left" not in printed
+
+
+def test_stages_name_what_is_under_way(monkeypatch):
+    import io
+
+    from fpjax import progress
+
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    monkeypatch.setattr(progress, "FIRST_SHOWN", 0.0)
+    monkeypatch.setattr(progress, "REDRAWN", 0.01)
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    with progress.Stages("diagnose", 3) as stages:
+        stages.stage("fit", 0.5)
+        time.sleep(0.2)
+    assert "diagnose 1/3: fit" in screen.getvalue()
+    assert "s left" in screen.getvalue()
+    quiet = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", quiet)
+    with progress.Stages("diagnose") as stages:
+        stages.stage("fit")
+        time.sleep(0.05)
+    assert quiet.getvalue() == ""

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..runfile import RunFile
+from .common import say
 from .simulate import open_model
 
 REFERENCES = ("sine", "constant", "chirp", "triangle", "square")
@@ -71,6 +72,12 @@ def cost_settings(arguments: argparse.Namespace, record: RunFile) -> tuple[Any, 
     if arguments.noise_seeds < 0:
         raise InputError(f"--noise-seeds {arguments.noise_seeds} cannot be: give zero or more.")
     record.seeds["sensor noise"] = arguments.noise_seeds
+    if chosen == "tracking" and not arguments.noise_seeds:
+        say(
+            record,
+            "without sensor noise larger gains always track better, so the best ones lie at the end of the range: give "
+            "the model a [sensor] noise and add --noise-seeds 4.",
+        )
     settings = {
         "dt": model.dt,
         "duration": duration,

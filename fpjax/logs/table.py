@@ -55,6 +55,8 @@ def read_table(path: pathlib.Path, wanted: Mapping[str, str]) -> Table:
     module = READERS.get(path.suffix.lower())
     if module is None:
         kinds = ", ".join(sorted(READERS))
+        if path.suffix == ".toml":
+            raise InputError(f"{path.name} is a model, not a log: give a log here, and the model with --model.")
         raise InputError(f"{path.name} is of a kind that is not read ({path.suffix or 'no suffix'}): use {kinds}.")
     reader: Callable[..., Table] = importlib.import_module(f"fpjax.logs.{module}").read
     try:

@@ -33,6 +33,7 @@ _UNITS = {
     "reference": ("velocity", "position", "none"),
     "sensors": ("velocity", "position", "both"),
 }
+LOG_SUFFIXES = (".csv", ".npz", ".mat", ".parquet", ".mcap")
 LARGEST_RUN = 1e9  # samples: beyond it a unit is wrong
 
 
@@ -170,6 +171,8 @@ def load_model(source: str | os.PathLike[str]) -> Model:
     """
     text, path = toml_text.read_source(source)
     name = path.name if path else "the model"
+    if path is not None and path.suffix.lower() in LOG_SUFFIXES:
+        raise InputError(f"{name} is a log, not a model: give a servo.toml here (fpjax inspect {name} writes a start).")
     sections = toml_text.parse(text, name)
     for section in sections:
         if section not in SECTIONS:
