@@ -23,6 +23,7 @@ from fpjax.gap.report import (
     record_picture,
     svg,
     text,
+    where_picture,
     words,
     write_report,
 )
@@ -193,6 +194,10 @@ def test_verdicts_have_fitting_sentences():
     assert "µm" in sentences["unexplained"]
     assert text.confidence_sentence(told["explained"]).replace("\u202f", " ") == "Very likely (96 %)."
     assert all(sentence.count(".\n") == 0 and sentence.endswith(".") for sentence in sentences.values())
+    one_open = dataclasses.replace(told["pair_with_twins"], causes=("constant_torque", "backlash"))
+    assert "asymmetric friction (this log cannot tell which), and backlash; with both" in text.verdict_sentence(
+        one_open
+    )
     partly = dataclasses.replace(told["unexplained"], causes=("backlash",))
     assert "explains part of it" in text.verdict_sentence(partly)
     wrong = dataclasses.replace(told["explained"], causes=("inertia_error",))
@@ -310,6 +315,19 @@ def test_logs_of_the_same_hours_are_laid_end_to_end():
         told = contents.read(dataclasses.replace(full, comparisons=full.comparisons * count))
         record_picture.draw_record(figure, told, narrow=True)
         assert figure.axes[1].get_xlabel() == label
+
+
+def test_a_frequency_bin_that_begins_at_zero_is_in_the_picture():
+    edges = [0.0, 0.1, 1.0, 10.0, 100.0]
+    bins = tuple(Share(a, b, share) for a, b, share in zip(edges[:-1], edges[1:], (0.7, 0.1, 0.1, 0.1), strict=True))
+    full = CASES["bare"]()
+    told = contents.read(dataclasses.replace(full, where=Where(maps={"frequency": bins}, frequency=bins[:1])))
+    figure = Figure()
+    where_picture.draw_where(figure, told, narrow=True)
+    axes = figure.axes[0]
+    assert axes.get_xscale() == "log"
+    assert 0.0 < axes.get_xlim()[0] < 0.1 / 2
+    assert axes.get_ylim()[1] > 0.7
 
 
 def test_the_worst_place_is_where_the_nominal_model_is_most_wrong():

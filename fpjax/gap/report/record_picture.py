@@ -114,7 +114,7 @@ def _zoom(axes: Axes, series: Series, first: int, last: int, names: tuple[str, s
         axes.axvline(float(time[start]), color=FLOOR, linewidth=0.6, linestyle=(0, (1, 2)))
     if starts.size:
         axes.annotate(
-            "restarted from the measurement",
+            "a new window starts",
             (time[starts[0]], 0.0),
             xycoords=("data", "axes fraction"),
             xytext=(4, 5),

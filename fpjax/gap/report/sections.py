@@ -91,7 +91,9 @@ def record(contents: Contents, pictures: dict[str, tuple[str, str]]) -> str:
     restarted = any(series.starts.size for series in contents.series)
     how = "None of these samples was used for the fit."
     if restarted:
-        how += " The simulation is driven by the recorded command and restarted in windows from the measured state."
+        how += (
+            " The simulation is driven by the recorded command, in windows; each starts where it fits its window best."
+        )
     return section(
         "record",
         "Measured against simulated",

@@ -120,11 +120,13 @@ def _alternatives(contents: Contents) -> list[str]:
 def _asserted(contents: Contents) -> str:
     """The causes in one phrase, which says so where this log leaves a choice."""
     names = _alternatives(contents)
-    open_ones = sum(" or " in name for name in names)
+    open_ones = [i for i, name in enumerate(names) if " or " in name]
     if not open_ones:
         return join(names)
+    if len(open_ones) == 1:
+        names[open_ones[0]] += " (this log cannot tell which)"
     text = ", and ".join((", ".join(names[:-1]), names[-1])) if len(names) > 1 else names[0]
-    return f"{text} ({'in each case ' if open_ones > 1 else ''}this log cannot tell which)"
+    return text if len(open_ones) == 1 else f"{text} (in each case this log cannot tell which)"
 
 
 def _lacks(contents: Contents) -> str:

@@ -126,7 +126,9 @@ def _frequency_scale(axes: Axes, bins: tuple[Place, ...]) -> None:
     positive = [p for p in bins if p.low > 0.0]
     if len(positive) > 2 and positive[-1].high > 20.0 * positive[0].low:
         axes.set_xscale("log")
-        axes.set_xlim(positive[0].low, positive[-1].high)
+        # a first bin that begins at zero has no place on this axis: it gets half a decade
+        first = positive[0].low if bins[0].low > 0.0 else bins[0].high / 3.0
+        axes.set_xlim(first, positive[-1].high)
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
 
 
