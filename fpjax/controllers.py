@@ -146,6 +146,11 @@ class Lead(AbstractController):
         """gain (e + (z - p) x) [N m]."""
         return self.gain * (reference - measurement.velocity + (self.zero - self.pole) * state)
 
+    def step(self, state: Array, reference: Array, measurement: Measurement, dt: Array) -> Array:
+        """Exact for an error held over dt [s] (zero-order hold)."""
+        kept = jnp.exp(-self.pole * dt)
+        return kept * state + (1.0 - kept) / self.pole * (reference - measurement.velocity)
+
 
 def design_lead(plant: Callable[[complex], complex], crossover: float, phase_lead: float) -> Lead:
     """A lead controller from its crossover and the phase it is to add (3.20)-(3.26).
@@ -236,9 +241,9 @@ class TransferFunction(AbstractController):
         self.period = period
         self.sampled_transition = self.sampled_drive = None
         if period is not None and denominator.size > 1:
-            held = signal.StateSpace(a, b, c, d).to_discrete(period, method="zoh")
-            self.sampled_transition = as_parameter(np.asarray(held.A))
-            self.sampled_drive = as_parameter(np.asarray(held.B)[:, 0])
+            held: Any = signal.cont2discrete((a, b, c, d), period, method="zoh")
+            self.sampled_transition = as_parameter(np.asarray(held[0]))
+            self.sampled_drive = as_parameter(np.asarray(held[1])[:, 0])
 
     def init(self) -> tuple[Array, ...]:
         """The order's states, one scalar each."""

@@ -55,6 +55,7 @@ class Estimation:
         differentiated: how the velocity came about, in words.
         name: of the log.
         linear: whether the units are N and m.
+        passes: over the log; the traces are the last one's.
     """
 
     time: np.ndarray
@@ -68,11 +69,16 @@ class Estimation:
     differentiated: str
     name: str = "log"
     linear: bool = False
+    passes: int = 1
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """What the user should know: estimates that cannot converge on this motion."""
         return () if self.excitation is None else self.excitation.sentences
+
+    @property
+    def _pass(self) -> str:
+        return "" if self.passes == 1 else f" (pass {self.passes} of {self.passes})"
 
     def unit(self, name: str) -> str:
         """Unit of a quantity by its name."""
@@ -92,6 +98,7 @@ class Estimation:
             "estimates": self.final,
             "spread": self.spread,
             "average_s": self.average,
+            "passes": self.passes,
             "least_squares": self.least_squares,
             "excitation": excitation,
             "velocity": self.differentiated,
@@ -99,7 +106,7 @@ class Estimation:
         }
 
     def __str__(self) -> str:
-        head = f"{self.name}: mean over the last {self.average:.3g} s; velocity {self.differentiated}"
+        head = f"{self.name}{self._pass}: mean over the last {self.average:.3g} s; velocity {self.differentiated}"
         rows = [f"  {'':<10}{'observer':>12}{'spread':>12}{'least squares':>16}"]
         for name, value in self.final.items():
             fitted = self.least_squares.get(name)
@@ -115,7 +122,9 @@ class Estimation:
         """
         from .plotting import BLUE, GREY, RED, new_figure, save, style, thin
 
-        figure, axes = new_figure(1 + len(self.estimates), share_x=True, title=f"Friction estimated from {self.name}")
+        figure, axes = new_figure(
+            1 + len(self.estimates), share_x=True, title=f"Friction estimated from {self.name}{self._pass}"
+        )
         with style():
             time, velocity = thin(self.time, self.velocity)
             axes[0, 0].plot(time, velocity, color=GREY)
@@ -192,6 +201,7 @@ def estimate(
         differentiated=how,
         name=log.name,
         linear=log.linear,
+        passes=passes,
     )
 
 

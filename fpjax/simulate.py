@@ -10,6 +10,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from .block import as_parameter
+from .controllers import TransferFunction
 from .errors import InputError
 from .loop import ClosedLoop, LoopState
 from .metrics import AbstractMeasure
@@ -72,7 +73,7 @@ def make_stepper(
         dt: step, or control period when sampled [s].
         duration: [s]; the samples then run from 0 to duration, both included. One of `duration` and `samples`.
         samples: number of samples.
-        solver: "euler", "heun", "ode3", "rk4" or a solver.
+        solver: "euler", "heun", "ode3", "rk4", "exact" or a solver.
         stepping: "continuous" or "sampled".
         substeps: solver steps per control period when sampled.
         checkpoint: see `Stepper`.
@@ -86,9 +87,9 @@ def make_stepper(
         raise InputError("Give either duration [s] or samples, not both and not neither.")
     if samples is None:
         assert duration is not None
-        if not duration >= float(dt):
+        if not float(dt) <= duration < float("inf"):
             raise InputError(
-                f"duration = {duration:g} s cannot be: it must be at least one step of dt = {float(dt):g} s."
+                f"duration = {duration:g} s cannot be: it must be finite and at least one step of dt = {float(dt):g} s."
             )
         samples = round(duration / float(dt)) + 1
     if samples < 1 or substeps < 1:
@@ -222,7 +223,7 @@ def simulate(
     stepping: Stepping = "continuous",
     substeps: int = 1,
     measures: dict[str, AbstractMeasure] | None = None,
-    record: tuple[str, ...] = (),
+    record: str | tuple[str, ...] = (),
     initial: LoopState | None = None,
     key: Array | None = None,
     throw: bool = False,
@@ -235,7 +236,7 @@ def simulate(
         dt: step, or control period when sampled [s].
         duration: [s]; samples run from 0 to duration, both included.
         samples: number of samples, instead of `duration`.
-        solver: "euler", "heun", "ode3" or "rk4".
+        solver: "euler", "heun", "ode3" or "rk4"; "exact" resolves sticking exactly (sampled stepping).
         stepping: "continuous" or "sampled".
         substeps: solver steps per control period when sampled.
         measures: what to accumulate, by name of your choice.
@@ -254,11 +255,24 @@ def simulate(
         dt=dt, duration=duration, samples=samples, solver=solver, stepping=stepping, substeps=substeps
     )
     if not isinstance(dt, Tracer):
+        if stepping == "sampled":
+            _check_periods(loop, float(dt))
         warn_if_stiff(loop, float(dt) / (substeps if stepping == "sampled" else 1), stepper.solver)
-    run = _run(loop, reference, stepper, measures or {}, tuple(record), initial, key)
+    run = _run(loop, reference, stepper, measures or {}, (record,) if isinstance(record, str) else tuple(record), initial, key)
     if throw and run.diverged:
         raise InputError(f"The run {run.message}.")
     return run
+
+
+def _check_periods(loop: ClosedLoop, dt: float) -> None:
+    """A transfer function is discretised when it is built: at another control period it would be another controller."""
+    for part in jax.tree.leaves(loop, is_leaf=lambda leaf: isinstance(leaf, TransferFunction)):
+        period = part.period if isinstance(part, TransferFunction) else None
+        if period is not None and abs(dt / period - 1.0) > 1e-6:
+            raise InputError(
+                f"The TransferFunction was discretised for a period of {period:g} s, but dt = {dt:g} s: build it with "
+                f"period={dt:g}."
+            )
 
 
 @eqx.filter_jit

@@ -130,3 +130,13 @@ def test_status_counts_what_is_measured_too():
 
     run = fp.simulate(blowing_up(10.0), fp.Sine(1.0, 1.0), dt=1e-3, samples=10, measures={"broken": Broken()})
     assert run.diverged
+
+
+def test_a_transfer_function_for_another_period_is_refused():
+    """Its matrices were made for one period; at another the run would be silently wrong."""
+    inner = fp.TransferFunction([150.0, 2e3], [1.0, 60.0], period=2e-3)
+    loop = fp.ClosedLoop(fp.OneMass(10.0, fp.Viscous(2.0)), fp.PositionLoop(20.0, inner))
+    with pytest.raises(fp.InputError, match=r"period=0\.001"):
+        fp.simulate(loop, fp.Sine(1.0, 1.0), dt=1e-3, samples=5, stepping="sampled")
+    fp.simulate(loop, fp.Sine(1.0, 1.0), dt=2e-3, samples=5, stepping="sampled")
+    fp.simulate(loop, fp.Sine(1.0, 1.0), dt=1e-3, samples=5)  # continuous: no discretisation is used

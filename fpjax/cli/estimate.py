@@ -35,6 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--differentiator", choices=("zero_phase", "causal"), default="zero_phase",
         help="how a log without velocity gets one (default zero_phase; causal is what a drive could do)",
     )  # fmt: skip
+    parser.add_argument(
+        "--passes", type=int, default=1, metavar="N",
+        help="go over the log N times, each from the last one's estimates: time for slow gains (default 1)",
+    )  # fmt: skip
     parser.add_argument("--cutoff", type=float, metavar="HZ", help="of that differentiator (default: rate / 10)")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")
     add_out(parser)
@@ -59,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         record.stage("estimate")
         found = estimate(
             log, observer, load=model.loop.plant.load, average=arguments.average,
-            differentiator=arguments.differentiator, cutoff=arguments.cutoff,
+            differentiator=arguments.differentiator, cutoff=arguments.cutoff, passes=arguments.passes,
         )  # fmt: skip
         print(found)
         record.notes.extend(found.sentences)
