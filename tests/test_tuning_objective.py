@@ -34,7 +34,7 @@ def test_the_estimation_cost_is_the_mean_of_squares_and_the_residuals_sum_to_it(
     gain = np.mean((10.0 * np.tanh(150.0 * w) * 0.01 / 20.0) ** 2 + (100.0 * DEGREE * w * 0.01 / (2.0 * DEGREE)) ** 2)
     np.testing.assert_allclose(lane_cost(start, None, problem), expected + 0.5 * gain, rtol=1e-9)
     residuals = lane_residuals(start, None, problem)
-    assert residuals.shape == (1, 2 * 16 + 1)
+    assert residuals.shape == (1, 2 * 2 * 16 + 1)  # two estimates, mean and spread in 16 bins, the noise
     np.testing.assert_allclose(jnp.sum(residuals**2), expected + 0.5 * gain, rtol=1e-9)
 
 

@@ -1,6 +1,7 @@
 """Tuning: gains by Algorithm 1, dense sweeps and gradients, on any named parameters of any block."""
 
 from .axis import Axis as Axis
+from .identifiability import Identifiability as Identifiability
 from .methods import LBFGS as LBFGS
 from .methods import Adam as Adam
 from .methods import GridSearch as GridSearch

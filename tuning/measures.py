@@ -3,6 +3,7 @@
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -69,6 +70,7 @@ class SquaredAfter(AbstractMeasure):
         if self.bins == 0:
             return total[0] / jnp.maximum(total[1], 1.0)
         first, second, number = (jnp.stack(column) for column in zip(*total, strict=True))
+        number = jax.lax.stop_gradient(number)  # the root of an empty bin's share has no slope
         counted = jnp.maximum(jnp.sum(number), 1.0)
         mean = first / jnp.maximum(number, 1.0)
         spread = jnp.maximum(second - mean * first, 0.0)

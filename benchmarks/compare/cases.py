@@ -64,9 +64,21 @@ def all_cases() -> list[Case]:
     first = fpjax.ExtendedSteepnessCoulomb(INERTIA, 1.0, 1.0, 2.0 * DEGREE, STEEPNESS)
     second = fpjax.ExtendedSteepnessViscous(INERTIA, 1.0, 1.0, 20.0, STEEPNESS)
     return [
-        Case("efp", ClosedLoop(fpjax.OneMass(INERTIA, coulomb), pi, efp), by_degree, both, {"viscous": DEGREE}),
-        Case("extension_1", ClosedLoop(fpjax.OneMass(INERTIA, soft), pi, first), (1.0, 1.0), both, {}),
-        Case("extension_2", ClosedLoop(fpjax.OneMass(INERTIA, soft), pi, second), by_degree, both, {"viscous": DEGREE}),
+        Case(
+            "efp",
+            ClosedLoop(fpjax.OneMass(inertia=INERTIA, friction=coulomb), pi, efp),
+            by_degree,
+            both,
+            {"viscous": DEGREE},
+        ),
+        Case("extension_1", ClosedLoop(fpjax.OneMass(inertia=INERTIA, friction=soft), pi, first), (1.0, 1.0), both, {}),
+        Case(
+            "extension_2",
+            ClosedLoop(fpjax.OneMass(inertia=INERTIA, friction=soft), pi, second),
+            by_degree,
+            both,
+            {"viscous": DEGREE},
+        ),
     ]
 
 
