@@ -63,12 +63,12 @@ def test_missing_compiler_is_said(monkeypatch):
 
 
 def row(name, size, seconds, dtype="float64"):
-    return {"implementation": name, "dtype": dtype, "candidates": size, "seconds": seconds, "steps": 10}
+    return {"implementation": name, "dtype": dtype, "candidates": size, "processor_seconds": seconds, "steps": 10}
 
 
 def test_goals_are_judged_by_the_rows():
     results = {
-        "versions": {"jax": "9.9"},
+        "versions": {"jax": "0.99.1"},
         "values": [row("C++", 1, 1.0), row("fpjax", 1, 1.1), row("vmap(lax.scan)", 1, 0.5)],
         "flat": [],
         "gradients": [],
@@ -79,7 +79,7 @@ def test_goals_are_judged_by_the_rows():
     assert found["f64 value over C++, B=1"]["measured"] == pytest.approx(1.1)
     slower = found["f64 times as fast as vmap(lax.scan), B=1"]
     assert slower["met"] is False
-    assert "jax 9.9" in slower["reason"]
+    assert "jax 0.99.1 compiles" in slower["reason"]
     assert found["first call after import [s], value"]["met"] is False
     assert not any("B=64" in name for name in found)
     assert "1 of 3 goals met" in goals.table(list(found.values()))

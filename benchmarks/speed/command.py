@@ -106,7 +106,9 @@ def first_calls() -> dict[str, float]:
 
 def rows_table(results: dict[str, Any]) -> str:
     """Throughput of the values, ratios of the gradients, scaling, and what was skipped, as text."""
-    lines = [f"{results['machine']['processor']}, {results['machine']['cores']} cores, one core used"]
+    lines = [
+        f"{results['machine']['processor']}, {results['machine']['cores']} cores; rows are processor time on one core"
+    ]
     lines.append(", ".join(f"{name} {number}" for name, number in results["versions"].items()))
     for dtype in ("float64", "float32"):
         rows = [row for row in results["values"] if row["dtype"] == dtype]
@@ -128,10 +130,10 @@ def rows_table(results: dict[str, Any]) -> str:
                 f"{row['dtype']} B={row['candidates']:<6} {row['gains']:2} gains  {row['implementation']:14} "
                 f"{row['what']:8} {row['over_value']:6.2f}{memory}"
             )
-    lines += ["", "all cores"]
+    lines += ["", "all cores, by the clock"]
     for row in results["scaling"]:
         lines.append(
-            f"B={row['candidates']:<8} {row['workers']} cores  {row['steps_per_second']:.2e} steps/s  "
+            f"B={row['candidates']:<8} {row['workers']} cores  {row['clock_steps_per_second']:.2e} steps/s  "
             f"{row['speedup']:.2f} times one core  differs by {row['relative_error']:.1e}"
         )
     lines += ["", "first call of a fresh process [s]"]

@@ -6,6 +6,10 @@ ONE_KERNEL_BY_ITSELF = (
     "jax {jax} compiles the plain scan into one kernel by itself: the peer became as fast as ours (on jax 0.7 to 0.11 "
     "it is not)"
 )
+LESS_OVERHEAD = (
+    "jax {jax} runs the plain scan step by step, but its overhead beside this loop's own work is smaller on this "
+    "processor than where the goal was set"
+)
 SCALAR = (
     "below 48 candidates LLVM unrolls XLA's loops into scalar code, one tanh after the other, where the C++ loop holds "
     "the candidates in one vector register"
@@ -17,6 +21,8 @@ def goals(results: dict[str, Any]) -> list[dict[str, Any]]:
     """Every goal that this run could measure, as {name, goal, measured, met, reason}."""
     found: list[dict[str, Any]] = []
     jax_version = results["versions"]["jax"]
+    by_itself = tuple(int(part) for part in jax_version.split(".")[:2]) >= (0, 12)
+    plain = ONE_KERNEL_BY_ITSELF if by_itself else LESS_OVERHEAD
 
     def add(name: str, bound: str, limit: float, measured: float | None, reason: str) -> None:
         if measured is None:
@@ -35,7 +41,7 @@ def goals(results: dict[str, Any]) -> list[dict[str, Any]]:
     def seconds(name: str, dtype: str, size: int) -> float | None:
         for row in results["values"]:
             if (row["implementation"], row["dtype"], row["candidates"]) == (name, dtype, size):
-                return None if row.get("disagrees") else row["seconds"]
+                return None if row.get("disagrees") else row["processor_seconds"]
         return None
 
     def over(name: str, other: str, dtype: str, size: int) -> float | None:
@@ -51,7 +57,7 @@ def goals(results: dict[str, Any]) -> list[dict[str, Any]]:
         add(f"f32 value over C++, B={size}", "<=", 1.7, over("fpjax", "C++", "float32", size), reason)
     for dtype in ("float64", "float32"):
         flat = [
-            row["seconds"] / row["candidates"] / row["steps"]
+            row["processor_seconds"] / row["candidates"] / row["steps"]
             for row in results["flat"]
             if row["implementation"] == "fpjax" and row["dtype"] == dtype
         ]
@@ -60,10 +66,10 @@ def goals(results: dict[str, Any]) -> list[dict[str, Any]]:
             add(f"{dtype} spread of the cost of a candidate, B=1e3 to 1e6", "<=", 1.1, max(flat) / min(flat), noise)
     for size, times in ((1, 0.95), (5, 10.0), (64, 5.0), (1024, 2.2), (16384, 4.0), (131072, 6.0)):
         name = f"f64 times as fast as vmap(lax.scan), B={size}"
-        add(name, ">=", times, over("vmap(lax.scan)", "fpjax", "float64", size), ONE_KERNEL_BY_ITSELF)
+        add(name, ">=", times, over("vmap(lax.scan)", "fpjax", "float64", size), plain)
     for size in (16384, 131072):
         name = f"f64 times as fast as diffrax, B={size}"
-        add(name, ">=", 4.0, over("diffrax", "fpjax", "float64", size), ONE_KERNEL_BY_ITSELF)
+        add(name, ">=", 4.0, over("diffrax", "fpjax", "float64", size), plain)
     limits = {(1, 2): 1.7, (1, 10): 2.6, (5, 2): 3.5, (5, 10): 3.5, (64, 2): 4.5, (64, 10): 6.0}
     limits |= {(1024, 2): 4.5, (1024, 10): 6.0}
     for row in results["gradients"]:

@@ -87,8 +87,8 @@ class Bench:
         # The first calls above compiled; their time is taken apart, in fresh processes (first_call.py).
         times = timing.interleaved(calls, self.repeats)
         rows = []
-        for name, (median, _) in times.items():
-            rows.append(self._row(name, "value", dtype, size, 2, steps, median) | {"relative_error": errors[name]})
+        for name, spent in times.items():
+            rows.append(self._row(name, "value", dtype, size, 2, steps, spent) | {"relative_error": errors[name]})
             if not errors[name] <= AGREE[np.dtype(dtype).name]:
                 rows[-1]["disagrees"] = True
         return rows
@@ -113,8 +113,8 @@ class Bench:
         small = {name: value[:part] for name, value in batch.items()}
         variants = {f"{width} {tanh}": (width, tanh) for width in cpp.widths(part) for tanh in (False, True)}
         trial = {name: cpp.runner(self.cpp, small, reference, *variant) for name, variant in variants.items()}
-        times = timing.interleaved(trial, 3, 0.005)
-        best = min(times, key=lambda name: times[name][0])
+        times = timing.interleaved(trial, 3, 0.002, 0.3)
+        best = min(times, key=lambda name: times[name].processor_seconds)
         return cpp.runner(self.cpp, batch, reference, *variants[best])
 
     def gradient_rows(self, dtype: Any, size: int, gains: int, with_plain: bool) -> list[dict[str, Any]]:
@@ -161,11 +161,15 @@ class Bench:
                 gradient = calls[name]()[1]
                 agree[name] = max(_relative(gradient[key], expected[key]) for key in expected)
         times = timing.interleaved(calls, self.repeats)
-        primal = times["value"][0]
+        primal = times["value"].processor_seconds
         return [
-            self._row("vmap(lax.scan)" if name == "plain" else "fpjax", name, dtype, size, gains, steps, median)
-            | {"over_value": median / primal, "scratch_bytes": scratch[name], "relative_error": agree.get(name)}
-            for name, (median, _) in times.items()
+            self._row("vmap(lax.scan)" if name == "plain" else "fpjax", name, dtype, size, gains, steps, spent)
+            | {
+                "over_value": spent.processor_seconds / primal,
+                "scratch_bytes": scratch[name],
+                "relative_error": agree.get(name),
+            }
+            for name, spent in times.items()
         ]
 
     def growth(self, dtype: Any, size: int = 64) -> dict[str, list[dict[str, Any]]]:
@@ -191,8 +195,8 @@ class Bench:
                     calls[str(size)] = self.fpjax_value(batch, steps, dtype, size)
                 elif self.cpp is not None:
                     calls[str(size)] = self._fastest_cpp(batch, servo.table(steps, dtype), size)
-            for size, (median, _) in timing.interleaved(calls, self.repeats).items():
-                rows.append(self._row(name, "value", dtype, int(size), 2, steps, median))
+            for size, spent in timing.interleaved(calls, self.repeats).items():
+                rows.append(self._row(name, "value", dtype, int(size), 2, steps, spent))
         return rows
 
     def scaling(self, dtype: Any, size: int) -> list[dict[str, Any]]:
@@ -203,19 +207,21 @@ class Bench:
         results = {name: np.asarray(call()) for name, call in calls.items()}
         times = timing.interleaved(calls, self.repeats)
         return [
-            self._row("fpjax", "value", dtype, size, 2, steps, median)
+            self._row("fpjax", "value", dtype, size, 2, steps, spent)
             | {
                 "workers": int(name),
-                "speedup": times["1"][0] / median,
+                "clock_steps_per_second": size * steps / spent.seconds,
+                "speedup": times["1"].seconds / spent.seconds,
                 "relative_error": float(np.max(np.abs(results[name] / results["1"] - 1.0))),
             }
-            for name, (median, _) in times.items()
+            for name, spent in times.items()
         ]
 
     def _row(
-        self, name: str, what: str, dtype: Any, size: int, gains: int, steps: int, median: float
+        self, name: str, what: str, dtype: Any, size: int, gains: int, steps: int, spent: timing.Timing
     ) -> dict[str, Any]:
-        self.say(f"{name} {what} {np.dtype(dtype).name} B={size} gains={gains}: {median / steps * 1e9:.1f} ns/step")
+        each = spent.processor_seconds / steps
+        self.say(f"{name} {what} {np.dtype(dtype).name} B={size} gains={gains}: {each * 1e9:.1f} ns/step")
         package = {"C++": cpp.version() if self.cpp is not None else "", "fpjax": f"jax {self.versions['jax']}"}
         package |= {"vmap(lax.scan)": package["fpjax"]}
         return {
@@ -227,9 +233,10 @@ class Bench:
             "candidates": size,
             "gains": gains,
             "steps": steps,
-            "seconds": median,
-            "ns_per_step": median / steps * 1e9,
-            "steps_per_second": size * steps / median,
+            "seconds": spent.seconds,
+            "processor_seconds": spent.processor_seconds,
+            "ns_per_step": each * 1e9,
+            "steps_per_second": size / each,
         }
 
 

@@ -1,9 +1,24 @@
 """Interleaved timing: every implementation once, then again, so that a busy machine is busy for all of them."""
 
+import dataclasses
 import statistics
 import time
 from collections.abc import Callable
 from typing import Any
+
+
+@dataclasses.dataclass(frozen=True)
+class Timing:
+    """Medians of one call.
+
+    Attributes:
+        seconds: by the clock.
+        processor_seconds: of this process' processors: what the clock of a quiet machine would show for work on one
+            core, and far steadier on a shared one.
+    """
+
+    seconds: float
+    processor_seconds: float
 
 
 def _wait(result: Any) -> Any:
@@ -20,22 +35,26 @@ def timed(call: Callable[[], Any]) -> tuple[float, Any]:
 
 
 def interleaved(
-    calls: dict[str, Callable[[], Any]], repeats: int, at_least: float = 0.02
-) -> dict[str, tuple[float, float]]:
-    """(median seconds of a call, seconds of the first call) by name.
+    calls: dict[str, Callable[[], Any]], repeats: int, at_least: float = 0.005, budget: float = 2.0
+) -> dict[str, Timing]:
+    """The timing of each call by name; every call is made twice before it is timed.
 
-    A short call is repeated until `at_least` seconds have passed, and the mean of these counts as one sample.
+    A short call is repeated until `at_least` seconds have passed, and the mean of these counts as one sample: a few
+    milliseconds, so that other work on the machine falls between samples. There are `repeats` rounds at least, and up
+    to 40 while `budget` seconds last.
     """
-    first, loops = {}, {}
+    loops, spent = {}, 0.0
     for name, call in calls.items():
-        first[name], _ = timed(call)
+        timed(call)
         once, _ = timed(call)
         loops[name] = max(1, min(200, round(at_least / max(once, 1e-9))))
-    samples: dict[str, list[float]] = {name: [] for name in calls}
-    for _ in range(repeats):
+        spent += loops[name] * once
+    samples: dict[str, list[tuple[float, float]]] = {name: [] for name in calls}
+    for _ in range(max(repeats, min(40, int(budget / spent)))):
         for name, call in calls.items():
-            start = time.perf_counter()
+            start, processor = time.perf_counter(), time.process_time()
             for _ in range(loops[name]):
                 _wait(call())
-            samples[name].append((time.perf_counter() - start) / loops[name])
-    return {name: (statistics.median(samples[name]), first[name]) for name in calls}
+            clock, processor = time.perf_counter() - start, time.process_time() - processor
+            samples[name].append((clock / loops[name], processor / loops[name]))
+    return {name: Timing(*map(statistics.median, zip(*samples[name], strict=True))) for name in calls}
