@@ -4,6 +4,8 @@ import itertools
 
 import numpy as np
 
+from fpjax.errors import InputError
+
 from .lanes import Best, Lanes, Outcome
 from .methods import GridSearch, RepairedGridSearch
 from .stopping import Stop
@@ -19,8 +21,8 @@ def algorithm_1(lanes: Lanes, settings: GridSearch, stop: Stop) -> Outcome:
     - it moves along the diagonals only, always by the whole step: half the points of the grid are never reached;
     - the best of the four moves is accepted even where it is worse than where it stood;
     - the steps halve where the cost is not below the previous iteration's (`>=`; the text says `>`), and never grow;
-    - it returns where it stands, not the best it saw (here: the history holds the best it saw, the values and the
-      cost are where it stands);
+    - it returns where it stands, not the best it saw (here: the values and their cost are the best it saw, as of
+      every other method; where it stands is kept beside them);
     - the `while` of the printed algorithm is reversed, and 20 iterations are allowed where Table 4.2 lists up to 37;
     - of equal costs the first in the order of the moves counts, and gains may become negative.
 
@@ -29,6 +31,10 @@ def algorithm_1(lanes: Lanes, settings: GridSearch, stop: Stop) -> Outcome:
         settings: steps, threshold, iterations.
         stop: when a lane is over beyond the settings.
     """
+    if lanes.start.shape[1] != 2:
+        raise InputError(
+            f"Algorithm 1 moves exactly two parameters, not {lanes.start.shape[1]}: use grid_repaired for any number."
+        )
     at, steps = lanes.start.copy(), _steps(lanes, settings.steps)
     best, moves = Best(*at.shape), np.array(MOVES)
     previous, standing = np.full(lanes.count, np.inf), np.full(lanes.count, np.inf)
@@ -50,8 +56,9 @@ def algorithm_1(lanes: Lanes, settings: GridSearch, stop: Stop) -> Outcome:
                 active[lane] = False
                 best.reasons[lane] = f"reached the threshold {settings.threshold:g}"
         stop.progress(best)
-    best.values, best.costs = at, standing
-    return best.outcome()
+    outcome = best.outcome()
+    outcome.standing, outcome.standing_costs = at, standing
+    return outcome
 
 
 def algorithm_1_repaired(lanes: Lanes, settings: RepairedGridSearch, stop: Stop) -> Outcome:
@@ -100,7 +107,5 @@ def _steps(lanes: Lanes, steps: tuple[float, ...] | None) -> np.ndarray:
     if steps is None:
         return 0.5 * np.abs(lanes.start)
     if len(steps) != n:
-        from fpjax.errors import InputError
-
         raise InputError(f"steps = {steps} has {len(steps)} numbers for {n} parameters: give one each.")
     return np.tile(np.asarray(steps, float), (lanes.count, 1))

@@ -121,6 +121,8 @@ class Outcome:
         iterations: iterations done, shape (lanes,).
         history: of each lane, (simulations so far, best cost so far) after every iteration.
         reasons: of each lane, why it ended.
+        standing: where Algorithm 1 stood at its end, shape (lanes, n), which is not the best it saw; None for others.
+        standing_costs: the costs there, shape (lanes,).
     """
 
     values: np.ndarray
@@ -129,6 +131,8 @@ class Outcome:
     iterations: np.ndarray
     history: list[list[tuple[int, float]]]
     reasons: list[str]
+    standing: np.ndarray | None = None
+    standing_costs: np.ndarray | None = None
 
 
 class Best:

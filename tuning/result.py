@@ -10,6 +10,7 @@ import numpy as np
 
 from fpjax._version import __version__
 from fpjax.parameters import set_parameters
+from fpjax.runfile import plain
 
 from .identifiability import Identifiability
 
@@ -40,6 +41,10 @@ class TuningResult:
         compile_seconds: compiling, apart.
         identifiability: what the residuals pin; None where every start diverged.
         versions: of what computed it.
+        standing: where Algorithm 1 stood at its end, by parameter name: its printed rule returns that, `gains` are the
+            best it saw; None for the other methods.
+        standing_cost: the cost there [1].
+        notes: sentences on what to look at before the gains are used.
     """
 
     method: str
@@ -63,6 +68,9 @@ class TuningResult:
     compile_seconds: float
     identifiability: Identifiability | None
     versions: dict[str, str]
+    standing: dict[str, float] | None = None
+    standing_cost: float | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def diverged(self) -> bool:
@@ -75,7 +83,7 @@ class TuningResult:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON takes it; what is not finite as None."""
-        return _plain({**dataclasses.asdict(self), "references": list(self.references)})
+        return plain({**dataclasses.asdict(self), "references": list(self.references)})
 
     def __str__(self) -> str:
         gains = "\n".join(
@@ -89,7 +97,11 @@ class TuningResult:
             f"  {self.simulations} simulations, {self.simulated_steps:.3g} steps, {self.run_seconds:.2f} s"
             f" + {self.compile_seconds:.2f} s compiling",
         ]
-        return "\n".join([*lines, *([str(self.identifiability)] if self.identifiability else [])])
+        if self.standing is not None and self.standing != self.gains:
+            where = ", ".join(f"{value:.6g}" for value in self.standing.values())
+            lines.append(f"  its own rule ends at ({where}), cost {self.standing_cost:.6g}: not the best it saw")
+        block = [str(self.identifiability)] if self.identifiability else []
+        return "\n".join([*lines, *block, *(f"note: {note}" for note in self.notes)])
 
 
 def versions() -> dict[str, str]:
@@ -101,13 +113,3 @@ def versions() -> dict[str, str]:
         "python": platform.python_version(),
         "backend": jax.default_backend(),
     }
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(part) for key, part in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(part) for part in value]
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    return int(value) if isinstance(value, np.integer) else value

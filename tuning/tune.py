@@ -254,8 +254,8 @@ def _search(
                 method=name,
                 objective=kind,
                 references=labels,
-                gains={key: float(value) for key, value in zip(names, values[group], strict=True)},
-                start={key: float(value) for key, value in zip(names, lanes.start[group * starts], strict=True)},
+                gains=_named(names, values[group]),
+                start=_named(names, lanes.start[group * starts]),
                 cost=float(outcome.costs[lane]),
                 start_cost=_aggregated(lanes.problem, first[group]),
                 mean=float(np.mean(cases[group])),
@@ -272,9 +272,15 @@ def _search(
                 compile_seconds=compiled,
                 identifiability=None if failed.all() else blocks[group],
                 versions=versions(),
+                standing=None if outcome.standing is None else _named(names, outcome.standing[lane]),
+                standing_cost=None if outcome.standing_costs is None else float(outcome.standing_costs[lane]),
             )
         )
     return results
+
+
+def _named(names: tuple[str, ...], values: np.ndarray) -> dict[str, float]:
+    return {name: float(value) for name, value in zip(names, values, strict=True)}
 
 
 def _aggregated(problem: Any, cases: np.ndarray) -> float:
