@@ -64,5 +64,12 @@ def require_not_negative(owner: object, name: str, unit: str) -> None:
         )
 
 
+def require_below(owner: object, name: str, limit: float) -> None:
+    """Raise `InputError` unless the concrete field `name` of `owner` is below `limit` [1]."""
+    value = _concrete(getattr(owner, name))
+    if value is not None and not np.all(value < limit):
+        raise InputError(f"{type(owner).__name__}: {name} = {_show(value)} cannot be: it must be below {limit:g}.")
+
+
 def _show(value: np.ndarray) -> str:
     return f"{float(value):g}" if value.ndim == 0 else f"an array from {value.min():g} to {value.max():g}"

@@ -13,7 +13,8 @@ from .observers import AbstractObserver, NoObserver
 from .plants import AbstractPlant
 from .sensors import AbstractSensor, IdealSensor
 from .signals import Measurement, Motion, Signals
-from .solvers import AbstractSolver
+from .solvers import AbstractSolver, ExactSticking
+from .sticking import advance_exact
 
 UNROLLED_SUBSTEPS = 4  # more of them go into an inner loop, so that compiling stays short
 
@@ -146,7 +147,9 @@ class ClosedLoop(eqx.Module):
 
             return solver.advance(derivative, plant, step), None
 
-        if substeps <= UNROLLED_SUBSTEPS:
+        if isinstance(solver, ExactSticking):
+            plant = advance_exact(self.plant, plant, applied, time, dt, substeps)
+        elif substeps <= UNROLLED_SUBSTEPS:
             for index in range(substeps):
                 plant, _ = substep(plant, time + index * step)
         else:

@@ -24,6 +24,10 @@ class AbstractPlant(Block):
         """The state at rest at position zero."""
 
     @abstractmethod
+    def rubbing_inertia(self) -> Array:
+        """Inertia of the body that rubs [kg m^2]: with the friction's slope it sets how small a step must be."""
+
+    @abstractmethod
     def derivative(self, state: Any, torque: Array, time: Array) -> Any:
         """Time derivative of the state under an applied torque [N m] at time [s]."""
 
@@ -55,6 +59,10 @@ class OneMass(AbstractPlant):
 
     def __check_init__(self) -> None:
         require_positive(self, "inertia", "kg m^2")
+
+    def rubbing_inertia(self) -> Array:
+        """J [kg m^2]."""
+        return self.inertia
 
     def init(self) -> OneMassState:
         """At rest at position zero."""
@@ -118,6 +126,10 @@ class TwoMass(AbstractPlant):
     def resonance(self) -> Array:
         """Free-free resonance [Hz] (3.15)."""
         return resonance_frequency(self.motor_inertia, self.load_inertia, self.stiffness)
+
+    def rubbing_inertia(self) -> Array:
+        """J_l [kg m^2]."""
+        return self.load_inertia
 
     def init(self) -> TwoMassState:
         """At rest at position zero, the spring relaxed."""
@@ -192,6 +204,10 @@ class SeriesTwoMass(AbstractPlant):
         """Total inertia J_m + J_l [kg m^2]."""
         return self.motor_inertia + self.load_inertia
 
+    def rubbing_inertia(self) -> Array:
+        """J_m + J_l [kg m^2]."""
+        return self.inertia
+
     def init(self) -> SeriesTwoMassState:
         """At rest at position zero."""
         zero = jnp.zeros_like(self.motor_inertia)
@@ -232,6 +248,33 @@ def high_order_derivative(filtered: Array, rate: Array, torque: Array, plant: An
 def high_order_output(filtered: Array, rate: Array, plant: Any) -> Array:
     """Output of P_HO (3.28) [N m]: k_cv x' + k_s x."""
     return plant.damping * rate + plant.stiffness * filtered
+
+
+def held_high_order(filtered: Array, rate: Array, torque: Array, plant: Any, dt: Array) -> tuple[Array, Array]:
+    """(x, x') of P_HO (3.28) after dt [s] of a held torque [N m], exact for any damping.
+
+    Args:
+        filtered: x now [rad].
+        rate: x' now [rad/s].
+        torque: held over the step [N m].
+        plant: gives motor_inertia, load_inertia, stiffness and damping.
+        dt: step [s].
+    """
+    reduced = plant.motor_inertia * plant.load_inertia / (plant.motor_inertia + plant.load_inertia)
+    decay = 0.5 * plant.damping / reduced
+    squared = plant.stiffness / reduced - decay * decay
+    swings = squared > 0.0
+    distinct = jnp.abs(squared) > 1e-12 * decay * decay
+    root = jnp.sqrt(jnp.where(distinct, jnp.abs(squared), jnp.ones_like(squared)))
+    fast, slow = jnp.exp(-(decay + root) * dt), jnp.exp(jnp.minimum(root - decay, 0.0) * dt)
+    fade = jnp.exp(-decay * dt)
+    even = jnp.where(swings, fade * jnp.cos(root * dt), 0.5 * (slow + fast))
+    odd = jnp.where(swings, fade * jnp.sin(root * dt) / root, 0.5 * (slow - fast) / root)
+    even, odd = jnp.where(distinct, even, fade), jnp.where(distinct, odd, fade * dt)  # critically damped
+    rest = torque / plant.stiffness
+    away = filtered - rest
+    moved = rest + away * (even + decay * odd) + rate * odd
+    return moved, rate * (even - decay * odd) - away * plant.stiffness / reduced * odd
 
 
 def resonance_frequency(motor_inertia: Array, load_inertia: Array, stiffness: Array) -> Array:

@@ -54,7 +54,7 @@ class Sine(AbstractReference):
 
 
 class Chirp(AbstractReference):
-    """A linear frequency sweep: amplitude sin(2 pi (f0 t + (f1 - f0) t^2 / (2 T))).
+    """A linear frequency sweep: amplitude sin(2 pi (f0 t + (f1 - f0) t^2 / (2 T))); after T it stays at f1.
 
     Attributes:
         amplitude: [rad/s].
@@ -74,7 +74,10 @@ class Chirp(AbstractReference):
     def readout(self, time: Array) -> Array:
         """The chirp at time [s]."""
         rate = (self.end_frequency - self.start_frequency) / self.sweep_time
-        return self.amplitude * jnp.sin(2.0 * jnp.pi * (self.start_frequency * time + 0.5 * rate * time * time))
+        sweeping = jnp.minimum(time, self.sweep_time)
+        turns = self.start_frequency * sweeping + 0.5 * rate * sweeping * sweeping
+        turns = turns + self.end_frequency * (time - sweeping)
+        return self.amplitude * jnp.sin(2.0 * jnp.pi * turns)
 
 
 class Triangle(AbstractReference):

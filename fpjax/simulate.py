@@ -258,7 +258,9 @@ def simulate(
         if stepping == "sampled":
             _check_periods(loop, float(dt))
         warn_if_stiff(loop, float(dt) / (substeps if stepping == "sampled" else 1), stepper.solver)
-    run = _run(loop, reference, stepper, measures or {}, (record,) if isinstance(record, str) else tuple(record), initial, key)
+    run = _run(
+        loop, reference, stepper, measures or {}, (record,) if isinstance(record, str) else tuple(record), initial, key
+    )
     if throw and run.diverged:
         raise InputError(f"The run {run.message}.")
     return run

@@ -1,5 +1,6 @@
 """Fixed-step explicit solvers: Euler, ode3 (Bogacki-Shampine), RK4."""
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -85,13 +86,32 @@ class RungeKutta4(AbstractSolver):
         return _combine(state, dt, (1.0 / 6.0, first), (1.0 / 3.0, second), (1.0 / 3.0, third), (1.0 / 6.0, fourth))
 
 
+class ExactSticking(AbstractSolver):
+    """The plant's exact step: set-valued friction whose sticking is resolved within the step (`fpjax.sticking`).
+
+    For sampled stepping: one mass, or a transmission, under a held torque.
+    """
+
+    name: ClassVar[str] = "exact"
+    nodes: ClassVar[tuple[float, ...]] = (0.0,)
+    stability_limit: ClassVar[float] = math.inf
+
+    def advance(self, derivative: Callable[[int, Any], Any], state: Any, dt: Array) -> Any:
+        """Refused: the step needs the plant, not only its derivative."""
+        del derivative, state, dt
+        raise InputError(
+            'solver = "exact" resolves sticking under a held torque, so it needs sampled stepping: '
+            'use stepping="sampled", or solver="rk4" with a steepness.'
+        )
+
+
 SOLVERS: dict[str, AbstractSolver] = {
-    solver.name: solver for solver in (Euler(), Heun(), BogackiShampine(), RungeKutta4())
+    solver.name: solver for solver in (Euler(), Heun(), BogackiShampine(), RungeKutta4(), ExactSticking())
 }
 
 
 def get_solver(solver: str | AbstractSolver) -> AbstractSolver:
-    """A solver by its name (`euler`, `heun`, `ode3`, `rk4`); a solver object is passed through."""
+    """A solver by its name (`euler`, `heun`, `ode3`, `rk4`, `exact`); a solver object is passed through."""
     if isinstance(solver, AbstractSolver):
         return solver
     if solver not in SOLVERS:

@@ -2,36 +2,40 @@
 
 import warnings
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
 from .errors import FpjaxWarning
+from .friction import AbstractStaticFriction
 from .loop import ClosedLoop
+from .signals import Motion
 from .solvers import AbstractSolver
 
 
 def stiffness_number(loop: ClosedLoop, dt: float) -> float | None:
-    """steepness x coulomb x dt / inertia [1]; None where the law has no steepness or the values are being traced.
+    """Steepest slope of a smooth friction law x dt / inertia [1], near rest steepness x coulomb x dt / inertia.
 
-    Above the solver's limit (2 Euler, 2.51 ode3, 2.785 RK4) the velocity chatters around zero.
+    Above the solver's limit (2 Euler, 2.51 ode3, 2.785 RK4) the velocity chatters around zero. None where the law is
+    set-valued or has a state of its own, or where values are being traced.
 
     Args:
         loop: the closed loop.
         dt: solver step [s].
     """
-    friction, plant = loop.plant.friction, loop.plant
-    steepness = getattr(friction, "steepness", None)
-    coulomb = getattr(friction, "static", None)
-    if coulomb is None:
-        coulomb = getattr(friction, "coulomb", getattr(friction, "coulomb_positive", None))
-    inertia = getattr(plant, "inertia", None)
-    load_inertia = getattr(plant, "load_inertia", None)
-    if load_inertia is not None and hasattr(plant, "stiffness") and type(plant).__name__ == "TwoMass":
-        inertia = load_inertia
-    values = (steepness, coulomb, inertia, dt)
-    if any(value is None or isinstance(value, Tracer) for value in values):
+    law, plant = loop.plant.friction, loop.plant
+    steepness = getattr(law, "steepness", None)
+    if steepness is None or not isinstance(law, AbstractStaticFriction):
         return None
-    return float(np.max(np.asarray(steepness) * np.asarray(coulomb) * np.asarray(dt) / np.asarray(inertia)))
+    if any(isinstance(leaf, Tracer) or np.ndim(leaf) for leaf in jax.tree.leaves((plant, dt))):
+        return None
+    # The law itself tells its slope, whatever its levels: on a grid over the width of the tanh, finer than it bends.
+    velocity = jnp.linspace(-3.0, 3.0, 241, dtype=steepness.dtype) / steepness
+    rest = jnp.zeros_like(velocity)
+    torque = law.readout((), Motion(velocity, rest, rest), rest)
+    slope = np.max(np.diff(np.asarray(torque)) / np.diff(np.asarray(velocity)))
+    return float(slope * float(dt) / np.asarray(plant.rubbing_inertia()))
 
 
 def safe_steepness(

@@ -3,10 +3,12 @@
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .block import as_parameter, require_not_negative, require_positive
+from .block import as_parameter, require_below, require_not_negative, require_positive
+from .errors import InputError
 from .friction import AbstractFriction
 from .loads import AbstractLoad, NoLoad
 from .plants import AbstractPlant, TwoMassState, resonance_frequency
@@ -16,8 +18,8 @@ from .signals import Motion, PlantOutput
 class Transmission(AbstractPlant):
     """Two masses (3.1)-(3.2) with a gap, and the friction law shared between motor and load.
 
-    Within the gap the shaft carries nothing; outside, stiffness x (twist beyond the gap) + damping x relative speed (Nordin,
-    Gutman, "Controlling mechanical systems with backlash - a survey", 2002, without its state of contact).
+    Within the gap the shaft carries nothing; outside, stiffness x (twist beyond the gap) + damping x relative speed
+    (Nordin, Gutman, "Controlling mechanical systems with backlash - a survey", 2002, without its state of contact).
 
     Attributes:
         inertia: total inertia J [kg m^2].
@@ -46,6 +48,12 @@ class Transmission(AbstractPlant):
         require_not_negative(self, "damping", "N m s/rad")
         require_not_negative(self, "gap", "rad")
         require_not_negative(self, "friction_share", "1")
+        require_below(self, "load_share", 1.0)
+        if jax.tree.leaves(self.friction.init()):
+            raise InputError(
+                f"Transmission: {type(self.friction).__name__} has a state of its own, and the friction here is "
+                "shared by two bodies: use a static law, or TwoMass for a law with memory on the load."
+            )
 
     @property
     def load_inertia(self) -> Array:
@@ -56,6 +64,11 @@ class Transmission(AbstractPlant):
     def motor_inertia(self) -> Array:
         """J_m [kg m^2]."""
         return (1.0 - self.load_share) * self.inertia
+
+    def rubbing_inertia(self) -> Array:
+        """The lighter side for the friction that it bears [kg m^2]."""
+        share = jnp.clip(self.friction_share, 1e-9, 1.0 - 1e-9)
+        return jnp.minimum(self.load_inertia / share, self.motor_inertia / (1.0 - share))
 
     def resonance(self) -> Array:
         """Free-free resonance [Hz] (3.15) of the closed gap."""

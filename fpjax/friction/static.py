@@ -156,35 +156,48 @@ class Stribeck(AbstractStaticFriction):
         return self.viscous * motion.velocity
 
 
-class CoulombViscousStiction(AbstractFriction):
+class CoulombViscousStiction(AbstractStaticFriction):
     """Coulomb and viscous friction with stiction (1.5): at rest it balances the applied torque up to F_s.
 
+    A fixed-step solver does not hit rest exactly, so a band of speeds counts as rest (Karnopp, "Computer simulation of
+    stick-slip friction in mechanical dynamic systems", 1985). Within it friction balances what is applied and brakes
+    what is left of the motion, F_s w / stick_velocity, so that a stuck body comes to rest instead of creeping on. The
+    solver "exact" needs no band.
+
     Attributes:
-        coulomb: F_c [N m].
-        static: F_s [N m].
+        coulomb: F_c [N m], while sliding.
+        static: F_s [N m], to break away.
         viscous: b [N m s/rad].
-        stick_velocity: half-width [rad/s] of the band that counts as rest; a fixed-step solver rarely hits zero exactly
-            (Karnopp, "Computer simulation of stick-slip friction in mechanical dynamic systems", 1985).
-        steepness: lambda [s/rad]; None for sign.
+        stick_velocity: half-width of the band that counts as rest [rad/s].
+        steepness: lambda [s/rad] while sliding; None for sign.
     """
 
     coulomb: Array = eqx.field(converter=as_parameter)
     static: Array = eqx.field(converter=as_parameter)
     viscous: Array = eqx.field(converter=as_parameter, default=0.0)
-    stick_velocity: Array = eqx.field(converter=as_parameter, default=0.0)
+    stick_velocity: Array = eqx.field(converter=as_parameter, default=1e-3)
     steepness: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
         require_not_negative(self, "coulomb", "N m")
         require_not_negative(self, "static", "N m")
         require_not_negative(self, "viscous", "N m s/rad")
-        require_not_negative(self, "stick_velocity", "rad/s")
+        require_positive(self, "stick_velocity", "rad/s")
         require_positive(self, "steepness", "s/rad")
+
+    def level(self, motion: Motion) -> Array:
+        """F_s within the band, F_c beyond [N m]."""
+        return jnp.where(jnp.abs(motion.velocity) <= self.stick_velocity, self.static, self.coulomb)
+
+    def drag(self, motion: Motion) -> Array:
+        """b w [N m]."""
+        return self.viscous * motion.velocity
 
     def readout(self, state: Any, motion: Motion, applied: Array) -> Array:
         """Friction torque [N m]."""
         sliding = CoulombViscous(self.coulomb, self.viscous, self.steepness).readout(state, motion, applied)
-        stuck = jnp.clip(applied, -self.static, self.static)
+        brake = self.static * motion.velocity / self.stick_velocity
+        stuck = jnp.clip(applied + brake, -self.static, self.static)
         return jnp.where(jnp.abs(motion.velocity) <= self.stick_velocity, stuck, sliding)
 
 

@@ -51,7 +51,7 @@ FORMS = (
             COULOMB,
             _STATIC,
             Key("viscous", "N m s/rad", "not negative", 0.0),
-            Key("stick_velocity", "rad/s", "not negative", 0.0),
+            Key("stick_velocity", "rad/s", "positive", 1e-3),
             _STEEP,
         ),
     ),

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..block import as_parameter, require_not_negative, require_positive
-from ..plants import high_order_derivative, high_order_output
+from ..plants import held_high_order, high_order_derivative, high_order_output
 from .base import AbstractObserver
 
 
@@ -59,6 +59,29 @@ class HighOrderFeedforward(AbstractObserver):
         rate, acceleration = high_order_derivative(state.filtered, state.filter_rate, control, self)
         transmitted = high_order_output(state.filtered, state.filter_rate, self)
         return HighOrderState(rate, acceleration, self.observer.derivative(state.observer, transmitted, velocity))
+
+    def step(self, state: HighOrderState, control: Array, velocity: Array, dt: Array) -> HighOrderState:
+        """Exact for a control held over dt [s]: a resonance near the control rate must not limit the period."""
+        filtered, rate = held_high_order(state.filtered, state.filter_rate, control, self, dt)
+        reduced = self.motor_inertia * self.load_inertia / (self.motor_inertia + self.load_inertia)
+        # The equation of motion, averaged over the period, gives the mean of what passes without an integral.
+        transmitted = control - reduced * (rate - state.filter_rate) / dt
+        return HighOrderState(filtered, rate, self.observer.step(state.observer, transmitted, velocity, dt))
+
+    def step(self, state: HighOrderState, control: Array, velocity: Array, dt: Array) -> HighOrderState:
+        """One control period (sampled stepping): the filter by the trapezoidal rule, stable at any period."""
+        # An Euler step of a lightly damped resonance grows from dt = 2 damping ratio / omega on, often below 1 ms.
+        motor, load = self.motor_inertia, self.load_inertia
+        reduced = motor * load / (motor + load)
+        half = 0.5 * dt
+        # x+ = x + half (v + v+), reduced (v+ - v) = dt (u - damping (v + v+) / 2 - stiffness (x + x+) / 2).
+        held = reduced - half * (self.damping + half * self.stiffness)
+        lost = reduced + half * (self.damping + half * self.stiffness)
+        rate = (held * state.filter_rate + dt * (control - self.stiffness * state.filtered)) / lost
+        filtered = state.filtered + half * (state.filter_rate + rate)
+        before = high_order_output(state.filtered, state.filter_rate, self)
+        transmitted = 0.5 * (before + high_order_output(filtered, rate, self))
+        return HighOrderState(filtered, rate, self.observer.step(state.observer, transmitted, velocity, dt))
 
     def readout(self, state: HighOrderState, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """The wrapped observer's."""
