@@ -86,7 +86,8 @@ class ServoSensor(AbstractSensor):
         """The lag's output after a period in which the rate went from `before` to `rate` in a line; exact for a line."""
         lag = jnp.maximum(self.lag, 1e-6 * dt)
         slope = lag * (rate - before) / dt
-        return rate - slope + (lagged - before + slope) * jnp.exp(-dt / lag)
+        late = rate - slope + (lagged - before + slope) * jnp.exp(-dt / lag)
+        return jnp.where(self.lag > 0.0, late, rate)
 
     def reading(self, rate: Array) -> Array:
         """scale x rate + bias [rad/s]."""

@@ -14,7 +14,8 @@ from .record import Record, tables_of
 
 SCREEN = 6  # windows that a start is screened on
 SCREEN_STEPS = 5
-FULL_STEPS = 16
+HOPELESS = 1000.0  # a second start of one effect is not worth finishing at so many times the lowest cost
+STAGES = ((3, 100.0), (4, 20.0), (8, 5.0), (12, 2.0))  # steps on all windows, and who goes on after them
 Progress = Callable[[str, float], None]
 
 
@@ -97,6 +98,9 @@ class Search:
         chosen = []
         offset = 0
         for train in self.train:
+            if len(train) == 0:  # a log that is only scored
+                chosen.append(train)
+                continue
             few = max(2, SCREEN // len(self.train))
             index = np.unique(np.linspace(0, len(train) - 1, max(few - 2, 1)).round().astype(int))
             if reference is not None:
@@ -159,21 +163,52 @@ class Search:
         return found
 
     def best_of(
-        self, options: list[tuple[tuple[Effect, ...], dict[str, float]]], screen: list[np.ndarray]
+        self,
+        options: list[tuple[tuple[Effect, ...], dict[str, float]]],
+        screen: list[np.ndarray],
+        keep: tuple[int, ...] = (99, 99, 10, 5),
     ) -> list[Fitted]:
-        """Every set of effects from all its starts: screened on a few windows, the best start of each finished on all."""
+        """Every set of effects from all its starts: screened on a few windows, the best start of each finished on all.
+
+        Args:
+            options: sets of effects and the values that each starts from.
+            screen: windows for the screening.
+            keep: how many sets of effects go on after the screening and after each stage but the last.
+        """
         candidates = [self.candidate(effects, start) for effects, start in options]
         self.fit(candidates, screen, SCREEN_STEPS)
+        lowest = min((c.cost for c in candidates), default=0.0)
         best: dict[tuple[str, ...], list[Candidate]] = {}
         for c in sorted(candidates, key=lambda c: c.cost):
             group = best.setdefault(c.names, [])
-            if len(group) < (2 if c.family.key[0] != "rigid" else 1):
+            # A start that is hopeless on a few windows stays as it is; the best start of every effect is kept.
+            if not group or (c.family.key[0] != "rigid" and len(group) < 2 and c.cost < HOPELESS * lowest):
                 group.append(c)
-        chosen = [c for group in best.values() for c in group]
+        chosen = [c for group in list(best.values())[: keep[0]] for c in group]
+        steps = 0
         for c in chosen:
             c.damping = min(c.damping, 1.0)
-        self.fit(chosen, self.train, FULL_STEPS)
+        going = chosen
+        for (size, ratio), most in zip(STAGES, (*keep[1:], 0), strict=True):
+            if steps == 0:
+                self.fit(going, self.train, size)
+            else:
+                self.resume(going, size)
+            steps += size
+            lowest = min(c.cost for c in chosen)
+            leading = sorted(chosen, key=lambda c: c.cost)[:most]
+            going = [c for c in leading if not c.converged and c.cost < ratio * lowest]
+            if not going:
+                break
         finished: dict[tuple[str, ...], Candidate] = {}
         for c in sorted(chosen, key=lambda c: c.cost):
             finished.setdefault(c.names, c)
         return self.finish(list(finished.values()))
+
+    def resume(self, candidates: list[Candidate], iterations: int) -> None:
+        """More steps on the fitted windows."""
+        for key in dict.fromkeys(c.family.key for c in candidates):
+            group = [c for c in candidates if c.family.key == key]
+            if key in self.observers:
+                self.observe(group, self.train)
+            self.fitters[key].go_on(group, self.train, iterations)

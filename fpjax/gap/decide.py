@@ -1,6 +1,6 @@
 """Decide: alone, then together; forward with a swap of what came first; when to stop, and what is left."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ DECISIVE = 8.0  # log evidence by which a cause must beat its absence
 WHITE = 1.04  # residual energy over what its own differences say is noise; above it there is structure
 EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed where some structure is left
 REMOVES = 0.5  # a further cause must remove this share of the energy that is left above the noise
+FEW = (8, 6, 4, 2)  # sets of causes that go on after the screening and after each stage
 IMPOSSIBLE = ({"presliding", "compliance"}, {"presliding", "backlash"}, {"compliance", "backlash"})
 
 
@@ -51,6 +52,11 @@ class Decision:
 def decide(search: Search, progress: Progress) -> Decision:
     """The whole search on one machine's logs."""
     progress("nominal model", 0.02)
+    if search.setting.unknown_origin:
+        turns = [search.candidate((), {"origin": angle}, "fixed") for angle in np.arange(12) * np.pi / 6]
+        search.fit(turns, search.train, 6)
+        found = float(min(turns, key=lambda c: c.cost).values()["origin"])
+        search.setting = replace(search.setting, nominal={**search.setting.nominal, "origin": found})
     exact_candidate, null_candidate = search.candidate((), {}, "fixed"), search.candidate((), {})
     search.fit([exact_candidate, null_candidate], search.train, 10)
     exact, null = search.finish([exact_candidate, null_candidate])
@@ -133,17 +139,17 @@ def channel_energy(search: Search, fitted: Fitted) -> float:
 def _one_more(search: Search, decision: Decision, screen: list[np.ndarray]) -> bool:
     """Add the best further cause, then try to replace what was there; False if none is worth it."""
     base = decision.chosen
-    found = search.best_of(_additions(search, base), screen)
+    found = search.best_of(_additions(search, base), screen, FEW)
     if not found:
         return False
     weigh(search, [*found, base, decision.exact, decision.null, *decision.singles])
     best = max(found, key=lambda f: f.evidence)
     everything = list(found)
     # Backward: with the new cause in, is what came first still the right companion?
-    if len(base.names) == 1:
+    if len(base.names) == 1 and channel_energy(search, best) > WHITE * noise_share(search, best):
         newcomer = [f for f in decision.singles if f.names == (best.candidate.effects[-1].name,)]
         if newcomer:
-            others = search.best_of(_additions(search, newcomer[0]), screen)
+            others = search.best_of(_additions(search, newcomer[0]), screen, FEW)
             weigh(search, [*others, *found, base, decision.exact, decision.null, *decision.singles])
             swapped = max(others, key=lambda f: f.evidence)
             everything += others

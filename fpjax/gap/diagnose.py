@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..signals import Motion
 from . import assemble
 from .attribute import Fitted, Search
 from .confusable import indistinguishable
@@ -105,8 +106,16 @@ def make_setting(records: list[Record], model: Any) -> Setting:
         duration=float(longest.time[-1] - longest.time[0]),
         dt=longest.dt,
         nominal={"inertia": values["inertia"], "coulomb": coulomb, "viscous": viscous},
+        unknown_origin=longest.position is None and _turns_with_position(model.loop.plant.load),
     )
     return dataclasses.replace(setting, hints=position_hints(longest, setting))
+
+
+def _turns_with_position(load: Any) -> bool:
+    """Whether a known load depends on the position."""
+    at = [Motion(np.zeros(1), np.full(1, angle), np.zeros(1)) for angle in (0.0, 0.7, 1.9)]
+    values = [float(np.asarray(load.readout(motion))[0]) for motion in at]
+    return max(values) - min(values) > 0.0
 
 
 def _assemble(search: Search, decision: Decision, model: Any, warnings: list[str], logs: list[Any]) -> Diagnosis:

@@ -27,6 +27,7 @@ class Setting:
         duration: of the log [s].
         dt: control period [s].
         nominal: every parameter of the nominal model by name.
+        unknown_origin: a known load turns with a position that no sensor tells.
         hints: what the regressions found worth starting from, by name (periods of cogging and the like).
     """
 
@@ -41,6 +42,7 @@ class Setting:
     dt: float
     nominal: Mapping[str, float] = field(default_factory=dict)
     hints: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    unknown_origin: bool = False
 
 
 Size = Callable[[Setting], float]

@@ -122,21 +122,18 @@ class Runner:
         """
         count = vector.shape[1]
         result = np.empty((self.channels, self.samples, count))
+        padded = np.minimum(np.arange(-(-count // LANES) * LANES), count - 1)
+        vector, states = vector[:, padded], states[:, padded]
+        fields = {name: value[..., padded] for name, value in windows.items()}
         with double_precision():
-            pending = []
+            pending: list[tuple[int, Any]] = []
             for first in range(0, count, LANES):
-                lanes = np.minimum(np.arange(first, first + LANES), count - 1)
+                lanes = slice(first, first + LANES)
+                hidden = tuple(value[lanes] for value in fields["hidden"])
                 part = Windows(
-                    **{
-                        name: jnp.asarray(value[lanes])
-                        for name, value in windows.items()
-                        if name not in ("hidden",)
-                    },
-                    hidden=tuple(jnp.asarray(value[lanes]) for value in windows["hidden"]),
+                    **{name: value[lanes] for name, value in fields.items() if name != "hidden"}, hidden=hidden
                 )
-                out = self.kernel(
-                    self.nominal, jnp.asarray(vector[:, lanes]), jnp.asarray(states[:, lanes]), part, self.tables[which]
-                )
+                out = self.kernel(self.nominal, vector[:, lanes], states[:, lanes], part, self.tables[which])
                 pending.append((first, out))
                 if len(pending) > 2:
                     _store(result, *pending.pop(0))

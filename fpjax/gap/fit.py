@@ -97,6 +97,9 @@ def make_candidate(
     own = set(wanted)
     if nominal == "prior":
         wanted = [n for n in ("inertia", "coulomb", "viscous") if n not in own] + wanted
+    if setting.unknown_origin:
+        wanted = ["origin", *wanted]
+        own.add("origin")
     free = np.array([names.index(n) for n in wanted], int)
     parameters = [family.parameters[i] for i in free]
     low = np.array([p.low(setting) for p in parameters])

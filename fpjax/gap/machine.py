@@ -9,6 +9,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from ..actuators import Actuator
+from ..block import as_parameter
 from ..errors import InputError
 from ..friction import AbstractFriction
 from ..friction.bristles import Bristles
@@ -42,11 +43,13 @@ class Machine(eqx.Module):
         plant: `OneMass` under `GeneralFriction` or `Bristles`, or `Transmission`.
         actuator: every effect at its neutral value unless an effect has set it.
         sensor: likewise.
+        origin: position [rad] at the log's start where no sensor tells it; neutral 0.
     """
 
     plant: OneMass | Transmission
     actuator: Actuator
     sensor: ServoSensor
+    origin: Array = eqx.field(converter=as_parameter, default=0.0)
 
     @property
     def law(self) -> GeneralFriction:

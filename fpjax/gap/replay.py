@@ -94,7 +94,7 @@ def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -
     late = sensor.lag + sensor.delay
     rate = (windows.velocity + states[0] + late * windows.slope - sensor.bias) / sensor.scale
     drift = windows.integrated * ((windows.position - sensor.bias * windows.time) / sensor.scale - windows.position)
-    position = windows.position + drift + states[1]
+    position = windows.position + drift + windows.integrated * machine.origin + states[1]
     structure = structure_of(machine)
     if structure == "transmission":
         side = sensor.load_side

@@ -46,7 +46,8 @@ VISCOUS = Parameter(
     lambda s: 0.2 * s.viscous + 0.05 * s.friction / s.speed,
     "law.viscous",
 )
-NOMINAL = (INERTIA, COULOMB, VISCOUS)
+ORIGIN = Parameter("origin", "rad", _ZERO, _constant(-20.0), _constant(20.0), _constant(0.1), "origin")
+NOMINAL = (INERTIA, COULOMB, VISCOUS, ORIGIN)
 
 COULOMB_DIFFERENCE = _amplitude("coulomb_difference", "law.coulomb_difference")
 VISCOUS_DIFFERENCE = Parameter(
