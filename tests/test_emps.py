@@ -123,3 +123,12 @@ def test_the_gains_tried_by_hand(log):
     assert slow["viscous"] == pytest.approx(200.0, rel=0.05)
     assert 16.0 < fast["coulomb"] < 18.0
     assert 238.0 < fast["viscous"] < 270.0
+
+
+@pytest.mark.xfail(strict=True, reason="one pass: the tuning asks for gains that follow the friction's direction")
+def test_one_pass_over_the_record_is_not_enough(example, tmp_path, monkeypatch):
+    """KNOWN_GAPS.md: tuned for a single pass the observer misses the goal of 5 %."""
+    monkeypatch.setattr(example, "PASSES", 1)
+    found = example.main(str(RECORD), tmp_path, 1)
+    assert found.final["coulomb"] == pytest.approx(20.3935, rel=0.05)
+    assert found.final["viscous"] == pytest.approx(203.5034, rel=0.05)

@@ -101,6 +101,28 @@ def test_the_observer_on_two_masses_sees_the_torque_behind_p_ho():
     np.testing.assert_allclose(transmitted[::10], truth, rtol=0, atol=1e-7)
 
 
+@pytest.mark.parametrize("dt", [2e-4, 5e-3])
+def test_the_sampled_filter_is_the_exact_discretisation(dt):
+    """P_HO under a held torque against scipy's zero-order hold; an Euler step would blow up at 5 ms."""
+    observer = fp.HighOrderFeedforward(
+        fp.NovelFriedlandPark(MOTOR + LOAD, fp.Quadratic(50.0)), MOTOR, LOAD, STIFFNESS, DAMPING
+    )
+    state, one = observer.init(), jnp.asarray(1.0)
+
+    def advance(state, _):
+        after = observer.step(state, one, one, jnp.asarray(dt))
+        return after, after.filtered
+
+    _, filtered = jax.lax.scan(advance, state, None, length=2000)
+    form = tuple(np.asarray(m) for m in signal.tf2ss([1.0], [REDUCED, DAMPING, STIFFNESS]))
+    a, b, c, *_ = signal.cont2discrete(form, dt, method="zoh")
+    x, exact = np.zeros(2), []
+    for _ in range(2000):
+        x = a @ x + b[:, 0]
+        exact.append((c @ x).item())
+    np.testing.assert_allclose(filtered, exact, rtol=0, atol=1e-10 / STIFFNESS)
+
+
 def test_lead_design_against_controls_own_margins():
     """The designed crossover and phase are what python-control measures on the loop (3.16)-(3.26)."""
     loop = lambda s: 1.0 / (INERTIA * s * (1.0 + s / 300.0))  # noqa: E731

@@ -68,21 +68,6 @@ class HighOrderFeedforward(AbstractObserver):
         transmitted = control - reduced * (rate - state.filter_rate) / dt
         return HighOrderState(filtered, rate, self.observer.step(state.observer, transmitted, velocity, dt))
 
-    def step(self, state: HighOrderState, control: Array, velocity: Array, dt: Array) -> HighOrderState:
-        """One control period (sampled stepping): the filter by the trapezoidal rule, stable at any period."""
-        # An Euler step of a lightly damped resonance grows from dt = 2 damping ratio / omega on, often below 1 ms.
-        motor, load = self.motor_inertia, self.load_inertia
-        reduced = motor * load / (motor + load)
-        half = 0.5 * dt
-        # x+ = x + half (v + v+), reduced (v+ - v) = dt (u - damping (v + v+) / 2 - stiffness (x + x+) / 2).
-        held = reduced - half * (self.damping + half * self.stiffness)
-        lost = reduced + half * (self.damping + half * self.stiffness)
-        rate = (held * state.filter_rate + dt * (control - self.stiffness * state.filtered)) / lost
-        filtered = state.filtered + half * (state.filter_rate + rate)
-        before = high_order_output(state.filtered, state.filter_rate, self)
-        transmitted = 0.5 * (before + high_order_output(filtered, rate, self))
-        return HighOrderState(filtered, rate, self.observer.step(state.observer, transmitted, velocity, dt))
-
     def readout(self, state: HighOrderState, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """The wrapped observer's."""
         return self.observer.readout(state.observer, velocity)
