@@ -8,8 +8,8 @@ from ..runfile import open_folder, write_whole
 from .common import add_out
 
 SERVO = """\
-# A gimbal axis: 10 kg m^2 with 20 N m of Coulomb friction under a PI velocity loop, and an EFP observer whose gains
-# do not estimate within half a second. fpjax tune finds better ones.
+# A gimbal axis: 10 kg m^2 with 20 N m of Coulomb friction under a sampled PI velocity loop with a noisy gyro, and an
+# EFP observer whose gains are too small to follow. fpjax tune finds better ones.
 [plant]
 type = "one_mass"
 inertia = 10.0               # kg m^2
@@ -22,23 +22,29 @@ steepness = 1000.0           # s/rad
 
 [controller]
 type = "pi"
-kp = 150.0                   # N m s/rad
-ki = 200.0                   # N m/rad
-
-[observer]
-type = "efp"
-gain_1 = 298.0
-gain_2 = 72.6
+kp = 800.0                   # N m s/rad
+ki = 8000.0                  # N m/rad
+@OBSERVER@
+[sensor]
+noise = 1e-3                 # rad/s, each sample
 
 [reference]
 type = "sine"
 amplitude = 1.0              # rad/s
-frequency = 1.0              # Hz
+frequency = 0.5              # Hz
 
 [simulation]
-dt = 1e-4                    # s
-duration = 0.5               # s
-solver = "rk4"
+dt = 1e-3                    # s, the control period
+duration = 4.2               # s
+stepping = "sampled"
+substeps = 2
+solver = "heun"
+"""
+OBSERVER = """
+[observer]
+type = "efp"
+gain_1 = 5.0
+gain_2 = 5.0
 """
 EMPS = """\
 # EMPS, a ball-screw axis: A. Janot, M. Gautier, M. Brunot, "Data Set and Reference Models of EMPS", 2019 Workshop on
@@ -87,30 +93,30 @@ def run(arguments: argparse.Namespace) -> int:
     folder = open_folder(arguments.out)
     assert folder is not None
     servo = folder / "servo.toml"
-    write_whole(servo, SERVO)
+    bare = folder / "bare.toml"
+    write_whole(bare, SERVO.replace("@OBSERVER@", ""))
+    write_whole(servo, SERVO.replace("@OBSERVER@", OBSERVER))
     steps = [
-        ("as it is", ["simulate", str(servo), "--out", str(folder / "1-simulate")]),
-        (
-            "tuned by the gradient and by Algorithm 1, at the same objective and start",
-            ["tune", str(servo), "--method", "levenberg_marquardt", "--method", "grid", "--method", "grid_repaired",
-             "--out", str(folder / "2-tune")],
-        ),
-        (
-            "the whole landscape, to see where they ended",
-            ["sweep", str(servo), "--axis", "observer.gain_1=100:1e6:40", "--axis", "observer.gain_2=10:1e5:40",
-             "--out", str(folder / "3-sweep")],
-        ),
-        ("with the tuned gains", ["simulate", str(folder / "2-tune" / "tuned.toml"), "--out", str(folder / "4-tuned")]),
+        ("without an observer: friction spoils every reversal",
+         ["simulate", str(bare), "--out", str(folder / "1-bare")]),
+        ("with an observer, not tuned", ["simulate", str(servo), "--out", str(folder / "2-observer")]),
+        ("tuned under noise by the gradient and by Algorithm 1, at the same objective and start",
+         ["tune", str(servo), "--noise-seeds", "2", "--method", "levenberg_marquardt", "--method", "grid",
+          "--method", "grid_repaired", "--out", str(folder / "3-tune")]),
+        ("the whole landscape, to see where they ended",
+         ["sweep", str(servo), "--noise-seeds", "2", "--axis", "observer.gain_1=1:1e5:32",
+          "--axis", "observer.gain_2=1:1e5:32", "--out", str(folder / "4-sweep")]),
+        ("with the tuned gains", ["simulate", str(folder / "3-tune" / "tuned.toml"), "--out", str(folder / "5-tuned")]),
     ]  # fmt: skip
     if arguments.emps:
         emps, log = folder / "emps.toml", str(pathlib.Path(arguments.emps))
         write_whole(emps, EMPS)
         steps += [
             ("a real axis: its record replayed",
-             ["simulate", str(emps), "--log", log, "--columns", "emps", "--out", str(folder / "5-emps-replay")]),
+             ["simulate", str(emps), "--log", log, "--columns", "emps", "--out", str(folder / "6-emps-replay")]),
             ("its friction by an observer, beside least squares",
              ["estimate", log, "--columns", "emps", "--model", str(emps), "--average", "6.24", "--out",
-              str(folder / "6-emps-estimate")]),
+              str(folder / "7-emps-estimate")]),
         ]  # fmt: skip
     for number, (title, words) in enumerate(steps, 1):
         if arguments.no_cache:
@@ -119,5 +125,5 @@ def run(arguments: argparse.Namespace) -> int:
         code = main(words)
         if code:
             return code
-    print(f"\nlook at {folder}/2-tune/tune.png and {folder}/3-sweep/sweep.png, then put your own servo.toml in place")
+    print(f"\nlook at {folder}/3-tune/tune.png and {folder}/4-sweep/sweep.png, then put your own servo.toml in place")
     return 0

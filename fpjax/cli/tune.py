@@ -15,7 +15,7 @@ examples:
   fpjax tune servo.toml --out tuned
   fpjax tune servo.toml --method levenberg_marquardt --method grid --out both
   fpjax tune servo.toml --parameter observer.gain_1=1:300:1e5 --parameter observer.gain_2 --starts 8 --out tuned
-  fpjax tune servo.toml --references sine,triangle,chirp --spread plant.inertia=0.2 --worst --out robust
+  fpjax tune servo.toml --references sine,triangle,chirp --spread plant.inertia=0.2 --worst --method lbfgs --out robust
 """
 
 
