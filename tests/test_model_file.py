@@ -17,7 +17,7 @@ from fpjax.errors import InputError
 from fpjax.friction.bristles import Bristles
 from fpjax.friction.general import GeneralFriction
 from fpjax.model_file import dump_model, load_model, simplified
-from fpjax.position_torque import Loads, PositionTorque
+from fpjax.position_torque import ConstantTorque, Loads, PositionTorque
 from fpjax.servo_sensor import ServoSensor
 from fpjax.transmission import Transmission
 
@@ -397,6 +397,19 @@ def test_what_belongs_to_an_absent_effect_is_not_written():
     text = dump_model(simplified(load_model(TEXT), loop))
     assert "drag_coefficient = 0.1" in text
     assert not [word for word in ("drift", "stribeck", "periods") if word in text]
+
+
+def test_constant_torques_become_the_offset_wherever_they_stand():
+    inner = Loads((fp.Unbalance(3.0, 0.5, 0.25), ConstantTorque(1.0)))
+    load = Loads((inner, ConstantTorque(0.5), ConstantTorque(0.0)))
+    base = load_model(TEXT)
+    plant = dataclasses.replace(base.loop.plant, load=load)
+    model = simplified(base, dataclasses.replace(base.loop, plant=plant))
+    assert "offset = 1.75" in dump_model(model)
+    assert "offset = 1.75" in dump_model(dataclasses.replace(base, loop=dataclasses.replace(base.loop, plant=plant)))
+    assert same(model, load_model(dump_model(model)))
+    motion = fp.Motion(jnp.asarray(0.1), jnp.asarray(0.7), jnp.asarray(0.0))
+    np.testing.assert_allclose(model.loop.plant.load.readout(motion), load.readout(motion), rtol=1e-15)
 
 
 def test_a_block_without_words_is_said():

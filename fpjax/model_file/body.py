@@ -12,7 +12,7 @@ from ..friction import AbstractFriction
 from ..friction.bristles import Bristles
 from ..loads import AbstractLoad, NoLoad, Unbalance
 from ..plants import AbstractPlant, OneMass, SeriesTwoMass, TwoMass
-from ..position_torque import Loads, PositionTorque
+from ..position_torque import ConstantTorque, Loads, PositionTorque
 from ..sensors import AbstractSensor, Encoder, Gyro, IdealSensor, KalmanFusion
 from ..servo_sensor import ServoSensor
 from ..transmission import Transmission
@@ -178,9 +178,16 @@ def _position_torque(table: Mapping[str, Any], units: Units) -> PositionTorque:
     return PositionTorque(cosine, sine, values["periods"])
 
 
+def flat_loads(load: AbstractLoad) -> tuple[AbstractLoad, ...]:
+    """The parts of a load, those of its parts included."""
+    if not isinstance(load, Loads):
+        return (load,)
+    return tuple(part for each in load.parts for part in flat_loads(each))
+
+
 def describe_load(load: AbstractLoad) -> tuple[list[dict[str, Any]], float]:
     """([load] tables, offset of [friction])."""
-    parts = load.parts if isinstance(load, Loads) else (load,)
+    parts = flat_loads(load)
     tables: list[dict[str, Any]] = []
     offset = 0.0
     for part in parts:
@@ -189,6 +196,8 @@ def describe_load(load: AbstractLoad) -> tuple[list[dict[str, Any]], float]:
             offset += number(part.offset, "offset")
             if amplitude != 0.0 or phase != 0.0 or not offset:
                 tables.append({"type": "unbalance", "amplitude": amplitude} | ({"phase": phase} if phase else {}))
+        elif isinstance(part, ConstantTorque):
+            offset += number(part.torque, "torque")
         elif isinstance(part, PositionTorque):
             harmonics = {name: [number(value, name) for value in getattr(part, name)] for name in ("cosine", "sine")}
             if part.cosine:

@@ -4,16 +4,17 @@ import dataclasses
 from typing import Any
 
 from ..actuators import AbstractActuator, Actuator, IdealActuator
+from ..block import as_parameter
 from ..friction import AbstractFriction, AsymmetricCoulombViscous, CoulombViscous
 from ..friction.bristles import Bristles
 from ..friction.general import GeneralFriction
 from ..loads import AbstractLoad, NoLoad, Unbalance
 from ..loop import ClosedLoop
-from ..position_torque import Loads, PositionTorque
+from ..position_torque import ConstantTorque, Loads, PositionTorque
 from ..sensors import AbstractSensor, IdealSensor
 from ..servo_sensor import ServoSensor
 from ..solvers import get_solver
-from .body import rubbing_inertia
+from .body import flat_loads, rubbing_inertia
 from .friction import Steepness, largest_level
 from .model import Model
 
@@ -87,18 +88,27 @@ def _trimmed(law: GeneralFriction) -> GeneralFriction:
 
 
 def simple_load(load: AbstractLoad) -> AbstractLoad:
-    """Without the parts that hold nothing."""
-    parts = load.parts if isinstance(load, Loads) else (load,)
+    """Without the parts that hold nothing, constant torques as the offset that a file has for them."""
     kept: list[AbstractLoad] = []
-    for part in parts:
+    constant = 0.0
+    for part in flat_loads(load):
         if isinstance(part, PositionTorque):
             if not all(_zero(value) for value in (*part.cosine, *part.sine)):
                 kept.append(part)
         elif isinstance(part, Unbalance):
-            if not (_zero(part.amplitude) and _zero(part.offset)):
-                kept.append(part)
+            constant += float(part.offset)
+            if not _zero(part.amplitude):
+                kept.append(Unbalance(part.amplitude, part.phase))
+        elif isinstance(part, ConstantTorque):
+            constant += float(part.torque)
         elif not isinstance(part, NoLoad):
             kept.append(part)
+    if constant:
+        place = next((at for at, part in enumerate(kept) if isinstance(part, Unbalance)), None)
+        if place is None:
+            kept.append(Unbalance(0.0, 0.0, constant))
+        else:
+            kept[place] = _with(kept[place], offset=as_parameter(constant))
     if not kept:
         return NoLoad()
     return kept[0] if len(kept) == 1 else Loads(tuple(kept))
