@@ -1,6 +1,7 @@
 """Adam and L-BFGS (optax) in log-gain space, all starts and references side by side."""
 
 import functools
+import math
 from typing import Any
 
 import jax
@@ -23,13 +24,15 @@ def adam(lanes: Lanes, settings: Adam, stop: Stop) -> Outcome:
         settings: rate, iterations, tolerance, mode.
         stop: when a lane is over beyond the settings.
     """
-    import optax
 
-    schedule = optax.cosine_decay_schedule(settings.rate, settings.iterations, alpha=0.1)
-    optimizer = optax.scale_by_adam(b1=0.8, b2=0.95)
+    def rate(iteration: int) -> float:
+        """From the settings' rate to a tenth of it by a cosine."""
+        return settings.rate * (0.1 + 0.45 * (1.0 + math.cos(math.pi * iteration / settings.iterations)))
+
+    begin, turn = _mover()
     at = lanes.problem.space.coordinates(lanes.start)
     best, kept = Best(*at.shape), at.copy()
-    state = optimizer.init(jnp.asarray(at))
+    state = lanes.clock.step(begin, at)
     needed = lanes.gradient_simulations(settings.mode)
     active = np.ones(lanes.count, bool)
     for iteration in range(settings.iterations):
@@ -49,10 +52,8 @@ def adam(lanes: Lanes, settings: Adam, stop: Stop) -> Outcome:
             elif healthy[lane] and np.linalg.norm(slope[lane]) <= settings.tolerance * abs(cost[lane]):
                 active[lane], best.reasons[lane] = False, "the gradient vanished"
         slope = np.where(healthy[:, None], slope, 0.0)
-        state = _forgotten(state, healthy)
-        with jax.numpy_dtype_promotion("standard"):  # optax mixes its counter with floats
-            moves, state = optimizer.update(jnp.asarray(slope), state)
-        moved = at - float(np.asarray(schedule(iteration))) * np.asarray(moves)
+        moves, state = lanes.clock.step(turn, slope, state, healthy)
+        moved = at - rate(iteration) * np.asarray(moves)
         at = np.where(active[:, None], np.where(healthy[:, None], moved, kept), at)
         stop.progress(best)
     return best.outcome()
@@ -74,7 +75,7 @@ def lbfgs(lanes: Lanes, settings: LBFGS, stop: Stop) -> Outcome:
     best = Best(*at.shape)
     needed = lanes.gradient_simulations(settings.mode)
     cost, slope = np.full(lanes.count, np.inf), np.zeros_like(at)
-    state: Any = initial(jnp.asarray(at))
+    state: Any = lanes.clock.step(initial, at)
     direction, length = np.zeros_like(at), np.ones(lanes.count)
     trial = at.copy()
     active = np.ones(lanes.count, bool)
@@ -94,8 +95,7 @@ def lbfgs(lanes: Lanes, settings: LBFGS, stop: Stop) -> Outcome:
         cost = np.where(accepted, tried, cost)
         slope = np.where(accepted[:, None], tried_slope, slope)
         if accepted.any():
-            with jax.numpy_dtype_promotion("standard"):  # optax mixes int32 and int64
-                preconditioned, state = turn(jnp.asarray(slope), state, jnp.asarray(at), jnp.asarray(accepted))
+            preconditioned, state = lanes.clock.step(turn, slope, state, at, accepted)
             direction = np.where(accepted[:, None], _downhill(-np.asarray(preconditioned), slope), direction)
             norm = np.linalg.norm(direction, axis=1)
             limit = np.minimum(1.0, settings.longest / np.maximum(norm, 1e-300))
@@ -116,7 +116,7 @@ def lbfgs(lanes: Lanes, settings: LBFGS, stop: Stop) -> Outcome:
 
 @functools.lru_cache(maxsize=8)
 def _turner(memory: int) -> tuple[Any, Any]:
-    """(initial state, update of the accepted lanes) of optax' L-BFGS, compiled once."""
+    """(initial state, update of the accepted lanes) of optax' L-BFGS, the same functions each time."""
     import optax
 
     transform = optax.scale_by_lbfgs(memory_size=memory)
@@ -125,7 +125,20 @@ def _turner(memory: int) -> tuple[Any, Any]:
         direction, turned = transform.update(slope, state, at)
         return direction, jax.tree.map(lambda new, old: jnp.where(accepted, new, old), turned, state)
 
-    return jax.jit(jax.vmap(transform.init)), jax.jit(jax.vmap(turn))
+    return jax.vmap(transform.init), jax.vmap(turn)
+
+
+@functools.lru_cache(maxsize=1)
+def _mover() -> tuple[Any, Any]:
+    """(initial state, moves and state of all lanes) of optax' Adam, the same functions each time."""
+    import optax
+
+    optimizer = optax.scale_by_adam(b1=0.8, b2=0.95)
+
+    def turn(slope: Any, state: Any, healthy: Any) -> Any:
+        return optimizer.update(slope, _forgotten(state, healthy))
+
+    return optimizer.init, turn
 
 
 def _downhill(direction: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -135,10 +148,10 @@ def _downhill(direction: np.ndarray, slope: np.ndarray) -> np.ndarray:
     return np.where(descends[:, None] & np.all(np.isfinite(direction), axis=1, keepdims=True), direction, steepest)
 
 
-def _forgotten(state: Any, keep: np.ndarray) -> Any:
+def _forgotten(state: Any, keep: Any) -> Any:
     """Adam's state with the momentum of the lanes not kept at zero."""
 
     def leaf(leaf: Any) -> Any:
-        return jnp.where(jnp.asarray(keep)[:, None], leaf, 0.0) if jnp.ndim(leaf) == 2 else leaf
+        return jnp.where(keep[:, None], leaf, 0.0) if jnp.ndim(leaf) == 2 else leaf
 
     return jax.tree.map(leaf, state)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -34,7 +35,7 @@ class Clock:
 
         Compiled once for each `fn`, structure and shape.
         """
-        arguments = jax.tree.map(jnp.asarray, arguments)
+        arguments = jax.tree.map(jnp.asarray, _on_device(arguments))
         leaves, structure = jax.tree.flatten(arguments)
         key = (fn, structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves), native_enabled())
         if key not in _COMPILED:
@@ -43,6 +44,25 @@ class Clock:
             self.compile_seconds += time.perf_counter() - begin
         begin = time.perf_counter()
         result = jax.tree.map(np.asarray, _COMPILED[key](*arguments))
+        self.run_seconds += time.perf_counter() - begin
+        return result
+
+    def step(self, fn: Callable[..., Any], *arguments: Any) -> Any:
+        """`fn(*arguments)` for an optimiser's own algebra, its result left on the device; compiling is timed apart.
+
+        Compiled once for each `fn`, structure and shape; leaves that are no arrays are static.
+        """
+        arguments = _on_device(arguments)
+        arrays, static = eqx.partition(arguments, eqx.is_array)
+        leaves, structure = jax.tree.flatten(arrays)
+        key = (fn, structure, str(static), tuple((leaf.shape, leaf.dtype) for leaf in leaves))
+        if key not in _COMPILED:
+            begin = time.perf_counter()
+            with jax.numpy_dtype_promotion("standard"):  # optax mixes counters with floats, and int32 with int64
+                _COMPILED[key] = eqx.filter_jit(fn).lower(*arguments).compile()
+            self.compile_seconds += time.perf_counter() - begin
+        begin = time.perf_counter()
+        result = _COMPILED[key](*arguments)
         self.run_seconds += time.perf_counter() - begin
         return result
 
@@ -106,8 +126,8 @@ class Lanes:
     def values(self, at: np.ndarray) -> np.ndarray:
         """Parameter values at unbounded coordinates of shape (..., n)."""
         space = self.problem.space
-        flat = jnp.asarray(np.reshape(at, (-1, at.shape[-1])), self.problem.dtype)
-        return np.asarray(_values(space, flat), dtype=float).reshape(at.shape)
+        flat = np.reshape(at, (-1, at.shape[-1])).astype(self.problem.dtype)
+        return np.asarray(self.clock.step(_values, space, flat), dtype=float).reshape(at.shape)
 
 
 @dataclasses.dataclass
@@ -162,7 +182,11 @@ class Best:
         return Outcome(self.values, self.costs, self.simulations, self.iterations, self.history, self.reasons)
 
 
-@jax.jit
+def _on_device(tree: Any) -> Any:
+    """Host arrays as they are on the device; jnp.asarray would compile a copy."""
+    return jax.tree.map(lambda leaf: jax.device_put(leaf) if isinstance(leaf, np.ndarray) else leaf, tree)
+
+
 def _values(space: Space, at: Any) -> Any:
     return jax.vmap(space.values)(at)
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from fpjax.errors import InputError
@@ -45,7 +44,7 @@ def levenberg_marquardt(lanes: Lanes, settings: LevenbergMarquardt, stop: Stop) 
     start, step = _solver(settings.tolerance)
     state: Any = None
     factor = np.ones(lanes.count)
-    at = jnp.asarray(trial)
+    at: Any = trial
     active = np.ones(lanes.count, bool)
     for _ in range(settings.iterations):
         active &= ~stop.before(best, needed)
@@ -63,10 +62,11 @@ def levenberg_marquardt(lanes: Lanes, settings: LevenbergMarquardt, stop: Stop) 
             largest = np.max(np.linalg.norm(slopes, axis=1), axis=1)
             factor = 1.0 / (np.sqrt(DAMPING) * np.where(largest > 0.0, largest, 1.0))
         residuals, slopes = factor[:, None] * residuals, factor[:, None, None] * slopes
-        model = (jnp.asarray(trial), jnp.asarray(residuals), jnp.asarray(slopes))
+        model = (trial, residuals, slopes)
         if state is None:
-            state = start(at, model)
-        at, state, ended = step(at, model, state)
+            state = lanes.clock.step(start, at, model)
+        at, state, ended = lanes.clock.step(step, at, model, state)
+        ended = np.asarray(ended)
         for lane in np.flatnonzero(active):
             if not np.isfinite(best.costs[lane]):
                 active[lane] = False
@@ -99,7 +99,6 @@ def _solver(tolerance: float) -> tuple[Any, Any]:
         origin, residuals, slopes = model
         return residuals + slopes @ (at - origin), None
 
-    @eqx.filter_jit
     def start(at: Any, model: Any) -> Any:
         def one(at: Any, model: Any) -> Any:
             shape = jax.eval_shape(lambda: linear(at, model)[0])
@@ -107,7 +106,6 @@ def _solver(tolerance: float) -> tuple[Any, Any]:
 
         return eqx.filter_vmap(one)(at, model)
 
-    @eqx.filter_jit
     def step(at: Any, model: Any, state: Any) -> Any:
         def one(at: Any, model: Any, state: Any) -> Any:
             at, state, _ = solver.step(linear, at, model, options, state, tags)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -93,8 +94,8 @@ class Space(eqx.Module):
         the gain itself is then nearly exact, where one in its logarithm goes an e-fold at a time. Upwards a valley
         gain_1 ~ gain_2^p is straight in logarithms.
         """
-        knee = jnp.where(self.logarithmic > 0.0, jnp.asarray(values, self.middle.dtype), 0.0)
-        return Space(self.middle, self.half, self.logarithmic, knee)
+        knee = np.where(np.asarray(self.logarithmic) > 0.0, values, 0.0)  # on the host: nothing to compile
+        return Space(self.middle, self.half, self.logarithmic, jax.device_put(knee.astype(self.middle.dtype)))
 
 
 def _turning(at: Array) -> Array:
