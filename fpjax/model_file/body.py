@@ -8,7 +8,7 @@ import numpy as np
 
 from ..actuators import AbstractActuator, Actuator, IdealActuator
 from ..errors import InputError
-from ..friction import AbstractFriction
+from ..friction import AbstractFriction, Dahl, LuGre
 from ..friction.bristles import Bristles
 from ..loads import AbstractLoad, NoLoad, Unbalance
 from ..plants import AbstractPlant, OneMass, SeriesTwoMass, TwoMass
@@ -96,9 +96,10 @@ def build_plant(
             f'[transmission] and [plant] type = "{name}" are two ways to say the same: write type = "one_mass" with '
             f"the total inertia, or drop [transmission]."
         )
-    if isinstance(friction, Bristles):
+    if isinstance(friction, Bristles | Dahl | LuGre):
         raise InputError(
-            "[transmission] and bristle_deflection in [friction] cannot be simulated together: drop one of them."
+            "[transmission] shares the friction between two bodies, which a law with bristles cannot: write a static law "
+            'in [friction], or [plant] type = "two_mass" instead.'
         )
     check_keys("transmission", transmission, [key.name for key in TRANSMISSION])
     values = read_values("transmission", transmission, TRANSMISSION, units)
