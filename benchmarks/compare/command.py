@@ -1,10 +1,9 @@
 """`python -m benchmarks compare`: every way to tune, at the same objective, start and budget."""
 
 import argparse
+import contextlib
 import json
-import math
-import os
-import time
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +15,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for compare.json and the pictures")
     parser.add_argument("--quick", action="store_true", help="EFP alone, short runs, a small budget: a smoke test")
     parser.add_argument("--budget", type=int, help="simulations of each method and reference (default 160)")
+    parser.add_argument("--resume", action="store_true", help="go on in --out with what an interrupted run left there")
     parser.add_argument("--points", type=int, help="points of the dense sweep along each axis (default 48)")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Race all methods, print the table and the goals, write everything."""
+    """Race all methods, print the table and the goals; everything is written after every observer and objective."""
     import jax
 
+    from fpjax.runfile import RunFile, open_folder, write_json
     from tuning.progress import Progress
 
     from .cases import all_cases, references
@@ -34,11 +35,9 @@ def run(args: argparse.Namespace) -> int:
         raise InputError(f"--budget {args.budget} is too small to compare anything: give at least 12.")
     if args.points is not None and args.points < 2:
         raise InputError(f"--points {args.points} is no sweep: give at least 2.")
+    folder = open_folder(args.out)  # an unwritable folder is told before the work, not after it
+    assert folder is not None
     jax.config.update("jax_enable_x64", True)  # stopping tests of 1e-3 want it; a command owns its process
-    try:
-        args.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--out {args.out} cannot be made ({error.strerror}): give a folder that can be.") from error
     full = Settings()
     duration, points, budget = (0.1, 8, 24) if args.quick else (full.duration, full.points, full.budget)
     settings = Settings(duration=duration, points=args.points or points, budget=args.budget or budget)
@@ -46,9 +45,17 @@ def run(args: argparse.Namespace) -> int:
     signals = references(duration)
     if args.quick:
         signals = {name: signals[name] for name in ("sine", "chirp")}
-    begin, rows, done = time.perf_counter(), [], 0
-    expected = len(cases) * len(settings.objectives) * (1 + 6 * (len(signals) + 1))
+    shown = {"dt": settings.dt, "duration": duration, "budget": settings.budget, "points": settings.points}
+    shown |= {"references": list(signals), "observers": [case.name for case in cases]}
+    record = RunFile(folder, ["python", "-m", "benchmarks", *sys.argv[1:]])
+    if args.resume and (folder / "compare.json").exists():
+        record.read(folder / "compare.json", "the rows of the interrupted run")
+    rows, spent = _left(folder / "compare.json", shown) if args.resume else ([], {})
+    finished = {(row["observer"], row["objective"]) for row in rows}
+    each = 1 + 6 * (len(signals) + 1)
+    expected, done = len(cases) * len(settings.objectives) * each, each * len(finished)
     bar = Progress("compare")
+    bar.begin_at(done / expected)
 
     def share(note: str) -> None:
         nonlocal done
@@ -56,27 +63,58 @@ def run(args: argparse.Namespace) -> int:
         bar.show(done / expected, note)
 
     try:
-        for case in cases:
-            for objective in settings.objectives:
-                rows += race(case, objective, signals, settings, share)
-                draw(rows, case.name, objective, args.out / f"compare_{case.name}_{objective}.png")
+        for case, objective in ((case, objective) for case in cases for objective in settings.objectives):
+            if (case.name, objective) in finished:
+                continue
+            name = f"{case.name}_{objective}"
+            record.stage(name)
+            rows += race(case, objective, signals, settings, share)
+            record.stage("write")
+            spent[name] = record.seconds[name]
+            draw(rows, case.name, objective, record.path(f"compare_{name}.png"))
+            content = {
+                "command": "python -m benchmarks compare" + (" --quick" if args.quick else ""),
+                "settings": shown,
+                "seconds": spent,
+                "rows": rows,
+                "goals": goals(rows),
+            }
+            write_json(folder / "compare.json", content)
+    except KeyboardInterrupt:
+        record.notes.append("interrupted: go on with --resume")
+        with contextlib.suppress(InputError):
+            record.write("interrupted")
+        raise
     finally:
         bar.end()
-    judged = goals(rows)
-    content = {
-        "command": "python -m benchmarks compare" + (" --quick" if args.quick else ""),
-        "settings": {"dt": settings.dt, "duration": duration, "budget": settings.budget, "points": settings.points},
-        "seconds": time.perf_counter() - begin,
-        "rows": rows,
-        "goals": judged,
-    }
-    partial = args.out / ".compare.json.partial"
-    partial.write_text(json.dumps(_plain(content), indent=1))
-    os.replace(partial, args.out / "compare.json")
+    record.outputs.append("compare.json")
+    record.write()
     print(_table(rows))
-    print(_goals(judged))
-    print(f"{content['seconds']:.0f} s; {args.out / 'compare.json'}")
+    print(_goals(goals(rows)))
+    print(f"{sum(spent.values()):.0f} s; {folder / 'compare.json'}")
     return 0
+
+
+def _left(path: Path, settings: dict[str, Any]) -> tuple[list[dict[str, Any]], dict[str, float]]:
+    """(rows, seconds) that an interrupted run left.
+
+    Raises:
+        InputError: where there is nothing, or something else.
+    """
+    try:
+        content = json.loads(path.read_text())
+        found, rows, spent = content["settings"], content["rows"], dict(content["seconds"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"--resume: {path} holds no interrupted comparison ({type(error).__name__}): run without --resume."
+        ) from error
+    if found != settings:
+        raise InputError(f"--resume: {path} was begun with {found}, not {settings}: give the same options.")
+    for row in rows:
+        # JSON has no infinity; a run that diverged is null there.
+        row["history"] = [(used, float("inf") if cost is None else cost) for used, cost in row["history"]]
+        row["cost"] = float("inf") if row["cost"] is None else row["cost"]
+    return rows, spent
 
 
 def _table(rows: list[dict[str, Any]]) -> str:
@@ -95,21 +133,17 @@ def _table(rows: list[dict[str, Any]]) -> str:
 
 
 def _goals(judged: list[dict[str, Any]]) -> str:
+    """Both goals: the default method's verdicts one by one, the other methods' in one line each."""
     lines = []
     for goal in dict.fromkeys(one["goal"] for one in judged):
         of = [one for one in judged if one["goal"] == goal]
-        lines.append(f"\n{goal}: {sum(one['met'] for one in of)} of {len(of)}")
-        for one in of:
+        lines.append(f"\n{goal}:")
+        for method in dict.fromkeys(one["method"] for one in of):
+            ours = [one for one in of if one["method"] == method]
+            word = " (the default)" if ours[0]["headline"] else ""
+            lines.append(f"  {method}{word}: {sum(one['met'] for one in ours)} of {len(ours)}")
+        for one in (one for one in of if one["headline"]):
             where = f"{one['observer']}, {one['objective']}, {one['reference']}"
             ratio = "-" if one["ratio"] is None else f"{one['ratio']:.3g}"
-            word = "met" if one["met"] else f"NOT met: {one['why_not']}"
-            lines.append(f"  {where:<36} {ratio:>9}  {one['method'] or '':<20} {word}")
+            lines.append(f"    {where:<36} {ratio:>9}  " + ("met" if one["met"] else f"NOT met: {one['why_not']}"))
     return "\n".join(lines)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(part) for key, part in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from .race import GRADIENTS, SWEEP
+from .race import DEFAULT, GRADIENTS, SWEEP
 
 FIFTH = 0.2
 WITHIN = 1.01
@@ -11,7 +11,11 @@ ZERO = {"thesis": 1e-3, "estimation": 0.0}
 
 
 def goals(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Of every observer, objective and reference: steps against Algorithm 1's, and cost against the sweep's minimum."""
+    """Of every observer, objective, reference and gradient method: steps against Algorithm 1, cost against the sweep.
+
+    Each method is judged alone; the verdict of the default one is the headline: the best of three in hindsight would
+    be a method that nobody can choose beforehand.
+    """
     found = []
     keys = dict.fromkeys((row["observer"], row["objective"], row["reference"]) for row in rows)
     for observer, objective, reference in keys:
@@ -20,28 +24,28 @@ def goals(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
             for row in rows
             if (row["observer"], row["objective"], row["reference"]) == (observer, objective, reference)
         }
-        where = {"observer": observer, "objective": objective, "reference": reference}
-        found.append({**where, **_steps(of)})
-        found.append({**where, **_minimum(of, ZERO[objective])})
+        for method in GRADIENTS:
+            common = {
+                "observer": observer,
+                "objective": objective,
+                "reference": reference,
+                "method": method,
+                "headline": method == DEFAULT,
+            }
+            found.append({**common, **_steps(of, method)})
+            found.append({**common, **_minimum(of, method, ZERO[objective])})
     return found
 
 
-def _steps(of: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def _steps(of: dict[str, dict[str, Any]], method: str) -> dict[str, Any]:
     target, theirs = of["algorithm_1"]["cost"], of["algorithm_1"]["simulations_to_best"]
-    used = {}
-    for method in GRADIENTS:
-        reached = [number for number, cost in of[method]["history"] if cost <= target]
-        used[method] = reached[0] if reached else None
-    arrived = {method: number for method, number in used.items() if number is not None}
-    best = min(arrived, key=lambda method: arrived[method]) if arrived else None
-    ratio = arrived[best] / theirs if best else None
+    used = next((number for number, cost in of[method]["history"] if cost is not None and cost <= target), None)
+    ratio = None if used is None else used / theirs
     met = ratio is not None and ratio <= FIFTH
-    if best is None:
-        why = f"no gradient method got below Algorithm 1's {target:.4g}: {_where(of)}"
+    if used is None:
+        why = f"{method} did not get below Algorithm 1's {target:.4g}: {_where(of, method)}"
     elif not met:
-        why = (
-            f"Algorithm 1 needed only {theirs} simulations for its best cost, {best} {arrived[best]} with its tangents"
-        )
+        why = f"Algorithm 1 needed only {theirs} simulations for its best cost, {method} {used} with its tangents"
     else:
         why = ""
     return {
@@ -49,34 +53,29 @@ def _steps(of: dict[str, dict[str, Any]]) -> dict[str, Any]:
         "target_cost": target,
         "algorithm_1_simulations": theirs,
         "gradient_simulations": used,
-        "method": best,
         "ratio": ratio,
         "met": met,
         "why_not": why,
     }
 
 
-def _minimum(of: dict[str, dict[str, Any]], zero: float) -> dict[str, Any]:
-    least = of[SWEEP]["cost"]
-    best = min(GRADIENTS, key=lambda method: of[method]["cost"])
-    reached = of[best]["cost"]
+def _minimum(of: dict[str, dict[str, Any]], method: str, zero: float) -> dict[str, Any]:
+    least, reached = of[SWEEP]["cost"], of[method]["cost"]
     met = reached <= max(WITHIN * least, zero)
     return {
         "goal": "gradient comes within 1 % of the dense sweep's minimum",
         "sweep_minimum": least,
-        "method": best,
         "cost": reached,
         "ratio": reached / least if least > 0.0 else None,
         "met": met,
-        "why_not": "" if met else _where(of),
+        "why_not": "" if met else _where(of, method),
     }
 
 
-def _where(of: dict[str, dict[str, Any]]) -> str:
+def _where(of: dict[str, dict[str, Any]], method: str) -> str:
     """Where the gradient ended and where the sweep's minimum lies: one start sees one basin."""
-    best = min(GRADIENTS, key=lambda method: of[method]["cost"])
-    ours, theirs = of[best]["gains"], of[SWEEP]["gains"]
+    ours, theirs = of[method]["gains"], of[SWEEP]["gains"]
     return (
-        f"{best} from the one common start ended at ({ours['gain_2']:.4g}, {ours['gain_1']:.4g}) "
-        f"({of[best]['message']}), the sweep's minimum is at ({theirs['gain_2']:.4g}, {theirs['gain_1']:.4g})"
+        f"{method} from the one common start ended at ({ours['gain_2']:.4g}, {ours['gain_1']:.4g}) "
+        f"({of[method]['message']}), the sweep's minimum is at ({theirs['gain_2']:.4g}, {theirs['gain_1']:.4g})"
     )

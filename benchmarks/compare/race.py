@@ -13,6 +13,7 @@ from .cases import JOINT, Case
 
 SWEEP = "dense_sweep"
 GRADIENTS = ("levenberg_marquardt", "lbfgs", "adam")
+DEFAULT = "levenberg_marquardt"  # of tuning.tune: its verdict is the headline
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,11 +79,13 @@ def race(
                     "reference": label,
                     "method": name,
                     "gains": _thesis_units(case, result.gains),
-                    "cost": history[-1][1],
+                    "cost": result.cost,
+                    "standing": None if result.standing is None else _thesis_units(case, result.standing),
+                    "standing_cost": result.standing_cost,
                     "start_cost": result.start_cost,
                     "simulations": result.simulations,
                     "simulated_steps": result.simulated_steps,
-                    "simulations_to_best": _first_at(history, history[-1][1]),
+                    "simulations_to_best": _first_at(history, result.cost),
                     "run_seconds": result.run_seconds,
                     "compile_seconds": result.compile_seconds,
                     "message": result.message,
@@ -118,6 +121,8 @@ def _sweep_rows(
                 "method": SWEEP,
                 "gains": _thesis_units(case, gains),
                 "cost": cost,
+                "standing": None,
+                "standing_cost": None,
                 "start_cost": None,
                 "simulations": number,
                 "simulated_steps": number * (swept.simulated_steps // swept.simulations),
