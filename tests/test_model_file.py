@@ -77,6 +77,15 @@ def test_a_safe_steepness_is_chosen_and_said():
     assert signed.loop.observer.steepness is None
 
 
+def test_the_exact_solver_takes_the_set_valued_law_and_samples():
+    model = load_model(changed("duration = 0.5", 'duration = 0.5\nsolver = "exact"'))
+    assert model.loop.plant.friction.steepness is None
+    assert model.stepping == "sampled"
+    assert same(model, load_model(dump_model(model)))
+    with pytest.raises(InputError, match="only exists at sample instants"):
+        load_model(changed("duration = 0.5", 'duration = 0.5\nsolver = "exact"\nstepping = "continuous"'))
+
+
 def test_a_path_gives_the_same_as_its_text(tmp_path):
     path = tmp_path / "servo.toml"
     path.write_text(TEXT)

@@ -98,8 +98,8 @@ def build_plant(
         )
     if isinstance(friction, Bristles | Dahl | LuGre):
         raise InputError(
-            "[transmission] shares the friction between two bodies, which a law with bristles cannot: write a static law "
-            'in [friction], or [plant] type = "two_mass" instead.'
+            "[transmission] shares the friction between two bodies, which a law with bristles cannot: write a static "
+            'law in [friction], or [plant] type = "two_mass" instead.'
         )
     check_keys("transmission", transmission, [key.name for key in TRANSMISSION])
     values = read_values("transmission", transmission, TRANSMISSION, units)

@@ -239,6 +239,8 @@ class Steepness:
         """The law with a steepness."""
         import equinox as eqx
 
+        if self.solver.name == "exact":
+            return law  # it wants the set-valued law
         if isinstance(law, Bristles):
             return law  # its level is reached by travel: there is no sign to smooth
         if "steepness" not in type(law).__dataclass_fields__ or getattr(law, "steepness", 1.0) is not None:

@@ -203,7 +203,10 @@ def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) ->
     sampled_only = bool(sections.get("actuator", {}).get("delay")) or (
         bool(sections.get("sensor")) and sections["sensor"].get("type") != "ideal"
     )
-    stepping = _stepping(time["stepping"], sampled_only, sections, notes)
+    which = "[sensor]" if sections.get("sensor") else "[actuator] delay"
+    if time["solver"] == "exact":
+        sampled_only, which = True, 'solver = "exact"'
+    stepping = _stepping(time["stepping"], sampled_only, which, notes)
     step = dt / time["substeps"] if stepping == "sampled" else dt
     steepness = Steepness(body.rubbing_inertia(bare), step, solver, units)
     friction = build_friction(friction_table, units, steepness)
@@ -275,8 +278,7 @@ def _read_simulation(table: Mapping[str, Any], units: Units) -> dict[str, Any]:
     return {**values, "substeps": substeps, "solver": solver, "stepping": stepping}
 
 
-def _stepping(written: str, sampled_only: bool, sections: Mapping[str, Any], notes: list[str]) -> Stepping:
-    which = "[sensor]" if sections.get("sensor") else "[actuator] delay"
+def _stepping(written: str, sampled_only: bool, which: str, notes: list[str]) -> Stepping:
     if sampled_only and written == "continuous":
         raise InputError(
             f'{which} only exists at sample instants: write [simulation] stepping = "sampled", or drop {which}.'
