@@ -262,6 +262,9 @@ def test_command_writes_the_cells(tmp_path, monkeypatch, capsys):
     assert all(row["reason"] for row in details if row["verdict"] != REPRODUCED)
     run = json.loads((out / "run.json").read_text())
     assert run["versions"]["jax"] == jax.__version__
+    assert run["status"] == "completed"
+    assert set(run["outputs"]) == {"thesis.json", "thesis_details.json", "recoveries.json", "thesis.md"}
+    assert 0.0 < run["seconds"]["cells"] <= run["seconds"]["total"]
     printed = capsys.readouterr().out
     assert all(row["cell"] in printed for row in rows)
     assert f"{len(rows)} cells:" in printed
@@ -274,6 +277,17 @@ def test_an_unwritable_folder_is_one_sentence(tmp_path, capsys):
     said = capsys.readouterr().err.strip()
     assert said.count("\n") == 0
     assert "--out" in said
+
+
+def test_an_interrupted_run_leaves_the_earlier_results_alone(tmp_path, monkeypatch):
+    def interrupted(**_):
+        raise KeyboardInterrupt
+
+    (tmp_path / "thesis.json").write_text("[1]")
+    monkeypatch.setattr(command, "all_cells", interrupted)
+    assert main(["thesis", "--out", str(tmp_path)]) == 130
+    assert (tmp_path / "thesis.json").read_text() == "[1]"
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.json"]
 
 
 def test_help_does_not_import_jax():

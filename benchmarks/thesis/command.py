@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -24,50 +23,40 @@ def run(args: argparse.Namespace) -> int:
     import jax
 
     jax.config.update("jax_enable_x64", True)  # Algorithm 1 stops at 1e-3, and chatter remembers every digit
+    from fpjax.runfile import RunFile, open_folder, write_json, write_whole
     from tuning.progress import Progress
-    from tuning.result import versions
 
     from .beyond import recoveries, text
     from .presets import PRINTED
-    from .table import markdown, table, write_json, write_text
+    from .table import markdown, table
 
-    began = time.perf_counter()
-    write_json(args.out / "thesis.json", [])  # an unwritable folder is told before the work, not after it
+    # An unwritable folder is told before the work, and what an earlier run left there stays until this one is done.
+    record = RunFile(open_folder(args.out), ["python", "-m", "benchmarks", *sys.argv[1:]])
+    record.notes.append(f"printed cells with {PRINTED}; no input files, no random draws")
+    record.stage("cells")
     bar = Progress("thesis: cells")
     cells = all_cells(quick=args.quick, progress=bar.show)
     bar.end()
     print(table(cells))
     found = recoveries()
     print("\n" + text(found) + "\n")
-    write_json(args.out / "thesis.json", [cell.row() for cell in cells])
-    write_json(args.out / "thesis_details.json", [cell.details() for cell in cells])
-    write_json(args.out / "recoveries.json", [one._asdict() for one in found])
-    write_text(args.out / "thesis.md", markdown(cells))
-    seconds = {"cells": time.perf_counter() - began}
+    write_json(record.path("thesis.json"), [cell.row() for cell in cells])
+    write_json(record.path("thesis_details.json"), [cell.details() for cell in cells])
+    write_json(record.path("recoveries.json"), [one._asdict() for one in found])
+    write_whole(record.path("thesis.md"), markdown(cells))
     pictures: list[str] = []
     if not args.no_figures:
         from .figures import draw_all
 
-        began = time.perf_counter()
+        record.stage("figures")
         bar = Progress("thesis: figures")
         pictures = [path.name for path in draw_all(args.out, bar.show)]
         bar.end()
-        seconds["figures"] = time.perf_counter() - began
+        record.outputs += pictures
         print(f"{len(pictures)} figures in {args.out}")
-    command = ["python", "-m", "benchmarks", *sys.argv[1:]]
-    write_json(
-        args.out / "run.json",
-        {
-            "command": command,
-            "inputs": {},
-            "seeds": [],
-            "solver": str(PRINTED),
-            "versions": versions(),
-            "seconds": seconds,
-            "figures": pictures,
-        },
-    )
-    print(f"{args.out / 'thesis.json'} written; " + ", ".join(f"{name} {took:.0f} s" for name, took in seconds.items()))
+    record.write()
+    took = ", ".join(f"{name} {spent:.0f} s" for name, spent in record.seconds.items())
+    print(f"{args.out / 'thesis.json'} written; {took}")
     return 0
 
 

@@ -1,11 +1,6 @@
 """The cells as a table on the terminal and as JSON files."""
 
-import json
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
-
-from fpjax.errors import InputError
 
 from .cells import REPRODUCED, VERDICTS, Cell
 
@@ -51,29 +46,3 @@ def markdown(cells: Sequence[Cell]) -> str:
     lines = ["| cell | printed | obtained | verdict |", "|---|---|---|---|"]
     lines += [f"| {cell.printed.cell} | {_printed(cell)} | {cell.obtained:.4g} | {cell.verdict} |" for cell in cells]
     return "\n".join([*lines, "", summary(cells) + ".", ""])
-
-
-def write_json(path: Path, content: Any) -> None:
-    """Write JSON; arguments and errors as of `write_text`."""
-    write_text(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
-
-
-def write_text(path: Path, content: str) -> None:
-    """Write whole or not at all.
-
-    Args:
-        path: file to write; its folder is made.
-        content: of the file.
-
-    Raises:
-        InputError: where it cannot be written.
-    """
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_text(content)
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(
-            f"--out: {path} cannot be written ({error.strerror}): give a folder that can be written."
-        ) from error
