@@ -1,4 +1,4 @@
-"""Diagnose a sim-to-real gap: a machine whose friction rises towards rest, and a model that does not know why it differs.
+"""Diagnose a sim-to-real gap: a machine whose friction rises towards rest, and a model that does not know it.
 
 Run: python examples/05_diagnose.py --out out
 """
@@ -39,7 +39,7 @@ duration = 4.0
 stepping = "sampled"
 solver = "exact"
 """
-# What the machine has and the model does not: 0.2 N m of extra friction near rest, gone above 0.3 rad/s or so.
+# What the machine has and the model does not: 0.2 N m of extra friction near rest, gone well above 0.15 rad/s.
 STRIBECK = "stribeck_torque = 0.2\nstribeck_velocity = 0.15\n[controller]"
 
 # Fewer candidates compile faster; leave `effects` out to ask for all of them.
