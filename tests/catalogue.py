@@ -12,7 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 
 import fpjax as fp
+from fpjax.friction.bristles import Bristles
+from fpjax.friction.general import GeneralFriction
+from fpjax.position_torque import ConstantTorque, Loads, PositionTorque
+from fpjax.servo_sensor import ServoSensor
 from fpjax.signals import Measurement, Motion, PlantOutput
+from fpjax.transmission import Transmission
 
 DT = 1e-3
 
@@ -75,6 +80,12 @@ def evaluate_friction(law, at):
     return law.init(), law.derivative(state, motion), law.readout(state, motion, at["applied"])
 
 
+def general():
+    """Every term of `GeneralFriction` at once."""
+    cosine, sine = (jnp.asarray(1.0), jnp.asarray(0.3)), (jnp.asarray(-0.5), jnp.asarray(0.2))
+    return GeneralFriction(20.0, 2.0, 2.0, 0.3, 5.0, 0.05, 2.0, cosine, sine, 3.0, 1.0, 0.5, 0.4, steepness=40.0)
+
+
 def friction_case(name, build, velocity=0.1, memory=1.0):
     return Case(
         "friction",
@@ -106,6 +117,10 @@ FRICTION = [
     friction_case("lugre", lambda: fp.LuGre(20.0, 25.0, 0.05, 20000.0, 1000.0, 2.0), 0.05, 1e-3),
     friction_case("lugre_fractional", lambda: fp.LuGre(20.0, 25.0, 0.05, 2000.0, 100.0, 2.0, 0.5), 0.05, 1e-2),
     friction_case("asymmetric_sign", lambda: fp.AsymmetricCoulombViscous(20.0, 15.0, 2.0, 3.0)),
+    friction_case("general_neutral_coulomb_sign", lambda: GeneralFriction(20.0, 2.0)),
+    friction_case("general_asymmetric", lambda: general(), 1 / 40.0),
+    friction_case("bristles_dahl", lambda: Bristles(fp.CoulombViscous(20.0, 2.0), 1e-3, 50.0), 0.01, 0.3),
+    friction_case("bristles_dahl_power", lambda: Bristles(fp.CoulombViscous(20.0, 2.0), 1e-2, 0.0, 1.5), 0.01, 0.3),
     friction_case("asymmetric", lambda: fp.AsymmetricCoulombViscous(20.0, 15.0, 2.0, 3.0, 40.0), 1 / 40.0),
 ]
 
@@ -131,7 +146,17 @@ def load_case(name, build):
     )
 
 
-LOADS = [load_case("none", fp.NoLoad), load_case("unbalance", lambda: fp.Unbalance(5.0, 0.3, 1.0))]
+def harmonics():
+    return PositionTorque((jnp.asarray(1.0), jnp.asarray(0.3)), (jnp.asarray(-0.5), jnp.asarray(0.2)), 3.0)
+
+
+LOADS = [
+    load_case("none", fp.NoLoad),
+    load_case("unbalance", lambda: fp.Unbalance(5.0, 0.3, 1.0)),
+    load_case("constant", lambda: ConstantTorque(2.0)),
+    load_case("harmonics", harmonics),
+    load_case("sum", lambda: Loads((harmonics(), ConstantTorque(2.0)))),
+]
 
 # Plants ------------------------------------------------------------------------------------------------------------
 
@@ -166,6 +191,7 @@ PLANTS = [
     plant_case("one_mass_loaded", lambda: fp.OneMass(10.0, law(), fp.Unbalance(5.0, 0.3))),
     plant_case("two_mass", lambda: fp.TwoMass(4.0, 6.0, 1e5, 50.0, law())),
     plant_case("two_mass_lugre", lambda: fp.TwoMass(4.0, 6.0, 1e5, 50.0, fp.LuGre(20.0, 25.0, 0.05, 2000.0, 100.0))),
+    plant_case("transmission", lambda: Transmission(10.0, 0.6, 1e5, 50.0, law(), 1e-4, 0.7)),
     plant_case("series_two_mass", lambda: fp.SeriesTwoMass(4.0, 6.0, 1e5, 50.0, law())),
 ]
 
@@ -355,6 +381,12 @@ SENSORS = [
     sensor_case("gyro", lambda: fp.Gyro(1e-2, 0.05, 1e-2, 1.01)),
     sensor_case("encoder", lambda: fp.Encoder(0.0, 1e-4, 2e-3), jumps=("step_size",)),
     sensor_case("encoder_quantised", lambda: fp.Encoder(1e-3, 0.0, 2e-3), rough=True),
+    sensor_case(
+        "servo",
+        lambda: ServoSensor(0.7, 1.01, 0.05, 2e-3, 1.4e-3, 1e-2, longest_delay=3),
+        jumps=("step_size", "position_step"),
+    ),
+    sensor_case("servo_quantised", lambda: ServoSensor(step_size=1e-3, position_step=1e-4, lag=1e-3), rough=True),
     sensor_case("kalman", fusion, jumps=("encoder.step_size",)),
     sensor_case("kalman_quantised", lambda: fusion(1e-3), rough=True),
 ]
@@ -393,4 +425,5 @@ REFERENCES = [
     reference_case("recorded_interpolated", lambda: fp.Recorded(table(), 0.0171, hold=False)),
 ]
 
+# One of each block and of each path through it.
 CASES = [*FRICTION, *LOADS, *PLANTS, *OBSERVERS, *CONTROLLERS, *ACTUATORS, *SENSORS, *REFERENCES]

@@ -1,5 +1,10 @@
 """The common suite, each block alone: everything it computes, at rest, in its steep part, and far away."""
 
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+
 import equinox as eqx
 import jax
 import jax.flatten_util
@@ -9,6 +14,7 @@ import pytest
 import tolerances
 from catalogue import CASES
 
+import fpjax
 import fpjax as fp
 
 ids = pytest.mark.parametrize("case", CASES, ids=str)
@@ -52,6 +58,37 @@ def scaled(case, block):
 
 def points(case):
     return [jnp.stack([case.inputs(point)[key] for key in case.scales]) for point in case.points]
+
+
+def test_every_block_of_the_package_is_in_the_catalogue():
+    """A block that nobody lists would never meet this suite."""
+    for module in pkgutil.walk_packages(fpjax.__path__, "fpjax."):
+        if not module.name.startswith(("fpjax.cli", "fpjax.__main__")):
+            importlib.import_module(module.name)
+    tried = set()
+
+    def walk(tree):
+        if isinstance(tree, fp.Block):
+            tried.add(type(tree))
+            for field in dataclasses.fields(tree):
+                walk(getattr(tree, field.name, None))
+        elif isinstance(tree, tuple):
+            for part in tree:
+                walk(part)
+
+    for case in CASES:
+        walk(case.build())
+
+    def concrete(kind):
+        for child in kind.__subclasses__():
+            if not inspect.isabstract(child):
+                yield child
+            yield from concrete(child)
+
+    # Measures are no part of the loop's dynamics; tests/test_metrics.py has them.
+    blocks = {kind for kind in concrete(fp.Block) if kind.__module__.startswith("fpjax.")}
+    missing = {kind.__name__ for kind in blocks - tried if not issubclass(kind, fp.AbstractMeasure)}
+    assert not missing, f"not in tests/catalogue.py: {sorted(missing)}"
 
 
 @ids
