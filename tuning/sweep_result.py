@@ -128,7 +128,11 @@ class SweepResult:
 
 
 def load_sweep(path: str | Path) -> dict[str, Any]:
-    """What `SweepResult.save` wrote: arrays by name, `summary` as a dictionary."""
+    """What `SweepResult.save` wrote: arrays by name, `summary` as a dictionary.
+
+    Args:
+        path: of the .npz.
+    """
     with np.load(Path(path)) as archive:
         content = {name: archive[name] for name in archive.files}
     return content | {"summary": json.loads(str(content["summary"]))}
