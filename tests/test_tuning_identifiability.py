@@ -52,7 +52,7 @@ def test_fewer_residuals_than_parameters_cannot_pin_all():
 
 @pytest.mark.parametrize("steepness", [None, 150.0])
 def test_the_thesis_objective_pins_a_curve_not_a_point(steepness):
-    """REPRODUCTION.md: the set of zero cost is a curve alpha_1(alpha_2)."""
+    """docs/tuning.md: the set of zero cost is a curve alpha_1(alpha_2)."""
     result = tuning.tune(
         efp(steepness, 72.5, 298.4),
         SINE,

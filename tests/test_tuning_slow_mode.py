@@ -1,4 +1,4 @@
-"""The finding of REPRODUCTION.md, "What the physics says" 1: gains that estimate exist, and the tuning finds them."""
+"""docs/thesis.md: gains that estimate exist, and the tuning finds them."""
 
 import importlib.util
 import pathlib
@@ -51,7 +51,7 @@ def test_the_estimation_objective_finds_gains_that_follow_every_true_b(example):
     assert np.all(np.abs(theirs - 2.0) < 2.0), "the thesis' gains return about 2 whatever b is"
     by_hand, swing = estimates(example, (10.0, 5e4))
     np.testing.assert_allclose(by_hand, truth, rtol=0.05)
-    # REPRODUCTION.md: to 3,700 with its own step; here the step is twice that and the friction smooth.
+    # To 3,700 with its own step; here the step is twice that and the friction smooth.
     np.testing.assert_allclose(swing, 3700.0, rtol=0.05)
 
 

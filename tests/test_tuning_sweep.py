@@ -1,10 +1,14 @@
 """Dense sweeps: the grid, its files, and going on after an interruption."""
 
+import itertools
 import os
 import subprocess
 import sys
 import textwrap
+import time
+from collections.abc import Callable
 
+import equinox as eqx
 import numpy as np
 import pytest
 from tuning_loops import CONSTANT, DEGREE, SHORT, SINE, THESIS, efp
@@ -13,6 +17,7 @@ import fpjax
 import tuning
 from fpjax.errors import InputError
 from tuning import Axis
+from tuning.sweep_store import SweepStore
 
 sweep_module = sys.modules["tuning.sweep"]  # the name tuning.sweep is the function
 AXES = (Axis("observer.gain_1", 1.0, 1e3, 7), Axis("observer.gain_2", 5.0, 25.0, 5, "linear"))
@@ -156,6 +161,45 @@ def test_a_linear_axis_may_cross_zero():
 def test_absurd_axes_are_refused(axes, words):
     with pytest.raises(InputError, match=words):
         tuning.sweep(efp(150.0), SINE, **{**COMMON, "axes": axes})
+
+
+def test_a_sweep_of_1e12_candidates_is_refused_at_once_with_its_count_and_time():
+    axes = [Axis("observer.gain_1", 1.0, 2.0, 10**6), Axis("observer.gain_2", 1.0, 2.0, 10**6)]
+    begin = time.perf_counter()
+    with pytest.raises(InputError, match=r"1e\+12 candidates.*estimated 1e\+08 steps a second.*years") as refused:
+        tuning.sweep(efp(150.0), SINE, **{**COMMON, "axes": axes})
+    assert time.perf_counter() - begin < 10.0
+    assert "\n" not in str(refused.value)
+
+
+def test_missing_chunks_are_not_listed_at_once(tmp_path):
+    pieces = 10**12
+    store = SweepStore(tmp_path, "x", pieces, pieces, 1, 1, resume=False)
+    for piece in (0, 1, 3, 12_345_678):
+        store.keep(piece, np.zeros((1, 1)))
+    assert store.finished() == {0, 1, 3, 12_345_678}
+    assert list(itertools.islice(store.missing(), 3)) == [2, 4, 5]
+
+
+class Scaled(tuning.Tracking):
+    """An objective that holds a function."""
+
+    quantity: Callable[[float], float] = eqx.field(static=True, default=abs)
+
+
+def test_a_function_without_a_name_is_refused_where_the_sweep_is_kept(tmp_path):
+    common = {**COMMON, "objective": Scaled(quantity=lambda value: value)}
+    with pytest.raises(InputError, match="<lambda>, a function without a name of its own"):
+        tuning.sweep(efp(150.0), SINE, out=tmp_path / "unnamed", **common)
+    assert not (tmp_path / "unnamed").exists()
+    tuning.sweep(efp(150.0), SINE, out=tmp_path / "named", **{**COMMON, "objective": Scaled()})
+
+
+def test_chunks_of_other_versions_are_another_sweep(tmp_path, monkeypatch):
+    tuning.sweep(efp(150.0), SINE, out=tmp_path, **COMMON)
+    monkeypatch.setattr("tuning.sweep_store.versions", lambda: {"jax": "0.0"})
+    with pytest.raises(InputError, match="or versions"):
+        tuning.sweep(efp(150.0), SINE, out=tmp_path, resume=True, **COMMON)
 
 
 def test_other_bad_input(tmp_path):

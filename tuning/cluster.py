@@ -8,7 +8,7 @@ import functools
 import itertools
 import json
 import pickle
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ def on_cluster(
     axes: Sequence[Axis],
     total: int,
     chunk: int,
-    missing: Sequence[int],
+    missing: Iterable[int],
     store: SweepStore,
 ) -> Iterator[tuple[int, np.ndarray | None]]:
     """Finished chunks as they come: (which, costs), or (which, None) where the worker has written the file itself.
@@ -64,8 +64,6 @@ def on_cluster(
     payload = pickle.dumps(
         (jax.tree.map(np.asarray, problem), tuple(axes), chunk, total, bool(jax.config.jax_enable_x64))
     )
-    if not missing:
-        return
     with client:
         waiting = iter(missing)
         counts: Any = client.nthreads()

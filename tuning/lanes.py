@@ -18,7 +18,7 @@ from fpjax.native import native, native_enabled
 from .parameters import Space
 from .problem import Problem, lane_cost, lane_residuals, simulations_of
 
-REVERSE_COUNTS = 4  # simulations that a reverse-mode value and gradient counts for (performance.md: 2.0 to 5.6)
+REVERSE_COUNTS = 4  # simulations that a reverse-mode value and gradient counts for (docs/performance.md)
 
 _COMPILED: dict[Any, Any] = {}
 

@@ -95,7 +95,7 @@ class Thesis(AbstractObjective):
 class Tracking(AbstractObjective):
     """Mean square of the tracking error over `scale`.
 
-    Without noise it has no optimum inside any range: larger gains always track better (REPRODUCTION.md). Use it with a
+    Without noise it has no optimum inside any range: larger gains always track better (docs/tuning.md). Use it with a
     noisy sensor, or for the controller's gains.
 
     Attributes:

@@ -1,7 +1,7 @@
 """Dense sweeps over any named parameters: chunked, bounded in memory, resumable, on this machine or on a cluster."""
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,8 @@ from .sweep_result import SweepResult
 from .sweep_store import SweepStore, fingerprint
 
 CHUNK = 4096  # candidates of one chunk: of one file, of one task of a cluster
+LARGEST = 10**10  # candidates; more is a slip of a count, not a sweep
+STEPS_A_SECOND = 1e8  # of one machine, to say how long; an estimate
 KERNEL_CASES = 64  # simulations in one kernel (fpjax.batch)
 
 
@@ -101,15 +103,22 @@ def sweep(
         raise InputError(f"chunk = {chunk} cannot be: give at least 1 candidate.")
     shape = tuple(axis.count for axis in axes)
     total, columns = int(np.prod([int(count) for count in shape], dtype=object)), problem.shape[0]
+    if total > LARGEST:
+        steps = total * int(np.prod(problem.shape)) * problem.stepper.samples * problem.stepper.substeps
+        raise InputError(
+            f"The axes make {total:.4g} candidates, more than {LARGEST:.0g}: at an estimated {STEPS_A_SECOND:.0e} steps"
+            f" a second they would take about {steps / STEPS_A_SECOND / (365.25 * 86_400):.2g} years; give smaller "
+            "counts, or tune with several starts."
+        )
     pieces = -(-total // chunk)
-    store = SweepStore(out, fingerprint(problem, axes, chunk), pieces, total, columns, chunk, resume=resume)
+    identity = "" if out is None else fingerprint(problem, axes, chunk)
+    store = SweepStore(out, identity, pieces, total, columns, chunk, resume=resume)
     bar = Progress(f"sweep of {total:,} candidates") if progress else None
-    missing = store.missing()
+    finished, missing = len(store.finished()), store.missing()
     begin = time.perf_counter()
     if bar is not None:
-        bar.begin_at(1.0 - len(missing) / pieces)
+        bar.begin_at(finished / pieces)
     try:
-        finished = pieces - len(missing)
         done = _local(problem, axes, total, chunk, missing) if scheduler is None else None
         if done is None:
             from .cluster import on_cluster
@@ -167,7 +176,7 @@ def evaluate_chunk(
 
 
 def _local(
-    problem: Problem, axes: Sequence[Axis], total: int, chunk: int, missing: Sequence[int]
+    problem: Problem, axes: Sequence[Axis], total: int, chunk: int, missing: Iterable[int]
 ) -> Iterator[tuple[int, np.ndarray]]:
     for piece in missing:
         yield piece, evaluate_chunk(problem, axes, piece, chunk, total)

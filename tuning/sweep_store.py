@@ -3,8 +3,9 @@
 import hashlib
 import json
 import os
+import re
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,12 @@ import jax
 import numpy as np
 
 from fpjax.errors import InputError
+from fpjax.runfile import write_whole
+
+from .result import versions
 
 MANIFEST = "sweep.json"
+_CHUNK_NAME = re.compile(r"chunk-(\d{7,})\.npy")
 
 
 class SweepStore:
@@ -54,12 +59,12 @@ class SweepStore:
                 raise InputError(f"{self.folder} holds a sweep already: use resume=True to go on, or another folder.")
             if known is not None and known != self.identity:
                 raise InputError(
-                    f"{self.folder} holds another sweep (other axes, loop, reference or settings): resume it as it "
-                    "was begun, or use another folder."
+                    f"{self.folder} holds another sweep (other axes, loop, reference, settings or versions): resume it "
+                    "as it was begun, or use another folder."
                 )
             if known is None:
                 text = {"identity": self.identity, "candidates": self._total, "chunk": self._chunk}
-                _write_whole(manifest, json.dumps(text, indent=1).encode())
+                write_whole(manifest, json.dumps(text | {"versions": versions()}, indent=1))
         except (OSError, ValueError) as error:
             raise InputError(
                 f"The sweep cannot be kept in {self.folder} ({error}): give a folder that can be written."
@@ -70,12 +75,17 @@ class SweepStore:
         assert self.folder is not None
         return chunk_path(self.folder, piece)
 
-    def missing(self) -> list[int]:
-        """Chunks still to be computed."""
+    def finished(self) -> set[int]:
+        """Chunks that are there."""
         if self.folder is None:
-            return list(range(self._pieces))
-        there = {entry.name for entry in os.scandir(self.folder)}
-        return [piece for piece in range(self._pieces) if self.path(piece).name not in there]
+            return set(self._kept)
+        found = (_CHUNK_NAME.fullmatch(entry.name) for entry in os.scandir(self.folder))
+        return {int(match[1]) for match in found if match and int(match[1]) < self._pieces}
+
+    def missing(self) -> Iterator[int]:
+        """Chunks still to be computed, one by one: a large sweep has millions of them."""
+        there = self.finished()
+        return (piece for piece in range(self._pieces) if piece not in there)
 
     def keep(self, piece: int, costs: np.ndarray) -> None:
         """Keep one finished chunk, shape (candidates, columns)."""
@@ -116,10 +126,21 @@ def write_chunk(folder: Path, piece: int, costs: np.ndarray) -> None:
 
 
 def fingerprint(problem: Any, axes: Sequence[Any], chunk: int) -> str:
-    """What a sweep is, as a hash of every array, every static setting, the axes and the chunk."""
+    """What a sweep is, as a hash of every array, every static setting, the axes, the chunk and the versions.
+
+    Raises:
+        InputError: for a function without a name of its own, which cannot be told from another one.
+    """
     digest = hashlib.sha256()
     leaves, structure = jax.tree.flatten(problem)
-    digest.update(_stable(str(structure)).encode())
+    text = str(structure)
+    if unnamed := re.search(r"<function ([^ >]*<(?:lambda|locals)>[^ ]*)", text):
+        raise InputError(
+            f"The loop or the objective holds {unnamed[1]}, a function without a name of its own, which a resumed "
+            "sweep cannot tell from another one: use a function defined at the top of a module, or leave out=."
+        )
+    digest.update(_stable(text).encode())
+    digest.update(json.dumps(versions(), sort_keys=True).encode())
     for leaf in leaves:
         array = np.asarray(leaf)
         digest.update(f"{array.dtype}{array.shape}".encode())
@@ -130,12 +151,4 @@ def fingerprint(problem: Any, axes: Sequence[Any], chunk: int) -> str:
 
 def _stable(text: str) -> str:
     """Without addresses of functions, which change from process to process."""
-    import re
-
     return re.sub(r" at 0x[0-9a-f]+", "", text)
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    partial = path.with_name(f".{path.name}.partial")
-    partial.write_bytes(content)
-    os.replace(partial, path)
