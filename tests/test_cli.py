@@ -205,10 +205,17 @@ def test_a_replay_of_the_models_own_log_is_exact(servo, log, tmp_path, capsys):
 @pytest.mark.skipif(not EMPS.exists(), reason="the EMPS records are not here")
 def test_emps_replay(tmp_path, capsys):
     example = REPO / "examples" / "emps.toml"
-    assert run("simulate", example, "--log", EMPS, "--columns", "emps", "--out", tmp_path, "--no-plots") == 0
+    words = ["simulate", example, "--log", EMPS, "--columns", "emps", "--no-plots"]
+    assert run(*words, "--out", tmp_path) == 0
     errors = json.loads((tmp_path / "replay.json").read_text())["errors"]
     assert errors["torque"]["relative"] < 0.055
     assert errors["position"]["rms"] < 2e-6
+    rest = [*words, "--from-rest", "--out", tmp_path / "rest"]
+    assert run(*rest) == 0
+    slow = json.loads((tmp_path / "rest" / "replay.json").read_text())["errors"]
+    # The record starts in motion: a start at rest costs the first tenths of a second.
+    assert errors["torque"]["relative"] < slow["torque"]["relative"] < 0.055
+    assert slow["position"]["rms"] == pytest.approx(1.77e-6, abs=0.05e-6)
     refuse(capsys, "simulate", example, "--log", EMPS, match="has no column")
 
 

@@ -84,7 +84,7 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> tuple[
         InputError: for what cannot be in one of them.
     """
     from ..logs import read_log
-    from ..logs.suspicions import suspicions
+    from ..logs.suspicions import Numbers, suspicions
 
     changes = [word for word in arguments.set if not word.startswith("observer.")]
     arguments.observer_set = [word.removeprefix("observer.") for word in arguments.set if word.startswith("observer.")]
@@ -99,9 +99,9 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> tuple[
     path = record.read(arguments.log, "log")
     log = read_log(path, columns=arguments.columns, linear=model.linear, repair=arguments.repair)
     record.notes.extend(log.warnings)
-    for sentence, _ in suspicions(log, inertia=model.nominal["inertia"]):
-        print(f"warning: {sentence}", file=sys.stderr)
-        record.notes.append(sentence)
+    for one in suspicions(log, Numbers(model.nominal["inertia"])):  # its friction is what is to be found
+        print(f"warning: {one.sentence}", file=sys.stderr)
+        record.notes.append(one.sentence)
     return model, log
 
 

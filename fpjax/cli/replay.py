@@ -29,13 +29,14 @@ class Replay:
     unit: str
 
 
-def replay(model: Model, log: Log, record: tuple[str, ...] = ()) -> Replay:
+def replay(model: Model, log: Log, record: tuple[str, ...] = (), *, from_rest: bool = False) -> Replay:
     """Run the closed loop under the log's reference, from the log's first state.
 
     Args:
         model: with a known controller; its stepping is "sampled", as the log was.
         log: with a reference.
         record: signals to keep besides those that are compared.
+        from_rest: start at the log's first position without its velocity.
 
     Raises:
         InputError: without a reference or a controller, for another period, or for a run that diverged.
@@ -63,7 +64,7 @@ def replay(model: Model, log: Log, record: tuple[str, ...] = ()) -> Replay:
         stepping="sampled",
         substeps=model.substeps,
         record=tuple(dict.fromkeys((*compared, *record))),
-        initial=initial_state(model, log),
+        initial=initial_state(model, log, from_rest=from_rest),
     )
     signals = {name: np.asarray(values) for name, values in run.signals.items()}
     if run.diverged:
@@ -96,8 +97,8 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def initial_state(model: Model, log: Log) -> Any:
-    """The loop's state at the log's first row: its motion, and an integral that gives its torque."""
+def initial_state(model: Model, log: Log, *, from_rest: bool = False) -> Any:
+    """The loop's state at the log's first row: its motion (or rest), and an integral that gives its torque."""
     import equinox as eqx
     import jax.numpy as jnp
 
@@ -105,7 +106,7 @@ def initial_state(model: Model, log: Log) -> Any:
 
     state = model.loop.init()
     position = 0.0 if log.position is None else float(log.position[0])
-    velocity = _first_velocity(log)
+    velocity = 0.0 if from_rest else _first_velocity(log)
     names = [name for name in type(state.plant).__dataclass_fields__ if name != "friction"]
     for name in names:
         value = velocity if name.endswith("velocity") else position if name.endswith("position") else 0.0

@@ -23,6 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLES
     parser.add_argument("model", metavar="MODEL", help="servo.toml")
     parser.add_argument("--log", metavar="LOG", help="replay the log's reference, print the error against its record")
+    parser.add_argument(
+        "--from-rest", action="store_true", help="replay from the log's first position at rest (default: in its motion)"
+    )
     add_log_options(parser)
     parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter")
     parser.add_argument("--duration", type=float, metavar="S", help="instead of the model's [s]")
@@ -139,7 +142,7 @@ def _replay(model: Any, arguments: argparse.Namespace, record: RunFile) -> None:
     )
     record.notes.extend(log.warnings)
     record.stage("replay")
-    found = replay(model, log)
+    found = replay(model, log, from_rest=arguments.from_rest)
     rows = [(name, error, unit, f"{100.0 * relative:.3g} %") for name, (error, unit, relative) in found.errors.items()]
     print(f"{_title(model)} against {log}")
     print(table(rows, ("record less simulation", "rms", "unit", "of the record's rms")))
