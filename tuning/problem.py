@@ -148,19 +148,22 @@ def label_references(references: References) -> tuple[tuple[str, ...], list[Abst
     return labels, listed
 
 
-def case_costs(values: Array, index: Array | None, problem: Problem) -> Array:
+def case_costs(values: Array, index: Array | None, problem: Problem, also: Any = None) -> Any:
     """Cost of every case for one candidate, shape (references, plants, seeds); not finite where a run diverged.
 
     Args:
         values: of the parameters, in their units, shape (n,).
         index: which reference alone counts (the first axis is then 1); None for all.
         problem: from `make_problem`.
+        also: `also(loop, objective)` names a further measure, or none (0); (costs, that measure) is then returned.
     """
 
-    def judged(loop: ClosedLoop, inputs: Inputs) -> Array:
+    def judged(loop: ClosedLoop, inputs: Inputs) -> Any:
         measures = problem.objective.measures(loop, horizon(problem), False)
-        finals, _, _ = fpjax.roll(loop, inputs, problem.stepper, measures)
-        return problem.objective.cost(loop, finals)
+        extra = {} if also is None else also(loop, problem.objective)
+        finals, _, _ = fpjax.roll(loop, inputs, problem.stepper, measures | extra)
+        cost = problem.objective.cost(loop, finals)
+        return cost if also is None else (cost, next((finals[name] for name in extra), jnp.zeros_like(cost)))
 
     return _over_cases(judged, values, index, problem)
 
@@ -195,13 +198,13 @@ def simulations_of(problem: Problem, alone: bool) -> int:
     return (1 if alone else references) * plants * seeds
 
 
-def _over_cases(judged: Any, values: Array, index: Array | None, problem: Problem) -> Array:
+def _over_cases(judged: Any, values: Array, index: Array | None, problem: Problem) -> Any:
     references = problem.references
     if index is not None:
         references = tuple(table[index][None] for table in references)
     _, plants, seeds = problem.shape
 
-    def one(tables: tuple[Array, ...], plant: dict[str, Array], noise: tuple[Array, ...]) -> Array:
+    def one(tables: tuple[Array, ...], plant: dict[str, Array], noise: tuple[Array, ...]) -> Any:
         candidate = {name: values[place] for place, name in enumerate(problem.parameters)}
         loop = set_parameters(problem.loop, plant | candidate)
         return judged(loop, Inputs(problem.time, tables, noise))

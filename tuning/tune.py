@@ -18,6 +18,7 @@ from .lanes import Clock, Lanes, Outcome
 from .levenberg_marquardt import levenberg_marquardt
 from .methods import LBFGS, METHODS, Adam, GridSearch, LevenbergMarquardt, Method, NelderMead, RepairedGridSearch
 from .nelder_mead import nelder_mead
+from .notes import notes_of, rate_measure
 from .objective import AbstractObjective
 from .parameters import Parameter
 from .problem import Aggregate, References, case_costs, make_problem
@@ -236,9 +237,9 @@ def _search(
     values = np.where(np.isfinite(outcome.values[chosen]), outcome.values[chosen], lanes.start[chosen])
     index = None if lanes.index is None else lanes.index[chosen]
     final = Lanes(lanes.problem, values, index, Clock())
-    cases = final.clock.call(_cases, values.astype(lanes.problem.dtype), index, lanes.problem)
+    cases, rates = final.clock.call(_cases, values.astype(lanes.problem.dtype), index, lanes.problem)
     begun = np.array([lanes.start[group * starts] for group in range(len(groups))], lanes.problem.dtype)
-    first = final.clock.call(_cases, begun, index, lanes.problem)
+    first, _ = final.clock.call(_cases, begun, index, lanes.problem)
     sign = bool(set_valued(lanes.problem.loop))
     blocks = identifiability(final, values, set_valued=sign)
     names = lanes.problem.parameters
@@ -249,12 +250,15 @@ def _search(
         lane, failed = chosen[group], ~np.isfinite(outcome.costs[of_group])
         used = int(outcome.simulations[of_group].sum())
         history = _together(outcome.history[of_group])
+        tuned = _named(names, values[group])
+        which = range(len(labels)) if lanes.index is None else [int(lanes.index[lane])]
+        followed = [(label, lanes.problem.references[0][place]) for label, place in zip(labels, which, strict=True)]
         results.append(
             TuningResult(
                 method=name,
                 objective=kind,
                 references=labels,
-                gains=_named(names, values[group]),
+                gains=tuned,
                 start=_named(names, lanes.start[group * starts]),
                 cost=float(outcome.costs[lane]),
                 start_cost=_aggregated(lanes.problem, first[group]),
@@ -272,6 +276,9 @@ def _search(
                 compile_seconds=compiled,
                 identifiability=None if failed.all() else blocks[group],
                 versions=versions(),
+                notes=()
+                if failed.all()
+                else tuple(notes_of(lanes.problem, tuned, float(np.max(rates[group])), followed)),
                 standing=None if outcome.standing is None else _named(names, outcome.standing[lane]),
                 standing_cost=None if outcome.standing_costs is None else float(outcome.standing_costs[lane]),
             )
@@ -298,4 +305,7 @@ def _together(histories: list[list[tuple[int, float]]]) -> list[tuple[int, float
 
 
 def _cases(values: Any, index: Any, problem: Any) -> Any:
-    return jax.vmap(case_costs, (0, None if index is None else 0, None))(values, index, problem)
+    def one(values: Any, index: Any, problem: Any) -> Any:
+        return case_costs(values, index, problem, rate_measure)
+
+    return jax.vmap(one, (0, None if index is None else 0, None))(values, index, problem)
