@@ -188,3 +188,17 @@ def test_a_real_axis(name):
     assert "mm" in suspicions(dataclasses.replace(log, position=1e3 * log.position), body)[0].sentence
     assert kinds(dataclasses.replace(log, torque=-log.torque), body) == [("stop", "sign")]
     assert kinds(dataclasses.replace(log, torque=data["vir"]), body) == [("stop", "nominal")]
+
+
+def test_a_velocity_is_held_against_its_reference_where_there_is_no_position(log):
+    bent = dataclasses.replace(without_position(log), velocity=DEGREES * log.velocity)
+    found = suspicions(bent, None)
+    assert (found[0].severity, found[0].kind) == ("stop", "unit")
+    assert "looks like deg/s" in found[0].sentence
+    assert "x the reference" in found[0].sentence
+
+
+def test_a_compensation_that_the_torque_column_leaves_out(log):
+    less = log.torque - 0.8 * np.sign(log.velocity)
+    found = suspicions(dataclasses.replace(log, torque=less), None)
+    assert [(s.severity, s.kind) for s in found] == [("warn", "compensated")]

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from .log import Log
+from .noise import noise_level, quantisation
 from .nominal import Nominal, fit_nominal, speed_of
 from .suspicions import suspicions
 
 SATURATED = 0.002  # share of the samples that sit at an extreme
-FEW_VALUES = 0.2  # distinct values per sample, below which a column is quantised
 
 
 @dataclass(frozen=True)
@@ -125,37 +125,15 @@ def inspect_log(log: Log) -> Inspection:
         bandwidth=bandwidth_of(log.torque, log.dt),
         abilities=tuple(abilities(log, speed, fast, travel, reversals, nominal)),
         nominal=nominal,
-        warnings=(*log.warnings, *(one.sentence for one in suspicions(log, nominal=nominal))),
+        warnings=(*log.warnings, *(one.sentence for one in suspicions(log))),
     )
 
 
 def describe(name: str, unit: str, values: np.ndarray) -> Column:
     """Ranges, noise, quantisation and saturation of a column."""
     low, high = float(values.min()), float(values.max())
-    # A smooth signal has no third difference; white noise has one of variance 20 sigma^2.
-    noise = float(np.median(np.abs(np.diff(values, 3)))) / 0.6745 / np.sqrt(20.0)
-    return Column(
-        name, unit, low, high, float(np.sqrt(np.mean(values**2))), noise, quantisation(values), _limit(values)
-    )
-
-
-def quantisation(values: np.ndarray) -> float | None:
-    """The step that all values are multiples of; None where there is none to be seen."""
-    distinct = np.unique(values)
-    if distinct.size < 3 or distinct.size > FEW_VALUES * values.size + 2:
-        distinct = distinct[: 0 if distinct.size < 3 else None]
-    if distinct.size < 3:
-        return None
-    gaps = np.diff(distinct)
-    # Rounding to text or to a float makes gaps of no meaning beside the real ones.
-    gaps = gaps[gaps > 1e-9 * max(abs(distinct[0]), abs(distinct[-1]))]
-    if gaps.size < 3:
-        return None
-    step = float(np.quantile(gaps, 0.05))
-    multiples = gaps / step
-    regular = np.mean(np.abs(multiples - np.round(multiples)) < 0.02)
-    # The gaps of any finely recorded signal look regular when there are hardly two values a step.
-    return step if regular > 0.9 and float(np.ptp(values)) / step < 1e7 else None
+    size = float(np.sqrt(np.mean(values**2)))
+    return Column(name, unit, low, high, size, noise_level(values), quantisation(values), _limit(values))
 
 
 def _limit(values: np.ndarray) -> float:
