@@ -10,13 +10,15 @@ from .effect import Effect, Setting
 from .family import Family, Key, Nominal, Runner, double_precision, key_for, make_family
 from .fit import Candidate, Fitter, make_candidate
 from .observer import Observer
-from .record import Record, tables_of
+from .record import Record, make_record, tables_of
 
-SCREEN = 6  # windows that a start is screened on
+SCREEN = 12  # windows that a start is screened on
 SCREEN_STEPS = 5
 HOPELESS = 1000.0  # a second start of one effect is not worth finishing at so many times the lowest cost
 STAGES = ((3, 100.0), (4, 20.0), (8, 5.0), (12, 2.0))  # steps on all windows, and who goes on after them
+SHORT_WINDOW = 0.1  # s
 Progress = Callable[[str, float], None]
+Options = list[tuple[tuple[Effect, ...], dict[str, float]]]
 
 
 @dataclass
@@ -55,12 +57,18 @@ class Search:
         nominal: the model.
         effects: the vocabulary, the user's own effects included.
         setting: sizes.
+        logs: the records' logs, where short windows may be cut from them.
+        short: the search in short windows, made when it is first needed.
+        fitters: by family.
+        observers: by family.
     """
 
     records: list[Record]
     nominal: Nominal
     effects: tuple[Effect, ...]
     setting: Setting
+    logs: list[Any] | None = None
+    short: Any = None
     fitters: dict[Key, Fitter] = field(default_factory=dict)
     observers: dict[Key, Observer] = field(default_factory=dict)
 
@@ -132,7 +140,7 @@ class Search:
                 done += part
 
     def observe(self, candidates: list[Candidate], windows: list[np.ndarray]) -> None:
-        """Take the observer's hidden states in every window where they fit better than those at hand."""
+        """Take other hidden states in every window where they fit better: the observer's, and the two sides of a play."""
         key = candidates[0].family.key
         observer, fitter = self.observers[key], self.fitters[key]
         for which, chosen in enumerate(windows):
@@ -140,16 +148,27 @@ class Search:
                 continue
             vectors = np.concatenate([np.repeat(c.vector[:, None], len(chosen), 1) for c in candidates], 1)
             centers = observer.centers(vectors, which, np.tile(chosen, len(candidates)))
-            before = fitter.window_costs(candidates, which, chosen)
-            kept = [(c.hidden[which].copy(), c.states[which].copy()) for c in candidates]
-            for index, c in enumerate(candidates):
-                c.hidden[which][:, chosen] = centers[:, index * len(chosen) : (index + 1) * len(chosen)]
-                c.states[which][2:, chosen] = 0.0
-            after = fitter.window_costs(candidates, which, chosen)
-            for c, (hidden, states), old, new in zip(candidates, kept, before, after, strict=True):
-                worse = chosen[~(new < old)]
-                c.hidden[which][:, worse] = hidden[:, worse]
-                c.states[which][:, worse] = states[:, worse]
+            options = [centers]
+            if key[0] == "transmission":
+                half = 0.5 * vectors[candidates[0].family.index("gap")] if self.plays(key) else 0.0 * centers[0]
+                options += [np.stack([side * half, 0.0 * half]) for side in ((1.0, -1.0) if np.any(half > 0) else (0.0,))]
+            best = fitter.window_costs(candidates, which, chosen)
+            for option in options:
+                kept = [(c.hidden[which].copy(), c.states[which].copy()) for c in candidates]
+                for index, c in enumerate(candidates):
+                    c.hidden[which][:, chosen] = option[:, index * len(chosen) : (index + 1) * len(chosen)]
+                    c.states[which][2:, chosen] = 0.0
+                after = fitter.window_costs(candidates, which, chosen)
+                for index, (c, (hidden, states)) in enumerate(zip(candidates, kept, strict=True)):
+                    better = after[index] < best[index]
+                    worse = chosen[~better]
+                    c.hidden[which][:, worse] = hidden[:, worse]
+                    c.states[which][:, worse] = states[:, worse]
+                    best[index] = np.where(better, after[index], best[index])
+
+    def plays(self, key: Key) -> bool:
+        """Whether a family has a play."""
+        return any(p.name == "gap" for p in self.fitters[key].family.parameters)
 
     def finish(self, candidates: list[Candidate]) -> list[Fitted]:
         """Scores on fitted and withheld windows."""
@@ -164,7 +183,7 @@ class Search:
 
     def best_of(
         self,
-        options: list[tuple[tuple[Effect, ...], dict[str, float]]],
+        options: Options,
         screen: list[np.ndarray],
         keep: tuple[int, ...] = (99, 99, 10, 5),
     ) -> list[Fitted]:
@@ -175,35 +194,74 @@ class Search:
             screen: windows for the screening.
             keep: how many sets of effects go on after the screening and after each stage but the last.
         """
+        options = self.searched(options)
         candidates = [self.candidate(effects, start) for effects, start in options]
+        for c in candidates:
+            c.robust = c.family.key[0] != "rigid"
         self.fit(candidates, screen, SCREEN_STEPS)
-        lowest = min((c.cost for c in candidates), default=0.0)
+
+        def height(c: Candidate) -> float:
+            return c.chi_square + c.prior if np.isfinite(c.chi_square) else np.inf
+
+        lowest = min((height(c) for c in candidates), default=0.0)
         best: dict[tuple[str, ...], list[Candidate]] = {}
-        for c in sorted(candidates, key=lambda c: c.cost):
+        for c in sorted(candidates, key=height):
             group = best.setdefault(c.names, [])
             # A start that is hopeless on a few windows stays as it is; the best start of every effect is kept.
-            if not group or (c.family.key[0] != "rigid" and len(group) < 2 and c.cost < HOPELESS * lowest):
+            if not group or (c.robust and len(group) < 2 and height(c) < HOPELESS * lowest):
                 group.append(c)
         chosen = [c for group in list(best.values())[: keep[0]] for c in group]
-        steps = 0
+        going = chosen
         for c in chosen:
             c.damping = min(c.damping, 1.0)
-        going = chosen
-        for (size, ratio), most in zip(STAGES, (*keep[1:], 0), strict=True):
-            if steps == 0:
+        for stage, ((size, ratio), most) in enumerate(zip(STAGES, (*keep[1:], 0), strict=True)):
+            if stage == 0:
                 self.fit(going, self.train, size)
             else:
                 self.resume(going, size)
-            steps += size
-            lowest = min(c.cost for c in chosen)
-            leading = sorted(chosen, key=lambda c: c.cost)[:most]
-            going = [c for c in leading if not c.converged and c.cost < ratio * lowest]
+            for c in going:
+                if c.robust and stage == 1:
+                    c.robust, c.converged = False, False
+            lowest = min(height(c) for c in chosen)
+            leading = sorted(chosen, key=height)[:most]
+            going = [c for c in leading if (not c.converged or c.robust) and height(c) < ratio * lowest]
             if not going:
                 break
         finished: dict[tuple[str, ...], Candidate] = {}
-        for c in sorted(chosen, key=lambda c: c.cost):
+        for c in sorted(chosen, key=height):
+            c.robust = False
             finished.setdefault(c.names, c)
         return self.finish(list(finished.values()))
+
+    def searched(self, options: Options) -> Options:
+        """Better starts for transmissions: a search in short windows that the windows which fit may lead.
+
+        A play throws a long window off track unless its size is nearly right; in 0.1 s with a robust cost the grid of
+        starts finds it. What comes back are the fitted values of the best few starts.
+        """
+        hard = [option for option in options if key_for(option[0])[0] == "transmission"]
+        if not hard or self.logs is None:
+            return options
+        if self.short is None:
+            records = [
+                make_record(log, withhold="all" if np.all(record.withheld) else "none", window=SHORT_WINDOW)
+                for log, record in zip(self.logs, self.records, strict=True)
+            ]
+            self.short = Search(records, self.nominal, self.effects, self.setting)
+        short = self.short
+        short.setting = self.setting
+        candidates = [short.candidate(effects, start) for effects, start in hard]
+        for c in candidates:
+            c.robust = True
+        few = [chosen[:: max(1, len(chosen) // 24)] for chosen in short.train]
+        more = [chosen[:: max(1, len(chosen) // 60)] for chosen in short.train]
+        short.fit(candidates, few, 6)
+        found: Options = [option for option in options if key_for(option[0])[0] != "transmission"]
+        for names in dict.fromkeys(c.names for c in candidates):
+            group = sorted((c for c in candidates if c.names == names), key=lambda c: c.cost)[:3]
+            short.fit(group, more, 12)
+            found += [(c.effects, c.values()) for c in sorted(group, key=lambda c: c.cost)[:2]]
+        return found
 
     def resume(self, candidates: list[Candidate], iterations: int) -> None:
         """More steps on the fitted windows."""

@@ -1,5 +1,6 @@
 """Decide: alone, then together; forward with a swap of what came first; when to stop, and what is left."""
 
+import time
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -8,6 +9,8 @@ from .attribute import Fitted, Progress, Search
 from .effect import Effect
 
 MOST_CAUSES = 3
+PATIENCE = 40.0  # s after which no further cause is looked for
+MATERIAL = 0.01  # share of the residual energy that a cause must remove to be one; rounding is no noise: five times as much
 DECISIVE = 8.0  # log evidence by which a cause must beat its absence
 WHITE = 1.04  # residual energy over what its own differences say is noise; above it there is structure
 EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed where some structure is left
@@ -51,6 +54,7 @@ class Decision:
 
 def decide(search: Search, progress: Progress) -> Decision:
     """The whole search on one machine's logs."""
+    began = time.perf_counter()
     progress("nominal model", 0.02)
     if search.setting.unknown_origin:
         turns = [search.candidate((), {"origin": angle}, "fixed") for angle in np.arange(12) * np.pi / 6]
@@ -70,7 +74,7 @@ def decide(search: Search, progress: Progress) -> Decision:
     best = singles[0]
     decision = Decision(exact, null, singles, [exact])
     _judge(search, decision, best)
-    if best.evidence - exact.evidence < DECISIVE:
+    if best.evidence - exact.evidence < DECISIVE or not _material(search, exact, best):
         _judge(search, decision, exact)
         decision.rivals = singles
         decision.explained = decision.structure < WHITE
@@ -79,6 +83,8 @@ def decide(search: Search, progress: Progress) -> Decision:
     decision.path.append(best)
     decision.rivals = singles
     while decision.structure > WHITE and len(decision.path) <= MOST_CAUSES:
+        if time.perf_counter() - began > PATIENCE:
+            break
         progress(f"a cause beside {' + '.join(decision.chosen.names)}", 0.3 + 0.2 * len(decision.path))
         if not _one_more(search, decision, screen):
             break
@@ -94,7 +100,7 @@ def weigh(search: Search, fitted: list[Fitted]) -> None:
     scale = min(f.total for f in fitted if np.isfinite(f.total)) / search.count
     for f in fitted:
         own = {p.name for effect in f.candidate.effects for p in effect.parameters}
-        f.evidence = -0.5 * f.total / max(scale, 0.3) - 0.5 * len(own) * np.log(search.count)
+        f.evidence = -0.5 * f.total / max(scale, 0.3) - 0.5 * len(own) * np.log(search.count) - f.candidate.occam
         if not np.isfinite(f.evidence):
             f.evidence = -np.inf
 
@@ -124,6 +130,13 @@ def _judge(search: Search, decision: Decision, fitted: Fitted) -> None:
         # A rounded reading's error is not white: only the size of the step can be held against it.
         decision.floor = max(decision.floor, min(1.0, channel_energy(search, fitted)))
         decision.structure = channel_energy(search, fitted) / decision.floor
+
+
+def _material(search: Search, before: Fitted, after: Fitted) -> bool:
+    """Whether a cause removes enough of what is left to be one."""
+    least = MATERIAL * (5.0 if search.records[0].channel.step > 0 else 1.0)
+    old, new = energy(search, before), energy(search, after)
+    return old - new > least * old
 
 
 def channel_energy(search: Search, fitted: Fitted) -> float:

@@ -79,7 +79,7 @@ def _diagnose(
     loop = model.loop
     nominal = Nominal(loop.plant, loop.actuator, loop.sensor)
     setting = make_setting(records, model)
-    search = Search(records, nominal, effects, setting)
+    search = Search(records, nominal, effects, setting, [*logs, *withheld])
     decision = decide(search, report)
     report("intervals and curves", 0.9)
     result = _assemble(search, decision, model, warnings, logs)
@@ -230,7 +230,7 @@ def _ranking(search: Search, decision: Decision, gap: Gap, quantised: bool, reco
         top = 0.98 if lead else 0.5 * rest
         if lead:
             probability = {name: value * 0.5 for name, value in probability.items()}
-        value = Estimate(step, 0.999 * step, 1.001 * step, assemble.signal_unit(record))
+        value = Estimate(step, 0.9999 * step, 1.0001 * step, assemble.signal_unit(record))
         entry = Ranked("velocity_quantisation", top, gap.after, {"step": value}, (), 0.0)
         entries = {entry.effect: entry, **entries} if lead else {**entries, entry.effect: entry}
     for fitted in decision.singles[:LISTED]:

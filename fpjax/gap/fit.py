@@ -35,7 +35,10 @@ class Candidate:
         damping: of Levenberg-Marquardt.
         normal: the last normal matrix of the free parameters, states eliminated.
         converged: no step lowers the cost any more.
+        robust: a window counts by the logarithm of its chi-square, so that the windows that fit can lead the search.
         prior: what the priors add to chi-square.
+        occam: half the log determinant of the start states' posterior precision over their prior's, on the fitted windows: what
+            more start states cost in evidence.
         window_cost: chi-square of each fitted window, one array a record.
     """
 
@@ -55,7 +58,9 @@ class Candidate:
     damping: float = 1.0
     normal: np.ndarray | None = None
     converged: bool = False
+    robust: bool = False
     prior: float = 0.0
+    occam: float = 0.0
     window_cost: list[np.ndarray] = field(default_factory=list)
 
     @property
@@ -147,6 +152,7 @@ class Fitter:
         self.runner = runner
         self.setting = setting
         self.family = runner.family
+        self._even = 3.0 * runner.samples * runner.channels  # chi-square at which a window counts half
         self.scales = [state_scales(self.family, record, setting) for record in runner.records]
 
     def fit(self, candidates: list[Candidate], windows: list[np.ndarray], iterations: int) -> None:
@@ -265,7 +271,11 @@ class Fitter:
         matrix = np.diag((c.weight * c.scale) ** 2)
         slope = c.weight**2 * (c.vector[c.free] - c.center) * c.scale
         kept = []
-        for (which, chosen), (products, gradient, _) in zip(used, parts, strict=True):
+        c.occam = 0.0
+        for (which, chosen), (products, gradient, square) in zip(used, parts, strict=True):
+            if c.robust:
+                weight = 1.0 / (1.0 + square / self._even)
+                products, gradient = products * weight[:, None, None], gradient * weight[:, None]
             deviation = self.scales[which][0]
             live = np.flatnonzero(deviation > 0)
             size = np.concatenate([c.scale, deviation[live]])
@@ -273,7 +283,9 @@ class Fitter:
             gradient = gradient * size
             own = products[:, count:, count:]
             index = np.arange(len(live))
-            own[:, index, index] += 1.0 + damping * own[:, index, index]
+            own[:, index, index] += 1.0
+            c.occam += 0.5 * float(np.sum(np.linalg.slogdet(own)[1]))
+            own[:, index, index] *= 1.0 + damping
             pull = gradient[:, count:] + (c.states[which][live][:, chosen] / deviation[live][:, None]).T
             cross = products[:, count:, :count]
             solved = np.linalg.solve(own, np.concatenate([cross, pull[:, :, None]], 2))
@@ -290,7 +302,7 @@ class Fitter:
         for which, chosen, live, solved, deviation in kept:
             move = -solved[:, :, count] - solved[:, :, :count] @ step
             states[which][np.ix_(live, chosen)] += (move * deviation[live]).T
-        return replace(c, vector=vector, states=states, damping=damping)
+        return replace(c, vector=vector, states=states, damping=damping, occam=c.occam)
 
     def _bounded(self, c: Candidate, matrix: np.ndarray, slope: np.ndarray, damping: float) -> np.ndarray:
         """Solve the damped normal equations; a parameter at its bound that wants out stays there."""
@@ -332,4 +344,7 @@ class Fitter:
             live = deviation > 0
             prior += float(np.sum((c.states[which][live][:, chosen] / deviation[live][:, None]) ** 2))
         c.prior = prior
-        c.cost = c.chi_square + prior if np.isfinite(c.chi_square) else np.inf
+        total = c.chi_square
+        if c.robust:
+            total = float(sum(np.sum(self._even * np.log1p(part / self._even)) for part in c.window_cost))
+        c.cost = total + prior if np.isfinite(c.chi_square) else np.inf

@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import InputError
 from .replay import TAPS, Tables
 
-WINDOW_SECONDS = 0.5
+WINDOW_SECONDS = 0.25
 SHORTEST = 64  # samples of a window
 LONGEST = 1024
 EDGE = 32  # samples kept after the last window, for a sensor's dead time
@@ -90,10 +90,10 @@ def make_record(log, *, withhold: str = "blocks", window: float = WINDOW_SECONDS
         )
     count, dt = len(log.time), float(log.dt)
     samples = int(np.clip(round(window / dt), SHORTEST, LONGEST))
-    if count < 4 * samples:
+    if count < 6 * samples + EDGE:
         raise InputError(
-            f"{log.name}: {count} samples ({count * dt:.3g} s) are too few: at least {4 * samples} "
-            f"({4 * samples * dt:.3g} s) are needed to fit some blocks and to withhold others; record longer."
+            f"{log.name}: {count} samples ({count * dt:.3g} s) are too few: at least {6 * samples} "
+            f"({6 * samples * dt:.3g} s) are needed to fit some blocks and to withhold others; record longer."
         )
     velocity = None if log.velocity is None else _channel(log.velocity)
     position = None if log.position is None else _channel(log.position)
@@ -103,10 +103,11 @@ def make_record(log, *, withhold: str = "blocks", window: float = WINDOW_SECONDS
     if withhold == "all":
         withheld[:] = True
     elif withhold == "blocks":
-        # Whole blocks, a prime distance apart so that they do not beat with the laps of a periodic reference.
-        withheld[2::4] = True
-        withheld[2 :: 4 * 4] = False
-        withheld[3 :: 4 * 4] = True
+        # Whole blocks of two windows; every fourth, now and then moved by one so that they do not beat with laps.
+        block = np.arange(len(starts)) // 2
+        withheld[:] = block % 4 == np.where(block // 4 % 4 == 0, 3, 2)
+        if not np.any(withheld):
+            withheld[-1] = True
     return Record(
         log.name,
         np.asarray(log.time, float),
@@ -151,6 +152,7 @@ def quantisation(values: np.ndarray) -> float:
     gaps = np.diff(distinct)
     step = float(np.median(gaps[gaps > 1e-9 * np.ptp(distinct)]))
     step = float(np.mean(gaps[np.abs(gaps - step) < 0.2 * step]))
+    step = float(np.ptp(distinct)) / max(round(float(np.ptp(distinct)) / step), 1)  # over the whole range: far more exact
     off = distinct / step - np.round(distinct / step)
     off = off - np.median(off)
     return step if np.mean(np.abs(off) < 0.1) > 0.9 else 0.0
