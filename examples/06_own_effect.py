@@ -5,6 +5,7 @@ Run: python examples/06_own_effect.py --out out
 
 import argparse
 import pathlib
+from collections.abc import Mapping
 
 import equinox as eqx
 import jax
@@ -59,7 +60,7 @@ class Cable(fp.AbstractLoad):
 
 
 # 2. How it changes the machine; at stiffness 0 the machine is exactly as it was.
-def add_cable(machine: Machine, values: dict[str, Array]) -> Machine:
+def add_cable(machine: Machine, values: Mapping[str, Array]) -> Machine:
     loads = Loads((*machine.plant.load.parts, Cable(values["cable_stiffness"])))
     return eqx.tree_at(lambda at: at.plant.load, machine, loads)
 
