@@ -19,6 +19,7 @@ class Stages:
         self.title, self.total = title, total
         self._name, self._share, self._count, self._drawn = "", None, 0, False
         self._begin = time.monotonic()
+        self._before = 0.0
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         if sys.stderr.isatty():
@@ -30,6 +31,10 @@ class Stages:
         if name != self._name:
             self._count += 1
         self._name, self._share = name, share
+
+    def begin_at(self, share: float) -> None:
+        """So much of the whole was done before: the time left is reckoned from what is done now [1]."""
+        self._before = share
 
     def end(self) -> None:
         """Clear the line."""
@@ -56,6 +61,6 @@ class Stages:
     def _line(self, spent: float) -> str:
         which = f" {self._count}/{self.total}" if self.total else ""
         left = ""
-        if self._share and self._share > 0.02:
-            left = f", about {spent * (1.0 - self._share) / self._share:.0f} s left"
+        if self._share and self._share - self._before > 0.02:
+            left = f", about {spent * (1.0 - self._share) / (self._share - self._before):.0f} s left"
         return f"{self.title}{which}: {self._name}  {spent:.0f} s{left}"[:110]

@@ -535,6 +535,12 @@ def test_stages_name_what_is_under_way(monkeypatch):
         time.sleep(0.2)
     assert "diagnose 1/3: fit" in screen.getvalue()
     assert "s left" in screen.getvalue()
+    resumed = progress.Stages("sweep")
+    resumed.begin_at(0.5)
+    resumed.stage("chunks", 0.75)
+    # Half of what was left is done after 10 s: 10 s more, not 10 / 3.
+    assert "about 10 s left" in resumed._line(10.0)
+    resumed.end()
     quiet = io.StringIO()
     monkeypatch.setattr(sys, "stderr", quiet)
     with progress.Stages("diagnose") as stages:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from fpjax import AbstractMeasure, AbstractObserver, ClosedLoop, Signals
+from fpjax import AbstractMeasure, AbstractObserver, ClosedLoop, PositionLoop, Signals
 from fpjax.errors import InputError
 from fpjax.excitation import assess_excitation, error_matrix
 from fpjax.parameters import set_parameters
@@ -73,7 +73,7 @@ def notes_of(problem: Problem, gains: dict[str, float], rate: float, tables: Seq
         problem: what was tuned.
         gains: by parameter name.
         rate: the largest `ObserverRate` of all cases [1/s].
-        tables: (label, reference [rad/s] of shape (samples,)) of every reference tuned on.
+        tables: (label, reference [rad/s] (or [rad] for a position loop) of shape (samples,)) of each.
     """
     return [*_stability(problem, rate), *_excitation(problem, gains, tables)]
 
@@ -100,10 +100,11 @@ def _excitation(problem: Problem, gains: dict[str, float], tables: Sequence[tupl
     for label, table in tables:
         every = -(-len(table) // WINDOW)
         dt = float(np.asarray(problem.stepper.dt)) * every
+        velocity = np.asarray(table, dtype=float)[::every]
+        if isinstance(loop.controller, PositionLoop):
+            velocity = np.gradient(velocity, dt)
         try:
-            found = assess_excitation(
-                loop.observer, np.asarray(table)[::every], dt, parameters, duration=float(horizon(problem))
-            )
+            found = assess_excitation(loop.observer, velocity, dt, parameters, duration=float(horizon(problem)))
         except (InputError, AttributeError, KeyError):
             continue  # an observer whose error dynamics are not known
         said += [f"on {label}, {sentence}" for sentence in found.sentences]

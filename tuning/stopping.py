@@ -4,8 +4,9 @@ import dataclasses
 
 import numpy as np
 
+from fpjax.progress import Stages
+
 from .lanes import Best
-from .progress import Progress
 
 
 @dataclasses.dataclass
@@ -21,7 +22,7 @@ class Stop:
 
     target: float = 0.0
     budget: int | None = None
-    bar: Progress | None = None
+    bar: Stages | None = None
     expected: int = 1
 
     def before(self, best: Best, needed: int) -> np.ndarray:
@@ -37,4 +38,4 @@ class Stop:
     def progress(self, best: Best) -> None:
         """Draw the bar."""
         if self.bar is not None:
-            self.bar.show(float(best.iterations.max()) / max(1, self.expected), f"best {best.costs.min():.4g}")
+            self.bar.stage(f"best {best.costs.min():.4g}", float(best.iterations.max()) / max(1, self.expected))

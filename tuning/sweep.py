@@ -14,13 +14,13 @@ from fpjax import AbstractSolver, ClosedLoop
 from fpjax.batch import map_chunks
 from fpjax.errors import InputError
 from fpjax.parameters import get_parameter
+from fpjax.progress import Stages
 from fpjax.simulate import Stepping
 
 from .axis import Axis
 from .objective import AbstractObjective
 from .parameters import Parameter
 from .problem import Aggregate, Problem, References, case_costs, make_problem
-from .progress import Progress
 from .result import versions
 from .sweep_result import SweepResult
 from .sweep_store import SweepStore, fingerprint
@@ -113,7 +113,7 @@ def sweep(
     pieces = -(-total // chunk)
     identity = "" if out is None else fingerprint(problem, axes, chunk)
     store = SweepStore(out, identity, pieces, total, columns, chunk, resume=resume)
-    bar = Progress(f"sweep of {total:,} candidates") if progress else None
+    bar = Stages(f"sweep of {total:,} candidates") if progress else None
     finished, missing = len(store.finished()), store.missing()
     begin = time.perf_counter()
     if bar is not None:
@@ -130,7 +130,7 @@ def sweep(
                 store.keep(piece, costs)
             finished += 1
             if bar is not None:
-                bar.show(finished / pieces)
+                bar.stage(f"{finished:,} of {pieces:,} chunks", finished / pieces)
     finally:
         if bar is not None:
             bar.end()

@@ -9,6 +9,7 @@ import numpy as np
 
 from fpjax import AbstractSolver, ClosedLoop
 from fpjax.errors import InputError
+from fpjax.progress import Stages
 from fpjax.simulate import Stepping
 
 from .gradient import adam, lbfgs
@@ -22,7 +23,6 @@ from .notes import notes_of, rate_measure
 from .objective import AbstractObjective
 from .parameters import Parameter
 from .problem import Aggregate, References, case_costs, make_problem
-from .progress import Progress
 from .result import TuningResult, versions
 from .smoothness import set_valued
 from .stopping import Stop
@@ -222,7 +222,7 @@ def _search(
 ) -> list[TuningResult]:
     name = next(word for word, kind in METHODS.items() if kind is type(settings))
     stop.expected = settings.iterations
-    stop.bar = Progress(f"tune {name}") if progress else None
+    stop.bar = Stages(f"tune {name}") if progress else None
     begin, before = time.perf_counter(), lanes.clock.compile_seconds
     try:
         outcome = _SEARCHES[type(settings)](lanes, settings, stop)

@@ -23,8 +23,8 @@ def run(args: argparse.Namespace) -> int:
     """Race all methods, print the table and the goals; everything is written after every observer and objective."""
     import jax
 
+    from fpjax.progress import Stages
     from fpjax.runfile import RunFile, open_folder, write_json
-    from tuning.progress import Progress
 
     from .cases import all_cases, references
     from .goals import goals
@@ -54,13 +54,13 @@ def run(args: argparse.Namespace) -> int:
     finished = {(row["observer"], row["objective"]) for row in rows}
     each = 1 + 6 * (len(signals) + 1)
     expected, done = len(cases) * len(settings.objectives) * each, each * len(finished)
-    bar = Progress("compare")
+    bar = Stages("compare")
     bar.begin_at(done / expected)
 
     def share(note: str) -> None:
         nonlocal done
         done += 1
-        bar.show(done / expected, note)
+        bar.stage(note, done / expected)
 
     try:
         for case, objective in ((case, objective) for case in cases for objective in settings.objectives):

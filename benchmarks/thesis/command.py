@@ -23,8 +23,8 @@ def run(args: argparse.Namespace) -> int:
     import jax
 
     jax.config.update("jax_enable_x64", True)  # Algorithm 1 stops at 1e-3, and chatter remembers every digit
+    from fpjax.progress import Stages
     from fpjax.runfile import RunFile, open_folder, write_json, write_whole
-    from tuning.progress import Progress
 
     from .beyond import recoveries, text
     from .presets import PRINTED
@@ -34,9 +34,8 @@ def run(args: argparse.Namespace) -> int:
     record = RunFile(open_folder(args.out), ["python", "-m", "benchmarks", *sys.argv[1:]])
     record.notes.append(f"printed cells with {PRINTED}; no input files, no random draws")
     record.stage("cells")
-    bar = Progress("thesis: cells")
-    cells = all_cells(quick=args.quick, progress=bar.show)
-    bar.end()
+    with Stages("thesis: cells") as stages:
+        cells = all_cells(quick=args.quick, progress=lambda share, name: stages.stage(name, share))
     print(table(cells))
     found = recoveries()
     print("\n" + text(found) + "\n")
@@ -49,9 +48,8 @@ def run(args: argparse.Namespace) -> int:
         from .figures import draw_all
 
         record.stage("figures")
-        bar = Progress("thesis: figures")
-        pictures = [path.name for path in draw_all(args.out, bar.show)]
-        bar.end()
+        with Stages("thesis: figures") as stages:
+            pictures = [path.name for path in draw_all(args.out, lambda share, name: stages.stage(name, share))]
         record.outputs += pictures
         print(f"{len(pictures)} figures in {args.out}")
     record.write()
