@@ -57,7 +57,11 @@ def draw_shrink(figure: Any, contents: Contents, *, narrow: bool) -> None:
             zorder=6,
         )
         if narrow:
-            axes.annotate(name, (0.0, at + 0.29), xytext=(6, 1), textcoords="offset points", va="bottom")
+            # on paper of its own: the noise floor's line would run through the name
+            paper = {"facecolor": PAPER, "linewidth": 0, "pad": 1.0}
+            axes.annotate(
+                name, (0.0, at + 0.29), xytext=(6, 2), textcoords="offset points", va="bottom", bbox=paper, zorder=6
+            )
         previous = gap.value
     if floor.known:
         axes.axvline(floor.value, color=FLOOR, linewidth=1.4, linestyle=(0, (4, 2)), zorder=5.5)
