@@ -35,7 +35,9 @@ def setting():
 @pytest.mark.parametrize("velocity", [-2.0, -1e-3, 0.0, 1e-3, 2.0])
 def test_general_friction_at_its_neutral_values_is_coulomb_and_viscous(velocity):
     zeros = tuple(jnp.zeros(()) for _ in range(3))
-    law = GeneralFriction(2.0, 0.3, stribeck_torque=0.0, drift_amplitude=0.0, position_cosine=zeros, position_sine=zeros)
+    law = GeneralFriction(
+        2.0, 0.3, stribeck_torque=0.0, drift_amplitude=0.0, position_cosine=zeros, position_sine=zeros
+    )
     plain = CoulombViscous(2.0, 0.3)
     at = motion(velocity)
     assert float(law.level(at)) == float(plain.level(at))
@@ -93,11 +95,14 @@ def test_a_resting_mass_stays_exactly_and_its_sensitivity_is_zero():
 
 
 def test_one_step_a_period_is_second_order_away_from_rest():
-    plant = OneMass(0.5, GeneralFriction(2.0, 0.3, stribeck_torque=1.0, stribeck_velocity=0.5), PositionTorque(
-        (jnp.asarray(0.4),), (jnp.asarray(-0.2),), 5.0))
+    plant = OneMass(
+        0.5,
+        GeneralFriction(2.0, 0.3, stribeck_torque=1.0, stribeck_velocity=0.5),
+        PositionTorque((jnp.asarray(0.4),), (jnp.asarray(-0.2),), 5.0),
+    )
 
     def slope(t, y):
-        level = 2.0 + np.exp(-abs(y[0] / 0.5) ** 2)
+        level = 2.0 + np.exp(-(abs(y[0] / 0.5) ** 2))
         load = 0.4 * np.cos(5 * y[1]) - 0.2 * np.sin(5 * y[1])
         return [(6.0 - np.sign(y[0]) * level - 0.3 * y[0] - load) / 0.5, y[0]]
 
@@ -106,7 +111,9 @@ def test_one_step_a_period_is_second_order_away_from_rest():
     for steps in (20, 40):
         state = OneMassState(jnp.asarray(0.5), jnp.asarray(0.2), ())
         for k in range(steps):
-            state = advance_exact(plant, state, jnp.asarray(6.0), jnp.asarray(k * 0.1 / steps), jnp.asarray(0.1 / steps))
+            state = advance_exact(
+                plant, state, jnp.asarray(6.0), jnp.asarray(k * 0.1 / steps), jnp.asarray(0.1 / steps)
+            )
         errors.append(abs(float(state.velocity) - exact[0]))
     assert errors[1] < errors[0] / 3.5
 

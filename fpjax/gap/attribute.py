@@ -151,7 +151,9 @@ class Search:
             options = [centers]
             if key[0] == "transmission":
                 half = 0.5 * vectors[candidates[0].family.index("gap")] if self.plays(key) else 0.0 * centers[0]
-                options += [np.stack([side * half, 0.0 * half]) for side in ((1.0, -1.0) if np.any(half > 0) else (0.0,))]
+                options += [
+                    np.stack([side * half, 0.0 * half]) for side in ((1.0, -1.0) if np.any(half > 0) else (0.0,))
+                ]
             best = fitter.window_costs(candidates, which, chosen)
             for option in options:
                 kept = [(c.hidden[which].copy(), c.states[which].copy()) for c in candidates]

@@ -21,7 +21,9 @@ def exact_twins(effect: str, decision: Decision, search: Search) -> tuple[str, .
     return ()
 
 
-def indistinguishable(fitted: Fitted, position: int, rivals: list[Fitted], decision: Decision, search: Search) -> tuple[str, ...]:
+def indistinguishable(
+    fitted: Fitted, position: int, rivals: list[Fitted], decision: Decision, search: Search
+) -> tuple[str, ...]:
     """Effects that could stand in one place of the causes as well: exact twins, and those whose evidence is as good.
 
     Args:
@@ -37,7 +39,9 @@ def indistinguishable(fitted: Fitted, position: int, rivals: list[Fitted], decis
     close = [
         (fitted.evidence - rival.evidence, next(iter(set(rival.names) - others)))
         for rival in rivals
-        if len(rival.names) == len(fitted.names) and others <= set(rival.names) and set(rival.names) != set(fitted.names)
+        if len(rival.names) == len(fitted.names)
+        and others <= set(rival.names)
+        and set(rival.names) != set(fitted.names)
     ]
     for distance, other in sorted(close):
         if distance < CLOSE and other not in found:

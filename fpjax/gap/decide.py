@@ -7,10 +7,13 @@ import numpy as np
 
 from .attribute import Fitted, Progress, Search
 from .effect import Effect
+from .hints import known_torque, position_hints
 
 MOST_CAUSES = 3
 PATIENCE = 40.0  # s after which no further cause is looked for
-MATERIAL = 0.01  # share of the residual energy that a cause must remove to be one; rounding is no noise: five times as much
+MATERIAL = (
+    0.01  # share of the residual energy that a cause must remove to be one; rounding is no noise: five times as much
+)
 DECISIVE = 8.0  # log evidence by which a cause must beat its absence
 WHITE = 1.04  # residual energy over what its own differences say is noise; above it there is structure
 EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed where some structure is left
@@ -60,7 +63,10 @@ def decide(search: Search, progress: Progress) -> Decision:
         turns = [search.candidate((), {"origin": angle}, "fixed") for angle in np.arange(12) * np.pi / 6]
         search.fit(turns, search.train, 6)
         found = float(min(turns, key=lambda c: c.cost).values()["origin"])
-        search.setting = replace(search.setting, nominal={**search.setting.nominal, "origin": found})
+        record = max(search.records, key=lambda record: len(record.time))
+        hints = position_hints(record, search.setting, known_torque(record, search.nominal.plant.load, found))
+        nominal = {**search.setting.nominal, "origin": found}
+        search.setting = replace(search.setting, nominal=nominal, hints=hints)
     exact_candidate, null_candidate = search.candidate((), {}, "fixed"), search.candidate((), {})
     search.fit([exact_candidate, null_candidate], search.train, 10)
     exact, null = search.finish([exact_candidate, null_candidate])

@@ -17,7 +17,7 @@ from .decide import Decision, decide
 from .diagnosis import Diagnosis, Estimate, Gap, Ranked, Step
 from .effect import Effect, Setting
 from .family import Nominal
-from .hints import position_hints
+from .hints import known_torque, position_hints
 from .measure import measure_gap, noise_floor, rms, rms_interval
 from .probability import shares
 from .record import Record, make_record
@@ -108,7 +108,9 @@ def make_setting(records: list[Record], model: Any) -> Setting:
         nominal={"inertia": values["inertia"], "coulomb": coulomb, "viscous": viscous},
         unknown_origin=longest.position is None and _turns_with_position(model.loop.plant.load),
     )
-    return dataclasses.replace(setting, hints=position_hints(longest, setting))
+    return dataclasses.replace(
+        setting, hints=position_hints(longest, setting, known_torque(longest, model.loop.plant.load))
+    )
 
 
 def _turns_with_position(load: Any) -> bool:
@@ -332,7 +334,9 @@ def _logs(logs: Any) -> list[Any]:
     if logs is None:
         return []
     several = isinstance(logs, Sequence) and not isinstance(logs, (str, os.PathLike))
-    return [one if hasattr(one, "torque") and hasattr(one, "dt") else read_log(one) for one in (logs if several else [logs])]
+    return [
+        one if hasattr(one, "torque") and hasattr(one, "dt") else read_log(one) for one in (logs if several else [logs])
+    ]
 
 
 def _model(model: Any) -> Any:

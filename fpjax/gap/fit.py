@@ -123,9 +123,7 @@ def make_candidate(
     vector[free] = np.clip(vector[free], low, high)
     states = [np.zeros((family.states, len(record.starts))) for record in records]
     hidden = [np.zeros((2, len(record.starts))) for record in records]
-    return Candidate(
-        tuple(effects), family, vector, free, low, high, center, weight, scale, states, hidden
-    )
+    return Candidate(tuple(effects), family, vector, free, low, high, center, weight, scale, states, hidden)
 
 
 def state_scales(family: Family, record: Record, setting: Setting) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,10 @@
 """Hints: where a search had better begin, from regressions on the one-step torque residual."""
 
+from typing import Any
+
 import numpy as np
 
+from ..signals import Motion
 from .effect import Setting
 from .record import Record
 
@@ -14,6 +17,12 @@ def torque_residual(record: Record, setting: Setting, load: np.ndarray | float =
     before = np.concatenate([record.torque[:1], record.torque[:-1]])
     needed = setting.inertia * record.acceleration + setting.viscous * record.speed
     return 0.5 * (record.torque + before) - needed - setting.coulomb * np.sign(record.speed) - load
+
+
+def known_torque(record: Record, load: Any, origin: float = 0.0) -> np.ndarray:
+    """The nominal model's load along the log [N m]."""
+    motion = Motion(record.speed, record.angle + origin, record.time - record.time[0])
+    return np.broadcast_to(np.asarray(load.readout(motion), float), record.speed.shape)
 
 
 def position_hints(record: Record, setting: Setting, load: np.ndarray | float = 0.0) -> dict[str, tuple[float, ...]]:
@@ -33,10 +42,14 @@ def position_hints(record: Record, setting: Setting, load: np.ndarray | float = 
     basis, _ = np.linalg.qr(common / np.maximum(np.linalg.norm(common, axis=0), 1e-30))
     cogging = _energy(residual, angle, np.ones_like(speed), periods, basis)
     ripple = _energy(residual, angle, np.sign(speed), periods, basis)
-    return {
+    found = {
         "cogging_periods": _peaks(periods, np.where(periods >= 1.5, cogging, 0.0)),
         "ripple_periods": _peaks(periods, ripple),
     }
+    if travel < 3.0 * np.pi:
+        # Little more than a period was seen: the peak is as wide as its place, and the fit wants starts around it.
+        found = {name: (*peaks, *(f * peaks[0] for f in (0.7, 0.85, 1.2))) for name, peaks in found.items() if peaks}
+    return found
 
 
 def _energy(

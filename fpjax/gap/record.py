@@ -152,7 +152,9 @@ def quantisation(values: np.ndarray) -> float:
     gaps = np.diff(distinct)
     step = float(np.median(gaps[gaps > 1e-9 * np.ptp(distinct)]))
     step = float(np.mean(gaps[np.abs(gaps - step) < 0.2 * step]))
-    step = float(np.ptp(distinct)) / max(round(float(np.ptp(distinct)) / step), 1)  # over the whole range: far more exact
+    step = float(np.ptp(distinct)) / max(
+        round(float(np.ptp(distinct)) / step), 1
+    )  # over the whole range: far more exact
     off = distinct / step - np.round(distinct / step)
     off = off - np.median(off)
     return step if np.mean(np.abs(off) < 0.1) > 0.9 else 0.0

@@ -106,9 +106,7 @@ def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -
     else:
         plant = OneMassState(rate, position, ())
     decay = jnp.exp(-tables.dt / jnp.maximum(actuator.lag, 1e-6 * tables.dt))
-    plain = eqx.tree_at(
-        lambda at: (at.lag, at.delay), actuator, (None, None), is_leaf=lambda leaf: leaf is None
-    )
+    plain = eqx.tree_at(lambda at: (at.lag, at.delay), actuator, (None, None), is_leaf=lambda leaf: leaf is None)
     still = Motion(jnp.zeros_like(rate), jnp.zeros_like(rate), jnp.zeros_like(rate))
     lagged, weight = jnp.zeros_like(rate), 1.0 - decay
     for tap in range(TAPS):
@@ -171,7 +169,9 @@ def advance(
     return Carry(following, torque, lagged, carry.lagged, rate), predicted
 
 
-def residuals(predicted: tuple[Array, Array], machine: Machine, windows: Windows, tables: Tables, index: Array) -> tuple[Array, Array]:
+def residuals(
+    predicted: tuple[Array, Array], machine: Machine, windows: Windows, tables: Tables, index: Array
+) -> tuple[Array, Array]:
     """What was predicted less what was read, in standard deviations; a dead time of the sensor reads later samples."""
     at = windows.start + index
     whole = jax.lax.stop_gradient(jnp.floor(machine.sensor.delay / tables.dt)).astype(at.dtype)

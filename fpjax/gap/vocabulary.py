@@ -272,11 +272,7 @@ def _two_mass_start(
 def _compliance_starts(setting: Setting) -> list[dict[str, float]]:
     top = 0.12 / setting.dt
     frequencies = [f for f in (8.0, 14.0, 21.0, 32.0, 48.0, 72.0) if f < top] or [0.3 * top, 0.6 * top]
-    return [
-        _two_mass_start(setting, f, 0.4, 0.05, side, 0.5)
-        for f in frequencies
-        for side in (0.0, 1.0)
-    ]
+    return [_two_mass_start(setting, f, 0.4, 0.05, side, 0.5) for f in frequencies for side in (0.0, 1.0)]
 
 
 def _backlash_starts(setting: Setting) -> list[dict[str, float]]:
