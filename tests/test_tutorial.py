@@ -12,6 +12,7 @@ import pytest
 from fpjax.cli import main
 
 ROOT = pathlib.Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text()
 PAGE = (ROOT / "docs" / "tutorial.md").read_text()
 COMMANDS = re.findall(r"^\$ fpjax (.*)$", PAGE, flags=re.MULTILINE)
 
@@ -30,6 +31,16 @@ def test_commands_in_order(tmp_path, monkeypatch, capsys):
         assert list(out.glob("*.png")), f"fpjax {command} leaves a picture"
     assert "no_gap" in (tmp_path / "why" / "diagnosis.json").read_text()
     assert (tmp_path / "why" / "report.html").exists()
+
+
+@pytest.mark.filterwarnings("default")
+def test_readme_python_runs_as_printed():
+    (block,) = re.findall(r"^```python\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
+    names: dict = {}
+    exec(compile(block, "README.md", "exec"), names)
+    assert not names["run"].diverged
+    assert not names["result"].diverged
+    assert "@" not in re.sub(r"```.*?```", "", README, flags=re.DOTALL)  # no placeholder left
 
 
 @pytest.mark.filterwarnings("default")

@@ -18,7 +18,7 @@ inertia = 10.0               # kg m^2
 type = "coulomb_viscous"
 coulomb = 20.0               # N m
 viscous = 2.0                # N m s/rad
-steepness = 1000.0           # s/rad
+steepness = 1000.0           # s/rad, of the observer; the exact solver needs none
 
 [controller]
 type = "pi"
@@ -37,8 +37,7 @@ frequency = 0.5              # Hz
 dt = 1e-3                    # s, the control period
 duration = 4.2               # s
 stepping = "sampled"
-substeps = 2
-solver = "heun"
+solver = "exact"             # sticking resolved within the step
 """
 OBSERVER = """
 [observer]
