@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .errors import InputError
-from .friction import AbstractFriction, AbstractStaticFriction
+from .friction import AbstractStaticFriction
 from .friction.bristles import Bristles
 from .plants import AbstractPlant, OneMass, OneMassState, TwoMassState
 from .signals import Motion
@@ -137,7 +137,11 @@ def _transmission(plant: Transmission, state: TwoMassState, torque: Array, time:
     motor_position = state.motor_position + half * state.motor_velocity
     load_position = state.load_position + half * state.load_velocity
     middle = TwoMassState(state.motor_velocity, motor_position, state.load_velocity, load_position, ())
-    shaft = plant.shaft(middle)
+    # The damper at the speed of the middle of the step, to second order: the spring and the torque change it on the way.
+    engaged = jnp.abs(motor_position - load_position) >= 0.5 * plant.gap
+    damper = half * jnp.where(engaged, plant.damping, 0.0)
+    shaft = plant.shaft(middle) + damper * torque / plant.motor_inertia
+    shaft = shaft / (1.0 + damper * (1.0 / plant.motor_inertia + 1.0 / plant.load_inertia))
     motor = Motion(state.motor_velocity, motor_position, time + half)
     load = Motion(state.load_velocity, load_position, time + half)
     on_load = shaft - plant.load.readout(load)

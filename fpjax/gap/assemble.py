@@ -17,7 +17,7 @@ from .machine import Machine
 from .replay import assembled
 
 NINETY = 1.645  # standard deviations of a 90 % interval
-WIDER = 1.5  # intervals are widened by this; fitted on development seeds
+WIDER = 1.9  # intervals are widened by this; fitted on development seeds
 
 
 def covariance(search: Search, fitted: Fitted) -> np.ndarray:

@@ -18,6 +18,7 @@ DECISIVE = 8.0  # log evidence by which a cause must beat its absence
 WHITE = 1.04  # residual energy over what its own differences say is noise; above it there is structure
 EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed where some structure is left
 REMOVES = 0.5  # a further cause must remove this share of the energy that is left above the noise
+MORE = (14, 10, 5, 2)
 FEW = (8, 6, 4, 2)  # sets of causes that go on after the screening and after each stage
 IMPOSSIBLE = ({"presliding", "compliance"}, {"presliding", "backlash"}, {"compliance", "backlash"})
 
@@ -158,7 +159,13 @@ def channel_energy(search: Search, fitted: Fitted) -> float:
 def _one_more(search: Search, decision: Decision, screen: list[np.ndarray]) -> bool:
     """Add the best further cause, then try to replace what was there; False if none is worth it."""
     base = decision.chosen
-    found = search.best_of(_additions(search, base), screen, FEW)
+    bases = [base]
+    if len(base.names) == 1:
+        # What leads alone may be no more than flexible: the best rigid effects are bases as well.
+        rigid = [f for f in decision.singles if f.candidate.family.key[0] == "rigid" and f.names != base.names]
+        bases += rigid[:2]
+    options = [option for one in bases for option in _additions(search, one)]
+    found = search.best_of(options, screen, FEW if len(bases) == 1 else MORE)
     if not found:
         return False
     weigh(search, [*found, base, decision.exact, decision.null, *decision.singles])
@@ -168,7 +175,7 @@ def _one_more(search: Search, decision: Decision, screen: list[np.ndarray]) -> b
     if len(base.names) == 1 and channel_energy(search, best) > WHITE * noise_share(search, best):
         newcomer = [f for f in decision.singles if f.names == (best.candidate.effects[-1].name,)]
         if newcomer:
-            others = search.best_of(_additions(search, newcomer[0]), screen, FEW)
+            others = search.best_of(_replacements(search, best, newcomer[0]), screen, FEW)
             weigh(search, [*others, *found, base, decision.exact, decision.null, *decision.singles])
             swapped = max(others, key=lambda f: f.evidence)
             everything += others
@@ -192,9 +199,28 @@ def _one_more(search: Search, decision: Decision, screen: list[np.ndarray]) -> b
     return True
 
 
-def _additions(search: Search, base: Fitted) -> list[tuple[tuple[Effect, ...], dict[str, float]]]:
+def _replacements(search: Search, best: Fitted, newcomer: Fitted) -> list[tuple[tuple[Effect, ...], dict[str, float]]]:
+    """Every companion of the newcomer, from the pair's fit with what came first taken out again; timing from its timing."""
+    replaced = best.candidate.effects[0]
+    values = best.candidate.values()
+    family = best.candidate.family
+    neutral = dict(zip([p.name for p in family.parameters], family.neutral(search.setting), strict=True))
+    kept = {p.name for p in newcomer.candidate.effects[0].parameters}
+    values |= {p.name: neutral[p.name] for p in replaced.parameters if p.name not in kept}
+    options = _additions(search, newcomer, values)
+    times = [best.candidate.values()[p.name] for p in replaced.parameters if p.unit == "s"]
+    for effect in search.effects:
+        own = [p for p in effect.parameters if p.unit == "s"]
+        if times and len(own) == len(effect.parameters) == 1 and effect.name not in newcomer.names:
+            options.append(((*newcomer.candidate.effects, effect), values | {own[0].name: times[0]}))
+    return options
+
+
+def _additions(
+    search: Search, base: Fitted, values: dict[str, float] | None = None
+) -> list[tuple[tuple[Effect, ...], dict[str, float]]]:
     """Every effect beside those of the base, from its own starts and the base's fit."""
-    values = base.candidate.values()
+    values = base.candidate.values() if values is None else values
     options = []
     for effect in search.effects:
         names = {*base.names, effect.name}

@@ -252,7 +252,9 @@ def _ranking(search: Search, decision: Decision, gap: Gap, quantised: bool, reco
     for twin in named[0].indistinguishable_from:
         if twin in entries and twin not in chosen.names:
             same = tuple(dict.fromkeys((named[0].effect, *entries[twin].indistinguishable_from)))
-            entries[twin] = dataclasses.replace(entries[twin], indistinguishable_from=same)
+            share = 0.5 * (named[0].probability + entries[twin].probability)
+            entries[twin] = dataclasses.replace(entries[twin], indistinguishable_from=same, probability=share)
+            entries[named[0].effect] = dataclasses.replace(entries[named[0].effect], probability=share)
     return tuple(entries.values())
 
 
