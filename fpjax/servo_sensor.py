@@ -13,7 +13,9 @@ from .signals import Measurement, PlantOutput
 
 
 class ServoSensorState(eqx.Module):
-    """Lagged rate [rad/s], true rate one period ago [rad/s], last lagged rates (newest first), 0 before the first sample."""
+    """Lagged rate [rad/s], true rate one period ago [rad/s], last lagged rates (newest first), 0 before the first
+    sample.
+    """
 
     lagged: Array
     before: Array
@@ -27,7 +29,8 @@ class ServoSensor(AbstractSensor):
     Every field has a neutral value at which it is not there.
 
     Attributes:
-        load_side: 1 reads the load, 0 the motor, in between a mixture [1] (an array leaf, so that both sides can be tried).
+        load_side: 1 reads the load, 0 the motor, in between a mixture [1] (an array leaf, so that both sides can
+            be tried).
         scale: reading = scale x rate + bias [1]; neutral 1.
         bias: [rad/s]; neutral 0.
         lag: first-order time constant [s]; neutral 0.
@@ -83,7 +86,9 @@ class ServoSensor(AbstractSensor):
         return rate, angle
 
     def follow(self, lagged: Array, before: Array, rate: Array, dt: Array) -> Array:
-        """The lag's output after a period in which the rate went from `before` to `rate` in a line; exact for a line."""
+        """The lag's output after a period in which the rate went from `before` to `rate` in a line; exact for a
+        line.
+        """
         lag = jnp.maximum(self.lag, 1e-6 * dt)
         slope = lag * (rate - before) / dt
         late = rate - slope + (lagged - before + slope) * jnp.exp(-dt / lag)

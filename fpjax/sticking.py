@@ -1,11 +1,15 @@
 """Exact sticking: one step that stops where the speed crosses zero, and holds there while friction can.
 
-A set-valued law sign(w) needs no steepness and no small steps if the step knows it: where the speed would change its sign,
-the step is cut at the crossing and goes on with what is left of the torque, soft(T, k) / J, in the rest of the time; a body
-at rest stays there while |T| <= k. Forward mode differentiates this almost everywhere. One step a control period is enough
+A set-valued law sign(w) needs no steepness and no small steps if the step knows it: where the speed would change
+its sign,
+the step is cut at the crossing and goes on with what is left of the torque, soft(T, k) / J, in the rest of the
+time; a body
+at rest stays there while |T| <= k. Forward mode differentiates this almost everywhere. One step a control period
+is enough
 for a held torque; the torque's smooth part is taken at the middle of the step (second order).
 
-Reference: the event is that of Karnopp, "Computer simulation of stick-slip friction in mechanical dynamic systems", 1985,
+Reference: the event is that of Karnopp, "Computer simulation of stick-slip friction in mechanical dynamic
+systems", 1985,
 resolved in time instead of by a band of speeds.
 """
 
@@ -24,9 +28,7 @@ from .transmission import Transmission
 _NEARLY_REST = 1e-30  # a speed that has a direction and no size
 
 
-def advance_exact(
-    plant: AbstractPlant, state: Any, torque: Array, time: Array, dt: Array, substeps: int = 1
-) -> Any:
+def advance_exact(plant: AbstractPlant, state: Any, torque: Array, time: Array, dt: Array, substeps: int = 1) -> Any:
     """The plant's state dt [s] later under a held torque [N m], with sticking resolved exactly.
 
     Args:
@@ -51,7 +53,8 @@ def advance_exact(
             state = _bristles(plant, state, torque, start, step)
         else:
             raise InputError(
-                f"{type(plant).__name__} with {type(plant.friction).__name__} has no exact sticking step: use one mass or a "
+                f"{type(plant).__name__} with {type(plant.friction).__name__} has no exact sticking step: "
+                f"use one mass or a "
                 "Transmission with a static friction law, or a solver such as rk4 with a steepness."
             )
     return state
@@ -137,7 +140,8 @@ def _transmission(plant: Transmission, state: TwoMassState, torque: Array, time:
     motor_position = state.motor_position + half * state.motor_velocity
     load_position = state.load_position + half * state.load_velocity
     middle = TwoMassState(state.motor_velocity, motor_position, state.load_velocity, load_position, ())
-    # The damper at the speed of the middle of the step, to second order: the spring and the torque change it on the way.
+    # The damper at the speed of the middle of the step, to second order: the spring and the torque change it on
+    # the way.
     engaged = jnp.abs(motor_position - load_position) >= 0.5 * plant.gap
     damper = half * jnp.where(engaged, plant.damping, 0.0)
     shaft = plant.shaft(middle) + damper * torque / plant.motor_inertia

@@ -12,9 +12,12 @@ from .base import AbstractStaticFriction, safe_power
 class GeneralFriction(AbstractStaticFriction):
     """Coulomb and viscous friction that may depend on direction, speed, position and time.
 
-    level(w, theta, t) = k + side dk + F_s exp(-|w / v_s|^delta) + drift exp(-t / tau) + sum_i (c_i cos(i n theta) + s_i sin(i n theta)),
-    never below zero, and drag(w) = (b + side db) w + c w |w|, where side is the sign of w. Stribeck's curve is (1.4); the rest
-    are the usual extensions (Armstrong-Helouvry, Dupont, Canudas de Wit, "A survey of models, analysis tools and compensation
+    level(w, theta, t) = k + side dk + F_s exp(-|w / v_s|^delta) + drift exp(-t / tau) + sum_i (c_i cos(i n theta)
+    + s_i sin(i n theta)),
+    never below zero, and drag(w) = (b + side db) w + c w |w|, where side is the sign of w. Stribeck's curve is
+    (1.4); the rest
+    are the usual extensions (Armstrong-Helouvry, Dupont, Canudas de Wit, "A survey of models, analysis tools and
+    compensation
     methods for the control of machines with friction", 1994).
 
     Attributes:

@@ -17,4 +17,5 @@ from .effect import Setting as Setting
 from .effect import place as place
 from .machine import Machine as Machine
 from .vocabulary import EFFECTS as EFFECTS
+
 from .diagnose import diagnose as diagnose  # isort: skip

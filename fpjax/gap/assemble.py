@@ -110,7 +110,9 @@ def machine_of(candidate: Candidate) -> Machine:
 
 
 def residual_trace(search: Search, fitted: Fitted, which: int) -> np.ndarray:
-    """Simulated less measured of the channel that the gap is told in, in its unit, shape (samples,); NaN outside windows."""
+    """Simulated less measured of the channel that the gap is told in, in its unit, shape (samples,); NaN outside
+    windows.
+    """
     record = search.records[which]
     fitter = search.fitters[fitted.candidate.family.key]
     out = fitter.residuals(fitted.candidate, which, np.arange(len(record.starts)))[0] * record.channel.noise

@@ -140,7 +140,9 @@ class Search:
                 done += part
 
     def observe(self, candidates: list[Candidate], windows: list[np.ndarray]) -> None:
-        """Take other hidden states in every window where they fit better: the observer's, and the two sides of a play."""
+        """Take other hidden states in every window where they fit better: the observer's, and the two sides of a
+        play.
+        """
         key = candidates[0].family.key
         observer, fitter = self.observers[key], self.fitters[key]
         for which, chosen in enumerate(windows):

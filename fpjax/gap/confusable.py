@@ -11,9 +11,8 @@ def exact_twins(effect: str, decision: Decision, search: Search) -> tuple[str, .
     """Effects whose logs are the same as this one's, whatever the data (the contract's table)."""
     record = search.records[0]
     names = decision.chosen.names
-    if effect in ("actuator_delay", "velocity_delay"):
-        if record.position is None and "friction_drift" not in names:
-            return ("velocity_delay" if effect == "actuator_delay" else "actuator_delay",)
+    if effect in ("actuator_delay", "velocity_delay") and record.position is None and "friction_drift" not in names:
+        return ("velocity_delay" if effect == "actuator_delay" else "actuator_delay",)
     if effect == "constant_torque":
         return ("asymmetric_friction",)
     if effect == "asymmetric_friction":

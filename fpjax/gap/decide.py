@@ -103,7 +103,9 @@ def decide(search: Search, progress: Progress) -> Decision:
 
 
 def weigh(search: Search, fitted: list[Fitted]) -> None:
-    """Log evidence of every model on one scale: fitted and withheld windows, priors, and BIC's price for a parameter."""
+    """Log evidence of every model on one scale: fitted and withheld windows, priors, and BIC's price for a
+    parameter.
+    """
     scale = min(f.total for f in fitted if np.isfinite(f.total)) / search.count
     for f in fitted:
         own = {p.name for effect in f.candidate.effects for p in effect.parameters}
@@ -118,7 +120,9 @@ def energy(search: Search, fitted: Fitted) -> float:
 
 
 def noise_share(search: Search, fitted: Fitted) -> float:
-    """Residual energy per sample that is white: half the mean square of the residual's differences, the quieter half of the windows."""
+    """Residual energy per sample that is white: half the mean square of the residual's differences, the quieter
+    half of the windows.
+    """
     fitter = search.fitters[fitted.candidate.family.key]
     found = []
     for which, record in enumerate(search.records):
@@ -200,7 +204,9 @@ def _one_more(search: Search, decision: Decision, screen: list[np.ndarray]) -> b
 
 
 def _replacements(search: Search, best: Fitted, newcomer: Fitted) -> list[tuple[tuple[Effect, ...], dict[str, float]]]:
-    """Every companion of the newcomer, from the pair's fit with what came first taken out again; timing from its timing."""
+    """Every companion of the newcomer, from the pair's fit with what came first taken out again; timing from its
+    timing.
+    """
     replaced = best.candidate.effects[0]
     values = best.candidate.values()
     family = best.candidate.family

@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false
 """diagnose: the whole way from a log and a nominal model to a `Diagnosis`."""
 
 import dataclasses
@@ -128,10 +129,7 @@ def _assemble(search: Search, decision: Decision, model: Any, warnings: list[str
         causes = []
     if quantised:
         causes.append("velocity_quantisation")
-    if decision.gap or quantised:
-        verdict = "explained" if decision.explained else "unexplained"
-    else:
-        verdict = "no_gap"
+    verdict = ("explained" if decision.explained else "unexplained") if decision.gap or quantised else "no_gap"
     compared = assemble.comparisons(search, decision)
     gap, steps = _gap(search, decision, compared)
     if quantised:
@@ -165,7 +163,9 @@ def _asserted(decision: Decision) -> bool:
 
 
 def _quantised(record: Record, model: Any) -> bool:
-    """Whether the rate reading is rounded to a step that the nominal model does not know and that is most of its noise."""
+    """Whether the rate reading is rounded to a step that the nominal model does not know and that is most of its
+    noise.
+    """
     channel = record.velocity
     known = getattr(model.loop.sensor, "step_size", 0.0)
     return channel is not None and channel.step > 0 and float(known) == 0.0 and channel.step > 1.5 * channel.noise
@@ -209,10 +209,7 @@ def _withheld_rms(search: Search, fitted: Fitted) -> float:
 def _ranking(search: Search, decision: Decision, gap: Gap, quantised: bool, record: Record) -> tuple[Ranked, ...]:
     chosen = decision.chosen
     entries: dict[str, Ranked] = {}
-    if decision.gap:
-        rivals = [f for f in decision.rivals if len(f.names) == len(chosen.names)]
-    else:
-        rivals = decision.singles
+    rivals = [f for f in decision.rivals if len(f.names) == len(chosen.names)] if decision.gap else decision.singles
     leads = rivals if len(chosen.names) <= 1 else [chosen]
     odds = shares(np.array([f.evidence for f in leads]), decision.explained, decision.gap)
     probability: dict[str, float] = {}
@@ -321,11 +318,13 @@ def _check_alike(records: list[Record]) -> None:
             first.position is None
         ):
             raise InputError(
-                f"{record.name} and {first.name} do not have the same columns: give both velocity, or position, or both."
+                f"{record.name} and {first.name} do not have the same columns: give both velocity, or "
+                f"position, or both."
             )
         if abs(record.dt / first.dt - 1.0) > 1e-3:
             raise InputError(
-                f"{record.name} has a period of {record.dt:g} s and {first.name} of {first.dt:g} s: logs of one machine "
+                f"{record.name} has a period of {record.dt:g} s and {first.name} of {first.dt:g} s: logs of "
+                f"one machine "
                 "need one period; diagnose them apart with --each."
             )
 

@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false
 """Family: one compiled super-model, and the batches of lanes that run through it."""
 
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ def double_precision() -> Any:
     """A context in which arrays are float64; the process' own setting is left alone."""
     switch = getattr(jax, "enable_x64", None)
     if switch is None:
-        from jax.experimental import enable_x64 as switch
+        from jax.experimental import enable_x64 as switch  # pyright: ignore[reportAttributeAccessIssue]
     return switch(True)
 
 
@@ -97,7 +98,9 @@ def key_for(effects: tuple[Effect, ...]) -> Key:
 
 
 class Runner:
-    """Runs lanes through a family's compiled loop; compiled once for a family, a window length and the log's channels."""
+    """Runs lanes through a family's compiled loop; compiled once for a family, a window length and the log's
+    channels.
+    """
 
     def __init__(self, family: Family, records: list[Record], tables: list[Any]):
         self.family = family

@@ -1,3 +1,4 @@
+# pyright: reportCallIssue=false
 """The fit: multiple shooting in windows, start states eliminated, Levenberg-Marquardt for many candidates at once."""
 
 from collections.abc import Sequence
@@ -37,7 +38,8 @@ class Candidate:
         converged: no step lowers the cost any more.
         robust: a window counts by the logarithm of its chi-square, so that the windows that fit can lead the search.
         prior: what the priors add to chi-square.
-        occam: half the log determinant of the start states' posterior precision over their prior's, on the fitted windows: what
+        occam: half the log determinant of the start states' posterior precision over their prior's, on the fitted
+            windows: what
             more start states cost in evidence.
         window_cost: chi-square of each fitted window, one array a record.
     """
@@ -169,7 +171,9 @@ class Fitter:
             self._iterate(active, windows)
 
     def score(self, candidates: list[Candidate], windows: list[np.ndarray], iterations: int = 3) -> list[np.ndarray]:
-        """Chi-square of each window with the parameters fixed and the start states fitted, shape (candidates, windows)."""
+        """Chi-square of each window with the parameters fixed and the start states fitted, shape (candidates,
+        windows).
+        """
         frozen = []
         for c in candidates:
             frozen.append(
@@ -202,7 +206,9 @@ class Fitter:
         return found
 
     def linearise(self, candidates: list[Candidate], windows: list[np.ndarray]) -> list[list[tuple]]:
-        """For each candidate and record: (J^T J, J^T r, r^T r) of each window; parameters first, then the free states."""
+        """For each candidate and record: (J^T J, J^T r, r^T r) of each window; parameters first, then the free
+        states.
+        """
         found: list[list[tuple]] = [[] for _ in candidates]
         for which, chosen in enumerate(windows):
             if not len(chosen):
@@ -225,7 +231,7 @@ class Fitter:
                 fields.append({name: np.repeat(value, count, axis=-1) for name, value in f.items()})
                 steps.append(np.concatenate([h, step[live]]))
             out = self._run(which, vectors, states, fields)
-            for index, (c, block, size) in enumerate(zip(candidates, out, steps, strict=True)):
+            for index, (_, block, size) in enumerate(zip(candidates, out, steps, strict=True)):
                 # (channels, samples, windows, 1 + free + live) -> (windows, channels * samples, ...)
                 shaped = block.reshape(-1, len(chosen), 1 + len(size)).transpose(1, 0, 2)
                 r = shaped[:, :, 0]

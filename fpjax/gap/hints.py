@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportAttributeAccessIssue=false
 """Hints: where a search had better begin, from regressions on the one-step torque residual."""
 
 from typing import Any

@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportReturnType=false
 """Record: a log made ready for the fit: noise levels, smoothed motion, windows, tables."""
 
 from dataclasses import dataclass
@@ -77,7 +78,8 @@ def make_record(log, *, withhold: str = "blocks", window: float = WINDOW_SECONDS
     """From a log to a record.
 
     Args:
-        log: anything with `time`, `torque`, `velocity`, `position`, `reference`, `dt`, `name`, `linear` (see `fpjax.logs.Log`).
+        log: anything with `time`, `torque`, `velocity`, `position`, `reference`, `dt`, `name`, `linear` (see
+            `fpjax.logs.Log`).
         withhold: "blocks" keeps every fourth block of windows out of the fit, "none" fits all, "all" fits nothing.
         window: length of a window [s].
 
@@ -161,7 +163,9 @@ def quantisation(values: np.ndarray) -> float:
 
 
 def noise_level(values: np.ndarray, step: float) -> float:
-    """Standard deviation of a sample, from fourth differences in many short pieces: the quieter half, so that motion does not count."""
+    """Standard deviation of a sample, from fourth differences in many short pieces: the quieter half, so that
+    motion does not count.
+    """
     fourth = np.diff(values, 4) / np.sqrt(70.0)
     size = 50
     pieces = fourth[: len(fourth) // size * size].reshape(-1, size)

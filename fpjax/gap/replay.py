@@ -1,7 +1,10 @@
+# pyright: reportArgumentType=false
 """Replay: a recorded torque through the blocks, in windows, with the sensitivities that a fit needs.
 
-All windows of all candidates, and every small change of a parameter that a Jacobian needs, are lanes of one compiled loop:
-a lane has its own parameters and its own window, `LANES` of them run at once in double precision. (Forward-mode tangents of
+All windows of all candidates, and every small change of a parameter that a Jacobian needs, are lanes of one
+compiled loop:
+a lane has its own parameters and its own window, `LANES` of them run at once in double precision. (Forward-mode
+tangents of
 the super-model were measured: 1.6 times slower than a lane for each change, and five times longer to compile.)
 """
 
@@ -57,7 +60,8 @@ class Windows(eqx.Module):
         velocity: smoothed reading [rad/s].
         slope: its rate of change [rad/s^2].
         position: of the start [rad]; measured or integrated.
-        hidden: centre of the hidden states (share of the bristles; twist [rad] and relative speed [rad/s]), two of them.
+        hidden: centre of the hidden states (share of the bristles; twist [rad] and relative speed [rad/s]), two of
+            them.
         integrated: 1 where the position is the integral of the velocity reading, 0 where it is measured.
     """
 
@@ -87,7 +91,8 @@ def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -
     Args:
         machine: of the lanes.
         windows: of the lanes.
-        states: what is free, as deviations from what is known: reading [rad/s], position [rad], hidden ones; (states, lanes).
+        states: what is free, as deviations from what is known: reading [rad/s], position [rad], hidden ones;
+            (states, lanes).
         tables: the log.
     """
     sensor, actuator = machine.sensor, machine.actuator
@@ -128,7 +133,9 @@ def command_at(tables: Tables, index: Array, delay: Array) -> Array:
 
 
 class Carry(eqx.Module):
-    """State of a lane: the plant's, the lagged torque [N m], the lagged rate now and one period ago, the rate one period ago."""
+    """State of a lane: the plant's, the lagged torque [N m], the lagged rate now and one period ago, the rate one
+    period ago.
+    """
 
     plant: Any
     torque: Array
@@ -185,7 +192,8 @@ def residuals(
 def residual_kernel(
     effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], samples: int, channels: tuple[bool, bool]
 ) -> Callable[[Machine, Array, Array, Windows, Tables], Array]:
-    """The compiled loop: (nominal, vector, states, windows, tables) -> residuals; the same one for every log and model alike.
+    """The compiled loop: (nominal, vector, states, windows, tables) -> residuals; the same one for every log and
+    model alike.
 
     Args:
         effects: all effects of the super-model.
@@ -194,7 +202,8 @@ def residual_kernel(
         channels: whether (velocity, position) is in the log.
 
     Returns:
-        A function of: the nominal machine; vector (parameters, LANES); states (states, LANES); windows; tables. It gives what was
+        A function of: the nominal machine; vector (parameters, LANES); states (states, LANES); windows; tables. It
+        gives what was
         predicted less what was read, in standard deviations, shape (channels, samples, LANES): velocity, then position.
     """
 

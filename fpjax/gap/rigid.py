@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false
 """RigidBody: the nominal model as numbers, for residuals that need no simulation."""
 
 from collections.abc import Callable

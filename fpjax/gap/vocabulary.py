@@ -1,3 +1,4 @@
+# pyright: reportArgumentType=false, reportCallIssue=false
 """The 24 effects of the contract, as changes of the simulator's blocks."""
 
 from math import pi
