@@ -450,7 +450,7 @@ def test_suspicions_are_named(servo, log, tmp_path, capsys):
 def test_a_model_far_off_is_suspected(servo, log, capsys):
     servo.write_text(SERVO.replace("inertia = 10.0", "inertia = 100.0"))
     assert run("estimate", log, "--model", servo) == 0
-    assert "log's inertia is 0.1" in capsys.readouterr().err
+    assert "the model has 100" in capsys.readouterr().err
 
 
 def test_a_defect_is_said_without_a_traceback(servo, monkeypatch, capsys):
@@ -493,7 +493,7 @@ def test_log_and_model_in_each_others_place(servo, log, capsys):
 
 def test_progress_is_shown_on_a_terminal_only(servo, tmp_path):
     pty = pytest.importorskip("pty")
-    axes = ["--axis", "observer.gain_1=10:1e4:120", "--axis", "observer.gain_2=1:100:120", "--chunk", "256"]
+    axes = ["--axis", "observer.gain_1=10:1e4:400", "--axis", "observer.gain_2=1:100:400", "--chunk", "256"]
     words = ["sweep", str(servo), *axes, "--out", str(tmp_path / "out"), "--no-plots", "--no-cache"]
     ours, theirs = pty.openpty()
     environment = {**os.environ, "PYTHONPATH": str(REPO)}

@@ -81,7 +81,7 @@ def refuse(capsys, *words, match):
     ("change", "match"),
     [
         (lambda time, torque, velocity: (torque, np.degrees(velocity)), "deg/s"),
-        (lambda time, torque, velocity: (velocity, torque), "swapped"),
+        (lambda time, torque, velocity: (velocity, torque), "exchanged"),
         (lambda time, torque, velocity: (-torque, velocity), "sign"),
         (lambda time, torque, velocity: (torque, 0.0 * velocity), ""),
     ],

@@ -12,6 +12,7 @@ from fpjax import AbstractMeasure, AbstractObserver, ClosedLoop, PositionLoop, S
 from fpjax.errors import InputError
 from fpjax.excitation import assess_excitation, error_matrix
 from fpjax.parameters import set_parameters
+from fpjax.simulate import loop_dtype
 
 from .problem import Problem, horizon
 
@@ -60,7 +61,8 @@ def rate_measure(loop: ClosedLoop, objective: Any) -> dict[str, AbstractMeasure]
     if not loop.observer.estimated:
         return {}
     try:
-        jax.eval_shape(lambda: error_matrix(loop.observer, jnp.zeros(()), parameters))
+        rest = jnp.zeros((), loop_dtype(loop))
+        jax.eval_shape(lambda: error_matrix(loop.observer, rest, parameters))
     except (AttributeError, KeyError):
         return {}
     return {"rate": ObserverRate(loop.observer, parameters)}
