@@ -217,7 +217,7 @@ def _checked_velocity(velocity: Any, dt: float) -> np.ndarray:
 def _vectors(
     observer: AbstractObserver, speed: np.ndarray, parameters: Mapping[str, Any]
 ) -> tuple[np.ndarray, np.ndarray]:
-    velocity = jnp.asarray(speed)
+    velocity = jnp.asarray(speed, jnp.asarray(_inertia(observer)).dtype)
     values = {name: jnp.asarray(float(np.asarray(value)), velocity.dtype) for name, value in parameters.items()}
 
     def rows(parts: tuple[Array, ...]) -> np.ndarray:
