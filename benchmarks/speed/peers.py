@@ -37,7 +37,7 @@ def with_numpy(candidates: dict[str, Any], reference: Any) -> Callable[[], Any]:
 
 def with_numba(candidates: dict[str, Any], reference: Any) -> Callable[[], Any]:
     """One candidate after the other, compiled scalar code."""
-    import numba
+    import numba  # pyright: ignore[reportMissingImports]
 
     dtype = reference.dtype
     size = len(next(iter(candidates.values())))
