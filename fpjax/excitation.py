@@ -188,7 +188,7 @@ def sticking_rate(gain: Any, inertia: Any, control: Any, coulomb: Any, estimate:
     """k_hat' = (alpha/J) u^2 / (k - k_hat) [N m/s]: how k_hat moves while the mass sticks under sign and |w|.
 
     At rest the fixed-step solver chatters about zero such that the mean friction balances k_hat sign(w) + u: the mass
-    is on each side for the share of time that does, and z moves with sign(w) u (REPRODUCTION, "What the physics says").
+    is on each side for the share of time that does, and z moves with sign(w) u (docs/thesis.md).
 
     Args:
         gain: alpha of g2.

@@ -23,7 +23,7 @@ def efp(gain_1, gain_2, steepness=None):
     ("gain_2", "gain_1", "printed"), [(72.6, 298.0, 316.0), (10.0, 5e4, 1.7)], ids=["thesis", "fast"]
 )
 def test_slow_mode_at_the_thesis_gains(gain_2, gain_1, printed):
-    """The time constants that REPRODUCTION.md found with another program: 316 s, and 1.7 s where it is fast."""
+    """The time constants that an independent program found: 316 s, and 1.7 s where it is fast."""
     report = assess_excitation(efp(gain_1, gain_2), SINE, 1e-4, TRUTH, duration=0.5)
     assert report.slow_mode == pytest.approx(printed, rel=0.02)
     assert not report.converges

@@ -8,6 +8,7 @@ import functools
 import itertools
 import json
 import pickle
+import uuid
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -64,6 +65,7 @@ def on_cluster(
     payload = pickle.dumps(
         (jax.tree.map(np.asarray, problem), tuple(axes), chunk, total, bool(jax.config.jax_enable_x64))
     )
+    run = uuid.uuid4().hex  # two sweeps on one scheduler must not take each other's chunks
     with client:
         waiting = iter(missing)
         counts: Any = client.nthreads()
@@ -71,7 +73,7 @@ def on_cluster(
 
         def submit(piece: int) -> Any:
             # Not pure: a chunk whose file was lost is computed again, not remembered by the cluster.
-            name = f"chunk-{piece}-{store.identity[:12]}"
+            name = f"chunk-{piece}-{run}"
             return client.submit(
                 _compute, payload, piece, folder, store.identity, pure=False, retries=RETRIES, key=name
             )

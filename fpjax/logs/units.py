@@ -27,7 +27,7 @@ _TABLE: dict[str, dict[str, float]] = {
                "lbfin": 0.112984829027617, "lbfft": 1.35581794833140},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    # Not converted: the model's inertia and friction then carry the same label (DESIGN: [units] torque).
+    # Not converted: the model's inertia and friction then carry the same label ([units] torque).
     "label": {"V": 1.0, "A": 1.0, "PWM": 1.0, "%": 1.0, "counts": 1.0},
 }  # fmt: skip
 UNITS: dict[str, Unit] = {
