@@ -139,13 +139,9 @@ def _transmission(plant: Transmission, state: TwoMassState, torque: Array, time:
     assert isinstance(law, AbstractStaticFriction)
     motor_position = state.motor_position + half * state.motor_velocity
     load_position = state.load_position + half * state.load_velocity
-    middle = TwoMassState(state.motor_velocity, motor_position, state.load_velocity, load_position, ())
-    # The damper at the speed of the middle of the step, to second order: the spring and the torque change it on
-    # the way.
-    engaged = jnp.abs(motor_position - load_position) >= 0.5 * plant.gap
-    damper = half * jnp.where(engaged, plant.damping, 0.0)
-    shaft = plant.shaft(middle) + damper * torque / plant.motor_inertia
-    shaft = shaft / (1.0 + damper * (1.0 / plant.motor_inertia + 1.0 / plant.load_inertia))
+    twist, relative = motor_position - load_position, state.motor_velocity - state.load_velocity
+    mobility = 1.0 / plant.motor_inertia + 1.0 / plant.load_inertia
+    shaft = mean_shaft(plant, twist, relative, torque / plant.motor_inertia, mobility, dt)
     motor = Motion(state.motor_velocity, motor_position, time + half)
     load = Motion(state.load_velocity, load_position, time + half)
     on_load = shaft - plant.load.readout(load)
@@ -158,6 +154,39 @@ def _transmission(plant: Transmission, state: TwoMassState, torque: Array, time:
         load_position + half * load_velocity,
         (),
     )
+
+
+def mean_shaft(plant: Transmission, twist: Array, relative: Array, push: Array, mobility: Array, dt: Array) -> Array:
+    """Mean torque [N m] of the shaft over a step.
+
+    A face of the play that is met or left within the step presses for its share of the step only: then the motion
+    depends smoothly on the gap, and no step has to end at a contact.
+
+    Args:
+        plant: of the shaft.
+        twist: in the middle of the step [rad].
+        relative: speed, motor less load, at the start of the step [rad/s].
+        push: acceleration of the twist but for the shaft's [rad/s^2].
+        mobility: acceleration of the twist that the shaft takes away [rad/s^2 / (N m)].
+        dt: length of the step [s].
+    """
+    half = 0.5 * dt
+
+    def pressed(depth: Array, speed: Array, push: Array, share: Array) -> Array:
+        # The damper at the speed of the middle of the step, to second order: spring and torque change it on the way.
+        damper = half * plant.damping * share
+        return (plant.stiffness * depth + plant.damping * share * speed + damper * push) / (1.0 + damper * mobility)
+
+    def face(depth: Array, speed: Array, push: Array) -> Array:
+        swing = half * speed
+        size = jnp.maximum(jnp.abs(swing), _NEARLY_REST)
+        share = jnp.clip(0.5 + 0.5 * depth / size, 0.0, 1.0)
+        deep = jnp.where(share < 1.0, share * share * size, depth)
+        return jnp.maximum(pressed(deep, speed, push, share), 0.0)  # a face pushes; it never pulls
+
+    play = 0.5 * plant.gap
+    faces = face(twist - play, relative, push) - face(-twist - play, -relative, -push)
+    return jnp.where(plant.gap > 0.0, faces, pressed(twist, relative, push, jnp.ones_like(twist)))
 
 
 def turn(law: AbstractStaticFriction, motion: Motion, free: Array, inertia: Array, share: Array, dt: Array) -> Array:

@@ -18,8 +18,9 @@ from .signals import Motion, PlantOutput
 class Transmission(AbstractPlant):
     """Two masses (3.1)-(3.2) with a gap, and the friction law shared between motor and load.
 
-    Within the gap the shaft carries nothing; outside, stiffness x (twist beyond the gap) + damping x relative speed
-    (Nordin, Gutman, "Controlling mechanical systems with backlash - a survey", 2002, without its state of contact).
+    Within the gap the shaft carries nothing; outside, a face presses with stiffness x (twist beyond the gap) +
+    damping x relative speed and never pulls (Nordin, Gutman, "Controlling mechanical systems with backlash - a survey", 2002,
+    whose state of contact lets go as soon as the torque would change its sign). Without a gap it is a plain spring.
 
     Attributes:
         inertia: total inertia J [kg m^2].
@@ -85,7 +86,9 @@ class Transmission(AbstractPlant):
         half = 0.5 * self.gap
         beyond = twist - jnp.clip(twist, -half, half)
         relative = state.motor_velocity - state.load_velocity
-        return self.stiffness * beyond + jnp.where(jnp.abs(twist) >= half, self.damping * relative, 0.0)
+        spring, damper = self.stiffness * beyond, self.damping * relative
+        pressing = jnp.sign(beyond) * jnp.maximum(jnp.sign(beyond) * (spring + damper), 0.0)
+        return jnp.where(self.gap > 0.0, pressing, spring + damper)
 
     def derivative(self, state: TwoMassState, torque: Array, time: Array) -> TwoMassState:
         """Accelerations [rad/s^2], velocities [rad/s]; friction without a state only."""

@@ -11,12 +11,18 @@ from .family import Family, Key, Nominal, Runner, double_precision, key_for, mak
 from .fit import Candidate, Fitter, make_candidate
 from .observer import Observer
 from .record import Record, make_record, tables_of
+from .settle import scan_gap, settle
 
 SCREEN = 12  # windows that a start is screened on
 SCREEN_STEPS = 5
 HOPELESS = 1000.0  # a second start of one effect is not worth finishing at so many times the lowest cost
 STAGES = ((3, 100.0), (4, 20.0), (8, 5.0), (12, 2.0))  # steps on all windows, and who goes on after them
 SHORT_WINDOW = 0.1  # s
+SETTLED = 2  # leading candidates of a family whose windows are searched for better hidden states
+ROUNDS = 10  # of the polishing of a play
+POLISHED = 30.0  # times the lowest cost up to which a play is polished
+STUCK = 8.0  # mean chi-square of a window in which a hidden state is wrong
+NEAR = 300.0  # chi-square per residual above which no search of hidden states is worth its time
 Progress = Callable[[str, float], None]
 Options = list[tuple[tuple[Effect, ...], dict[str, float]]]
 
@@ -181,6 +187,9 @@ class Search:
             group = [c for c in candidates if c.family.key == key]
             if key in self.observers:
                 self.observe(group, self.withheld)
+                everything = [np.arange(len(record.starts)) for record in self.records]
+                for c in self.leading(group):
+                    settle(self.fitters[key], c, everything, self.per_window)
             scores = self.fitters[key].score(group, self.withheld)
             found += [Fitted(c, np.concatenate(c.window_cost), s) for c, s in zip(group, scores, strict=True)]
         return found
@@ -231,6 +240,10 @@ class Search:
             going = [c for c in leading if (not c.converged or c.robust) and height(c) < ratio * lowest]
             if not going:
                 break
+        plays = [c for c in sorted(chosen, key=height) if c.free.size and self.has_play(c)]
+        for c in plays[:SETTLED]:
+            if height(c) < POLISHED * min(height(other) for other in chosen):
+                self.polish(c)
         finished: dict[tuple[str, ...], Candidate] = {}
         for c in sorted(chosen, key=height):
             c.robust = False
@@ -267,10 +280,41 @@ class Search:
             found += [(c.effects, c.values()) for c in sorted(group, key=lambda c: c.cost)[:2]]
         return found
 
+    def has_play(self, c: Candidate) -> bool:
+        """Whether a play is among the candidate's causes."""
+        return any(p.name == "gap" for effect in c.effects for p in effect.parameters)
+
+    def polish(self, c: Candidate) -> None:
+        """Bring a play to the noise: better hidden states, another size, a few steps, in turn; the windows that fit
+        lead until all do.
+        """
+        fitter = self.fitters[c.family.key]
+        for _ in range(ROUNDS):
+            costs = np.concatenate(c.window_cost) / self.per_window
+            if np.max(costs) < STUCK and c.converged:
+                return
+            c.robust = bool(np.max(costs) >= STUCK)
+            found = settle(fitter, c, self.train, self.per_window)
+            if c.robust:
+                found |= scan_gap(fitter, c, self.train, self.per_window)
+            if not found and c.converged:
+                return
+            c.converged, c.damping, c.cost = False, min(c.damping, 1.0), np.inf
+            fitter.go_on([c], self.train, 4)
+
+    def leading(self, group: list[Candidate]) -> list[Candidate]:
+        """Those of one family that a search of hidden states may bring to the noise."""
+        fitted = self.per_window * sum(len(chosen) for chosen in self.train)
+        near = [c for c in group if c.chi_square < NEAR * fitted]
+        return sorted(near, key=lambda c: c.chi_square)[:SETTLED]
+
     def resume(self, candidates: list[Candidate], iterations: int) -> None:
         """More steps on the fitted windows."""
         for key in dict.fromkeys(c.family.key for c in candidates):
             group = [c for c in candidates if c.family.key == key]
             if key in self.observers:
                 self.observe(group, self.train)
+                for c in self.leading(group):
+                    if settle(self.fitters[key], c, self.train, self.per_window):
+                        c.converged, c.damping = False, min(c.damping, 1.0)
             self.fitters[key].go_on(group, self.train, iterations)

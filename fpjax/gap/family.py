@@ -114,8 +114,11 @@ class Runner:
         with double_precision():
             self.nominal = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), family.machine)
 
-    def run(self, which: int, vector: np.ndarray, states: np.ndarray, windows: dict[str, np.ndarray]) -> np.ndarray:
-        """Residuals in standard deviations, shape (channels, samples, lanes).
+    def run(
+        self, which: int, vector: np.ndarray, states: np.ndarray, windows: dict[str, np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(residuals in standard deviations, shape (channels, samples, lanes); hidden states at the windows' ends,
+        (2, lanes)).
 
         Args:
             which: index of the record.
@@ -124,7 +127,7 @@ class Runner:
             windows: the fields of `Windows`, each of shape (lanes,) (`hidden` (2, lanes)).
         """
         count = vector.shape[1]
-        result = np.empty((self.channels, self.samples, count))
+        result, ends = np.empty((self.channels, self.samples, count)), np.empty((2, count))
         padded = np.minimum(np.arange(-(-count // LANES) * LANES), count - 1)
         vector, states = vector[:, padded], states[:, padded]
         fields = {name: value[..., padded] for name, value in windows.items()}
@@ -139,15 +142,16 @@ class Runner:
                 out = self.kernel(self.nominal, vector[:, lanes], states[:, lanes], part, self.tables[which])
                 pending.append((first, out))
                 if len(pending) > 2:
-                    _store(result, *pending.pop(0))
+                    _store(result, ends, *pending.pop(0))
             for item in pending:
-                _store(result, *item)
-        return result
+                _store(result, ends, *item)
+        return result, ends
 
 
-def _store(result: np.ndarray, first: int, out: Any) -> None:
+def _store(result: np.ndarray, ends: np.ndarray, first: int, out: Any) -> None:
     last = min(first + LANES, result.shape[2])
-    result[:, :, first:last] = np.asarray(out)[:, :, : last - first]
+    result[:, :, first:last] = np.asarray(out[0])[:, :, : last - first]
+    ends[:, first:last] = np.asarray(out[1])[:, : last - first]
 
 
 def window_fields(record: Record, windows: np.ndarray, hidden: np.ndarray) -> dict[str, Any]:

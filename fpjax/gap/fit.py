@@ -191,7 +191,7 @@ class Fitter:
         """In standard deviations, shape (channels, samples, windows)."""
         vector = np.repeat(candidate.vector[:, None], len(windows), 1)
         fields = window_fields(self.runner.records[which], windows, candidate.hidden[which])
-        return self.runner.run(which, vector, candidate.states[which][:, windows], fields)
+        return self.runner.run(which, vector, candidate.states[which][:, windows], fields)[0]
 
     def window_costs(self, candidates: list[Candidate], which: int, windows: np.ndarray) -> list[np.ndarray]:
         """Chi-square of each window with the prior of its start values, as the candidates stand."""
@@ -204,6 +204,16 @@ class Fitter:
         for s, out in zip(states, self._run(which, vectors, states, fields), strict=True):
             found.append(np.sum(out * out, axis=(0, 1)) + np.sum((s[live] / deviation[live][:, None]) ** 2, 0))
         return found
+
+    def robust_cost(self, chi_square: np.ndarray) -> np.ndarray:
+        """What windows count in a search that the windows which fit shall lead."""
+        return self._even * np.log1p(chi_square / self._even)
+
+    def ends(self, candidate: Candidate, which: int, windows: np.ndarray) -> np.ndarray:
+        """Hidden states at the ends of windows, as the candidate stands, shape (2, windows)."""
+        vector = np.repeat(candidate.vector[:, None], len(windows), 1)
+        fields = window_fields(self.runner.records[which], windows, candidate.hidden[which])
+        return self.runner.run(which, vector, candidate.states[which][:, windows], fields)[1]
 
     def linearise(self, candidates: list[Candidate], windows: list[np.ndarray]) -> list[list[tuple]]:
         """For each candidate and record: (J^T J, J^T r, r^T r) of each window; parameters first, then the free
@@ -244,7 +254,7 @@ class Fitter:
 
     def _run(self, which: int, vectors: list, states: list, fields: list) -> list[np.ndarray]:
         merged = {name: np.concatenate([f[name] for f in fields], axis=-1) for name in fields[0]}
-        out = self.runner.run(which, np.concatenate(vectors, 1), np.concatenate(states, 1), merged)
+        out, _ = self.runner.run(which, np.concatenate(vectors, 1), np.concatenate(states, 1), merged)
         ends = np.cumsum([v.shape[1] for v in vectors])[:-1]
         return np.split(out, ends, axis=2)
 
@@ -350,5 +360,5 @@ class Fitter:
         c.prior = prior
         total = c.chi_square
         if c.robust:
-            total = float(sum(np.sum(self._even * np.log1p(part / self._even)) for part in c.window_cost))
+            total = float(sum(np.sum(self.robust_cost(part)) for part in c.window_cost))
         c.cost = total + prior if np.isfinite(c.chi_square) else np.inf

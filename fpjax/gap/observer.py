@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 from ..friction.bristles import Bristles
 from ..signals import Motion
-from ..sticking import turn
+from ..sticking import mean_shaft, turn
 from ..transmission import Transmission
 from .effect import Effect, Parameter
 from .family import Family, double_precision
@@ -111,8 +111,7 @@ def _transmission(machine: Machine, angle: Array, speed: Array, past: Array, tab
             sign = jnp.where(on_load, 1.0, -1.0)
             twist = sign * (position - place)
             relative = sign * (velocity - moving)
-            shaft = plant.stiffness * (twist - jnp.clip(twist, -half, half))
-            shaft = shaft + jnp.where(jnp.abs(twist) >= half, plant.damping * relative, 0.0)
+            shaft = mean_shaft(plant, twist, relative, plain / inertia, 1.0 / inertia, h)
             free = jnp.where(on_load, plain - shaft, shaft)
             velocity = turn(law, Motion(velocity, position, jnp.zeros_like(position)), free, inertia, share, h)
             position = position + 0.5 * h * velocity

@@ -191,7 +191,7 @@ def residuals(
 @functools.lru_cache(maxsize=64)
 def residual_kernel(
     effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], samples: int, channels: tuple[bool, bool]
-) -> Callable[[Machine, Array, Array, Windows, Tables], Array]:
+) -> Callable[[Machine, Array, Array, Windows, Tables], tuple[Array, Array]]:
     """The compiled loop: (nominal, vector, states, windows, tables) -> residuals; the same one for every log and
     model alike.
 
@@ -204,10 +204,11 @@ def residual_kernel(
     Returns:
         A function of: the nominal machine; vector (parameters, LANES); states (states, LANES); windows; tables. It
         gives what was
-        predicted less what was read, in standard deviations, shape (channels, samples, LANES): velocity, then position.
+        predicted less what was read, in standard deviations, shape (channels, samples, LANES): velocity, then position;
+        and the hidden states after the last sample, shape (2, LANES).
     """
 
-    def run(nominal: Machine, vector: Array, states: Array, windows: Windows, tables: Tables) -> Array:
+    def run(nominal: Machine, vector: Array, states: Array, windows: Windows, tables: Tables) -> tuple[Array, Array]:
         machine = assembled(nominal, effects, parameters, vector)
 
         def step(carry: Carry, index: Array) -> tuple[Carry, tuple[Array, ...]]:
@@ -216,9 +217,19 @@ def residual_kernel(
             return following, tuple(r for r, there in zip(both, channels, strict=True) if there)
 
         start = begin(machine, windows, states, tables)
-        return jnp.stack(jax.lax.scan(step, start, jnp.arange(samples, dtype=jnp.int32))[1])
+        last, found = jax.lax.scan(step, start, jnp.arange(samples, dtype=jnp.int32))
+        return jnp.stack(found), hidden_of(last.plant)
 
     return jax.jit(run)
+
+
+def hidden_of(state: Any) -> Array:
+    """What no sensor sees of a plant's state, as `Windows.hidden` has it: shape (2, lanes), else zero."""
+    if isinstance(state, TwoMassState):
+        return jnp.stack([state.motor_position - state.load_position, state.motor_velocity - state.load_velocity])
+    nothing = jnp.zeros_like(state.velocity)
+    bristles = not isinstance(state.friction, tuple)
+    return jnp.stack([state.friction if bristles else nothing, nothing])
 
 
 def _output(state: Any) -> PlantOutput:
