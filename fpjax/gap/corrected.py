@@ -4,16 +4,32 @@ import dataclasses
 from typing import Any
 
 from ..errors import InputError
+from ..loop import ClosedLoop
+from ..model_file import dump_model, simplified
+from .machine import Machine
 
 
-def corrected_model(model: Any, machine: Any, step: float, warnings: list[str]) -> str:
-    """The nominal model's file with the fitted machine in its place; "" where servo.toml has no words for it."""
-    from ..model_file import dump_model, simplified
+def corrected_loop(model: Any, machine: Machine, step: float = 0.0) -> ClosedLoop:
+    """The model's loop around a fitted machine.
 
+    Args:
+        model: the nominal one.
+        machine: as fitted.
+        step: that the rate reading is rounded to [rad/s], where that is a cause; 0 for as fitted.
+    """
     sensor = machine.sensor if step == 0 else dataclasses.replace(machine.sensor, step_size=step)
-    loop = dataclasses.replace(model.loop, plant=machine.plant, actuator=machine.actuator, sensor=sensor)
+    return dataclasses.replace(model.loop, plant=machine.plant, actuator=machine.actuator, sensor=sensor)
+
+
+def corrected_model(model: Any, machine: Machine, step: float = 0.0) -> tuple[str, str]:
+    """(servo.toml text of the corrected model, ""), or ("", why the file has no words for it).
+
+    Args:
+        model: the nominal one: stepping, units, controller and reference are kept.
+        machine: as fitted.
+        step: as for `corrected_loop`.
+    """
     try:
-        return dump_model(simplified(model, loop))
+        return dump_model(simplified(model, corrected_loop(model, machine, step))), ""
     except InputError as error:
-        warnings.append(f"The corrected model has no words in servo.toml: {error}")
-        return ""
+        return "", f"The corrected model has no words in servo.toml: {error}"

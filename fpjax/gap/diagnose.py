@@ -2,7 +2,7 @@
 """diagnose: the whole way from a log and a nominal model to a `Diagnosis`."""
 
 import dataclasses
-import time
+import datetime
 from collections.abc import Callable
 from typing import Any
 
@@ -11,15 +11,18 @@ from . import assemble
 from .attribute import Search
 from .corrected import corrected_model
 from .decide import Decision, decide
-from .diagnosis import Diagnosis, Step
+from .diagnosis import Diagnosis, Experiment, Ranked, Step
 from .effect import Effect
+from .experiment import next_experiment
 from .family import Nominal
 from .inputs import check_alike, look_at, read_logs, read_model
-from .places import experiments, places
+from .places import places
+from .provenance import provenance
 from .ranking import quantised_reading, rank
 from .record import make_record
 from .shrink import gap_and_steps
 from .sizes import make_setting
+from .stages import StageClock
 from .vocabulary import EFFECTS
 
 
@@ -60,33 +63,47 @@ def diagnose(
 def _diagnose(
     logs: list[Any], withheld: list[Any], model: Any, effects: tuple[Effect, ...], progress: Callable[..., None] | None
 ) -> Diagnosis:
-    began = time.perf_counter()
-    seconds: dict[str, float] = {}
-
-    def report(stage: str, share: float) -> None:
-        seconds[stage] = round(time.perf_counter() - began, 3)
-        if progress is not None:
-            progress(stage, share)
-
+    started = datetime.datetime.now(datetime.UTC)
+    clock = StageClock(progress)
+    clock("reading", 0.0)
+    everything = [*logs, *withheld]
     warnings = [sentence for one in logs for sentence in getattr(one, "warnings", ())]
-    warnings += look_at([*logs, *withheld], model)
+    warnings += look_at(everything, model)
     records = [make_record(one, withhold="none" if withheld else "blocks") for one in logs]
     records += [make_record(one, withhold="all") for one in withheld]
     check_alike(records)
     loop = model.loop
     nominal = Nominal(loop.plant, loop.actuator, loop.sensor)
-    setting = make_setting(records, model)
-    search = Search(records, nominal, effects, setting, [*logs, *withheld])
-    decision = decide(search, report)
-    report("intervals and curves", 0.9)
-    result = _assemble(search, decision, model, warnings, logs)
-    report("done", 1.0)
-    return dataclasses.replace(result, seconds=seconds)
+    search = Search(records, nominal, effects, make_setting(records, model), everything)
+    decision = decide(search, clock)
+    clock("intervals and curves", 0.9)
+    found = _assemble(search, decision, model, warnings, everything, clock)
+    clock.end()
+    allowed = allowed_effects(effects)
+    made = provenance(everything, records, model, allowed, started)
+    if progress is not None:
+        progress("done", 1.0)
+    return dataclasses.replace(found, seconds=clock.seconds, allowed=allowed, provenance=made)
 
 
-def _assemble(search: Search, decision: Decision, model: Any, warnings: list[str], logs: list[Any]) -> Diagnosis:
+def allowed_effects(effects: tuple[Effect, ...]) -> tuple[str, ...]:
+    """Names of the effects where they are not the whole vocabulary; () where they are, an effect of one's own or not.
+
+    Raises:
+        InputError: for no effects at all.
+    """
+    names = tuple(effect.name for effect in effects)
+    if not names:
+        raise InputError("effects is empty: give at least one effect, or leave it out to try the whole vocabulary.")
+    return () if {effect.name for effect in EFFECTS} <= set(names) else names
+
+
+def _assemble(
+    search: Search, decision: Decision, model: Any, warnings: list[str], logs: list[Any], clock: StageClock
+) -> Diagnosis:
     records = search.records
     quantised = quantised_reading(records[0], model)
+    step = records[0].channel.step if quantised else 0.0
     causes = list(decision.chosen.names) if decision.gap else []
     if not decision.explained and not _asserted(decision):
         causes = []
@@ -99,25 +116,34 @@ def _assemble(search: Search, decision: Decision, model: Any, warnings: list[str
         steps = (*steps, Step("velocity_quantisation", gap.after, gap.after_interval))
     ranking = rank(search, decision, gap, quantised, records[0])
     corrected = assemble.machine_of(decision.chosen.candidate)
-    text = corrected_model(model, corrected, records[0].channel.step if quantised else 0.0, warnings)
+    text, missing = corrected_model(model, corrected, step)
     spread = assemble.covariance(search, decision.chosen)
+    clock("where", 0.94)
+    where = places(logs[0], decision.exact, warnings)
+    left = places(logs[0], decision.chosen, warnings) if verdict == "unexplained" else None
     return Diagnosis(
         verdict=verdict,
         causes=tuple(causes),
         ranking=ranking,
         gap=gap,
         steps=steps,
-        where=places(logs[0], search, decision.exact, warnings),
-        next_experiment=experiments(ranking, records[0]),
+        where=where,
+        next_experiment=experiments(ranking),
         model=text,
-        warnings=tuple(dict.fromkeys(warnings)),
+        model_missing=missing,
+        warnings=tuple(dict.fromkeys([*warnings, *([missing] if missing else [])])),
         comparisons=compared,
         identifiability=assemble.identifiability(search, decision.chosen, spread),
         probability=ranking[0].probability if ranking else 0.0,
-        residual_where=places(logs[0], search, decision.chosen, warnings) if verdict == "unexplained" else None,
+        residual_where=left,
         motion="linear" if records[0].linear else "rotary",
         nominal=model.text,
     )
+
+
+def experiments(ranking: tuple[Ranked, ...]) -> tuple[Experiment, ...]:
+    """For the effects that this log cannot tell apart."""
+    return next_experiment((entry.effect, other) for entry in ranking[:3] for other in entry.indistinguishable_from)
 
 
 def _asserted(decision: Decision) -> bool:

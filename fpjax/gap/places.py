@@ -1,45 +1,32 @@
-"""Places: where the gap of a fit lies, and the experiment that would tell its rivals apart."""
+"""Places: where what a fit leaves of a log lies."""
 
-from typing import Any
+import equinox as eqx
 
+from ..errors import InputError
 from . import assemble
-from .attribute import Fitted, Search
-from .diagnosis import Ranked
-from .record import Record
+from .attribute import Fitted
+from .diagnosis import Where
+from .locate import locate
+from .machine import Machine, nominal_machine
+from .rigid import RigidBody, rigid_body
 
 
-def places(log: Any, search: Search, fitted: Fitted, warnings: list[str]) -> Any:
-    """Where what a fit leaves of a log lies."""
-    from .diagnosis import Where
-    from .locate import locate
-    from .machine import nominal_machine
-    from .rigid import rigid_body
+def places(log, fitted: Fitted, warnings: list[str]) -> Where:
+    """Where the gap between a log and a fitted machine lies.
 
+    Args:
+        log: a `fpjax.logs.Log`.
+        fitted: the nominal model or one with causes in.
+        warnings: grows by a sentence where no map can be made.
+    """
     try:
-        if fitted.names:
-            body = rigid_body(_full(assemble.machine_of(fitted.candidate)))
-        else:
-            nominal = search.nominal
-            body = rigid_body(nominal_machine(nominal.plant, nominal.actuator, nominal.sensor))
-        return locate(log, body)
-    except Exception as error:
-        warnings.append(f"The map of where the gap lies could not be drawn ({type(error).__name__}: {error}).")
+        return locate(log, body_of(assemble.machine_of(fitted.candidate)))
+    except InputError as error:
+        warnings.append(f"There is no map of where the gap lies: {error}")
         return Where()
 
 
-def _full(machine: Any) -> Any:
-    from .machine import nominal_machine
-
-    full = nominal_machine(machine.plant, machine.actuator, machine.sensor)
-    return full
-
-
-def experiments(ranking: tuple[Ranked, ...], record: Record) -> tuple[Any, ...]:
-    """For the effects that this log cannot tell apart."""
-    try:
-        from .experiment import next_experiment
-    except ImportError:
-        return ()
-    pairs = [(entry.effect, other) for entry in ranking[:3] for other in entry.indistinguishable_from]
-    unique = [pair for i, pair in enumerate(pairs) if set(pair) not in [set(p) for p in pairs[:i]]]
-    return tuple(next_experiment(unique))
+def body_of(machine: Machine) -> RigidBody:
+    """The numbers of any machine of the search, whichever terms it was compiled with."""
+    whole = nominal_machine(machine.plant, machine.actuator, machine.sensor)
+    return rigid_body(eqx.tree_at(lambda at: at.origin, whole, machine.origin))
