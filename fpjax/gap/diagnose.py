@@ -23,6 +23,7 @@ from .record import make_record
 from .shrink import gap_and_steps
 from .sizes import make_setting
 from .stages import StageClock
+from .tracking import Side, tracking_error
 from .vocabulary import EFFECTS
 
 
@@ -121,6 +122,9 @@ def _assemble(
     clock("where", 0.94)
     where = places(logs[0], decision.exact, warnings)
     left = places(logs[0], decision.chosen, warnings) if verdict == "unexplained" else None
+    clock("closed loop", 0.97)
+    sides = Side(assemble.machine_of(decision.exact.candidate)), Side(corrected, step)
+    tracking = tracking_error(model, records, *sides, warnings)
     return Diagnosis(
         verdict=verdict,
         causes=tuple(causes),
@@ -138,6 +142,7 @@ def _assemble(
         residual_where=left,
         motion="linear" if records[0].linear else "rotary",
         nominal=model.text,
+        tracking=tracking,
     )
 
 
