@@ -3,12 +3,13 @@
 import argparse
 import dataclasses
 import pathlib
+import shlex
 import sys
 from typing import Any
 
 from ..errors import InputError
 from ..progress import Stages
-from ..runfile import RunFile, versions, write_json, write_whole
+from ..runfile import RunFile, write_json, write_whole
 from .common import add_log_options, add_out, finish, running, start_jax
 from .simulate import open_model
 
@@ -95,7 +96,7 @@ def _one(
     record.stage("diagnose")
     with Stages("diagnose") as stages:
         found = diagnose(logs, model, holdout=holdout, progress=stages.stage)
-    found = dataclasses.replace(found, provenance=_provenance(record))
+    found = dataclasses.replace(found, provenance=_provenance(found, record))
     print(found)
     record.stage("write")
     prefix = "" if folder == record.folder else f"{folder.name}/"
@@ -111,11 +112,6 @@ def _one(
     sys.stdout.flush()
 
 
-def _provenance(record: RunFile) -> dict[str, Any]:
-    return {
-        "command": " ".join(record.command),
-        "inputs": record.inputs,
-        "versions": versions(),
-        "started": record.started.isoformat(timespec="seconds"),
-        "seeds": record.seeds,
-    }
+def _provenance(found: Any, record: RunFile) -> dict[str, Any]:
+    """The diagnosis' own, with the command as it was typed."""
+    return {**found.provenance, "command": shlex.join(record.command)}

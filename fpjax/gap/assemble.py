@@ -11,17 +11,21 @@ from .attribute import Fitted, Search
 from .decide import Decision
 from .diagnosis import Comparison, Estimate, Identifiability
 from .effect import Effect
-from .family import double_precision
+from .family import Family, double_precision
 from .fit import Candidate
 from .machine import Machine
 from .replay import assembled
 
 NINETY = 1.645  # standard deviations of a 90 % interval
-WIDER = 1.9  # intervals are widened by this; fitted on development seeds
+WIDER = 1.9  # standard deviations are widened by this; fitted on development seeds
 
 
 def covariance(search: Search, fitted: Fitted) -> np.ndarray:
-    """Of the free parameters, in their own units; parameters at a bound count as known."""
+    """Of the free parameters, in their own units, shape (free, free); parameters at a bound count as known.
+
+    The curvature's, widened: every interval of a diagnosis, of a cause's parameters and of the whole fit's, is 1.645 of
+    these standard deviations to either side.
+    """
     c = fitted.candidate
     fitter = search.fitters[c.family.key]
     parts = fitter.linearise([c], search.train)[0]
@@ -40,7 +44,7 @@ def covariance(search: Search, fitted: Fitted) -> np.ndarray:
         found[np.ix_(index, index)] = inverse
     count = search.per_window * sum(len(chosen) for chosen in search.train)
     excess = max(c.chi_square / count, 0.5)
-    return found * c.scale[:, None] * c.scale * excess
+    return found * c.scale[:, None] * c.scale * excess * WIDER**2
 
 
 def estimates(search: Search, fitted: Fitted, effect: Effect, spread: np.ndarray | None = None) -> dict[str, Estimate]:
@@ -63,7 +67,7 @@ def estimates(search: Search, fitted: Fitted, effect: Effect, spread: np.ndarray
     }
     result = {}
     for key, (value, unit) in center.items():
-        half = NINETY * WIDER * float(np.sqrt(max(gradients[key] @ spread @ gradients[key], 0.0)))
+        half = NINETY * float(np.sqrt(max(gradients[key] @ spread @ gradients[key], 0.0)))
         touches = any(names[j] in bounded and gradients[key][j] != 0.0 for j in range(len(names)))
         result[key] = Estimate(value, value - half, value + half, linear_unit(unit, search.records[0].linear), touches)
     return result
@@ -103,9 +107,13 @@ def identifiability(search: Search, fitted: Fitted, spread: np.ndarray) -> tuple
 
 def machine_of(candidate: Candidate) -> Machine:
     """The fitted machine, every leaf a number."""
-    family = candidate.family
+    return machine_at(candidate.family, candidate.vector)
+
+
+def machine_at(family: Family, vector: np.ndarray) -> Machine:
+    """The machine of a family at a vector of shape (parameters,), every leaf a number."""
     with double_precision():
-        machine = assembled(family.machine, family.effects, family.parameters, jnp.asarray(candidate.vector[:, None]))
+        machine = assembled(family.machine, family.effects, family.parameters, jnp.asarray(vector[:, None]))
         return jax.tree.map(lambda leaf: jnp.asarray(np.asarray(leaf)[0]) if eqx.is_array(leaf) else leaf, machine)
 
 

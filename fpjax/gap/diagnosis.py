@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+
+from .told import told, verdict_sentence
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -253,17 +255,28 @@ class Identifiability:
 class Tracking:
     """The closed loop's tracking error on withheld data, where the controller is known.
 
+    The controller follows the recorded reference around the nominal and around the corrected machine, whose sensors
+    have the log's noise.
+
     Attributes:
         unit: of the three.
         measured: rms of reference less measured.
         before: rms that the nominal simulator predicts.
         after: rms that the corrected simulator predicts.
+        signal: "velocity" or "position", as the reference is.
+        controller_error: share of the torque column [1] that the known controller does not account for.
     """
 
     unit: str
     measured: float
     before: float
     after: float
+    signal: str = "velocity"
+    controller_error: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it, by name."""
+        return asdict(self)
 
 
 @dataclass(frozen=True)
@@ -288,7 +301,10 @@ class Diagnosis:
         motion: "rotary" or "linear", as in the model's `[units]`.
         nominal: the model as given, `servo.toml` text, so that a report can show what changed; "" where unknown.
         tracking: closed-loop tracking error, measured and predicted; None where the controller is not known.
-        provenance: `command`, `inputs` (a list of {name, role, sha256, samples}), `versions`, `started`, `seeds`.
+        provenance: `command`, `arguments`, `inputs` (a list of {name, role, sha256, samples, windows_fitted,
+            windows_withheld}), `windows`, `versions`, `started`, `seeds`.
+        allowed: names of the effects that were tried, where the vocabulary was restricted; () for all of it.
+        model_missing: why there is no corrected model as text; "" where there is one.
     """
 
     verdict: Verdict
@@ -309,6 +325,8 @@ class Diagnosis:
     nominal: str = ""
     tracking: Tracking | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
+    allowed: tuple[str, ...] = ()
+    model_missing: str = ""
 
     def plot(self) -> Figure:
         """One page: the verdict, measured against simulated, where, and how far the gap shrinks."""
@@ -330,7 +348,9 @@ class Diagnosis:
         return write_report(self, path)
 
     def to_dict(self) -> dict[str, Any]:
-        """Exactly the contract's `diagnosis.json` (numbers, strings, lists and dictionaries only)."""
+        """The contract's `diagnosis.json` (numbers, strings, lists and dictionaries only), and beside it `tracking`,
+        `seconds`, `provenance`, `allowed_effects` and `model_missing`.
+        """
         return {
             "verdict": self.verdict,
             "causes": list(self.causes),
@@ -341,39 +361,16 @@ class Diagnosis:
             "next_experiment": [experiment.to_dict() for experiment in self.next_experiment],
             "model": self.model,
             "warnings": list(self.warnings),
+            "model_missing": self.model_missing,
+            "tracking": None if self.tracking is None else self.tracking.to_dict(),
+            "allowed_effects": list(self.allowed) if self.allowed else "all",
+            "seconds": {stage: round(spent, 3) for stage, spent in self.seconds.items()},
+            "provenance": self.provenance,
         }
 
     def __str__(self) -> str:
-        gap = self.gap
-        lines = [self.sentence()]
-        lines.append(
-            f"gap ({gap.signal}, rms, withheld): before {gap.before:.4g}, after {gap.after:.4g}, "
-            f"noise floor {gap.noise_floor:.4g} {gap.unit}"
-        )
-        for entry in self.ranking[:5]:
-            values = ", ".join(
-                f"{name} {p.value:.4g} [{p.low:.4g}, {p.high:.4g}] {p.unit}" for name, p in entry.parameters.items()
-            )
-            same = (
-                f" (not told apart from {', '.join(entry.indistinguishable_from)})"
-                if entry.indistinguishable_from
-                else ""
-            )
-            lines.append(f"  {entry.probability:6.1%}  {entry.effect:28s} gap {entry.gap_after:.4g}  {values}{same}")
-        lines.extend(f"warning: {warning}" for warning in self.warnings)
-        return "\n".join(lines)
+        return told(self)
 
     def sentence(self) -> str:
         """The verdict in one sentence."""
-        if self.verdict == "no_gap":
-            return "No gap: nothing beyond the noise of the sensors."
-        if self.verdict == "explained":
-            return (
-                f"Explained by {' + '.join(self.causes)}: {self.gap.closed:.1%} of the gap is closed on withheld data."
-            )
-        if self.causes:
-            return (
-                f"Not fully explained: {' + '.join(self.causes)} closes {self.gap.closed:.1%} of the gap, "
-                "and what remains has structure that no effect of the vocabulary closes."
-            )
-        return "Unexplained: there is a gap, and no effect of the vocabulary closes it."
+        return verdict_sentence(self)

@@ -17,6 +17,7 @@ Values = np.ndarray
 Interval = tuple[float, float]
 
 DRAWS = 500
+SEED = 0  # of the bootstrap
 CONFIDENCE = 0.9
 TIMES_CORRELATION = 4.0  # a block is this many autocorrelation times long
 FEWEST_BLOCKS = 8
@@ -67,7 +68,7 @@ def measure_gap(
     signal: str,
     unit: str,
     draws: int = DRAWS,
-    seed: int = 0,
+    seed: int = SEED,
 ) -> Gap:
     """The gap on withheld data, with a 90 % interval of each figure.
 
@@ -117,7 +118,7 @@ def share_closed(before: float, after: float, floor: float) -> float:
     return float(min((before - after) / closable, 1.0))
 
 
-def rms_interval(values: Values, *, draws: int = DRAWS, seed: int = 0) -> Interval:
+def rms_interval(values: Values, *, draws: int = DRAWS, seed: int = SEED) -> Interval:
     """90 % block-bootstrap interval of the rms of values of shape (samples,)."""
     values = values[np.isfinite(values)]
     if len(values) == 0:
@@ -126,7 +127,7 @@ def rms_interval(values: Values, *, draws: int = DRAWS, seed: int = 0) -> Interv
 
 
 def noise_floor(
-    measured: Values, residual: Values | None = None, reference: Values | None = None, *, seed: int = 0
+    measured: Values, residual: Values | None = None, reference: Values | None = None, *, seed: int = SEED
 ) -> NoiseFloor:
     """What a perfect model would leave of a sensor's column.
 

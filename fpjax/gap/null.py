@@ -69,10 +69,11 @@ def null_residuals(log, model: RigidBody, residual: Residual, *, draws: int = DR
 def _made_motion(residual: Residual, model: RigidBody) -> tuple[Values, Values, Values]:
     """(torque [N m], velocity [rad/s], position [rad]) at the starts of the periods, exactly as the model moves."""
     dt, inertia = residual.dt, model.inertia
-    forward, backward = set_valued_levels(model, residual.velocity, residual.position, residual.time)
+    since = residual.time - residual.time[0]
+    forward, backward = set_valued_levels(model, residual.velocity, residual.position, since)
     load = np.zeros(len(forward))
     if model.load is not None:
-        load = np.broadcast_to(model.load(residual.velocity, residual.position, residual.time), load.shape)
+        load = np.broadcast_to(model.load(residual.velocity, residual.position, since), load.shape)
     target = residual.velocity
     torque, velocity, position = (np.empty(len(forward)) for _ in range(3))
     speed, angle = float(target[0]), float(residual.position[0])

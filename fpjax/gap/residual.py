@@ -98,12 +98,13 @@ def torque_residual(log: Any, model: RigidBody) -> Residual:
         command = model.applied(torque, angle, dt)
         command = command if differences == 1 else 0.5 * (command + np.concatenate([command[:1], command[:-1]]))
     left = command - model.inertia * gained - model.viscous * middle
+    since = at - time[0]  # a drift counts from the log's start
     if model.load is not None:
-        left = left - model.load(middle, angle, at)
+        left = left - model.load(middle, angle, since)
     # Where friction jumps, so does the acceleration, by up to 2 k / J, and a local quadratic rounds that corner off.
     corner = (1.0, 2.0)[differences - 1] * dt * model.coulomb / model.inertia
     doubt = 3.0 * _speed_noise(noise, dt, differences) + corner
-    values = left - _set_valued(left, model, (begin, end), angle, at, doubt)
+    values = left - _set_valued(left, model, (begin, end), angle, since, doubt)
     gain = model.inertia * (np.sqrt(2.0) / dt if differences == 1 else np.sqrt(6.0) / dt**2)
     return Residual(
         values, at, middle, slope / dt, angle, position is not None, torque, noise, float(gain), differences, dt

@@ -48,8 +48,11 @@ def rigid_body(machine: Any) -> RigidBody:
     at = {name: float(getattr(law, name)) for name in names}
     ripple = [(float(c), float(s)) for c, s in zip(law.position_cosine, law.position_sine, strict=True)]
 
+    # Where no sensor tells the position, positions are counted from the log's start, and the machine's lie beside them.
+    origin = float(machine.origin)
+
     def level(velocity: Values, position: Values, time: Values) -> Values:
-        side = np.sign(velocity)
+        side, position = np.sign(velocity), position + origin
         total = at["coulomb_difference"] * side + at["drift_amplitude"] * np.exp(-time / at["drift_time"])
         speed = np.abs(velocity) / at["stribeck_velocity"]
         total = total + at["stribeck_torque"] * np.exp(-(speed ** at["stribeck_exponent"]))
@@ -59,7 +62,7 @@ def rigid_body(machine: Any) -> RigidBody:
         return total
 
     def held(velocity: Values, position: Values, time: Values) -> Values:
-        known = np.asarray(load.readout(Motion(velocity, position, time)), float)
+        known = np.asarray(load.readout(Motion(velocity, position + origin, time)), float)
         drag = at["viscous_difference"] * np.abs(velocity) + at["drag_coefficient"] * velocity * np.abs(velocity)
         return known + drag
 
@@ -74,7 +77,7 @@ def rigid_body(machine: Any) -> RigidBody:
         torque = (1.0 - fraction) * _later(torque, whole) + fraction * _later(torque, whole + 1)
         torque = gain * torque
         torque = np.clip(torque - np.clip(torque, -dead, dead), -limit, limit)
-        return torque + offset + amplitude * np.sin(periods * position + phase)
+        return torque + offset + amplitude * np.sin(periods * (position + origin) + phase)
 
     plant = machine.plant
     return RigidBody(float(plant.inertia), float(law.coulomb), float(law.viscous), level, held, applied)

@@ -23,6 +23,7 @@ class Log:
         torque_unit: "N m", "N", or the label ("V", "PWM", ...) that inertia and friction follow.
         extra: the other columns, as they were recorded.
         jitter: largest deviation of a recorded stamp from the uniform clock [s].
+        sha256: of the file; "" where the log was no file.
         warnings: what the reader found and repaired, a sentence each.
     """
 
@@ -38,6 +39,7 @@ class Log:
     extra: dict[str, Values] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     jitter: float = 0.0
+    sha256: str = ""
 
     def __len__(self) -> int:
         return len(self.time)

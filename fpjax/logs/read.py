@@ -1,5 +1,6 @@
 """read_log: a file, a DataFrame or arrays -> `Log`, or one sentence on why not."""
 
+import hashlib
 import os
 import pathlib
 import warnings
@@ -62,6 +63,7 @@ def read_log(
         path = pathlib.Path(source)
         table, name = read_table(path, mapping), name or path.name
     else:
+        path = None
         table, name = from_arrays(source), name or "the log"
     sources = find_sources(list(table.columns) + list(table.text), mapping, name)
     if "time" not in sources and dt is not None:
@@ -107,7 +109,13 @@ def read_log(
         extra=extra,
         warnings=tuple(notes),
         jitter=clock.jitter,
+        sha256="" if path is None else _file_hash(path),
     )
+
+
+def _file_hash(path: pathlib.Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _check_period(dt: float) -> None:

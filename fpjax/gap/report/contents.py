@@ -153,6 +153,8 @@ class Contents:
         seconds: time spent by stage [s].
         series: the withheld part of each log.
         motion: rotary or linear.
+        allowed: effects that were tried, where the vocabulary was restricted; empty for all of it.
+        model_missing: why there is no corrected model, "" where there is one.
     """
 
     verdict: str
@@ -182,6 +184,8 @@ class Contents:
     seconds: dict[str, float] = field(default_factory=dict)
     series: tuple[Series, ...] = ()
     motion: str = "rotary"
+    allowed: tuple[str, ...] = ()
+    model_missing: str = ""
 
     def readable(self, gap: Estimate) -> Estimate:
         """A gap in the one unit that suits them all: that in which the nominal model's reads best."""
@@ -266,6 +270,8 @@ def read(diagnosis: Diagnosis) -> Contents:
         seconds=dict(diagnosis.seconds),
         series=tuple(filter(None, (_series(c, str(gap["signal"])) for c in diagnosis.comparisons))),
         motion=diagnosis.motion,
+        allowed=diagnosis.allowed,
+        model_missing=diagnosis.model_missing,
     )
 
 

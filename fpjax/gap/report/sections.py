@@ -255,7 +255,11 @@ def identifiability(contents: Contents) -> str:
 def model(contents: Contents) -> str:
     """The corrected model, with what changed marked."""
     if not contents.model.strip():
-        return section("model", "The corrected model", paragraph("The diagnosis holds no corrected model."))
+        return section(
+            "model",
+            "The corrected model",
+            paragraph(contents.model_missing or "The diagnosis holds no corrected model."),
+        )
     use = "fpjax simulate and fpjax tune take this file as it is: gains can be tuned again in a simulator that fits."
     if not contents.nominal.strip():
         lead = use
@@ -287,13 +291,23 @@ def provenance(contents: Contents) -> str:
         pairs.append(("Started", text(known["started"])))
     if contents.seconds:
         total = sum(contents.seconds.values())
-        stages = ", ".join(f"{text(stage)} {data(spent, f'{spent:.1f}')}" for stage, spent in contents.seconds.items())
-        pairs.append(("Time", f"{total:.1f} s ({stages})"))
+        stages = ", ".join(
+            f"{text(stage)} {data(spent, f'{spent:.1f}')} s" for stage, spent in contents.seconds.items()
+        )
+        pairs.append(("Time", f"{total:.1f} s: {stages}"))
     versions = known.get("versions") or {}
     if versions:
         pairs.append(("Versions", text(", ".join(f"{name} {version}" for name, version in versions.items()))))
     if known.get("seeds"):
-        pairs.append(("Seeds", text(", ".join(map(str, known["seeds"])))))
+        seeds = known["seeds"]
+        listed = [f"{name} {seed}" for name, seed in seeds.items()] if isinstance(seeds, dict) else map(str, seeds)
+        pairs.append(("Seeds", text(", ".join(listed))))
+    if known.get("windows"):
+        windows = known["windows"]
+        told = f"{windows['fitted']} fitted, {windows['withheld']} withheld, of {windows['seconds']:g} s"
+        pairs.append(("Windows", text(told)))
+    if contents.allowed:
+        pairs.append(("Effects tried", text(f"only {', '.join(contents.allowed)}")))
     listed = "".join(f"<dt>{title}</dt><dd>{told}</dd>" for title, told in pairs)
     inputs = [entry for entry in known.get("inputs", ()) if isinstance(entry, dict)]
     rows = [("", _input_cells(entry)) for entry in inputs]

@@ -2,6 +2,7 @@
 
 import math
 
+from ..told import nothing_closes
 from .contents import Contents, Place
 from .digits import readable, show_percent, show_unit, show_with_unit
 from .words import effect_name, is_wrong_value, join, motion_units, regime_name, sure
@@ -31,10 +32,10 @@ def verdict_sentence(contents: Contents) -> str:
     differs = f"The simulation differs from the log by {before} rms in {contents.signal} on withheld data{over_floor}"
     if contents.causes:
         part = f"{_asserted(contents)} explains part of it"
-        return f"{differs}; {part}, and no effect of the vocabulary closes the {after} left."
+        return f"{differs}; {part}, and {_nothing_closes(contents, f'the {after} left')}."
     attempt = contents.after.known and contents.before.known and contents.after.value < contents.before.value
     rest = f"; the best attempt still leaves {after}" if attempt else ""
-    return f"{differs}, and no effect of the vocabulary closes this gap{rest}."
+    return f"{differs}, and {_nothing_closes(contents, 'this gap')}{rest}."
 
 
 def confidence_sentence(contents: Contents) -> str:
@@ -101,7 +102,7 @@ def tracking_sentence(contents: Contents) -> str:
         f"{show_with_unit(known[name])} {name} the correction" for name in ("before", "after") if name in known
     ]
     measured = show_with_unit(known["measured"])
-    return f"Closed-loop tracking error: {measured} rms measured; the simulator predicts {join(predicted)}."
+    return f"Closed-loop tracking error on withheld data: {measured} rms measured; the simulator predicts {join(predicted)}."
 
 
 def _alternatives(contents: Contents) -> list[str]:
@@ -127,6 +128,11 @@ def _asserted(contents: Contents) -> str:
         names[open_ones[0]] += " (this log cannot tell which)"
     text = ", and ".join((", ".join(names[:-1]), names[-1])) if len(names) > 1 else names[0]
     return text if len(open_ones) == 1 else f"{text} (in each case this log cannot tell which)"
+
+
+def _nothing_closes(contents: Contents, it: str) -> str:
+    """Who was tried and failed: the vocabulary, or what was allowed of it."""
+    return nothing_closes([effect_name(effect, contents.motion) for effect in contents.allowed], it)
 
 
 def _lacks(contents: Contents) -> str:
