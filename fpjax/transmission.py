@@ -19,7 +19,8 @@ class Transmission(AbstractPlant):
     """Two masses (3.1)-(3.2) with a gap, and the friction law shared between motor and load.
 
     Within the gap the shaft carries nothing; outside, a face presses with stiffness x (twist beyond the gap) +
-    damping x relative speed and never pulls (Nordin, Gutman, "Controlling mechanical systems with backlash - a survey", 2002,
+    damping x relative speed and never pulls (Nordin, Gutman, "Controlling mechanical systems with backlash - a
+    survey", 2002,
     whose state of contact lets go as soon as the torque would change its sign). Without a gap it is a plain spring.
 
     Attributes:
