@@ -10,14 +10,14 @@ from .effect import Effect, Setting
 from .family import Family, Key, Nominal, Runner, double_precision, key_for, make_family
 from .fit import Candidate, Fitter, make_candidate
 from .observer import Observer
-from .record import Record, make_record, tables_of
+from .record import Record, make_record, tables_of, window_seconds, with_common_noise
 from .settle import scan_gap, settle
 
 SCREEN = 12  # windows that a start is screened on
 SCREEN_STEPS = 5
 HOPELESS = 1000.0  # a second start of one effect is not worth finishing at so many times the lowest cost
 STAGES = ((3, 100.0), (4, 20.0), (8, 5.0), (12, 2.0))  # steps on all windows, and who goes on after them
-SHORT_WINDOW = 0.1  # s
+SHORTER = 0.4  # length of the windows in which a play is searched for, of the usual ones
 SETTLED = 2  # leading candidates of a family whose windows are searched for better hidden states
 ROUNDS = 10  # of the polishing of a play
 POLISHED = 30.0  # times the lowest cost up to which a play is polished
@@ -260,10 +260,12 @@ class Search:
         if not hard or self.logs is None:
             return options
         if self.short is None:
+            window = SHORTER * window_seconds(self.logs)
             records = [
-                make_record(log, withhold="all" if np.all(record.withheld) else "none", window=SHORT_WINDOW)
+                make_record(log, withhold="all" if np.all(record.withheld) else "none", window=window)
                 for log, record in zip(self.logs, self.records, strict=True)
             ]
+            records = with_common_noise(records)
             self.short = Search(records, self.nominal, self.effects, self.setting)
         short = self.short
         short.setting = self.setting

@@ -19,12 +19,12 @@ from .inputs import check_alike, look_at, read_logs, read_model
 from .places import places
 from .provenance import provenance
 from .ranking import quantised_reading, rank
-from .record import make_record
+from .record import make_record, window_seconds, with_common_noise
 from .shrink import gap_and_steps
 from .sizes import make_setting
 from .stages import StageClock
 from .tracking import Side, tracking_error
-from .vocabulary import EFFECTS
+from .vocabulary import EFFECTS, on_rate_sensor
 
 
 def diagnose(
@@ -70,9 +70,13 @@ def _diagnose(
     everything = [*logs, *withheld]
     warnings = [sentence for one in logs for sentence in getattr(one, "warnings", ())]
     warnings += look_at(everything, model)
-    records = [make_record(one, withhold="none" if withheld else "blocks") for one in logs]
-    records += [make_record(one, withhold="all") for one in withheld]
+    window = window_seconds(everything)
+    records = [make_record(one, withhold="none" if withheld else "blocks", window=window) for one in logs]
+    records += [make_record(one, withhold="all", window=window) for one in withheld]
     check_alike(records)
+    records = with_common_noise(records)
+    if records[0].velocity is None:
+        effects = tuple(effect for effect in effects if not on_rate_sensor(effect))
     loop = model.loop
     nominal = Nominal(loop.plant, loop.actuator, loop.sensor)
     search = Search(records, nominal, effects, make_setting(records, model), everything)

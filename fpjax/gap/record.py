@@ -1,7 +1,9 @@
 # pyright: reportArgumentType=false, reportReturnType=false
 """Record: a log made ready for the fit: noise levels, smoothed motion, windows, tables."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +12,8 @@ from ..errors import InputError
 from .replay import TAPS, Tables
 
 WINDOW_SECONDS = 0.25
+POSITION_SECONDS = 1.0  # without a rate sensor: what a torque does to a position grows with the square of the time
+FEWEST = 12  # windows that a log without a rate sensor is cut into at least
 SHORTEST = 64  # samples of a window
 LONGEST = 1024
 EDGE = 32  # samples kept after the last window, for a sensor's dead time
@@ -74,6 +78,14 @@ class Record:
         return chosen
 
 
+def window_seconds(logs: Sequence[Any]) -> float:
+    """Length of the windows that several logs are cut into [s]: longer where only the position is known."""
+    if any(log.velocity is not None for log in logs):
+        return WINDOW_SECONDS
+    shortest = min(len(log.time) * float(log.dt) for log in logs)
+    return float(np.clip(shortest / FEWEST, WINDOW_SECONDS, POSITION_SECONDS))
+
+
 def make_record(log, *, withhold: str = "blocks", window: float = WINDOW_SECONDS) -> Record:
     """From a log to a record.
 
@@ -81,7 +93,7 @@ def make_record(log, *, withhold: str = "blocks", window: float = WINDOW_SECONDS
         log: anything with `time`, `torque`, `velocity`, `position`, `reference`, `dt`, `name`, `linear` (see
             `fpjax.logs.Log`).
         withhold: "blocks" keeps every fourth block of windows out of the fit, "none" fits all, "all" fits nothing.
-        window: length of a window [s].
+        window: length of a window [s], from `window_seconds`.
 
     Raises:
         InputError: for a log that is too short or holds no motion.
@@ -126,6 +138,27 @@ def make_record(log, *, withhold: str = "blocks", window: float = WINDOW_SECONDS
         samples,
         withheld,
     )
+
+
+def with_common_noise(records: list[Record]) -> list[Record]:
+    """The records of one machine, every channel with the noise of the log in which it is largest.
+
+    One sensor has one noise: a log that was smoothed before it was stored shows less from sample to sample, not less
+    error.
+    """
+
+    def common(channels: list[Channel | None]) -> float:
+        return max((channel.noise for channel in channels if channel is not None), default=0.0)
+
+    rate, angle = common([r.velocity for r in records]), common([r.position for r in records])
+    return [
+        replace(
+            r,
+            velocity=None if r.velocity is None else replace(r.velocity, noise=rate),
+            position=None if r.position is None else replace(r.position, noise=angle),
+        )
+        for r in records
+    ]
 
 
 def tables_of(record: Record, dtype=np.float64) -> Tables:

@@ -1,13 +1,17 @@
 # pyright: reportArgumentType=false, reportCallIssue=false
 """The 24 effects of the contract, as changes of the simulator's blocks."""
 
+from collections.abc import Callable
 from math import pi
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
-from .effect import Effect, Parameter, Setting, Size
-from .machine import NO_LIMIT, Feature
+from .effect import Effect, Parameter, Setting, Size, Values, place
+from .machine import NO_LIMIT, Feature, Machine
+
+HIGHEST_RATIO = 1.5  # of a contact's damping to its critical one
 
 
 def _constant(value: float) -> Size:
@@ -210,15 +214,8 @@ STIFFNESS = Parameter(
     lambda s: 0.1 * s.inertia * (2 * pi * 0.05 / s.dt) ** 2,
     "plant.stiffness",
 )
-DAMPING = Parameter(
-    "damping",
-    "N m s/rad",
-    lambda s: 0.1 * s.inertia * 2 * pi * 0.1 / s.dt,
-    _ZERO,
-    lambda s: s.inertia * 2 * pi * 0.3 / s.dt,
-    lambda s: 0.05 * s.inertia * 2 * pi * 0.05 / s.dt,
-    "plant.damping",
-)
+# A shaft or a tooth rings: were it overdamped, its free start would be a slow torque that explains anything.
+DAMPING_RATIO = Parameter("damping_ratio", "1", _constant(0.1), _ZERO, _constant(HIGHEST_RATIO), _constant(0.1))
 LOAD_SHARE = Parameter(
     "load_share", "1", _constant(0.5), _constant(0.05), _constant(0.95), _constant(0.1), "plant.load_share"
 )
@@ -262,7 +259,7 @@ def _two_mass_start(
     stiffness = reduced * (2 * pi * frequency) ** 2
     start = {
         "stiffness": stiffness,
-        "damping": 2 * ratio * float(np.sqrt(stiffness * reduced)),
+        "damping_ratio": ratio,
         "load_share": share,
         "friction_share": friction,
         "load_side": side,
@@ -283,6 +280,23 @@ def _backlash_starts(setting: Setting) -> list[dict[str, float]]:
         for share in (0.35, 0.65)
         for f in (70.0, 140.0)
     ]
+
+
+def _joined(*more: Parameter) -> Callable[[Machine, Values], Machine]:
+    """A machine's transmission set by stiffness, damping ratio and shares, and what else has a path."""
+
+    def apply(machine: Machine, values: Values) -> Machine:
+        parameters = (STIFFNESS, LOAD_SHARE, FRICTION_SHARE, LOAD_SIDE, *more)
+        machine = place(machine, {p.path: values[p.name] for p in parameters})
+        share = values["load_share"]
+        reduced = machine.plant.inertia * share * (1.0 - share)
+        damping = 2.0 * values["damping_ratio"] * jnp.sqrt(values["stiffness"] * reduced)
+        return place(machine, {"plant.damping": damping})
+
+    return apply
+
+
+_JOINED, _JOINED_WITH_PLAY = _joined(), _joined(GAP)
 
 
 def _sines(names: list[str], values: dict[str, float], periods: str | None) -> dict[str, tuple[float, str]]:
@@ -346,7 +360,8 @@ EFFECTS: tuple[Effect, ...] = (
     _effect("quadratic_drag", (DRAG,), report=lambda v, s: {"coefficient": (v["drag_coefficient"], "N m s^2/rad^2")}),
     _effect(
         "backlash",
-        (GAP, STIFFNESS, DAMPING, LOAD_SHARE, FRICTION_SHARE),
+        (GAP, STIFFNESS, DAMPING_RATIO, LOAD_SHARE, FRICTION_SHARE),
+        apply=_JOINED_WITH_PLAY,
         starts=_backlash_starts,
         report=lambda v, s: {"gap": (v["gap"], "rad")},
         structure="transmission",
@@ -354,7 +369,8 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     _effect(
         "compliance",
-        (STIFFNESS, DAMPING, LOAD_SHARE, FRICTION_SHARE),
+        (STIFFNESS, DAMPING_RATIO, LOAD_SHARE, FRICTION_SHARE),
+        apply=_JOINED,
         starts=_compliance_starts,
         report=_compliance,
         structure="transmission",
@@ -408,3 +424,9 @@ EFFECTS: tuple[Effect, ...] = (
     _effect("velocity_scale_error", (SCALE,)),
 )
 """Every effect that changes the simulation; `velocity_quantisation` is read from the data (see `noise`)."""
+
+
+def on_rate_sensor(effect: Effect) -> bool:
+    """Whether an effect is of the rate sensor alone, and so is nothing in a log without one."""
+    sensor = (BIAS, SCALE, VELOCITY_LAG, VELOCITY_DELAY)
+    return bool(effect.parameters) and all(parameter in sensor for parameter in effect.parameters)
