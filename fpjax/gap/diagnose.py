@@ -75,6 +75,7 @@ def _diagnose(
     records += [make_record(one, withhold="all", window=window) for one in withheld]
     check_alike(records)
     records = with_common_noise(records)
+    allowed = allowed_effects(effects)
     if records[0].velocity is None:
         effects = tuple(effect for effect in effects if not on_rate_sensor(effect))
     loop = model.loop
@@ -84,7 +85,6 @@ def _diagnose(
     clock("intervals and curves", 0.9)
     found = _assemble(search, decision, model, warnings, everything, clock)
     clock.end()
-    allowed = allowed_effects(effects)
     made = provenance(everything, records, model, allowed, started)
     if progress is not None:
         progress("done", 1.0)

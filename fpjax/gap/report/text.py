@@ -102,7 +102,8 @@ def tracking_sentence(contents: Contents) -> str:
         f"{show_with_unit(known[name])} {name} the correction" for name in ("before", "after") if name in known
     ]
     measured = show_with_unit(known["measured"])
-    return f"Closed-loop tracking error on withheld data: {measured} rms measured; the simulator predicts {join(predicted)}."
+    told = f"{measured} rms measured; the simulator predicts {join(predicted)}"
+    return f"Closed-loop tracking error on withheld data: {told}."
 
 
 def _alternatives(contents: Contents) -> list[str]:
