@@ -44,6 +44,9 @@ def covariance(search: Search, fitted: Fitted) -> np.ndarray:
         found[np.ix_(index, index)] = inverse
     count = search.per_window * sum(len(chosen) for chosen in search.train)
     excess = max(c.chi_square / count, 0.5)
+    if c.robust:
+        # Windows off track count for little in the fit, and so they do here.
+        excess = max(float(np.median(np.concatenate(c.window_cost))) / search.per_window, 0.5)
     return found * c.scale[:, None] * c.scale * excess * WIDER**2
 
 

@@ -19,7 +19,7 @@ HOPELESS = 1000.0  # a second start of one effect is not worth finishing at so m
 STAGES = ((3, 100.0), (4, 20.0), (8, 5.0), (12, 2.0))  # steps on all windows, and who goes on after them
 SHORTER = 0.4  # length of the windows in which a play is searched for, of the usual ones
 SETTLED = 2  # leading candidates of a family whose windows are searched for better hidden states
-ROUNDS = 10  # of the polishing of a play
+ROUNDS = 24  # of the polishing of a play
 POLISHED = 30.0  # times the lowest cost up to which a play is polished
 STUCK = 8.0  # mean chi-square of a window in which a hidden state is wrong
 NEAR = 300.0  # chi-square per residual above which no search of hidden states is worth its time
@@ -246,7 +246,7 @@ class Search:
                 self.polish(c)
         finished: dict[tuple[str, ...], Candidate] = {}
         for c in sorted(chosen, key=height):
-            c.robust = False
+            c.robust = c.robust and self.has_play(c)
             finished.setdefault(c.names, c)
         return self.finish(list(finished.values()))
 
@@ -291,12 +291,13 @@ class Search:
         lead until all do.
         """
         fitter = self.fitters[c.family.key]
+        everything = [np.arange(len(record.starts)) for record in self.records]
         for _ in range(ROUNDS):
             costs = np.concatenate(c.window_cost) / self.per_window
             if np.max(costs) < STUCK and c.converged:
                 return
             c.robust = bool(np.max(costs) >= STUCK)
-            found = settle(fitter, c, self.train, self.per_window)
+            found = settle(fitter, c, everything, self.per_window)
             if c.robust:
                 found |= scan_gap(fitter, c, self.train, self.per_window)
             if not found and c.converged:

@@ -18,6 +18,7 @@ DECISIVE = 8.0  # log evidence by which a cause must beat its absence
 WHITE = 1.04  # residual energy over what its own differences say is noise; above it there is structure
 EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed where some structure is left
 REMOVES = 0.5  # a further cause must remove this share of the energy that is left above the noise
+RATTLES = 0.2  # share of the windows, best and worst, that a play's energy is judged without
 MORE = (14, 10, 5, 2)
 FEW = (8, 6, 4, 2)  # sets of causes that go on after the screening and after each stage
 IMPOSSIBLE = ({"presliding", "compliance"}, {"presliding", "backlash"}, {"compliance", "backlash"})
@@ -95,6 +96,8 @@ def decide(search: Search, progress: Progress) -> Decision:
         progress(f"a cause beside {' + '.join(decision.chosen.names)}", 0.3 + 0.2 * len(decision.path))
         if not _one_more(search, decision, screen):
             break
+    while len(decision.path) > 2 and _one_less(search, decision):
+        pass
     _judge(search, decision, decision.chosen)
     before, after = energy(search, exact), energy(search, decision.chosen)
     closed = 1.0 - (np.sqrt(after) - np.sqrt(decision.floor)) / max(np.sqrt(before) - np.sqrt(decision.floor), 1e-12)
@@ -153,11 +156,16 @@ def _material(search: Search, before: Fitted, after: Fitted) -> bool:
 def channel_energy(search: Search, fitted: Fitted) -> float:
     """Residual energy per sample [1] of the channel that the gap is told in."""
     fitter = search.fitters[fitted.candidate.family.key]
-    total, count = 0.0, 0
+    windows = []
     for which, record in enumerate(search.records):
         residual = fitter.residuals(fitted.candidate, which, np.arange(len(record.starts)))[0]
-        total, count = total + float(np.sum(residual**2)), count + residual.size
-    return total / count
+        windows.append(np.mean(residual**2, axis=0))
+    found = np.sort(np.concatenate(windows))
+    if search.has_play(fitted.candidate):
+        # A load that rattles is chaotic: a few windows stay off track however good the model is.
+        cut = int(RATTLES * len(found))
+        found = found[cut : len(found) - cut]
+    return float(np.mean(found))
 
 
 def _one_more(search: Search, decision: Decision, screen: list[np.ndarray]) -> bool:
@@ -200,6 +208,38 @@ def _one_more(search: Search, decision: Decision, screen: list[np.ndarray]) -> b
         decision.path[-1:] = [first, best]
     decision.rivals = sorted([*everything, *decision.singles], key=lambda f: -f.evidence)
     _judge(search, decision, best)
+    return True
+
+
+def _one_less(search: Search, decision: Decision) -> bool:
+    """Take out a cause that the others do without, once they are fitted from where all of them stand."""
+    chosen = decision.chosen
+    values, family = chosen.candidate.values(), chosen.candidate.family
+    neutral = dict(zip([p.name for p in family.parameters], family.neutral(search.setting), strict=True))
+    fewer = []
+    for effect in chosen.candidate.effects:
+        others = tuple(other for other in chosen.candidate.effects if other is not effect)
+        kept = {p.name for other in others for p in other.parameters}
+        start = values | {p.name: neutral[p.name] for p in effect.parameters if p.name not in kept}
+        fewer.append(search.candidate(others, start))
+    search.fit(fewer, search.train, 12)
+    for c in fewer:
+        if search.has_play(c):
+            search.polish(c)
+    found = search.finish(fewer)
+    weigh(search, [*found, *decision.rivals, chosen, decision.exact, decision.null, *decision.singles])
+    best = max(found, key=lambda f: f.evidence)
+    needed = channel_energy(search, best) - channel_energy(search, chosen) > MATERIAL * decision.floor
+    if needed and chosen.evidence - best.evidence > DECISIVE:
+        return False
+    if len(best.names) == 1:
+        decision.singles = [best, *(f for f in decision.singles if f.names != best.names)]
+        decision.rivals = decision.singles
+        decision.path = [decision.exact, best]
+    else:
+        first = next(f for f in decision.singles if f.names[0] in best.names)
+        decision.path = [decision.exact, first, best]
+        decision.rivals = [best, *(f for f in decision.rivals if set(f.names) != set(best.names))]
     return True
 
 

@@ -412,7 +412,7 @@ EFFECTS: tuple[Effect, ...] = (
     _effect(
         "torque_saturation",
         (LIMIT,),
-        starts=lambda s: [{"limit": f * s.torque} for f in (0.95, 0.85, 0.7)],
+        starts=lambda s: [{"limit": f * s.torque} for f in (0.97, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2)],
     ),
     _effect(
         "torque_dead_zone",
