@@ -7,6 +7,7 @@ import numpy as np
 
 from .attribute import Fitted, Progress, Search
 from .effect import Effect
+from .fit import Candidate
 from .hints import known_torque, position_hints
 
 MOST_CAUSES = 3
@@ -18,6 +19,7 @@ DECISIVE = 8.0  # log evidence by which a cause must beat its absence
 WHITE = 1.04  # residual energy over what its own differences say is noise; above it there is structure
 EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed where some structure is left
 REMOVES = 0.5  # a further cause must remove this share of the energy that is left above the noise
+LEAST_TURN = 0.02  # rad that a position at the log's start must move to be another one
 RATTLES = 0.2  # share of the windows, best and worst, that a play's energy is judged without
 MORE = (14, 10, 5, 2)
 FEW = (8, 6, 4, 2)  # sets of causes that go on after the screening and after each stage
@@ -62,23 +64,20 @@ def decide(search: Search, progress: Progress) -> Decision:
     began = time.perf_counter()
     progress("nominal model", 0.02)
     if search.setting.unknown_origin:
-        turns = [search.candidate((), {"origin": angle}, "fixed") for angle in np.arange(12) * np.pi / 6]
-        search.fit(turns, search.train, 6)
-        found = float(min(turns, key=lambda c: c.cost).values()["origin"])
-        record = max(search.records, key=lambda record: len(record.time))
-        hints = position_hints(record, search.setting, known_torque(record, search.nominal.plant.load, found))
-        nominal = {**search.setting.nominal, "origin": found}
-        search.setting = replace(search.setting, nominal=nominal, hints=hints)
+        _set_origin(search, min(_turned(search, (), {}, "fixed"), key=lambda c: c.cost))
     exact_candidate, null_candidate = search.candidate((), {}, "fixed"), search.candidate((), {})
     search.fit([exact_candidate, null_candidate], search.train, 10)
     exact, null = search.finish([exact_candidate, null_candidate])
     screen = search.screening(exact.train)
     progress("every effect alone", 0.1)
     options = [((effect,), start) for effect in search.effects for start in effect.starts(search.setting)]
-    singles = search.best_of(options, screen)
-    everything = [exact, null, *singles]
-    weigh(search, everything)
-    singles.sort(key=lambda f: -f.evidence)
+    singles = _alone(search, options, screen, [exact, null])
+    if search.setting.unknown_origin and _turn_again(search, singles[:2]):
+        # The gap itself had turned the origin: with the right one, everything again.
+        exact_candidate, null_candidate = search.candidate((), {}, "fixed"), search.candidate((), {})
+        search.fit([exact_candidate, null_candidate], search.train, 10)
+        exact, null = search.finish([exact_candidate, null_candidate])
+        singles = _alone(search, options, screen, [exact, null])
     best = singles[0]
     decision = Decision(exact, null, singles, [exact])
     _judge(search, decision, best)
@@ -103,6 +102,43 @@ def decide(search: Search, progress: Progress) -> Decision:
     closed = 1.0 - (np.sqrt(after) - np.sqrt(decision.floor)) / max(np.sqrt(before) - np.sqrt(decision.floor), 1e-12)
     decision.explained = decision.structure < WHITE or (closed > EXPLAINED_SHARE and decision.structure < 1.5)
     return decision
+
+
+def _alone(
+    search: Search, options: list[tuple[tuple[Effect, ...], dict[str, float]]], screen: list[np.ndarray], more: list
+) -> list[Fitted]:
+    """Every effect alone, best first."""
+    singles = search.best_of(options, screen)
+    weigh(search, [*more, *singles])
+    return sorted(singles, key=lambda f: -f.evidence)
+
+
+def _turned(search: Search, effects: tuple[Effect, ...], values: dict[str, float], nominal: str) -> list[Candidate]:
+    """A model from twelve positions at the log's start, fitted."""
+    turns = [search.candidate(effects, values | {"origin": angle}, nominal) for angle in np.arange(12) * np.pi / 6]
+    search.fit(turns, search.train, 6)
+    return turns
+
+
+def _set_origin(search: Search, candidate: Candidate) -> None:
+    """Every model starts from the position that this one found."""
+    found = candidate.values()["origin"]
+    record = max(search.records, key=lambda record: len(record.time))
+    hints = position_hints(record, search.setting, known_torque(record, search.nominal.plant.load, found))
+    nominal = {**search.setting.nominal, "origin": found}
+    search.setting = replace(search.setting, nominal=nominal, hints=hints)
+
+
+def _turn_again(search: Search, leading: list[Fitted]) -> bool:
+    """Whether another position at the log's start fits far better once the leading effects are in; then it is set."""
+    for fitted in leading:
+        c = fitted.candidate
+        best = min(_turned(search, c.effects, c.values(), "prior"), key=lambda turn: turn.cost)
+        turned = np.angle(np.exp(1j * (best.values()["origin"] - c.values()["origin"])))
+        if abs(turned) > LEAST_TURN and best.chi_square < 0.5 * c.chi_square:
+            _set_origin(search, best)
+            return True
+    return False
 
 
 def weigh(search: Search, fitted: list[Fitted]) -> None:
