@@ -19,6 +19,7 @@ DECISIVE = 8.0  # log evidence by which a cause must beat its absence
 WHITE = 1.04  # residual energy over what its own differences say is noise; above it there is structure
 EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed where some structure is left
 REMOVES = 0.5  # a further cause must remove this share of the energy that is left above the noise
+WHITE_WITH_PLAY = 1.3  # the same of a play, whose contacts a step of finite length blurs
 LEAST_TURN = 0.02  # rad that a position at the log's start must move to be another one
 RATTLES = 0.2  # share of the windows, best and worst, that a play's energy is judged without
 MORE = (14, 10, 5, 2)
@@ -89,7 +90,9 @@ def decide(search: Search, progress: Progress) -> Decision:
     decision.gap = True
     decision.path.append(best)
     decision.rivals = singles
-    while decision.structure > WHITE and len(decision.path) <= MOST_CAUSES:
+    while len(decision.path) <= MOST_CAUSES:
+        if decision.structure < (WHITE_WITH_PLAY if search.has_play(decision.chosen.candidate) else WHITE):
+            break
         if time.perf_counter() - began > PATIENCE:
             break
         progress(f"a cause beside {' + '.join(decision.chosen.names)}", 0.3 + 0.2 * len(decision.path))
