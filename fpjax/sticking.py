@@ -94,7 +94,7 @@ def _slip(
     safe = jnp.where(crosses & (velocity != 0.0), sliding, 1.0)
     until = jnp.where(velocity != 0.0, -velocity / safe, 0.0)
     rest = Motion(jnp.where(free < 0.0, -_NEARLY_REST, _NEARLY_REST), middle.position, middle.time)
-    level = share * law.level(rest)
+    level = share * law.breakaway(rest)
     left = (free - jnp.clip(free, -level, level)) / inertia  # soft(T, k) / J
     turned = left * (dt - until)
     slid = position + 0.5 * dt * (velocity + after)

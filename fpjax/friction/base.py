@@ -47,6 +47,10 @@ class AbstractStaticFriction(AbstractFriction):
     def level(self, motion: Motion) -> Array:
         """Magnitude [N m] of the set-valued part for motion in the direction of `motion.velocity`."""
 
+    def breakaway(self, motion: Motion) -> Array:
+        """`level` [N m] at rest, for a motion about to start in the direction of `motion.velocity` (all but zero)."""
+        return self.level(motion)
+
     @abstractmethod
     def drag(self, motion: Motion) -> Array:
         """The part [N m] that is smooth in velocity and zero at rest."""

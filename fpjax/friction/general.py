@@ -1,5 +1,7 @@
 """A friction law with every static effect that a servo shows, each with a neutral value at which it is not there."""
 
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -60,10 +62,17 @@ class GeneralFriction(AbstractStaticFriction):
 
     def level(self, motion: Motion) -> Array:
         """Magnitude of the set-valued part [N m] for motion in the direction of `motion.velocity`."""
-        level = self.coulomb + self._side(motion) * self.coulomb_difference
-        if self.stribeck_torque is not None:
-            falling = safe_power(jnp.abs(motion.velocity) / self.stribeck_velocity, self.stribeck_exponent)
-            level = level + self.stribeck_torque * jnp.exp(-falling)
+        if self.stribeck_torque is None:
+            return self._level(motion, 0.0)
+        falling = safe_power(jnp.abs(motion.velocity) / self.stribeck_velocity, self.stribeck_exponent)
+        return self._level(motion, self.stribeck_torque * jnp.exp(-falling))
+
+    def breakaway(self, motion: Motion) -> Array:
+        """`level` at rest [N m]: Stribeck's whole torque, without its powers."""
+        return self._level(motion, 0.0 if self.stribeck_torque is None else self.stribeck_torque)
+
+    def _level(self, motion: Motion, more: Any) -> Array:
+        level = self.coulomb + self._side(motion) * self.coulomb_difference + more
         if self.drift_amplitude is not None:
             level = level + self.drift_amplitude * jnp.exp(-motion.time / self.drift_time)
         level = level + fourier(self.position_cosine, self.position_sine, self.position_periods * motion.position)

@@ -88,12 +88,10 @@ _BASE = Effect("nominal", NOMINAL, features=())
 
 
 def key_for(effects: tuple[Effect, ...]) -> Key:
-    """What a machine must have to hold these effects together; few keys, because each is compiled."""
+    """What a machine must have to hold these effects together, and no more: what is left out costs no time."""
     structures = {e.structure for e in effects} - {"rigid"}
     structure: Structure = "transmission" if "transmission" in structures else "bristles" if structures else "rigid"
     wanted = {feature for e in effects for feature in e.features}
-    if len(wanted) > (1 if structure == "rigid" else 0):
-        return structure, FEATURES
     return structure, tuple(f for f in FEATURES if f in wanted)
 
 

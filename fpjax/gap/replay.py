@@ -113,11 +113,15 @@ def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -
     decay = jnp.exp(-tables.dt / jnp.maximum(actuator.lag, 1e-6 * tables.dt))
     plain = eqx.tree_at(lambda at: (at.lag, at.delay), actuator, (None, None), is_leaf=lambda leaf: leaf is None)
     still = Motion(jnp.zeros_like(rate), jnp.zeros_like(rate), jnp.zeros_like(rate))
-    lagged, weight = jnp.zeros_like(rate), 1.0 - decay
-    for tap in range(TAPS):
-        command = command_at(tables, windows.start - 1 - tap, actuator.delay)
-        lagged = lagged + weight * plain.readout(ActuatorState(None, ()), command, still)
-        weight = weight * decay
+
+    def tap(carry: tuple[Array, Array], back: Array) -> tuple[tuple[Array, Array], None]:
+        lagged, weight = carry
+        command = command_at(tables, windows.start - 1 - back, actuator.delay)
+        return (lagged + weight * plain.readout(ActuatorState(None, ()), command, still), weight * decay), None
+
+    # A loop, not 128 copies: the copies were most of what there was to compile.
+    taps = jnp.arange(TAPS, dtype=windows.start.dtype)
+    (lagged, _), _ = jax.lax.scan(tap, (jnp.zeros_like(rate), 1.0 - decay), taps)
     offset = jnp.zeros_like(rate) if actuator.offset is None else actuator.offset
     reading = (windows.velocity + states[0] - sensor.bias) / sensor.scale + sensor.delay * windows.slope
     return plant, lagged - offset, reading, rate - tables.dt * windows.slope / sensor.scale
