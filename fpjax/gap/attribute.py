@@ -292,11 +292,12 @@ class Search:
         """
         fitter = self.fitters[c.family.key]
         everything = [np.arange(len(record.starts)) for record in self.records]
+        best, stalled = np.inf, 0
         for _ in range(ROUNDS):
-            costs = np.concatenate(c.window_cost) / self.per_window
-            if np.max(costs) < STUCK and c.converged:
+            worst = max(float(np.max(costs)) for costs in c.window_cost if len(costs)) / self.per_window
+            if worst < STUCK and c.converged:
                 return
-            c.robust = bool(np.max(costs) >= STUCK)
+            c.robust = worst >= STUCK
             found = settle(fitter, c, everything, self.per_window)
             if c.robust:
                 found |= scan_gap(fitter, c, self.train, self.per_window)
@@ -304,6 +305,10 @@ class Search:
                 return
             c.converged, c.damping, c.cost = False, min(c.damping, 1.0), np.inf
             fitter.go_on([c], self.train, 4)
+            stalled = stalled + 1 if c.cost > 0.98 * best else 0
+            best = min(best, c.cost)
+            if stalled == 2:
+                return
 
     def leading(self, group: list[Candidate]) -> list[Candidate]:
         """Those of one family that a search of hidden states may bring to the noise."""
