@@ -253,10 +253,11 @@ class Search:
     def searched(self, options: Options) -> Options:
         """Better starts for transmissions: a search in short windows that the windows which fit may lead.
 
-        A play throws a long window off track unless its size is nearly right; in 0.1 s with a robust cost the grid of
-        starts finds it. What comes back are the fitted values of the best few starts.
+        A play throws a long window off track unless its size is nearly right; in short ones with a robust cost the grid
+        of starts finds it. What comes back are the fitted values of the best few starts. A transmission that is there
+        already, beside a newcomer, starts from where it stands.
         """
-        hard = [option for option in options if key_for(option[0])[0] == "transmission"]
+        hard = [option for option in options if option[0][-1].structure == "transmission"]
         if not hard or self.logs is None:
             return options
         if self.short is None:
@@ -275,7 +276,7 @@ class Search:
         few = [chosen[:: max(1, len(chosen) // 24)] for chosen in short.train]
         more = [chosen[:: max(1, len(chosen) // 60)] for chosen in short.train]
         short.fit(candidates, few, 6)
-        found: Options = [option for option in options if key_for(option[0])[0] != "transmission"]
+        found: Options = [option for option in options if option[0][-1].structure != "transmission"]
         for names in dict.fromkeys(c.names for c in candidates):
             group = sorted((c for c in candidates if c.names == names), key=lambda c: c.cost)[:3]
             short.fit(group, more, 12)
