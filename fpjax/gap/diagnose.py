@@ -119,7 +119,7 @@ def _assemble(
     gap, steps = gap_and_steps(search, decision, compared)
     if quantised:
         steps = (*steps, Step("velocity_quantisation", gap.after, gap.after_interval))
-    ranking = rank(search, decision, gap, quantised, records[0])
+    ranking = rank(search, decision, verdict, gap, steps, quantised)
     corrected = assemble.machine_of(decision.chosen.candidate)
     text, missing = corrected_model(model, corrected, step)
     spread = assemble.covariance(search, decision.chosen)
@@ -132,21 +132,22 @@ def _assemble(
     return Diagnosis(
         verdict=verdict,
         causes=tuple(causes),
-        ranking=ranking,
+        ranking=ranking.entries,
         gap=gap,
         steps=steps,
         where=where,
-        next_experiment=experiments(ranking),
+        next_experiment=experiments(ranking.entries),
         model=text,
         model_missing=missing,
         warnings=tuple(dict.fromkeys([*warnings, *([missing] if missing else [])])),
         comparisons=compared,
         identifiability=assemble.identifiability(search, decision.chosen, spread),
-        probability=ranking[0].probability if ranking else 0.0,
+        probability=ranking.probability,
         residual_where=left,
         motion="linear" if records[0].linear else "rotary",
         nominal=model.text,
         tracking=tracking,
+        same_as=tuple(twin.sentence() for twin in ranking.twins),
     )
 
 

@@ -17,6 +17,10 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     causes = " + ".join(diagnosis.causes)
     if diagnosis.verdict == "no_gap":
         return "No gap: nothing beyond the noise of the sensors."
+    if diagnosis.verdict == "explained" and diagnosis.causes == ("velocity_quantisation",):
+        return (
+            "Explained by velocity_quantisation: all that is left of the simulation's error is the reading's rounding."
+        )
     if diagnosis.verdict == "explained":
         return f"Explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data."
     if diagnosis.causes:
@@ -56,6 +60,7 @@ def told(diagnosis: Diagnosis) -> str:
             f"{error.before:.4g} before, {error.after:.4g} {error.unit} after the correction"
         )
     lines += [_entry(entry) for entry in diagnosis.ranking[:SHOWN]]
+    lines += [f"note: {sentence}" for sentence in diagnosis.same_as]
     lines += [f"warning: {warning}" for warning in diagnosis.warnings]
     return "\n".join(lines)
 

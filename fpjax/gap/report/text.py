@@ -24,6 +24,8 @@ def verdict_sentence(contents: Contents) -> str:
             f"The simulation agrees with the log: on withheld data the {contents.signal} differs by {before} rms"
             f"{over_floor}, and no effect beats chance."
         )
+    if contents.verdict == "explained" and contents.causes == ("velocity_quantisation",):
+        return f"{_lacks(contents)}: the {contents.signal} error on withheld data, {before} rms, is rounding alone."
     if contents.verdict == "explained":
         shrink = f"the {contents.signal} error on withheld data falls from {before} to {after} rms" + _of_closable(
             contents
@@ -32,6 +34,8 @@ def verdict_sentence(contents: Contents) -> str:
     differs = f"The simulation differs from the log by {before} rms in {contents.signal} on withheld data{over_floor}"
     if contents.causes:
         part = f"{_asserted(contents)} explains part of it"
+        if contents.causes == ("velocity_quantisation",):
+            part = f"{_asserted(contents)} is part of it"
         return f"{differs}; {part}, and {_nothing_closes(contents, f'the {after} left')}."
     attempt = contents.after.known and contents.before.known and contents.after.value < contents.before.value
     rest = f"; the best attempt still leaves {after}" if attempt else ""
@@ -102,8 +106,8 @@ def tracking_sentence(contents: Contents) -> str:
         f"{show_with_unit(known[name])} {name} the correction" for name in ("before", "after") if name in known
     ]
     measured = show_with_unit(known["measured"])
-    told = f"{measured} rms measured; the simulator predicts {join(predicted)}"
-    return f"Closed-loop tracking error on withheld data: {told}."
+    told = join(predicted)
+    return f"Closed-loop tracking error on withheld data: {measured} rms measured; the simulator predicts {told}."
 
 
 def _alternatives(contents: Contents) -> list[str]:
