@@ -113,7 +113,7 @@ def _over(estimate: Estimate, nominal: float) -> Estimate:
 
 
 def _mean_is_nominal(sides: Mapping[str, Estimate], name: str, log: Log) -> bool:
-    """Whether the mean of both directions is the nominal value, within its interval or what nominal values may be off."""
+    """Whether the mean of both directions is the nominal value, within its interval or what that may be off."""
     both = [sides[f"{name}_{side}"] for side in ("positive", "negative")]
     half = 0.25 * sum(side.high - side.low for side in both)
     nominal = log.nominal.get(name, 0.0)
