@@ -25,8 +25,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.causes:
         beside = " is seen; the best attempt beside it" if rounding else ""
         return (
-            f"Not fully explained: {causes}{beside} closes {gap.closed:.1%} of the gap, and what remains has structure: "
-            f"{nothing_closes(diagnosis.allowed)}."
+            f"Not fully explained: {causes}{beside} closes {gap.closed:.1%} of the gap, and what remains has "
+            f"structure: {nothing_closes(diagnosis.allowed)}."
         )
     return f"Unexplained: there is a gap, and {nothing_closes(diagnosis.allowed)}."
 

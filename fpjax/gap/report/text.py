@@ -1,11 +1,12 @@
 """The report's sentences, as plain text: the verdict, where the gap lies, what cannot be told apart."""
 
 import math
+import re
 
 from ..told import nothing_closes
 from .contents import Contents, Place
 from .digits import readable, show_percent, show_unit, show_with_unit
-from .words import effect_name, is_wrong_value, join, motion_units, regime_name, sure
+from .words import EFFECTS, effect_name, is_wrong_value, join, motion_units, regime_name, sure
 
 
 def verdict_title(contents: Contents) -> str:
@@ -95,6 +96,20 @@ def twin_sentences(contents: Contents) -> list[str]:
         share = f"; together they hold {show_percent(min(probability, 1.0))}" if probability > 0.0 else ""
         sentences.append(f"{names[:1].upper()}{names[1:]} leave the same trace in this log{share}.")
     return sentences
+
+
+def set_twin_sentences(contents: Contents) -> list[str]:
+    """One sentence per set of several effects that together make the same log as what was found."""
+    sentences = []
+    for sentence in contents.same_as:
+        if " + " in sentence:  # one for one is told with the classes
+            told = re.sub(r"\w+", lambda word: _named(word.group(), contents.motion), sentence).replace(" + ", " with ")
+            sentences.append(f"{told[:1].upper()}{told[1:]}")
+    return sentences
+
+
+def _named(word: str, motion: str) -> str:
+    return effect_name(word, motion) if word in EFFECTS else word
 
 
 def tracking_sentence(contents: Contents) -> str:
