@@ -76,7 +76,7 @@ def _of_record(fitter, c: Candidate, which: int, windows: np.ndarray) -> np.ndar
         states[row, :, 1 + len(c.free) + place] += state_step[row]
     fields = window_fields(fitter.runner.records[which], windows, c.hidden[which])
     lanes = {name: np.repeat(value, count, axis=-1) for name, value in fields.items()}
-    out = fitter.runner.run(which, np.tile(vector, (1, len(windows))), states.reshape(len(states), -1), lanes)
+    out, _ = fitter.runner.run(which, np.tile(vector, (1, len(windows))), states.reshape(len(states), -1), lanes)
     # (channels, samples, windows x lanes) -> (windows, channels x samples, lanes)
     shaped = out.reshape(-1, len(windows), count).transpose(1, 0, 2)
     slope = (shaped[:, :, 1:] - shaped[:, :, :1]) / np.concatenate([step, state_step[live]])
