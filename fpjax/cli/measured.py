@@ -7,7 +7,6 @@ import numpy as np
 from ..errors import InputError
 from ..model_file import Model
 
-
 LOOKED_AT = 4000  # samples of a run that the excitation is judged by
 
 
