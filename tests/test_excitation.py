@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import fpjax as fp
+from fpjax.cli import main
 from fpjax.excitation import assess_excitation, error_matrix, pole, propagate, sticking_rate
 
 DEGREE = math.pi / 180.0
@@ -124,3 +125,20 @@ def test_sticking_rate_is_the_one_of_the_chattering_loop():
     measured = (estimate[stuck][-1] - estimate[stuck][0]) / (25000 - 1) / 1e-5
     predicted = np.mean(sticking_rate(100.0, 10.0, control[stuck], 20.0, estimate[stuck]))
     assert measured == pytest.approx(predicted, rel=0.02)
+
+
+def test_simulate_says_which_estimates_cannot_converge(tmp_path, capsys):
+    """The same sentence as `tune` and `estimate`, from the run's own motion."""
+    text = (
+        '[plant]\ntype = "one_mass"\ninertia = 10.0\n[friction]\ntype = "coulomb_viscous"\ncoulomb = 20.0\n'
+        'viscous = 2.0\nsteepness = 50.0\n[controller]\ntype = "pi"\nkp = 150.0\nki = 200.0\n'
+        '[observer]\ntype = "efp"\ngain_1 = 2000.0\ngain_2 = 2000.0\n[reference]\ntype = "sine"\namplitude = 1.0\n'
+        "frequency = 1.0\n[simulation]\ndt = 1e-3\nduration = {}\n"
+    )
+    said = {}
+    for name, duration in (("short", 4.0), ("long", 100.0)):
+        (tmp_path / f"{name}.toml").write_text(text.format(duration))
+        assert main(["simulate", str(tmp_path / f"{name}.toml"), "--no-cache"]) == 0
+        said[name] = capsys.readouterr().err
+    assert "b_hat cannot converge here" in said["short"]
+    assert "cannot converge" not in said["long"]

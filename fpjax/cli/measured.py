@@ -4,7 +4,31 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import InputError
 from ..model_file import Model
+
+LOOKED_AT = 4000  # samples of a run that the excitation is judged by
+
+
+def excitation_sentences(model: Model, velocity: np.ndarray) -> tuple[str, ...]:
+    """Which estimates cannot converge along a run; empty where all do, and for an observer whose law is not known.
+
+    Args:
+        model: its observer, and the true values of what that estimates.
+        velocity: of the run [rad/s], shape (samples,).
+    """
+    from ..excitation import assess_excitation
+
+    observer = model.loop.observer
+    if not observer.estimated:
+        return ()
+    every = -(-len(velocity) // LOOKED_AT)
+    duration = len(velocity) * model.dt
+    try:
+        found = assess_excitation(observer, velocity[::every], model.dt * every, model.nominal, duration=duration)
+    except (InputError, AttributeError, KeyError):
+        return ()  # an observer whose error dynamics are not known
+    return found.sentences
 
 
 def recorded_names(model: Model) -> tuple[str, ...]:

@@ -69,7 +69,7 @@ def _simulate(model: Any, arguments: argparse.Namespace, record: RunFile) -> Non
     import jax
 
     from .. import simulate
-    from .measured import measures_of, recorded_names, summary
+    from .measured import excitation_sentences, measures_of, recorded_names, summary
 
     model.needed_controller()
     reference = model.needed_reference()
@@ -90,6 +90,8 @@ def _simulate(model: Any, arguments: argparse.Namespace, record: RunFile) -> Non
     rows = summary(model, run)
     print(f"{_title(model)}: {run.message}, {len(run.time)} samples of {model.dt:g} s")
     print(table(rows, ("quantity", "value", "unit")))
+    for sentence in excitation_sentences(model, signals["velocity"]):
+        say(record, sentence)
     if record.folder is not None:
         values = {name: {"value": value, "unit": unit} for name, value, unit in rows}
         write_json(record.path("simulation.json"), {"status": run.message, "measures": values})

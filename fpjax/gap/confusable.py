@@ -1,48 +1,54 @@
 """Confusable: effects that a log cannot tell apart, exactly or by its data."""
 
 from .attribute import Fitted, Search
-from .decide import Decision
+from .signature import canonical_correlation
+from .twins import Twin
 
-CLOSE = 4.0  # log evidence within which the data do not decide
-LARGEST_CLASS = 3
-
-
-def exact_twins(effect: str, decision: Decision, search: Search) -> tuple[str, ...]:
-    """Effects whose logs are the same as this one's, whatever the data (the contract's table)."""
-    record = search.records[0]
-    names = decision.chosen.names
-    if effect in ("actuator_delay", "velocity_delay") and record.position is None and "friction_drift" not in names:
-        return ("velocity_delay" if effect == "actuator_delay" else "actuator_delay",)
-    if effect == "constant_torque":
-        return ("asymmetric_friction",)
-    if effect == "asymmetric_friction":
-        return ("constant_torque",)
-    return ()
+CLOSE = 4.0  # log evidence [1] within which the data do not decide between effects whose signatures are alike
+TOSS = 1.0  # and within which they decide nothing, whatever the signatures
+ALIKE = 0.95  # canonical correlation of two signatures from which on they are alike
+LARGEST_CLASS = 3  # names; a class of everything says nothing
 
 
 def indistinguishable(
-    fitted: Fitted, position: int, rivals: list[Fitted], decision: Decision, search: Search
+    search: Search, fitted: Fitted, effect: str, rivals: list[Fitted], twins: list[Twin]
 ) -> tuple[str, ...]:
-    """Effects that could stand in one place of the causes as well: exact twins, and those whose evidence is as good.
+    """Effects that could stand in one place of the causes as well.
+
+    First the effect that is its exact twin. Then those whose evidence in its place is nearly as good and whose
+    signature in this log is alike: evidence alone can be close by luck, and signatures alone can be alike where the
+    data still decide. Last, where there is room, several effects that together are its exact twin.
 
     Args:
-        fitted: the chosen model.
-        position: which of its effects is asked about.
-        rivals: every model tried with as many effects.
-        decision: the search's.
         search: the fits.
+        fitted: the chosen model.
+        effect: which of its causes is asked about.
+        rivals: models that were tried.
+        twins: of the chosen model's causes.
+
+    Returns:
+        At most two names, the closest first.
     """
-    name = fitted.names[position]
-    others = set(fitted.names) - {name}
-    found = list(exact_twins(name, decision, search))
-    close = [
-        (fitted.evidence - rival.evidence, next(iter(set(rival.names) - others)))
-        for rival in rivals
-        if len(rival.names) == len(fitted.names)
-        and others <= set(rival.names)
-        and set(rival.names) != set(fitted.names)
-    ]
-    for distance, other in sorted(close):
-        if distance < CLOSE and other not in found:
+    sets = [twin.instead for twin in twins if effect in twin.causes]
+    found = [instead[0] for instead in sets if len(instead) == 1][: LARGEST_CLASS - 1]
+    others = set(fitted.names) - {effect}
+    for rival, other in sorted(_in_place(fitted, others, rivals), key=lambda pair: -pair[0].evidence):
+        distance = fitted.evidence - rival.evidence
+        if len(found) >= LARGEST_CLASS - 1 or distance >= CLOSE:
+            break
+        if other in found:
+            continue
+        if distance < TOSS or canonical_correlation(search, fitted, effect, rival, other) > ALIKE:
             found.append(other)
-    return tuple(found[: LARGEST_CLASS - 1])
+    for instead in sets:
+        new = [name for name in instead if name not in found]
+        if len(instead) > 1 and len(found) + len(new) < LARGEST_CLASS:
+            found += new
+    return tuple(found)
+
+
+def _in_place(fitted: Fitted, others: set[str], rivals: list[Fitted]) -> list[tuple[Fitted, str]]:
+    """Rivals that differ in one cause, with that cause's name."""
+    size = len(fitted.names)
+    near = [r for r in rivals if len(r.names) == size and others <= set(r.names) and set(r.names) != set(fitted.names)]
+    return [(rival, next(iter(set(rival.names) - others))) for rival in near]

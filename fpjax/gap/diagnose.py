@@ -52,43 +52,60 @@ def diagnose(
     Raises:
         InputError: for logs or a model that cannot be diagnosed, in one sentence.
     """
+    allowed = allowed_effects(effects)
+    clock = StageClock(progress)
+    clock("reading", 0.0)
     logs, withheld = read_logs(log), read_logs(holdout)
     if not logs:
         raise InputError("No log was given: pass a path, a Log or a mapping of arrays.")
     model = read_model(model)
-    if each:
-        return tuple(_diagnose([one], withheld, model, effects, progress) for one in logs)
-    return _diagnose(logs, withheld, model, effects, progress)
+    found = []
+    for group in [[one] for one in logs] if each else [logs]:
+        found.append(_diagnose(group, withheld, model, effects, allowed, clock))
+        clock = StageClock(progress)
+    return tuple(found) if each else found[0]
 
 
 def _diagnose(
-    logs: list[Any], withheld: list[Any], model: Any, effects: tuple[Effect, ...], progress: Callable[..., None] | None
-) -> Diagnosis:
+    logs: list[Any], withheld: list[Any], model: Any, effects: tuple[Effect, ...], allowed: tuple[str, ...],
+    clock: StageClock,
+) -> Diagnosis:  # fmt: skip
     started = datetime.datetime.now(datetime.UTC)
-    clock = StageClock(progress)
-    clock("reading", 0.0)
+    clock("looking", 0.01)
     everything = [*logs, *withheld]
     warnings = [sentence for one in logs for sentence in getattr(one, "warnings", ())]
     warnings += look_at(everything, model)
+    search = make_search(logs, withheld, model, effects)
+    decision = decide(search, clock)
+    clock("intervals and curves", 0.9)
+    found = _assemble(search, decision, model, warnings, everything, clock)
+    made = provenance(everything, search.records, model, allowed, started)
+    clock.done()
+    return dataclasses.replace(found, seconds=clock.seconds, allowed=allowed, provenance=made)
+
+
+def make_search(logs: list[Any], withheld: list[Any], model: Any, effects: tuple[Effect, ...]) -> Search:
+    """Everything that is fitted on one machine's logs, before anything is.
+
+    Args:
+        logs: fitted, in blocks where nothing else is withheld.
+        withheld: scored only.
+        model: the nominal model.
+        effects: the vocabulary.
+
+    Raises:
+        InputError: for logs that are too short, or do not go together.
+    """
+    everything = [*logs, *withheld]
     window = window_seconds(everything)
     records = [make_record(one, withhold="none" if withheld else "blocks", window=window) for one in logs]
     records += [make_record(one, withhold="all", window=window) for one in withheld]
     check_alike(records)
     records = with_common_noise(records)
-    allowed = allowed_effects(effects)
     if records[0].velocity is None:
         effects = tuple(effect for effect in effects if not on_rate_sensor(effect))
-    loop = model.loop
-    nominal = Nominal(loop.plant, loop.actuator, loop.sensor)
-    search = Search(records, nominal, effects, make_setting(records, model), everything)
-    decision = decide(search, clock)
-    clock("intervals and curves", 0.9)
-    found = _assemble(search, decision, model, warnings, everything, clock)
-    clock.end()
-    made = provenance(everything, records, model, allowed, started)
-    if progress is not None:
-        progress("done", 1.0)
-    return dataclasses.replace(found, seconds=clock.seconds, allowed=allowed, provenance=made)
+    nominal = Nominal(model.loop.plant, model.loop.actuator, model.loop.sensor)
+    return Search(records, nominal, effects, make_setting(records, model), everything)
 
 
 def allowed_effects(effects: tuple[Effect, ...]) -> tuple[str, ...]:
@@ -119,7 +136,7 @@ def _assemble(
     gap, steps = gap_and_steps(search, decision, compared)
     if quantised:
         steps = (*steps, Step("velocity_quantisation", gap.after, gap.after_interval))
-    ranking = rank(search, decision, gap, quantised, records[0])
+    ranking = rank(search, decision, verdict, gap, steps, quantised)
     corrected = assemble.machine_of(decision.chosen.candidate)
     text, missing = corrected_model(model, corrected, step)
     spread = assemble.covariance(search, decision.chosen)
@@ -132,21 +149,22 @@ def _assemble(
     return Diagnosis(
         verdict=verdict,
         causes=tuple(causes),
-        ranking=ranking,
+        ranking=ranking.entries,
         gap=gap,
         steps=steps,
         where=where,
-        next_experiment=experiments(ranking),
+        next_experiment=experiments(ranking.entries),
         model=text,
         model_missing=missing,
         warnings=tuple(dict.fromkeys([*warnings, *([missing] if missing else [])])),
         comparisons=compared,
         identifiability=assemble.identifiability(search, decision.chosen, spread),
-        probability=ranking[0].probability if ranking else 0.0,
+        probability=ranking.probability,
         residual_where=left,
         motion="linear" if records[0].linear else "rotary",
         nominal=model.text,
         tracking=tracking,
+        same_as=tuple(twin.sentence() for twin in ranking.twins),
     )
 
 

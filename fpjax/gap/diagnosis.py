@@ -45,10 +45,12 @@ class Ranked:
 
     Attributes:
         effect: name of the vocabulary.
-        probability: that it is a cause, calibrated on simulated logs.
+        probability: its share of the probability, calibrated on simulated logs: a set of causes divides its
+            probability equally among them, and so do effects that no log can tell apart. Sums to at most 1.
         gap_after: rms of the gap on withheld data with this effect (beside the causes already asserted) in the model.
         parameters: by the contract's name.
         indistinguishable_from: effects that this log cannot tell from it.
+        cause_probability: that it is among the causes, not divided: of a sure pair, 1 for either.
         evidence: log evidence less that of the nominal model [1], for those who want to look behind the probability.
     """
 
@@ -58,12 +60,14 @@ class Ranked:
     parameters: dict[str, Estimate]
     indistinguishable_from: tuple[str, ...] = ()
     evidence: float = 0.0
+    cause_probability: float = float("nan")
 
     def to_dict(self) -> dict[str, Any]:
-        """The contract's keys."""
+        """The contract's keys, and `cause_probability`."""
         return {
             "effect": self.effect,
             "probability": self.probability,
+            "cause_probability": self.cause_probability,
             "gap_after": self.gap_after,
             "parameters": {name: estimate.to_dict() for name, estimate in self.parameters.items()},
             "indistinguishable_from": list(self.indistinguishable_from),
@@ -296,7 +300,8 @@ class Diagnosis:
         comparisons: measured against simulated, one entry a log.
         identifiability: of the final fit.
         residual_where: where what is left lies, when the verdict is "unexplained".
-        probability: that the stated causes are exactly the right ones, calibrated.
+        probability: that the verdict is right, calibrated: the causes are exactly these (each itself or one that it
+            cannot be told from), or with no causes stated, that none of the effects tried is one.
         seconds: time spent by stage [s].
         motion: "rotary" or "linear", as in the model's `[units]`.
         nominal: the model as given, `servo.toml` text, so that a report can show what changed; "" where unknown.
@@ -305,6 +310,7 @@ class Diagnosis:
             windows_withheld}), `windows`, `versions`, `started`, `seeds`.
         allowed: names of the effects that were tried, where the vocabulary was restricted; () for all of it.
         model_missing: why there is no corrected model as text; "" where there is one.
+        same_as: exact twins of the causes, a sentence each.
     """
 
     verdict: Verdict
@@ -327,6 +333,7 @@ class Diagnosis:
     provenance: dict[str, Any] = field(default_factory=dict)
     allowed: tuple[str, ...] = ()
     model_missing: str = ""
+    same_as: tuple[str, ...] = ()
 
     def plot(self) -> Figure:
         """One page: the verdict, measured against simulated, where, and how far the gap shrinks."""
@@ -361,6 +368,8 @@ class Diagnosis:
             "next_experiment": [experiment.to_dict() for experiment in self.next_experiment],
             "model": self.model,
             "warnings": list(self.warnings),
+            "probability": self.probability,
+            "same_as": list(self.same_as),
             "model_missing": self.model_missing,
             "tracking": None if self.tracking is None else self.tracking.to_dict(),
             "allowed_effects": list(self.allowed) if self.allowed else "all",

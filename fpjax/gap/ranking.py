@@ -1,70 +1,146 @@
 """Ranking: every effect with its probability, what it leaves, its parameters, and what it may be mistaken for."""
 
-import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
+import jax.numpy as jnp
 
+from ..signals import Motion
 from . import assemble
-from .attribute import Search
+from .attribute import Fitted, Search
 from .confusable import indistinguishable
 from .decide import Decision
-from .diagnosis import Estimate, Gap, Ranked
-from .probability import shares
+from .diagnosis import Estimate, Gap, Ranked, Step, Verdict
+from .posterior import make_posterior
 from .record import Record
 from .shrink import withheld_rms
+from .sizes import turns_with_position
+from .twins import Log, Twin, exact_twins
 
 LISTED = 24  # entries of the ranking
+WITH_INTERVALS = 6  # entries whose intervals are computed
 
 
-def rank(search: Search, decision: Decision, gap: Gap, quantised: bool, record: Record) -> tuple[Ranked, ...]:
-    """The causes first, then every effect alone by its evidence."""
+@dataclass(frozen=True)
+class Ranking:
+    """What is known of each effect.
+
+    Attributes:
+        entries: the causes first, then by probability.
+        twins: exact twins of the causes.
+        probability: that the verdict is right.
+    """
+
+    entries: tuple[Ranked, ...]
+    twins: tuple[Twin, ...]
+    probability: float
+
+
+def rank(
+    search: Search, decision: Decision, verdict: Verdict, gap: Gap, steps: Sequence[Step], quantised: bool
+) -> Ranking:
+    """Rank every effect.
+
+    Args:
+        search: the fits.
+        decision: what they led to.
+        verdict: on the causes.
+        gap: on withheld data.
+        steps: the ladder.
+        quantised: the rate reading is rounded to a step that the nominal model does not know.
+    """
     chosen = decision.chosen
+    rivals = [*decision.rivals, *decision.path[1:]] if decision.gap else decision.singles
+    posterior = make_posterior(rivals, decision.explained, decision.gap, quantised)
     entries: dict[str, Ranked] = {}
-    rivals = [f for f in decision.rivals if len(f.names) == len(chosen.names)] if decision.gap else decision.singles
-    leads = rivals if len(chosen.names) <= 1 else [chosen]
-    odds = shares(np.array([f.evidence for f in leads]), decision.explained, decision.gap)
-    probability: dict[str, float] = {}
-    for fitted, share in zip(leads, odds, strict=True):
-        probability[fitted.names[0]] = probability.get(fitted.names[0], 0.0) + float(share)
-    rest = max(1.0 - sum(probability.values()), 0.0)
-    spread = assemble.covariance(search, chosen) if decision.gap else None
-    for position, effect in enumerate(chosen.candidate.effects if decision.gap else ()):
-        same = indistinguishable(chosen, position, decision.rivals, decision, search)
-        share = probability.get(effect.name, 0.5 * rest)
-        found = assemble.estimates(search, chosen, effect, spread)
-        after = gap.after if len(chosen.names) == 1 else withheld_rms(search, decision.path[1])
-        entries[effect.name] = Ranked(effect.name, share, after, found, same, chosen.evidence - decision.exact.evidence)
+    twins: list[Twin] = []
+    if decision.gap:
+        spread = assemble.covariance(search, chosen)
+        found = {effect.name: assemble.estimates(search, chosen, effect, spread) for effect in chosen.candidate.effects}
+        twins = exact_twins(chosen.names, found, log_of(search))
+        relative = chosen.evidence - decision.exact.evidence
+        left = {step.added: step.gap_after for step in steps}
+        for name, values in found.items():
+            same = indistinguishable(search, chosen, name, rivals, twins)
+            entries[name] = Ranked(name, 0.0, left.get(name, gap.after), values, same, relative)
     if quantised:
-        step = record.channel.step
-        lead = not decision.gap
-        top = 0.98 if lead else 0.5 * rest
-        if lead:
-            probability = {name: value * 0.5 for name, value in probability.items()}
-        value = Estimate(step, 0.9999 * step, 1.0001 * step, assemble.signal_unit(record))
-        entry = Ranked("velocity_quantisation", top, gap.after, {"step": value}, (), 0.0)
-        entries = {entry.effect: entry, **entries} if lead else {**entries, entry.effect: entry}
+        entry = _rounding(search.records[0], gap)
+        first = verdict == "unexplained"  # then it is all that is asserted
+        entries = {entry.effect: entry, **entries} if first else {**entries, entry.effect: entry}
+    asserted = list(entries)
     for fitted in decision.singles[:LISTED]:
         name = fitted.names[0]
-        if name in entries:
-            continue
-        found = {}
-        if len(entries) < 6:
-            found = assemble.estimates(search, fitted, fitted.candidate.effects[0])
-        else:
-            values = fitted.candidate.effects[0].describe(fitted.candidate.values(), search.setting)
-            found = {key: Estimate(value, value, value, unit) for key, (value, unit) in values.items()}
-        share = min(probability.get(name, 0.0), max(1.0 - sum(e.probability for e in entries.values()), 0.0))
-        relative = fitted.evidence - decision.exact.evidence
-        entries[name] = Ranked(name, share, withheld_rms(search, fitted), found, (), relative)
-    named = list(entries.values())
-    for twin in named[0].indistinguishable_from:
-        if twin in entries and twin not in chosen.names:
-            same = tuple(dict.fromkeys((named[0].effect, *entries[twin].indistinguishable_from)))
-            share = 0.5 * (named[0].probability + entries[twin].probability)
-            entries[twin] = dataclasses.replace(entries[twin], indistinguishable_from=same, probability=share)
-            entries[named[0].effect] = dataclasses.replace(entries[named[0].effect], probability=share)
-    return tuple(entries.values())
+        if name not in entries:
+            values = _parameters(search, fitted, len(entries) < WITH_INTERVALS)
+            relative = fitted.evidence - decision.exact.evidence
+            entries[name] = Ranked(name, 0.0, withheld_rms(search, fitted), values, (), relative)
+    entries = {
+        name: replace(entry, probability=posterior.share(name), cause_probability=posterior.cause(name))
+        for name, entry in entries.items()
+    }
+    same = {name: entries[name].indistinguishable_from for name in asserted}
+    right = posterior.statement(asserted, same) if verdict == "explained" else posterior.none()
+    for twin in twins:
+        share_alike(entries, twin)
+    _both_ways(entries, asserted)
+    rest = [entry for entry in entries.values() if entry.effect not in asserted]
+    rest.sort(key=lambda entry: (-entry.probability, -entry.evidence))
+    ranked = (*(entries[name] for name in asserted), *rest)
+    return Ranking(ranked, tuple(twins), right)
+
+
+def share_alike(entries: dict[str, Ranked], twin: Twin) -> None:
+    """Two sets of causes with one log hold the same probability, each divided among its causes; in place.
+
+    Unless the other set is larger: values that all happen to be wrong in one proportion are less likely than the one
+    cause that makes them so, and the simpler statement keeps its probability.
+    """
+    sides = (tuple(twin.causes), twin.instead)
+    if len(twin.instead) > len(twin.causes) or not {*twin.causes, *twin.instead} <= set(entries):
+        return
+    whole = sum(entries[name].probability for side in sides for name in side)
+    cause = sum(entries[name].cause_probability / len(side) for side in sides for name in side)
+    for side in sides:
+        for name in side:
+            share = 0.5 * whole / len(side)
+            entries[name] = replace(entries[name], probability=share, cause_probability=0.5 * cause)
+
+
+def _both_ways(entries: dict[str, Ranked], asserted: Sequence[str]) -> None:
+    """What a cause cannot be told from cannot be told from the cause either; in place."""
+    for name in asserted:
+        for other in entries[name].indistinguishable_from:
+            if other in entries and other not in asserted:
+                same = tuple(dict.fromkeys((*entries[other].indistinguishable_from, name)))
+                entries[other] = replace(entries[other], indistinguishable_from=same)
+
+
+def _parameters(search: Search, fitted: Fitted, intervals: bool) -> dict[str, Estimate]:
+    effect = fitted.candidate.effects[0]
+    if intervals:
+        return assemble.estimates(search, fitted, effect)
+    values = effect.describe(fitted.candidate.values(), search.setting)
+    linear, unknown = search.records[0].linear, float("nan")
+    return {
+        key: Estimate(value, unknown, unknown, assemble.linear_unit(unit, linear))
+        for key, (value, unit) in values.items()
+    }
+
+
+def _rounding(record: Record, gap: Gap) -> Ranked:
+    step = record.channel.step
+    value = Estimate(step, 0.9999 * step, 1.0001 * step, assemble.signal_unit(record))
+    return Ranked("velocity_quantisation", 0.0, gap.after, {"step": value})
+
+
+def log_of(search: Search) -> Log:
+    """What decides about exact twins."""
+    load, actuator = search.nominal.plant.load, search.nominal.actuator
+    turning = turns_with_position(load)
+    still = Motion(jnp.zeros(1), jnp.zeros(1), jnp.zeros(1))
+    known = turning or bool(load.readout(still)[0]) or bool(getattr(actuator, "offset", None))
+    return Log(search.records[0].position is not None, known, turning, search.setting.nominal)
 
 
 def quantised_reading(record: Record, model: Any) -> bool:

@@ -31,14 +31,14 @@ def make_setting(records: list[Record], model: Any) -> Setting:
         duration=float(longest.time[-1] - longest.time[0]),
         dt=longest.dt,
         nominal={"inertia": values["inertia"], "coulomb": coulomb, "viscous": viscous},
-        unknown_origin=longest.position is None and _turns_with_position(model.loop.plant.load),
+        unknown_origin=longest.position is None and turns_with_position(model.loop.plant.load),
     )
     return dataclasses.replace(
         setting, hints=position_hints(longest, setting, known_torque(longest, model.loop.plant.load))
     )
 
 
-def _turns_with_position(load: Any) -> bool:
+def turns_with_position(load: Any) -> bool:
     """Whether a known load depends on the position."""
     at = [Motion(np.zeros(1), np.full(1, angle), np.zeros(1)) for angle in (0.0, 0.7, 1.9)]
     values = [float(np.asarray(load.readout(motion))[0]) for motion in at]

@@ -30,3 +30,9 @@ class StageClock:
             spent = time.perf_counter() - self._began
             self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + spent
         self._stage = None
+
+    def done(self) -> None:
+        """The last stage ends, and progress is told that all is done."""
+        self.end()
+        if self._progress is not None:
+            self._progress("done", 1.0)

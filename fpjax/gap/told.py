@@ -15,14 +15,18 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence."""
     gap = diagnosis.gap
     causes = " + ".join(diagnosis.causes)
+    rounding = diagnosis.causes == ("velocity_quantisation",)
     if diagnosis.verdict == "no_gap":
         return "No gap: nothing beyond the noise of the sensors."
+    if diagnosis.verdict == "explained" and rounding:
+        return f"Explained by {causes}: all that the simulation's error holds is the reading's rounding."
     if diagnosis.verdict == "explained":
         return f"Explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data."
     if diagnosis.causes:
+        beside = " is seen; the best attempt beside it" if rounding else ""
         return (
-            f"Not fully explained: {causes} closes {gap.closed:.1%} of the gap, and what remains has structure: "
-            f"{nothing_closes(diagnosis.allowed)}."
+            f"Not fully explained: {causes}{beside} closes {gap.closed:.1%} of the gap, and what remains has "
+            f"structure: {nothing_closes(diagnosis.allowed)}."
         )
     return f"Unexplained: there is a gap, and {nothing_closes(diagnosis.allowed)}."
 
@@ -56,6 +60,7 @@ def told(diagnosis: Diagnosis) -> str:
             f"{error.before:.4g} before, {error.after:.4g} {error.unit} after the correction"
         )
     lines += [_entry(entry) for entry in diagnosis.ranking[:SHOWN]]
+    lines += [f"note: {sentence}" for sentence in diagnosis.same_as]
     lines += [f"warning: {warning}" for warning in diagnosis.warnings]
     return "\n".join(lines)
 

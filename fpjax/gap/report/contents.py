@@ -30,6 +30,8 @@ class Candidate:
         parameters: what was found, by name.
         twins: effects that this log cannot tell from it.
         at_bound: parameters whose fit ended at the end of what was allowed.
+        cause: probability that it is among the causes, not divided between causes as `probability` is; NaN where not
+            known.
     """
 
     effect: str
@@ -38,6 +40,7 @@ class Candidate:
     parameters: dict[str, Estimate]
     twins: tuple[str, ...]
     at_bound: tuple[str, ...] = ()
+    cause: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -155,6 +158,7 @@ class Contents:
         motion: rotary or linear.
         allowed: effects that were tried, where the vocabulary was restricted; empty for all of it.
         model_missing: why there is no corrected model, "" where there is one.
+        same_as: exact twins of the causes, a sentence each.
     """
 
     verdict: str
@@ -186,6 +190,7 @@ class Contents:
     motion: str = "rotary"
     allowed: tuple[str, ...] = ()
     model_missing: str = ""
+    same_as: tuple[str, ...] = ()
 
     def readable(self, gap: Estimate) -> Estimate:
         """A gap in the one unit that suits them all: that in which the nominal model's reads best."""
@@ -242,10 +247,8 @@ def read(diagnosis: Diagnosis) -> Contents:
     return Contents(
         verdict=answer["verdict"],
         causes=causes,
-        # `probability` speaks of one stated cause; of several, and of "no gap" and "none of these", the ranking does
-        confidence=diagnosis.probability
-        if len(causes) == 1 and answer["verdict"] == "explained" and diagnosis.probability > 0.0
-        else _confidence(answer["verdict"], causes, ranking),
+        # a diagnosis that does not say it leaves it to the ranking
+        confidence=diagnosis.probability or _confidence(answer["verdict"], causes, ranking),
         ranking=ranking,
         signal=str(gap["signal"]),
         unit=unit,
@@ -272,6 +275,7 @@ def read(diagnosis: Diagnosis) -> Contents:
         motion=diagnosis.motion,
         allowed=diagnosis.allowed,
         model_missing=diagnosis.model_missing,
+        same_as=diagnosis.same_as,
     )
 
 
@@ -283,6 +287,7 @@ def _candidate(entry: Mapping[str, Any], found: Ranked, unit: str) -> Candidate:
         parameters={str(k): as_estimate(v) for k, v in entry["parameters"].items()},
         twins=tuple(entry["indistinguishable_from"]),
         at_bound=tuple(str(name) for name, estimate in found.parameters.items() if estimate.at_bound),
+        cause=found.cause_probability,
     )
 
 

@@ -20,6 +20,7 @@ from .markup import (
 from .model_text import count_changes, to_html
 from .text import (
     confidence_sentence,
+    set_twin_sentences,
     tracking_sentence,
     twin_sentences,
     verdict_sentence,
@@ -135,7 +136,7 @@ def ranking(contents: Contents) -> str:
         shown, folded = folded[:5], folded[5:]
     probabilities = [c.probability for c in contents.ranking if math.isfinite(c.probability)]
     none = 1.0 - sum(probabilities)
-    rest = "Effects that this log cannot tell apart share their probability."
+    rest = "Effects that this log cannot tell apart share their probability, and so do several causes."
     if none >= 0.005:
         rest += f" {show_percent(none)} is left for none of these."
     out = [paragraph(rest + " Brackets hold 90 % intervals."), _ranking_table(contents, shown)]
@@ -181,7 +182,11 @@ def _probability_cell(candidate: Candidate) -> str:
     if not math.isfinite(candidate.probability):
         return '<span class="quiet">not known</span>'
     width = 100.0 * min(max(candidate.probability, 0.0), 1.0)
-    return f'<span>{percent(candidate.probability)}<span class="bar"><i style="width:{width:.1f}%"></i></span></span>'
+    # of several causes each has a share of the probability only, although each may be certain
+    divided = candidate.cause > candidate.probability + 0.005
+    note = f"<small>{percent(candidate.cause)} that it is a cause</small>" if divided else ""
+    bar = f'<span class="bar"><i style="width:{width:.1f}%"></i></span>'
+    return f"<span>{percent(candidate.probability)}{bar}{note}</span>"
 
 
 def shrink(contents: Contents, pictures: dict[str, tuple[str, str]]) -> str:
@@ -212,8 +217,8 @@ def shrink(contents: Contents, pictures: dict[str, tuple[str, str]]) -> str:
 def apart(contents: Contents) -> str:
     """What cannot be told apart, and what to do about it."""
     twins = twin_sentences(contents)
-    parts = [paragraph(sentence) for sentence in twins]
-    if not twins:
+    parts = [paragraph(sentence) for sentence in (*twins, *set_twin_sentences(contents))]
+    if not parts:
         parts = [paragraph("No two likely effects leave the same trace in this log.")]
     if contents.experiments:
         parts.append("<h3>The next experiment</h3>")

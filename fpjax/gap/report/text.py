@@ -1,11 +1,12 @@
 """The report's sentences, as plain text: the verdict, where the gap lies, what cannot be told apart."""
 
 import math
+import re
 
 from ..told import nothing_closes
 from .contents import Contents, Place
 from .digits import readable, show_percent, show_unit, show_with_unit
-from .words import effect_name, is_wrong_value, join, motion_units, regime_name, sure
+from .words import EFFECTS, effect_name, is_wrong_value, join, motion_units, regime_name, sure
 
 
 def verdict_title(contents: Contents) -> str:
@@ -24,6 +25,8 @@ def verdict_sentence(contents: Contents) -> str:
             f"The simulation agrees with the log: on withheld data the {contents.signal} differs by {before} rms"
             f"{over_floor}, and no effect beats chance."
         )
+    if contents.verdict == "explained" and contents.causes == ("velocity_quantisation",):
+        return f"{_lacks(contents)}: the {contents.signal} error on withheld data, {before} rms, is rounding alone."
     if contents.verdict == "explained":
         shrink = f"the {contents.signal} error on withheld data falls from {before} to {after} rms" + _of_closable(
             contents
@@ -32,6 +35,8 @@ def verdict_sentence(contents: Contents) -> str:
     differs = f"The simulation differs from the log by {before} rms in {contents.signal} on withheld data{over_floor}"
     if contents.causes:
         part = f"{_asserted(contents)} explains part of it"
+        if contents.causes == ("velocity_quantisation",):
+            part = f"{_asserted(contents)} is part of it"
         return f"{differs}; {part}, and {_nothing_closes(contents, f'the {after} left')}."
     attempt = contents.after.known and contents.before.known and contents.after.value < contents.before.value
     rest = f"; the best attempt still leaves {after}" if attempt else ""
@@ -93,6 +98,20 @@ def twin_sentences(contents: Contents) -> list[str]:
     return sentences
 
 
+def set_twin_sentences(contents: Contents) -> list[str]:
+    """One sentence per set of several effects that together make the same log as what was found."""
+    sentences = []
+    for sentence in contents.same_as:
+        if " + " in sentence:  # one for one is told with the classes
+            told = re.sub(r"\w+", lambda word: _named(word.group(), contents.motion), sentence).replace(" + ", " with ")
+            sentences.append(f"{told[:1].upper()}{told[1:]}")
+    return sentences
+
+
+def _named(word: str, motion: str) -> str:
+    return effect_name(word, motion) if word in EFFECTS else word
+
+
 def tracking_sentence(contents: Contents) -> str:
     """The closed loop's tracking error, predicted before and after, against the measured one; "" where not known."""
     known = {name: readable(estimate) for name, estimate in contents.tracking.items() if estimate.known}
@@ -102,8 +121,8 @@ def tracking_sentence(contents: Contents) -> str:
         f"{show_with_unit(known[name])} {name} the correction" for name in ("before", "after") if name in known
     ]
     measured = show_with_unit(known["measured"])
-    told = f"{measured} rms measured; the simulator predicts {join(predicted)}"
-    return f"Closed-loop tracking error on withheld data: {told}."
+    told = join(predicted)
+    return f"Closed-loop tracking error on withheld data: {measured} rms measured; the simulator predicts {told}."
 
 
 def _alternatives(contents: Contents) -> list[str]:
