@@ -10,7 +10,7 @@ LARGEST_CLASS = 3
 def exact_twins(effect: str, decision: Decision, search: Search) -> tuple[str, ...]:
     """Effects whose logs are the same as this one's, whatever the data (the contract's table)."""
     record = search.records[0]
-    names = decision.chosen.names
+    names = decision.leading.names
     if effect in ("actuator_delay", "velocity_delay") and record.position is None and "friction_drift" not in names:
         return ("velocity_delay" if effect == "actuator_delay" else "actuator_delay",)
     if effect == "constant_torque":
@@ -42,6 +42,10 @@ def indistinguishable(
         and others <= set(rival.names)
         and set(rival.names) != set(fitted.names)
     ]
+    # The twin of different Coulomb levels is none where the viscous ones differ as well, and the data tell that.
+    known = {other: distance for distance, other in close}
+    if name == "asymmetric_friction" and known.get("constant_torque", 0.0) > CLOSE:
+        found.remove("constant_torque")
     for distance, other in sorted(close):
         if distance < CLOSE and other not in found:
             found.append(other)

@@ -19,7 +19,7 @@ LISTED = 24  # entries of the ranking
 
 def rank(search: Search, decision: Decision, gap: Gap, quantised: bool, record: Record) -> tuple[Ranked, ...]:
     """The causes first, then every effect alone by its evidence."""
-    chosen = decision.chosen
+    chosen = decision.leading
     entries: dict[str, Ranked] = {}
     rivals = [f for f in decision.rivals if len(f.names) == len(chosen.names)] if decision.gap else decision.singles
     leads = rivals if len(chosen.names) <= 1 else [chosen]
@@ -33,7 +33,8 @@ def rank(search: Search, decision: Decision, gap: Gap, quantised: bool, record: 
         same = indistinguishable(chosen, position, decision.rivals, decision, search)
         share = probability.get(effect.name, 0.5 * rest)
         found = assemble.estimates(search, chosen, effect, spread)
-        after = gap.after if len(chosen.names) == 1 else withheld_rms(search, decision.path[1])
+        alone = len(chosen.names) == 1 and not decision.weak
+        after = gap.after if alone else withheld_rms(search, decision.path[1])
         entries[effect.name] = Ranked(effect.name, share, after, found, same, chosen.evidence - decision.exact.evidence)
     if quantised:
         step = record.channel.step
