@@ -207,6 +207,8 @@ class Experiment:
 class Comparison:
     """Measured against simulated on one log, in windows restarted from fitted states; NaN where nothing was simulated.
 
+    Without a rate sensor: the commanded torque against the torque that each model says the measured motion needed.
+
     Attributes:
         name: the log's.
         signal: "velocity", or "torque" without a rate sensor.

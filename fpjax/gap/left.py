@@ -40,7 +40,5 @@ def left_sentence(search: Search, decision: Decision, gap: Gap) -> str:
         told.append(f"it follows speed and acceleration ({found.explained:.0%} of its energy)")
     if not told:
         return ""
-    return (
-        f"What is left ({gap.after:.3g} {gap.unit} rms on withheld data, noise floor {gap.noise_floor:.3g}) is structure "
-        f"and not noise: {' and '.join(told)}."
-    )
+    size = f"{gap.after:.3g} {gap.unit} rms on withheld data, noise floor {gap.noise_floor:.3g}"
+    return f"What is left ({size}) is structure and not noise: {' and '.join(told)}."
