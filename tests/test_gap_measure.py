@@ -5,7 +5,17 @@ import pathlib
 import numpy as np
 import pytest
 
-from fpjax.gap.measure import NoiseFloor, block_length, lap_length, measure_gap, noise_floor, rms_interval, share_closed
+from fpjax.gap.measure import (
+    NoiseFloor,
+    block_length,
+    correlation_time,
+    lap_length,
+    measure_gap,
+    noise_floor,
+    rms_interval,
+    share_closed,
+    sure_gain,
+)
 from fpjax.gap.structure import left_over, randomised, repeats
 
 EMPS = pathlib.Path(__file__).parents[2] / "shared" / "data" / "emps"
@@ -166,3 +176,26 @@ def test_a_randomised_copy_keeps_the_spectrum():
     copy = randomised(values, np.random.default_rng(1))
     np.testing.assert_allclose(np.abs(np.fft.rfft(copy))[1:-1], np.abs(np.fft.rfft(values))[1:-1], rtol=1e-9)
     assert not np.allclose(copy, values)
+
+
+def test_white_noise_has_as_many_independent_samples_as_samples():
+    random = np.random.default_rng(4)
+    for count, stretches in ((250, 40), (1000, 12), (64, 100)):
+        assert correlation_time(random.standard_normal((count, stretches))) == 1.0
+
+
+def test_a_first_order_process_has_the_correlation_time_of_the_books():
+    random = np.random.default_rng(5)
+    rows = np.stack([coloured(random, 1000, 0.9) for _ in range(40)], axis=1)
+    assert correlation_time(rows) == pytest.approx((1 + 0.9) / (1 - 0.9), rel=0.15)
+
+
+def test_a_gain_is_sure_if_most_windows_have_it():
+    random = np.random.default_rng(6)
+    before = 10.0 + random.standard_normal(24)
+    assert sure_gain(before, before - 1.0 - 0.5 * random.standard_normal(24))
+    assert not sure_gain(before, before + 0.01 * random.standard_normal(24) + 0.1)
+    luck = np.zeros(24)
+    luck[7] = 30.0  # one window decides nothing
+    assert not sure_gain(before, before - luck)
+    assert not sure_gain(before[:1], before[:1] - 1.0)

@@ -1,6 +1,6 @@
 """Assemble: from what the search found to the numbers, intervals and curves of a `Diagnosis`."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -8,13 +8,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from .attribute import Fitted, Search
-from .decide import Decision
 from .diagnosis import Comparison, Estimate, Identifiability
 from .effect import Effect
 from .family import Family, double_precision
 from .fit import Candidate
+from .imposed import noise_torque, torque_floor
 from .machine import Machine
+from .measure import NoiseFloor
+from .record import Record, band_weights
 from .replay import assembled
+
+if TYPE_CHECKING:
+    from .decide import Decision
 
 NINETY = 1.645  # standard deviations of a 90 % interval
 WIDER = 1.9  # standard deviations are widened by this; fitted on development seeds
@@ -122,10 +127,15 @@ def machine_at(family: Family, vector: np.ndarray) -> Machine:
 
 def residual_trace(search: Search, fitted: Fitted, which: int) -> np.ndarray:
     """Simulated less measured of the channel that the gap is told in, in its unit, shape (samples,); NaN outside
-    windows.
+    windows. In torque: what the model says the measured motion needed, less what was commanded.
     """
     record = search.records[which]
     fitter = search.fitters[fitted.candidate.family.key]
+    if search.imposed:
+        left = fitter.residuals(fitted.candidate, which, np.arange(len(record.starts)), 1)[0]
+        found = np.full(len(record.time), np.nan)
+        found[record.starts[0] : record.starts[-1] + record.samples] = left.T.ravel()
+        return -found * noise_torque(record, search.setting.inertia)
     out = fitter.residuals(fitted.candidate, which, np.arange(len(record.starts)))[0] * record.channel.noise
     found = np.full(len(record.time), np.nan)
     late = 0
@@ -149,16 +159,16 @@ def window_of(search: Search, which: int) -> tuple[np.ndarray, np.ndarray]:
     return index, withheld
 
 
-def comparisons(search: Search, decision: Decision) -> tuple[Comparison, ...]:
+def comparisons(search: Search, decision: "Decision") -> tuple[Comparison, ...]:
     """Measured against simulated, before and after, one entry a log."""
     found = []
     for which, record in enumerate(search.records):
         index, withheld = window_of(search, which)
-        measured = record.channel.values
+        measured = commanded(record) if search.imposed else record.channel.values
         found.append(
             Comparison(
                 name=record.name,
-                signal="velocity" if record.velocity is not None else "position",
+                signal="torque" if search.imposed else "velocity",
                 unit=signal_unit(record),
                 time=record.time,
                 measured=measured,
@@ -174,5 +184,20 @@ def comparisons(search: Search, decision: Decision) -> tuple[Comparison, ...]:
 
 def signal_unit(record: Any) -> str:
     """Unit of the channel that the gap is told in."""
-    length = "m" if record.linear else "rad"
-    return f"{length}/s" if record.velocity is not None else length
+    if record.velocity is None:
+        return "N" if record.linear else "N m"
+    return "m/s" if record.linear else "rad/s"
+
+
+def commanded(record: Record) -> np.ndarray:
+    """The commanded torque [N m] at the starts of the periods and in the band of the acceleration; NaN at the ends."""
+    weights = band_weights(record.half)
+    edge = 1 + len(weights) // 2
+    found = np.full(len(record.torque), np.nan)
+    found[edge : 1 - edge] = np.convolve(0.5 * (record.torque[1:] + record.torque[:-1]), weights, "valid")
+    return found
+
+
+def torque_floor_of(search: Search, fitted: Fitted) -> NoiseFloor:
+    """What a perfect model would leave of the torque in the first log."""
+    return torque_floor(search.records[0], residual_trace(search, fitted, 0), search.setting.inertia)

@@ -10,7 +10,7 @@ from .effect import Effect, Setting
 from .family import Family, Key, Nominal, Runner, double_precision, key_for, make_family
 from .fit import Candidate, Fitter, make_candidate
 from .observer import Observer
-from .record import Record, make_record, tables_of, window_seconds, with_common_noise
+from .record import Record, make_record, stride_of, tables_of, window_seconds, with_common_noise
 from .settle import scan_gap, settle
 
 SCREEN = 12  # windows that a start is screened on
@@ -36,12 +36,14 @@ class Fitted:
         train: chi-square of each fitted window.
         withheld: chi-square of each withheld window.
         evidence: log evidence [1].
+        colour: integrated autocorrelation time of its residual [samples]; 0 while nobody has asked.
     """
 
     candidate: Candidate
     train: np.ndarray
     withheld: np.ndarray
     evidence: float = -np.inf
+    colour: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -84,8 +86,18 @@ class Search:
         self.train = [np.flatnonzero(~record.withheld) for record in self.records]
         self.withheld = [np.flatnonzero(record.withheld) for record in self.records]
         first = self.records[0]
+        self.colour = 1.0  # autocorrelation time by which evidence is divided [samples]
+        self.imposed = first.velocity is None  # the motion is; the gap is told in torque
         self.per_window = first.samples * ((first.velocity is not None) + (first.position is not None))
+        if self.imposed:
+            self.per_window = first.samples // stride_of(first.half)
         self.count = self.per_window * sum(len(record.starts) for record in self.records)
+
+    @property
+    def spent(self) -> float:
+        """What was simulated so far, in seconds of one core as `fpjax.gap.family.COSTS` counts them."""
+        own = sum(fitter.runner.spent for fitter in {id(f): f for f in self.fitters.values()}.values())
+        return own + (self.short.spent if self.short is not None else 0.0)
 
     def family(self, effects: Sequence[Effect]) -> Family:
         """The smallest family that holds the effects, compiled when it is first needed."""
@@ -98,7 +110,7 @@ class Search:
             if family.key not in self.fitters:
                 runner = Runner(family, self.records, self.tables)
                 self.fitters[family.key] = Fitter(runner, self.setting)
-                if family.key[0] != "rigid":
+                if family.key[0] != "rigid" and not runner.imposed:
                     self.observers[family.key] = Observer(family, self.records, self.tables)
             self.fitters[key] = self.fitters[family.key]
         return self.fitters[key]
@@ -240,7 +252,7 @@ class Search:
             going = [c for c in leading if (not c.converged or c.robust) and height(c) < ratio * lowest]
             if not going:
                 break
-        plays = [c for c in sorted(chosen, key=height) if c.free.size and self.has_play(c)]
+        plays = [c for c in sorted(chosen, key=height) if c.free.size and self.has_play(c) and not self.imposed]
         for c in plays[:SETTLED]:
             if height(c) < POLISHED * min(height(other) for other in chosen):
                 self.polish(c)
@@ -258,7 +270,7 @@ class Search:
         already, beside a newcomer, starts from where it stands.
         """
         hard = [option for option in options if option[0][-1].structure == "transmission"]
-        if not hard or self.logs is None:
+        if not hard or self.logs is None or self.imposed:
             return options
         if self.short is None:
             window = SHORTER * window_seconds(self.logs)

@@ -1,27 +1,31 @@
 """Decide: alone, then together; forward with a swap of what came first; when to stop, and what is left."""
 
-import time
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from . import assemble
 from .attribute import Fitted, Progress, Search
 from .effect import Effect
 from .fit import Candidate
 from .hints import known_torque, position_hints
+from .imposed import noise_torque
+from .measure import correlation_time, sure_gain
 
 MOST_CAUSES = 3
-PATIENCE = 40.0  # s after which no further cause is looked for
+PATIENCE = 12.0  # s of simulation (`Search.spent`) after which no further cause is looked for
 MATERIAL = (
     0.01  # share of the residual energy that a cause must remove to be one; rounding is no noise: five times as much
 )
 DECISIVE = 8.0  # log evidence by which a cause must beat its absence
 WHITE = 1.04  # residual energy over what its own differences say is noise; above it there is structure
 EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed where some structure is left
+TOLERANCE = 1.1  # to which the noise of a torque is known that was told from positions
 REMOVES = 0.5  # a further cause must remove this share of the energy that is left above the noise
 WHITE_WITH_PLAY = 1.3  # the same of a play, whose contacts a step of finite length blurs
 LEAST_TURN = 0.02  # rad that a position at the log's start must move to be another one
 RATTLES = 0.2  # share of the windows, best and worst, that a play's energy is judged without
+WEAK = 0.02  # of the withheld energy that is left: a further cause that removes less is not worth a name
 MORE = (14, 10, 5, 2)
 FEW = (8, 6, 4, 2)  # sets of causes that go on after the screening and after each stage
 IMPOSSIBLE = ({"presliding", "compliance"}, {"presliding", "backlash"}, {"compliance", "backlash"})
@@ -42,6 +46,7 @@ class Decision:
         structure: residual energy of the chosen model over the floor [1].
         explained: the causes close the gap.
         gap: the nominal model is rejected.
+        weak: how many causes at the path's end withheld data want although they leave most of the gap.
     """
 
     exact: Fitted
@@ -53,16 +58,21 @@ class Decision:
     structure: float = 1.0
     explained: bool = False
     gap: bool = False
+    weak: int = 0
 
     @property
     def chosen(self) -> Fitted:
-        """The model with all causes asserted."""
+        """The model with all causes in."""
         return self.path[-1]
+
+    @property
+    def leading(self) -> Fitted:
+        """The model with the causes that each remove a good part of what is left."""
+        return self.path[-1 - self.weak]
 
 
 def decide(search: Search, progress: Progress) -> Decision:
     """The whole search on one machine's logs."""
-    began = time.perf_counter()
     progress("nominal model", 0.02)
     if search.setting.unknown_origin:
         _set_origin(search, min(_turned(search, (), {}, "fixed"), key=lambda c: c.cost))
@@ -82,7 +92,7 @@ def decide(search: Search, progress: Progress) -> Decision:
     best = singles[0]
     decision = Decision(exact, null, singles, [exact])
     _judge(search, decision, best)
-    if best.evidence - exact.evidence < DECISIVE or not _material(search, exact, best):
+    if (best.evidence - exact.evidence) * search.colour < DECISIVE or not _material(search, exact, best):
         _judge(search, decision, exact)
         decision.rivals = singles
         decision.explained = decision.structure < WHITE
@@ -93,17 +103,18 @@ def decide(search: Search, progress: Progress) -> Decision:
     while len(decision.path) <= MOST_CAUSES:
         if decision.structure < (WHITE_WITH_PLAY if search.has_play(decision.chosen.candidate) else WHITE):
             break
-        if time.perf_counter() - began > PATIENCE:
+        if search.spent > PATIENCE:
             break
         progress(f"a cause beside {' + '.join(decision.chosen.names)}", 0.3 + 0.2 * len(decision.path))
         if not _one_more(search, decision, screen):
             break
-    while len(decision.path) > 2 and _one_less(search, decision):
+    while len(decision.path) > 2 and not decision.weak and _one_less(search, decision):
         pass
     _judge(search, decision, decision.chosen)
     before, after = energy(search, exact), energy(search, decision.chosen)
     closed = 1.0 - (np.sqrt(after) - np.sqrt(decision.floor)) / max(np.sqrt(before) - np.sqrt(decision.floor), 1e-12)
-    decision.explained = decision.structure < WHITE or (closed > EXPLAINED_SHARE and decision.structure < 1.5)
+    nearly = closed > EXPLAINED_SHARE and decision.structure < 1.5 and not decision.weak
+    decision.explained = decision.structure < WHITE or nearly
     return decision
 
 
@@ -146,14 +157,29 @@ def _turn_again(search: Search, leading: list[Fitted]) -> bool:
 
 def weigh(search: Search, fitted: list[Fitted]) -> None:
     """Log evidence of every model on one scale: fitted and withheld windows, priors, and BIC's price for a
-    parameter.
+    parameter; divided by the autocorrelation time of the best model's residual, because neighbours are one witness.
     """
-    scale = min(f.total for f in fitted if np.isfinite(f.total)) / search.count
+    best = min((f for f in fitted if np.isfinite(f.total)), key=lambda f: f.total)
+    scale = best.total / search.count
+    search.colour = colour(search, best)
     for f in fitted:
         own = {p.name for effect in f.candidate.effects for p in effect.parameters}
         f.evidence = -0.5 * f.total / max(scale, 0.3) - 0.5 * len(own) * np.log(search.count) - f.candidate.occam
+        f.evidence /= search.colour
         if not np.isfinite(f.evidence):
             f.evidence = -np.inf
+
+
+def colour(search: Search, fitted: Fitted) -> float:
+    """Integrated autocorrelation time of a model's residual [samples]."""
+    if not fitted.colour:
+        fitter = search.fitters[fitted.candidate.family.key]
+        rows = [
+            fitter.residuals(fitted.candidate, which, np.arange(len(record.starts)))[0]
+            for which, record in enumerate(search.records)
+        ]
+        fitted.colour = correlation_time(np.concatenate(rows, axis=1))
+    return fitted.colour
 
 
 def energy(search: Search, fitted: Fitted) -> float:
@@ -163,8 +189,11 @@ def energy(search: Search, fitted: Fitted) -> float:
 
 def noise_share(search: Search, fitted: Fitted) -> float:
     """Residual energy per sample that is white: half the mean square of the residual's differences, the quieter
-    half of the windows.
+    half of the windows. Of a torque it is what laps or the encoder's noise leave: its band holds nothing white.
     """
+    if search.imposed:
+        floor = assemble.torque_floor_of(search, fitted).value / noise_torque(search.records[0], search.setting.inertia)
+        return (TOLERANCE * floor) ** 2
     fitter = search.fitters[fitted.candidate.family.key]
     found = []
     for which, record in enumerate(search.records):
@@ -179,7 +208,7 @@ def _judge(search: Search, decision: Decision, fitted: Fitted) -> None:
     decision.floor = noise_share(search, fitted)
     decision.structure = channel_energy(search, fitted) / max(decision.floor, 1e-12)
     first = search.records[0].channel
-    if first.step > 0:
+    if first.step > 0 and not search.imposed:
         # A rounded reading's error is not white: only the size of the step can be held against it.
         decision.floor = max(decision.floor, min(1.0, channel_energy(search, fitted)))
         decision.structure = channel_energy(search, fitted) / decision.floor
@@ -211,7 +240,7 @@ def _one_more(search: Search, decision: Decision, screen: list[np.ndarray]) -> b
     """Add the best further cause, then try to replace what was there; False if none is worth it."""
     base = decision.chosen
     bases = [base]
-    if len(base.names) == 1:
+    if len(base.names) == 1 and not search.imposed:
         # What leads alone may be no more than flexible: the best rigid effects are bases as well.
         rigid = [f for f in decision.singles if f.candidate.family.key[0] == "rigid" and f.names != base.names]
         bases += rigid[:2]
@@ -223,7 +252,7 @@ def _one_more(search: Search, decision: Decision, screen: list[np.ndarray]) -> b
     best = max(found, key=lambda f: f.evidence)
     everything = list(found)
     # Backward: with the new cause in, is what came first still the right companion?
-    if len(base.names) == 1 and channel_energy(search, best) > WHITE * noise_share(search, best):
+    if len(bases) > 1 and channel_energy(search, best) > WHITE * noise_share(search, best):
         newcomer = [f for f in decision.singles if f.names == (best.candidate.effects[-1].name,)]
         if newcomer:
             others = search.best_of(_replacements(search, best, newcomer[0]), screen, FEW)
@@ -237,7 +266,7 @@ def _one_more(search: Search, decision: Decision, screen: list[np.ndarray]) -> b
     after = channel_energy(search, best)
     removed = (before - after) / max(before - floor, 1e-12)
     if best.evidence - base.evidence < DECISIVE or removed < REMOVES:
-        return False
+        return _weak_step(search, decision, found)
     if np.sum(best.withheld) > np.sum(base.withheld):
         return False
     if set(base.names) <= set(best.names):
@@ -263,7 +292,7 @@ def _one_less(search: Search, decision: Decision) -> bool:
         fewer.append(search.candidate(others, start))
     search.fit(fewer, search.train, 12)
     for c in fewer:
-        if search.has_play(c):
+        if search.has_play(c) and not search.imposed:
             search.polish(c)
     found = search.finish(fewer)
     weigh(search, [*found, *decision.rivals, chosen, decision.exact, decision.null, *decision.singles])
@@ -279,6 +308,25 @@ def _one_less(search: Search, decision: Decision) -> bool:
         first = next(f for f in decision.singles if f.names[0] in best.names)
         decision.path = [decision.exact, first, best]
         decision.rivals = [best, *(f for f in decision.rivals if set(f.names) != set(best.names))]
+    return True
+
+
+def _weak_step(search: Search, decision: Decision, found: list[Fitted]) -> bool:
+    """Go on with the best cause beside those that are there if withheld data are sure of it, and say that it is weak.
+
+    Only where motion is imposed: there a step costs little, and real logs ask for it.
+    """
+    base = decision.chosen
+    if not search.imposed:
+        return False
+    beside = [f for f in found if set(base.names) < set(f.names)]
+    best = max(beside, key=lambda f: f.evidence, default=base)
+    removed = 1.0 - np.sum(best.withheld) / np.sum(base.withheld)
+    if best.evidence - base.evidence < DECISIVE or removed < WEAK or not sure_gain(base.withheld, best.withheld):
+        return False
+    decision.weak += 1
+    decision.path.append(best)
+    _judge(search, decision, best)
     return True
 
 

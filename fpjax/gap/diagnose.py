@@ -16,6 +16,7 @@ from .effect import Effect
 from .experiment import next_experiment
 from .family import Nominal
 from .inputs import check_alike, look_at, read_logs, read_model
+from .left import left_sentence
 from .places import places
 from .provenance import provenance
 from .ranking import quantised_reading, rank
@@ -72,6 +73,8 @@ def _diagnose(
 ) -> Diagnosis:  # fmt: skip
     started = datetime.datetime.now(datetime.UTC)
     clock("looking", 0.01)
+    if model.units.motion == "linear":
+        logs, withheld = ([dataclasses.replace(one, linear=True) for one in some] for some in (logs, withheld))
     everything = [*logs, *withheld]
     warnings = [sentence for one in logs for sentence in getattr(one, "warnings", ())]
     warnings += look_at(everything, model)
@@ -126,7 +129,7 @@ def _assemble(
     records = search.records
     quantised = quantised_reading(records[0], model)
     step = records[0].channel.step if quantised else 0.0
-    causes = list(decision.chosen.names) if decision.gap else []
+    causes = list(decision.leading.names) if decision.gap else []
     if not decision.explained and not _asserted(decision):
         causes = []
     if quantised:
@@ -140,6 +143,8 @@ def _assemble(
     corrected = assemble.machine_of(decision.chosen.candidate)
     text, missing = corrected_model(model, corrected, step)
     spread = assemble.covariance(search, decision.chosen)
+    if verdict == "unexplained" and decision.gap:
+        warnings += filter(None, [left_sentence(search, decision, gap)])
     clock("where", 0.94)
     where = places(logs[0], decision.exact, warnings)
     left = places(logs[0], decision.chosen, warnings) if verdict == "unexplained" else None

@@ -79,7 +79,7 @@ class Gap:
     """How large the gap is on withheld data, before and after, each with its 90 % block-bootstrap interval.
 
     Attributes:
-        signal: "velocity" or "position".
+        signal: "velocity", or "torque" without a rate sensor.
         unit: of before, after and noise_floor.
         before: rms with the nominal model.
         after: rms with the causes in.
@@ -211,9 +211,11 @@ class Experiment:
 class Comparison:
     """Measured against simulated on one log, in windows restarted from fitted states; NaN where nothing was simulated.
 
+    Without a rate sensor: the commanded torque against the torque that each model says the measured motion needed.
+
     Attributes:
         name: the log's.
-        signal: "velocity" or "position".
+        signal: "velocity", or "torque" without a rate sensor.
         unit: of measured, before and after.
         time: [s], shape (samples,).
         measured: shape (samples,).
@@ -267,7 +269,7 @@ class Tracking:
         measured: rms of reference less measured.
         before: rms that the nominal simulator predicts.
         after: rms that the corrected simulator predicts.
-        signal: "velocity" or "position", as the reference is.
+        signal: "velocity", or "torque" without a rate sensor. as the reference is.
         controller_error: share of the torque column [1] that the known controller does not account for.
     """
 

@@ -10,12 +10,16 @@ import numpy as np
 
 from ..plants import AbstractPlant
 from .effect import Effect, Parameter, Setting, free, neutral_vector
+from .imposed import imposed_kernel, imposed_motion
 from .machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
-from .record import Record
+from .record import Record, stride_of
 from .replay import LANES, STATES, TAPS, Windows, residual_kernel
 from .vocabulary import NOMINAL
 
 Key = tuple[Structure, tuple[Feature, ...]]
+
+# What a lane's period takes on one core of 2024 [s]: a budget in these does not depend on what else the machine does.
+COSTS: dict[Structure, float] = {"rigid": 7e-8, "bristles": 18e-8, "transmission": 6e-8}
 
 
 def double_precision() -> Any:
@@ -105,27 +109,42 @@ class Runner:
         self.records = records
         self.tables = tables
         first = records[0]
+        self.spent = 0.0  # what was simulated so far, as `COSTS` counts it [s]
+        self.imposed = first.velocity is None
+        self.half, self.stride = first.half, 1
+        if self.imposed:
+            self.stride = stride_of(first.half)
+            inertia = float(np.asarray(family.machine.plant.inertia))
+            with double_precision():
+                self.motions = [
+                    imposed_motion(record, inertia, len(at.torque)) for record, at in zip(records, tables, strict=True)
+                ]
         channels = (first.velocity is not None, first.position is not None)
-        self.samples = first.samples
+        self.length = first.samples
+        self.samples = first.samples // self.stride
         self.channels = sum(channels)
-        self.kernel = residual_kernel(family.effects, family.parameters, first.samples, channels)
+        if not self.imposed:
+            self.kernel = residual_kernel(family.effects, family.parameters, first.samples, channels)
         with double_precision():
             self.nominal = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), family.machine)
 
     def run(
-        self, which: int, vector: np.ndarray, states: np.ndarray, windows: dict[str, np.ndarray]
+        self, which: int, vector: np.ndarray, states: np.ndarray, windows: dict[str, np.ndarray], stride: int = 0
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(residuals in standard deviations, shape (channels, samples, lanes); hidden states at the windows' ends,
-        (2, lanes)).
+        """(residuals in standard deviations, shape (channels, samples, lanes), of the torque where motion is imposed;
+        hidden states at the windows' ends, (2, lanes)).
 
         Args:
             which: index of the record.
             vector: (parameters, lanes).
             states: (states, lanes).
             windows: the fields of `Windows`, each of shape (lanes,) (`hidden` (2, lanes)).
+            stride: samples from one value to the next where motion is imposed; 0 for the usual.
         """
         count = vector.shape[1]
-        result, ends = np.empty((self.channels, self.samples, count)), np.empty((2, count))
+        stride = stride or self.stride
+        result, ends = np.empty((self.channels, self.length // stride, count)), np.empty((2, count))
+        self.spent += -(-count // LANES) * LANES * self.length * COSTS[self.family.key[0]]
         padded = np.minimum(np.arange(-(-count // LANES) * LANES), count - 1)
         vector, states = vector[:, padded], states[:, padded]
         fields = {name: value[..., padded] for name, value in windows.items()}
@@ -137,7 +156,12 @@ class Runner:
                 part = Windows(
                     **{name: value[lanes] for name, value in fields.items() if name != "hidden"}, hidden=hidden
                 )
-                out = self.kernel(self.nominal, vector[:, lanes], states[:, lanes], part, self.tables[which])
+                if self.imposed:
+                    kernel = imposed_kernel(self.family.effects, self.family.parameters, self.length, self.half, stride)
+                    left = kernel(self.nominal, vector[:, lanes], part, self.tables[which], self.motions[which])
+                    out = left, np.zeros((2, LANES))
+                else:
+                    out = self.kernel(self.nominal, vector[:, lanes], states[:, lanes], part, self.tables[which])
                 pending.append((first, out))
                 if len(pending) > 2:
                     _store(result, ends, *pending.pop(0))

@@ -130,11 +130,9 @@ def make_candidate(
 
 def state_scales(family: Family, record: Record, setting: Setting) -> tuple[np.ndarray, np.ndarray]:
     """(prior standard deviations, steps of the differences) of a window's start values; 0 where a value is not free."""
-    if record.velocity is not None:
-        rate = 10.0 * record.velocity.noise
-    else:
-        assert record.position is not None
-        rate = 10.0 * record.position.noise / (6.0 * record.dt)
+    if record.velocity is None:  # the motion is imposed, and nothing of it is free
+        return np.zeros(family.states), np.zeros(family.states)
+    rate = 10.0 * record.velocity.noise
     angle = 0.0 if record.position is None else 10.0 * record.position.noise
     deviations = [rate, angle]
     if family.key[0] == "bristles":
@@ -187,11 +185,11 @@ class Fitter:
             c.states = scored.states
         return [np.concatenate(c.window_cost) for c in frozen]
 
-    def residuals(self, candidate: Candidate, which: int, windows: np.ndarray) -> np.ndarray:
-        """In standard deviations, shape (channels, samples, windows)."""
+    def residuals(self, candidate: Candidate, which: int, windows: np.ndarray, stride: int = 0) -> np.ndarray:
+        """In standard deviations, shape (channels, samples, windows); `stride` as for `Runner.run`."""
         vector = np.repeat(candidate.vector[:, None], len(windows), 1)
         fields = window_fields(self.runner.records[which], windows, candidate.hidden[which])
-        return self.runner.run(which, vector, candidate.states[which][:, windows], fields)[0]
+        return self.runner.run(which, vector, candidate.states[which][:, windows], fields, stride)[0]
 
     def window_costs(self, candidates: list[Candidate], which: int, windows: np.ndarray) -> list[np.ndarray]:
         """Chi-square of each window with the prior of its start values, as the candidates stand."""

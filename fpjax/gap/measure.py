@@ -193,6 +193,44 @@ def lap_length(reference: Values) -> int:
     return int(lag[first + int(np.argmin(unlike[first:stretch]))])
 
 
+def correlation_time(rows: Values) -> float:
+    """Integrated autocorrelation time of residuals [samples]: of so many samples one is independent; 1 for white noise.
+
+    Correlations within four standard deviations of chance count as none, so that noise gives exactly 1.
+
+    Args:
+        rows: residuals of equally long stretches that are not joined, shape (samples, stretches).
+    """
+    count, stretches = rows.shape
+    size = 1 << int(np.ceil(np.log2(2 * count)))
+    spectrum = np.sum(np.abs(np.fft.rfft(rows, size, axis=0)) ** 2, axis=1)
+    longest = max(count // 2, 1)
+    together = np.fft.irfft(spectrum, size)[: longest + 1]
+    if not together[0] > 0.0:
+        return 1.0
+    pairs = count - np.arange(longest + 1)
+    correlation = together / pairs * count / together[0]
+    correlation = np.where(np.abs(correlation) < 4.0 / np.sqrt(pairs * stretches), 0.0, correlation)
+    return max(_sokal(correlation[1:]), 1.0)
+
+
+def sure_gain(before: Values, after: Values, *, draws: int = DRAWS, seed: int = 0) -> bool:
+    """Whether a model is better on withheld windows beyond chance: in 95 % of the bootstrap's draws of blocks.
+
+    Args:
+        before: loss of each withheld window, in order, shape (windows,).
+        after: of the richer model.
+        draws: of the bootstrap.
+        seed: of the draws.
+    """
+    gain = before - after
+    if len(gain) < 2 or not np.all(np.isfinite(gain)):
+        return False
+    size = min(2, len(gain) // 2)  # what is withheld is withheld in pairs of windows
+    means = _block_means(gain[None], max(size, 1), draws, seed)[0]
+    return bool(np.quantile(means, 0.05) > 0.0)
+
+
 def _correlation_time(values: Values, longest: int) -> float:
     centred = values - np.mean(values)
     count = len(centred)
@@ -201,12 +239,15 @@ def _correlation_time(values: Values, longest: int) -> float:
     together = np.fft.irfft(spectrum, size)[: longest + 1]
     if together[0] <= 0.0:
         return 1.0
-    correlation = together / together[0]
+    return float(np.clip(_sokal(together[1:] / together[0]), 1.0, longest))
+
+
+def _sokal(correlation: Values) -> float:
     # summed up to a window of five times the sum itself (Sokal), so that the tail's noise does not count
-    total = 1.0 + 2.0 * np.cumsum(correlation[1:])
+    total = 1.0 + 2.0 * np.cumsum(correlation)
     lags = np.arange(1, len(total) + 1)
     enough = np.flatnonzero(lags >= 5.0 * total)
-    return float(np.clip(total[enough[0]] if len(enough) else total[-1], 1.0, longest))
+    return float(total[enough[0]] if len(enough) else total[-1])
 
 
 def _block_means(squares: Values, size: int, draws: int, seed: int) -> Values:

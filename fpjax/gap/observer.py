@@ -21,10 +21,8 @@ from ..transmission import Transmission
 from .effect import Effect, Parameter
 from .family import Family, double_precision
 from .machine import Machine, Structure
-from .record import Record
+from .record import PAST, Record
 from .replay import LANES, SUBSTEPS, TAPS, Tables, assembled, command_at
-
-PAST = 384  # periods of the past that a hidden state is integrated over
 
 
 class Observer:

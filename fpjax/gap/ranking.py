@@ -50,8 +50,10 @@ def rank(
         steps: the ladder.
         quantised: the rate reading is rounded to a step that the nominal model does not know.
     """
-    chosen = decision.chosen
-    rivals = [*decision.rivals, *decision.path[1:]] if decision.gap else decision.singles
+    chosen = decision.leading
+    rivals = (
+        [*decision.rivals, *decision.path[1 : len(decision.path) - decision.weak]] if decision.gap else decision.singles
+    )
     posterior = make_posterior(rivals, decision.explained, decision.gap, quantised)
     entries: dict[str, Ranked] = {}
     twins: list[Twin] = []

@@ -1,6 +1,7 @@
 # pyright: reportArgumentType=false, reportReturnType=false
 """Record: a log made ready for the fit: noise levels, smoothed motion, windows, tables."""
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..errors import InputError
+from ..logs.noise import quantisation as counts
 from .replay import TAPS, Tables
 
 WINDOW_SECONDS = 0.25
@@ -16,6 +18,9 @@ POSITION_SECONDS = 1.0  # without a rate sensor: what a torque does to a positio
 FEWEST = 12  # windows that a log without a rate sensor is cut into at least
 SHORTEST = 64  # samples of a window
 LONGEST = 1024
+PAST = 384  # periods of the past that a hidden state is integrated over
+HALVES = (6, 9, 13, 19, 28, 40)  # samples on either side of a local quadratic, where a position is differentiated
+QUIET = 0.02  # noise of the acceleration, of its rms, that a wider local quadratic is taken to get below
 EDGE = 32  # samples kept after the last window, for a sensor's dead time
 
 
@@ -53,6 +58,7 @@ class Record:
         starts: first sample of each window, shape (windows,).
         samples: length of a window.
         withheld: windows that are never fitted, shape (windows,), bool.
+        half: samples on either side of the local quadratics that differentiate a position.
     """
 
     name: str
@@ -69,6 +75,7 @@ class Record:
     starts: np.ndarray
     samples: int
     withheld: np.ndarray
+    half: int = HALVES[0]
 
     @property
     def channel(self) -> Channel:
@@ -110,9 +117,11 @@ def make_record(log, *, withhold: str = "blocks", window: float = WINDOW_SECONDS
             f"({6 * samples * dt:.3g} s) are needed to fit some blocks and to withhold others; record longer."
         )
     velocity = None if log.velocity is None else _channel(log.velocity)
-    position = None if log.position is None else _channel(log.position)
-    speed, acceleration, angle = _motion(velocity, position, dt)
-    starts = np.arange(0, count - samples - EDGE + 1, samples)
+    position = None if log.position is None else _encoder(log.position)
+    half = HALVES[0] if velocity is not None or position is None else _quiet_half(position, dt)
+    speed, acceleration, angle = _motion(velocity, position, dt, half)
+    edge = EDGE if velocity is not None else 2 * half + 2
+    starts = np.arange(0 if velocity is not None else PAST + edge, count - samples - edge + 1, samples)
     withheld = np.zeros(len(starts), bool)
     if withhold == "all":
         withheld[:] = True
@@ -137,6 +146,7 @@ def make_record(log, *, withhold: str = "blocks", window: float = WINDOW_SECONDS
         starts,
         samples,
         withheld,
+        half,
     )
 
 
@@ -217,23 +227,56 @@ def smoothed(values: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
     return savgol_filter(values, width, 2), savgol_filter(values, width, 2, deriv=1)
 
 
+@functools.lru_cache(maxsize=8)
+def band_weights(half: int) -> np.ndarray:
+    """By which second differences are averaged when the slope of a local quadratic is taken twice; they sum to 1."""
+    places = np.arange(-half, half + 1)
+    once = np.cumsum(places[::-1])[:-1].astype(float)  # of the first differences
+    once /= np.sum(once)
+    return np.convolve(once, once)
+
+
+def stride_of(half: int) -> int:
+    """Samples from one value to the next of a signal smoothed by `band_weights`, which is all that it holds."""
+    return 2 * half - 2
+
+
+def _quiet_half(position: Channel, dt: float) -> int:
+    """The narrowest local quadratic whose acceleration is quiet; the widest where none is."""
+    for half in HALVES:
+        weights = np.convolve(band_weights(half), (1.0, -2.0, 1.0))
+        acceleration = np.convolve(position.values, weights, "valid")
+        if position.noise * np.sqrt(np.sum(weights**2)) < QUIET * np.sqrt(np.mean(acceleration**2)):
+            return half
+    return HALVES[-1]
+
+
 def _channel(values: np.ndarray) -> Channel:
     values = np.asarray(values, float)
     step = quantisation(values)
     return Channel(values, noise_level(values, step), step)
 
 
-def _motion(velocity: Channel | None, position: Channel | None, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _encoder(values: np.ndarray) -> Channel:
+    """An encoder's column: its counts are seen however many of them it went through."""
+    values = np.asarray(values, float)
+    step = counts(values) or 0.0
+    return Channel(values, noise_level(values, step), step)
+
+
+def _motion(
+    velocity: Channel | None, position: Channel | None, dt: float, wide: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if velocity is not None:
         half = 5 if velocity.step == 0 else 10
         speed, slope = smoothed(velocity.values, half)
     else:
         assert position is not None
-        _, slope = smoothed(position.values, 6)
+        _, slope = smoothed(position.values, wide)
         speed = slope / dt
-        _, slope = smoothed(speed, 6)
+        _, slope = smoothed(speed, wide)
     if position is not None:
-        angle, _ = smoothed(position.values, 5)
+        angle, _ = smoothed(position.values, 5 if velocity is not None else wide - 1)
     else:
         assert velocity is not None
         # The exact integral of a line between samples; it starts at zero because nothing says where it starts.

@@ -164,7 +164,7 @@ def advance(
     time = windows.time + index.astype(tables.dt.dtype) * tables.dt
     state = carry.plant
     sensor = machine.sensor
-    output = _output(state)
+    output = output_of(state)
     rate, angle = sensor.seen(output)
     late = carry.lagged + _fraction(sensor.delay, tables.dt) * (carry.lagged_before - carry.lagged)
     predicted = (sensor.reading(late), angle)
@@ -174,7 +174,7 @@ def advance(
     actuator = eqx.tree_at(lambda block: block.delay, machine.actuator, None, is_leaf=lambda leaf: leaf is None)
     after, applied = actuator.step(ActuatorState(carry.torque, ()), command, motion, tables.dt)
     following = advance_exact(machine.plant, state, applied, time, tables.dt, substeps)
-    rate_after, _ = sensor.seen(_output(following))
+    rate_after, _ = sensor.seen(output_of(following))
     lagged = sensor.follow(carry.lagged, rate, rate_after, tables.dt)
     torque = carry.torque if after.lagged is None else after.lagged
     return Carry(following, torque, lagged, carry.lagged, rate), predicted
@@ -236,7 +236,8 @@ def hidden_of(state: Any) -> Array:
     return jnp.stack([state.friction if bristles else nothing, nothing])
 
 
-def _output(state: Any) -> PlantOutput:
+def output_of(state: Any) -> PlantOutput:
+    """Both sides' velocities and positions; those of one mass are the same."""
     if isinstance(state, TwoMassState):
         return PlantOutput(
             state.load_velocity, state.load_position, state.motor_velocity, state.motor_position, state.load_velocity

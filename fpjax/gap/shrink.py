@@ -21,8 +21,11 @@ def gap_and_steps(search: Search, decision: Decision, compared: tuple[Any, ...])
         after.append((c.after - c.measured)[keep])
         measured.append(c.after - c.measured)
     first = compared[0]
-    floor = noise_floor(first.measured, measured[0], search.records[0].reference)
-    if decision.structure < 1.05:
+    if search.imposed:
+        floor = assemble.torque_floor_of(search, decision.chosen)
+    else:
+        floor = noise_floor(first.measured, measured[0], search.records[0].reference)
+    if not search.imposed and decision.structure < 1.05:
         # Nothing but noise is left: then what is left is the best estimate of the floor.
         level = min(rms(np.concatenate(after)), rms(np.concatenate(before)))
         floor = dataclasses.replace(floor, value=level, interval=rms_interval(np.concatenate(after)))

@@ -43,10 +43,11 @@ def draw_record(figure: Any, contents: Contents, *, narrow: bool) -> None:
     shown = [s for s in contents.series if s.before is not None]
     shown_after = contents.verdict != "no_gap"
     names = model_names(contents)
+    logged = "commanded" if contents.signal == "torque" else "measured"
     worst, first, last = worst_place(shown)
     for series, shift in zip(shown, _shifts(shown), strict=True):
         moved = series.time + shift
-        _lines(signal_axes, series, moved, INK, series.measured, "measured", width=2.4, alpha=0.28)
+        _lines(signal_axes, series, moved, INK, series.measured, logged, width=2.4, alpha=0.28)
         _lines(error_axes, series, moved, BEFORE, factor * _error(series, series.before), "")
         if series.before is not None:
             _lines(signal_axes, series, moved, BEFORE, series.before, names[0], width=1.0)
@@ -74,11 +75,11 @@ def draw_record(figure: Any, contents: Contents, *, narrow: bool) -> None:
     signal_axes.set_title("Withheld data")
     signal_axes.set_ylabel(f"{contents.signal} [{unit}]")
     signal_axes.tick_params(labelbottom=False)
-    error_axes.set_title("Measured less simulated")
+    error_axes.set_title("Commanded less needed" if contents.signal == "torque" else "Measured less simulated")
     error_axes.set_ylabel(f"error [{clip(show_unit(error_unit))}]")
     error_axes.set_xlabel("withheld time, logs end to end [s]" if moved_ends else "time [s]")
     error_axes.sharex(signal_axes)
-    _zoom(zoom_axes, worst, first, last, names, with_after=shown_after)
+    _zoom(zoom_axes, worst, first, last, (logged, *names), with_after=shown_after)
     zoom_axes.set_title("The worst place, enlarged" if shown_after else "An enlarged stretch")
     zoom_axes.set_ylabel(f"{contents.signal} [{unit}]")
     zoom_axes.set_xlabel(f"time in {clip(worst.label)} [s]" if len(shown) > 1 else "time [s]")
@@ -98,16 +99,16 @@ def worst_place(shown: list[Series]) -> tuple[Series, int, int]:
     return found
 
 
-def _zoom(axes: Axes, series: Series, first: int, last: int, names: tuple[str, str], *, with_after: bool) -> None:
+def _zoom(axes: Axes, series: Series, first: int, last: int, names: tuple[str, str, str], *, with_after: bool) -> None:
     part = slice(first, last + 1)
     time = series.time[part]
     starts = series.starts[(series.starts > first) & (series.starts <= last)] - first
     near = Series(series.label, time, series.measured[part], series.before, series.after, starts)
-    _lines(axes, near, time, INK, series.measured[part], "measured", width=3.2, alpha=0.28)
+    _lines(axes, near, time, INK, series.measured[part], names[0], width=3.2, alpha=0.28)
     if series.before is not None:
-        _lines(axes, near, time, BEFORE, series.before[part], names[0], width=1.5, style=(0, (5, 1.6)))
+        _lines(axes, near, time, BEFORE, series.before[part], names[1], width=1.5, style=(0, (5, 1.6)))
     if series.after is not None and with_after:
-        _lines(axes, near, time, AFTER, series.after[part], names[1], width=1.5)
+        _lines(axes, near, time, AFTER, series.after[part], names[2], width=1.5)
     axes.legend(loc="best", handlelength=2.2)
     axes.margins(x=0.0)
     for start in starts:

@@ -85,19 +85,23 @@ def _facts(contents: Contents) -> str:
 
 
 def record(contents: Contents, pictures: dict[str, tuple[str, str]]) -> str:
-    """Measured against simulated on the withheld part."""
+    """Measured against simulated on the withheld part; or commanded against needed, where the gap is told in torque."""
+    in_torque = contents.signal == "torque"
+    title = "Commanded against needed" if in_torque else "Measured against simulated"
     if "record" not in pictures:
         note = "The diagnosis holds no withheld series to draw."
-        return section("record", "Measured against simulated", paragraph(note))
+        return section("record", title, paragraph(note))
     restarted = any(series.starts.size for series in contents.series)
     how = "None of these samples was used for the fit."
-    if restarted:
+    if in_torque:
+        how += " The measured motion is imposed on each model, which says what torque that motion needed."
+    elif restarted:
         how += (
             " The simulation is driven by the recorded command, in windows; each starts where it fits its window best."
         )
     return section(
         "record",
-        "Measured against simulated",
+        title,
         paragraph(how),
         paragraph(tracking_sentence(contents)),
         figure("record", *pictures["record"]),
