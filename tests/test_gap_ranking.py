@@ -29,7 +29,7 @@ def estimate(value, half=0.01):
 # --- probabilities of sets
 
 
-def test_a_sure_pair_divides_its_probability_and_each_of_it_is_sure():
+def test_a_sure_pairs_main_cause_has_its_probability_and_each_of_it_is_sure():
     rivals = [fit("stribeck+unbalance", 500.0), fit("stribeck+cogging", 300.0), fit("stribeck", 100.0)]
     found = make_posterior(rivals, explained=True, gap=True, quantised=False)
     total = sum(share for _, share in found.sets)

@@ -45,12 +45,9 @@ class Ranked:
 
     Attributes:
         effect: name of the vocabulary.
-        probability: its share of the probability, calibrated on simulated logs: a set of causes divides its
-            probability equally among them, and so do effects that no log can tell apart. Sums to at most 1.
-        gap_after: rms of the gap on withheld data with this effect (beside the causes already asserted) in the model.
-        parameters: by the contract's name.
-        indistinguishable_from: effects that this log cannot tell from it.
-        cause_probability: that it is among the causes, not divided: of a sure pair, 1 for either.
+        probability: that it is the main cause, calibrated on simulated logs; effects that no log can tell apart divide
+            theirs. Sums to at most 1.
+        cause_probability: that it is among the causes, the main one or not: of a sure pair, 1 for either.
         evidence: log evidence less that of the nominal model [1], for those who want to look behind the probability.
     """
 

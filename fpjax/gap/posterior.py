@@ -2,8 +2,9 @@
 
 What competes are sets of causes: each effect alone, and every pair or triple that was tried. `probability.shares` says
 how probable each set is. A cause's own probability is the sum over the sets that hold it; of a pair both may be
-certain, so these need not sum to one. The ranking's probabilities must: there each set's probability is divided equally
-among its causes. A pair of which one is sure has 0.5 and 0.5 in the ranking, and 1 and 1 as `cause_probability`.
+certain, so these need not sum to one. The ranking's probabilities must: there an effect has the probability that it is
+the main cause, so a set's goes to the most important of its causes. A pair that is sure has 1 and 0 in the ranking, and
+1 and 1 as `cause_probability`.
 """
 
 import itertools
@@ -26,13 +27,19 @@ class Posterior:
 
     Attributes:
         sets: (names, probability), the most probable first; each set once.
+        order: effects, the most important first.
     """
 
     sets: tuple[tuple[frozenset[str], float], ...]
+    order: tuple[str, ...] = ()
 
     def share(self, effect: str) -> float:
-        """What the ranking gives an effect: the sets that hold it, each divided among its causes."""
-        return sum(share / len(names) for names, share in self.sets if effect in names)
+        """What the ranking gives an effect: that it is the main cause."""
+        return sum(share for names, share in self.sets if self._main(names) == effect)
+
+    def _main(self, names: frozenset[str]) -> str:
+        known = [name for name in self.order if name in names]
+        return known[0] if known else min(names)
 
     def cause(self, effect: str) -> float:
         """That an effect is among the causes."""
@@ -58,7 +65,9 @@ class Posterior:
         return sum(share for names, share in self.sets if states(names))
 
 
-def make_posterior(rivals: Sequence[Fitted], explained: bool, gap: bool, quantised: bool) -> Posterior:
+def make_posterior(
+    rivals: Sequence[Fitted], explained: bool, gap: bool, quantised: bool, order: Sequence[str] = ()
+) -> Posterior:
     """Probabilities of the sets that were tried.
 
     Args:
@@ -66,6 +75,7 @@ def make_posterior(rivals: Sequence[Fitted], explained: bool, gap: bool, quantis
         explained: the chosen one leaves nothing but noise.
         gap: something beside rounding was found.
         quantised: the rate reading is rounded, which is then a cause beside each set.
+        order: effects, the most important first.
     """
     best: dict[frozenset[str], float] = {}
     for fitted in rivals:
@@ -80,4 +90,4 @@ def make_posterior(rivals: Sequence[Fitted], explained: bool, gap: bool, quantis
     if quantised:
         # Alone, or beside what no effect tried explains.
         found.append((ROUNDING, max(QUANTISED - float(np.sum(odds)), 0.0) if gap else QUANTISED))
-    return Posterior(tuple(sorted(found, key=lambda pair: -pair[1])))
+    return Posterior(tuple(sorted(found, key=lambda pair: -pair[1])), tuple(order))

@@ -54,7 +54,8 @@ def rank(
     rivals = (
         [*decision.rivals, *decision.path[1 : len(decision.path) - decision.weak]] if decision.gap else decision.singles
     )
-    posterior = make_posterior(rivals, decision.explained, decision.gap, quantised)
+    order = [*(chosen.names if decision.gap else ()), *(f.names[0] for f in decision.singles)]
+    posterior = make_posterior(rivals, decision.explained, decision.gap, quantised, order)
     entries: dict[str, Ranked] = {}
     twins: list[Twin] = []
     if decision.gap:

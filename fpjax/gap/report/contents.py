@@ -30,7 +30,7 @@ class Candidate:
         parameters: what was found, by name.
         twins: effects that this log cannot tell from it.
         at_bound: parameters whose fit ended at the end of what was allowed.
-        cause: probability that it is among the causes, not divided between causes as `probability` is; NaN where not
+        cause: probability that it is among the causes, the main one or a companion; NaN where not
             known.
     """
 

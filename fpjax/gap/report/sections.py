@@ -140,7 +140,7 @@ def ranking(contents: Contents) -> str:
         shown, folded = folded[:5], folded[5:]
     probabilities = [c.probability for c in contents.ranking if math.isfinite(c.probability)]
     none = 1.0 - sum(probabilities)
-    rest = "Effects that this log cannot tell apart share their probability, and so do several causes."
+    rest = "Effects that this log cannot tell apart share their probability."
     if none >= 0.005:
         rest += f" {show_percent(none)} is left for none of these."
     out = [paragraph(rest + " Brackets hold 90 % intervals."), _ranking_table(contents, shown)]
@@ -185,12 +185,12 @@ def _parameter_item(candidate: Candidate, name: str) -> str:
 def _probability_cell(candidate: Candidate) -> str:
     if not math.isfinite(candidate.probability):
         return '<span class="quiet">not known</span>'
-    width = 100.0 * min(max(candidate.probability, 0.0), 1.0)
-    # of several causes each has a share of the probability only, although each may be certain
-    divided = candidate.cause > candidate.probability + 0.005
-    note = f"<small>{percent(candidate.cause)} that it is a cause</small>" if divided else ""
-    bar = f'<span class="bar"><i style="width:{width:.1f}%"></i></span>'
-    return f"<span>{percent(candidate.probability)}{bar}{note}</span>"
+    # a companion may be certain and yet not the main cause: what people want to know is whether it is one at all
+    companion = candidate.cause > candidate.probability + 0.005
+    told = candidate.cause if companion else candidate.probability
+    note = "<small>as a companion</small>" if companion and candidate.probability < 0.005 else ""
+    bar = f'<span class="bar"><i style="width:{100.0 * min(max(told, 0.0), 1.0):.1f}%"></i></span>'
+    return f"<span>{percent(told)}{bar}{note}</span>"
 
 
 def shrink(contents: Contents, pictures: dict[str, tuple[str, str]]) -> str:
