@@ -166,8 +166,8 @@ def batch_size(arguments: Any) -> int:
 
 def chunk_for(arguments: Any, size: int) -> int:
     """How many candidates go into one kernel, for `size` candidates of this precision."""
-    widths = [jnp.result_type(leaf).itemsize for leaf in jax.tree.leaves(arguments)]
-    width = 8 if max(widths) >= 8 else 4
+    widths = [getattr(leaf, "dtype", None) or jnp.result_type(leaf) for leaf in jax.tree.leaves(arguments)]
+    width = 8 if max(width.itemsize for width in widths) >= 8 else 4
     full = CHUNK_FLOAT64 if width == 8 else CHUNK_FLOAT32
     if size >= full:
         count = -(-size // full)

@@ -23,9 +23,9 @@ from jax.interpreters.partial_eval import dce_jaxpr
 _ELEMENTWISE = """
 abs acos acosh add add_any and asin asinh atan atan2 atanh cbrt ceil clamp conj convert_element_type copy copy_p cos
 cosh digamma div eq eq_to erf erf_inv erfc exp exp2 expm1 floor ge gt imag integer_pow is_finite le le_to lgamma log
-log1p logistic lt lt_to max min mul ne neg nextafter not or population_count clz pow real reduce_precision rem round
-rsqrt select_n shift_left shift_right_arithmetic shift_right_logical sign sin sinh sqrt square stop_gradient sub tan
-tanh xor
+log1p logistic lt lt_to max min mul name ne neg nextafter not or population_count clz pow real reduce_precision rem
+round rsqrt select_n shift_left shift_right_arithmetic shift_right_logical sign sin sinh sqrt square stop_gradient sub
+tan tanh xor
 """
 _STRUCTURE = """
 broadcast broadcast_in_dim concatenate dynamic_slice dynamic_update_slice expand_dims gather iota pad reshape rev

@@ -2,10 +2,12 @@
 
 import warnings
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from jaxtyping import Array
 
 from .errors import FpjaxWarning
 from .friction import AbstractStaticFriction
@@ -31,11 +33,17 @@ def stiffness_number(loop: ClosedLoop, dt: float) -> float | None:
     if any(isinstance(leaf, Tracer) or np.ndim(leaf) for leaf in jax.tree.leaves((plant, dt))):
         return None
     # The law itself tells its slope, whatever its levels: on a grid over the width of the tanh, finer than it bends.
-    velocity = jnp.linspace(-3.0, 3.0, 241, dtype=steepness.dtype) / steepness
-    rest = jnp.zeros_like(velocity)
-    torque = law.readout((), Motion(velocity, rest, rest), rest)
-    slope = np.max(np.diff(np.asarray(torque)) / np.diff(np.asarray(velocity)))
+    velocity = np.linspace(-3.0, 3.0, 241, dtype=steepness.dtype) / np.asarray(steepness)
+    slope = np.max(np.diff(np.asarray(_torque(law, velocity))) / np.diff(velocity))
     return float(slope * float(dt) / np.asarray(plant.rubbing_inertia()))
+
+
+@eqx.filter_jit
+def _torque(law: AbstractStaticFriction, velocity: Array) -> Array:
+    """Friction torque [N m] at these velocities [rad/s]; compiled, because every `simulate` asks."""
+    velocity = jnp.asarray(velocity)
+    rest = jnp.zeros_like(velocity)
+    return law.readout((), Motion(velocity, rest, rest), rest)
 
 
 def safe_steepness(

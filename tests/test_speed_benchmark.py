@@ -73,6 +73,7 @@ def test_goals_are_judged_by_the_rows():
         "flat": [],
         "gradients": [],
         "first_call": {"value": 0.5},
+        "scaling": [],
     }
     found = {goal["name"]: goal for goal in goals.goals(results)}
     assert found["f64 value over C++, B=1"]["met"] is True

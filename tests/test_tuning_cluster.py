@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 
 import numpy as np
@@ -89,6 +90,38 @@ def test_a_killed_worker_and_a_killed_driver_lose_at_most_their_chunk(cluster, t
     assert len(touched) <= 1
     alone = tuning.sweep(efp(150.0), SINE, **COMMON)
     np.testing.assert_array_equal(resumed.costs, alone.costs)
+
+
+MILLION = {
+    **COMMON,
+    "axes": (Axis("observer.gain_1", 1.0, 1e3, 1000), Axis("observer.gain_2", 5.0, 50.0, 1000, "linear")),
+    "samples": 201,
+    "chunk": 20_000,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_million_candidates_on_two_workers_one_of_them_killed(cluster, tmp_path):
+    address, workers = cluster
+    folder = tmp_path / "sweep"
+    killed = threading.Event()
+
+    def kill() -> None:
+        wait_for(lambda: chunks(folder) >= 5, 300, "a fifth chunk")
+        if chunks(folder) < 40:
+            workers[0].send_signal(signal.SIGKILL)
+            killed.set()
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    shared = tuning.sweep(efp(150.0), SINE, out=folder, scheduler=address, **MILLION)
+    killer.join()
+    assert killed.is_set(), "the sweep was nearly over before the worker was killed"
+    assert workers[0].wait(30) == -signal.SIGKILL
+    assert shared.costs.size == 1_000_000
+    alone = tuning.sweep(efp(150.0), SINE, **MILLION)
+    np.testing.assert_array_equal(shared.costs, alone.costs)
 
 
 @pytest.mark.slow

@@ -3,15 +3,13 @@
 import argparse
 import json
 import pathlib
-import subprocess
 import sys
-import tempfile
 import time
 from typing import Any
 
 from fpjax.errors import InputError
 
-PARTS = ("values", "flat", "gradients", "growth", "scaling", "first_call")
+PARTS = ("values", "flat", "gradients", "growth", "scaling", "memory", "first_call")
 SIZES = (1, 5, 64, 1024, 16384, 131072)
 FLAT = (1024, 16384, 131072, 1_000_000)
 
@@ -42,7 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
     jax.config.update("jax_enable_x64", True)
     import numpy as np
 
-    from . import goals, measure, picture
+    from . import goals, measure, picture, processes
+    from .report import rows_table
 
     started = time.time()
     steps, repeats = (200, 1) if arguments.quick else (5000, arguments.repeats)
@@ -60,9 +59,10 @@ def run(arguments: argparse.Namespace) -> int:
         "gradients": [],
         "growth": {"horizon": [], "gains": []},
         "scaling": [],
+        "memory": [],
         "skipped": bench.skipped,
     }
-    results["first_call"] = first_calls() if "first_call" in only else {}
+    results["first_call"] = processes.first_calls(bench.repeats) if "first_call" in only else {}
     for dtype in (np.float64, np.float32):
         for size in sizes if "values" in only else ():
             results["values"] += bench.value_rows(dtype, size)
@@ -75,7 +75,9 @@ def run(arguments: argparse.Namespace) -> int:
     if "growth" in only and not arguments.quick:
         results["growth"] = bench.growth(np.float64)
     for size in [size for size in sizes if size >= (64 if arguments.quick else 1024)] if "scaling" in only else ():
-        results["scaling"] += bench.scaling(np.float64, size)
+        results["scaling"] += bench.scaling(np.float64, size) + processes.sharded(size, bench.steps, bench.repeats)
+    if "memory" in only:
+        results["memory"] = processes.memory(bench, 1024 if arguments.quick else 131072)
     results["peak_memory_megabytes"] = measure.peak_memory()
     results["goals"] = goals.goals(results)
     results["seconds"] = time.time() - started
@@ -88,56 +90,3 @@ def run(arguments: argparse.Namespace) -> int:
     picture.draw(results, out / "speed.png")
     print(text)
     return 0
-
-
-def first_calls() -> dict[str, float]:
-    """What fresh processes pay: cold, and with the compilation cache filled by the one before."""
-    found: dict[str, float] = {}
-    with tempfile.TemporaryDirectory() as cache:
-        for suffix, extra in (("", []), ("", [cache]), (", warm cache", [cache])):
-            command = [sys.executable, "-m", "benchmarks.speed.first_call", *extra]
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
-            if done.returncode != 0:
-                return {}
-            if suffix or not extra:
-                found |= {name + suffix: spent for name, spent in json.loads(done.stdout.splitlines()[-1]).items()}
-    return found
-
-
-def rows_table(results: dict[str, Any]) -> str:
-    """Throughput of the values, ratios of the gradients, scaling, and what was skipped, as text."""
-    lines = [
-        f"{results['machine']['processor']}, {results['machine']['cores']} cores; rows are processor time on one core"
-    ]
-    lines.append(", ".join(f"{name} {number}" for name, number in results["versions"].items()))
-    for dtype in ("float64", "float32"):
-        rows = [row for row in results["values"] if row["dtype"] == dtype]
-        sizes = list(dict.fromkeys(row["candidates"] for row in rows))
-        lines += ["", f"value, {dtype}, steps per second", f"{'candidates':16}" + "".join(f"{s:>10}" for s in sizes)]
-        for name in dict.fromkeys(row["implementation"] for row in rows):
-            mine = {row["candidates"]: row for row in rows if row["implementation"] == name}
-            cells = [f"{mine[s]['steps_per_second']:10.2e}" if s in mine else f"{'':10}" for s in sizes]
-            word = "  (disagrees)" if any(row.get("disagrees") for row in mine.values()) else ""
-            lines.append(f"{name:16}" + "".join(cells) + word)
-    lines += ["", "value by batch alone, the same few steps, steps per second"]
-    for row in results["flat"]:
-        lines.append(f"{row['dtype']} B={row['candidates']:<8} {row['implementation']:6} {row['steps_per_second']:.2e}")
-    lines += ["", "value and gradient over value (scratch of a chunk [MB])"]
-    for row in results["gradients"]:
-        if row["what"] != "value":
-            memory = "" if row["scratch_bytes"] is None else f"  ({row['scratch_bytes'] / 1e6:.2f})"
-            lines.append(
-                f"{row['dtype']} B={row['candidates']:<6} {row['gains']:2} gains  {row['implementation']:14} "
-                f"{row['what']:8} {row['over_value']:6.2f}{memory}"
-            )
-    lines += ["", "all cores, by the clock"]
-    for row in results["scaling"]:
-        lines.append(
-            f"B={row['candidates']:<8} {row['workers']} cores  {row['clock_steps_per_second']:.2e} steps/s  "
-            f"{row['speedup']:.2f} times one core  differs by {row['relative_error']:.1e}"
-        )
-    lines += ["", "first call of a fresh process [s]"]
-    lines += [f"{name:24} {spent:.2f}" for name, spent in results["first_call"].items()]
-    lines += ["", *(f"skipped {skip['implementation']}: {skip['why']}" for skip in results["skipped"])]
-    lines.append(f"peak memory of the whole benchmark {results.get('peak_memory_megabytes', 0):.0f} MB")
-    return "\n".join(lines)

@@ -75,23 +75,29 @@ class Bench:
         """One row an implementation: the cost of `size` candidates of two gains, on one core."""
         steps = steps_for(size, self.steps)
         batch, reference = servo.candidates(size, 2, dtype), servo.table(steps, dtype)
-        calls: dict[str, Callable[[], Any]] = {}
-        if self.cpp is not None:
-            calls["C++"] = self._fastest_cpp(batch, reference, size)
-        for name, make in self.peers.items():
-            calls[name] = make(batch, reference)
-        calls["vmap(lax.scan)"] = self._plain(batch, reference)
-        calls["fpjax"] = self.fpjax_value(batch, steps, dtype, size)
+        names = (["C++"] if self.cpp is not None else []) + [*self.peers, "vmap(lax.scan)", "fpjax"]
+        calls = {name: self.value(name, batch, reference) for name in names}
         expected = np.asarray(calls["vmap(lax.scan)"]())
         errors = {name: float(np.max(np.abs(np.asarray(call()) / expected - 1.0))) for name, call in calls.items()}
         # The first calls above compiled; their time is taken apart, in fresh processes (first_call.py).
         times = timing.interleaved(calls, self.repeats)
         rows = []
         for name, spent in times.items():
-            rows.append(self._row(name, "value", dtype, size, 2, steps, spent) | {"relative_error": errors[name]})
+            rows.append(self.row(name, "value", dtype, size, 2, steps, spent) | {"relative_error": errors[name]})
             if not errors[name] <= AGREE[np.dtype(dtype).name]:
                 rows[-1]["disagrees"] = True
         return rows
+
+    def value(self, name: str, batch: Any, reference: Any) -> Callable[[], Any]:
+        """The call of one implementation, by its name in the rows."""
+        size, steps = len(next(iter(batch.values()))), len(reference)
+        if name == "C++":
+            return self._fastest_cpp(batch, reference, size)
+        if name == "vmap(lax.scan)":
+            return self._plain(batch, reference)
+        if name == "fpjax":
+            return self.fpjax_value(batch, steps, reference.dtype, size)
+        return self.peers[name](batch, reference)
 
     def fpjax_value(self, batch: Any, steps: int, dtype: Any, size: int, workers: int = 1) -> Callable[[], Any]:
         """The library's own way: `native` under jit for a handful of candidates, `map_chunks` for more."""
@@ -163,7 +169,7 @@ class Bench:
         times = timing.interleaved(calls, self.repeats)
         primal = times["value"].processor_seconds
         return [
-            self._row("vmap(lax.scan)" if name == "plain" else "fpjax", name, dtype, size, gains, steps, spent)
+            self.row("vmap(lax.scan)" if name == "plain" else "fpjax", name, dtype, size, gains, steps, spent)
             | {
                 "over_value": spent.processor_seconds / primal,
                 "scratch_bytes": scratch[name],
@@ -190,7 +196,7 @@ class Bench:
         for size in sizes:
             calls[str(size)] = self.fpjax_value(servo.candidates(size, 2, dtype), steps, dtype, size)
         times = timing.interleaved(calls, self.repeats)
-        return [self._row("fpjax", "value", dtype, int(size), 2, steps, spent) for size, spent in times.items()]
+        return [self.row("fpjax", "value", dtype, int(size), 2, steps, spent) for size, spent in times.items()]
 
     def scaling(self, dtype: Any, size: int) -> list[dict[str, Any]]:
         """The same batch on one core and on all, and how far the results differ."""
@@ -200,9 +206,10 @@ class Bench:
         results = {name: np.asarray(call()) for name, call in calls.items()}
         times = timing.interleaved(calls, self.repeats)
         return [
-            self._row("fpjax", "value", dtype, size, 2, steps, spent)
+            self.row("fpjax", "value", dtype, size, 2, steps, spent)
             | {
                 "workers": int(name),
+                "by": "threads",
                 "clock_steps_per_second": size * steps / spent.seconds,
                 "speedup": times["1"].seconds / spent.seconds,
                 "relative_error": float(np.max(np.abs(results[name] / results["1"] - 1.0))),
@@ -210,9 +217,10 @@ class Bench:
             for name, spent in times.items()
         ]
 
-    def _row(
+    def row(
         self, name: str, what: str, dtype: Any, size: int, gains: int, steps: int, spent: timing.Timing
     ) -> dict[str, Any]:
+        """What every row says."""
         each = spent.processor_seconds / steps
         self.say(f"{name} {what} {np.dtype(dtype).name} B={size} gains={gains}: {each * 1e9:.1f} ns/step")
         package = {"C++": cpp.version() if self.cpp is not None else "", "fpjax": f"jax {self.versions['jax']}"}

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..block import Block
+from ..hyperbolic import tanh
 from ..signals import Motion
 
 
@@ -63,7 +64,7 @@ class AbstractStaticFriction(AbstractFriction):
 
 def direction(velocity: Array, steepness: Array | None) -> Array:
     """sign(w) where `steepness` is None (sign(0) = 0; never differentiate it), else tanh(steepness w)."""
-    return jnp.sign(velocity) if steepness is None else jnp.tanh(steepness * velocity)
+    return jnp.sign(velocity) if steepness is None else tanh(steepness * velocity)
 
 
 def log_cosh(x: Array) -> Array:

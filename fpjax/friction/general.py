@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..block import as_optional, as_parameter, require_positive
+from ..hyperbolic import tanh
 from ..signals import Motion
 from .base import AbstractStaticFriction, safe_power
 
@@ -84,7 +85,7 @@ class GeneralFriction(AbstractStaticFriction):
         return (viscous + self.drag_coefficient * jnp.abs(motion.velocity)) * motion.velocity
 
     def _side(self, motion: Motion) -> Array:
-        return jnp.sign(motion.velocity) if self.steepness is None else jnp.tanh(self.steepness * motion.velocity)
+        return jnp.sign(motion.velocity) if self.steepness is None else tanh(self.steepness * motion.velocity)
 
 
 def fourier(cosine: tuple[Array, ...], sine: tuple[Array, ...], angle: Array) -> Array:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..block import as_optional, as_parameter, require_not_negative, require_positive
+from ..hyperbolic import tanh
 from ..signals import Motion
 from .base import AbstractFriction, AbstractStaticFriction, safe_power
 
@@ -229,7 +230,7 @@ class AsymmetricCoulombViscous(AbstractStaticFriction):
 
     def level(self, motion: Motion) -> Array:
         """Coulomb level of this direction [N m]."""
-        side = jnp.sign(motion.velocity) if self.steepness is None else jnp.tanh(self.steepness * motion.velocity)
+        side = jnp.sign(motion.velocity) if self.steepness is None else tanh(self.steepness * motion.velocity)
         mean = 0.5 * (self.coulomb_positive + self.coulomb_negative)
         return mean + 0.5 * (self.coulomb_positive - self.coulomb_negative) * side
 

@@ -10,6 +10,7 @@ from jaxtyping import Array
 
 from ..block import Block, as_parameter, require_not_negative, require_positive
 from ..friction import log_cosh
+from ..hyperbolic import tanh
 
 
 class AbstractNonlinearity(Block):
@@ -87,7 +88,7 @@ class LogCosh(AbstractNonlinearity):
 
     def slope(self, velocity: Array) -> Array:
         """gain tanh(lambda w)."""
-        return self.gain * jnp.tanh(self.steepness * velocity)
+        return self.gain * tanh(self.steepness * velocity)
 
 
 def absolute_or_smooth(gain: Array, steepness: Array | None) -> AbstractNonlinearity:

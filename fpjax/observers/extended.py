@@ -8,6 +8,7 @@ from jaxtyping import Array
 
 from ..block import as_optional, as_parameter, require_not_negative, require_positive
 from ..friction import direction
+from ..hyperbolic import tanh
 from .base import AbstractObserver, Quadratic, absolute_or_smooth
 from .single import steepness_sensitivity
 
@@ -101,7 +102,7 @@ class ExtendedSteepnessCoulomb(AbstractObserver):
     def readout(self, state: ExtendedState, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """k_hat tanh(lambda_hat w) + b w."""
         steepness, coulomb = _estimates(self, state, velocity)
-        torque = coulomb * jnp.tanh(steepness * velocity) + self.viscous * velocity
+        torque = coulomb * tanh(steepness * velocity) + self.viscous * velocity
         return torque, {"steepness": steepness, "coulomb": coulomb}
 
     def slopes(self, velocity: Array) -> tuple[Array, ...]:
@@ -113,7 +114,7 @@ class ExtendedSteepnessCoulomb(AbstractObserver):
         steepness = parameters["steepness"]
         return (
             steepness_sensitivity(parameters["coulomb"], steepness, velocity),
-            jnp.tanh(steepness * velocity),
+            tanh(steepness * velocity),
         )
 
 
@@ -153,7 +154,7 @@ class ExtendedSteepnessViscous(AbstractObserver):
     def readout(self, state: ExtendedState, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """k tanh(lambda_hat w) + b_hat w."""
         steepness, viscous = _estimates(self, state, velocity)
-        torque = self.coulomb * jnp.tanh(steepness * velocity) + viscous * velocity
+        torque = self.coulomb * tanh(steepness * velocity) + viscous * velocity
         return torque, {"steepness": steepness, "viscous": viscous}
 
     def slopes(self, velocity: Array) -> tuple[Array, ...]:

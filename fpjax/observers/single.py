@@ -9,6 +9,7 @@ from jaxtyping import Array
 
 from ..block import as_optional, as_parameter, require_not_negative, require_positive
 from ..friction import direction
+from ..hyperbolic import tanh
 from .base import AbstractNonlinearity, AbstractObserver
 
 
@@ -181,7 +182,7 @@ class SteepnessObserver(AbstractObserver):
     def readout(self, state: Array, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """k tanh(lambda_hat w) (4.26), with lambda_hat = z - g(w) (4.29)."""
         steepness = state - self.nonlinearity.value(velocity)
-        return self.coulomb * jnp.tanh(steepness * velocity), {"steepness": steepness}
+        return self.coulomb * tanh(steepness * velocity), {"steepness": steepness}
 
     def slopes(self, velocity: Array) -> tuple[Array, ...]:
         """(g'(w),)."""

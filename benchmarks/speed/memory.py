@@ -1,0 +1,46 @@
+"""`python -m benchmarks.speed.memory NAME SIZE`: what one value adds to a fresh process' memory, as one JSON line."""
+
+import json
+import sys
+from typing import Any
+
+STEPS = 200
+
+
+def main(name: str, size: int) -> dict[str, Any]:
+    """The peak of the resident memory during one value less what was there before; on Linux.
+
+    `name` is one of the benchmark's rows.
+    """
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    import numpy as np
+
+    from . import measure, servo
+
+    bench = measure.Bench(STEPS, 1, lambda line: None)
+    batch, table = servo.candidates(size, 2, np.float64), servo.table(STEPS, np.float64)
+    # Of this process alone: the maximum that the system reports is inherited from the process that started it.
+    with open("/proc/self/clear_refs", "w") as file:
+        file.write("5")
+    before = _megabytes("VmRSS")
+    jax.block_until_ready(bench.value(name, batch, table)())
+    package = name if name in bench.versions else "jax"
+    return {
+        "implementation": name,
+        "package": package,
+        "dtype": "float64",
+        "candidates": size,
+        "steps": STEPS,
+        "megabytes": _megabytes("VmHWM") - before,
+    }
+
+
+def _megabytes(field: str) -> float:
+    with open("/proc/self/status") as file:
+        return next(float(line.split()[1]) for line in file if line.startswith(field)) / 1e3
+
+
+if __name__ == "__main__":
+    print(json.dumps(main(sys.argv[1], int(sys.argv[2]))))

@@ -1,0 +1,62 @@
+"""What only a fresh process can tell: first calls, memory, and devices that must be there before jax starts."""
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+from fpjax.batch import cores
+
+from . import cpp
+
+
+def first_calls(repeats: int) -> dict[str, float]:
+    """Seconds that fresh processes pay, medians: cold, with a filled compilation cache, and for `fpjax --help`."""
+    found: dict[str, list[float]] = {}
+    with tempfile.TemporaryDirectory() as cache:
+        _run("first_call", cache)  # fills it
+        for _ in range(repeats):
+            for suffix, extra in (("", []), (", warm cache", [cache])):
+                for name, spent in (_run("first_call", *extra) or {}).items():
+                    found.setdefault(name + suffix, []).append(spent)
+            start = time.perf_counter()
+            done = subprocess.run([sys.executable, "-m", "fpjax", "--help"], capture_output=True, check=False)
+            if done.returncode == 0:
+                found.setdefault("fpjax --help", []).append(time.perf_counter() - start)
+    return {name: statistics.median(samples) for name, samples in found.items()}
+
+
+def sharded(size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
+    """Rows of one batch on one device and, by `shard_map`, on as many as there are cores."""
+    flag = f"--xla_force_host_platform_device_count={cores()}"
+    flags = {"XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()}
+    return _run("sharded", str(size), str(steps), str(repeats), environment=flags) or []
+
+
+def memory(bench: Any, size: int) -> list[dict[str, Any]]:
+    """Rows of what one value of `size` candidates, 200 steps, adds to the resident memory of a fresh process."""
+    if not os.path.exists("/proc/self/clear_refs"):
+        bench.skipped.append({"implementation": "memory", "why": "this system does not tell a process its own peak"})
+        return []
+    names = (["C++"] if bench.cpp is not None else []) + [*bench.peers, "vmap(lax.scan)", "fpjax"]
+    rows = [_run("memory", name, str(size)) for name in names]
+    return [
+        row | {"version": cpp.version() if row["implementation"] == "C++" else bench.versions.get(row["package"], "")}
+        for row in rows
+        if row is not None
+    ]
+
+
+def _run(module: str, *words: str, environment: dict[str, str] | None = None) -> Any:
+    """What `python -m benchmarks.speed.MODULE WORDS` prints last, as JSON; None where it fails."""
+    command = [sys.executable, "-m", f"benchmarks.speed.{module}", *words]
+    surroundings = os.environ | (environment or {})
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=surroundings)
+    if done.returncode != 0:
+        print(f"{' '.join(command[2:])} failed: {(done.stderr.strip() or 'no word').splitlines()[-1]}", file=sys.stderr)
+        return None
+    return json.loads(done.stdout.splitlines()[-1])
