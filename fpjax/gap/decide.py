@@ -21,6 +21,7 @@ DECISIVE = 8.0  # log evidence by which a cause must beat its absence
 WHITE = 1.04  # residual energy over what its own differences say is noise; above it there is structure
 EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed where some structure is left
 TOLERANCE = 1.1  # to which the noise of a torque is known that was told from positions
+NEARLY = 8.0  # and residual energy over the noise's up to which it may: a law that is another one of its kind
 REMOVES = 0.5  # a further cause must remove this share of the energy that is left above the noise
 WHITE_WITH_PLAY = 1.3  # the same of a play, whose contacts a step of finite length blurs
 LEAST_TURN = 0.02  # rad that a position at the log's start must move to be another one
@@ -113,7 +114,7 @@ def decide(search: Search, progress: Progress) -> Decision:
     _judge(search, decision, decision.chosen)
     before, after = energy(search, exact), energy(search, decision.chosen)
     closed = 1.0 - (np.sqrt(after) - np.sqrt(decision.floor)) / max(np.sqrt(before) - np.sqrt(decision.floor), 1e-12)
-    nearly = closed > EXPLAINED_SHARE and decision.structure < 1.5 and not decision.weak
+    nearly = closed > EXPLAINED_SHARE and decision.structure < NEARLY and not decision.weak
     decision.explained = decision.structure < WHITE or nearly
     return decision
 
