@@ -114,7 +114,7 @@ def decide(search: Search, progress: Progress) -> Decision:
     _judge(search, decision, decision.chosen)
     before, after = energy(search, exact), energy(search, decision.chosen)
     closed = 1.0 - (np.sqrt(after) - np.sqrt(decision.floor)) / max(np.sqrt(before) - np.sqrt(decision.floor), 1e-12)
-    nearly = closed > EXPLAINED_SHARE and decision.structure < NEARLY and not decision.weak
+    nearly = closed > EXPLAINED_SHARE and decision.structure < (1.5 if search.imposed else NEARLY) and not decision.weak
     decision.explained = decision.structure < WHITE or nearly
     return decision
 
