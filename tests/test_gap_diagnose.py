@@ -16,8 +16,8 @@ from fpjax.errors import InputError
 from fpjax.friction import CoulombViscous
 from fpjax.gap import EFFECTS, diagnose
 from fpjax.gap.diagnose import allowed_effects, make_search
-from fpjax.gap.family import double_precision
 from fpjax.gap.machine import nominal_machine
+from fpjax.gap.precision import double_precision
 from fpjax.gap.record import make_record
 from fpjax.gap.signature import canonical_correlation
 from fpjax.gap.stages import StageClock

@@ -10,11 +10,12 @@ import numpy as np
 from .attribute import Fitted, Search
 from .diagnosis import Comparison, Estimate, Identifiability
 from .effect import Effect
-from .family import Family, double_precision
+from .family import Family
 from .fit import Candidate
 from .imposed import noise_torque, torque_floor
 from .machine import Machine
 from .measure import NoiseFloor
+from .precision import double_precision
 from .record import Record, band_weights
 from .replay import assembled
 

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from .effect import Effect, Setting
-from .family import Family, Key, Nominal, Runner, double_precision, key_for, make_family
+from .family import Family, Key, Nominal, Runner, key_for, make_family
 from .fit import Candidate, Fitter, make_candidate
 from .observer import Observer
+from .precision import double_precision
 from .record import Record, make_record, stride_of, tables_of, window_seconds, with_common_noise
 from .settle import scan_gap, settle
 

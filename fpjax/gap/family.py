@@ -12,6 +12,7 @@ from ..plants import AbstractPlant
 from .effect import Effect, Parameter, Setting, free, neutral_vector
 from .imposed import imposed_kernel, imposed_motion
 from .machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
+from .precision import double_precision
 from .record import Record, stride_of
 from .replay import LANES, STATES, TAPS, Windows, residual_kernel
 from .vocabulary import NOMINAL
@@ -20,14 +21,6 @@ Key = tuple[Structure, tuple[Feature, ...]]
 
 # What a lane's period takes on one core of 2024 [s]: a budget in these does not depend on what else the machine does.
 COSTS: dict[Structure, float] = {"rigid": 7e-8, "bristles": 18e-8, "transmission": 6e-8}
-
-
-def double_precision() -> Any:
-    """A context in which arrays are float64; the process' own setting is left alone."""
-    switch = getattr(jax, "enable_x64", None)
-    if switch is None:
-        from jax.experimental import enable_x64 as switch  # pyright: ignore[reportAttributeAccessIssue]
-    return switch(True)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from .effect import Effect, Parameter
 from .machine import Machine, structure_of
 from .measure import NoiseFloor, lap_length, rms, rms_interval
 from .record import PAST, Record, band_weights
-from .replay import STATES, TAPS, Carry, Tables, Windows, advance, assembled, begin, output_of
+from .replay import STATES, TAPS, WORST, Carry, Tables, Windows, advance, assembled, begin, output_of
 
 Values = np.ndarray
 SHORT_PAST = 32  # periods of the past where nothing is hidden
@@ -136,7 +136,7 @@ def imposed_kernel(
         second = tables.position[at + 1] - 2.0 * tables.position[at] + tables.position[at - 1]
         left = 0.5 * (net[1:] + net[:-1]) - inertia[None] * second / tables.dt**2
         smooth = jnp.einsum("j,ijl->il", jnp.asarray(weights), left[past - 1 + rows])
-        return (smooth * motion.weight)[None]
+        return jnp.clip(smooth * motion.weight, -WORST, WORST)[None]
 
     return jax.jit(run)
 

@@ -19,8 +19,9 @@ from ..signals import Motion
 from ..sticking import mean_shaft, turn
 from ..transmission import Transmission
 from .effect import Effect, Parameter
-from .family import Family, double_precision
+from .family import Family
 from .machine import Machine, Structure
+from .precision import double_precision
 from .record import PAST, Record
 from .replay import LANES, SUBSTEPS, TAPS, Tables, assembled, command_at
 

@@ -28,7 +28,7 @@ LANES = 64
 TAPS = 128  # periods of the past that a lag is started from
 STATES: dict[Structure, int] = {"rigid": 2, "bristles": 3, "transmission": 4}
 SUBSTEPS: dict[Structure, int] = {"rigid": 1, "bristles": 2, "transmission": 4}
-_WORST = 1e4  # a residual of more standard deviations counts as this many: a diverged lane must not overflow
+WORST = 1e4  # a residual of more standard deviations counts as this many: a diverged lane must not overflow
 
 
 class Tables(eqx.Module):
@@ -189,7 +189,7 @@ def residuals(
     later = jnp.minimum(at + whole, tables.velocity.shape[0] - 1)
     velocity = (predicted[0] - tables.velocity[later]) * tables.velocity_weight[later]
     position = (predicted[1] - tables.position[at]) * tables.position_weight[at]
-    return jnp.clip(velocity, -_WORST, _WORST), jnp.clip(position, -_WORST, _WORST)
+    return jnp.clip(velocity, -WORST, WORST), jnp.clip(position, -WORST, WORST)
 
 
 @functools.lru_cache(maxsize=64)

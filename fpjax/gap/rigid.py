@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..signals import Motion
+from .precision import double_precision
 
 Values = np.ndarray
 
@@ -62,7 +63,8 @@ def rigid_body(machine: Any) -> RigidBody:
         return total
 
     def held(velocity: Values, position: Values, time: Values) -> Values:
-        known = np.asarray(load.readout(Motion(velocity, position + origin, time)), float)
+        with double_precision():
+            known = np.asarray(load.readout(Motion(velocity, position + origin, time)), float)
         drag = at["viscous_difference"] * np.abs(velocity) + at["drag_coefficient"] * velocity * np.abs(velocity)
         return known + drag
 

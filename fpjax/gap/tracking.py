@@ -19,9 +19,9 @@ from ..references import Recorded
 from ..signals import Measurement
 from ..simulate import astype, simulate
 from .diagnosis import Tracking
-from .family import double_precision
 from .machine import Machine, structure_of
 from .measure import SEED, rms
+from .precision import double_precision
 from .record import Record
 from .replay import SUBSTEPS
 
