@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fpjax.gap import Estimate, Ranked
+from fpjax.gap import Estimate, Ranked, Step
 from fpjax.gap.confusable import indistinguishable
 from fpjax.gap.posterior import Posterior, make_posterior
-from fpjax.gap.ranking import share_alike
+from fpjax.gap.ranking import in_order, share_alike
 from fpjax.gap.signature import basis, without
 from fpjax.gap.twins import Log, Twin, exact_twins
 
@@ -213,3 +213,9 @@ def test_a_class_holds_three_names_and_the_exact_twin_comes_first(monkeypatch):
     several = Twin(frozenset({"constant_torque"}), ("a", "b"))
     assert classes(monkeypatch, chosen, [], alike, [several]) == ("a", "b")
     assert classes(monkeypatch, chosen, rivals[:1], alike, [several]) == ("velocity_bias",)
+
+
+def test_causes_are_told_in_the_order_of_the_ladder():
+    ladder = [Step(name, 0.1, (0.0, 0.2)) for name in ("quadratic_drag", "inertia_error")]
+    assert in_order(("inertia_error", "quadratic_drag"), ladder) == ["quadratic_drag", "inertia_error"]
+    assert in_order(("cogging", "inertia_error"), ladder) == ["inertia_error", "cogging"]

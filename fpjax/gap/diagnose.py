@@ -14,12 +14,12 @@ from .decide import Decision, decide
 from .diagnosis import Diagnosis, Experiment, Ranked, Step
 from .effect import Effect
 from .experiment import next_experiment
-from .family import Nominal
+from .family import Nominal, double_precision
 from .inputs import check_alike, look_at, read_logs, read_model
 from .left import left_sentence
 from .places import places
 from .provenance import provenance
-from .ranking import quantised_reading, rank
+from .ranking import in_order, quantised_reading, rank
 from .record import make_record, window_seconds, with_common_noise
 from .shrink import gap_and_steps
 from .sizes import make_setting
@@ -81,7 +81,8 @@ def _diagnose(
     search = make_search(logs, withheld, model, effects)
     decision = decide(search, clock)
     clock("intervals and curves", 0.9)
-    found = _assemble(search, decision, model, warnings, everything, clock)
+    with double_precision():
+        found = _assemble(search, decision, model, warnings, everything, clock)
     made = provenance(everything, search.records, model, allowed, started)
     clock.done()
     return dataclasses.replace(found, seconds=clock.seconds, allowed=allowed, provenance=made)
@@ -129,15 +130,14 @@ def _assemble(
     records = search.records
     quantised = quantised_reading(records[0], model)
     step = records[0].channel.step if quantised else 0.0
-    causes = list(decision.leading.names) if decision.gap else []
+    verdict = ("explained" if decision.explained else "unexplained") if decision.gap or quantised else "no_gap"
+    compared = assemble.comparisons(search, decision)
+    gap, steps = gap_and_steps(search, decision, compared)
+    causes = in_order(decision.leading.names, steps) if decision.gap else []
     if not decision.explained and not _asserted(decision):
         causes = []
     if quantised:
         causes.append("velocity_quantisation")
-    verdict = ("explained" if decision.explained else "unexplained") if decision.gap or quantised else "no_gap"
-    compared = assemble.comparisons(search, decision)
-    gap, steps = gap_and_steps(search, decision, compared)
-    if quantised:
         steps = (*steps, Step("velocity_quantisation", gap.after, gap.after_interval))
     ranking = rank(search, decision, verdict, gap, steps, quantised)
     corrected = assemble.machine_of(decision.chosen.candidate)

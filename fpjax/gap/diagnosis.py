@@ -47,6 +47,9 @@ class Ranked:
         effect: name of the vocabulary.
         probability: that it is the main cause, calibrated on simulated logs; effects that no log can tell apart divide
             theirs. Sums to at most 1.
+        gap_after: rms of the gap on withheld data with this effect (beside the causes before it) in the model.
+        parameters: by the contract's name.
+        indistinguishable_from: effects that this log cannot tell from it.
         cause_probability: that it is among the causes, the main one or not: of a sure pair, 1 for either.
         evidence: log evidence less that of the nominal model [1], for those who want to look behind the probability.
     """

@@ -54,14 +54,16 @@ def rank(
     rivals = (
         [*decision.rivals, *decision.path[1 : len(decision.path) - decision.weak]] if decision.gap else decision.singles
     )
-    order = [*(chosen.names if decision.gap else ()), *(f.names[0] for f in decision.singles)]
+    causes = in_order(chosen.names, steps) if decision.gap else []
+    order = [*causes, *(f.names[0] for f in decision.singles)]
     posterior = make_posterior(rivals, decision.explained, decision.gap, quantised, order)
     entries: dict[str, Ranked] = {}
     twins: list[Twin] = []
     if decision.gap:
         spread = assemble.covariance(search, chosen)
-        found = {effect.name: assemble.estimates(search, chosen, effect, spread) for effect in chosen.candidate.effects}
-        twins = exact_twins(chosen.names, found, log_of(search))
+        effects = {effect.name: effect for effect in chosen.candidate.effects}
+        found = {name: assemble.estimates(search, chosen, effects[name], spread) for name in causes}
+        twins = exact_twins(causes, found, log_of(search))
         relative = chosen.evidence - decision.exact.evidence
         left = {step.added: step.gap_after for step in steps}
         for name, values in found.items():
@@ -91,6 +93,12 @@ def rank(
     rest.sort(key=lambda entry: (-entry.probability, -entry.evidence))
     ranked = (*(entries[name] for name in asserted), *rest)
     return Ranking(ranked, tuple(twins), right)
+
+
+def in_order(causes: Sequence[str], steps: Sequence[Step]) -> list[str]:
+    """The causes as the ladder adds them, the one that takes most first."""
+    added = [step.added for step in steps]
+    return sorted(causes, key=lambda name: added.index(name) if name in added else len(added))
 
 
 def share_alike(entries: dict[str, Ranked], twin: Twin) -> None:

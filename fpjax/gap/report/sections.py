@@ -197,7 +197,7 @@ def shrink(contents: Contents, pictures: dict[str, tuple[str, str]]) -> str:
     """How far the gap shrinks."""
     if contents.verdict == "no_gap":
         lead = "There is no gap to close: the nominal model's error is the noise floor's."
-    elif contents.steps:
+    elif contents.steps and contents.causes:
         lead = "Causes are added one by one, most important first; pale is what each one took away."
     else:
         lead = "No cause is asserted; the best attempt is there for comparison."
@@ -270,6 +270,8 @@ def model(contents: Contents) -> str:
             paragraph(contents.model_missing or "The diagnosis holds no corrected model."),
         )
     use = "fpjax simulate and fpjax tune take this file as it is: gains can be tuned again in a simulator that fits."
+    if contents.verdict == "unexplained":
+        use = "This is the best attempt, and it does not fit: do not tune gains in it."
     if not contents.nominal.strip():
         lead = use
     else:
