@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from .decide import Decision
 
 NINETY = 1.645  # standard deviations of a 90 % interval
-WIDER = 1.9  # standard deviations are widened by this; fitted on development seeds
+WIDER = 1.15  # standard deviations are widened by this; fitted on development seeds
+BLURRED = 0.5  # of what shorter steps moved a parameter by that even shorter ones may move it again
 
 
 def covariance(search: Search, fitted: Fitted) -> np.ndarray:
@@ -53,7 +54,10 @@ def covariance(search: Search, fitted: Fitted) -> np.ndarray:
     if c.robust:
         # Windows off track count for little in the fit, and so they do here.
         excess = max(float(np.median(np.concatenate(c.window_cost))) / search.per_window, 0.5)
-    return found * c.scale[:, None] * c.scale * excess * WIDER**2
+    found = found * c.scale[:, None] * c.scale * excess * WIDER**2
+    if len(c.blur):
+        found = found + np.diag((BLURRED * c.blur / NINETY) ** 2)
+    return found
 
 
 def estimates(search: Search, fitted: Fitted, effect: Effect, spread: np.ndarray | None = None) -> dict[str, Estimate]:

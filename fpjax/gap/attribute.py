@@ -1,13 +1,13 @@
 """Attribute: which effects, alone and together, make the simulation agree with the log."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from .effect import Effect, Setting
-from .family import Family, Key, Nominal, Runner, key_for, make_family
+from .family import FINE, Family, Key, Nominal, Runner, key_for, make_family
 from .fit import Candidate, Fitter, make_candidate
 from .observer import Observer
 from .precision import double_precision
@@ -23,6 +23,8 @@ SETTLED = 2  # leading candidates of a family whose windows are searched for bet
 ROUNDS = 24  # of the polishing of a play
 POLISHED = 30.0  # times the lowest cost up to which a play is polished
 STUCK = 8.0  # mean chi-square of a window in which a hidden state is wrong
+REFINED = 6  # steps of the fit in shorter steps of the simulation, twice
+LOST = 1.2  # times the cost before, from which on a fit in shorter steps has lost its way
 NEAR = 300.0  # chi-square per residual above which no search of hidden states is worth its time
 Progress = Callable[[str, float], None]
 Options = list[tuple[tuple[Effect, ...], dict[str, float]]]
@@ -323,6 +325,28 @@ class Search:
             best = min(best, c.cost)
             if stalled == 2:
                 return
+
+    def refined(self, fitted: Fitted) -> Fitted:
+        """The same model in shorter steps, fitted on; what its parameters move by is what a step's length blurs.
+
+        A contact and a spring are simulated in steps of finite length, which biases a fit by more than the noise does.
+        """
+        c = fitted.candidate
+        structure, features = c.family.key
+        key = (structure, (*features, FINE))
+        if key not in self.fitters:
+            runner = Runner(replace(c.family, key=key), self.records, self.tables)
+            self.fitters[key], self.observers[key] = Fitter(runner, self.setting), self.observers[c.family.key]
+        fitter = self.fitters[key]
+        states, hidden = [value.copy() for value in c.states], [value.copy() for value in c.hidden]
+        fine = replace(c, family=fitter.family, vector=c.vector.copy(), states=states, hidden=hidden)
+        fitter.fit([fine], self.train, REFINED)
+        settle(fitter, fine, self.train, self.per_window)
+        fine.converged, fine.damping = False, min(fine.damping, 1.0)
+        fitter.go_on([fine], self.train, REFINED)
+        fine.blur = fine.vector[fine.free] - c.vector[c.free]
+        found = self.finish([fine])[0]
+        return replace(found, evidence=fitted.evidence) if found.total < LOST * fitted.total else fitted
 
     def leading(self, group: list[Candidate]) -> list[Candidate]:
         """Those of one family that a search of hidden states may bring to the noise."""

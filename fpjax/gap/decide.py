@@ -23,6 +23,12 @@ EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed w
 TOLERANCE = 1.1  # to which the noise of a torque is known that was told from positions
 NEARLY = 8.0  # and residual energy over the noise's up to which it may: a law that is another one of its kind
 REMOVES = 0.5  # a further cause must remove this share of the energy that is left above the noise
+BARELY = 0.1  # of the noise's energy that a cause must close beyond a simpler one that it contains
+SIMPLER = {
+    "asymmetric_friction": ("coulomb_error", "viscous_error", "constant_torque"),
+    "backlash": ("compliance",),
+}  # what a cause holds as a special case
+WHITE_ROUNDED = 1.5  # the same of a rounded reading, whose error has up to three times the energy of even rounding
 WHITE_WITH_PLAY = 1.3  # the same of a play, whose contacts a step of finite length blurs
 LEAST_TURN = 0.02  # rad that a position at the log's start must move to be another one
 RATTLES = 0.2  # share of the windows, best and worst, that a play's energy is judged without
@@ -93,16 +99,19 @@ def decide(search: Search, progress: Progress) -> Decision:
     best = singles[0]
     decision = Decision(exact, null, singles, [exact])
     _judge(search, decision, best)
-    if (best.evidence - exact.evidence) * search.colour < DECISIVE or not _material(search, exact, best):
+    # Where the reading is rounded that is a cause already: beside it nothing is asserted that small errors of the
+    # nominal values do as well.
+    least = null if search.records[0].channel.step > 0 else exact
+    if (best.evidence - least.evidence) * search.colour < DECISIVE or not _material(search, least, best):
         _judge(search, decision, exact)
         decision.rivals = singles
-        decision.explained = decision.structure < WHITE
+        decision.explained = decision.structure < _white(search, exact)
         return decision
     decision.gap = True
     decision.path.append(best)
     decision.rivals = singles
     while len(decision.path) <= MOST_CAUSES:
-        if decision.structure < (WHITE_WITH_PLAY if search.has_play(decision.chosen.candidate) else WHITE):
+        if decision.structure < _white(search, decision.chosen):
             break
         if search.spent > PATIENCE:
             break
@@ -111,12 +120,23 @@ def decide(search: Search, progress: Progress) -> Decision:
             break
     while len(decision.path) > 2 and not decision.weak and _one_less(search, decision):
         pass
+    if not decision.weak:
+        _simpler(search, decision)
+    if decision.chosen.candidate.family.key[0] == "transmission" and not search.imposed:
+        decision.path[-1] = search.refined(decision.chosen)
     _judge(search, decision, decision.chosen)
     before, after = energy(search, exact), energy(search, decision.chosen)
     closed = 1.0 - (np.sqrt(after) - np.sqrt(decision.floor)) / max(np.sqrt(before) - np.sqrt(decision.floor), 1e-12)
     nearly = closed > EXPLAINED_SHARE and decision.structure < (1.5 if search.imposed else NEARLY) and not decision.weak
-    decision.explained = decision.structure < WHITE or nearly
+    decision.explained = decision.structure < _white(search, decision.chosen) or nearly
     return decision
+
+
+def _white(search: Search, fitted: Fitted) -> float:
+    """Residual energy over the noise's up to which nothing is left to find."""
+    if search.records[0].channel.step > 0:
+        return WHITE_ROUNDED
+    return WHITE_WITH_PLAY if search.has_play(fitted.candidate) else WHITE
 
 
 def _alone(
@@ -310,6 +330,36 @@ def _one_less(search: Search, decision: Decision) -> bool:
         decision.path = [decision.exact, first, best]
         decision.rivals = [best, *(f for f in decision.rivals if set(f.names) != set(best.names))]
     return True
+
+
+def _simpler(search: Search, decision: Decision) -> None:
+    """Put what is simpler in the place of a cause that contains it, where the data want no more."""
+    chosen = decision.chosen
+    by_name = {effect.name: effect for effect in search.effects}
+    family = chosen.candidate.family
+    neutral = dict(zip([p.name for p in family.parameters], family.neutral(search.setting), strict=True))
+    options = []
+    for effect in chosen.candidate.effects:
+        for name in SIMPLER.get(effect.name, ()):
+            if name not in by_name or name in chosen.names:
+                continue
+            kept = {p.name for p in by_name[name].parameters}
+            dropped = {p.name: neutral[p.name] for p in effect.parameters if p.name not in kept}
+            others = tuple(by_name[name] if other is effect else other for other in chosen.candidate.effects)
+            options.append(search.candidate(others, chosen.candidate.values() | dropped))
+    if not options:
+        return
+    search.fit(options, search.train, 12)
+    sets = [set(c.names) for c in options]
+    found = [*search.finish(options), *(f for f in decision.rivals if set(f.names) in sets)]
+    weigh(search, [*found, *decision.rivals, chosen, decision.exact, decision.null, *decision.singles])
+    best = max(found, key=lambda f: f.evidence)
+    lost = channel_energy(search, best) - channel_energy(search, chosen)
+    if best.evidence > chosen.evidence or lost < BARELY * decision.floor:
+        decision.path[-1] = best
+        decision.rivals = [best, *decision.rivals]
+        if len(best.names) > 1 and decision.path[1].names[0] not in best.names:
+            decision.path[1] = next((f for f in decision.singles if f.names[0] in best.names), decision.path[1])
 
 
 def _weak_step(search: Search, decision: Decision, found: list[Fitted]) -> bool:

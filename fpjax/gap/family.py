@@ -11,13 +11,14 @@ import numpy as np
 from ..plants import AbstractPlant
 from .effect import Effect, Parameter, Setting, free, neutral_vector
 from .imposed import imposed_kernel, imposed_motion
-from .machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
+from .machine import FEATURES, Machine, Structure, nominal_machine, structure_of, with_structure
 from .precision import double_precision
 from .record import Record, stride_of
 from .replay import LANES, STATES, TAPS, Windows, residual_kernel
 from .vocabulary import NOMINAL
 
-Key = tuple[Structure, tuple[Feature, ...]]
+Key = tuple[Structure, tuple[str, ...]]
+FINE = "fine"  # in the place of a feature: the same family in shorter steps
 
 # What a lane's period takes on one core of 2024 [s]: a budget in these does not depend on what else the machine does.
 COSTS: dict[Structure, float] = {"rigid": 7e-8, "bristles": 18e-8, "transmission": 6e-8}
@@ -70,7 +71,7 @@ class Family:
 
 def make_family(key: Key, nominal: Nominal, effects: tuple[Effect, ...], setting: Setting) -> Family:
     """The family of a structure and features; effects that need more are left out."""
-    structure, features = key
+    structure, features = key[0], tuple(feature for feature in FEATURES if feature in key[1])
     machine = nominal_machine(nominal.plant, nominal.actuator, nominal.sensor, features)
     machine = with_structure(machine, structure, 0.1 / setting.dt, 2e-3 * setting.speed)
     structure = structure_of(machine)
@@ -117,7 +118,8 @@ class Runner:
         self.samples = first.samples // self.stride
         self.channels = sum(channels)
         if not self.imposed:
-            self.kernel = residual_kernel(family.effects, family.parameters, first.samples, channels)
+            fine = FINE in family.key[1]
+            self.kernel = residual_kernel(family.effects, family.parameters, first.samples, channels, fine)
         with double_precision():
             self.nominal = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), family.machine)
 

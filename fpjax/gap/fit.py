@@ -41,6 +41,7 @@ class Candidate:
         occam: half the log determinant of the start states' posterior precision over their prior's, on the fitted
             windows: what
             more start states cost in evidence.
+        blur: by how much shorter steps of the simulation have moved the free parameters; empty where nobody has looked.
         window_cost: chi-square of each fitted window, one array a record.
     """
 
@@ -63,6 +64,7 @@ class Candidate:
     robust: bool = False
     prior: float = 0.0
     occam: float = 0.0
+    blur: np.ndarray = field(default_factory=lambda: np.zeros(0))
     window_cost: list[np.ndarray] = field(default_factory=list)
 
     @property

@@ -28,6 +28,7 @@ LANES = 64
 TAPS = 128  # periods of the past that a lag is started from
 STATES: dict[Structure, int] = {"rigid": 2, "bristles": 3, "transmission": 4}
 SUBSTEPS: dict[Structure, int] = {"rigid": 1, "bristles": 2, "transmission": 4}
+FINER = 3  # times as many, to see how much a step of finite length blurs
 WORST = 1e4  # a residual of more standard deviations counts as this many: a diverged lane must not overflow
 
 
@@ -155,11 +156,11 @@ def begin(machine: Machine, windows: Windows, states: Array, tables: Tables) -> 
 
 
 def advance(
-    machine: Machine, carry: Carry, windows: Windows, tables: Tables, index: Array
+    machine: Machine, carry: Carry, windows: Windows, tables: Tables, index: Array, fine: bool = False
 ) -> tuple[Carry, tuple[Array, Array]]:
     """One control period: (next carry, (predicted reading [rad/s], predicted position [rad]))."""
     structure = structure_of(machine)
-    substeps = SUBSTEPS[structure]
+    substeps = (FINER if fine else 1) * SUBSTEPS[structure]
     at = windows.start + index
     time = windows.time + index.astype(tables.dt.dtype) * tables.dt
     state = carry.plant
@@ -194,7 +195,11 @@ def residuals(
 
 @functools.lru_cache(maxsize=64)
 def residual_kernel(
-    effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], samples: int, channels: tuple[bool, bool]
+    effects: tuple[Effect, ...],
+    parameters: tuple[Parameter, ...],
+    samples: int,
+    channels: tuple[bool, bool],
+    fine: bool = False,
 ) -> Callable[[Machine, Array, Array, Windows, Tables], tuple[Array, Array]]:
     """The compiled loop: (nominal, vector, states, windows, tables) -> residuals; the same one for every log and
     model alike.
@@ -204,6 +209,7 @@ def residual_kernel(
         parameters: their parameters, in the order of the vector.
         samples: length of a window.
         channels: whether (velocity, position) is in the log.
+        fine: with shorter steps.
 
     Returns:
         A function of: the nominal machine; vector (parameters, LANES); states (states, LANES); windows; tables. It
@@ -216,7 +222,7 @@ def residual_kernel(
         machine = assembled(nominal, effects, parameters, vector)
 
         def step(carry: Carry, index: Array) -> tuple[Carry, tuple[Array, ...]]:
-            following, predicted = advance(machine, carry, windows, tables, index)
+            following, predicted = advance(machine, carry, windows, tables, index, fine)
             both = residuals(predicted, machine, windows, tables, index)
             return following, tuple(r for r, there in zip(both, channels, strict=True) if there)
 
