@@ -20,6 +20,7 @@ SHORTEST = 64  # samples of a window
 LONGEST = 1024
 PAST = 384  # periods of the past that a hidden state is integrated over
 HALVES = (6, 9, 13, 19, 28, 40)  # samples on either side of a local quadratic, where a position is differentiated
+QUIET_SPEED = 0.002  # noise of the speed, of the top speed, that a wider one is taken to get below
 QUIET = 0.02  # noise of the acceleration, of its rms, that a wider local quadratic is taken to get below
 EDGE = 32  # samples kept after the last window, for a sensor's dead time
 
@@ -241,6 +242,14 @@ def stride_of(half: int) -> int:
     return 2 * half - 2
 
 
+def _narrow_half(position: Channel, travel: float, widest: int) -> int:
+    """The narrowest local quadratic whose slope is quiet beside a travel in one period; the widest where none is."""
+    for half in range(1, widest):
+        if position.noise / np.sqrt(np.sum(np.arange(-half, half + 1.0) ** 2)) < QUIET_SPEED * travel:
+            return half
+    return widest
+
+
 def _quiet_half(position: Channel, dt: float) -> int:
     """The narrowest local quadratic whose acceleration is quiet; the widest where none is."""
     for half in HALVES:
@@ -275,6 +284,9 @@ def _motion(
         _, slope = smoothed(position.values, wide)
         speed = slope / dt
         _, slope = smoothed(speed, wide)
+        # A reversal's corner must not be rounded off more than the noise asks for: there the friction changes sign.
+        narrow = _narrow_half(position, float(np.quantile(np.abs(speed), 0.95)) * dt, wide)
+        speed = smoothed(position.values, narrow)[1] / dt
     if position is not None:
         angle, _ = smoothed(position.values, 5 if velocity is not None else wide - 1)
     else:
