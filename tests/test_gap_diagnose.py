@@ -167,7 +167,9 @@ def test_the_tracking_error_is_that_of_the_machine_simulated():
     assert "controller of the model leaves" in warnings[0]
 
 
-def test_signatures_in_a_log(log):
+@pytest.mark.parametrize("sensors", [("velocity", "position"), ("position",)])
+def test_signatures_in_a_log(sensors):
+    log = gap_machine.record(seconds=4.0, extra=lambda *at: TORQUE, sensors=sensors)
     search = make_search([log], [], load_model(MODEL), EFFECTS)
     candidates = {}
     for name in ("constant_torque", "asymmetric_friction", "inertia_error", "quadratic_drag"):
