@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from benchmarks.speed import cpp, goals, measure, servo
+from benchmarks.speed import cpp, goals, measure, report, servo
 
 
 @pytest.mark.slow
@@ -29,6 +29,12 @@ def test_quick_run_from_the_command_line(tmp_path):
         assert set(goal) == {"name", "goal", "measured", "met", "reason"}
         assert goal["met"] or goal["reason"]
     assert results["first_call"]["value"] > 0.0
+    assert results["first_call"]["fpjax --help"] > 0.0
+    told = {row["implementation"]: row["megabytes"] for row in results["memory"]}
+    assert told or any(skip["implementation"] == "memory" for skip in results["skipped"])
+    assert all(megabytes > 0.0 for megabytes in told.values())
+    assert {row["by"] for row in results["scaling"]} == {"threads", "devices"}
+    assert "growth with the batch" in done.stdout
     assert (tmp_path / "speed.png").stat().st_size > 10_000
     assert "goals met" in done.stdout
 
@@ -64,6 +70,23 @@ def test_missing_compiler_is_said(monkeypatch):
 
 def row(name, size, seconds, dtype="float64"):
     return {"implementation": name, "dtype": dtype, "candidates": size, "processor_seconds": seconds, "steps": 10}
+
+
+def test_growth_is_told():
+    cells = [
+        {"what": what, "steps": n, "gains": 2, "ns_per_step": 5.0, "scratch_bytes": 2e6}
+        for what in ("value", "auto")
+        for n in (10, 20)
+    ]
+    results = {
+        "values": [
+            {"implementation": "fpjax", "dtype": "float64", "candidates": b, "ns_per_step": 2.0 * b} for b in (1, 64)
+        ],
+        "growth": {"horizon": cells, "gains": []},
+    }
+    text = report.growth(results)
+    assert "float64  B=1: 1  B=64: 64" in text
+    assert "auto     10 steps: 5 (2.00)  20 steps: 5 (2.00)" in text
 
 
 def test_goals_are_judged_by_the_rows():
