@@ -103,9 +103,10 @@ def decide(search: Search, progress: Progress) -> Decision:
     # nominal values do as well.
     least = null if search.records[0].channel.step > 0 else exact
     if (best.evidence - least.evidence) * search.colour < DECISIVE or not _material(search, least, best):
-        _judge(search, decision, exact)
+        decision.path = [least]
+        _judge(search, decision, least)
         decision.rivals = singles
-        decision.explained = decision.structure < _white(search, exact)
+        decision.explained = decision.structure < _white(search, least)
         return decision
     decision.gap = True
     decision.path.append(best)
