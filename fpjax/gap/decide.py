@@ -21,7 +21,7 @@ DECISIVE = 8.0  # log evidence by which a cause must beat its absence
 WHITE = 1.04  # residual energy over what its own differences say is noise; above it there is structure
 EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed where some structure is left
 TOLERANCE = 1.1  # to which the noise of a torque is known that was told from positions
-NEARLY = 8.0  # and residual energy over the noise's up to which it may: a law that is another one of its kind
+NEARLY = 15.0  # and residual energy over the noise's up to which it may: a law that is another one of its kind
 REMOVES = 0.5  # a further cause must remove this share of the energy that is left above the noise
 BARELY = 0.1  # of the noise's energy that a cause must close beyond a simpler one that it contains
 SIMPLER = {
@@ -31,7 +31,7 @@ SIMPLER = {
 WHITE_ROUNDED = 1.5  # the same of a rounded reading, whose error has up to three times the energy of even rounding
 WHITE_WITH_PLAY = 1.3  # the same of a play, whose contacts a step of finite length blurs
 LEAST_TURN = 0.02  # rad that a position at the log's start must move to be another one
-RATTLES = 0.2  # share of the windows, best and worst, that a play's energy is judged without
+RATTLES = 0.2  # share of the windows, best and worst, that the energy of hidden states is judged without
 WEAK = 0.02  # of the withheld energy that is left: a further cause that removes less is not worth a name
 MORE = (14, 10, 5, 2)
 FEW = (8, 6, 4, 2)  # sets of causes that go on after the screening and after each stage
@@ -251,8 +251,9 @@ def channel_energy(search: Search, fitted: Fitted) -> float:
         residual = fitter.residuals(fitted.candidate, which, np.arange(len(record.starts)))[0]
         windows.append(np.mean(residual**2, axis=0))
     found = np.sort(np.concatenate(windows))
-    if search.has_play(fitted.candidate):
-        # A load that rattles is chaotic: a few windows stay off track however good the model is.
+    if fitted.candidate.family.key[0] == "bristles" or search.has_play(fitted.candidate):
+        # A load that rattles is chaotic, and bristles may remember more than one state holds: a few windows stay off
+        # track however good the model is.
         cut = int(RATTLES * len(found))
         found = found[cut : len(found) - cut]
     return float(np.mean(found))
