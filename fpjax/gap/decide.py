@@ -25,9 +25,14 @@ NEARLY = 15.0  # and residual energy over the noise's up to which it may: a law 
 REMOVES = 0.5  # a further cause must remove this share of the energy that is left above the noise
 BARELY = 0.1  # of the noise's energy that a cause must close beyond a simpler one that it contains
 SIMPLER = {
-    "asymmetric_friction": ("coulomb_error", "viscous_error", "constant_torque"),
-    "backlash": ("compliance",),
-}  # what a cause holds as a special case
+    "asymmetric_friction": (
+        ("coulomb_error",),
+        ("viscous_error",),
+        ("constant_torque",),
+        ("viscous_error", "constant_torque"),
+    ),
+    "backlash": (("compliance",),),
+}  # what a cause holds as a special case, with fewer parameters
 WHITE_ROUNDED = 1.5  # the same of a rounded reading, whose error has up to three times the energy of even rounding
 WHITE_WITH_PLAY = 1.3  # the same of a play, whose contacts a step of finite length blurs
 LEAST_TURN = 0.02  # rad that a position at the log's start must move to be another one
@@ -342,12 +347,15 @@ def _simpler(search: Search, decision: Decision) -> None:
     neutral = dict(zip([p.name for p in family.parameters], family.neutral(search.setting), strict=True))
     options = []
     for effect in chosen.candidate.effects:
-        for name in SIMPLER.get(effect.name, ()):
-            if name not in by_name or name in chosen.names:
+        for names in SIMPLER.get(effect.name, ()):
+            if not set(names) <= set(by_name) or set(names) & set(chosen.names):
                 continue
-            kept = {p.name for p in by_name[name].parameters}
+            instead = tuple(by_name[name] for name in names)
+            kept = {p.name for new in instead for p in new.parameters}
             dropped = {p.name: neutral[p.name] for p in effect.parameters if p.name not in kept}
-            others = tuple(by_name[name] if other is effect else other for other in chosen.candidate.effects)
+            others = tuple(
+                new for other in chosen.candidate.effects for new in (instead if other is effect else (other,))
+            )
             options.append(search.candidate(others, chosen.candidate.values() | dropped))
     if not options:
         return
@@ -360,8 +368,11 @@ def _simpler(search: Search, decision: Decision) -> None:
     if best.evidence > chosen.evidence or lost < BARELY * decision.floor:
         decision.path[-1] = best
         decision.rivals = [best, *decision.rivals]
-        if len(best.names) > 1 and decision.path[1].names[0] not in best.names:
-            decision.path[1] = next((f for f in decision.singles if f.names[0] in best.names), decision.path[1])
+        if len(best.names) > 1 and decision.path[1] is not best and decision.path[1].names[0] in best.names:
+            return
+        first = next((f for f in decision.singles if f.names[0] in best.names), None)
+        if len(best.names) > 1 and first is not None:
+            decision.path = [decision.exact, first, best]
 
 
 def _weak_step(search: Search, decision: Decision, found: list[Fitted]) -> bool:
