@@ -20,7 +20,7 @@ from .record import Record, band_weights
 from .replay import assembled
 
 if TYPE_CHECKING:
-    from .decide import Decision
+    from .decision import Decision
 
 NINETY = 1.645  # standard deviations of a 90 % interval
 WIDER = 1.15  # standard deviations are widened by this; fitted on development seeds

@@ -10,7 +10,8 @@ from ..errors import InputError
 from . import assemble
 from .attribute import Search
 from .corrected import corrected_model
-from .decide import Decision, decide
+from .decide import decide
+from .decision import Decision
 from .diagnosis import Diagnosis, Experiment, Ranked, Step
 from .effect import Effect
 from .experiment import next_experiment

@@ -4,7 +4,7 @@ import numpy as np
 
 from . import assemble
 from .attribute import Search
-from .decide import Decision
+from .decision import Decision
 from .diagnosis import Gap
 from .measure import lap_length
 from .structure import left_over, repeats

@@ -10,7 +10,7 @@ from ..signals import Motion
 from . import assemble
 from .attribute import Fitted, Search
 from .confusable import indistinguishable
-from .decide import Decision
+from .decision import Decision
 from .diagnosis import Estimate, Gap, Ranked, Step, Verdict
 from .posterior import make_posterior
 from .record import Record

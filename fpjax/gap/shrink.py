@@ -7,7 +7,7 @@ import numpy as np
 
 from . import assemble
 from .attribute import Fitted, Search
-from .decide import Decision
+from .decision import Decision
 from .diagnosis import Gap, Step
 from .measure import measure_gap, noise_floor, rms, rms_interval
 
