@@ -144,11 +144,16 @@ def _weak_step(search: Search, decision: Decision, found: list[Fitted]) -> bool:
     base = decision.chosen
     if not search.imposed:
         return False
-    beside = [f for f in found if set(base.names) < set(f.names)]
-    best = max(beside, key=lambda f: f.evidence, default=base)
-    removed = 1.0 - np.sum(best.withheld) / np.sum(base.withheld)
-    if best.evidence - base.evidence < DECISIVE or removed < WEAK or not sure_gain(base.withheld, best.withheld):
+
+    def sure(f: Fitted) -> bool:
+        removed = 1.0 - np.sum(f.withheld) / np.sum(base.withheld)
+        more = f.evidence - base.evidence >= DECISIVE and removed >= WEAK
+        return more and sure_gain(base.withheld, f.withheld)
+
+    beside = [f for f in found if set(base.names) < set(f.names) and sure(f)]
+    if not beside:
         return False
+    best = max(beside, key=lambda f: f.evidence)
     decision.weak += 1
     decision.path.append(best)
     judge(search, decision, best)

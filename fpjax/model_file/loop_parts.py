@@ -302,7 +302,8 @@ def build_reference(
     if name == "chirp" and "sweep_time" not in table and duration is not None:
         table = {**table, "sweep_time": duration}
     if name == "multisine":
-        table = {"phases": [0.0] * len(table.get("frequencies", [])) or [0.0], **table}
+        given = table.get("frequencies")
+        table = {"phases": [0.0] * max(len(given) if isinstance(given, list) else 1, 1), **table}
     return pick(REFERENCES, name).build("reference", table, units)
 
 
