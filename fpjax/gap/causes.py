@@ -1,5 +1,7 @@
 """Causes: one more, one less, a simpler one in place of another."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from .attribute import Fitted, Search
@@ -58,11 +60,8 @@ def one_more(search: Search, decision: Decision, screen: list[np.ndarray]) -> bo
         return _weak_step(search, decision, found)
     if np.sum(best.withheld) > np.sum(base.withheld):
         return False
-    if set(base.names) <= set(best.names):
-        decision.path.append(best)
-    else:
-        first = next(f for f in decision.singles if f.names == best.names[:1])
-        decision.path[-1:] = [first, best]
+    added = set(base.names) <= set(best.names)
+    decision.path = [*decision.path, best] if added else _path_to(decision, best)
     decision.rivals = sorted([*everything, *decision.singles], key=lambda f: -f.evidence)
     judge(search, decision, best)
     return True
@@ -71,14 +70,10 @@ def one_more(search: Search, decision: Decision, screen: list[np.ndarray]) -> bo
 def one_less(search: Search, decision: Decision) -> bool:
     """Take out a cause that the others do without, once they are fitted from where all of them stand."""
     chosen = decision.chosen
-    values, family = chosen.candidate.values(), chosen.candidate.family
-    neutral = dict(zip([p.name for p in family.parameters], family.neutral(search.setting), strict=True))
     fewer = []
     for effect in chosen.candidate.effects:
         others = tuple(other for other in chosen.candidate.effects if other is not effect)
-        kept = {p.name for other in others for p in other.parameters}
-        start = values | {p.name: neutral[p.name] for p in effect.parameters if p.name not in kept}
-        fewer.append(search.candidate(others, start))
+        fewer.append(search.candidate(others, _values_without(search, chosen, effect, others)))
     search.fit(fewer, search.train, 12)
     for c in fewer:
         if search.has_play(c) and not search.imposed:
@@ -94,8 +89,7 @@ def one_less(search: Search, decision: Decision) -> bool:
         decision.rivals = decision.singles
         decision.path = [decision.exact, best]
     else:
-        first = next(f for f in decision.singles if f.names[0] in best.names)
-        decision.path = [decision.exact, first, best]
+        decision.path = _path_to(decision, best)
         decision.rivals = [best, *(f for f in decision.rivals if set(f.names) != set(best.names))]
     return True
 
@@ -104,20 +98,15 @@ def simpler(search: Search, decision: Decision) -> None:
     """Put what is simpler in the place of a cause that contains it, where the data want no more."""
     chosen = decision.chosen
     by_name = {effect.name: effect for effect in search.effects}
-    family = chosen.candidate.family
-    neutral = dict(zip([p.name for p in family.parameters], family.neutral(search.setting), strict=True))
     options = []
     for effect in chosen.candidate.effects:
         for names in SIMPLER.get(effect.name, ()):
             if not set(names) <= set(by_name) or set(names) & set(chosen.names):
                 continue
             instead = tuple(by_name[name] for name in names)
-            kept = {p.name for new in instead for p in new.parameters}
-            dropped = {p.name: neutral[p.name] for p in effect.parameters if p.name not in kept}
-            others = tuple(
-                new for other in chosen.candidate.effects for new in (instead if other is effect else (other,))
-            )
-            options.append(search.candidate(others, chosen.candidate.values() | dropped))
+            start = _values_without(search, chosen, effect, instead)
+            parts = [instead if other is effect else (other,) for other in chosen.candidate.effects]
+            options.append(search.candidate([other for part in parts for other in part], start))
     if not options:
         return
     search.fit(options, search.train, 12)
@@ -127,13 +116,23 @@ def simpler(search: Search, decision: Decision) -> None:
     best = max(found, key=lambda f: f.evidence)
     lost = channel_energy(search, best) - channel_energy(search, chosen)
     if best.evidence > chosen.evidence or lost < BARELY * decision.floor:
-        decision.path[-1] = best
+        decision.path = _path_to(decision, best)
         decision.rivals = [best, *decision.rivals]
-        if len(best.names) > 1 and decision.path[1] is not best and decision.path[1].names[0] in best.names:
-            return
-        first = next((f for f in decision.singles if f.names[0] in best.names), None)
-        if len(best.names) > 1 and first is not None:
-            decision.path = [decision.exact, first, best]
+
+
+def _path_to(decision: Decision, best: Fitted) -> list[Fitted]:
+    """The ladder to a model: the rungs that are parts of it, or the best of its causes alone."""
+    rungs = [f for f in decision.path[1:-1] if set(f.names) < set(best.names)]
+    if not rungs and len(best.names) > 1:
+        rungs = [f for f in decision.singles if f.names[0] in best.names][:1]
+    return [decision.exact, *rungs, best]
+
+
+def _values_without(search: Search, fitted: Fitted, effect: Effect, kept: Iterable[Effect]) -> dict[str, float]:
+    """A model's values with an effect taken out, but for parameters that it shares with effects that are kept."""
+    neutral = fitted.candidate.family.neutral_values(search.setting)
+    shared = {p.name for other in kept for p in other.parameters}
+    return fitted.candidate.values() | {p.name: neutral[p.name] for p in effect.parameters if p.name not in shared}
 
 
 def _weak_step(search: Search, decision: Decision, found: list[Fitted]) -> bool:
@@ -165,11 +164,7 @@ def _replacements(search: Search, best: Fitted, newcomer: Fitted) -> list[tuple[
     timing.
     """
     replaced = best.candidate.effects[0]
-    values = best.candidate.values()
-    family = best.candidate.family
-    neutral = dict(zip([p.name for p in family.parameters], family.neutral(search.setting), strict=True))
-    kept = {p.name for p in newcomer.candidate.effects[0].parameters}
-    values |= {p.name: neutral[p.name] for p in replaced.parameters if p.name not in kept}
+    values = _values_without(search, best, replaced, newcomer.candidate.effects)
     options = _additions(search, newcomer, values)
     times = [best.candidate.values()[p.name] for p in replaced.parameters if p.unit == "s"]
     for effect in search.effects:

@@ -10,7 +10,7 @@ from .decision import Decision
 from .effect import Effect
 from .fit import Candidate
 from .hints import known_torque, position_hints
-from .judging import DECISIVE, energy, judge, material, weigh, white
+from .judging import DECISIVE, energy, judge, material, quantised_reading, weigh, white
 
 MOST_CAUSES = 3
 PATIENCE = 12.0  # s of simulation (`Search.spent`) after which no further cause is looked for
@@ -25,25 +25,21 @@ def decide(search: Search, progress: Progress) -> Decision:
     progress("nominal model", 0.02)
     if search.setting.unknown_origin:
         _set_origin(search, min(_turned(search, (), {}, "fixed"), key=lambda c: c.cost))
-    exact_candidate, null_candidate = search.candidate((), {}, "fixed"), search.candidate((), {})
-    search.fit([exact_candidate, null_candidate], search.train, 10)
-    exact, null = search.finish([exact_candidate, null_candidate])
+    exact, null = _without_effects(search)
     screen = search.screening(exact.train)
     progress("every effect alone", 0.1)
     options = [((effect,), start) for effect in search.effects for start in effect.starts(search.setting)]
     singles = _alone(search, options, screen, [exact, null])
     if search.setting.unknown_origin and _turn_again(search, singles[:2]):
         # The gap itself had turned the origin: with the right one, everything again.
-        exact_candidate, null_candidate = search.candidate((), {}, "fixed"), search.candidate((), {})
-        search.fit([exact_candidate, null_candidate], search.train, 10)
-        exact, null = search.finish([exact_candidate, null_candidate])
+        exact, null = _without_effects(search)
         singles = _alone(search, options, screen, [exact, null])
     best = singles[0]
     decision = Decision(exact, null, singles, [exact])
     judge(search, decision, best)
     # Where the reading is rounded that is a cause already: beside it nothing is asserted that small errors of the
     # nominal values do as well.
-    least = null if search.records[0].channel.step > 0 else exact
+    least = null if quantised_reading(search) else exact
     if (best.evidence - least.evidence) * search.colour < DECISIVE or not material(search, least, best):
         decision.path = [least]
         judge(search, decision, least)
@@ -74,6 +70,13 @@ def decide(search: Search, progress: Progress) -> Decision:
     nearly = closed > EXPLAINED_SHARE and decision.structure < most and not decision.weak
     decision.explained = decision.structure < white(search, decision.chosen) or nearly
     return decision
+
+
+def _without_effects(search: Search) -> list[Fitted]:
+    """The nominal model as given, and with its three numbers free under the prior."""
+    candidates = [search.candidate((), {}, "fixed"), search.candidate((), {})]
+    search.fit(candidates, search.train, 10)
+    return search.finish(candidates)
 
 
 def _alone(

@@ -17,10 +17,11 @@ from .effect import Effect
 from .experiment import next_experiment
 from .family import Nominal, double_precision
 from .inputs import check_alike, look_at, read_logs, read_model
+from .judging import quantised_reading
 from .left import left_sentence
 from .places import places
 from .provenance import provenance
-from .ranking import in_order, quantised_reading, rank
+from .ranking import in_order, rank
 from .record import make_record, window_seconds, with_common_noise
 from .shrink import gap_and_steps
 from .sizes import make_setting
@@ -129,7 +130,7 @@ def _assemble(
     search: Search, decision: Decision, model: Any, warnings: list[str], logs: list[Any], clock: StageClock
 ) -> Diagnosis:
     records = search.records
-    quantised = quantised_reading(records[0], model)
+    quantised = quantised_reading(search)
     step = records[0].channel.step if quantised else 0.0
     verdict = ("explained" if decision.explained else "unexplained") if decision.gap or quantised else "no_gap"
     compared = assemble.comparisons(search, decision)

@@ -10,12 +10,12 @@ import numpy as np
 
 from ..plants import AbstractPlant
 from .effect import Effect, Parameter, Setting, free, neutral_vector
+from .freed import NOMINAL
 from .imposed import imposed_kernel, imposed_motion
 from .machine import FEATURES, Machine, Structure, nominal_machine, structure_of, with_structure
 from .precision import double_precision
 from .record import Record, stride_of
 from .replay import LANES, STATES, TAPS, Windows, residual_kernel
-from .vocabulary import NOMINAL
 
 Key = tuple[Structure, tuple[str, ...]]
 FINE = "fine"  # in the place of a feature: the same family in shorter steps
@@ -63,6 +63,10 @@ class Family:
     def index(self, name: str) -> int:
         """Place of a parameter in the vector."""
         return [p.name for p in self.parameters].index(name)
+
+    def neutral_values(self, setting: Setting) -> dict[str, float]:
+        """The nominal model's parameters by name."""
+        return {p.name: float(v) for p, v in zip(self.parameters, self.neutral(setting), strict=True)}
 
     def neutral(self, setting: Setting) -> np.ndarray:
         """The nominal model's vector, shape (parameters,)."""

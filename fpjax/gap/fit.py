@@ -223,33 +223,44 @@ class Fitter:
         for which, chosen in enumerate(windows):
             if not len(chosen):
                 continue
-            deviation, step = self.scales[which]
-            live = np.flatnonzero(deviation > 0)
-            vectors, states, fields, steps = [], [], [], []
-            for c in candidates:
-                h = 1e-4 * c.scale
-                h = np.where(c.vector[c.free] + h > c.high, -h, h)
-                count = 1 + len(c.free) + len(live)
-                v = np.repeat(c.vector[:, None], count, 1)
-                v[c.free, 1 + np.arange(len(c.free))] += h
-                s = np.repeat(c.states[which][:, chosen][:, :, None], count, 2)
-                for place, row in enumerate(live):
-                    s[row, :, 1 + len(c.free) + place] += step[row]
-                vectors.append(np.tile(v, (1, len(chosen))))
-                states.append(s.reshape(s.shape[0], -1))
-                f = window_fields(self.runner.records[which], chosen, c.hidden[which])
-                fields.append({name: np.repeat(value, count, axis=-1) for name, value in f.items()})
-                steps.append(np.concatenate([h, step[live]]))
-            out = self._run(which, vectors, states, fields)
-            for index, (_, block, size) in enumerate(zip(candidates, out, steps, strict=True)):
-                # (channels, samples, windows, 1 + free + live) -> (windows, channels * samples, ...)
-                shaped = block.reshape(-1, len(chosen), 1 + len(size)).transpose(1, 0, 2)
-                r = shaped[:, :, 0]
-                jacobian = (shaped[:, :, 1:] - shaped[:, :, :1]) / size
+            for index, (r, jacobian) in enumerate(self.jacobians(candidates, which, chosen)):
                 transposed = jacobian.transpose(0, 2, 1)
                 found[index].append(
                     (transposed @ jacobian, (transposed @ r[:, :, None])[:, :, 0], np.sum(r * r, axis=1))
                 )
+        return found
+
+    def jacobians(
+        self, candidates: list[Candidate], which: int, windows: np.ndarray
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """For each candidate (residuals, their Jacobian) in windows of one record, in standard deviations.
+
+        Returns:
+            Residuals of shape (windows, channels x samples), Jacobians of shape (windows, channels x samples, free
+            parameters + free states); by differences, every change a lane.
+        """
+        deviation, step = self.scales[which]
+        live = np.flatnonzero(deviation > 0)
+        vectors, states, fields, steps = [], [], [], []
+        for c in candidates:
+            h = 1e-4 * c.scale
+            h = np.where(c.vector[c.free] + h > c.high, -h, h)
+            count = 1 + len(c.free) + len(live)
+            v = np.repeat(c.vector[:, None], count, 1)
+            v[c.free, 1 + np.arange(len(c.free))] += h
+            s = np.repeat(c.states[which][:, windows][:, :, None], count, 2)
+            for place, row in enumerate(live):
+                s[row, :, 1 + len(c.free) + place] += step[row]
+            vectors.append(np.tile(v, (1, len(windows))))
+            states.append(s.reshape(s.shape[0], -1))
+            f = window_fields(self.runner.records[which], windows, c.hidden[which])
+            fields.append({name: np.repeat(value, count, axis=-1) for name, value in f.items()})
+            steps.append(np.concatenate([h, step[live]]))
+        found = []
+        for block, size in zip(self._run(which, vectors, states, fields), steps, strict=True):
+            # (channels, samples, windows, 1 + free + live) -> (windows, channels * samples, ...)
+            shaped = block.reshape(-1, len(windows), 1 + len(size)).transpose(1, 0, 2)
+            found.append((shaped[:, :, 0], (shaped[:, :, 1:] - shaped[:, :, :1]) / size))
         return found
 
     def _run(self, which: int, vectors: list, states: list, fields: list) -> list[np.ndarray]:

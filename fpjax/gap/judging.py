@@ -8,9 +8,8 @@ from .decision import Decision
 from .imposed import noise_torque
 from .measure import correlation_time
 
-MATERIAL = (
-    0.01  # share of the residual energy that a cause must remove to be one; rounding is no noise: five times as much
-)
+MATERIAL = 0.01  # share of the residual energy that a cause must remove to be one
+MATERIAL_ROUNDED = 0.05  # the same where the reading is rounded, which is no noise
 DECISIVE = 8.0  # log evidence by which a cause must beat its absence
 WHITE = 1.04  # residual energy over what its own differences say is noise; above it there is structure
 TOLERANCE = 1.1  # to which the noise of a torque is known that was told from positions
@@ -88,8 +87,7 @@ def judge(search: Search, decision: Decision, fitted: Fitted) -> None:
     """What a model leaves, into the decision: the noise's energy, and the residual's over it."""
     decision.floor = noise_share(search, fitted)
     decision.structure = channel_energy(search, fitted) / max(decision.floor, 1e-12)
-    first = search.records[0].channel
-    if first.step > 0 and not search.imposed:
+    if rounded(search):
         # A rounded reading's error is not white: only the size of the step can be held against it.
         decision.floor = max(decision.floor, min(1.0, channel_energy(search, fitted)))
         decision.structure = channel_energy(search, fitted) / decision.floor
@@ -97,13 +95,26 @@ def judge(search: Search, decision: Decision, fitted: Fitted) -> None:
 
 def material(search: Search, before: Fitted, after: Fitted) -> bool:
     """Whether a cause removes enough of what is left to be one."""
-    least = MATERIAL * (5.0 if search.records[0].channel.step > 0 else 1.0)
+    least = MATERIAL_ROUNDED if rounded(search) else MATERIAL
     old, new = energy(search, before), energy(search, after)
     return old - new > least * old
 
 
+def rounded(search: Search) -> bool:
+    """Whether the rate reading, which the gap is told in, comes in steps."""
+    rate = search.records[0].velocity
+    return rate is not None and rate.step > 0
+
+
+def quantised_reading(search: Search) -> bool:
+    """Whether the rate reading comes in steps that the nominal model does not know and that are most of its noise."""
+    rate = search.records[0].velocity
+    known = float(getattr(search.nominal.sensor, "step_size", 0.0))
+    return rate is not None and known == 0.0 and rate.step > 1.5 * rate.noise
+
+
 def white(search: Search, fitted: Fitted) -> float:
     """Residual energy over the noise's up to which nothing is left to find."""
-    if search.records[0].channel.step > 0:
+    if rounded(search):
         return WHITE_ROUNDED
     return WHITE_WITH_PLAY if search.has_play(fitted.candidate) else WHITE

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import jax.numpy as jnp
 
@@ -152,12 +151,3 @@ def log_of(search: Search) -> Log:
     still = Motion(jnp.zeros(1), jnp.zeros(1), jnp.zeros(1))
     known = turning or bool(load.readout(still)[0]) or bool(getattr(actuator, "offset", None))
     return Log(search.records[0].position is not None, known, turning, search.setting.nominal)
-
-
-def quantised_reading(record: Record, model: Any) -> bool:
-    """Whether the rate reading is rounded to a step that the nominal model does not know and that is most of its
-    noise.
-    """
-    channel = record.velocity
-    known = getattr(model.loop.sensor, "step_size", 0.0)
-    return channel is not None and channel.step > 0 and float(known) == 0.0 and channel.step > 1.5 * channel.noise

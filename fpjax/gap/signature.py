@@ -9,8 +9,7 @@ one effect looks exactly like some change of the other.
 import numpy as np
 
 from .attribute import Fitted, Search
-from .family import window_fields
-from .fit import Candidate
+from .fit import Candidate, Fitter
 
 DEAD = 1e-9  # of the largest column: what changes nothing spans nothing
 RANK = 1e-6  # of the largest singular value
@@ -63,25 +62,11 @@ def sensitivities(search: Search, candidate: Candidate) -> np.ndarray:
     return np.concatenate(blocks)
 
 
-def _of_record(fitter, c: Candidate, which: int, windows: np.ndarray) -> np.ndarray:
-    deviation, state_step = fitter.scales[which]
-    live = np.flatnonzero(deviation > 0)
-    step = 1e-4 * c.scale
-    step = np.where(c.vector[c.free] + step > c.high, -step, step)
-    count = 1 + len(c.free) + len(live)
-    vector = np.repeat(c.vector[:, None], count, 1)
-    vector[c.free, 1 + np.arange(len(c.free))] += step
-    states = np.repeat(c.states[which][:, windows][:, :, None], count, 2)
-    for place, row in enumerate(live):
-        states[row, :, 1 + len(c.free) + place] += state_step[row]
-    fields = window_fields(fitter.runner.records[which], windows, c.hidden[which])
-    lanes = {name: np.repeat(value, count, axis=-1) for name, value in fields.items()}
-    out, _ = fitter.runner.run(which, np.tile(vector, (1, len(windows))), states.reshape(len(states), -1), lanes)
-    # (channels, samples, windows x lanes) -> (windows, channels x samples, lanes)
-    shaped = out.reshape(-1, len(windows), count).transpose(1, 0, 2)
-    slope = (shaped[:, :, 1:] - shaped[:, :, :1]) / np.concatenate([step, state_step[live]])
+def _of_record(fitter: Fitter, c: Candidate, which: int, windows: np.ndarray) -> np.ndarray:
+    _, slope = fitter.jacobians([c], which, windows)[0]
     own, start = slope[:, :, : len(c.free)], slope[:, :, len(c.free) :]
-    prior = np.diag(1.0 / deviation[live] ** 2)
+    deviation, _ = fitter.scales[which]
+    prior = np.diag(1.0 / deviation[deviation > 0] ** 2)
     return np.concatenate([without(a, b, prior) for a, b in zip(own, start, strict=True)])
 
 

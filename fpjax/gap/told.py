@@ -59,15 +59,17 @@ def told(diagnosis: Diagnosis) -> str:
             f"closed-loop tracking error ({error.signal}, rms, withheld): {error.measured:.4g} measured; predicted "
             f"{error.before:.4g} before, {error.after:.4g} {error.unit} after the correction"
         )
-    lines += [_entry(entry) for entry in diagnosis.ranking[:SHOWN]]
+    lines += [_entry(entry, entry.effect in diagnosis.causes) for entry in diagnosis.ranking[:SHOWN]]
     lines += [f"note: {sentence}" for sentence in diagnosis.same_as]
     lines += [f"warning: {warning}" for warning in diagnosis.warnings]
     return "\n".join(lines)
 
 
-def _entry(entry: Ranked) -> str:
+def _entry(entry: Ranked, asserted: bool) -> str:
     values = ", ".join(
         f"{name} {p.value:.4g} [{p.low:.4g}, {p.high:.4g}] {p.unit}" for name, p in entry.parameters.items()
     )
     same = f" (not told apart from {', '.join(entry.indistinguishable_from)})" if entry.indistinguishable_from else ""
-    return f"  {entry.probability:6.1%}  {entry.effect:28s} gap {entry.gap_after:.4g}  {values}{same}"
+    # A companion may be certain without being the main cause.
+    probability = max(entry.probability, entry.cause_probability if asserted else 0.0)
+    return f"  {probability:6.1%}  {entry.effect:28s} gap {entry.gap_after:.4g}  {values}{same}"
