@@ -80,7 +80,6 @@ def test_a_scan_finds_the_size_of_the_play_that_a_descent_misses(search):
     fitter = search.fitters[candidate.family.key]
     fitter.fit([candidate], search.train, 2)
     settle(fitter, candidate, search.train, search.per_window)
-    candidate.window_cost = [fitter.window_costs([candidate], 0, search.train[0])[0]]
     assert scan_gap(fitter, candidate, search.train, search.per_window)
     assert abs(candidate.values()["gap"] / PLAY["gap"] - 1.0) < 0.1
 

@@ -52,7 +52,7 @@ def scan_gap(fitter: Fitter, candidate: Candidate, windows: list[np.ndarray], pe
     if size <= 0.0 or place not in candidate.free:
         return False
     trials = []
-    for factor in (*FACTORS, *(1.0 / factor for factor in FACTORS)):
+    for factor in (1.0, *FACTORS, *(1.0 / factor for factor in FACTORS)):
         trial = candidate
         for which, chosen in enumerate(windows):
             twist, relative = candidate.hidden[which][:, chosen] + candidate.states[which][2:, chosen]
@@ -64,9 +64,8 @@ def scan_gap(fitter: Fitter, candidate: Candidate, windows: list[np.ndarray], pe
         trials.append(trial)
     fitter.fit(trials, windows, STEPS)
     best = min(trials, key=lambda trial: trial.cost)
-    own = sum(float(np.sum(fitter.robust_cost(cost))) for cost in candidate.window_cost) + candidate.prior
     low, high = (float(edge[list(candidate.free).index(place)]) for edge in (candidate.low, candidate.high))
-    if not best.cost < own - 1.0 or not low < best.vector[place] < high:
+    if not best.cost < trials[0].cost - 1.0 or not low < best.vector[place] < high:
         return False
     candidate.vector, candidate.hidden, candidate.states = best.vector, best.hidden, best.states
     return True
