@@ -6,6 +6,7 @@ candidates cost what their chunks cost, one after the other on every core.
 
 import concurrent.futures
 import contextlib
+import dataclasses
 import functools
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -66,35 +67,22 @@ def map_chunks(
     Raises:
         InputError: where the leaves have no common leading axis.
     """
-    size = batch_size(arguments)
-    traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((arguments, shared)))
-    if traced:
-        chunk = chunk or chunk_for(arguments, size)
+    size, width = _size_and_width(arguments)
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((arguments, shared))):
+        chunk = chunk or _chunk_for(size, width)
         count = -(-size // chunk)
         blocks = jax.tree.map(lambda leaf: _blocks(jnp, leaf, count, chunk), arguments)
         return _first(_chunked(fn, batched)(blocks, shared), size)
 
-    where: list[Any] = list(jax.local_devices() if devices is None else devices)
-    if not where:
-        raise InputError("devices=() leaves nothing to compute on: give at least one, or None.")
-    if size < len(where) * PER_WORKER:
-        where = where[:1]
-    parts = len(where)
-    if parts == 1 and where[0].platform == "cpu":
-        parts = max(1, min(workers or cores(), size // PER_WORKER))
-    on_gpu = where[0].platform in ("gpu", "cuda")  # one kernel takes the whole batch there, a candidate a lane
-    chunk = chunk or (-(-size // parts) if on_gpu else chunk_for(arguments, -(-size // parts)))
-    wide = chunk >= VECTORIZED_FROM and where[0].platform == "cpu"
-    several = tuple(where) if len(where) > 1 else None
-    run, seen = _compiled(fn, batched, wide, native_enabled(), several, parts == 1 and chunk == size, on_gpu)
-    with jax.default_device(where[0]) if devices is not None else contextlib.nullcontext():
-        if parts == 1 and chunk == size:
-            return run(arguments, shared)
-        count = -(-size // (chunk * parts))  # chunks of one part
-        blocks = jax.tree.map(lambda leaf: _blocks(np, np.asarray(leaf), count * parts, chunk), arguments)
-        if parts == 1 or several is not None:
-            return _first(run(blocks, shared), size)
-        return _threaded(run, seen, blocks, shared, parts, where[0], size)
+    where = tuple(jax.local_devices() if devices is None else devices)
+    plan = _plan(fn, batched, size, width, chunk, where, workers, native_enabled())
+    with contextlib.nullcontext() if devices is None else jax.default_device(where[0]):
+        if plan.single:
+            return plan.run(arguments, shared)
+        blocks = jax.tree.map(lambda leaf: _blocks(np, np.asarray(leaf), plan.count, plan.chunk), arguments)
+        if plan.threads == 1:
+            return _first(plan.run(blocks, shared), size)
+        return _threaded(plan, blocks, shared, where[0], size)
 
 
 def iterate_chunks(
@@ -154,20 +142,32 @@ def batch_size(arguments: Any) -> int:
     Raises:
         InputError: where the leaves do not agree on one.
     """
-    shapes = [np.shape(leaf) for leaf in jax.tree.leaves(arguments)]
-    sizes = {shape[:1] for shape in shapes}
-    if len(sizes) != 1 or () in sizes or (0,) in sizes:
-        raise InputError(
-            f"A batch needs one leading axis of candidates on every array, not shapes {shapes}: "
-            "broadcast what all candidates share, or pass it as shared."
-        )
-    return shapes[0][0]
+    return _size_and_width(arguments)[0]
 
 
 def chunk_for(arguments: Any, size: int) -> int:
     """How many candidates go into one kernel, for `size` candidates of this precision."""
-    widths = [getattr(leaf, "dtype", None) or jnp.result_type(leaf) for leaf in jax.tree.leaves(arguments)]
-    width = 8 if max(width.itemsize for width in widths) >= 8 else 4
+    return _chunk_for(size, _size_and_width(arguments)[1])
+
+
+def _size_and_width(arguments: Any) -> tuple[int, int]:
+    """(the number of candidates, the bytes of their widest number: 8 or 4)."""
+    sizes, width = set(), 4
+    for leaf in jax.tree.leaves(arguments):
+        leaf = leaf if hasattr(leaf, "dtype") else jax.eval_shape(jnp.asarray, leaf)
+        sizes.add(leaf.shape[:1])
+        if leaf.dtype.itemsize >= 8:
+            width = 8
+    if len(sizes) != 1 or () in sizes or (0,) in sizes:
+        shapes = [np.shape(leaf) for leaf in jax.tree.leaves(arguments)]
+        raise InputError(
+            f"A batch needs one leading axis of candidates on every array, not shapes {shapes}: "
+            "broadcast what all candidates share, or pass it as shared."
+        )
+    return sizes.pop()[0], width
+
+
+def _chunk_for(size: int, width: int) -> int:
     full = CHUNK_FLOAT64 if width == 8 else CHUNK_FLOAT32
     if size >= full:
         count = -(-size // full)
@@ -217,6 +217,55 @@ def _on_gpu(run: Callable[..., Any]) -> Callable[..., Any]:
     return traced
 
 
+@dataclasses.dataclass(frozen=True)
+class _Plan:
+    """How a batch of one size runs.
+
+    Attributes:
+        run: the jitted loop over chunks.
+        seen: the shapes that `run` was compiled for.
+        chunk: candidates in one kernel.
+        count: chunks of the whole batch, the same number for each device or thread.
+        threads: threads that share the chunks.
+        single: whether the batch is one chunk as it stands.
+    """
+
+    run: Callable[..., Any]
+    seen: set[Any]
+    chunk: int
+    count: int
+    threads: int
+    single: bool
+
+
+@functools.lru_cache(maxsize=64)
+def _plan(
+    fn: Callable[..., Any],
+    batched: bool,
+    size: int,
+    width: int,
+    chunk: int | None,
+    where: tuple[Any, ...],
+    workers: int | None,
+    enabled: bool,
+) -> _Plan:
+    """Kept by what decides it: a short batch takes about as long as deciding it anew would."""
+    if not where:
+        raise InputError("devices=() leaves nothing to compute on: give at least one, or None.")
+    if size < len(where) * PER_WORKER:
+        where = where[:1]
+    on_cpu, threads = where[0].platform == "cpu", 1
+    if len(where) == 1 and on_cpu:
+        threads = max(1, min(workers or cores(), size // PER_WORKER))
+    parts = max(len(where), threads)
+    on_gpu = where[0].platform in ("gpu", "cuda")  # one kernel takes the whole batch there, a candidate a lane
+    chunk = chunk or (-(-size // parts) if on_gpu else _chunk_for(-(-size // parts), width))
+    single = parts == 1 and chunk == size
+    several = where if len(where) > 1 else None
+    run, seen = _compiled(fn, batched, on_cpu and chunk >= VECTORIZED_FROM, enabled, several, single, on_gpu)
+    return _Plan(run, seen, chunk, -(-size // (chunk * parts)) * parts, threads, single)
+
+
 @functools.lru_cache(maxsize=64)
 def _compiled(
     fn: Callable[..., Any],
@@ -242,37 +291,27 @@ def _compiled(
     return jax.jit(run, compiler_options=options), set()
 
 
-def _threaded(
-    run: Callable[..., Any],
-    seen: set[Any],
-    blocks: Any,
-    shared: tuple[Any, ...],
-    parts: int,
-    device: Any,
-    size: int,
-) -> Any:
+def _threaded(plan: _Plan, blocks: Any, shared: tuple[Any, ...], device: Any, size: int) -> Any:
     """Each thread runs one part.
 
     XLA releases the interpreter while it computes; a second CPU device for `shard_map` could only
     be had before jax starts.
     """
+    each = plan.count // plan.threads
 
     def part(number: int) -> Any:
-        def taken(leaf: Any) -> Any:
-            count = leaf.shape[0] // parts
-            return leaf[number * count : (number + 1) * count]
-
+        taken = jax.tree.map(lambda leaf: leaf[number * each : (number + 1) * each], blocks)
         with jax.default_device(device):
-            result = run(jax.tree.map(taken, blocks), shared)
+            result = plan.run(taken, shared)
         return jax.tree.map(np.asarray, result)
 
     shapes = tuple((np.shape(x), str(jnp.result_type(x))) for x in jax.tree.leaves((blocks, shared)))
-    numbers = range(parts)
+    numbers = range(plan.threads)
     # The first time one thread goes ahead, or each would compile the same program.
-    ahead = [] if (parts, shapes) in seen else [part(0)]
-    with concurrent.futures.ThreadPoolExecutor(parts) as pool:
+    ahead = [] if (plan.threads, shapes) in plan.seen else [part(0)]
+    with concurrent.futures.ThreadPoolExecutor(plan.threads) as pool:
         results = ahead + list(pool.map(part, numbers[len(ahead) :]))
-    seen.add((parts, shapes))
+    plan.seen.add((plan.threads, shapes))
     return jax.tree.map(lambda *leaves: jnp.asarray(np.concatenate(leaves)[:size]), *results)
 
 
