@@ -3,7 +3,8 @@
 XLA on the CPU compiles a `while` into one native function only while its body touches less than
 1 KB; above that every step is a chain of small kernel calls, ten times slower and more. `native`
 asks for the one function whatever the size, through the metadata that XLA itself puts on small
-loops; from jax 0.12 on XLA does so unasked, and `native` leaves the function alone. `scan_loop` is
+loops. From jax 0.12 on XLA does so for the loop unasked; the rest of the program then joins it in the
+one kernel, and its pieces need not be handed to threads. `scan_loop` is
 `lax.scan` as the measurements want it: the carry kept whole between steps, the memory of reverse
 mode bounded.
 
@@ -47,18 +48,16 @@ _switch: contextvars.ContextVar[bool | None] = contextvars.ContextVar("native", 
 # Set while `fpjax.gradients` traces a reverse pass: (candidates, bytes allowed for the residuals).
 _reverse: contextvars.ContextVar[tuple[int, int] | None] = contextvars.ContextVar("reverse", default=None)
 
-# jax 0.12 hoists every loop by itself; asking again only pins call boundaries that cost 10-20 % in
-# reverse mode. On jax 0.6 a large array in the kernel (200 candidates) ends the process: XLA's
-# check `run_options != nullptr` in runtime_fork_join.cc.
-_ASKED_FROM, _ASKED_BELOW = (0, 7), (0, 12)
+# On jax 0.6 a large array in the kernel (200 candidates) ends the process: XLA's check
+# `run_options != nullptr` in runtime_fork_join.cc.
+_ASKED_FROM = (0, 7)
 
 
 def native_enabled() -> bool:
     """Whether `native` asks XLA for one kernel, where it compiles for a CPU.
 
     The order: `native_mode`, then the environment variable `FPJAX_NATIVE` ("0" never, "1" always), then what was
-    measured: on jax 0.7 to 0.11 (0.12 does it by itself). Read when a function is traced: what is compiled stays as it
-    was compiled.
+    measured: from jax 0.7 on. Read when a function is traced: what is compiled stays as it was compiled.
     """
     chosen = _switch.get()
     if chosen is None:
@@ -68,7 +67,7 @@ def native_enabled() -> bool:
         elif word in ("1", "on", "true", "yes"):
             chosen = True
         elif word in ("", "auto"):
-            chosen = _ASKED_FROM <= jax.__version_info__[:2] < _ASKED_BELOW
+            chosen = jax.__version_info__[:2] >= _ASKED_FROM
         else:
             raise InputError(
                 f"FPJAX_NATIVE={word!r} is neither 0 nor 1: use 0 for the plain loop, 1 to ask "

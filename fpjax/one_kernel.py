@@ -39,6 +39,9 @@ scan while cond optimization_barrier fpjax_one_kernel
 """
 _ALLOWED = frozenset((_ELEMENTWISE + _STRUCTURE + _CONTROL).split())
 
+# From this jax on XLA makes one kernel of every loop by itself: not worth a compilation on trial.
+UNASKED_FROM = (0, 12)
+
 # XLA parallelizes an operation from a cost of 2 x 100,000 cycles on: its operations, plus 10 a byte where it does more
 # operations than it touches bytes (so 11 an operation at most), or from 2 x 256 KB of output on. Below, nothing can go
 # wrong; above, the kernel is compiled once on trial.
@@ -146,7 +149,7 @@ def _lower_plain(ctx: Any, *values: Any, jaxpr: Any) -> Any:
 
 
 def _lower_cpu(ctx: Any, *values: Any, jaxpr: Any) -> Any:
-    asked = _surely_sequential(jaxpr.jaxpr) or _compiles(jaxpr)
+    asked = _surely_sequential(jaxpr.jaxpr) or (jax.__version_info__[:2] < UNASKED_FROM and _compiles(jaxpr))
     run = _kernel(jaxpr) if asked else jaxpr_as_fun(jaxpr)
     return mlir.lower_fun(run, multiple_results=True)(ctx, *values)
 
