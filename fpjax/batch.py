@@ -305,14 +305,28 @@ def _threaded(plan: _Plan, blocks: Any, shared: tuple[Any, ...], device: Any, si
             result = plan.run(taken, shared)
         return jax.tree.map(np.asarray, result)
 
-    shapes = tuple((np.shape(x), str(jnp.result_type(x))) for x in jax.tree.leaves((blocks, shared)))
-    numbers = range(plan.threads)
-    # The first time one thread goes ahead, or each would compile the same program.
-    ahead = [] if (plan.threads, shapes) in plan.seen else [part(0)]
-    with concurrent.futures.ThreadPoolExecutor(plan.threads) as pool:
-        results = ahead + list(pool.map(part, numbers[len(ahead) :]))
-    plan.seen.add((plan.threads, shapes))
+    leaves = jax.tree.leaves((blocks, shared))
+    known = (plan.threads, *((np.shape(leaf), getattr(leaf, "dtype", type(leaf))) for leaf in leaves))
+    pool, others = _pool(plan.threads - 1), range(1, plan.threads)
+    if known in plan.seen:
+        running = [pool.submit(part, number) for number in others]
+        results = [part(0)]
+    else:  # the first time this thread goes ahead, or each would compile the same program
+        results = [part(0)]
+        running = [pool.submit(part, number) for number in others]
+    results += [each.result() for each in running]
+    plan.seen.add(known)
     return jax.tree.map(lambda *leaves: jnp.asarray(np.concatenate(leaves)[:size]), *results)
+
+
+@functools.lru_cache(maxsize=4)
+def _pool(threads: int) -> concurrent.futures.ThreadPoolExecutor:
+    """Threads that stay: to start them takes as long as a thousand candidates."""
+    return concurrent.futures.ThreadPoolExecutor(threads, "fpjax")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of these threads
 
 
 def _blocks(numpy: Any, leaf: Any, count: int, chunk: int) -> Any:

@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> int:
     jax.config.update("jax_enable_x64", True)
     import numpy as np
 
-    from . import goals, measure, picture, processes
+    from . import goals, measure, picture, processes, timing
     from .report import rows_table
 
     started = time.time()
@@ -63,19 +63,20 @@ def run(arguments: argparse.Namespace) -> int:
         "skipped": bench.skipped,
     }
     results["first_call"] = processes.first_calls(bench.repeats) if "first_call" in only else {}
-    for dtype in (np.float64, np.float32):
-        for size in sizes if "values" in only else ():
-            results["values"] += bench.value_rows(dtype, size)
-        if "flat" in only:
-            results["flat"] += bench.flat(dtype, (64, 128) if arguments.quick else FLAT)
-        small = [size for size in sizes if size <= (1024 if dtype is np.float64 else 64)]
-        for size in small if "gradients" in only else ():
-            for gains in (2,) if arguments.quick else (2, 5, 10):
-                results["gradients"] += bench.gradient_rows(dtype, size, gains, with_plain=size <= 64)
-    if "growth" in only and not arguments.quick:
-        results["growth"] = bench.growth(np.float64)
     for size in [size for size in sizes if size >= (64 if arguments.quick else 1024)] if "scaling" in only else ():
-        results["scaling"] += bench.scaling(np.float64, size) + processes.sharded(size, bench.steps, bench.repeats)
+        results["scaling"] += processes.scaling(size, bench.steps, bench.repeats)
+    with timing.one_core() as results["on_one_core"]:
+        for dtype in (np.float64, np.float32):
+            for size in sizes if "values" in only else ():
+                results["values"] += bench.value_rows(dtype, size)
+            if "flat" in only:
+                results["flat"] += bench.flat(dtype, (64, 128) if arguments.quick else FLAT)
+            small = [size for size in sizes if size <= (1024 if dtype is np.float64 else 64)]
+            for size in small if "gradients" in only else ():
+                for gains in (2,) if arguments.quick else (2, 5, 10):
+                    results["gradients"] += bench.gradient_rows(dtype, size, gains, with_plain=size <= 64)
+        if "growth" in only and not arguments.quick:
+            results["growth"] = bench.growth(np.float64)
     if "memory" in only:
         results["memory"] = processes.memory(bench, 1024 if arguments.quick else 131072)
     results["peak_memory_megabytes"] = measure.peak_memory()

@@ -198,25 +198,6 @@ class Bench:
         times = timing.interleaved(calls, self.repeats)
         return [self.row("fpjax", "value", dtype, int(size), 2, steps, spent) for size, spent in times.items()]
 
-    def scaling(self, dtype: Any, size: int) -> list[dict[str, Any]]:
-        """The same batch on one core and on all, and how far the results differ."""
-        steps = steps_for(size, self.steps)
-        batch = servo.candidates(size, 2, dtype)
-        calls = {str(workers): self.fpjax_value(batch, steps, dtype, size, workers) for workers in sorted({1, cores()})}
-        results = {name: np.asarray(call()) for name, call in calls.items()}
-        times = timing.interleaved(calls, self.repeats)
-        return [
-            self.row("fpjax", "value", dtype, size, 2, steps, spent)
-            | {
-                "workers": int(name),
-                "by": "threads",
-                "clock_steps_per_second": size * steps / spent.seconds,
-                "speedup": times["1"].seconds / spent.seconds,
-                "relative_error": float(np.max(np.abs(results[name] / results["1"] - 1.0))),
-            }
-            for name, spent in times.items()
-        ]
-
     def row(
         self, name: str, what: str, dtype: Any, size: int, gains: int, steps: int, spent: timing.Timing
     ) -> dict[str, Any]:

@@ -30,11 +30,12 @@ def first_calls(repeats: int) -> dict[str, float]:
     return {name: statistics.median(samples) for name, samples in found.items()}
 
 
-def sharded(size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
-    """Rows of one batch on one device and, by `shard_map`, on as many as there are cores."""
+def scaling(size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
+    """Rows of one batch on one core and on all: by threads, and by as many devices as there are cores."""
+    words = ("scaling", str(size), str(steps), str(repeats))
     flag = f"--xla_force_host_platform_device_count={cores()}"
     flags = {"XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()}
-    return _run("sharded", str(size), str(steps), str(repeats), environment=flags) or []
+    return (_run(*words) or []) + (_run(*words, environment=flags) or [])
 
 
 def memory(bench: Any, size: int) -> list[dict[str, Any]]:

@@ -1,9 +1,12 @@
 """Interleaved timing: every implementation once, then again, so that a busy machine is busy for all of them."""
 
+import contextlib
 import dataclasses
+import os
+import pathlib
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 
@@ -19,6 +22,29 @@ class Timing:
 
     seconds: float
     processor_seconds: float
+
+
+@contextlib.contextmanager
+def one_core() -> Iterator[bool]:
+    """The threads of this process on one core for the block; whether that could be done.
+
+    Entered before jax starts, so that XLA has one thread to hand work to.
+    """
+    if not hasattr(os, "sched_setaffinity") or not os.path.isdir("/proc/self/task"):
+        yield False
+        return
+    allowed = os.sched_getaffinity(0)
+    _bind({max(allowed)})
+    try:
+        yield True
+    finally:
+        _bind(allowed)
+
+
+def _bind(cores: set[int]) -> None:
+    for thread in pathlib.Path("/proc/self/task").iterdir():
+        with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
+            os.sched_setaffinity(int(thread.name), cores)
 
 
 def _wait(result: Any) -> Any:
