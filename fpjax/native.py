@@ -48,37 +48,31 @@ _switch: contextvars.ContextVar[bool | None] = contextvars.ContextVar("native", 
 # Set while `fpjax.gradients` traces a reverse pass: (candidates, bytes allowed for the residuals).
 _reverse: contextvars.ContextVar[tuple[int, int] | None] = contextvars.ContextVar("reverse", default=None)
 
-# On jax 0.6 a large array in the kernel (200 candidates) ends the process: XLA's check
-# `run_options != nullptr` in runtime_fork_join.cc.
-_ASKED_FROM = (0, 7)
-
 
 def native_enabled() -> bool:
     """Whether `native` asks XLA for one kernel, where it compiles for a CPU.
 
-    The order: `native_mode`, then the environment variable `FPJAX_NATIVE` ("0" never, "1" always), then what was
-    measured: from jax 0.7 on. Read when a function is traced: what is compiled stays as it was compiled.
+    It does, unless `native_mode` or else the environment variable `FPJAX_NATIVE` ("0" off, "1" on) says otherwise. Read
+    when a function is traced: what is compiled stays as it was compiled.
     """
     chosen = _switch.get()
     if chosen is None:
         word = os.environ.get("FPJAX_NATIVE", "").strip().lower()
         if word in ("0", "off", "false", "no"):
             chosen = False
-        elif word in ("1", "on", "true", "yes"):
+        elif word in ("", "auto", "1", "on", "true", "yes"):
             chosen = True
-        elif word in ("", "auto"):
-            chosen = jax.__version_info__[:2] >= _ASKED_FROM
         else:
             raise InputError(
                 f"FPJAX_NATIVE={word!r} is neither 0 nor 1: use 0 for the plain loop, 1 to ask "
-                "for one kernel, or leave it unset for the measured choice."
+                "for one kernel, which is what happens where it is unset."
             )
     return chosen
 
 
 @contextlib.contextmanager
 def native_mode(enabled: bool | None) -> Iterator[None]:
-    """Within the block: `native` on (True), off (False) or as measured (None), for new traces."""
+    """Within the block: `native` on (True), off (False) or as the environment says (None), for new traces."""
     token = _switch.set(enabled)
     try:
         yield

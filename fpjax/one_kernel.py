@@ -39,14 +39,13 @@ scan while cond optimization_barrier fpjax_one_kernel
 """
 _ALLOWED = frozenset((_ELEMENTWISE + _STRUCTURE + _CONTROL).split())
 
-# From this jax on XLA makes one kernel of every loop by itself: not worth a compilation on trial.
-UNASKED_FROM = (0, 12)
-
 # XLA parallelizes an operation from a cost of 2 x 100,000 cycles on: its operations, plus 10 a byte where it does more
 # operations than it touches bytes (so 11 an operation at most), or from 2 x 256 KB of output on. Below, nothing can go
-# wrong; above, the kernel is compiled once on trial.
+# wrong. Above, the kernel is compiled once on trial, where that ends in an error at worst (jax 0.7 and 0.8 end the
+# process) and is needed (jax 0.12 makes one kernel of every loop by itself).
 _SAFE_OPERATIONS = 200_000 // 11
 _SAFE_BYTES = 512 * 1024
+_ON_TRIAL = (0, 9) <= jax.__version_info__[:2] < (0, 12)
 
 
 def one_kernel(fn: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
@@ -149,7 +148,7 @@ def _lower_plain(ctx: Any, *values: Any, jaxpr: Any) -> Any:
 
 
 def _lower_cpu(ctx: Any, *values: Any, jaxpr: Any) -> Any:
-    asked = _surely_sequential(jaxpr.jaxpr) or (jax.__version_info__[:2] < UNASKED_FROM and _compiles(jaxpr))
+    asked = _surely_sequential(jaxpr.jaxpr) or (_ON_TRIAL and _compiles(jaxpr))
     run = _kernel(jaxpr) if asked else jaxpr_as_fun(jaxpr)
     return mlir.lower_fun(run, multiple_results=True)(ctx, *values)
 
