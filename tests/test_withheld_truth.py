@@ -313,6 +313,7 @@ def test_logs_models_and_labels_on_disk(tmp_path):
 def test_halves_do_not_share_seeds():
     assert [split(seed) for seed in range(3)] == ["development", "reported", "development"]
     assert not set(seeds_of("development", 9)) & set(seeds_of("reported", 9))
+    assert seeds_of("reported", 2, skip=1) == [3, 5]
     assert all(split(seed) == "reported" for seed in seeds_of("reported", 9))
 
 

@@ -32,10 +32,10 @@ def split(seed: int) -> str:
     return "development" if seed % 2 == 0 else "reported"
 
 
-def seeds_of(half: str, count: int) -> list[int]:
-    """The first seeds of a half."""
+def seeds_of(half: str, count: int, skip: int = 0) -> list[int]:
+    """The first seeds of a half, or those after the first `skip`."""
     first = 0 if half == "development" else 1
-    return [first + 2 * k for k in range(count)]
+    return [first + 2 * (skip + k) for k in range(count)]
 
 
 @dataclass(frozen=True)

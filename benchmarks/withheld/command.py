@@ -14,6 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command."""
     parser.add_argument("--out", type=Path, required=True, help="folder of logs and results")
     parser.add_argument("--seeds", type=int, default=1, help="seeds of the half (default 1)")
+    parser.add_argument("--skip", type=int, default=0, help="first seeds of the half to leave out, once looked at")
     parser.add_argument("--sets", default=",".join(SETS), help="sets of cases, by commas")
     parser.add_argument("--half", default="reported", choices=("development", "reported"))
     parser.add_argument("--systems", default=",".join(KINDS), help="machines, by commas")
@@ -42,9 +43,11 @@ def run(args: argparse.Namespace) -> int:
         return run_real(args.real, args.out)
     if args.seeds < 1:
         raise InputError(f"--seeds {args.seeds}: give at least 1")
+    if args.skip < 0:
+        raise InputError(f"--skip {args.skip}: give 0 or more")
     sets = chosen(args.sets, SETS, "--sets")
     systems = chosen(args.systems, tuple(KINDS), "--systems")
-    wanted = [one for seed in seeds_of(args.half, args.seeds) for one in identities(seed, sets, systems)]
+    wanted = [one for seed in seeds_of(args.half, args.seeds, args.skip) for one in identities(seed, sets, systems)]
     if args.limit is not None:
         if args.limit < 1:
             raise InputError(f"--limit {args.limit}: give at least 1")

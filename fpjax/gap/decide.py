@@ -15,7 +15,7 @@ from .judging import DECISIVE, energy, judge, material, quantised_reading, weigh
 MOST_CAUSES = 3
 PATIENCE = 12.0  # s of simulation (`Search.spent`) after which no further cause is looked for
 EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed where some structure is left
-NEARLY = 15.0  # and residual energy over the noise's up to which it may: a law that is another one of its kind
+NEARLY = 4.5  # and residual energy over the noise's up to which it may: a law that is another one of its kind
 NEARLY_IN_TORQUE = 2.5  # the same where the gap is told in torque, whose floor does not know the corners of reversals
 LEAST_TURN = 0.02  # rad that a position at the log's start must move to be another one
 
