@@ -6,14 +6,19 @@ candidates cost what their chunks cost, one after the other on every core.
 
 import concurrent.futures
 import contextlib
+import contextvars
 import dataclasses
 import functools
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, cast
 
 import jax
 import jax.core
+import jax.dtypes
+import jax.experimental
+import jax.extend.core
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -23,6 +28,10 @@ from jax.sharding import Mesh, PartitionSpec
 from .errors import InputError
 from .native import native, native_enabled
 from .persistent import persistent
+
+_core: Any = jax.extend.core if hasattr(jax.extend.core, "get_opaque_trace_state") else jax.core
+with concurrent.futures.ThreadPoolExecutor(1) as _fresh:  # this module may first be imported within a trace
+    _NO_TRACE = _fresh.submit(_core.get_opaque_trace_state).result()
 
 # Candidates in one kernel: one chunk keeps its states in the first-level cache and its loops long
 # enough that LLVM vectorizes them (docs/performance.md).
@@ -68,18 +77,19 @@ def map_chunks(
         InputError: where the leaves have no common leading axis.
     """
     size, width = _size_and_width(arguments)
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((arguments, shared))):
+    if _traced(arguments, shared):
         chunk = chunk or _chunk_for(size, width)
         count = -(-size // chunk)
         blocks = jax.tree.map(lambda leaf: _blocks(jnp, leaf, count, chunk), arguments)
         return _first(_chunked(fn, batched)(blocks, shared), size)
 
     where = tuple(jax.local_devices() if devices is None else devices)
+    workers = 1 if size < 2 * PER_WORKER else workers or cores()
     plan = _plan(fn, batched, size, width, chunk, where, workers, native_enabled())
     with contextlib.nullcontext() if devices is None else jax.default_device(where[0]):
         if plan.single:
             return plan.run(arguments, shared)
-        blocks = jax.tree.map(lambda leaf: _blocks(np, np.asarray(leaf), plan.count, plan.chunk), arguments)
+        blocks = jax.tree.map(lambda leaf: _blocks(*_here(leaf), plan.count, plan.chunk), arguments)
         if plan.threads == 1:
             return _first(plan.run(blocks, shared), size)
         return _threaded(plan, blocks, shared, where[0], size)
@@ -148,6 +158,13 @@ def batch_size(arguments: Any) -> int:
 def chunk_for(arguments: Any, size: int) -> int:
     """How many candidates go into one kernel, for `size` candidates of this precision."""
     return _chunk_for(size, _size_and_width(arguments)[1])
+
+
+def _traced(*arguments: Any) -> bool:
+    """Whether a trace is going on: without tracers among the arguments it may still have some in the function."""
+    return _core.get_opaque_trace_state() != _NO_TRACE or any(
+        isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)
+    )
 
 
 def _size_and_width(arguments: Any) -> tuple[int, int]:
@@ -233,7 +250,7 @@ def _plan(
     width: int,
     chunk: int | None,
     where: tuple[Any, ...],
-    workers: int | None,
+    workers: int,
     enabled: bool,
 ) -> _Plan:
     """Kept by what decides it: a short batch takes about as long as deciding it anew would."""
@@ -243,7 +260,7 @@ def _plan(
         where = where[:1]
     on_cpu, threads = where[0].platform == "cpu", 1
     if len(where) == 1 and on_cpu:
-        threads = max(1, min(workers or cores(), size // PER_WORKER))
+        threads = max(1, min(workers, size // PER_WORKER))
     parts = max(len(where), threads)
     on_gpu = where[0].platform in ("gpu", "cuda")  # one kernel takes the whole batch there, a candidate a lane
     chunk = chunk or (-(-size // parts) if on_gpu else _chunk_for(-(-size // parts), width))
@@ -286,26 +303,65 @@ def _threaded(plan: _Plan, blocks: Any, shared: tuple[Any, ...], device: Any, si
     XLA releases the interpreter while it computes; a second CPU device for `shard_map` could only
     be had before jax starts.
     """
-    each = plan.count // plan.threads
+    each, settings = plan.count // plan.threads, _settings()
 
     def part(number: int) -> Any:
         taken = jax.tree.map(lambda leaf: leaf[number * each : (number + 1) * each], blocks)
-        with jax.default_device(device):
-            result = plan.run(taken, shared)
-        return jax.tree.map(np.asarray, result)
+        with _under(settings), jax.default_device(device):
+            return jax.block_until_ready(plan.run(taken, shared))
 
     leaves = jax.tree.leaves((blocks, shared))
-    known = (plan.threads, *((np.shape(leaf), getattr(leaf, "dtype", type(leaf))) for leaf in leaves))
-    pool, others = _pool(plan.threads - 1), range(1, plan.threads)
-    if known in plan.seen:
-        running = [pool.submit(part, number) for number in others]
-        results = [part(0)]
-    else:  # the first time this thread goes ahead, or each would compile the same program
-        results = [part(0)]
-        running = [pool.submit(part, number) for number in others]
-    results += [each.result() for each in running]
+    known = (plan.threads, settings, *((np.shape(leaf), getattr(leaf, "dtype", type(leaf))) for leaf in leaves))
+    results = [] if known in plan.seen else [part(0)]  # one goes ahead, or each would compile the same program
+    left, here = range(len(results), plan.threads), 1 - len(results)
+    if _threads_free.acquire(blocking=False):
+        pool = _pool(plan.threads - 1)
+        running = [pool.submit(contextvars.copy_context().run, part, number) for number in left[here:]]
+        try:
+            results += [part(number) for number in left[:here]]
+            results += [other.result() for other in running]
+        finally:  # where one part fails none is left running
+            for other in running:
+                other.cancel()
+            concurrent.futures.wait(running)
+            _threads_free.release()
+    else:  # the threads work for another batch, which may be waiting for this one
+        results += [part(number) for number in left]
     plan.seen.add(known)
-    return jax.tree.map(lambda *leaves: jnp.asarray(np.concatenate(leaves)[:size]), *results)
+    return jax.tree.map(_joined(size), *results)
+
+
+def _joined(size: int) -> Callable[..., Any]:
+    def joined(*leaves: Any) -> Any:
+        numpy = _here(leaves[0])[0]
+        return jnp.asarray(numpy.concatenate([_here(leaf)[1] for leaf in leaves])[:size])
+
+    return joined
+
+
+# A thread has settings of its own, which start as jax's defaults: those of the caller that change numbers or types.
+_SETTINGS: dict[str, Callable[[Any], Any]] = {
+    "jax_enable_x64": cast(Any, jax if hasattr(jax, "enable_x64") else jax.experimental).enable_x64,
+    "jax_default_matmul_precision": jax.default_matmul_precision,
+    "jax_numpy_dtype_promotion": jax.numpy_dtype_promotion,
+    "jax_numpy_rank_promotion": jax.numpy_rank_promotion,
+    "jax_debug_nans": jax.debug_nans,
+}
+_threads_free = threading.Lock()
+
+
+def _settings() -> tuple[Any, ...]:
+    return tuple(getattr(jax.config, name) for name in _SETTINGS)
+
+
+@contextlib.contextmanager
+def _under(settings: tuple[Any, ...]) -> Iterator[None]:
+    """Within the block, jax's settings in this thread are these."""
+    with contextlib.ExitStack() as stack:
+        for (name, setting), value in zip(_SETTINGS.items(), settings, strict=True):
+            if getattr(jax.config, name) != value:
+                stack.enter_context(setting(value))
+        yield
 
 
 @functools.lru_cache(maxsize=4)
@@ -314,8 +370,23 @@ def _pool(threads: int) -> concurrent.futures.ThreadPoolExecutor:
     return concurrent.futures.ThreadPoolExecutor(threads, "fpjax")
 
 
+def _forked() -> None:
+    """A forked process has none of these threads."""
+    global _threads_free
+    _threads_free = threading.Lock()
+    _pool.cache_clear()
+
+
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_pool.cache_clear)  # a forked process has none of these threads
+    os.register_at_fork(after_in_child=_forked)
+
+
+def _here(leaf: Any) -> tuple[Any, Any]:
+    """(numpy or jax.numpy, the array there): random keys have no numpy array."""
+    dtype = getattr(leaf, "dtype", None)
+    if dtype is not None and jnp.issubdtype(dtype, jax.dtypes.extended):
+        return jnp, leaf
+    return np, np.asarray(leaf)
 
 
 def _blocks(numpy: Any, leaf: Any, count: int, chunk: int) -> Any:

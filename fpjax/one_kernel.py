@@ -5,6 +5,7 @@ expensive operations on large arrays to its threads, fails hard where it finds s
 later `vmap` is what makes the arrays large. So the decision falls when the program is lowered.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -40,8 +41,8 @@ scan while cond optimization_barrier fpjax_one_kernel
 _ALLOWED = frozenset((_ELEMENTWISE + _STRUCTURE + _CONTROL).split())
 
 # XLA parallelizes an operation from a cost of 2 x 100,000 cycles on: its operations, plus 10 a byte where it does more
-# operations than it touches bytes (so 11 an operation at most), or from 2 x 256 KB of output on. Below, nothing can go
-# wrong. Above, the kernel is compiled once on trial, where that ends in an error at worst (jax 0.7 and 0.8 end the
+# operations than it touches bytes (so 11 an operation at most), or from 2 x 256 KB of output on. Below, nothing is
+# parallel. Above, the kernel is compiled once on trial, where that ends in an error at worst (jax 0.7 and 0.8 end the
 # process) and is needed (jax 0.12 makes one kernel of every loop by itself).
 _SAFE_OPERATIONS = 200_000 // 11
 _SAFE_BYTES = 512 * 1024
@@ -95,19 +96,29 @@ def _inner_programs(equation: Any) -> list[Any]:
 
 
 def _surely_sequential(jaxpr: Any) -> bool:
-    """Whether no operation in `jaxpr`, however XLA fuses it, is large enough to be given to threads."""
-    operations = 0
+    """Whether nothing in `jaxpr`, were it all one fusion, is large enough to be given to threads."""
+    return max(_operations(jaxpr)) < _SAFE_OPERATIONS
+
+
+def _operations(jaxpr: Any) -> tuple[float, float]:
+    """(operations that XLA may fuse into one with what stands around `jaxpr`, the most within a loop or branch of it).
+
+    Calls are inlined before anything is fused, the steps of one turn of a loop too unless a barrier parts them.
+    """
+    total, apart = 0.0, 0.0
     for equation in jaxpr.eqns:
-        inner = _inner_programs(equation)
-        if inner:
-            if not all(map(_surely_sequential, inner)):
-                return False
-            continue
-        size = max((_size(v.aval) for v in equation.outvars), default=0)
-        if size * 8 > _SAFE_BYTES:
-            return False
-        operations += size * _COSTS.get(equation.primitive.name, 1)
-    return operations < _SAFE_OPERATIONS
+        inner = [_operations(program) for program in _inner_programs(equation)]
+        most = max((within for _, within in inner), default=0.0)
+        if equation.primitive.name in ("scan", "while", "cond"):
+            parted = any(e.primitive.name == "optimization_barrier" for p in _inner_programs(equation) for e in p.eqns)
+            turns = 1 if parted else int(equation.params.get("unroll", 1))
+            apart = max(apart, most, *(turns * own for own, _ in inner))
+        elif inner:
+            total, apart = total + sum(own for own, _ in inner), max(apart, most)
+        else:
+            size = max((_size(v.aval) for v in equation.outvars), default=0)
+            total += math.inf if size * 8 > _SAFE_BYTES else size * _COSTS.get(equation.primitive.name, 1)
+    return total, apart
 
 
 # Operations that XLA expands into many; all others count once.

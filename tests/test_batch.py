@@ -1,5 +1,7 @@
 """Chunks, threads and devices change the time of a batch, not its numbers."""
 
+import concurrent.futures
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 from fpjax.batch import CHUNK_FLOAT32, CHUNK_FLOAT64, batch_size, chunk_for, iterate_chunks, map_chunks
 from fpjax.errors import InputError
 from fpjax.gradients import value_and_gradient
-from fpjax.native import native_mode, scan_loop
+from fpjax.native import native_enabled, native_mode, scan_loop
 
 TABLE = jnp.sin(jnp.linspace(0.0, 6.0, 100))
 
@@ -145,3 +147,80 @@ def test_bad_batches_are_refused():
         map_chunks(cost, candidates(3), devices=())
     with pytest.raises(InputError, match="multiple of the piece"):
         list(iterate_chunks(cost, candidates(300), size=100, start=50))
+
+
+THREADS = {"workers": 2, "devices": jax.local_devices()[:1]}
+
+
+def test_within_a_trace_that_the_arguments_do_not_show():
+    """The candidates are numbers, and what the function closes over is not."""
+    for size in (60, 200):
+        gains = np.linspace(0.5, 1.5, size)
+        expected = np.sum(np.cos(2.0 * gains) * gains)
+
+        def total(scale, gains=gains):
+            return jnp.sum(map_chunks(lambda gain: jnp.sin(gain * scale), gains, **THREADS))
+
+        np.testing.assert_allclose(jax.grad(total)(2.0), expected, rtol=1e-12)
+        np.testing.assert_allclose(jax.jit(lambda s, total=total: s * total(2.0))(3.0), 3.0 * total(2.0), rtol=1e-12)
+
+
+def test_every_thread_computes_under_the_settings_of_the_caller():
+    def double(x):
+        return jnp.sin(x) * jnp.ones(())
+
+    numbers = np.linspace(0.0, 1.0, 400)
+    for enabled in (True, False, True):
+        with _enable_x64(enabled):
+            for _ in range(2):  # the first call compiles on one thread
+                found = map_chunks(double, numbers, **THREADS)
+        assert found.dtype == (np.float64 if enabled else np.float32)
+        np.testing.assert_allclose(found, np.sin(numbers), rtol=1e-14 if enabled else 1e-6)
+
+
+def _enable_x64(enabled):
+    return (jax if hasattr(jax, "enable_x64") else jax.experimental).enable_x64(enabled)
+
+
+def test_native_mode_reaches_every_thread():
+    seen = set()
+
+    def noted(x):
+        seen.add(native_enabled())
+        return 2.0 * x
+
+    with native_mode(False):
+        map_chunks(noted, np.linspace(0.0, 1.0, 400), **THREADS)
+        map_chunks(noted, np.linspace(0.0, 1.0, 400), **THREADS)
+    assert seen == {False}
+
+
+def test_two_callers_at_once():
+    """The threads are the first one's; the other computes its parts alone."""
+    numbers = np.linspace(0.0, 1.0, 2000)
+    with concurrent.futures.ThreadPoolExecutor(4) as pool:
+        found = [pool.submit(map_chunks, jnp.cos, numbers * scale, **THREADS) for scale in range(8)]
+        for scale, result in enumerate(found):
+            np.testing.assert_allclose(result.result(timeout=120), np.cos(numbers * scale), rtol=1e-14)
+
+
+def test_what_fails_in_one_part_leaves_nothing_running():
+    def fail(x):
+        if x > 0.9:
+            raise ValueError("no")
+        return np.asarray(x)
+
+    def outer(x):
+        return jax.pure_callback(fail, jax.ShapeDtypeStruct((), x.dtype), x, vmap_method="sequential")
+
+    good, bad = np.linspace(0.0, 0.5, 200), np.linspace(0.0, 1.0, 200)
+    np.testing.assert_allclose(map_chunks(outer, good, **THREADS), good)
+    with pytest.raises(Exception, match="no"):
+        map_chunks(outer, bad, **THREADS)
+    np.testing.assert_allclose(map_chunks(outer, good, **THREADS), good)
+
+
+def test_random_keys_are_candidates_too():
+    keys = jax.random.split(jax.random.key(0), 200)
+    found = map_chunks(lambda key: jax.random.normal(key), keys, **THREADS)
+    np.testing.assert_allclose(found, jax.vmap(jax.random.normal)(keys))

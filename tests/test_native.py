@@ -12,6 +12,7 @@ from jax import lax
 from jax.sharding import Mesh, PartitionSpec
 
 import fpjax
+from fpjax import hyperbolic
 from fpjax.errors import InputError
 from fpjax.native import (
     enable_compilation_cache,
@@ -188,6 +189,26 @@ def test_a_later_vmap_that_is_too_large_for_one_kernel(name):
     with native_mode(False):
         off = jax.jit(jax.vmap(run))(x)
     np.testing.assert_allclose(on, off, rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("unroll", [1, 2])
+def test_operations_are_counted_through_calls(unroll):
+    """XLA inlines calls before it fuses: ten tanh of 500 candidates, or ten calls of 2,000, are one large operation."""
+
+    def ten_times(fn, x):
+        def step(value, _):
+            for i in range(10):
+                value = fn(x * value + 0.1 * i)
+            return value, None
+
+        return lax.scan(step, jnp.zeros_like(x) + 0.1, None, length=20, unroll=unroll)[0]
+
+    for fn, size in ((hyperbolic.tanh, 500), (jax.jit(lambda v: jnp.sin(v) * 0.9 + 0.01 * v * v), 2000)):
+        run = jax.vmap(lambda x, fn=fn: ten_times(fn, x))
+        x = jnp.linspace(0.5, 1.5, size)
+        with native_mode(True):
+            on = jax.jit(native(run))(x)
+        np.testing.assert_allclose(on, run(x), rtol=1e-10)
 
 
 def test_constants_captured_tracers_and_passed_through_arguments():

@@ -3,6 +3,7 @@
 import argparse
 import json
 import pathlib
+import shlex
 import sys
 import time
 from typing import Any
@@ -49,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     only = arguments.only
     bench = measure.Bench(steps, repeats, lambda line: print(line, file=sys.stderr, flush=True))
     results: dict[str, Any] = {
-        "command": "python -m benchmarks speed" + (" --quick" if arguments.quick else ""),
+        "command": shlex.join(["python", "-m", "benchmarks", *sys.argv[1:]]),
         "machine": measure.machine(),
         "versions": bench.versions,
         "steps": steps,
@@ -61,14 +62,17 @@ def run(arguments: argparse.Namespace) -> int:
         "scaling": [],
         "memory": [],
         "skipped": bench.skipped,
+        "calls": [],
     }
     results["first_call"] = processes.first_calls(bench.repeats) if "first_call" in only else {}
-    for size in [size for size in sizes if size >= (64 if arguments.quick else 1024)] if "scaling" in only else ():
+    several = (256,) if arguments.quick else tuple(size for size in sizes if size >= 1024)
+    for size in several if "scaling" in only else ():
         results["scaling"] += processes.scaling(size, bench.steps, bench.repeats)
     with timing.one_core() as results["on_one_core"]:
         for dtype in (np.float64, np.float32):
             for size in sizes if "values" in only else ():
                 results["values"] += bench.value_rows(dtype, size)
+                results["calls"].append(bench.call_row(dtype, size))
             if "flat" in only:
                 results["flat"] += bench.flat(dtype, (64, 128) if arguments.quick else FLAT)
             small = [size for size in sizes if size <= (1024 if dtype is np.float64 else 64)]

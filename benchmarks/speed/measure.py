@@ -88,6 +88,12 @@ class Bench:
                 rows[-1]["disagrees"] = True
         return rows
 
+    def call_row(self, dtype: Any, size: int) -> dict[str, Any]:
+        """What a call of the library costs before it computes: one of two steps."""
+        call = self.fpjax_value(servo.candidates(size, 2, dtype), 2, dtype, size)
+        spent = timing.interleaved({"call": call}, self.repeats, budget=0.2)["call"]
+        return {"dtype": np.dtype(dtype).name, "candidates": size, "processor_seconds": spent.processor_seconds}
+
     def value(self, name: str, batch: Any, reference: Any) -> Callable[[], Any]:
         """The call of one implementation, by its name in the rows."""
         size, steps = len(next(iter(batch.values()))), len(reference)

@@ -32,10 +32,12 @@ def first_calls(repeats: int) -> dict[str, float]:
 
 def scaling(size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
     """Rows of one batch on one core and on all: by threads, and by as many devices as there are cores."""
-    words = ("scaling", str(size), str(steps), str(repeats))
-    flag = f"--xla_force_host_platform_device_count={cores()}"
-    flags = {"XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()}
-    return (_run(*words) or []) + (_run(*words, environment=flags) or [])
+    rows = []
+    for count in (1, cores()):
+        flag = f"--xla_force_host_platform_device_count={count}"
+        flags = {"XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {flag}".strip()}
+        rows += _run("scaling", str(size), str(steps), str(repeats), environment=flags) or []
+    return rows
 
 
 def memory(bench: Any, size: int) -> list[dict[str, Any]]:

@@ -5,9 +5,9 @@ from typing import Any
 
 def rows_table(results: dict[str, Any]) -> str:
     """Throughput of the values, ratios of the gradients, scaling, and what was skipped, as text."""
-    held = ", to which the process is bound" if results.get("on_one_core") else ""
+    held = "one core, to which the process is bound" if results.get("on_one_core") else "all cores together: not bound"
     machine = results["machine"]
-    lines = [f"{machine['processor']}, {machine['cores']} cores; rows are processor time on one core{held}"]
+    lines = [f"{machine['processor']}, {machine['cores']} cores; rows are processor time on {held}", results["command"]]
     lines.append(", ".join(f"{name} {number}" for name, number in results["versions"].items()))
     for dtype in ("float64", "float32"):
         rows = [row for row in results["values"] if row["dtype"] == dtype]

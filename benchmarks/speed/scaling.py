@@ -16,6 +16,7 @@ def main(size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
     import jax.numpy as jnp
     import numpy as np
 
+    from fpjax import batch as batch_module
     from fpjax.batch import cores, map_chunks
 
     from . import measure, servo, timing
@@ -31,7 +32,9 @@ def main(size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
         words: dict[str, Any] = {"devices": devices[:count], "workers": 1} if by_devices else {"workers": count}
         return map_chunks(cost, batch, shared, **words)
 
-    counts = sorted({1, len(devices) if by_devices else cores()})
+    # Only what really happens: few candidates are not shared.
+    most = size // batch_module.PER_WORKER
+    counts = sorted({1, (len(devices) if len(devices) <= most else 1) if by_devices else max(1, min(cores(), most))})
     results = {count: np.asarray(call(count)) for count in counts}
     times = timing.interleaved({str(count): lambda count=count: call(count) for count in counts}, repeats)
     return [

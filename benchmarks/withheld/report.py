@@ -118,6 +118,9 @@ def draw_confusion(axes: Any, summary: dict[str, Any]) -> None:
     table = summary["confusion"]
     names = list(EFFECTS)
     rows = [*(n for n in names if n in table), *(n for n in ("no gap", "outside") if n in table)]
+    if not rows:  # pairs alone have no first cause to be right
+        axes.set_axis_off()
+        return
     columns = [*names, "no_gap", "unexplained", "failed"]
     counts = np.array([[table[r].get(c, 0) for c in columns] for r in rows], dtype=float)
     right = {"no gap": ("no_gap",), "outside": ("unexplained",)}
