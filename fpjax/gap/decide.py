@@ -15,7 +15,8 @@ from .judging import DECISIVE, energy, judge, material, quantised_reading, weigh
 MOST_CAUSES = 3
 PATIENCE = 12.0  # s of simulation (`Search.spent`) after which no further cause is looked for
 EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed where some structure is left
-NEARLY = 4.5  # and residual energy over the noise's up to which it may: a law that is another one of its kind
+NEARLY = 15.0  # and residual energy over the noise's up to which it may: one law that is another one of its kind
+NEARLY_TOGETHER = 2.0  # the same of several causes: a flexible machine with a second cause nearly explains very much
 NEARLY_IN_TORQUE = 2.5  # the same where the gap is told in torque, whose floor does not know the corners of reversals
 LEAST_TURN = 0.02  # rad that a position at the log's start must move to be another one
 
@@ -66,7 +67,8 @@ def decide(search: Search, progress: Progress) -> Decision:
     judge(search, decision, decision.chosen)
     before, after = energy(search, exact), energy(search, decision.chosen)
     closed = 1.0 - (np.sqrt(after) - np.sqrt(decision.floor)) / max(np.sqrt(before) - np.sqrt(decision.floor), 1e-12)
-    most = NEARLY_IN_TORQUE if search.imposed else NEARLY
+    together = NEARLY_TOGETHER if len(decision.chosen.names) > 1 else NEARLY
+    most = NEARLY_IN_TORQUE if search.imposed else together
     nearly = closed > EXPLAINED_SHARE and decision.structure < most and not decision.weak
     decision.explained = decision.structure < white(search, decision.chosen) or nearly
     return decision
