@@ -39,7 +39,7 @@ def draw_run(model: Model, signals: dict[str, np.ndarray], path: Path) -> Path:
     _line(panels[0], time, signals["reference"], GREY, "reference", linestyle="--")
     _line(panels[0], time, signals[motion], BLUE, motion)
     panels[0].set_ylabel(f"{motion} [{unit}]")
-    panels[0].legend(loc="upper right")
+    _legend_above(panels[0])
     _line(panels[1], time, signals["reference"] - signals[motion], RED, "")
     panels[1].set_ylabel(f"error [{unit}]")
     _line(panels[2], time, signals["torque"], BLUE, "commanded")
@@ -47,7 +47,7 @@ def draw_run(model: Model, signals: dict[str, np.ndarray], path: Path) -> Path:
     if estimates:
         _line(panels[2], time, signals["compensation"], GREY, "compensation", linestyle="--")
     panels[2].set_ylabel(f"{'force' if model.linear else 'torque'} [{units.name('N m')}]")
-    panels[2].legend(loc="upper right", ncols=3)
+    _legend_above(panels[2])
     kinds = {"coulomb": "N m", "viscous": "N m s/rad", "steepness": "s/rad"}
     for panel, name in zip(panels[3:], estimates, strict=True):
         word = name.removeprefix("estimates.")
@@ -86,6 +86,13 @@ def draw_replay(model: Model, found: Any, path: Path) -> Path:
     return save(figure, path)
 
 
+def _legend_above(panel: Any) -> None:
+    """In a row, with room for it above the peaks."""
+    low, high = panel.get_ylim()
+    panel.set_ylim(low, high + 0.25 * (high - low))
+    panel.legend(loc="upper right", ncols=3)
+
+
 def _line(axes: Any, time: np.ndarray, values: np.ndarray, color: str, label: str, **style: Any) -> None:
     axes.plot(*thin(time, values), color=color, label=label or None, **style)
 
@@ -107,7 +114,7 @@ def draw_tuning(before: Model, after: Model, results: list[Any], path: Path) -> 
                 used, np.minimum.accumulate(cost), where="post", color=color, label=result.method, marker="."
             )
     panels[0].set(xlabel="simulations (tangents counted)", ylabel="best cost so far", yscale="log")
-    panels[0].legend(loc="upper right")
+    _legend_above(panels[0])
     if after.reference is None:
         return save(figure, path)
     position = after.units.reference == "position"
