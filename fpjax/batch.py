@@ -6,18 +6,15 @@ candidates cost what their chunks cost, one after the other on every core.
 
 import concurrent.futures
 import contextlib
-import contextvars
 import dataclasses
 import functools
 import os
-import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, cast
+from typing import Any
 
 import jax
 import jax.core
 import jax.dtypes
-import jax.experimental
 import jax.extend.core
 import jax.numpy as jnp
 import numpy as np
@@ -28,6 +25,7 @@ from jax.sharding import Mesh, PartitionSpec
 from .errors import InputError
 from .native import native, native_enabled
 from .persistent import persistent
+from .threads import on_threads, settings, under
 
 _core: Any = jax.extend.core if hasattr(jax.extend.core, "get_opaque_trace_state") else jax.core
 with concurrent.futures.ThreadPoolExecutor(1) as _fresh:  # this module may first be imported within a trace
@@ -303,82 +301,23 @@ def _threaded(plan: _Plan, blocks: Any, shared: tuple[Any, ...], device: Any, si
     XLA releases the interpreter while it computes; a second CPU device for `shard_map` could only
     be had before jax starts.
     """
-    each, settings = plan.count // plan.threads, _settings()
+    each, own = plan.count // plan.threads, settings()
 
     def part(number: int) -> Any:
         taken = jax.tree.map(lambda leaf: leaf[number * each : (number + 1) * each], blocks)
-        with _under(settings), jax.default_device(device):
+        with under(own), jax.default_device(device):
             return jax.block_until_ready(plan.run(taken, shared))
 
     leaves = jax.tree.leaves((blocks, shared))
-    known = (plan.threads, settings, *((np.shape(leaf), getattr(leaf, "dtype", type(leaf))) for leaf in leaves))
-    results = [] if known in plan.seen else [part(0)]  # one goes ahead, or each would compile the same program
-    left, here = range(len(results), plan.threads), 1 - len(results)
-    if _threads_free.acquire(blocking=False):
-        pool = _pool(plan.threads - 1)
-        running = [pool.submit(contextvars.copy_context().run, part, number) for number in left[here:]]
-        try:
-            results += [part(number) for number in left[:here]]
-            results += [other.result() for other in running]
-        finally:  # where one part fails none is left running
-            for other in running:
-                other.cancel()
-            concurrent.futures.wait(running)
-            _threads_free.release()
-    else:  # the threads work for another batch, which may be waiting for this one
-        results += [part(number) for number in left]
+    known = (plan.threads, own, *((np.shape(leaf), getattr(leaf, "dtype", type(leaf))) for leaf in leaves))
+    results = on_threads(part, plan.threads, first_alone=known not in plan.seen)  # or each would compile the same
     plan.seen.add(known)
-    return jax.tree.map(_joined(size), *results)
 
+    def joined(*parts: Any) -> Any:
+        numpy = _here(parts[0])[0]
+        return jnp.asarray(numpy.concatenate([_here(each)[1] for each in parts])[:size])
 
-def _joined(size: int) -> Callable[..., Any]:
-    def joined(*leaves: Any) -> Any:
-        numpy = _here(leaves[0])[0]
-        return jnp.asarray(numpy.concatenate([_here(leaf)[1] for leaf in leaves])[:size])
-
-    return joined
-
-
-# A thread has settings of its own, which start as jax's defaults: those of the caller that change numbers or types.
-_SETTINGS: dict[str, Callable[[Any], Any]] = {
-    "jax_enable_x64": cast(Any, jax if hasattr(jax, "enable_x64") else jax.experimental).enable_x64,
-    "jax_default_matmul_precision": jax.default_matmul_precision,
-    "jax_numpy_dtype_promotion": jax.numpy_dtype_promotion,
-    "jax_numpy_rank_promotion": jax.numpy_rank_promotion,
-    "jax_debug_nans": jax.debug_nans,
-}
-_threads_free = threading.Lock()
-
-
-def _settings() -> tuple[Any, ...]:
-    return tuple(getattr(jax.config, name) for name in _SETTINGS)
-
-
-@contextlib.contextmanager
-def _under(settings: tuple[Any, ...]) -> Iterator[None]:
-    """Within the block, jax's settings in this thread are these."""
-    with contextlib.ExitStack() as stack:
-        for (name, setting), value in zip(_SETTINGS.items(), settings, strict=True):
-            if getattr(jax.config, name) != value:
-                stack.enter_context(setting(value))
-        yield
-
-
-@functools.lru_cache(maxsize=4)
-def _pool(threads: int) -> concurrent.futures.ThreadPoolExecutor:
-    """Threads that stay: to start them takes as long as a thousand candidates."""
-    return concurrent.futures.ThreadPoolExecutor(threads, "fpjax")
-
-
-def _forked() -> None:
-    """A forked process has none of these threads."""
-    global _threads_free
-    _threads_free = threading.Lock()
-    _pool.cache_clear()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forked)
+    return jax.tree.map(joined, *results)
 
 
 def _here(leaf: Any) -> tuple[Any, Any]:

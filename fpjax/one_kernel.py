@@ -107,10 +107,11 @@ def _operations(jaxpr: Any) -> tuple[float, float]:
     """
     total, apart = 0.0, 0.0
     for equation in jaxpr.eqns:
-        inner = [_operations(program) for program in _inner_programs(equation)]
+        programs = _inner_programs(equation)
+        inner = [_operations(program) for program in programs]
         most = max((within for _, within in inner), default=0.0)
         if equation.primitive.name in ("scan", "while", "cond"):
-            parted = any(e.primitive.name == "optimization_barrier" for p in _inner_programs(equation) for e in p.eqns)
+            parted = any(e.primitive.name == "optimization_barrier" for p in programs for e in p.eqns)
             turns = 1 if parted else int(equation.params.get("unroll", 1))
             apart = max(apart, most, *(turns * own for own, _ in inner))
         elif inner:

@@ -16,8 +16,7 @@ def main(size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
     import jax.numpy as jnp
     import numpy as np
 
-    from fpjax import batch as batch_module
-    from fpjax.batch import cores, map_chunks
+    from fpjax.batch import PER_WORKER, cores, map_chunks
 
     from . import measure, servo, timing
 
@@ -33,7 +32,7 @@ def main(size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
         return map_chunks(cost, batch, shared, **words)
 
     # Only what really happens: few candidates are not shared.
-    most = size // batch_module.PER_WORKER
+    most = size // PER_WORKER
     counts = sorted({1, (len(devices) if len(devices) <= most else 1) if by_devices else max(1, min(cores(), most))})
     results = {count: np.asarray(call(count)) for count in counts}
     times = timing.interleaved({str(count): lambda count=count: call(count) for count in counts}, repeats)
