@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .block import Block, as_optional, require_not_negative, require_positive
+from .elementary import sin
 from .errors import InputError
 from .signals import Motion
 
@@ -155,7 +156,7 @@ class Actuator(AbstractActuator):
             angle = self.cogging_periods * motion.position
             if self.cogging_phase is not None:
                 angle = angle + self.cogging_phase
-            torque = torque + self.cogging_amplitude * jnp.sin(angle)
+            torque = torque + self.cogging_amplitude * sin(angle)
         return torque
 
 

@@ -13,10 +13,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.ad_checkpoint import checkpoint_name
 from jaxtyping import Array
 
-from .persistent import is_persistent
+from .elementary import kept, polynomial
 
 # t = x P(x^2) / (2 Q(x^2)), lowest power first; least largest relative error of tanh(x), weighted by how much of it the
 # doubling leaves (Lawson's iteration on Chebyshev nodes, 60 digits): 4.8e-17 and 7.5e-9.
@@ -46,8 +45,6 @@ _DENOMINATOR = {
 # From here on tanh is 1 to the last digit.
 _ONE_FROM = {8: 19.0616, 4: 9.011}
 
-NAME = "fpjax_tanh"  # under which reverse mode finds it among what is dear to recompute (see `native`)
-
 
 def tanh(x: Any) -> Array:
     """Hyperbolic tangent, float32 or float64 (any other dtype by `jnp.tanh`), in every mode of differentiation.
@@ -64,8 +61,8 @@ def tanh(x: Any) -> Array:
 def _tanh(x: Array) -> Array:
     width = x.dtype.itemsize
     square = x * x
-    numerator = 0.5 * x * _polynomial(_NUMERATOR[width], square)
-    denominator = _polynomial(_DENOMINATOR[width], square)
+    numerator = 0.5 * x * polynomial(_NUMERATOR[width], square)
+    denominator = polynomial(_DENOMINATOR[width], square)
     product = numerator * denominator
     value = (product + product) / (denominator * denominator + numerator * numerator)
     # Past the bound the quotient may be anything, not a number included; not a number itself is not past it.
@@ -74,15 +71,6 @@ def _tanh(x: Array) -> Array:
 
 @_tanh.defjvp
 def _slope(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    value = _tanh(*primals)
-    if not is_persistent():  # Triton knows neither; without the barrier every tangent computes the value anew
-        value = checkpoint_name(lax.optimization_barrier(value), NAME)
+    value = kept(_tanh(*primals))
     (along,) = tangents
     return value, (along + along * value) * (1.0 - value)
-
-
-def _polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
-    value = x * coefficients[-1] + coefficients[-2]
-    for coefficient in coefficients[-3::-1]:
-        value = value * x + coefficient
-    return value

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .block import Block, as_parameter
+from .elementary import sin
 from .signals import Motion
 
 
@@ -41,4 +42,4 @@ class Unbalance(AbstractLoad):
 
     def readout(self, motion: Motion) -> Array:
         """Load torque [N m]."""
-        return self.amplitude * jnp.sin(motion.position + self.phase) + self.offset
+        return self.amplitude * sin(motion.position + self.phase) + self.offset

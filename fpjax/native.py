@@ -24,8 +24,8 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from .elementary import NAME as ELEMENTARY
 from .errors import InputError
-from .hyperbolic import NAME as TANH
 from .one_kernel import one_kernel
 from .persistent import fits, is_persistent, persistent_loop, persistent_mode
 
@@ -151,7 +151,7 @@ def scan_loop(
 def _is_expensive(primitive: Any, *operands: Any, **parameters: Any) -> bool:
     """What a checkpointed step keeps besides its carry: 5-15 % faster, and a few numbers a step more."""
     del operands
-    return primitive.name in _EXPENSIVE.split() or parameters.get("name") == TANH
+    return primitive.name in _EXPENSIVE.split() or parameters.get("name") == ELEMENTARY
 
 
 def _in_blocks(step: Callable[[C, X], tuple[C, Y]], carry: C, xs: X, length: int, levels: int, unroll: int) -> Any:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .block import Block, as_parameter, require_positive
+from .elementary import sin
 from .errors import InputError
 
 
@@ -50,7 +51,7 @@ class Sine(AbstractReference):
 
     def readout(self, time: Array) -> Array:
         """The sine at time [s]."""
-        return self.amplitude * jnp.sin(2.0 * jnp.pi * self.frequency * time + self.phase) + self.offset
+        return self.amplitude * sin(2.0 * jnp.pi * self.frequency * time + self.phase) + self.offset
 
 
 class Chirp(AbstractReference):
@@ -77,7 +78,7 @@ class Chirp(AbstractReference):
         sweeping = jnp.minimum(time, self.sweep_time)
         turns = self.start_frequency * sweeping + 0.5 * rate * sweeping * sweeping
         turns = turns + self.end_frequency * (time - sweeping)
-        return self.amplitude * jnp.sin(2.0 * jnp.pi * turns)
+        return self.amplitude * sin(2.0 * jnp.pi * turns)
 
 
 class Triangle(AbstractReference):
@@ -141,7 +142,7 @@ class Multisine(AbstractReference):
     def readout(self, time: Array) -> Array:
         """The sum at time [s]."""
         angle = 2.0 * jnp.pi * jnp.expand_dims(time, -1) * self._spread(self.frequencies, time)
-        tones = self._spread(self.amplitudes, time) * jnp.sin(angle + self._spread(self.phases, time))
+        tones = self._spread(self.amplitudes, time) * sin(angle + self._spread(self.phases, time))
         return jnp.sum(tones, axis=-1)
 
     @staticmethod

@@ -18,6 +18,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from .elementary import log
 from .errors import InputError
 from .friction import AbstractStaticFriction
 from .friction.bristles import Bristles
@@ -120,7 +121,7 @@ def _bristles(plant: OneMass, state: OneMassState, torque: Array, time: Array, d
     side = jnp.where(halfway < 0.0, -1.0, 1.0)
     slack = jnp.maximum(1.0 - between * side, _NEARLY_REST)
     # sigma_1 dz/dt, implicit in the speed: a stiff damper must not limit the step.
-    damper = bristles.damping * jnp.exp(bristles.exponent * jnp.log(slack))
+    damper = bristles.damping * jnp.exp(bristles.exponent * log(slack))
     pulled = (
         torque
         - plant.load.readout(middle)

@@ -37,7 +37,7 @@ def on_threads(part: Callable[[int], R], count: int, *, first_alone: bool = Fals
     """
     results = [part(0)] if first_alone else []
     left, here = range(len(results), count), 1 - len(results)
-    if not _free.acquire(blocking=False):
+    if count < 2 or not _free.acquire(blocking=False):
         return results + [part(number) for number in left]
     running: list[concurrent.futures.Future[R]] = []
     try:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..block import Block
+from ..elementary import log
 from ..hyperbolic import tanh
 from ..signals import Motion
 
@@ -77,4 +78,4 @@ def safe_power(base: Array, exponent: Array) -> Array:
     """base ** exponent for base >= 0 with a finite gradient (zero) at base = 0."""
     positive = base > 0.0
     inside = jnp.where(positive, base, jnp.ones_like(base))
-    return jnp.where(positive, jnp.exp(exponent * jnp.log(inside)), jnp.zeros_like(base))
+    return jnp.where(positive, jnp.exp(exponent * log(inside)), jnp.zeros_like(base))

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..block import as_parameter, require_not_negative, require_positive
+from ..elementary import log
 from ..signals import Motion
 from .base import AbstractFriction, AbstractStaticFriction
 
@@ -44,7 +45,7 @@ class Bristles(AbstractFriction):
         """ds/dt [1/s]."""
         side = jnp.sign(motion.velocity)
         slack = jnp.maximum(1.0 - state * side, _SMALLEST)
-        return jnp.exp(self.exponent * jnp.log(slack)) * motion.velocity / self.deflection
+        return jnp.exp(self.exponent * log(slack)) * motion.velocity / self.deflection
 
     def readout(self, state: Array, motion: Motion, applied: Array) -> Array:
         """Friction torque [N m]."""
@@ -63,8 +64,8 @@ class Bristles(AbstractFriction):
         near_one = jnp.abs(beyond) < 1e-4
         safe = jnp.where(near_one, 1e-4, beyond)
         distance = side * travel / self.deflection
-        scaled = safe * jnp.exp(safe * jnp.log(slack)) * distance
+        scaled = safe * jnp.exp(safe * log(slack)) * distance
         inside = jnp.maximum(1.0 + scaled, _SMALLEST)  # below zero: the bristles have reached their end
-        general = slack * jnp.exp(-jnp.log(inside) / safe)
+        general = slack * jnp.exp(-log(inside) / safe)
         remaining = jnp.where(near_one, slack * jnp.exp(-distance), general)
         return side * (1.0 - remaining)

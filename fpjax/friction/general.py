@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..block import as_optional, as_parameter, require_positive
+from ..elementary import sincos
 from ..hyperbolic import tanh
 from ..signals import Motion
 from .base import AbstractStaticFriction, safe_power
@@ -93,7 +94,7 @@ def fourier(cosine: tuple[Array, ...], sine: tuple[Array, ...], angle: Array) ->
     total = jnp.zeros_like(angle)
     if not cosine:
         return total
-    c, s = jnp.cos(angle), jnp.sin(angle)
+    s, c = sincos(angle)
     c_i, s_i = c, s
     for a, b in zip(cosine, sine, strict=True):
         total = total + a * c_i + b * s_i

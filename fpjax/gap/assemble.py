@@ -37,7 +37,7 @@ def covariance(search: Search, fitted: Fitted) -> np.ndarray:
     fitter = search.fitters[c.family.key]
     parts = fitter.linearise([c], search.train)[0]
     used = [(which, chosen) for which, chosen in enumerate(search.train) if len(chosen)]
-    fitter._stepped(c, parts, used, 1e-12)
+    fitter.steps(c, parts, used, np.array([1e-12]))
     assert c.normal is not None
     value = c.vector[c.free]
     edge = 1e-6 * c.scale

@@ -1,6 +1,7 @@
 # pyright: reportArgumentType=false
 """Family: one compiled super-model, and the batches of lanes that run through it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,16 +9,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..batch import cores
 from ..plants import AbstractPlant
+from ..threads import on_threads
 from .effect import Effect, Parameter, Setting, free, neutral_vector
 from .freed import NOMINAL
 from .imposed import imposed_kernel, imposed_motion
 from .machine import FEATURES, Machine, Structure, nominal_machine, structure_of, with_structure
 from .precision import double_precision
 from .record import Record, stride_of
-from .replay import LANES, STATES, TAPS, Windows, residual_kernel
+from .replay import LANES, STATES, TAPS, as_rows, residual_kernel
 
 Key = tuple[Structure, tuple[str, ...]]
+CHUNKS = 2  # of lanes that a thread should have at least: to ask it takes about a tenth of one
 FINE = "fine"  # in the place of a feature: the same family in shorter steps
 
 # What a lane's period takes on one core of 2024 [s]: a budget in these does not depend on what else the machine does.
@@ -109,6 +113,7 @@ class Runner:
         first = records[0]
         self.spent = 0.0  # what was simulated so far, as `COSTS` counts it [s]
         self.imposed = first.velocity is None
+        self._compiled = False
         self.half, self.stride = first.half, 1
         if self.imposed:
             self.stride = stride_of(first.half)
@@ -121,11 +126,16 @@ class Runner:
         self.length = first.samples
         self.samples = first.samples // self.stride
         self.channels = sum(channels)
+        with double_precision():
+            nominal = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), family.machine)
+        fixed = list(zip([nominal] * len(records), tables, *([self.motions] if self.imposed else ()), strict=True))
+        self.fixed = [jax.tree.leaves(each) for each in fixed]
+        self.structure = jax.tree.structure(fixed[0])
         if not self.imposed:
             fine = FINE in family.key[1]
-            self.kernel = residual_kernel(family.effects, family.parameters, first.samples, channels, fine)
-        with double_precision():
-            self.nominal = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), family.machine)
+            self.kernel = residual_kernel(
+                family.effects, family.parameters, first.samples, channels, fine, self.structure
+            )
 
     def run(
         self, which: int, vector: np.ndarray, states: np.ndarray, windows: dict[str, np.ndarray], stride: int = 0
@@ -140,33 +150,31 @@ class Runner:
             windows: the fields of `Windows`, each of shape (lanes,) (`hidden` (2, lanes)).
             stride: samples from one value to the next where motion is imposed; 0 for the usual.
         """
-        count = vector.shape[1]
-        stride = stride or self.stride
-        result, ends = np.empty((self.channels, self.length // stride, count)), np.empty((2, count))
-        self.spent += -(-count // LANES) * LANES * self.length * COSTS[self.family.key[0]]
-        padded = np.minimum(np.arange(-(-count // LANES) * LANES), count - 1)
-        vector, states = vector[:, padded], states[:, padded]
-        fields = {name: value[..., padded] for name, value in windows.items()}
-        with double_precision():
-            pending: list[tuple[int, Any]] = []
-            for first in range(0, count, LANES):
-                lanes = slice(first, first + LANES)
-                hidden = tuple(value[lanes] for value in fields["hidden"])
-                part = Windows(
-                    **{name: value[lanes] for name, value in fields.items() if name != "hidden"}, hidden=hidden
-                )
-                if self.imposed:
-                    kernel = imposed_kernel(self.family.effects, self.family.parameters, self.length, self.half, stride)
-                    left = kernel(self.nominal, vector[:, lanes], part, self.tables[which], self.motions[which])
-                    out = left, np.zeros((2, LANES))
-                else:
-                    out = self.kernel(self.nominal, vector[:, lanes], states[:, lanes], part, self.tables[which])
-                pending.append((first, out))
-                if len(pending) > 2:
-                    _store(result, ends, *pending.pop(0))
-            for item in pending:
-                _store(result, ends, *item)
+        count, stride = vector.shape[1], stride or self.stride
+        chunks = -(-count // LANES)
+        self.spent += chunks * LANES * self.length * COSTS[self.family.key[0]]
+        padded = np.minimum(np.arange(chunks * LANES), count - 1).reshape(chunks, LANES)
+        rows = np.moveaxis(as_rows(vector, states, windows)[:, padded], 1, 0).copy()
+        starts = windows["start"][padded]
+        result, ends = np.empty((self.channels, self.length // stride, count)), np.zeros((2, count))
+        kernel, threads = self._kernel(which, stride), min(cores(), chunks // CHUNKS) or 1
+
+        def part(number: int) -> None:
+            with double_precision():
+                for chunk in range(number, chunks, threads):
+                    _store(result, ends, chunk * LANES, kernel(rows[chunk], starts[chunk]))
+
+        on_threads(part, threads, first_alone=not self._compiled)  # or each would compile the same
+        self._compiled = True
         return result, ends
+
+    def _kernel(self, which: int, stride: int) -> Callable[[np.ndarray, np.ndarray], tuple[Any, Any]]:
+        fixed = self.fixed[which]
+        if not self.imposed:
+            return lambda rows, start: self.kernel(fixed, rows, start)
+        family, nothing = self.family, np.zeros((2, LANES))
+        kernel = imposed_kernel(family.effects, family.parameters, self.length, self.half, stride, self.structure)
+        return lambda rows, start: (kernel(fixed, rows, start), nothing)
 
 
 def _store(result: np.ndarray, ends: np.ndarray, first: int, out: Any) -> None:

@@ -275,7 +275,7 @@ class Fitter:
         for c, parts in zip(active, self.linearise(active, windows), strict=True):
             c.window_cost = [part[2] for part in parts]
             self._add_priors(c, used)
-            trials += [self._stepped(c, parts, used, c.damping * factor) for factor in DAMPINGS]
+            trials += self.steps(c, parts, used, c.damping * np.array(DAMPINGS))
         self._evaluate(trials, used)
         for index, c in enumerate(active):
             options = trials[index * len(DAMPINGS) : (index + 1) * len(DAMPINGS)]
@@ -290,11 +290,14 @@ class Fitter:
             c.damping = float(np.clip(best.damping, 1e-5, 1e4))
             c.converged = gain < 0.02 + 1e-6 * c.cost
 
-    def _stepped(self, c: Candidate, parts: list[tuple], used: list, damping: float) -> Candidate:
-        """The candidate after one damped Gauss-Newton step; the start states of each window are eliminated."""
+    def steps(self, c: Candidate, parts: list[tuple], used: list, dampings: np.ndarray) -> list[Candidate]:
+        """The candidate after one Gauss-Newton step for each damping; the start states of each window are eliminated.
+
+        Its own `normal` becomes that of the last damping.
+        """
         count = len(c.free)
-        matrix = np.diag((c.weight * c.scale) ** 2)
-        slope = c.weight**2 * (c.vector[c.free] - c.center) * c.scale
+        matrices = np.repeat(np.diag((c.weight * c.scale) ** 2)[None], len(dampings), 0)
+        slopes = np.repeat((c.weight**2 * (c.vector[c.free] - c.center) * c.scale)[None], len(dampings), 0)
         kept = []
         c.occam = 0.0
         for (which, chosen), (products, gradient, square) in zip(used, parts, strict=True):
@@ -310,24 +313,28 @@ class Fitter:
             index = np.arange(len(live))
             own[:, index, index] += 1.0
             c.occam += 0.5 * float(np.sum(np.linalg.slogdet(own)[1]))
-            own[:, index, index] *= 1.0 + damping
+            damped = np.repeat(own[None], len(dampings), 0)
+            damped[:, :, index, index] *= 1.0 + dampings[:, None, None]
             pull = gradient[:, count:] + (c.states[which][live][:, chosen] / deviation[live][:, None]).T
             cross = products[:, count:, :count]
-            solved = np.linalg.solve(own, np.concatenate([cross, pull[:, :, None]], 2))
-            across = cross.transpose(0, 2, 1)
-            matrix = matrix + np.sum(products[:, :count, :count] - across @ solved[:, :, :count], 0)
-            slope = slope + np.sum(gradient[:, :count] - (across @ solved[:, :, count:])[:, :, 0], 0)
+            solved = np.linalg.solve(damped, np.concatenate([cross, pull[:, :, None]], 2)[None])
+            across = cross.transpose(0, 2, 1) @ solved
+            matrices += np.sum(products[:, :count, :count] - across[..., :count], 1)
+            slopes += np.sum(gradient[:, :count] - across[..., count], 1)
             kept.append((which, chosen, live, solved, deviation))
-        c.normal = matrix
-        step = self._bounded(c, matrix, slope, damping) if count else np.zeros(0)
-        vector = c.vector.copy()
-        vector[c.free] = np.clip(vector[c.free] + step * c.scale, c.low, c.high)
-        step = (vector[c.free] - c.vector[c.free]) / c.scale
-        states = [value.copy() for value in c.states]
-        for which, chosen, live, solved, deviation in kept:
-            move = -solved[:, :, count] - solved[:, :, :count] @ step
-            states[which][np.ix_(live, chosen)] += (move * deviation[live]).T
-        return replace(c, vector=vector, states=states, damping=damping, occam=c.occam)
+        c.normal = matrices[-1]
+        stepped = []
+        for place, damping in enumerate(dampings):
+            step = self._bounded(c, matrices[place], slopes[place], damping) if count else np.zeros(0)
+            vector = c.vector.copy()
+            vector[c.free] = np.clip(vector[c.free] + step * c.scale, c.low, c.high)
+            step = (vector[c.free] - c.vector[c.free]) / c.scale
+            states = [value.copy() for value in c.states]
+            for which, chosen, live, solved, deviation in kept:
+                move = -solved[place, :, :, count] - solved[place, :, :, :count] @ step
+                states[which][np.ix_(live, chosen)] += (move * deviation[live]).T
+            stepped.append(replace(c, vector=vector, states=states, damping=float(damping)))
+        return stepped
 
     def _bounded(self, c: Candidate, matrix: np.ndarray, slope: np.ndarray, damping: float) -> np.ndarray:
         """Solve the damped normal equations; a parameter at its bound that wants out stays there."""

@@ -28,7 +28,20 @@ from .effect import Effect, Parameter
 from .machine import Machine, structure_of
 from .measure import NoiseFloor, lap_length, rms, rms_interval
 from .record import PAST, Record, band_weights
-from .replay import STATES, TAPS, WORST, Carry, Tables, Windows, advance, assembled, begin, output_of
+from .replay import (
+    STATES,
+    TAPS,
+    WORST,
+    Carry,
+    Tables,
+    Windows,
+    advance,
+    assembled,
+    begin,
+    from_rows,
+    lane_kernel,
+    output_of,
+)
 
 Values = np.ndarray
 SHORT_PAST = 32  # periods of the past where nothing is hidden
@@ -88,9 +101,14 @@ def torque_floor(record: Record, left: Values, inertia: float) -> NoiseFloor:
 
 @functools.lru_cache(maxsize=64)
 def imposed_kernel(
-    effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], samples: int, half: int, stride: int
-) -> Callable[[Machine, Array, Windows, Tables, Imposed], Array]:
-    """The compiled loop: (nominal, vector, windows, tables, motion) -> what is left, in standard deviations of the
+    effects: tuple[Effect, ...],
+    parameters: tuple[Parameter, ...],
+    samples: int,
+    half: int,
+    stride: int,
+    fixed: Any,
+) -> Callable[[list[Array], Array, Array], Array]:
+    """The compiled loop: (leaves, rows, start) -> what is left, in standard deviations of the
     encoder's noise, shape (1, samples / stride, lanes).
 
     Args:
@@ -99,18 +117,21 @@ def imposed_kernel(
         samples: length of a window.
         half: samples on either side of the local quadratics.
         stride: samples from one value to the next.
+        fixed: structure of (nominal machine, tables, motion), whose leaves come first.
     """
     weights = band_weights(half)
     reach = len(weights) // 2
-    rows = np.arange(0, samples - stride + 1, stride)[:, None] + stride // 2 + np.arange(-reach, reach + 1)
+    told = np.arange(0, samples - stride + 1, stride)[:, None] + stride // 2 + np.arange(-reach, reach + 1)
 
-    def run(nominal: Machine, vector: Array, windows: Windows, tables: Tables, motion: Imposed) -> Array:
+    def run(fixed: tuple[Machine, Tables, Imposed], rows: Array, start: Array) -> Array:
+        nominal, tables, motion = fixed
+        vector, _, windows = from_rows(rows, start, len(parameters))
         machine = assembled(nominal, effects, parameters, vector)
         structure = structure_of(machine)
         past = max(SHORT_PAST, reach + 2) if structure == "rigid" else PAST
         inertia = _seen_inertia(machine)
         first = windows.start - past
-        start = Windows(
+        earlier = Windows(
             start=first,
             time=windows.time - past * tables.dt,
             velocity=motion.speed[first],
@@ -124,21 +145,21 @@ def imposed_kernel(
             at = first + index
             measured = _with_motion(carry.plant, machine, motion.angle[at], motion.speed[at])
             carry = eqx.tree_at(lambda state: state.plant, carry, measured)
-            following, _ = advance(machine, carry, start, tables, index)
+            following, _ = advance(machine, carry, earlier, tables, index)
             rate, _ = machine.sensor.seen(output_of(following.plant))
             return following, inertia * (rate - motion.speed[at]) / tables.dt
 
         states = jnp.zeros((STATES[structure], vector.shape[1]))
         length = past + samples + reach + 1
-        carry = begin(machine, start, states, tables)
+        carry = begin(machine, earlier, states, tables)
         _, net = jax.lax.scan(step, carry, jnp.arange(length, dtype=jnp.int32))
         at = first[None, :] + jnp.arange(1, length, dtype=jnp.int32)[:, None]
         second = tables.position[at + 1] - 2.0 * tables.position[at] + tables.position[at - 1]
         left = 0.5 * (net[1:] + net[:-1]) - inertia[None] * second / tables.dt**2
-        smooth = jnp.einsum("j,ijl->il", jnp.asarray(weights), left[past - 1 + rows])
+        smooth = jnp.einsum("j,ijl->il", jnp.asarray(weights), left[past - 1 + told])
         return jnp.clip(smooth * motion.weight, -WORST, WORST)[None]
 
-    return jax.jit(run)
+    return lane_kernel(run, fixed)
 
 
 def _with_motion(state: Any, machine: Machine, angle: Array, speed: Array) -> Any:

@@ -23,7 +23,7 @@ from .family import Family
 from .machine import Machine, Structure
 from .precision import double_precision
 from .record import PAST, Record
-from .replay import LANES, SUBSTEPS, TAPS, Tables, assembled, command_at
+from .replay import LANES, SUBSTEPS, TAPS, Tables, assembled, command_at, lane_kernel
 
 
 class Observer:
@@ -31,9 +31,11 @@ class Observer:
 
     def __init__(self, family: Family, records: list[Record], tables: list[Any]):
         self.family, self.records, self.tables = family, records, tables
-        self.run = _kernel(family.key[0], family.effects, family.parameters)
         with double_precision():
-            self.nominal = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), family.machine)
+            nominal = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), family.machine)
+        self.fixed = [jax.tree.leaves((nominal, at)) for at in tables]
+        structure = jax.tree.structure((nominal, tables[0]))
+        self.run = _kernel(family.key[0], family.effects, family.parameters, structure)
 
     def centers(self, vectors: np.ndarray, which: int, windows: np.ndarray) -> np.ndarray:
         """Hidden states at the start of windows, shape (2, lanes).
@@ -53,12 +55,11 @@ class Observer:
             for first in range(0, count, LANES):
                 lanes = np.minimum(np.arange(first, first + LANES), count - 1)
                 out = self.run(
-                    self.nominal,
-                    jnp.asarray(vectors[:, lanes]),
-                    jnp.asarray(angle[:, lanes]),
-                    jnp.asarray(speed[:, lanes]),
-                    jnp.asarray(past[:, lanes].astype(np.int32)),
-                    self.tables[which],
+                    self.fixed[which],
+                    vectors[:, lanes],
+                    angle[:, lanes],
+                    speed[:, lanes],
+                    past[:, lanes].astype(np.int32),
                 )
                 last = min(first + LANES, count)
                 found[:, first:last] = np.stack([np.asarray(o) for o in out])[:, : last - first]
@@ -66,13 +67,16 @@ class Observer:
 
 
 @functools.lru_cache(maxsize=16)
-def _kernel(structure: Structure, effects: tuple[Effect, ...], parameters: tuple[Parameter, ...]) -> Callable:
+def _kernel(
+    structure: Structure, effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], fixed: Any
+) -> Callable[..., tuple[Array, Array]]:
     observe = _bristles if structure == "bristles" else _transmission
 
-    def run(nominal: Machine, vector: Array, angle: Array, speed: Array, past: Array, tables: Tables) -> Any:
+    def run(fixed: tuple[Machine, Tables], vector: Array, angle: Array, speed: Array, past: Array) -> Any:
+        nominal, tables = fixed
         return observe(assembled(nominal, effects, parameters, vector), angle, speed, past, tables)
 
-    return jax.jit(run)
+    return lane_kernel(run, fixed)
 
 
 def _bristles(machine: Machine, angle: Array, speed: Array, past: Array, tables: Any) -> tuple[Array, Array]:

@@ -10,11 +10,12 @@ the super-model were measured: 1.6 times slower than a lane for each change, and
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from ..actuators import ActuatorState
@@ -64,6 +65,8 @@ class Windows(eqx.Module):
         hidden: centre of the hidden states (share of the bristles; twist [rad] and relative speed [rad/s]), two of
             them.
         integrated: 1 where the position is the integral of the velocity reading, 0 where it is measured.
+
+    Lanes reach a kernel as one array of rows: an argument costs as much as a hundred lane-steps.
     """
 
     start: Array
@@ -73,6 +76,45 @@ class Windows(eqx.Module):
     position: Array
     hidden: tuple[Array, Array]
     integrated: Array
+
+    ROWS: ClassVar[tuple[str, ...]] = ("time", "velocity", "slope", "position", "integrated")
+
+
+def as_rows(vector: np.ndarray, states: np.ndarray, fields: dict[str, Any]) -> np.ndarray:
+    """Everything of the lanes but their `start`, shape (rows, lanes).
+
+    Args:
+        vector: (parameters, lanes).
+        states: (states, lanes).
+        fields: of `Windows`, each of shape (lanes,), but `hidden` of (2, lanes).
+    """
+    return np.concatenate([vector, states, fields["hidden"], *(fields[name][None] for name in Windows.ROWS)])
+
+
+def from_rows(rows: Array, start: Array, parameters: int) -> tuple[Array, Array, Windows]:
+    """(vector, states, windows) of `as_rows`."""
+    last = rows.shape[0] - len(Windows.ROWS)
+    windows = Windows(
+        start=start, hidden=(rows[last - 2], rows[last - 1]), **dict(zip(Windows.ROWS, rows[last:], strict=True))
+    )
+    return rows[:parameters], rows[parameters : last - 2], windows
+
+
+def lane_kernel(run: Callable[..., Any], fixed: Any) -> Callable[..., Any]:
+    """`run(fixed, *lanes)`, compiled for `LANES` lanes at once.
+
+    Args:
+        run: a function of what stays from call to call, a pytree, and of the lanes.
+        fixed: the structure of what stays. It is passed as its leaves: taking blocks apart takes as long as a window.
+
+    A step has so much to compute that one kernel (`fpjax.native`) is no faster here; wide vectors are, by a fifth.
+    """
+
+    def flat(leaves: list[Array], *lanes: Array) -> Any:
+        return run(jax.tree.unflatten(fixed, leaves), *lanes)
+
+    options = {"xla_cpu_prefer_vector_width": "512"} if jax.default_backend() == "cpu" else None
+    return jax.jit(flat, compiler_options=options)
 
 
 def assembled(
@@ -199,10 +241,10 @@ def residual_kernel(
     parameters: tuple[Parameter, ...],
     samples: int,
     channels: tuple[bool, bool],
-    fine: bool = False,
-) -> Callable[[Machine, Array, Array, Windows, Tables], tuple[Array, Array]]:
-    """The compiled loop: (nominal, vector, states, windows, tables) -> residuals; the same one for every log and
-    model alike.
+    fine: bool,
+    fixed: Any,
+) -> Callable[[list[Array], Array, Array], tuple[Array, Array]]:
+    """The compiled loop: (leaves, rows, start) -> residuals; the same one for every log and model alike.
 
     Args:
         effects: all effects of the super-model.
@@ -210,15 +252,17 @@ def residual_kernel(
         samples: length of a window.
         channels: whether (velocity, position) is in the log.
         fine: with shorter steps.
+        fixed: structure of (nominal machine, tables).
 
     Returns:
-        A function of: the nominal machine; vector (parameters, LANES); states (states, LANES); windows; tables. It
-        gives what was
-        predicted less what was read, in standard deviations, shape (channels, samples, LANES): velocity, then position;
-        and the hidden states after the last sample, shape (2, LANES).
+        A function of the leaves of (nominal machine, tables) and the lanes as `as_rows` has them, with their `start`.
+        It gives what was predicted less what was read, in standard deviations, shape (channels, samples, LANES):
+        velocity, then position; and the hidden states after the last sample, shape (2, LANES).
     """
 
-    def run(nominal: Machine, vector: Array, states: Array, windows: Windows, tables: Tables) -> tuple[Array, Array]:
+    def run(fixed: tuple[Machine, Tables], rows: Array, start: Array) -> tuple[Array, Array]:
+        nominal, tables = fixed
+        vector, states, windows = from_rows(rows, start, len(parameters))
         machine = assembled(nominal, effects, parameters, vector)
 
         def step(carry: Carry, index: Array) -> tuple[Carry, tuple[Array, ...]]:
@@ -226,11 +270,11 @@ def residual_kernel(
             both = residuals(predicted, machine, windows, tables, index)
             return following, tuple(r for r, there in zip(both, channels, strict=True) if there)
 
-        start = begin(machine, windows, states, tables)
-        last, found = jax.lax.scan(step, start, jnp.arange(samples, dtype=jnp.int32))
+        carry = begin(machine, windows, states, tables)
+        last, found = jax.lax.scan(step, carry, jnp.arange(samples, dtype=jnp.int32))
         return jnp.stack(found), hidden_of(last.plant)
 
-    return jax.jit(run)
+    return lane_kernel(run, fixed)
 
 
 def hidden_of(state: Any) -> Array:
