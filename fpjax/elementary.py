@@ -3,7 +3,8 @@
 XLA on the CPU calls the C library for each of these numbers in double precision: 7 to 17 ns a sine, 1 ns a tanh.
 In a step that turns with a position (cogging, unbalance, friction that depends on it) or raises to a power (Stribeck,
 Dahl) these calls were most of its time. Here they are written out, reduced to a short interval and a polynomial there:
-1 ns each, sine and cosine together no more.
+1 ns each in a chunk, sine and cosine together no more. (One logarithm alone takes longer than the library's, which has
+a table: 25 ns for 13. A choice by size needs a `custom_vmap`, which older jax cannot differentiate twice.)
 """
 
 import functools
@@ -42,25 +43,23 @@ _COSINE = {
     ),
     4: (0.04166665455984066, -0.0013887648100847669, 2.4462980904815093e-05),
 }
-# log (1 + s) / (1 - s) = 2 s + s^3 L(s^2) to 2e-18 and 8e-12, |s| < (sqrt 2 - 1) / (sqrt 2 + 1).
-_LOGARITHM = {
-    8: (
-        0.666666666666671,
-        0.39999999999519825,
-        0.28571428729283865,
-        0.2222219909099006,
-        0.18183571536081145,
-        0.15313164506147384,
-        0.14810518676078507,
-    ),
-    4: (0.6666666575753646, 0.4000033891656366, 0.2853605218596241, 0.23617415398120173),
-}
+# log (1 + s) / (1 - s) = 2 s + s^3 L(s^2) to 2e-18, |s| < (sqrt 2 - 1) / (sqrt 2 + 1).
+_LOGARITHM = (
+    0.666666666666671,
+    0.39999999999519825,
+    0.28571428729283865,
+    0.2222219909099006,
+    0.18183571536081145,
+    0.15313164506147384,
+    0.14810518676078507,
+)
 # pi / 2 and log 2 in parts: the first ones so short that small whole multiples of them are exact.
 _QUARTER = {
     8: (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21),
     4: (1.5703125, 0.0004837512969970703, 7.549533620476723e-08, 2.563344151594519e-12),
 }
-_LOG_2 = {8: (0.6931471803691238, 1.9082149292705877e-10), 4: (0.693145751953125, 1.4286068203094173e-06)}
+_LOG_2 = (0.6931471803691238, 1.9082149292705877e-10)
+_ROOT = 0x3FE6A09E667F3BCD  # the bits of sqrt(1/2)
 
 NAME = "fpjax_elementary"  # under which reverse mode finds what is dear to recompute (see `native`)
 
@@ -89,7 +88,7 @@ def cos(x: Any) -> Array:
 
 
 def log(x: Any) -> Array:
-    """Natural logarithm, float32 or float64 (any other dtype by `jnp.log`), in every mode of differentiation.
+    """Natural logarithm, float64 (any other dtype by `jnp.log`), in every mode of differentiation.
 
     Off by less than a unit in the last place; -inf at 0 and where x is subnormal, not a number below.
 
@@ -97,7 +96,7 @@ def log(x: Any) -> Array:
         x: an array.
     """
     x = jnp.asarray(x)
-    return _log(x) if _written_out(x) else jnp.log(x)
+    return _log(x) if x.dtype == np.float64 and _written_out(x) else jnp.log(x)
 
 
 def polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
@@ -148,21 +147,19 @@ def _turned(primals: tuple[Array], tangents: tuple[Array]) -> tuple[tuple[Array,
 @jax.custom_jvp
 @functools.partial(jax.jit, inline=True)
 def _log(x: Array) -> Array:
-    width = x.dtype.itemsize
-    bits, digits = (np.int64, 52) if width == 8 else (np.int32, 23)
     # x = m 2^e with m from sqrt(1/2) to sqrt(2): the bits of the exponent, counted from those of sqrt(1/2).
-    pattern = lax.bitcast_convert_type(x, bits)
-    root = int(np.asarray(np.sqrt(0.5), x.dtype).view(bits))
-    exponent = (pattern - root) >> digits
-    m = lax.bitcast_convert_type(pattern - (exponent << digits), x.dtype)
-    e = exponent.astype(x.dtype)
-    f = m - 1.0
+    pattern = lax.bitcast_convert_type(x, np.int64)
+    exponent = (pattern - _ROOT) >> 52
+    f = lax.bitcast_convert_type(pattern - (exponent << 52), np.float64) - 1.0
+    e = exponent.astype(np.float64)
     s = f / (2.0 + f)
     square = s * s
+    fourth = square * square
+    # Two chains, which a single number need not wait for one after the other.
+    series = square * polynomial(_LOGARITHM[::2], fourth) + fourth * polynomial(_LOGARITHM[1::2], fourth)
     half = 0.5 * f * f
-    high, low = _LOG_2[width]
-    value = e * high - ((half - (s * (half + square * polynomial(_LOGARITHM[width], square)) + e * low)) - f)
-    value = jnp.where(x < float(np.finfo(x.dtype).tiny), jnp.where(x < 0.0, np.nan, -np.inf), value)
+    value = e * _LOG_2[0] - ((half - (s * (half + series) + e * _LOG_2[1])) - f)
+    value = jnp.where(x < float(np.finfo(np.float64).tiny), jnp.where(x < 0.0, np.nan, -np.inf), value)
     return jnp.where(x < np.inf, value, x)  # infinity, and what is not a number, as they are
 
 

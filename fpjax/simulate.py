@@ -1,7 +1,7 @@
 """THE scan: every simulation of a closed loop, by whomever it is asked for, runs through `roll`."""
 
 from enum import IntEnum
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -99,8 +99,10 @@ def make_stepper(
     return Stepper(as_parameter(dt), samples, get_solver(solver), stepping, substeps, checkpoint)
 
 
-class Inputs(eqx.Module):
+class Inputs(NamedTuple):
     """What a run is driven by, as tables built once outside the scan.
+
+    A named tuple, which jax takes apart without any Python: a call of one candidate would notice.
 
     Attributes:
         time: start of each sample [s], shape (samples,).

@@ -43,7 +43,7 @@ def test_far_away_sine_and_cosine_err_by_what_the_angle_is_rounded(dtype):
         assert np.all(np.isnan(np.asarray(sincos(np.asarray(x, dtype)))))
 
 
-@pytest.mark.parametrize("dtype", FLOATS)
+@pytest.mark.parametrize("dtype", [np.float64])
 def test_logarithm_within_a_unit(dtype):
     limits = np.finfo(dtype)
     wide = np.exp(RNG.uniform(np.log(float(limits.tiny)), np.log(float(limits.max)), 100_000))

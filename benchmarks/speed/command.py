@@ -10,7 +10,7 @@ from typing import Any
 
 from fpjax.errors import InputError
 
-PARTS = ("values", "flat", "gradients", "growth", "scaling", "memory", "first_call")
+PARTS = ("values", "flat", "gradients", "growth", "scaling", "memory", "functions", "first_call")
 SIZES = (1, 5, 64, 1024, 16384, 131072)
 FLAT = (1024, 16384, 131072, 1_000_000)
 
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     jax.config.update("jax_enable_x64", True)
     import numpy as np
 
-    from . import goals, measure, picture, processes, timing
+    from . import functions, goals, measure, picture, processes, timing
     from .report import rows_table
 
     started = time.time()
@@ -61,6 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
         "growth": {"horizon": [], "gains": []},
         "scaling": [],
         "memory": [],
+        "functions": [],
         "skipped": bench.skipped,
         "calls": [],
     }
@@ -75,6 +76,8 @@ def run(arguments: argparse.Namespace) -> int:
                 results["calls"].append(bench.call_row(dtype, size))
             if "flat" in only:
                 results["flat"] += bench.flat(dtype, (64, 128) if arguments.quick else FLAT)
+            for size in (1, 5, 64) if "functions" in only else ():
+                results["functions"] += functions.function_rows(dtype, size, steps, repeats)
             small = [size for size in sizes if size <= (1024 if dtype is np.float64 else 64)]
             for size in small if "gradients" in only else ():
                 for gains in (2,) if arguments.quick else (2, 5, 10):

@@ -40,6 +40,11 @@ def rows_table(results: dict[str, Any]) -> str:
         lines += ["", "memory that one value adds to a fresh process, its inputs and the compiler included [MB]"]
     for row in results["memory"]:
         lines.append(f"{row['dtype']} B={row['candidates']:<8} {row['implementation']:16} {row['megabytes']:8.1f}")
+    if results["functions"]:
+        lines += ["", "a function within a loop, one core [ns an evaluation]: fpjax, XLA"]
+    for row in results["functions"]:
+        name = f"{row['dtype']} B={row['candidates']:<3} {row['function']:10}"
+        lines.append(f"{name} {row['ns']:7.2f} {row['ns_of_xla']:7.2f}")
     lines += ["", "first call of a fresh process [s]"]
     lines += [f"{name:24} {spent:.2f}" for name, spent in results["first_call"].items()]
     lines += ["", *(f"skipped {skip['implementation']}: {skip['why']}" for skip in results["skipped"])]

@@ -1,0 +1,61 @@
+"""The functions that are written out against XLA's own: the same loop with either, interleaved."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from fpjax import elementary, hyperbolic
+from fpjax.batch import VECTORIZED_FROM
+from fpjax.native import native
+
+from . import timing
+
+# (ours, XLA's), of a state between -1 and 1: an angle of some turns, a positive number.
+PAIRS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
+    "tanh": (lambda x: hyperbolic.tanh(5.0 * x), lambda x: jnp.tanh(5.0 * x)),
+    "sin": (lambda x: elementary.sin(50.0 * x), lambda x: jnp.sin(50.0 * x)),
+    "sin + cos": (lambda x: sum(elementary.sincos(50.0 * x)), lambda x: jnp.sin(50.0 * x) + jnp.cos(50.0 * x)),
+    "log": (lambda x: elementary.log(x + 2.0), lambda x: jnp.log(x + 2.0)),
+}
+
+
+def function_rows(dtype: Any, size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
+    """One row a function: nanoseconds an evaluation takes beyond the loop around it, ours and XLA's.
+
+    Args:
+        dtype: float64 or float32.
+        size: states side by side.
+        steps: of the loop.
+        repeats: samples at least.
+    """
+    start = jnp.asarray(np.linspace(-1.0, 1.0, size), dtype)
+
+    def loop(function: Callable[[Any], Any]) -> Callable[[], Any]:
+        def run(start: Any) -> Any:
+            # What the start adds keeps the states apart.
+            step = lambda x, _: (0.5 * x + 0.2 * function(x) + 0.1 * start, None)  # noqa: E731
+            return jax.lax.scan(step, start, None, length=steps)[0]
+
+        options = {"xla_cpu_prefer_vector_width": "512"} if size >= VECTORIZED_FROM else None
+        compiled = jax.jit(native(run), compiler_options=options)
+        return lambda: compiled(start)
+
+    calls = {"empty": loop(lambda x: x)}
+    for name, (mine, theirs) in PAIRS.items():
+        calls |= {f"{name}, fpjax": loop(mine), f"{name}, XLA": loop(theirs)}
+    times = timing.interleaved(calls, repeats)
+    spent = {name: found.processor_seconds for name, found in times.items()}
+    each = {name: (seconds - spent["empty"]) / (steps * size) * 1e9 for name, seconds in spent.items()}
+    return [
+        {
+            "function": name,
+            "dtype": np.dtype(dtype).name,
+            "candidates": size,
+            "ns": each[f"{name}, fpjax"],
+            "ns_of_xla": each[f"{name}, XLA"],
+        }
+        for name in PAIRS
+    ]
