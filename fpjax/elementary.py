@@ -1,13 +1,14 @@
 """Sine, cosine and logarithm, as the loops of many simulations need them: arithmetic that fills a vector.
 
-XLA on the CPU calls the C library for each of these numbers in double precision: 7 to 17 ns a sine, 1 ns a tanh.
-In a step that turns with a position (cogging, unbalance, friction that depends on it) or raises to a power (Stribeck,
-Dahl) these calls were most of its time. Here they are written out, reduced to a short interval and a polynomial there:
-1 ns each in a chunk, sine and cosine together no more. (One logarithm alone takes longer than the library's, which has
-a table: 25 ns for 13. A choice by size needs a `custom_vmap`, which older jax cannot differentiate twice.)
+XLA on the CPU calls the C library for each of these numbers in double precision, and for a sine in single precision:
+7 to 17 ns a sine, 1 ns a tanh. In a step that turns with a position (cogging, unbalance, friction that depends on it)
+or raises to a power (Stribeck, Dahl) these calls were most of its time. Here they are written out, reduced to a short
+interval and a polynomial there: 1 ns each in a chunk, sine and cosine together no more. A few numbers would wait for
+every operation of a polynomial, and are left to XLA where it is faster; how many there are is known when a function is
+lowered, so each is a primitive. On other devices it is XLA's.
 """
 
-import functools
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -15,6 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.ad_checkpoint import checkpoint_name
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array
 
 from .persistent import is_persistent
@@ -67,14 +70,17 @@ NAME = "fpjax_elementary"  # under which reverse mode finds what is dear to reco
 def sincos(x: Any) -> tuple[Array, Array]:
     """(sin x, cos x), float32 or float64 (any other dtype by `jnp`), in every mode of differentiation.
 
-    Off by less than 2.5 units in the last place where |x| < 1e6 (1e4 in float32); beyond, by what the last place of x
-    is worth.
+    Off by less than 2.5 units in the last place where |x| < 1e6 (1e4 in float32), by 3.5 next to a zero; beyond, by
+    what the last place of x is worth.
 
     Args:
         x: an array [rad].
     """
     x = jnp.asarray(x)
-    return _sincos(x) if _written_out(x) else (jnp.sin(x), jnp.cos(x))
+    if not _written_out(x):
+        return jnp.sin(x), jnp.cos(x)
+    s, c = _sincos(x)
+    return s, c
 
 
 def sin(x: Any) -> Array:
@@ -96,11 +102,11 @@ def log(x: Any) -> Array:
         x: an array.
     """
     x = jnp.asarray(x)
-    return _log(x) if x.dtype == np.float64 and _written_out(x) else jnp.log(x)
+    return _log(x)[0] if x.dtype == np.float64 and _written_out(x) else jnp.log(x)
 
 
 def polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
-    """By Horner's rule, lowest power first."""
+    """sum_i coefficients[i] x^i by Horner's rule, two coefficients at least; x and the result of any shape."""
     value = x * coefficients[-1] + coefficients[-2]
     for coefficient in coefficients[-3::-1]:
         value = value * x + coefficient
@@ -115,12 +121,57 @@ def kept(value: Array) -> Array:
 
 
 def _written_out(x: Array) -> bool:
-    return x.dtype in (np.float32, np.float64) and not is_persistent()
+    # Without x64 jax turns the constants of a float64 program into float32.
+    wide = x.dtype == np.float64 and jax.config.jax_enable_x64  # pyright: ignore[reportAttributeAccessIssue]
+    return (wide or x.dtype == np.float32) and not is_persistent()
 
 
-@jax.custom_jvp
-@functools.partial(jax.jit, inline=True)  # outside of any jit one program, not one an operation
-def _sincos(x: Array) -> tuple[Array, Array]:
+def _primitive(
+    name: str,
+    plain: Callable[[Array], list[Array]],
+    written_out: Callable[[Array], list[Array]],
+    slopes: Callable[[Array, list[Array], Array], list[Array]],
+    least: dict[int, int],
+) -> Callable[[Array], list[Array]]:
+    """An elementwise function of one array, a list of results, that is written out on a CPU for enough numbers.
+
+    Args:
+        name: of the primitive.
+        plain: XLA's own.
+        written_out: ours.
+        slopes: (x, the results, a tangent of x) -> tangents of the results.
+        least: by the bytes of a float, how many numbers are enough.
+    """
+
+    def lowered_for_cpu(ctx: Any, value: Any) -> Any:
+        aval = ctx.avals_in[0]
+        function = written_out if aval.size >= least[aval.dtype.itemsize] else plain
+        return mlir.lower_fun(function, multiple_results=True)(ctx, value)
+
+    def derived(primals: Any, tangents: Any) -> tuple[list[Array], list[Array]]:
+        (x,), along = primals, ad.instantiate_zeros(tangents[0])
+        values = [kept(value) for value in made.bind(x)]
+        return values, slopes(x, values, along)
+
+    def batched(values: Any, dims: Any) -> tuple[list[Array], list[int]]:
+        results = made.bind(*values)
+        return results, [dims[0]] * len(results)
+
+    def shapes(aval: Any) -> list[Any]:
+        return [aval] * len(jax.eval_shape(plain, jax.ShapeDtypeStruct((), aval.dtype)))
+
+    made = Primitive(name)
+    made.multiple_results = True
+    made.def_impl(jax.jit(lambda x: made.bind(x)))
+    made.def_abstract_eval(shapes)
+    batching.primitive_batchers[made] = batched
+    ad.primitive_jvps[made] = derived
+    mlir.register_lowering(made, mlir.lower_fun(plain, multiple_results=True))
+    mlir.register_lowering(made, lowered_for_cpu, platform="cpu")
+    return made.bind
+
+
+def _sine_and_cosine(x: Array) -> list[Array]:
     width = x.dtype.itemsize
     quarters = jnp.floor(x * (2.0 / np.pi) + 0.5)
     r = x
@@ -133,20 +184,10 @@ def _sincos(x: Array) -> tuple[Array, Array]:
     turn = quarters - 4.0 * jnp.floor(0.25 * quarters)
     odd = (turn == 1.0) | (turn == 3.0)
     up, right = jnp.where(odd, cosine, sine), jnp.where(odd, sine, cosine)
-    return jnp.where(turn >= 2.0, -up, up), jnp.where((turn == 1.0) | (turn == 2.0), -right, right)
+    return [jnp.where(turn >= 2.0, -up, up), jnp.where((turn == 1.0) | (turn == 2.0), -right, right)]
 
 
-@_sincos.defjvp
-def _turned(primals: tuple[Array], tangents: tuple[Array]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    s, c = _sincos(*primals)
-    s, c = kept(s), kept(c)
-    (along,) = tangents
-    return (s, c), (along * c, -along * s)
-
-
-@jax.custom_jvp
-@functools.partial(jax.jit, inline=True)
-def _log(x: Array) -> Array:
+def _logarithm(x: Array) -> list[Array]:
     # x = m 2^e with m from sqrt(1/2) to sqrt(2): the bits of the exponent, counted from those of sqrt(1/2).
     pattern = lax.bitcast_convert_type(x, np.int64)
     exponent = (pattern - _ROOT) >> 52
@@ -155,15 +196,20 @@ def _log(x: Array) -> Array:
     s = f / (2.0 + f)
     square = s * s
     fourth = square * square
-    # Two chains, which a single number need not wait for one after the other.
+    # Two chains, so that one need not wait for the other.
     series = square * polynomial(_LOGARITHM[::2], fourth) + fourth * polynomial(_LOGARITHM[1::2], fourth)
     half = 0.5 * f * f
     value = e * _LOG_2[0] - ((half - (s * (half + series) + e * _LOG_2[1])) - f)
     value = jnp.where(x < float(np.finfo(np.float64).tiny), jnp.where(x < 0.0, np.nan, -np.inf), value)
-    return jnp.where(x < np.inf, value, x)  # infinity, and what is not a number, as they are
+    return [jnp.where(x < np.inf, value, x)]  # infinity, and what is not a number, as they are
 
 
-@_log.defjvp
-def _inverse(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    (x,), (along,) = primals, tangents
-    return kept(_log(x)), along / x
+# From how many numbers on ours was the faster one (`python -m benchmarks speed --only functions`).
+_sincos = _primitive(
+    "fpjax_sincos",
+    lambda x: [jnp.sin(x), jnp.cos(x)],
+    _sine_and_cosine,
+    lambda x, values, along: [along * values[1], -along * values[0]],
+    {8: 1, 4: 8},
+)
+_log = _primitive("fpjax_log", lambda x: [jnp.log(x)], _logarithm, lambda x, values, along: [along / x], {8: 8})

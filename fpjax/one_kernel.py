@@ -36,7 +36,7 @@ reduce_or reduce_prod reduce_sum reduce_xor reduce dot_general mul_add
 """
 _CONTROL = """
 pjit jit closed_call core_call remat remat2 checkpoint custom_jvp_call custom_vjp_call custom_vjp_call_jaxpr custom_lin
-scan while cond optimization_barrier fpjax_one_kernel
+scan while cond optimization_barrier fpjax_one_kernel fpjax_sincos fpjax_log
 """
 _ALLOWED = frozenset((_ELEMENTWISE + _STRUCTURE + _CONTROL).split())
 
@@ -123,7 +123,7 @@ def _operations(jaxpr: Any) -> tuple[float, float]:
 
 
 # Operations that XLA expands into many; all others count once.
-_EXPANDED = "acosh asinh atan2 atanh digamma erf erf_inv erfc lgamma nextafter pow rem sinh cosh"
+_EXPANDED = "acosh asinh atan2 atanh digamma erf erf_inv erfc fpjax_log fpjax_sincos lgamma nextafter pow rem sinh cosh"
 _COSTS = dict.fromkeys(_EXPANDED.split(), 40)
 
 

@@ -41,7 +41,7 @@ def on_threads(part: Callable[[int], R], count: int, *, first_alone: bool = Fals
         return results + [part(number) for number in left]
     running: list[concurrent.futures.Future[R]] = []
     try:
-        pool = _pool(count - 1)
+        pool = _pool()
         running += [pool.submit(contextvars.copy_context().run, part, number) for number in left[here:]]
         results += [part(number) for number in left[:here]]
         return results + [other.result() for other in running]
@@ -67,10 +67,10 @@ def under(values: tuple[Any, ...]) -> Iterator[None]:
         yield
 
 
-@functools.lru_cache(maxsize=4)
-def _pool(threads: int) -> concurrent.futures.ThreadPoolExecutor:
-    """Threads that stay: to start them takes as long as a thousand candidates."""
-    return concurrent.futures.ThreadPoolExecutor(threads, "fpjax")
+@functools.lru_cache(maxsize=1)
+def _pool() -> concurrent.futures.ThreadPoolExecutor:
+    """Threads that stay, started as they are needed: to start one takes as long as a thousand candidates."""
+    return concurrent.futures.ThreadPoolExecutor(max(1, (os.cpu_count() or 2) - 1), "fpjax")
 
 
 def _forked() -> None:

@@ -10,9 +10,11 @@ from gap_machine import Machine, record
 from fpjax.gap import EFFECTS, diagnose
 from fpjax.gap.assemble import machine_of, residual_trace
 from fpjax.gap.attribute import Search
+from fpjax.gap.corners import corner_torque
 from fpjax.gap.family import Nominal
 from fpjax.gap.fit import make_candidate
 from fpjax.gap.imposed import noise_torque, torque_floor
+from fpjax.gap.judging import too_quiet, weigh
 from fpjax.gap.measure import rms
 from fpjax.gap.record import (
     PAST,
@@ -209,6 +211,36 @@ def test_a_cause_is_found_from_positions_alone():
     assert answer.gap.unit == "N m"
     assert answer.ranking[0].effect == "quadratic_drag"
     assert answer.ranking[0].parameters["coefficient"].value == pytest.approx(0.01, rel=0.01)
+
+
+def test_corners_are_what_a_perfect_model_leaves():
+    """Of a log without a gap: the model that made it leaves no more than one that is made along its motion."""
+    search = search_of(position_log())
+    left = residual_trace(search, finished(search), 0)
+    corners = corner_torque(search)
+    assert corners > 1.02 * noise_torque(search.records[0], 0.05)  # friction reverses here ten times
+    assert rms(left[np.isfinite(left)]) == pytest.approx(corners, rel=0.2)
+    assert search.corners == corners
+
+
+def test_a_model_that_leaves_less_than_a_perfect_one_is_not_believed():
+    """A small mass beside the encoder passes on less of its noise, whatever the machine is."""
+    search = search_of(position_log())
+    exact = finished(search)
+    assert not too_quiet(search, exact)
+    bought = dataclasses.replace(exact, train=0.3 * exact.train, withheld=0.3 * exact.withheld)
+    assert too_quiet(search, bought)
+    weigh(search, [exact, bought])
+    assert exact.evidence > bought.evidence == -np.inf
+
+
+@pytest.mark.parametrize(("extra", "causes"), [(0.0, ()), (0.1, ("constant_torque",))])
+def test_no_compliance_is_named_beside_what_is_there(extra, causes):
+    tried = {"compliance", "constant_torque", "inertia_error"}
+    effects = tuple(effect for effect in EFFECTS if effect.name in tried)
+    answer = diagnose(position_log(lambda *at: extra, seconds=10.0), MODEL, effects=effects)
+    assert answer.causes == causes
+    assert answer.verdict == ("explained" if causes else "no_gap")
 
 
 @pytest.mark.slow

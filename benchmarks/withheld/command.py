@@ -2,6 +2,7 @@
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from fpjax.errors import InputError
 
@@ -21,7 +22,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limit", type=int, help="only so many cases, spread over the sets")
     parser.add_argument("--truth-only", action="store_true", help="write the logs, no diagnosis")
     parser.add_argument("--score-only", action="store_true", help="score what is there already")
+    parser.add_argument(
+        "--encoder-only",
+        action="store_true",
+        help="logs with a position only, without their velocity column, and effects that are not of the rate sensor",
+    )
     parser.add_argument("--real", type=Path, metavar="DIR", help="the EMPS logs' folder: check these")
+
+
+def on_rate_sensor(label: dict[str, Any]) -> bool:
+    """Whether an effect of the case is one of a sensor that an encoder-only log has not."""
+    return any(name.startswith("velocity_") for name in label["effects"])
 
 
 def chosen(text: str, known: tuple[str, ...], option: str) -> tuple[str, ...]:
@@ -61,7 +72,12 @@ def run(args: argparse.Namespace) -> int:
         return 0
     from .judge import diagnose_all, score_all
 
+    labels = read_labels(args.out, wanted)
+    if args.encoder_only:
+        labels = [label for label in labels if label["with_position"] and not on_rate_sensor(label)]
+        kept = {label["case"] for label in labels}
+        wanted = [one for one in wanted if one.name in kept]
     if not args.score_only:
-        diagnose_all(args.out, wanted)
-    score_all(args.out, read_labels(args.out, wanted), vars(args))
+        diagnose_all(args.out, wanted, args.encoder_only)
+    score_all(args.out, labels, vars(args))
     return 0

@@ -1,5 +1,6 @@
 """Runs the diagnosis on each case, keeps what it said, and scores it."""
 
+import dataclasses
 import json
 import sys
 import time
@@ -15,21 +16,23 @@ from .score import CaseScore, score_case
 from .summary import summarise
 
 
-def result_folder(folder: Path, case: str) -> Path:
+def result_folder(folder: Path, case: str, encoder_only: bool = False) -> Path:
     """Where a case's diagnosis is kept."""
-    return folder / "results" / case
+    return folder / ("results_encoder_only" if encoder_only else "results") / case
 
 
-def diagnose_all(folder: Path, wanted: list[Identity]) -> None:
+def diagnose_all(folder: Path, wanted: list[Identity], encoder_only: bool = False) -> None:
     """Diagnose the cases that have no `diagnosis.json` yet; a failed one is tried again."""
+    from fpjax import read_log
     from fpjax.gap import diagnose
 
-    missing = [one for one in wanted if not (result_folder(folder, one.name) / "diagnosis.json").exists()]
+    places = {one.name: result_folder(folder, one.name, encoder_only) for one in wanted}
+    missing = [one for one in wanted if not (places[one.name] / "diagnosis.json").exists()]
     progress = Progress("diagnosis")
     warm: set[bool] = set()
     for number, identity in enumerate(missing):
         log = folder / "logs" / identity.name
-        place = result_folder(folder, identity.name)
+        place = places[identity.name]
         place.mkdir(parents=True, exist_ok=True)
         # the first log with and the first without a position compile: their times are kept apart
         kind = "position" in (log / "log.csv").open().readline()
@@ -37,7 +40,10 @@ def diagnose_all(folder: Path, wanted: list[Identity]) -> None:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                answer = diagnose(log / "log.csv", model=log / "servo.toml").to_dict()
+                read: Any = log / "log.csv"
+                if encoder_only:
+                    read = dataclasses.replace(read_log(read), velocity=None)
+                answer = diagnose(read, model=log / "servo.toml").to_dict()
         except Exception:
             # one log that breaks the tool is a miss to be counted, not the end of the benchmark
             (place / "error.txt").write_text(traceback.format_exc())
@@ -56,11 +62,11 @@ def diagnose_all(folder: Path, wanted: list[Identity]) -> None:
     progress.end(f"{len(missing)} logs diagnosed, {len(wanted) - len(missing)} reused")
 
 
-def read_scores(folder: Path, labels: list[dict[str, Any]]) -> list[CaseScore]:
+def read_scores(folder: Path, labels: list[dict[str, Any]], encoder_only: bool = False) -> list[CaseScore]:
     """Score every case from what is on disk; a case without an answer has failed."""
     scores = []
     for label in labels:
-        place = result_folder(folder, label["case"])
+        place = result_folder(folder, label["case"], encoder_only)
         diagnosis, run = None, {}
         if (place / "diagnosis.json").exists():
             diagnosis = json.loads((place / "diagnosis.json").read_text())
@@ -86,7 +92,8 @@ def versions() -> dict[str, str]:
 
 def score_all(folder: Path, labels: list[dict[str, Any]], arguments: dict[str, Any]) -> None:
     """Print the tables, write `withheld.json` and the pictures."""
-    scores = read_scores(folder, labels)
+    encoder_only = bool(arguments.get("encoder_only"))
+    scores = read_scores(folder, labels, encoder_only)
     summary = summarise(scores)
     summary["provenance"] = {
         "arguments": {name: str(value) for name, value in arguments.items()},
@@ -94,6 +101,7 @@ def score_all(folder: Path, labels: list[dict[str, Any]], arguments: dict[str, A
         "truth_version": sorted({label["version"] for label in labels}),
         "versions": versions(),
     }
+    folder = folder / "encoder_only" if encoder_only else folder
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "withheld.json").write_text(json.dumps(summary, indent=1) + "\n")
     print_report(summary)

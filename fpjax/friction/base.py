@@ -71,7 +71,7 @@ def direction(velocity: Array, steepness: Array | None) -> Array:
 def log_cosh(x: Array) -> Array:
     """ln cosh(x) without overflow; the smooth form of |x| (2.30)."""
     magnitude = jnp.abs(x)
-    return magnitude + jnp.log1p(jnp.exp(-2.0 * magnitude)) - 0.6931471805599453
+    return magnitude + log(1.0 + jnp.exp(-2.0 * magnitude)) - 0.6931471805599453
 
 
 def safe_power(base: Array, exponent: Array) -> Array:

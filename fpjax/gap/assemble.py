@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .attribute import Fitted, Search
+from .corners import corner_torque
 from .diagnosis import Comparison, Estimate, Identifiability
 from .effect import Effect
 from .family import Family
@@ -204,5 +205,7 @@ def commanded(record: Record) -> np.ndarray:
 
 
 def torque_floor_of(search: Search, fitted: Fitted) -> NoiseFloor:
-    """What a perfect model would leave of the torque in the first log."""
-    return torque_floor(search.records[0], residual_trace(search, fitted, 0), search.setting.inertia)
+    """What a perfect model would leave of the torque in the first log: noise, and the corners of the motion."""
+    floor = torque_floor(search.records[0], residual_trace(search, fitted, 0), search.setting.inertia)
+    corners = corner_torque(search)
+    return floor if corners <= floor.value else NoiseFloor(corners, (0.9 * corners, 1.1 * corners), "made")

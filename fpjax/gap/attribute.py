@@ -72,6 +72,7 @@ class Search:
         short: the search in short windows, made when it is first needed.
         fitters: by family.
         observers: by family.
+        corners: what a perfect model leaves of the torque, from a made log [N m]; None while nobody has asked.
     """
 
     records: list[Record]
@@ -82,6 +83,7 @@ class Search:
     short: Any = None
     fitters: dict[Key, Fitter] = field(default_factory=dict)
     observers: dict[Key, Observer] = field(default_factory=dict)
+    corners: float | None = None
 
     def __post_init__(self) -> None:
         with double_precision():

@@ -17,7 +17,8 @@ PATIENCE = 12.0  # s of simulation (`Search.spent`) after which no further cause
 EXPLAINED_SHARE = 0.97  # of the gap's rms above the noise that must be closed where some structure is left
 NEARLY = 15.0  # and residual energy over the noise's up to which it may: one law that is another one of its kind
 NEARLY_TOGETHER = 2.0  # the same of several causes: a flexible machine with a second cause nearly explains very much
-NEARLY_IN_TORQUE = 2.5  # the same where the gap is told in torque, whose floor does not know the corners of reversals
+NEARLY_IN_TORQUE = 2.5  # the same where the gap is told in torque; below it no further cause is looked for either
+CORNERS = 0.4  # of a torque's floor that the corners of one made log may be off: a gap must stand out of that
 LEAST_TURN = 0.02  # rad that a position at the log's start must move to be another one
 
 
@@ -37,21 +38,23 @@ def decide(search: Search, progress: Progress) -> Decision:
         singles = _alone(search, options, screen, [exact, null])
     best = singles[0]
     decision = Decision(exact, null, singles, [exact])
-    judge(search, decision, best)
     # Where the reading is rounded that is a cause already: beside it nothing is asserted that small errors of the
     # nominal values do as well.
     least = null if quantised_reading(search) else exact
-    if (best.evidence - least.evidence) * search.colour < DECISIVE or not material(search, least, best):
+    surely = (best.evidence - least.evidence) * search.colour > DECISIVE and material(search, least, best)
+    judge(search, decision, least)
+    if not surely or (search.imposed and decision.structure < white(search, least) + CORNERS):
         decision.path = [least]
-        judge(search, decision, least)
         decision.rivals = singles
-        decision.explained = decision.structure < white(search, least)
+        decision.explained = decision.structure < white(search, least) + (CORNERS if search.imposed else 0.0)
         return decision
     decision.gap = True
     decision.path.append(best)
+    judge(search, decision, best)
     decision.rivals = singles
     while len(decision.path) <= MOST_CAUSES:
-        if decision.structure < white(search, decision.chosen):
+        # In torque, what is left near the floor may be the corners of reversals, which a compliance smooths as well.
+        if decision.structure < (NEARLY_IN_TORQUE if search.imposed else white(search, decision.chosen)):
             break
         if search.spent > PATIENCE:
             break

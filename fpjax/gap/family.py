@@ -11,7 +11,7 @@ import numpy as np
 
 from ..batch import cores
 from ..plants import AbstractPlant
-from ..threads import on_threads
+from ..threads import on_threads, settings, under
 from .effect import Effect, Parameter, Setting, free, neutral_vector
 from .freed import NOMINAL
 from .imposed import imposed_kernel, imposed_motion
@@ -113,7 +113,6 @@ class Runner:
         first = records[0]
         self.spent = 0.0  # what was simulated so far, as `COSTS` counts it [s]
         self.imposed = first.velocity is None
-        self._compiled = False
         self.half, self.stride = first.half, 1
         if self.imposed:
             self.stride = stride_of(first.half)
@@ -157,15 +156,16 @@ class Runner:
         rows = np.moveaxis(as_rows(vector, states, windows)[:, padded], 1, 0).copy()
         starts = windows["start"][padded]
         result, ends = np.empty((self.channels, self.length // stride, count)), np.zeros((2, count))
-        kernel, threads = self._kernel(which, stride), min(cores(), chunks // CHUNKS) or 1
+        kernel, own = self._kernel(which, stride), settings()
+        (device,) = jnp.zeros(()).devices()
+        threads = max(1, min(cores(), chunks // CHUNKS)) if device.platform == "cpu" else 1
 
         def part(number: int) -> None:
-            with double_precision():
+            with under(own), double_precision(), jax.default_device(device):
                 for chunk in range(number, chunks, threads):
                     _store(result, ends, chunk * LANES, kernel(rows[chunk], starts[chunk]))
 
-        on_threads(part, threads, first_alone=not self._compiled)  # or each would compile the same
-        self._compiled = True
+        on_threads(part, threads)
         return result, ends
 
     def _kernel(self, which: int, stride: int) -> Callable[[np.ndarray, np.ndarray], tuple[Any, Any]]:

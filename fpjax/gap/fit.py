@@ -293,7 +293,14 @@ class Fitter:
     def steps(self, c: Candidate, parts: list[tuple], used: list, dampings: np.ndarray) -> list[Candidate]:
         """The candidate after one Gauss-Newton step for each damping; the start states of each window are eliminated.
 
-        Its own `normal` becomes that of the last damping.
+        Args:
+            c: the candidate; its `occam`, and `normal` by the last damping, are set.
+            parts: its (J^T J, J^T r, r^T r) of each record, from `linearise`.
+            used: (index of the record, its windows) of each of them.
+            dampings: of Levenberg-Marquardt, shape (dampings,).
+
+        Returns:
+            One candidate a damping, not evaluated.
         """
         count = len(c.free)
         matrices = np.repeat(np.diag((c.weight * c.scale) ** 2)[None], len(dampings), 0)

@@ -4,6 +4,7 @@ import numpy as np
 
 from . import assemble
 from .attribute import Fitted, Search
+from .corners import corner_torque
 from .decision import Decision
 from .imposed import noise_torque
 from .measure import correlation_time
@@ -13,6 +14,7 @@ MATERIAL_ROUNDED = 0.05  # the same where the reading is rounded, which is no no
 DECISIVE = 8.0  # log evidence by which a cause must beat its absence
 WHITE = 1.04  # residual energy over what its own differences say is noise; above it there is structure
 TOLERANCE = 1.1  # to which the noise of a torque is known that was told from positions
+TOO_QUIET = 0.5  # of the energy that a perfect model leaves of a torque: one that leaves less is not believed
 WHITE_ROUNDED = 1.5  # the same of a rounded reading, whose error has up to three times the energy of even rounding
 WHITE_WITH_PLAY = 1.3  # the same of a play, whose contacts a step of finite length blurs
 RATTLES = 0.2  # share of the windows, best and worst, that the energy of hidden states is judged without
@@ -22,15 +24,27 @@ def weigh(search: Search, fitted: list[Fitted]) -> None:
     """Log evidence of every model on one scale: fitted and withheld windows, priors, and BIC's price for a
     parameter; divided by the autocorrelation time of the best model's residual, because neighbours are one witness.
     """
-    best = min((f for f in fitted if np.isfinite(f.total)), key=lambda f: f.total)
+    loud = [f for f in fitted if np.isfinite(f.total) and not too_quiet(search, f)]
+    best = min(loud or fitted, key=lambda f: f.total)
     scale = best.total / search.count
     search.colour = colour(search, best)
     for f in fitted:
         own = {p.name for effect in f.candidate.effects for p in effect.parameters}
         f.evidence = -0.5 * f.total / max(scale, 0.3) - 0.5 * len(own) * np.log(search.count) - f.candidate.occam
         f.evidence /= search.colour
-        if not np.isfinite(f.evidence):
+        if not np.isfinite(f.evidence) or too_quiet(search, f):
             f.evidence = -np.inf
+
+
+def too_quiet(search: Search, fitted: Fitted) -> bool:
+    """Whether a model leaves less of the torque than a perfect one would.
+
+    A small mass beside the encoder passes less of the encoder's noise on: such a model has bought its fit.
+    """
+    if not search.imposed:
+        return False
+    corners = corner_torque(search) / noise_torque(search.records[0], search.setting.inertia)
+    return fitted.total < TOO_QUIET * max(corners, 1.0) ** 2 * search.count
 
 
 def colour(search: Search, fitted: Fitted) -> float:

@@ -30,12 +30,13 @@ class NoiseFloor:
     Attributes:
         value: rms, in the signal's unit.
         interval: 90 %.
-        source: "repeats" (laps of the reference), "sensor" (its high-frequency noise) or "rounding".
+        source: "repeats" (laps of the reference), "sensor" (its high-frequency noise), "rounding" or "made" (a log in
+            which the model is right).
     """
 
     value: float
     interval: Interval
-    source: Literal["repeats", "sensor", "rounding"]
+    source: Literal["repeats", "sensor", "rounding", "made"]
 
 
 def rms(values: Values) -> float:

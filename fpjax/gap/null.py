@@ -29,10 +29,18 @@ class MadeLog:
     velocity: Values | None
     position: Values | None
     dt: float
+    name: str = "made"
+    reference: None = None
 
 
 def null_residuals(log, model: RigidBody, residual: Residual, *, draws: int = DRAWS, seed: int = 0) -> list[Residual]:
-    """Residuals of logs that the model itself made along the measured motion.
+    """Residuals of logs that the model itself made along the measured motion; the arguments are `made_logs`'."""
+    applied = RigidBody(model.inertia, model.coulomb, model.viscous, model.level, model.load)
+    return [torque_residual(made, applied) for made in made_logs(log, model, residual, draws=draws, seed=seed)]
+
+
+def made_logs(log, model: RigidBody, residual: Residual, *, draws: int = DRAWS, seed: int = 0) -> list[MadeLog]:
+    """Logs that the model itself made along the measured motion.
 
     Args:
         log: as for `torque_residual`.
@@ -44,7 +52,6 @@ def null_residuals(log, model: RigidBody, residual: Residual, *, draws: int = DR
     torque, velocity, position = _made_motion(residual, model)
     rate, angle = _values(log.velocity), _values(log.position)
     random = np.random.default_rng(seed)
-    applied = RigidBody(model.inertia, model.coulomb, model.viscous, model.level, model.load)
     found = []
     for _ in range(draws):
         noise = residual.noise * random.standard_normal(len(torque))
@@ -62,7 +69,7 @@ def null_residuals(log, model: RigidBody, residual: Residual, *, draws: int = DR
             )
         else:
             made = MadeLog(np.asarray(log.time), torque, None, _rounded(position + noise, step), residual.dt)
-        found.append(torque_residual(made, applied))
+        found.append(made)
     return found
 
 

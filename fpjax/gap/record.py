@@ -94,7 +94,7 @@ def window_seconds(logs: Sequence[Any]) -> float:
     return float(np.clip(shortest / FEWEST, WINDOW_SECONDS, POSITION_SECONDS))
 
 
-def make_record(log, *, withhold: str = "blocks", window: float = WINDOW_SECONDS) -> Record:
+def make_record(log, *, withhold: str = "blocks", window: float = WINDOW_SECONDS, half: int | None = None) -> Record:
     """From a log to a record.
 
     Args:
@@ -102,6 +102,7 @@ def make_record(log, *, withhold: str = "blocks", window: float = WINDOW_SECONDS
             `fpjax.logs.Log`).
         withhold: "blocks" keeps every fourth block of windows out of the fit, "none" fits all, "all" fits nothing.
         window: length of a window [s], from `window_seconds`.
+        half: samples on either side of the local quadratics; None for what the log asks for.
 
     Raises:
         InputError: for a log that is too short or holds no motion.
@@ -119,7 +120,8 @@ def make_record(log, *, withhold: str = "blocks", window: float = WINDOW_SECONDS
         )
     velocity = None if log.velocity is None else _channel(log.velocity)
     position = None if log.position is None else _encoder(log.position)
-    half = HALVES[0] if velocity is not None or position is None else _quiet_half(position, dt)
+    if half is None:
+        half = HALVES[0] if velocity is not None or position is None else _quiet_half(position, dt)
     speed, acceleration, angle = _motion(velocity, position, dt, half)
     edge = EDGE if velocity is not None else 2 * half + 2
     starts = np.arange(0 if velocity is not None else PAST + edge, count - samples - edge + 1, samples)

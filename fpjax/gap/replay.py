@@ -77,6 +77,7 @@ class Windows(eqx.Module):
     hidden: tuple[Array, Array]
     integrated: Array
 
+    # The fields of one row each, in the order of `as_rows`.
     ROWS: ClassVar[tuple[str, ...]] = ("time", "velocity", "slope", "position", "integrated")
 
 
@@ -92,7 +93,13 @@ def as_rows(vector: np.ndarray, states: np.ndarray, fields: dict[str, Any]) -> n
 
 
 def from_rows(rows: Array, start: Array, parameters: int) -> tuple[Array, Array, Windows]:
-    """(vector, states, windows) of `as_rows`."""
+    """(vector, states, windows) of `as_rows`.
+
+    Args:
+        rows: (rows, lanes).
+        start: index of the windows' first samples in `Tables`, (lanes,).
+        parameters: how many rows are the vector's.
+    """
     last = rows.shape[0] - len(Windows.ROWS)
     windows = Windows(
         start=start, hidden=(rows[last - 2], rows[last - 1]), **dict(zip(Windows.ROWS, rows[last:], strict=True))
