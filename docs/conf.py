@@ -43,6 +43,13 @@ def escape(app, what, name, obj, options, lines):
     lines[:] = escaped
 
 
+def skip(app, what, name, obj, skip, options):
+    """The fields of a named tuple say no more than their number; the class' docstring has told them."""
+    del app, what, name, skip, options
+    return True if type(obj).__name__ == "_tuplegetter" else None
+
+
 def setup(app):
     """Before napoleon (priority 500), which adds markup of its own."""
     app.connect("autodoc-process-docstring", escape, priority=400)
+    app.connect("autodoc-skip-member", skip)
