@@ -143,10 +143,11 @@ def _primitive(
         least: by the bytes of a float, how many numbers are enough.
     """
 
+    def by_size(x: Any) -> Callable[[Array], list[Array]]:
+        return written_out if x.size >= least[x.dtype.itemsize] else plain
+
     def lowered_for_cpu(ctx: Any, value: Any) -> Any:
-        aval = ctx.avals_in[0]
-        function = written_out if aval.size >= least[aval.dtype.itemsize] else plain
-        return mlir.lower_fun(function, multiple_results=True)(ctx, value)
+        return mlir.lower_fun(by_size(ctx.avals_in[0]), multiple_results=True)(ctx, value)
 
     def derived(primals: Any, tangents: Any) -> tuple[list[Array], list[Array]]:
         (x,), along = primals, ad.instantiate_zeros(tangents[0])
@@ -162,7 +163,8 @@ def _primitive(
 
     made = Primitive(name)
     made.multiple_results = True
-    made.def_impl(jax.jit(lambda x: made.bind(x)))
+    # Not by way of the primitive: under `disable_jit` that would call itself.
+    made.def_impl(jax.jit(lambda x: by_size(x)(x) if jax.default_backend() == "cpu" else plain(x)))
     made.def_abstract_eval(shapes)
     batching.primitive_batchers[made] = batched
     ad.primitive_jvps[made] = derived

@@ -96,7 +96,9 @@ def native(fn: F) -> F:
 
     # The ambient modes are arguments: a trace made without them must not be found within them.
     def evaluated(enabled: bool, ambient: Any, arguments: tuple[Any, ...]) -> Any:
-        return one_kernel(fn, arguments) if enabled else fn(*arguments)
+        # Under `disable_jit` nothing is compiled, and evaluating the primitive would call itself.
+        plain = not enabled or jax.config.jax_disable_jit  # pyright: ignore[reportAttributeAccessIssue]
+        return fn(*arguments) if plain else one_kernel(fn, arguments)
 
     compiled = jax.jit(evaluated, static_argnums=(0, 1))
 

@@ -13,6 +13,7 @@ from jax.sharding import Mesh, PartitionSpec
 
 import fpjax
 from fpjax import hyperbolic
+from fpjax.elementary import sin
 from fpjax.errors import InputError
 from fpjax.native import (
     enable_compilation_cache,
@@ -368,3 +369,12 @@ def test_a_whole_simulation_stands_in_one_kernel():
             )
         found[asked] = float(run.measures["error"])
     assert found[True] == pytest.approx(found[False], rel=1e-9)
+
+
+def test_without_jit_it_is_the_function():
+    """`jax.disable_jit`, with which people debug a step, evaluates it operation by operation."""
+    run = native(lambda x: scan_loop(lambda c, _: (0.5 * c + sin(c), None), x, None, length=5)[0])
+    start = jnp.linspace(0.1, 1.0, 9)
+    expected = run(start)
+    with jax.disable_jit():
+        np.testing.assert_allclose(run(start), expected, rtol=1e-14)
