@@ -147,4 +147,4 @@ def test_reverse_mode_keeps_the_values(capsys):
     policy = jax.checkpoint_policies.save_only_these_names(NAME)
     for function, kept in ((lambda x: log(x) ** 2, 1), (lambda x: sin(x) ** 2, 2)):
         jax.ad_checkpoint.print_saved_residuals(jax.checkpoint(function, policy=policy), jnp.ones(9))
-        assert capsys.readouterr().out.count(NAME) == kept
+        assert capsys.readouterr().out.count("elementary.py") == kept  # each from a line of that module
