@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import fpjax as fp
@@ -299,7 +299,13 @@ def same(first, second):
     return bool(eqx.tree_equal((first.loop, first.reference), (second.loop, second.reference)))
 
 
+OFFSET = {"plant": {"type": "one_mass", "inertia": 1.0}, "simulation": {"dt": 1e-3, "duration": 1.0}}
+OFFSET |= {"friction": {"type": "none", "offset": 1.0}}
+
+
 @QUIET
+@example(OFFSET | {"load": [{"type": "unbalance", "amplitude": 0.0}] * 2})
+@example(OFFSET | {"load": [{"type": "unbalance", "amplitude": 0.0}, {"type": "none"}]})
 @given(MODEL)
 def test_round_trip_is_exact(sections):
     model = load_model(toml_text.write(sections))

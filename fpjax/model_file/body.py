@@ -194,8 +194,11 @@ def describe_load(load: AbstractLoad) -> tuple[list[dict[str, Any]], float]:
     for part in parts:
         if isinstance(part, Unbalance):
             amplitude, phase = number(part.amplitude, "amplitude"), number(part.phase, "phase")
-            offset += number(part.offset, "offset")
-            if amplitude != 0.0 or phase != 0.0 or not offset:
+            own = number(part.offset, "offset")
+            offset += own
+            # A file's offset without a load becomes a last part that holds nothing else: only that one needs no table.
+            alone = part is parts[-1] and sum(isinstance(other, Unbalance) for other in parts) == 1
+            if amplitude != 0.0 or phase != 0.0 or not own or not alone:
                 tables.append({"type": "unbalance", "amplitude": amplitude} | ({"phase": phase} if phase else {}))
         elif isinstance(part, ConstantTorque):
             offset += number(part.torque, "torque")
