@@ -179,14 +179,17 @@ def _sine_and_cosine(x: Array) -> list[Array]:
     r = x
     for part in _QUARTER[width]:
         r = r - quarters * part
-    r = jnp.clip(r, -np.pi / 2, np.pi / 2)  # no matter but where the last place of x is worth a good part of a turn
+    r = jnp.minimum(
+        jnp.maximum(r, -np.pi / 2), np.pi / 2
+    )  # no matter but where the last place of x is worth a good part of a turn
     square = r * r
     sine = r + r * square * polynomial(_SINE[width], square)
     cosine = 1.0 - (0.5 * square - square * square * polynomial(_COSINE[width], square))
     turn = quarters - 4.0 * jnp.floor(0.25 * quarters)
+    # Not `where`, which is a call of its own when it is lowered here, and would stay one.
     odd = (turn == 1.0) | (turn == 3.0)
-    up, right = jnp.where(odd, cosine, sine), jnp.where(odd, sine, cosine)
-    return [jnp.where(turn >= 2.0, -up, up), jnp.where((turn == 1.0) | (turn == 2.0), -right, right)]
+    up, right = lax.select(odd, cosine, sine), lax.select(odd, sine, cosine)
+    return [lax.select(turn >= 2.0, -up, up), lax.select((turn == 1.0) | (turn == 2.0), -right, right)]
 
 
 def _logarithm(x: Array) -> list[Array]:
