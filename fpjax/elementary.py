@@ -131,6 +131,7 @@ def _primitive(
     plain: Callable[[Array], list[Array]],
     written_out: Callable[[Array], list[Array]],
     slopes: Callable[[Array, list[Array], Array], list[Array]],
+    results: int,
     least: dict[int, int],
 ) -> Callable[[Array], list[Array]]:
     """An elementwise function of one array, a list of results, that is written out on a CPU for enough numbers.
@@ -140,6 +141,7 @@ def _primitive(
         plain: XLA's own.
         written_out: ours.
         slopes: (x, the results, a tangent of x) -> tangents of the results.
+        results: how many there are.
         least: by the bytes of a float, how many numbers are enough.
     """
 
@@ -155,22 +157,21 @@ def _primitive(
         return values, slopes(x, values, along)
 
     def batched(values: Any, dims: Any) -> tuple[list[Array], list[int]]:
-        results = made.bind(*values)
-        return results, [dims[0]] * len(results)
-
-    def shapes(aval: Any) -> list[Any]:
-        return [aval] * len(jax.eval_shape(plain, jax.ShapeDtypeStruct((), aval.dtype)))
+        return made.bind(*values), [dims[0]] * results
 
     made = Primitive(name)
     made.multiple_results = True
     # Not by way of the primitive: under `disable_jit` that would call itself.
     made.def_impl(jax.jit(lambda x: by_size(x)(x) if jax.default_backend() == "cpu" else plain(x)))
-    made.def_abstract_eval(shapes)
+    made.def_abstract_eval(lambda aval: [aval] * results)
     batching.primitive_batchers[made] = batched
     ad.primitive_jvps[made] = derived
     mlir.register_lowering(made, mlir.lower_fun(plain, multiple_results=True))
     mlir.register_lowering(made, lowered_for_cpu, platform="cpu")
     return made.bind
+
+
+# Below `select`, not `where`: that is a call of its own when it is lowered here, and would stay one.
 
 
 def _sine_and_cosine(x: Array) -> list[Array]:
@@ -179,14 +180,12 @@ def _sine_and_cosine(x: Array) -> list[Array]:
     r = x
     for part in _QUARTER[width]:
         r = r - quarters * part
-    r = jnp.minimum(
-        jnp.maximum(r, -np.pi / 2), np.pi / 2
-    )  # no matter but where the last place of x is worth a good part of a turn
+    # No matter but where the last place of x is worth a good part of a turn.
+    r = jnp.minimum(jnp.maximum(r, -np.pi / 2), np.pi / 2)
     square = r * r
     sine = r + r * square * polynomial(_SINE[width], square)
     cosine = 1.0 - (0.5 * square - square * square * polynomial(_COSINE[width], square))
     turn = quarters - 4.0 * jnp.floor(0.25 * quarters)
-    # Not `where`, which is a call of its own when it is lowered here, and would stay one.
     odd = (turn == 1.0) | (turn == 3.0)
     up, right = lax.select(odd, cosine, sine), lax.select(odd, sine, cosine)
     return [lax.select(turn >= 2.0, -up, up), lax.select((turn == 1.0) | (turn == 2.0), -right, right)]
@@ -205,8 +204,9 @@ def _logarithm(x: Array) -> list[Array]:
     series = square * polynomial(_LOGARITHM[::2], fourth) + fourth * polynomial(_LOGARITHM[1::2], fourth)
     half = 0.5 * f * f
     value = e * _LOG_2[0] - ((half - (s * (half + series) + e * _LOG_2[1])) - f)
-    value = jnp.where(x < float(np.finfo(np.float64).tiny), jnp.where(x < 0.0, np.nan, -np.inf), value)
-    return [jnp.where(x < np.inf, value, x)]  # infinity, and what is not a number, as they are
+    outside = lax.select(x < 0.0, jnp.full_like(x, np.nan), jnp.full_like(x, -np.inf))
+    value = lax.select(x < float(np.finfo(np.float64).tiny), outside, value)
+    return [lax.select(x < np.inf, value, x)]  # infinity, and what is not a number, as they are
 
 
 # From how many numbers on ours was the faster one (`python -m benchmarks speed --only functions`).
@@ -215,6 +215,7 @@ _sincos = _primitive(
     lambda x: [jnp.sin(x), jnp.cos(x)],
     _sine_and_cosine,
     lambda x, values, along: [along * values[1], -along * values[0]],
+    2,
     {8: 1, 4: 8},
 )
-_log = _primitive("fpjax_log", lambda x: [jnp.log(x)], _logarithm, lambda x, values, along: [along / x], {8: 8})
+_log = _primitive("fpjax_log", lambda x: [jnp.log(x)], _logarithm, lambda x, values, along: [along / x], 1, {8: 8})

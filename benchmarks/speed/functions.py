@@ -44,7 +44,8 @@ def function_rows(dtype: Any, size: int, steps: int, repeats: int) -> list[dict[
         return lambda: compiled(start)
 
     calls = {"empty": loop(lambda x: x)}
-    for name, (mine, theirs) in PAIRS.items():
+    pairs = {name: pair for name, pair in PAIRS.items() if name != "log" or start.dtype == np.float64}  # else XLA's too
+    for name, (mine, theirs) in pairs.items():
         calls |= {f"{name}, fpjax": loop(mine), f"{name}, XLA": loop(theirs)}
     times = timing.interleaved(calls, repeats)
     spent = {name: found.processor_seconds for name, found in times.items()}
@@ -57,5 +58,5 @@ def function_rows(dtype: Any, size: int, steps: int, repeats: int) -> list[dict[
             "ns": each[f"{name}, fpjax"],
             "ns_of_xla": each[f"{name}, XLA"],
         }
-        for name in PAIRS
+        for name in pairs
     ]
