@@ -7,7 +7,7 @@ import argparse
 import pathlib
 
 import fpjax as fp
-from fpjax.plotting import COMPENSATED, REFERENCE, UNCOMPENSATED, new_figure, save, style
+from fpjax.output.plotting import COMPENSATED, REFERENCE, UNCOMPENSATED, new_figure, save, style
 
 
 def main() -> None:

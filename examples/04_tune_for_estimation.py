@@ -17,7 +17,7 @@ from matplotlib import rc_context
 
 import fpjax as fp
 import tuning
-from fpjax.plotting import BLUE, RED, STYLE, new_figure, save
+from fpjax.output.plotting import BLUE, RED, STYLE, new_figure, save
 
 DEGREE = math.pi / 180.0  # the thesis' loop runs in deg/s: inertia and viscous friction are scaled by this
 INERTIA, DT, STEEPNESS = 10.0 * DEGREE, 2e-4, 100.0

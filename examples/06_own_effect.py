@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Array
 
 import fpjax as fp
-from fpjax.block import as_parameter
+from fpjax.blocks.block import as_parameter
+from fpjax.blocks.position_torque import Loads
+from fpjax.blocks.signals import Motion
 from fpjax.gap import EFFECTS, Effect, Machine, Parameter, diagnose
-from fpjax.position_torque import Loads
-from fpjax.signals import Motion
 
 NOMINAL = """
 [units]

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import fpjax as fp
-from fpjax.estimate import measured_velocity, observe
+from fpjax.analysis.estimate import measured_velocity, observe
 
 MODEL = pathlib.Path(__file__).parent / "emps.toml"
 LAP = 6.24  # s, the program's period

@@ -7,14 +7,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .actuators import AbstractActuator, IdealActuator
-from .controllers import AbstractController
-from .observers import AbstractObserver, NoObserver
-from .plants import AbstractPlant
-from .sensors import AbstractSensor, IdealSensor
-from .signals import Measurement, Motion, Signals
+from .blocks.actuators import AbstractActuator, IdealActuator
+from .blocks.controllers import AbstractController
+from .blocks.observers import AbstractObserver, NoObserver
+from .blocks.plants import AbstractPlant
+from .blocks.plants.sticking import advance_exact
+from .blocks.sensors import AbstractSensor, IdealSensor
+from .blocks.signals import Measurement, Motion, Signals
 from .solvers import AbstractSolver, ExactSticking
-from .sticking import advance_exact
 
 UNROLLED_SUBSTEPS = 4  # more of them go into an inner loop, so that compiling stays short
 

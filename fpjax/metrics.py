@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .block import Block, as_optional, as_parameter
-from .signals import Signals
+from .blocks.block import Block, as_optional, as_parameter
+from .blocks.signals import Signals
 
 Quantity = Callable[[Signals], Array]
 

@@ -87,7 +87,7 @@ class RungeKutta4(AbstractSolver):
 
 
 class ExactSticking(AbstractSolver):
-    """The plant's exact step: set-valued friction whose sticking is resolved within the step (`fpjax.sticking`).
+    """The plant's exact step: set-valued friction, sticking resolved in the step (`fpjax.blocks.plants.sticking`).
 
     For sampled stepping: one mass, or a transmission, under a held torque.
     """

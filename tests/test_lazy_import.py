@@ -1,4 +1,4 @@
-"""`import fpjax` is light; its public names are there all the same, functions before modules of the same name."""
+"""`import fpjax` is light; its public names are there all the same, and the modules' old names for one version more."""
 
 import pkgutil
 import subprocess
@@ -19,14 +19,11 @@ def test_importing_fpjax_and_its_log_reader_imports_no_jax():
     assert run(code).strip() == "[]"
 
 
-def test_a_submodule_never_hides_a_function_of_its_name():
-    code = "import fpjax.simulate, fpjax; print(callable(fpjax.simulate), fpjax.loop.__name__, fpjax.gap.__name__)"
-    assert run(code).split() == ["True", "fpjax.loop", "fpjax.gap"]
+def test_no_module_has_the_name_of_a_public_function():
     from fpjax import public
 
     modules = {module.name for module in pkgutil.iter_modules(fpjax.__path__)}
-    shadowed = {name for name in modules & set(vars(public)) if not isinstance(getattr(public, name), types.ModuleType)}
-    assert shadowed <= fpjax._SHADOWED
+    assert not {name for name in modules & set(vars(public)) if not isinstance(getattr(public, name), types.ModuleType)}
 
 
 def test_every_public_name_is_an_attribute():
@@ -35,3 +32,33 @@ def test_every_public_name_is_an_attribute():
         assert getattr(fpjax, name) is not None
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = fpjax.nothing
+
+
+@pytest.mark.parametrize(
+    ("old", "now", "name"),
+    [
+        ("batch", "compiled.batch", "map_chunks"),
+        ("friction.bristles", "blocks.friction.bristles", "Bristles"),
+        ("plants", "blocks.plants", "OneMass"),
+        ("estimate", "analysis.estimate", "observe"),
+    ],
+)
+def test_an_old_name_of_a_module_warns_and_works(old, now, name):
+    code = (
+        "import warnings; warnings.simplefilter('error'); import importlib\n"
+        f"try: importlib.import_module('fpjax.{old}')\nexcept DeprecationWarning as warning: print(warning)\n"
+        f"warnings.simplefilter('ignore')\nfrom fpjax.{old} import {name} as old\nfrom fpjax.{now} import {name}\n"
+        f"print(old is {name})"
+    )
+    told, same = run(code).splitlines()
+    assert f"fpjax.{old.partition('.')[0]}" in told
+    assert "has moved to fpjax." in told
+    assert same == "True"
+
+
+def test_an_old_module_does_not_hide_the_function_of_its_name():
+    code = (
+        "import warnings; warnings.simplefilter('ignore')\nimport fpjax\nfrom fpjax.simulate import make_inputs\n"
+        "print(callable(fpjax.simulate), fpjax.batch.map_chunks.__module__, fpjax.loop.__name__, fpjax.gap.__name__)"
+    )
+    assert run(code).split() == ["True", "fpjax.compiled.batch", "fpjax.loop", "fpjax.gap"]

@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from fpjax.gradients import FORWARD_UP_TO, SCRATCH, value_and_gradient
-from fpjax.native import native, native_enabled
+from fpjax.compiled.gradients import FORWARD_UP_TO, SCRATCH, value_and_gradient
+from fpjax.compiled.native import native, native_enabled
 
 from .parameters import Space
 from .problem import Problem, lane_cost, lane_residuals, simulations_of

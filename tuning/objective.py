@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 import fpjax
 from fpjax import AbstractMeasure, ClosedLoop
-from fpjax.block import Block, as_parameter
+from fpjax.blocks.block import Block, as_parameter
 from fpjax.errors import InputError
 
 from .measures import NoiseGain, SquaredAfter, safe_root

@@ -9,8 +9,8 @@ import jax
 import numpy as np
 
 from fpjax._version import __version__
+from fpjax.output.runfile import plain
 from fpjax.parameters import set_parameters
-from fpjax.runfile import plain
 
 from .identifiability import Identifiability
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from fpjax.progress import Stages
+from fpjax.output.progress import Stages
 
 from .lanes import Best
 

@@ -11,11 +11,11 @@ import numpy as np
 from jax import lax
 
 from fpjax import AbstractSolver, ClosedLoop
-from fpjax.batch import map_chunks
+from fpjax._simulate import Stepping
+from fpjax.compiled.batch import map_chunks
 from fpjax.errors import InputError
+from fpjax.output.progress import Stages
 from fpjax.parameters import get_parameter
-from fpjax.progress import Stages
-from fpjax.simulate import Stepping
 
 from .axis import Axis
 from .objective import AbstractObjective
@@ -28,7 +28,7 @@ from .sweep_store import SweepStore, fingerprint
 CHUNK = 4096  # candidates of one chunk: of one file, of one task of a cluster
 LARGEST = 10**10  # candidates; more is a slip of a count, not a sweep
 STEPS_A_SECOND = 1e8  # of one machine, to say how long; an estimate
-KERNEL_CASES = 64  # simulations in one kernel (fpjax.batch)
+KERNEL_CASES = 64  # simulations in one kernel (fpjax.compiled.batch)
 
 
 def sweep(

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib import rc_context
 
-from fpjax.plotting import BLACK, BLUE, GREY, STYLE, new_figure, save
+from fpjax.output.plotting import BLACK, BLUE, GREY, STYLE, new_figure, save
 
 from .sweep_result import SweepResult
 

@@ -13,7 +13,7 @@ import jax
 import numpy as np
 
 from fpjax.errors import InputError
-from fpjax.runfile import write_whole
+from fpjax.output.runfile import write_whole
 
 from .result import versions
 

@@ -23,8 +23,8 @@ def run(args: argparse.Namespace) -> int:
     """Race all methods, print the table and the goals; everything is written after every observer and objective."""
     import jax
 
-    from fpjax.progress import Stages
-    from fpjax.runfile import RunFile, open_folder, write_json
+    from fpjax.output.progress import Stages
+    from fpjax.output.runfile import RunFile, open_folder, write_json
 
     from .cases import all_cases, references
     from .goals import goals

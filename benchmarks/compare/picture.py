@@ -6,7 +6,7 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.ticker import NullFormatter
 
-from fpjax.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, STYLE, new_figure, save
+from fpjax.output.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, STYLE, new_figure, save
 
 from .race import SWEEP
 

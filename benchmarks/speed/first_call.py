@@ -18,8 +18,8 @@ def main(cache: str | None) -> dict[str, float]:
     import jax.numpy as jnp
     import numpy as np
 
-    from fpjax.gradients import value_and_gradient
-    from fpjax.native import enable_compilation_cache, native
+    from fpjax.compiled.gradients import value_and_gradient
+    from fpjax.compiled.native import enable_compilation_cache, native
 
     from . import servo
 

@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from fpjax import elementary, hyperbolic
-from fpjax.batch import VECTORIZED_FROM
-from fpjax.native import native
+from fpjax.compiled import elementary, hyperbolic
+from fpjax.compiled.batch import VECTORIZED_FROM
+from fpjax.compiled.native import native
 
 from . import timing
 

@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from fpjax.batch import chunk_for, cores, map_chunks
-from fpjax.gradients import value_and_gradient
-from fpjax.native import native, native_enabled
+from fpjax.compiled.batch import chunk_for, cores, map_chunks
+from fpjax.compiled.gradients import value_and_gradient
+from fpjax.compiled.native import native, native_enabled
 
 from . import cpp, peers, servo, timing
 

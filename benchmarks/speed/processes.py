@@ -9,7 +9,7 @@ import tempfile
 import time
 from typing import Any
 
-from fpjax.batch import cores
+from fpjax.compiled.batch import cores
 
 from . import cpp
 

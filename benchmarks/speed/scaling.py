@@ -16,7 +16,7 @@ def main(size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
     import jax.numpy as jnp
     import numpy as np
 
-    from fpjax.batch import PER_WORKER, cores, map_chunks
+    from fpjax.compiled.batch import PER_WORKER, cores, map_chunks
 
     from . import measure, servo, timing
 

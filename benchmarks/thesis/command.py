@@ -23,8 +23,8 @@ def run(args: argparse.Namespace) -> int:
     import jax
 
     jax.config.update("jax_enable_x64", True)  # Algorithm 1 stops at 1e-3, and chatter remembers every digit
-    from fpjax.progress import Stages
-    from fpjax.runfile import RunFile, open_folder, write_json, write_whole
+    from fpjax.output.progress import Stages
+    from fpjax.output.runfile import RunFile, open_folder, write_json, write_whole
 
     from .beyond import recoveries, text
     from .presets import PRINTED

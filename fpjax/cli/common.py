@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ..errors import InputError
-from ..runfile import RunFile, open_folder
+from ..output.runfile import RunFile, open_folder
 
 
 def add_out(parser: argparse.ArgumentParser, required: bool = False) -> None:
@@ -39,7 +39,7 @@ def start_jax(arguments: argparse.Namespace) -> None:
 
     jax.config.update("jax_enable_x64", True)
     if not arguments.no_cache:
-        from ..native import enable_compilation_cache
+        from ..compiled.native import enable_compilation_cache
 
         with contextlib.suppress(InputError):  # a home that cannot be written is no reason not to compute
             enable_compilation_cache()

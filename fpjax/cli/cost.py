@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..runfile import RunFile
+from ..output.runfile import RunFile
 from .common import say
 from .simulate import open_model
 
@@ -105,7 +105,7 @@ def _plants(word: str) -> tuple[str, list[float]]:
 
 def references_of(model: Any, words: str | None, duration: float) -> dict[str, Any]:
     """The model's reference, or several shapes with its amplitude and frequency."""
-    from .. import references
+    from ..blocks import references
 
     own = model.needed_reference()
     if not words:

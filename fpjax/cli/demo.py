@@ -4,7 +4,7 @@ import argparse
 import pathlib
 import shlex
 
-from ..runfile import open_folder, write_whole
+from ..output.runfile import open_folder, write_whole
 from .common import add_out
 
 SERVO = """\

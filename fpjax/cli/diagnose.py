@@ -8,8 +8,8 @@ import sys
 from typing import Any
 
 from ..errors import InputError
-from ..progress import Stages
-from ..runfile import RunFile, write_json, write_whole
+from ..output.progress import Stages
+from ..output.runfile import RunFile, write_json, write_whole
 from .common import add_log_options, add_out, finish, running, start_jax
 from .simulate import open_model
 

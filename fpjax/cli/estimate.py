@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..runfile import RunFile, write_json
+from ..output.runfile import RunFile, write_json
 from .common import add_log_options, add_out, finish, running, say, start_jax
 from .simulate import open_model
 
@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
         record.stage("start")
         start_jax(arguments)
         model, log = open_model_and_log(arguments, record)
-        from ..estimate import estimate, measured_velocity
+        from ..analysis.estimate import estimate, measured_velocity
         from ..parameters import set_parameters
         from .common import read_pairs
 

@@ -4,7 +4,7 @@ import argparse
 import sys
 from typing import Any
 
-from ..runfile import RunFile, write_json, write_whole
+from ..output.runfile import RunFile, write_json, write_whole
 from .common import add_log_options, add_out, finish, running, table
 
 EXTRAS = 6  # columns shown that nobody mapped
@@ -93,7 +93,7 @@ def _units(log: Any) -> dict[str, str]:
 
 def starter(found: Any) -> str | None:
     """A servo.toml with the least-squares nominal; None where it is not plausible."""
-    from ..toml_text import write
+    from ..output.toml_text import write
 
     nominal, log = found.nominal, found.log
     if nominal is None or not nominal.plausible:

@@ -17,7 +17,7 @@ def excitation_sentences(model: Model, velocity: np.ndarray) -> tuple[str, ...]:
         model: its observer, and the true values of what that estimates.
         velocity: of the run [rad/s], shape (samples,).
     """
-    from ..excitation import assess_excitation
+    from ..analysis.excitation import assess_excitation
 
     observer = model.loop.observer
     if not observer.estimated:

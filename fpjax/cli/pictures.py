@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib import rc_context
 
 from ..model_file import Model
-from ..plotting import BLUE, GREY, RED, SERIES, STYLE, new_figure, save, thin
+from ..output.plotting import BLUE, GREY, RED, SERIES, STYLE, new_figure, save, thin
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -100,7 +100,7 @@ def _line(axes: Any, time: np.ndarray, values: np.ndarray, color: str, label: st
 @_styled
 def draw_tuning(before: Model, after: Model, results: list[Any], path: Path) -> Path:
     """Cost against simulations for every method, and the run before and after."""
-    from ..simulate import simulate
+    from .._simulate import simulate
 
     estimates = [f"estimates.{name}" for name in after.loop.observer.estimated]
     rows = 2 + len(estimates)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib import rc_context
 
-from ..plotting import BLUE, GREY, RED, STYLE, new_figure, save, thin
+from ..output.plotting import BLUE, GREY, RED, STYLE, new_figure, save, thin
 
 
 def draw_inspection(found: Any, path: Path) -> Path:

@@ -102,7 +102,7 @@ def initial_state(model: Model, log: Log, *, from_rest: bool = False) -> Any:
     import equinox as eqx
     import jax.numpy as jnp
 
-    from ..controllers import ProportionalIntegral
+    from ..blocks.controllers import ProportionalIntegral
 
     state = model.loop.init()
     position = 0.0 if log.position is None else float(log.position[0])

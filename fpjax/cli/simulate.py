@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..runfile import RunFile, write_json
+from ..output.runfile import RunFile, write_json
 from .common import add_log_options, add_out, finish, read_pairs, running, say, start_jax, table
 
 EXAMPLES = """\

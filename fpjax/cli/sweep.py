@@ -5,7 +5,7 @@ import shutil
 from typing import Any
 
 from ..errors import InputError
-from ..runfile import write_json
+from ..output.runfile import write_json
 from .common import add_out, finish, running, start_jax
 from .cost import add_cost_arguments, cost_settings
 

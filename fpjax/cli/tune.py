@@ -5,7 +5,7 @@ import dataclasses
 from typing import Any
 
 from ..errors import InputError
-from ..runfile import RunFile, write_json, write_whole
+from ..output.runfile import RunFile, write_json, write_whole
 from .common import add_out, finish, running, start_jax, table
 from .cost import add_cost_arguments, cost_settings
 

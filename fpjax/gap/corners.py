@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..plants import OneMass
+from ..blocks.plants import OneMass
 from .attribute import Search
 from .family import Nominal
 from .imposed import noise_torque

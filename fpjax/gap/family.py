@@ -9,9 +9,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..batch import cores
-from ..plants import AbstractPlant
-from ..threads import on_threads, settings, under
+from ..blocks.plants import AbstractPlant
+from ..compiled.batch import cores
+from ..compiled.threads import on_threads, settings, under
 from .effect import Effect, Parameter, Setting, free, neutral_vector
 from .freed import NOMINAL
 from .imposed import imposed_kernel, imposed_motion

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..signals import Motion
+from ..blocks.signals import Motion
 from .effect import Setting
 from .record import Record
 

@@ -22,8 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..plants import OneMassState, TwoMassState
-from ..transmission import Transmission
+from ..blocks.plants import OneMassState, TwoMassState
+from ..blocks.plants.transmission import Transmission
 from .effect import Effect, Parameter
 from .machine import Machine, structure_of
 from .measure import NoiseFloor, lap_length, rms, rms_interval

@@ -9,14 +9,13 @@ import jax.numpy as jnp
 from jax.core import Tracer
 from jaxtyping import Array
 
-from ..actuators import Actuator
-from ..block import as_parameter
-from ..errors import InputError
-from ..friction import AbstractFriction
-from ..friction.bristles import Bristles
-from ..friction.dynamic import Dahl, LuGre
-from ..friction.general import GeneralFriction
-from ..friction.static import (
+from ..blocks.actuators import Actuator
+from ..blocks.block import as_parameter
+from ..blocks.friction import AbstractFriction
+from ..blocks.friction.bristles import Bristles
+from ..blocks.friction.dynamic import Dahl, LuGre
+from ..blocks.friction.general import GeneralFriction
+from ..blocks.friction.static import (
     AsymmetricCoulombViscous,
     Coulomb,
     CoulombViscous,
@@ -25,11 +24,12 @@ from ..friction.static import (
     Stribeck,
     Viscous,
 )
-from ..loads import AbstractLoad, Unbalance
-from ..plants import AbstractPlant, OneMass, TwoMass
-from ..position_torque import ConstantTorque, Loads, PositionTorque
-from ..servo_sensor import ServoSensor
-from ..transmission import Transmission
+from ..blocks.loads import AbstractLoad, Unbalance
+from ..blocks.plants import AbstractPlant, OneMass, TwoMass
+from ..blocks.plants.transmission import Transmission
+from ..blocks.position_torque import ConstantTorque, Loads, PositionTorque
+from ..blocks.servo_sensor import ServoSensor
+from ..errors import InputError
 
 Structure = Literal["rigid", "bristles", "transmission"]
 Feature = Literal["shape", "ripple", "torque"]  # Stribeck and drift; friction and torque that depend on the position

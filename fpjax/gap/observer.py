@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..friction.bristles import Bristles
-from ..signals import Motion
-from ..sticking import mean_shaft, turn
-from ..transmission import Transmission
+from ..blocks.friction.bristles import Bristles
+from ..blocks.plants.sticking import mean_shaft, turn
+from ..blocks.plants.transmission import Transmission
+from ..blocks.signals import Motion
 from .effect import Effect, Parameter
 from .family import Family
 from .machine import Machine, Structure

@@ -4,7 +4,7 @@ import datetime
 import hashlib
 from typing import Any
 
-from ..runfile import versions
+from ..output.runfile import versions
 from .measure import SEED
 from .record import Record
 

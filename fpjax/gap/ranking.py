@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 
-from ..signals import Motion
+from ..blocks.signals import Motion
 from . import assemble
 from .attribute import Fitted, Search
 from .confusable import indistinguishable

@@ -18,10 +18,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..actuators import ActuatorState
-from ..plants import OneMassState, TwoMassState
-from ..signals import Motion, PlantOutput
-from ..sticking import advance_exact
+from ..blocks.actuators import ActuatorState
+from ..blocks.plants import OneMassState, TwoMassState
+from ..blocks.plants.sticking import advance_exact
+from ..blocks.signals import Motion, PlantOutput
 from .effect import Effect, Parameter
 from .machine import Machine, Structure, lanes, structure_of
 
@@ -114,7 +114,7 @@ def lane_kernel(run: Callable[..., Any], fixed: Any) -> Callable[..., Any]:
         run: a function of what stays from call to call, a pytree, and of the lanes.
         fixed: the structure of what stays. It is passed as its leaves: taking blocks apart takes as long as a window.
 
-    A step has so much to compute that one kernel (`fpjax.native`) is no faster here; wide vectors are, by a fifth.
+    A step computes so much that one kernel (`fpjax.compiled.native`) is no faster here; wide vectors are, by a fifth.
     """
 
     def flat(leaves: list[Array], *lanes: Array) -> Any:

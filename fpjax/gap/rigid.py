@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..signals import Motion
+from ..blocks.signals import Motion
 from .precision import double_precision
 
 Values = np.ndarray

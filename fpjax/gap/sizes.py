@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..signals import Motion
+from ..blocks.signals import Motion
 from .effect import Setting
 from .hints import known_torque, position_hints
 from .record import Record

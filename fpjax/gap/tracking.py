@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
+from .._simulate import astype, simulate
+from ..blocks.references import Recorded
+from ..blocks.signals import Measurement
 from ..loop import ClosedLoop
-from ..references import Recorded
-from ..signals import Measurement
-from ..simulate import astype, simulate
 from .diagnosis import Tracking
 from .machine import Machine, structure_of
 from .measure import SEED, rms

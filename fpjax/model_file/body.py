@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from ..actuators import AbstractActuator, Actuator, IdealActuator
+from ..blocks.actuators import AbstractActuator, Actuator, IdealActuator
+from ..blocks.friction import AbstractFriction, Dahl, LuGre
+from ..blocks.friction.bristles import Bristles
+from ..blocks.loads import AbstractLoad, NoLoad, Unbalance
+from ..blocks.plants import AbstractPlant, OneMass, SeriesTwoMass, TwoMass
+from ..blocks.plants.transmission import Transmission
+from ..blocks.position_torque import ConstantTorque, Loads, PositionTorque
+from ..blocks.sensors import AbstractSensor, Encoder, Gyro, IdealSensor, KalmanFusion
+from ..blocks.servo_sensor import ServoSensor
 from ..errors import InputError
-from ..friction import AbstractFriction, Dahl, LuGre
-from ..friction.bristles import Bristles
-from ..loads import AbstractLoad, NoLoad, Unbalance
-from ..plants import AbstractPlant, OneMass, SeriesTwoMass, TwoMass
-from ..position_torque import ConstantTorque, Loads, PositionTorque
-from ..sensors import AbstractSensor, Encoder, Gyro, IdealSensor, KalmanFusion
-from ..servo_sensor import ServoSensor
-from ..transmission import Transmission
 from .forms import Form, form_for, form_of, number, numbers, pick
 from .keys import Key, Units, check_keys, choose, read_number, read_values
 
@@ -166,7 +166,7 @@ def any_offset(parts: list[AbstractLoad]) -> bool:
 
 
 def _position_torque(table: Mapping[str, Any], units: Units) -> PositionTorque:
-    from ..block import as_parameter
+    from ..blocks.block import as_parameter
 
     check_keys("load", table, ["type", *(key.name for key in _HARMONICS)])
     values = read_values("load", table, _HARMONICS, units)

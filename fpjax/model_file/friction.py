@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..friction import (
+from ..blocks.friction import (
     AbstractFriction,
     AsymmetricCoulombViscous,
     Coulomb,
@@ -19,8 +18,9 @@ from ..friction import (
     Stribeck,
     Viscous,
 )
-from ..friction.bristles import Bristles
-from ..friction.general import GeneralFriction
+from ..blocks.friction.bristles import Bristles
+from ..blocks.friction.general import GeneralFriction
+from ..errors import InputError
 from .forms import Form, form_for, form_of, number, numbers, pick
 from .keys import Key, Units, check_keys, missing, read_number, read_values
 
@@ -211,7 +211,7 @@ def _general(table: Mapping[str, Any], units: Units, split: list[str]) -> Genera
 
 def general_friction(values: Mapping[str, Any]) -> GeneralFriction:
     """A `GeneralFriction` whose harmonics are leaves."""
-    from ..block import as_parameter
+    from ..blocks.block import as_parameter
 
     fields = dict(values)
     for part in ("position_cosine", "position_sine"):
@@ -312,6 +312,6 @@ def describe_friction(law: AbstractFriction) -> dict[str, Any]:
 
 
 def _leaf(value: float) -> Any:
-    from ..block import as_parameter
+    from ..blocks.block import as_parameter
 
     return as_parameter(value)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..controllers import (
+from ..blocks.controllers import (
     AbstractController,
     Lead,
     Limited,
@@ -15,8 +15,7 @@ from ..controllers import (
     ProportionalIntegral,
     TransferFunction,
 )
-from ..errors import InputError
-from ..observers import (
+from ..blocks.observers import (
     Absolute,
     AbstractNonlinearity,
     AbstractObserver,
@@ -32,8 +31,9 @@ from ..observers import (
     Quadratic,
     SteepnessObserver,
 )
-from ..plants import AbstractPlant, SeriesTwoMass, TwoMass
-from ..references import AbstractReference, Chirp, Constant, Multisine, Recorded, Sine, Square, Triangle
+from ..blocks.plants import AbstractPlant, SeriesTwoMass, TwoMass
+from ..blocks.references import AbstractReference, Chirp, Constant, Multisine, Recorded, Sine, Square, Triangle
+from ..errors import InputError
 from .forms import Form, form_for, form_of, number, numbers, pick
 from .keys import Key, Units, check_keys, choose, read_number, read_values
 

@@ -9,14 +9,14 @@ from typing import Any
 
 import jax
 
-from .. import toml_text
-from ..controllers import AbstractController, Proportional
+from .._simulate import Stepper, Stepping, make_stepper
+from ..blocks.controllers import AbstractController, Proportional
+from ..blocks.friction.bristles import Bristles
+from ..blocks.plants import AbstractPlant
+from ..blocks.references import AbstractReference
 from ..errors import InputError
-from ..friction.bristles import Bristles
 from ..loop import ClosedLoop
-from ..plants import AbstractPlant
-from ..references import AbstractReference
-from ..simulate import Stepper, Stepping, make_stepper
+from ..output import toml_text
 from ..solvers import SOLVERS, get_solver
 from . import body, loop_parts
 from .friction import OFFSET, SECTION, Steepness, build_friction, describe_friction

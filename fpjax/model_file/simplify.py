@@ -3,16 +3,16 @@
 import dataclasses
 from typing import Any
 
-from ..actuators import AbstractActuator, Actuator, IdealActuator
-from ..block import as_parameter
-from ..friction import AbstractFriction, AsymmetricCoulombViscous, CoulombViscous
-from ..friction.bristles import Bristles
-from ..friction.general import GeneralFriction
-from ..loads import AbstractLoad, NoLoad, Unbalance
+from ..blocks.actuators import AbstractActuator, Actuator, IdealActuator
+from ..blocks.block import as_parameter
+from ..blocks.friction import AbstractFriction, AsymmetricCoulombViscous, CoulombViscous
+from ..blocks.friction.bristles import Bristles
+from ..blocks.friction.general import GeneralFriction
+from ..blocks.loads import AbstractLoad, NoLoad, Unbalance
+from ..blocks.position_torque import ConstantTorque, Loads, PositionTorque
+from ..blocks.sensors import AbstractSensor, IdealSensor
+from ..blocks.servo_sensor import ServoSensor
 from ..loop import ClosedLoop
-from ..position_torque import ConstantTorque, Loads, PositionTorque
-from ..sensors import AbstractSensor, IdealSensor
-from ..servo_sensor import ServoSensor
 from ..solvers import get_solver
 from .body import flat_loads, rubbing_inertia
 from .friction import Steepness, largest_level

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from fpjax import plotting
+from fpjax.output import plotting
 
 
 def all_figures() -> dict[str, Callable[[], Figure]]:

@@ -7,7 +7,7 @@ from typing import Any
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch
 
-from fpjax import plotting
+from fpjax.output import plotting
 
 HEIGHT, RADIUS = 0.66, 0.17
 FILL = "#EEF4FA"

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import fpjax
-from fpjax import plotting
+from fpjax.output import plotting
 
 from .. import chapter4, presets
 from ..presets import COULOMB, DEGREE

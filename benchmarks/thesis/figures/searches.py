@@ -2,7 +2,7 @@
 
 from matplotlib.figure import Figure
 
-from fpjax import plotting
+from fpjax.output import plotting
 
 from .. import presets, search
 from . import panels

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import fpjax
-from fpjax import plotting
+from fpjax.output import plotting
 
 from .. import chapter3, presets
 from . import panels

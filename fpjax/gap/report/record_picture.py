@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from ...plotting import thin
+from ...output.plotting import thin
 from .contents import Contents, Series
 from .digits import show_unit
 from .theme import AFTER, BAND, BEFORE, FLOOR, INK, MUTED, SOFT

@@ -5,7 +5,7 @@ from typing import Any
 
 from matplotlib import rc_context
 
-from ...plotting import BLUE, GREY, RED, STYLE
+from ...output.plotting import BLUE, GREY, RED, STYLE
 
 # role: (light, dark). Every light shade is different, because a picture's colours are told apart by them (see `svg`).
 # Before and after are vermilion and blue of Okabe and Ito, which colour-blind readers tell apart.

@@ -1,0 +1,76 @@
+"""Modules that stood flat in `fpjax/` until 0.1: their old names work for one version more, with a warning.
+
+The finder stands last in `sys.meta_path`: it is asked only for what is found nowhere else.
+"""
+
+import importlib
+import importlib.machinery
+import sys
+import types
+import warnings
+from collections.abc import Sequence
+from importlib.abc import Loader, MetaPathFinder
+from typing import Any
+
+_ROOMS = {
+    "analysis": ("estimate", "excitation", "identify"),
+    "blocks": (
+        *("actuators", "block", "controllers", "friction", "loads", "observers", "position_torque"),
+        *("references", "sensors", "servo_sensor", "signals"),
+    ),
+    "blocks.plants": ("sticking", "transmission"),
+    "compiled": ("batch", "elementary", "gradients", "hyperbolic", "native", "one_kernel", "persistent", "threads"),
+    "output": ("plotting", "progress", "runfile", "toml_text"),
+}
+MOVED = {
+    **{name: f"{room}.{name}" for room, names in _ROOMS.items() for name in names},
+    "plants": "blocks.plants",
+    "simulate": "_simulate",
+}
+"""Old name of a module -> where it is now, both without `fpjax.`."""
+
+
+class _OldName(types.ModuleType):
+    """Hands on what the module of the new name has; called, it is the public function that shares its old name."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # the import system's own: above all no `__path__` of the room
+            raise AttributeError(name)
+        return getattr(self.__dict__["_now"], name)
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        return getattr(self, self.__name__.rpartition(".")[2])(*args, **kwargs)
+
+
+class _OldNames(MetaPathFinder, Loader):
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: types.ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        package, _, rest = fullname.partition(".")
+        if package != "fpjax" or rest.partition(".")[0] not in MOVED:
+            return None
+        return importlib.machinery.ModuleSpec(fullname, self, is_package=True)
+
+    def create_module(self, spec: importlib.machinery.ModuleSpec) -> types.ModuleType:
+        head, _, rest = spec.name.removeprefix("fpjax.").partition(".")
+        now = ".".join(filter(None, ("fpjax", MOVED[head], rest)))
+        module = _OldName(spec.name)
+        module.__dict__["_now"] = importlib.import_module(now)
+        warnings.warn(
+            f"{spec.name} has moved to {now}; the old name goes with the next version", DeprecationWarning, stacklevel=2
+        )
+        return module
+
+    def exec_module(self, module: types.ModuleType) -> None:
+        pass
+
+
+def keep_old_names() -> None:
+    """Let the old names be imported, from here on."""
+    if not any(isinstance(finder, _OldNames) for finder in sys.meta_path):
+        sys.meta_path.append(_OldNames())
+
+
+def is_module(name: str) -> bool:
+    """Whether `fpjax/` holds a module of this name (not only an old name of one)."""
+    return importlib.machinery.PathFinder.find_spec(f"fpjax.{name}", sys.modules["fpjax"].__path__) is not None

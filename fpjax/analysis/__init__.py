@@ -1,0 +1,1 @@
+"""What a run or a log tells: estimates of an observer, identified parameters, excitation."""

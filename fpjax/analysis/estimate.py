@@ -1,0 +1,354 @@
+"""An observer over a recorded log: torque and measured motion in, estimates over time out, beside least squares.
+
+What the log's torque was compensated with does not matter: an observer wants the control before its own compensation,
+u = torque - load - compensation(estimates), and that is formed here from the logged torque at every sample.
+
+Timing: the torque logged at t_k is held until t_k+1, so it belongs to the velocity in the middle of that period and to
+the difference of the velocities at its ends. Both the observer and the least squares are fed that way; pairing the
+torque with the motion at t_k instead is half a period wrong and shows up as friction (and as a delay).
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..blocks.loads import AbstractLoad, NoLoad
+from ..blocks.observers import AbstractObserver
+from ..blocks.signals import Motion
+from ..compiled.native import scan_loop
+from ..errors import InputError
+from ..logs import Log
+from .excitation import SYMBOLS, Excitation, assess_excitation
+
+Differentiator = Literal["zero_phase", "causal"]
+CUTOFF = 0.1  # of the control rate: the differentiator's low-pass, where none is given
+SLIDING = 0.01  # share of the largest speed below which least squares does not look: sticking friction is no law
+UNITS = {
+    True: {"coulomb": "N", "viscous": "N s/m", "steepness": "s/m", "inertia": "kg", "offset": "N"},
+    False: {"coulomb": "N m", "viscous": "N m s/rad", "steepness": "s/rad", "inertia": "kg m^2", "offset": "N m"},
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimation:
+    """What an observer made of a log.
+
+    Attributes:
+        time: of each estimate, the end of each control period [s], shape (samples - 1,).
+        estimates: by name, each in its own unit, shape (samples - 1,).
+        final: mean of each estimate over the last `average` seconds.
+        spread: standard deviation of each estimate over the same seconds.
+        average: [s].
+        least_squares: coulomb, viscous and offset on the same pairs with the inertia as given; and "free inertia", the
+            inertia where it is fitted too.
+        velocity: what the observer was fed [rad/s], in the middle of each period, shape (samples - 1,).
+        excitation: the error dynamics along this motion at the least-squares values; None where an observer estimates
+            what least squares does not give.
+        differentiated: how the velocity came about, in words.
+        name: of the log.
+        linear: whether the units are N and m.
+        passes: over the log; the traces are the last one's.
+    """
+
+    time: np.ndarray
+    estimates: dict[str, np.ndarray]
+    final: dict[str, float]
+    spread: dict[str, float]
+    average: float
+    least_squares: dict[str, float]
+    velocity: np.ndarray
+    excitation: Excitation | None
+    differentiated: str
+    name: str = "log"
+    linear: bool = False
+    passes: int = 1
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What the user should know: estimates that cannot converge on this motion."""
+        return () if self.excitation is None else self.excitation.sentences
+
+    @property
+    def _pass(self) -> str:
+        return "" if self.passes == 1 else f" (pass {self.passes} of {self.passes})"
+
+    def unit(self, name: str) -> str:
+        """Unit of a quantity by its name."""
+        return UNITS[self.linear].get(name, "")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers for a JSON file (without the traces)."""
+        excitation = None
+        if self.excitation is not None:
+            excitation = {
+                "slow_mode_s": _number(self.excitation.slow_mode),
+                "smallest_eigenvalue": self.excitation.smallest_eigenvalue,
+                "remaining": dict(zip(self.excitation.names, map(float, self.excitation.remaining), strict=True)),
+            }
+        return {
+            "log": self.name,
+            "estimates": self.final,
+            "spread": self.spread,
+            "average_s": self.average,
+            "passes": self.passes,
+            "least_squares": self.least_squares,
+            "excitation": excitation,
+            "velocity": self.differentiated,
+            "warnings": list(self.sentences),
+        }
+
+    def __str__(self) -> str:
+        head = f"{self.name}{self._pass}: mean over the last {self.average:.3g} s; velocity {self.differentiated}"
+        rows = [f"  {'':<10}{'observer':>12}{'spread':>12}{'least squares':>16}"]
+        for name, value in self.final.items():
+            fitted = self.least_squares.get(name)
+            other = "" if fitted is None else f"{fitted:16.5g}"
+            rows.append(f"  {name:<10}{value:12.5g}{self.spread[name]:12.2g}{other} {self.unit(name)}")
+        return "\n".join([head, *rows, *self.sentences])
+
+    def plot(self, path: str | Path) -> Path:
+        """Draw the velocity and every estimate against time with the least-squares value; returns the file's path.
+
+        Args:
+            path: picture file to write.
+        """
+        from ..output.plotting import BLUE, GREY, RED, new_figure, save, style, thin
+
+        figure, axes = new_figure(
+            1 + len(self.estimates), share_x=True, title=f"Friction estimated from {self.name}{self._pass}"
+        )
+        with style():
+            time, velocity = thin(self.time, self.velocity)
+            axes[0, 0].plot(time, velocity, color=GREY)
+            axes[0, 0].set_ylabel("velocity [m/s]" if self.linear else "velocity [rad/s]")
+            for panel, (name, values) in zip(axes[1:, 0], self.estimates.items(), strict=True):
+                panel.plot(*thin(self.time, values), color=BLUE, label=f"{SYMBOLS.get(name, name)}, observer")
+                panel.axvspan(self.time[-1] - self.average, self.time[-1], color=BLUE, alpha=0.08, lw=0)
+                if name in self.least_squares:
+                    panel.axhline(self.least_squares[name], color=RED, ls="--", label="least squares")
+                panel.set_ylabel(f"{name} [{self.unit(name)}]")
+                panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
+            axes[-1, 0].set_xlabel("time [s]")
+        return save(figure, path)
+
+
+def estimate(
+    log: Log,
+    observer: AbstractObserver,
+    *,
+    load: AbstractLoad | None = None,
+    average: float | None = None,
+    differentiator: Differentiator = "zero_phase",
+    cutoff: float | None = None,
+    passes: int = 1,
+) -> Estimation:
+    """Run an observer over a log.
+
+    Args:
+        log: torque and velocity or position on one clock.
+        observer: with its gains and the axis' inertia.
+        load: known load torque (an unbalance, an offset), subtracted from the log's torque.
+        average: seconds at the end over which the estimates are averaged (a lap of a periodic program); None for the
+            last quarter.
+        differentiator: how a log without velocity gets one: "zero_phase" (central difference of the position passed
+            forwards and backwards through a low-pass: no delay, not possible online) or "causal" (backward difference
+            and a first-order low-pass, as a drive would).
+        cutoff: of that low-pass [Hz]; None for a tenth of the control rate. A logged velocity is taken as it is.
+        passes: over the log, each starting from the last one's estimates; the last one is returned. Slow gains need
+            the time, and are worth it: in their limit the observer solves the normal equations of least squares, while
+            fast ones follow friction that depends on direction and place.
+
+    Raises:
+        InputError: for a log that is too short, an observer without estimates, or estimates that left the finite range.
+    """
+    if not observer.estimated:
+        raise InputError(f"{type(observer).__name__} estimates nothing: give the model an [observer], such as efp.")
+    if log.samples < 16:
+        raise InputError(f"{log.name} has {log.samples} samples: estimating needs at least 16.")
+    velocity, how = measured_velocity(log, differentiator=differentiator, cutoff=cutoff)
+    middle = 0.5 * (velocity[1:] + velocity[:-1])
+    torque = log.torque[:-1] - _load(load or NoLoad(), log, velocity)
+    if passes < 1:
+        raise InputError(f"passes = {passes} cannot be: go over the log at least once.")
+    traces = _observe_jit(observer, jnp.asarray(torque), jnp.asarray(velocity), jnp.asarray(log.dt), passes)
+    estimates = {name: np.asarray(trace) for name, trace in traces.items()}
+    for name, trace in estimates.items():
+        if not np.all(np.isfinite(trace)):
+            when = log.dt * int(np.argmin(np.isfinite(trace)))
+            raise InputError(f"{name} left the finite range at {when:.3g} s: use smaller gains for this log.")
+    span = 0.25 * log.duration if average is None else float(average)
+    if not 0.0 < span <= log.duration:
+        raise InputError(f"average = {span:g} s cannot be: the log is {log.duration:g} s long.")
+    last = slice(-max(round(span / log.dt), 1), None)
+    fitted = least_squares(torque, velocity, log.dt, _inertia(observer))
+    return Estimation(
+        time=np.asarray(log.time[1:]),
+        estimates=estimates,
+        final={name: float(np.mean(trace[last])) for name, trace in estimates.items()},
+        spread={name: float(np.std(trace[last])) for name, trace in estimates.items()},
+        average=span,
+        least_squares=fitted,
+        velocity=middle,
+        excitation=_excitation(observer, middle, log.dt, fitted, passes * log.duration),
+        differentiated=how,
+        name=log.name,
+        linear=log.linear,
+        passes=passes,
+    )
+
+
+def observe(
+    observer: AbstractObserver,
+    torque: Float[Array, " periods"],
+    velocity: Float[Array, " samples"],
+    dt: Array,
+    passes: int = 1,
+) -> dict[str, Float[Array, " periods"]]:
+    """An observer over arrays: pure, so vmap it over gains or logs, jit it, differentiate it.
+
+    The slopes and the compensation are taken in the middle of each period: there g(w_k+1) - g(w_k) = g'(w) (w_k+1 -
+    w_k) is exact for g1, and for |w| except where w changes its sign. Online this is the same observer one period
+    later.
+
+    Args:
+        observer: with its gains.
+        torque: held over each period, known loads subtracted [N m].
+        velocity: at the start of each period, and at the last one's end [rad/s].
+        dt: control period [s].
+        passes: over the arrays, each starting from the last one's estimates (static).
+
+    Returns:
+        Estimates by name at the end of each period, of the last pass; the first starts with all estimates at zero.
+    """
+    periods = (torque, 0.5 * (velocity[1:] + velocity[:-1]), velocity[1:])
+
+    def step(state: Any, period: tuple[Array, Array, Array]) -> tuple[Any, dict[str, Array]]:
+        commanded, middle, after = period
+        compensation, _ = observer.readout(state, middle)
+        state = observer.step(state, commanded - compensation, middle, dt)
+        return state, observer.readout(state, after)[1]
+
+    state = _moved(observer, observer.init(), jnp.zeros_like(velocity[0]), velocity[0])
+    traces: dict[str, Array] = {}
+    for _ in range(passes):
+        state, traces = scan_loop(step, state, periods)
+        state = _moved(observer, state, velocity[-1], velocity[0])
+    return traces
+
+
+_observe_jit = eqx.filter_jit(observe)
+
+
+def _moved(observer: Any, state: Any, before: Array, after: Array) -> Any:
+    """The state that gives the same estimates at another velocity: z moves by g(after) - g(before)."""
+    if hasattr(observer, "observer"):
+        return eqx.tree_at(lambda at: at.observer, state, _moved(observer.observer, state.observer, before, after))
+    old, new = observer.readout(state, before)[1], observer.readout(state, after)[1]
+    leaves, structure = jax.tree.flatten(state)
+    shifts = [old[name] - new[name] for name in observer.estimated]
+    return jax.tree.unflatten(structure, [leaf + shift for leaf, shift in zip(leaves, shifts, strict=True)])
+
+
+def measured_velocity(
+    log: Log, *, differentiator: Differentiator = "zero_phase", cutoff: float | None = None
+) -> tuple[np.ndarray, str]:
+    """Velocity [rad/s] at the start of each period, shape (samples,), and how it came about in words.
+
+    Args:
+        log: with velocity or position.
+        differentiator: "zero_phase" or "causal", see `estimate`.
+        cutoff: of the low-pass on a differentiated position [Hz]; None for a tenth of the control rate.
+
+    Raises:
+        InputError: for a log without motion, and for a cutoff that cannot be.
+    """
+    if log.velocity is not None:
+        return np.asarray(log.velocity, dtype=float), "as logged"
+    if log.position is None:
+        raise InputError(f"{log.name} has neither velocity nor position: an observer needs the motion.")
+    frequency = CUTOFF * log.rate if cutoff is None else float(cutoff)
+    if not 0.0 < frequency < 0.5 * log.rate:
+        raise InputError(f"cutoff = {frequency:g} Hz cannot be: it must lie between 0 and {0.5 * log.rate:g} Hz.")
+    position = np.asarray(log.position, dtype=float)
+    if differentiator == "zero_phase":
+        from scipy import signal
+
+        low_pass: Any = signal.butter(4, 2.0 * frequency / log.rate)
+        smooth = signal.filtfilt(low_pass[0], low_pass[1], position)
+        how = f"by central differences of the position, zero-phase low-pass at {frequency:.4g} Hz"
+        return np.gradient(smooth, log.dt), how
+    if differentiator != "causal":
+        raise InputError(f'differentiator = {differentiator!r} is not known: choose "zero_phase" or "causal".')
+    from scipy import signal
+
+    keep = math.exp(-2.0 * math.pi * frequency * log.dt)
+    difference = np.diff(position, prepend=position[0]) / log.dt
+    delay = (0.5 + keep / (1.0 - keep)) * log.dt
+    how = f"by backward differences of the position, low-pass at {frequency:.4g} Hz, {1e3 * delay:.3g} ms late"
+    return np.asarray(signal.lfilter([1.0 - keep], [1.0, -keep], difference)), how
+
+
+def least_squares(torque: np.ndarray, velocity: np.ndarray, dt: float, inertia: float) -> dict[str, float]:
+    """Coulomb, viscous and offset torque by least squares on the pairs that the observer gets.
+
+    Periods below 1 % of the largest speed, and those in which it changes its sign, are left out.
+
+    Args:
+        torque: held over each period [N m], shape (samples - 1,).
+        velocity: at the start of each period and at the last one's end [rad/s], shape (samples,).
+        dt: control period [s].
+        inertia: J [kg m^2], taken as given for coulomb, viscous and offset.
+
+    Returns:
+        "coulomb", "viscous", "offset", and "free inertia" where it is fitted too; NaN where the log cannot tell.
+    """
+    middle, acceleration = 0.5 * (velocity[1:] + velocity[:-1]), np.diff(velocity) / dt
+    slides = (np.abs(middle) > SLIDING * np.max(np.abs(middle))) & (velocity[1:] * velocity[:-1] > 0.0)
+    columns = [np.sign(middle), middle, np.ones_like(middle)]
+    given = _solve(columns, torque - inertia * acceleration, slides)
+    free = _solve([*columns, acceleration], torque, slides)
+    return dict(zip(("coulomb", "viscous", "offset"), given, strict=True)) | {"free inertia": free[3]}
+
+
+def _solve(columns: list[np.ndarray], target: np.ndarray, rows: np.ndarray) -> list[float]:
+    matrix = np.stack(columns, axis=1)[rows]
+    size = np.linalg.norm(matrix, axis=0)
+    if len(matrix) <= len(columns) or np.any(size == 0.0):
+        return [math.nan] * len(columns)
+    solution, _, rank, _ = np.linalg.lstsq(matrix / size, target[rows], rcond=1e-10)
+    return [float(value) for value in solution / size] if rank == len(columns) else [math.nan] * len(columns)
+
+
+def _load(load: AbstractLoad, log: Log, velocity: np.ndarray) -> np.ndarray:
+    if log.position is None:
+        position = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]))]) * log.dt
+    else:
+        position = np.asarray(log.position, dtype=float)
+    halves = [0.5 * (signal[1:] + signal[:-1]) for signal in (velocity, position, np.asarray(log.time))]
+    motion = Motion(*(jnp.asarray(half) for half in halves))
+    return np.asarray(jax.vmap(load.readout)(motion), dtype=float)
+
+
+def _inertia(observer: Any) -> float:
+    return _inertia(observer.observer) if hasattr(observer, "observer") else float(observer.inertia)
+
+
+def _excitation(
+    observer: AbstractObserver, velocity: np.ndarray, dt: float, fitted: Mapping[str, float], duration: float
+) -> Excitation | None:
+    values = {name: fitted.get(name, math.nan) for name in observer.estimated}
+    if not all(math.isfinite(value) for value in values.values()):
+        return None
+    return assess_excitation(observer, velocity, dt, values, duration=duration)
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

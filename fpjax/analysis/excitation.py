@@ -1,0 +1,279 @@
+"""Whether an observer's estimates can converge: its error dynamics, their slow mode, and persistent excitation.
+
+While the mass slides, every observer here has the estimate error e' = -(1/J) s(w) phi(w)^T e (4.12), with the slopes
+s = g'(w) and the regressor phi = d(friction)/d(parameters). One parameter: the pole -s phi / J, which is -alpha / J for
+|w| (4.13), (4.39). Several: at any instant the matrix has rank one, so only the motion over a window can drive all
+errors to zero, and how fast it does is the slow mode of the window: of the averaged matrix, or, exactly, of the
+monodromy matrix over a period (Floquet).
+
+The law holds for the smooth forms (tanh, ln cosh). With sign and |w| it holds while sliding only: while the mass
+sticks, d|w|/dt is not sign(w) w', and the estimate obeys k_hat' = (alpha/J) u^2 / (k - k_hat) instead
+(`sticking_rate`), which converges without any motion.
+"""
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ..blocks.observers import AbstractObserver
+from ..errors import InputError
+
+SYMBOLS = {"coulomb": "k_hat", "viscous": "b_hat", "steepness": "lambda_hat"}
+CONVERGED = 0.05  # an error predicted above this fraction of the true value at the end is said
+
+
+@dataclasses.dataclass(frozen=True)
+class Excitation:
+    """What a motion lets an observer learn.
+
+    Attributes:
+        names: the estimated parameters, in the order of everything below.
+        gram: mean of phi phi^T over the window, shape (n, n); the units of phi squared.
+        smallest_eigenvalue: of the gram matrix with its diagonal scaled to one: 0 is not persistently exciting, 1 as
+            good as it can be [1].
+        averaged: mean of -(1/J) s phi^T over the window [1/s], shape (n, n) (4.13), (4.39).
+        averaged_time_constants: -1 / Re(eigenvalue) of `averaged`, slowest first [s]; infinite where nothing decays.
+        time_constants: of the Floquet multipliers of the window, slowest first [s]; negative where an error grows.
+        remaining: predicted |error| of each estimate at the end of the run over its true value, an estimate having
+            started at zero [1].
+        duration: of the run [s].
+    """
+
+    names: tuple[str, ...]
+    gram: np.ndarray
+    smallest_eigenvalue: float
+    averaged: np.ndarray
+    averaged_time_constants: np.ndarray
+    time_constants: np.ndarray
+    remaining: np.ndarray
+    duration: float
+
+    @property
+    def slow_mode(self) -> float:
+        """Time constant of the slowest error [s]; infinite where a direction is not excited at all."""
+        return float(self.time_constants[0])
+
+    @property
+    def converges(self) -> bool:
+        """Whether every estimate is predicted within 5 % at the end of the run."""
+        return bool(np.all(self.remaining <= CONVERGED))
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """For the user: one sentence an estimate that cannot converge, empty where all do."""
+        said = []
+        for name, left in zip(self.names, self.remaining, strict=True):
+            if not left <= CONVERGED:
+                symbol = SYMBOLS.get(name, name)
+                said.append(
+                    f"{symbol} cannot converge here: slow mode {_seconds(self.slow_mode)} against a run of "
+                    f"{_seconds(self.duration)}; {100.0 * left:.0f} % of its initial error would be left."
+                )
+        return tuple(said)
+
+
+def assess_excitation(
+    observer: AbstractObserver,
+    velocity: Any,
+    dt: float,
+    parameters: Mapping[str, Any],
+    *,
+    duration: float | None = None,
+) -> Excitation:
+    """What a window of motion lets an observer learn.
+
+    Args:
+        observer: with its gains and its inertia.
+        velocity: w over the window [rad/s], shape (samples,): whole periods where the motion is periodic. The reference
+            of a loop that tracks well will do.
+        dt: time between samples [s].
+        parameters: true values by name, of all that the observer estimates (and `coulomb` for extension 1's
+            sensitivity); nominal ones will do.
+        duration: of the run that is judged [s], made of repeated windows; None for one window.
+
+    Raises:
+        InputError: for an observer that estimates nothing, a missing parameter or a velocity that cannot be.
+    """
+    names = tuple(observer.estimated)
+    if not names:
+        raise InputError(f"{type(observer).__name__} estimates nothing: give an observer with estimates.")
+    missing = [name for name in names if name not in parameters]
+    if missing:
+        raise InputError(f"parameters lacks {', '.join(missing)}: give a (nominal) value of each estimated parameter.")
+    speed = _checked_velocity(velocity, dt)
+    window = dt * len(speed)
+    duration = window if duration is None else float(duration)
+    slopes, regressor = _vectors(observer, speed, parameters)
+    inertia = float(np.asarray(_inertia(observer)))
+    gram = regressor.T @ regressor / len(speed)
+    averaged = -(slopes.T @ regressor) / (inertia * len(speed))
+    multipliers, modes = np.linalg.eig(_monodromy(slopes, regressor, inertia, dt))
+    trace = -float(np.einsum("ti,ti->", slopes, regressor)) * dt / inertia
+    truth = np.asarray([float(np.asarray(parameters[name])) for name in names])
+    return Excitation(
+        names=names,
+        gram=gram,
+        smallest_eigenvalue=_smallest(gram),
+        averaged=averaged,
+        averaged_time_constants=_slowest_first(_time_constants(np.linalg.eigvals(averaged).real)),
+        time_constants=_slowest_first(_time_constants(_logarithm(multipliers, trace) / window)),
+        remaining=_remaining(multipliers, modes, truth, duration / window),
+        duration=duration,
+    )
+
+
+def error_matrix(observer: AbstractObserver, velocity: Any, parameters: Mapping[str, Any]) -> Array:
+    """-(1/J) s(w) phi(w)^T, the matrix of e' (4.12) [1/s], shape (..., n, n) for velocities [rad/s] of shape (...).
+
+    Args:
+        observer: with its gains and its inertia.
+        velocity: w [rad/s].
+        parameters: values by name at which a nonlinear regressor is taken.
+    """
+    speed = jnp.asarray(velocity)
+    values = {name: jnp.asarray(value, speed.dtype) for name, value in parameters.items()}
+    slopes = jnp.stack([jnp.broadcast_to(each, speed.shape) for each in observer.slopes(speed)], axis=-1)
+    regressor = jnp.stack([jnp.broadcast_to(each, speed.shape) for each in observer.regressor(speed, values)], axis=-1)
+    return -slopes[..., :, None] * regressor[..., None, :] / _inertia(observer)
+
+
+def pole(observer: AbstractObserver, velocity: float, parameters: Mapping[str, Any]) -> float:
+    """The pole [1/s] of an observer of one parameter while it slides at a velocity [rad/s] (4.13), (4.39).
+
+    For |w| it is -alpha / J at any speed; for g1 it is -alpha w^2 / J for b, and -alpha |w| / J for k.
+
+    Raises:
+        InputError: for an observer of several parameters, whose error has no single pole: use `assess`.
+    """
+    if len(observer.estimated) != 1:
+        raise InputError(
+            f"{type(observer).__name__} estimates {len(observer.estimated)} parameters, so its error has no single "
+            "pole: use assess_excitation(...).time_constants."
+        )
+    return float(error_matrix(observer, float(velocity), parameters)[0, 0])
+
+
+def propagate(
+    observer: AbstractObserver, velocity: Any, dt: float, parameters: Mapping[str, Any], error: Any
+) -> np.ndarray:
+    """The errors that (4.12) predicts along a motion.
+
+    Args:
+        observer: with its gains and its inertia.
+        velocity: w [rad/s], shape (samples,).
+        dt: time between samples [s].
+        parameters: values by name at which a nonlinear regressor is taken.
+        error: at the first sample, in the order of `observer.estimated`, shape (n,).
+
+    Returns:
+        Errors at every sample, shape (samples, n).
+    """
+    speed = _checked_velocity(velocity, dt)
+    middle = 0.5 * (speed[1:] + speed[:-1])
+    slopes, regressor = _vectors(observer, middle, parameters)
+    errors = np.empty((len(speed), slopes.shape[1]))
+    errors[0] = np.asarray(error, dtype=float)
+    inertia = float(np.asarray(_inertia(observer)))
+    for index, factor in enumerate(_factors(slopes, regressor, inertia, dt)):
+        errors[index + 1] = errors[index] - slopes[index] * (factor * (regressor[index] @ errors[index]))
+    return errors
+
+
+def sticking_rate(gain: Any, inertia: Any, control: Any, coulomb: Any, estimate: Any) -> Any:
+    """k_hat' = (alpha/J) u^2 / (k - k_hat) [N m/s]: how k_hat moves while the mass sticks under sign and |w|.
+
+    At rest the fixed-step solver chatters about zero such that the mean friction balances k_hat sign(w) + u: the mass
+    is on each side for the share of time that does, and z moves with sign(w) u (docs/thesis.md).
+
+    Args:
+        gain: alpha of g2.
+        inertia: J [kg m^2].
+        control: u [N m].
+        coulomb: k [N m].
+        estimate: k_hat [N m].
+    """
+    return gain / inertia * control * control / (coulomb - estimate)
+
+
+def _inertia(observer: Any) -> Any:
+    return _inertia(observer.observer) if hasattr(observer, "observer") else observer.inertia
+
+
+def _checked_velocity(velocity: Any, dt: float) -> np.ndarray:
+    speed = np.asarray(velocity, dtype=float)
+    if speed.ndim != 1 or len(speed) < 2 or not np.all(np.isfinite(speed)) or not float(dt) > 0.0:
+        raise InputError(
+            f"velocity of shape {speed.shape} with dt = {float(dt):g} s cannot be judged: give at least two finite "
+            "samples in one row and a step above zero."
+        )
+    return speed
+
+
+def _vectors(
+    observer: AbstractObserver, speed: np.ndarray, parameters: Mapping[str, Any]
+) -> tuple[np.ndarray, np.ndarray]:
+    velocity = jnp.asarray(speed, jnp.asarray(_inertia(observer)).dtype)
+    values = {name: jnp.asarray(float(np.asarray(value)), velocity.dtype) for name, value in parameters.items()}
+
+    def rows(parts: tuple[Array, ...]) -> np.ndarray:
+        return np.stack([np.broadcast_to(np.asarray(part, dtype=float), speed.shape) for part in parts], axis=-1)
+
+    return rows(observer.slopes(velocity)), rows(observer.regressor(velocity, values))
+
+
+def _factors(slopes: np.ndarray, regressor: np.ndarray, inertia: float, dt: float) -> np.ndarray:
+    """c of exp(A dt) = I - c s phi^T, exact because A = -(1/J) s phi^T has rank one."""
+    rate = np.einsum("ti,ti->t", slopes, regressor) / inertia
+    exponent = rate * dt
+    # expm1(-x)/x at x = 0 is -1, and a chatter's negative rate is as good as a positive one.
+    safe = np.where(exponent == 0.0, 1.0, exponent)
+    return np.where(exponent == 0.0, 1.0, -np.expm1(-safe) / safe) * dt / inertia
+
+
+def _monodromy(slopes: np.ndarray, regressor: np.ndarray, inertia: float, dt: float) -> np.ndarray:
+    transition = np.eye(slopes.shape[1])
+    for slope, row, factor in zip(slopes, regressor, _factors(slopes, regressor, inertia, dt), strict=True):
+        transition = transition - np.outer(factor * slope, row @ transition)
+    return transition
+
+
+def _smallest(gram: np.ndarray) -> float:
+    size = np.sqrt(np.diag(gram))
+    if np.any(size == 0.0):
+        return 0.0
+    return float(max(np.linalg.eigvalsh(gram / np.outer(size, size))[0], 0.0))
+
+
+def _logarithm(multipliers: np.ndarray, trace: float) -> np.ndarray:
+    """ln |multiplier|; the fastest from Liouville's sum, because it is often below rounding (exp(-700))."""
+    logs = np.log(np.maximum(np.abs(multipliers), 1e-300))
+    fastest = int(np.argmin(logs))
+    logs[fastest] = trace - (np.sum(logs) - logs[fastest])
+    return logs
+
+
+def _time_constants(rates: np.ndarray) -> np.ndarray:
+    # A rate below rounding of the fastest one is no decay.
+    floor = 1e-13 * max(float(np.max(np.abs(rates))), 1e-300)
+    return np.asarray([math.inf if abs(rate) <= floor else -1.0 / rate for rate in rates])
+
+
+def _slowest_first(constants: np.ndarray) -> np.ndarray:
+    # Growing errors (negative time constants) are worse than any slow one.
+    return np.asarray(sorted(constants, key=lambda value: (value > 0.0, -abs(value))))
+
+
+def _remaining(multipliers: np.ndarray, modes: np.ndarray, truth: np.ndarray, windows: float) -> np.ndarray:
+    shares, *_ = np.linalg.lstsq(modes, truth.astype(complex), rcond=None)
+    # Magnitudes mode by mode: an error that happens to pass through zero at the end has not converged.
+    left = np.abs(modes * shares) * np.abs(multipliers) ** windows
+    return np.sum(left, axis=1) / np.maximum(np.abs(truth), 1e-300)
+
+
+def _seconds(value: float) -> str:
+    return "infinite" if math.isinf(value) else f"{value:.3g} s"

@@ -1,0 +1,317 @@
+"""Grey-box identification: any named parameters of a closed loop, fitted to a run through the differentiable simulator.
+
+The loop is simulated as the run was made (its reference, or its recorded torque through `TorqueInput`), and
+Levenberg-Marquardt (optimistix) moves the named parameters until the simulated signals are the measured ones. Each
+parameter is moved on its own scale between its bounds; the Jacobian is taken in forward mode through the scan.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from .._simulate import Inputs, Stepper, Stepping, loop_dtype, make_inputs, make_stepper, roll
+from ..blocks.references import AbstractReference
+from ..errors import InputError
+from ..loop import ClosedLoop, LoopState
+from ..parameters import get_parameters, set_parameters
+from ..solvers import AbstractSolver
+
+WIDTH = 100.0  # default bounds: this factor to either side of the start
+DEAD = 1e-9  # slope, as a fraction of the largest, below which a parameter moves nothing
+PARALLEL = 0.999  # |correlation| above which two parameters are traded off
+NOT_PINNED = 0.5  # relative standard error above which the data do not pin a parameter
+AT_BOUND = 0.98  # share of the way to a bound from which a parameter counts as at it
+WORST = 1e6  # a residual of more standard deviations counts as this many: a diverged trial must not be NaN
+
+
+@dataclasses.dataclass(frozen=True)
+class Identified:
+    """What an identification found.
+
+    Attributes:
+        loop: with the identified parameters in.
+        values: by name, each in its own unit.
+        standard_errors: of the values, for independent residuals; coloured ones make them too small.
+        intervals: value -+ 1.96 standard errors, on the parameter's own (logarithmic) scale.
+        verdicts: by name: "pinned", or some of "dead" (moves nothing), "traded off with NAME", "not pinned" (standard
+            error above half the value), "at its low bound", "at its high bound".
+        correlation: of the estimates, shape (n, n).
+        residual_rms: by signal, in the signal's unit.
+        steps: Levenberg-Marquardt steps taken.
+        converged: whether no step lowers the cost any more.
+    """
+
+    loop: ClosedLoop
+    values: dict[str, float]
+    standard_errors: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+    verdicts: dict[str, str]
+    correlation: np.ndarray
+    residual_rms: dict[str, float]
+    steps: int
+    converged: bool
+
+    def __str__(self) -> str:
+        rows = [
+            f"  {name:<28} {value:12.6g} +- {self.standard_errors[name]:<10.2g} {self.verdicts[name]}"
+            for name, value in self.values.items()
+        ]
+        state = "converged" if self.converged else "not converged"
+        rms = ", ".join(f"{name} {value:.3g}" for name, value in self.residual_rms.items())
+        return "\n".join([f"identified in {self.steps} steps ({state}); residual rms: {rms}", *rows])
+
+
+def identify(
+    loop: ClosedLoop,
+    reference: AbstractReference,
+    measured: Mapping[str, Any],
+    parameters: Sequence[str],
+    *,
+    dt: float,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    noise: Mapping[str, float] | None = None,
+    solver: str | AbstractSolver = "rk4",
+    stepping: Stepping = "continuous",
+    substeps: int = 1,
+    initial: LoopState | None = None,
+    max_steps: int = 60,
+) -> Identified:
+    """Fit named parameters of a loop to a measured run.
+
+    Args:
+        loop: the model, its parameters the start of the search; for a run driven by a recorded torque its controller
+            is `TorqueInput`.
+        reference: what the run followed; the recorded torque [N m] as `Recorded(torque, dt)` for `TorqueInput`.
+        measured: recorded signals by the names of `Signals` (`motor_velocity`, `position`, `torque`, ...), each of
+            shape (samples,), from t = 0 on.
+        parameters: dotted names, as in `parameter_names(loop)`, or starting with "reference.".
+        dt: time between samples, and the solver's step [s].
+        bounds: by name, (lowest, highest); by default a factor of 100 to either side of a positive start. Required for
+            a start at or below zero.
+        noise: standard deviation of each measured signal in its own unit, for weighing several signals; by default each
+            signal counts by its own root mean square.
+        solver: as in `simulate`.
+        stepping: as in `simulate`.
+        substeps: as in `simulate`.
+        initial: state at t = 0; None for rest.
+        max_steps: of Levenberg-Marquardt.
+
+    Raises:
+        InputError: for names, bounds or measurements that cannot be.
+    """
+    import optimistix
+
+    tree = {"loop": loop, "reference": reference}
+    names = tuple(parameters)
+    paths = tuple(name if name.startswith("reference.") else f"loop.{name}" for name in names)
+    if not names or len(set(names)) != len(names):
+        raise InputError(f"parameters = {list(names)} cannot be: name at least one, each once.")
+    start = _scalars(tree, paths)
+    low, high = _limits(names, np.asarray(list(start.values())), bounds or {})
+    table = _measured(measured)
+    samples = len(next(iter(table.values())))
+    sigma = _sigma(table, noise)
+    stepper = make_stepper(
+        dt=dt, samples=samples, solver=solver, stepping=stepping, substeps=substeps, checkpoint="none"
+    )
+    dtype = loop_dtype(loop)
+    problem = _Problem(
+        tree=tree,
+        stepper=stepper,
+        initial=initial,
+        measured={name: jnp.asarray(values, dtype) for name, values in table.items()},
+        sigma={name: jnp.asarray(value, dtype) for name, value in sigma.items()},
+        low=jnp.asarray(low, dtype),
+        high=jnp.asarray(high, dtype),
+        paths=paths,
+    )
+    at = jnp.asarray(_coordinates(np.asarray(list(start.values())), low, high), dtype)
+    if not np.all(np.isfinite(_residuals_jit(at, problem))):
+        raise InputError("The run cannot be simulated from the start values: give better ones, or a smaller step.")
+    precision = 1e-9 if dtype == jnp.float64 else 1e-5
+    solution = optimistix.least_squares(
+        _residuals,
+        _marquardt(precision),
+        at,
+        args=problem,
+        options={"jac": "fwd"},
+        max_steps=max_steps,
+        throw=False,
+    )
+    converged = bool(solution.result == optimistix.RESULTS.successful)
+    return _report(problem, names, np.asarray(solution.value, float), int(solution.stats["num_steps"]), converged)
+
+
+class _Problem(eqx.Module):
+    """What the residuals depend on besides the coordinates; all numbers are leaves, so that nothing recompiles."""
+
+    tree: dict[str, Any]
+    stepper: Stepper
+    initial: LoopState | None
+    measured: dict[str, Array]
+    sigma: dict[str, Array]
+    low: Array
+    high: Array
+    paths: tuple[str, ...] = eqx.field(static=True)
+
+
+@functools.cache
+def _marquardt(precision: float) -> Any:
+    import optimistix
+
+    return optimistix.LevenbergMarquardt(rtol=precision, atol=precision)
+
+
+def _residuals(at: Array, problem: _Problem) -> Array:
+    """Residuals of all signals in standard deviations, shape (signals x samples,)."""
+    values = _values(at, problem.low, problem.high)
+    tree = set_parameters(problem.tree, {path: values[i] for i, path in enumerate(problem.paths)})
+    loop, reference = tree["loop"], tree["reference"]
+    inputs: Inputs = make_inputs(loop, reference, problem.stepper)
+    _, recorded, _ = roll(loop, inputs, problem.stepper, {}, tuple(problem.measured), problem.initial)
+    parts = [(recorded[name] - problem.measured[name]) / problem.sigma[name] for name in problem.measured]
+    joined = jnp.concatenate(parts)
+    sound = jnp.isfinite(joined)
+    return jnp.where(sound, jnp.clip(jnp.where(sound, joined, 0.0), -WORST, WORST), WORST)
+
+
+_residuals_jit = eqx.filter_jit(_residuals)
+_jacobian_jit = eqx.filter_jit(lambda at, problem: jax.jacfwd(_residuals)(at, problem))
+
+
+def _logarithmic(low: Any) -> Any:
+    return low > 0.0
+
+
+def _values(at: Array, low: Array, high: Array) -> Array:
+    """Parameters between their bounds from coordinates on the whole line; logarithmic where the bounds are positive."""
+    share = jax.nn.sigmoid(at)
+    positive = _logarithmic(low)
+    bottom, top = jnp.where(positive, low, 1.0), jnp.where(positive, high, 1.0)
+    return jnp.where(positive, bottom * jnp.exp(share * jnp.log(top / bottom)), low + share * (high - low))
+
+
+def _coordinates(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    positive = _logarithmic(low)
+    with np.errstate(all="ignore"):
+        share = np.where(positive, np.log(values / low) / np.log(high / low), (values - low) / (high - low))
+    return np.log(share) - np.log1p(-share)
+
+
+def _report(problem: _Problem, names: tuple[str, ...], at: np.ndarray, steps: int, converged: bool) -> Identified:
+    here = jnp.asarray(at, problem.low.dtype)
+    residuals = np.asarray(_residuals_jit(here, problem), float)
+    by_signal = residuals.reshape(len(problem.measured), -1)
+    # The noise is what the fit leaves, signal by signal: no figure for it need be believed.
+    spread = np.sqrt(np.sum(by_signal**2, axis=1) / max(by_signal.shape[1] - len(names) / len(by_signal), 1.0))
+    weights = np.repeat(1.0 / np.maximum(spread, 1e-300), by_signal.shape[1])
+    jacobian = np.asarray(_jacobian_jit(here, problem), float) * weights[:, None]
+    values = np.asarray(_values(here, problem.low, problem.high), float)
+    low, high = np.asarray(problem.low, float), np.asarray(problem.high, float)
+    # Slopes per unit of ln(value), or of half the range where it is linear, so that they compare.
+    share = 1.0 / (1.0 + np.exp(-at))
+    width = np.where(low > 0.0, np.log(np.maximum(high, 1e-300) / np.maximum(low, 1e-300)), 2.0)
+    slopes = jacobian / (share * (1.0 - share) * width)
+    lengths = np.linalg.norm(slopes, axis=0)
+    unit = slopes / np.maximum(lengths, 1e-300)
+    normal = unit.T @ unit
+    # Floored, not a pseudo-inverse: a direction that nothing pins must show as a large variance, not as none.
+    powers, directions = np.linalg.eigh(normal)
+    covariance = directions / np.maximum(powers, 1e-14 * powers[-1]) @ directions.T
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    correlation = covariance / np.maximum(np.outer(deviation, deviation), 1e-300)
+    alive = lengths > DEAD * max(float(lengths.max()), 1e-300)
+    error = np.where(alive, deviation / np.maximum(lengths, 1e-300), np.inf)
+    verdicts: dict[str, list[str]] = {name: [] for name in names}
+    for i, name in enumerate(names):
+        if not alive[i]:
+            verdicts[name].append("dead")
+            continue
+        verdicts[name] += [
+            f"traded off with {other}"
+            for j, other in enumerate(names)
+            if j != i and alive[j] and abs(correlation[i, j]) > PARALLEL
+        ]
+        if error[i] > NOT_PINNED:
+            verdicts[name].append("not pinned")
+        if abs(2.0 * share[i] - 1.0) > AT_BOUND:
+            verdicts[name].append(f"at its {'high' if share[i] > 0.5 else 'low'} bound")
+    logarithmic = low > 0.0
+    absolute = np.where(logarithmic, np.abs(values), 0.5 * (high - low)) * error
+    with np.errstate(over="ignore", invalid="ignore"):
+        below = np.where(logarithmic, values * np.exp(-1.96 * error), values - 1.96 * absolute)
+        above = np.where(logarithmic, values * np.exp(1.96 * error), values + 1.96 * absolute)
+    tree = set_parameters(problem.tree, dict(zip(problem.paths, values, strict=True)))
+    sizes = [float(problem.sigma[name]) for name in problem.measured]
+    rms = np.sqrt(np.mean(by_signal**2, axis=1)) * sizes
+    return Identified(
+        loop=tree["loop"],
+        values=dict(zip(names, map(float, values), strict=True)),
+        standard_errors=dict(zip(names, map(float, absolute), strict=True)),
+        intervals={name: (float(below[i]), float(above[i])) for i, name in enumerate(names)},
+        verdicts={name: ", ".join(words) or "pinned" for name, words in verdicts.items()},
+        correlation=correlation,
+        residual_rms=dict(zip(problem.measured, map(float, rms), strict=True)),
+        steps=steps,
+        converged=converged,
+    )
+
+
+def _scalars(tree: Any, paths: tuple[str, ...]) -> dict[str, float]:
+    values = get_parameters(tree, paths)
+    for path, value in values.items():
+        if np.ndim(value) != 0:
+            raise InputError(f"parameter {path!r} has shape {np.shape(value)}: only single numbers can be identified.")
+    return {path: float(value) for path, value in values.items()}
+
+
+def _limits(
+    names: tuple[str, ...], start: np.ndarray, bounds: Mapping[str, tuple[float, float]]
+) -> tuple[np.ndarray, np.ndarray]:
+    unknown = [name for name in bounds if name not in names]
+    if unknown:
+        raise InputError(f"bounds name {unknown[0]!r}, which is not among the parameters {', '.join(names)}.")
+    low, high = [], []
+    for name, value in zip(names, start, strict=True):
+        if name not in bounds:
+            if value <= 0.0:
+                raise InputError(
+                    f"{name} starts at {value:g}, so its scale is unknown: give bounds={{{name!r}: (...)}}."
+                )
+            low.append(value / WIDTH)
+            high.append(value * WIDTH)
+            continue
+        bottom, top = (float(each) for each in bounds[name])
+        if not bottom < value < top or not np.isfinite(top - bottom):
+            raise InputError(f"{name} starts at {value:g}, which is not inside its bounds ({bottom:g}, {top:g}).")
+        low.append(bottom)
+        high.append(top)
+    return np.asarray(low), np.asarray(high)
+
+
+def _measured(measured: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    table = {name: np.asarray(values, dtype=float) for name, values in measured.items()}
+    if not table:
+        raise InputError("measured is empty: give at least one recorded signal, as in {'velocity': array}.")
+    shapes = {name: values.shape for name, values in table.items()}
+    if len(set(shapes.values())) != 1 or any(len(shape) != 1 or shape[0] < 2 for shape in shapes.values()):
+        raise InputError(f"measured has shapes {shapes}: give rows of one common length.")
+    for name, values in table.items():
+        if not np.all(np.isfinite(values)):
+            raise InputError(f"measured[{name!r}] holds {np.sum(~np.isfinite(values))} values that are not finite.")
+    return table
+
+
+def _sigma(table: dict[str, np.ndarray], noise: Mapping[str, float] | None) -> dict[str, float]:
+    if noise is None:
+        return {name: max(float(np.sqrt(np.mean(values**2))), 1e-300) for name, values in table.items()}
+    if set(noise) != set(table) or not all(value > 0.0 for value in noise.values()):
+        raise InputError(f"noise names {sorted(noise)}: give one value above zero for each of {sorted(table)}.")
+    return {name: float(noise[name]) for name in table}

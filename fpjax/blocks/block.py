@@ -1,0 +1,75 @@
+"""What every block shares: parameters as array leaves, checked where they are concrete."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from ..errors import InputError
+
+
+class Block(eqx.Module):
+    """A pure piece of the loop: an immutable pytree whose parameters are array leaves.
+
+    Because the parameters are leaves, `jax.grad`, `jax.vmap` and a sweep reach each of them by name, and changing
+    one never recompiles. A block has `init` (its state), `derivative` or `step` (how the state moves) and `readout`
+    (its signals); a block without a state uses the empty tuple.
+    """
+
+
+def as_parameter(value: Any) -> Any:
+    """A number as an array leaf of JAX's default float type; arrays and tracers keep their dtype."""
+    if isinstance(value, (jax.Array, jax.ShapeDtypeStruct)):
+        return value
+    if isinstance(value, np.ndarray) and np.issubdtype(value.dtype, np.floating):
+        return jnp.asarray(value)
+    if isinstance(value, (bool, int, float, np.number, list, tuple, np.ndarray)):
+        return jnp.asarray(value, dtype=jnp.result_type(float))
+    return value  # a placeholder of a tree transformation (None, a spec), not a number
+
+
+def as_optional(value: Any) -> Any:
+    """Like `as_parameter`; None stays None and means that the feature is not there at all."""
+    return None if value is None else as_parameter(value)
+
+
+def _concrete(value: Any) -> np.ndarray | None:
+    if value is None or isinstance(value, Tracer):
+        return None
+    if not isinstance(value, (jax.Array, np.ndarray, float, int)):
+        return None
+    return np.asarray(value)
+
+
+def require_positive(owner: object, name: str, unit: str) -> None:
+    """Raise `InputError` unless the concrete field `name` of `owner` is finite and above zero."""
+    value = _concrete(getattr(owner, name))
+    if value is not None and not np.all(np.isfinite(value) & (value > 0)):
+        raise InputError(
+            f"{type(owner).__name__}: {name} = {_show(value)} {unit} cannot be: it must be finite and above zero; "
+            f"check its sign and its unit ({unit})."
+        )
+
+
+def require_not_negative(owner: object, name: str, unit: str) -> None:
+    """Raise `InputError` unless the concrete field `name` of `owner` is finite and at least zero."""
+    value = _concrete(getattr(owner, name))
+    if value is not None and not np.all(np.isfinite(value) & (value >= 0)):
+        raise InputError(
+            f"{type(owner).__name__}: {name} = {_show(value)} {unit} cannot be: it must be finite and not negative; "
+            f"check its sign and its unit ({unit})."
+        )
+
+
+def require_below(owner: object, name: str, limit: float) -> None:
+    """Raise `InputError` unless the concrete field `name` of `owner` is below `limit` [1]."""
+    value = _concrete(getattr(owner, name))
+    if value is not None and not np.all(value < limit):
+        raise InputError(f"{type(owner).__name__}: {name} = {_show(value)} cannot be: it must be below {limit:g}.")
+
+
+def _show(value: np.ndarray) -> str:
+    return f"{float(value):g}" if value.ndim == 0 else f"an array from {value.min():g} to {value.max():g}"

@@ -1,0 +1,71 @@
+"""Bristles under any static law: the level is not there at once but after a travel of the order of the deflection."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ...compiled.elementary import log
+from ..block import as_parameter, require_not_negative, require_positive
+from ..signals import Motion
+from .base import AbstractFriction, AbstractStaticFriction
+
+_SMALLEST = 1e-30
+
+
+class Bristles(AbstractFriction):
+    """Pre-sliding: the share s of the law's level that acts (state, from -1 to 1) follows the travel.
+
+    ds = sign(w) (1 - s sign(w))^alpha |w| dt / deflection; friction = level (s + damping ds/dt) + drag. With alpha
+    = 1 it is
+    LuGre's z / z_ss (1.7) and Dahl's F / F_c (1.6); other exponents are Dahl's. The stiffness at rest is level /
+    deflection.
+
+    Attributes:
+        law: gives level and drag.
+        deflection: level / stiffness [rad], above zero.
+        damping: sigma_1 [N m s/rad] of (1.8), at zero speed; it acts on the bristles' rate.
+        exponent: alpha [1].
+    """
+
+    law: AbstractStaticFriction
+    deflection: Array = eqx.field(converter=as_parameter)
+    damping: Array = eqx.field(converter=as_parameter, default=0.0)
+    exponent: Array = eqx.field(converter=as_parameter, default=1.0)
+
+    def __check_init__(self) -> None:
+        require_positive(self, "deflection", "rad")
+        require_not_negative(self, "damping", "N m s/rad")
+        require_positive(self, "exponent", "1")
+
+    def init(self) -> Array:
+        """Unloaded bristles [1]."""
+        return jnp.zeros_like(self.deflection)
+
+    def derivative(self, state: Array, motion: Motion) -> Array:
+        """ds/dt [1/s]."""
+        side = jnp.sign(motion.velocity)
+        slack = jnp.maximum(1.0 - state * side, _SMALLEST)
+        return jnp.exp(self.exponent * log(slack)) * motion.velocity / self.deflection
+
+    def readout(self, state: Array, motion: Motion, applied: Array) -> Array:
+        """Friction torque [N m]."""
+        del applied
+        rate = self.derivative(state, motion) * self.deflection
+        return self.law.level(motion) * state + self.damping * rate + self.law.drag(motion)
+
+    def advance(self, state: Array, travel: Array) -> Array:
+        """The state after a travel [rad] in one direction: exact, whatever its length.
+
+        y = 1 - s sign(travel) obeys dy = -y^alpha |travel| / deflection, so y^(1 - alpha) is linear in the travel.
+        """
+        side = jnp.where(travel < 0.0, -1.0, 1.0)
+        slack = jnp.maximum(1.0 - state * side, _SMALLEST)
+        beyond = self.exponent - 1.0
+        near_one = jnp.abs(beyond) < 1e-4
+        safe = jnp.where(near_one, 1e-4, beyond)
+        distance = side * travel / self.deflection
+        scaled = safe * jnp.exp(safe * log(slack)) * distance
+        inside = jnp.maximum(1.0 + scaled, _SMALLEST)  # below zero: the bristles have reached their end
+        general = slack * jnp.exp(-log(inside) / safe)
+        remaining = jnp.where(near_one, slack * jnp.exp(-distance), general)
+        return side * (1.0 - remaining)

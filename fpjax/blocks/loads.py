@@ -1,0 +1,45 @@
+"""Known loads on the plant: what the motor must hold besides friction."""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..compiled.elementary import sin
+from .block import Block, as_parameter
+from .signals import Motion
+
+
+class AbstractLoad(Block):
+    """A torque [N m] that the motor must hold; it enters with the sign of positive friction."""
+
+    @abstractmethod
+    def readout(self, motion: Motion) -> Array:
+        """Load torque [N m]."""
+
+
+class NoLoad(AbstractLoad):
+    """Nothing to hold."""
+
+    def readout(self, motion: Motion) -> Array:
+        """Zero [N m]."""
+        return jnp.zeros_like(motion.velocity)
+
+
+class Unbalance(AbstractLoad):
+    """amplitude x sin(position + phase) + offset: an eccentric mass, and a constant torque.
+
+    Attributes:
+        amplitude: A [N m].
+        phase: [rad].
+        offset: constant torque [N m].
+    """
+
+    amplitude: Array = eqx.field(converter=as_parameter)
+    phase: Array = eqx.field(converter=as_parameter, default=0.0)
+    offset: Array = eqx.field(converter=as_parameter, default=0.0)
+
+    def readout(self, motion: Motion) -> Array:
+        """Load torque [N m]."""
+        return self.amplitude * sin(motion.position + self.phase) + self.offset

@@ -1,0 +1,163 @@
+"""The contract of a Friedland-Park observer, and its nonlinearities g (2.28)-(2.30)."""
+
+from abc import abstractmethod
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ...compiled.hyperbolic import tanh
+from ..block import Block, as_parameter, require_not_negative, require_positive
+from ..friction import log_cosh
+
+
+class AbstractNonlinearity(Block):
+    """An even function g(w) whose slope lies in the first and third quadrants."""
+
+    @abstractmethod
+    def value(self, velocity: Array) -> Array:
+        """g(w)."""
+
+    @abstractmethod
+    def slope(self, velocity: Array) -> Array:
+        """g'(w)."""
+
+
+class Quadratic(AbstractNonlinearity):
+    """g1(w) = gain w^2 / 2 (2.28).
+
+    Attributes:
+        gain: alpha.
+    """
+
+    gain: Array = eqx.field(converter=as_parameter)
+
+    def __check_init__(self) -> None:
+        require_not_negative(self, "gain", "1")
+
+    def value(self, velocity: Array) -> Array:
+        """gain w^2 / 2."""
+        return 0.5 * self.gain * velocity * velocity
+
+    def slope(self, velocity: Array) -> Array:
+        """gain w."""
+        return self.gain * velocity
+
+
+class Absolute(AbstractNonlinearity):
+    """g2(w) = gain |w| (2.29), the original of Friedland and Park (1992); use `LogCosh` where gradients matter.
+
+    Attributes:
+        gain: alpha.
+    """
+
+    gain: Array = eqx.field(converter=as_parameter)
+
+    def __check_init__(self) -> None:
+        require_not_negative(self, "gain", "1")
+
+    def value(self, velocity: Array) -> Array:
+        """gain |w|."""
+        return self.gain * jnp.abs(velocity)
+
+    def slope(self, velocity: Array) -> Array:
+        """gain sign(w)."""
+        return self.gain * jnp.sign(velocity)
+
+
+class LogCosh(AbstractNonlinearity):
+    """g3(w) = gain / lambda ln cosh(lambda w) (2.30): the smooth form of g2.
+
+    Attributes:
+        gain: alpha.
+        steepness: lambda [s/rad].
+    """
+
+    gain: Array = eqx.field(converter=as_parameter)
+    steepness: Array = eqx.field(converter=as_parameter)
+
+    def __check_init__(self) -> None:
+        require_not_negative(self, "gain", "1")
+        require_positive(self, "steepness", "s/rad")
+
+    def value(self, velocity: Array) -> Array:
+        """gain / lambda ln cosh(lambda w)."""
+        return self.gain / self.steepness * log_cosh(self.steepness * velocity)
+
+    def slope(self, velocity: Array) -> Array:
+        """gain tanh(lambda w)."""
+        return self.gain * tanh(self.steepness * velocity)
+
+
+def absolute_or_smooth(gain: Array, steepness: Array | None) -> AbstractNonlinearity:
+    """g2 where `steepness` is None, else its smooth form g3."""
+    return Absolute(gain) if steepness is None else LogCosh(gain, steepness)
+
+
+class AbstractObserver(Block):
+    """Estimates friction parameters from the control and the velocity, and compensates with them.
+
+    Every observer here has the form z' = s(w) (u - known) / J, estimate = z - g(w): the estimate's error e obeys
+    e' = -(1/J) s(w) phi(w)^T e while the mass slides (4.12), with the slopes s and the regressor phi given by
+    `slopes` and `regressor`.
+
+    Class attributes:
+        estimated: names of the estimated parameters, in the order of `slopes` and `regressor`.
+    """
+
+    estimated: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def init(self) -> Any:
+        """State whose estimates are zero at rest."""
+
+    @abstractmethod
+    def derivative(self, state: Any, control: Array, velocity: Array) -> Any:
+        """z' from the control before compensation u [N m] and the velocity w [rad/s]."""
+
+    @abstractmethod
+    def readout(self, state: Any, velocity: Array) -> tuple[Array, dict[str, Array]]:
+        """(compensation torque [N m], estimates by name)."""
+
+    def step(self, state: Any, control: Array, velocity: Array, dt: Array) -> Any:
+        """z one control period dt [s] later (sampled stepping): its derivative held over the period."""
+        rates = self.derivative(state, control, velocity)
+        return jax.tree.map(lambda value, rate: value + dt * rate, state, rates)
+
+    @abstractmethod
+    def slopes(self, velocity: Array) -> tuple[Array, ...]:
+        """g'(w) of each estimate."""
+
+    @abstractmethod
+    def regressor(self, velocity: Array, parameters: dict[str, Array]) -> tuple[Array, ...]:
+        """d(friction)/d(parameter) of each estimated parameter, at the given parameter values."""
+
+
+class NoObserver(AbstractObserver):
+    """No estimate, no compensation."""
+
+    def init(self) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def derivative(self, state: Any, control: Array, velocity: Array) -> tuple[()]:
+        """Nothing moves."""
+        del state, control, velocity
+        return ()
+
+    def readout(self, state: Any, velocity: Array) -> tuple[Array, dict[str, Array]]:
+        """Zero compensation [N m]."""
+        del state
+        return jnp.zeros_like(velocity), {}
+
+    def slopes(self, velocity: Array) -> tuple[Array, ...]:
+        """None."""
+        del velocity
+        return ()
+
+    def regressor(self, velocity: Array, parameters: dict[str, Array]) -> tuple[Array, ...]:
+        """None."""
+        del velocity, parameters
+        return ()

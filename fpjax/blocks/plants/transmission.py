@@ -1,0 +1,119 @@
+"""A transmission: motor and load joined by play, a spring and a damper, with friction on both sides."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ...errors import InputError
+from ..block import as_parameter, require_below, require_not_negative, require_positive
+from ..friction import AbstractFriction
+from ..loads import AbstractLoad, NoLoad
+from ..signals import Motion, PlantOutput
+from .masses import AbstractPlant, TwoMassState, resonance_frequency
+
+
+class Transmission(AbstractPlant):
+    """Two masses (3.1)-(3.2) with a gap, and the friction law shared between motor and load.
+
+    Within the gap the shaft carries nothing; outside, a face presses with stiffness x (twist beyond the gap) +
+    damping x relative speed and never pulls (Nordin, Gutman, "Controlling mechanical systems with backlash - a
+    survey", 2002,
+    whose state of contact lets go as soon as the torque would change its sign). Without a gap it is a plain spring.
+
+    Attributes:
+        inertia: total inertia J [kg m^2].
+        load_share: J_l / J [1], between 0 and 1.
+        stiffness: k_s [N m/rad].
+        damping: k_cv [N m s/rad].
+        gap: total play [rad]; neutral 0.
+        friction_share: share of the friction that acts on the load [1]; the rest acts on the motor.
+        friction: the law, of the whole friction.
+        load: a known load on the load side.
+    """
+
+    inertia: Array = eqx.field(converter=as_parameter)
+    load_share: Array = eqx.field(converter=as_parameter)
+    stiffness: Array = eqx.field(converter=as_parameter)
+    damping: Array = eqx.field(converter=as_parameter)
+    friction: AbstractFriction
+    gap: Array = eqx.field(converter=as_parameter, default=0.0)
+    friction_share: Array = eqx.field(converter=as_parameter, default=1.0)
+    load: AbstractLoad = NoLoad()
+
+    def __check_init__(self) -> None:
+        require_positive(self, "inertia", "kg m^2")
+        require_positive(self, "load_share", "1")
+        require_positive(self, "stiffness", "N m/rad")
+        require_not_negative(self, "damping", "N m s/rad")
+        require_not_negative(self, "gap", "rad")
+        require_not_negative(self, "friction_share", "1")
+        require_below(self, "load_share", 1.0)
+        if jax.tree.leaves(self.friction.init()):
+            raise InputError(
+                f"Transmission: {type(self.friction).__name__} has a state of its own, and the friction here is "
+                "shared by two bodies: use a static law, or TwoMass for a law with memory on the load."
+            )
+
+    @property
+    def load_inertia(self) -> Array:
+        """J_l [kg m^2]."""
+        return self.load_share * self.inertia
+
+    @property
+    def motor_inertia(self) -> Array:
+        """J_m [kg m^2]."""
+        return (1.0 - self.load_share) * self.inertia
+
+    def rubbing_inertia(self) -> Array:
+        """The lighter side for the friction that it bears [kg m^2]."""
+        share = jnp.clip(self.friction_share, 1e-9, 1.0 - 1e-9)
+        return jnp.minimum(self.load_inertia / share, self.motor_inertia / (1.0 - share))
+
+    def resonance(self) -> Array:
+        """Free-free resonance [Hz] (3.15) of the closed gap."""
+        return resonance_frequency(self.motor_inertia, self.load_inertia, self.stiffness)
+
+    def init(self) -> TwoMassState:
+        """At rest at position zero, in the middle of the gap."""
+        zero = jnp.zeros_like(self.inertia)
+        return TwoMassState(zero, zero, zero, zero, self.friction.init())
+
+    def shaft(self, state: TwoMassState) -> Array:
+        """Torque [N m] that the motor puts on the load."""
+        twist = state.motor_position - state.load_position
+        half = 0.5 * self.gap
+        beyond = twist - jnp.clip(twist, -half, half)
+        relative = state.motor_velocity - state.load_velocity
+        spring, damper = self.stiffness * beyond, self.damping * relative
+        pressing = jnp.sign(beyond) * jnp.maximum(jnp.sign(beyond) * (spring + damper), 0.0)
+        return jnp.where(self.gap > 0.0, pressing, spring + damper)
+
+    def derivative(self, state: TwoMassState, torque: Array, time: Array) -> TwoMassState:
+        """Accelerations [rad/s^2], velocities [rad/s]; friction without a state only."""
+        shaft = self.shaft(state)
+        motor = Motion(state.motor_velocity, state.motor_position, time)
+        load = Motion(state.load_velocity, state.load_position, time)
+        on_load, share = shaft - self.load.readout(load), self.friction_share
+        motor_friction = (1.0 - share) * self.friction.readout((), motor, torque - shaft)
+        load_friction = share * self.friction.readout((), load, on_load)
+        return TwoMassState(
+            (torque - shaft - motor_friction) / self.motor_inertia,
+            state.motor_velocity,
+            (on_load - load_friction) / self.load_inertia,
+            state.load_velocity,
+            (),
+        )
+
+    def readout(self, state: TwoMassState, torque: Array, time: Array) -> PlantOutput:
+        """Both sides' velocities and positions; friction is that of both."""
+        shaft, share = self.shaft(state), self.friction_share
+        motor = Motion(state.motor_velocity, state.motor_position, time)
+        load = Motion(state.load_velocity, state.load_position, time)
+        friction: Any = (1.0 - share) * self.friction.readout((), motor, torque - shaft)
+        friction = friction + share * self.friction.readout((), load, shaft - self.load.readout(load))
+        return PlantOutput(
+            state.load_velocity, state.load_position, state.motor_velocity, state.motor_position, friction
+        )

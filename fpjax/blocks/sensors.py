@@ -1,0 +1,202 @@
+"""Sensors: what stands between the plant and the controller."""
+
+from abc import abstractmethod
+from typing import Any, ClassVar, Literal
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array
+
+from ..errors import InputError
+from .block import Block, as_parameter, require_not_negative, require_positive
+from .signals import Measurement, PlantOutput
+
+Side = Literal["load", "motor"]
+
+
+class AbstractSensor(Block):
+    """From the plant's output to a measurement.
+
+    Class attributes:
+        noise_channels: standard normal numbers that one sample needs.
+    """
+
+    noise_channels: ClassVar[int] = 0
+
+    @abstractmethod
+    def init(self) -> Any:
+        """The state before the first sample."""
+
+    @abstractmethod
+    def step(self, state: Any, output: PlantOutput, noise: tuple[Array, ...], dt: Array) -> tuple[Any, Measurement]:
+        """(next state, what is read at the start of this control period of dt [s]); `noise` holds standard normals."""
+
+    def readout(self, output: PlantOutput) -> Measurement:
+        """What is read at any instant (continuous stepping); refused by a sensor that only exists at samples."""
+        del output
+        raise InputError(
+            f"{type(self).__name__} only exists at sample instants, so continuous stepping cannot use it: "
+            'use stepping="sampled", or IdealSensor().'
+        )
+
+
+class IdealSensor(AbstractSensor):
+    """Reads the truth on one side of the transmission.
+
+    Attributes:
+        side: "load" or "motor" (static).
+    """
+
+    side: Side = eqx.field(static=True, default="load")
+
+    def init(self) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def step(self, state: Any, output: PlantOutput, noise: tuple[Array, ...], dt: Array) -> tuple[Any, Measurement]:
+        """The true velocity and position."""
+        del noise, dt
+        return state, self.readout(output)
+
+    def readout(self, output: PlantOutput) -> Measurement:
+        """The true velocity [rad/s] and position [rad]."""
+        return _on_side(self.side, output)
+
+
+class Gyro(AbstractSensor):
+    """A rate gyro: scale x w + bias + random-walk bias + white noise; its position is the integral of its rate.
+
+    Attributes:
+        noise: standard deviation of one sample [rad/s].
+        bias: constant bias [rad/s].
+        random_walk: bias random walk [rad/s/sqrt(s)].
+        scale: [1].
+        side: "load" or "motor" (static).
+    """
+
+    noise_channels: ClassVar[int] = 2
+
+    noise: Array = eqx.field(converter=as_parameter)
+    bias: Array = eqx.field(converter=as_parameter, default=0.0)
+    random_walk: Array = eqx.field(converter=as_parameter, default=0.0)
+    scale: Array = eqx.field(converter=as_parameter, default=1.0)
+    side: Side = eqx.field(static=True, default="load")
+
+    def __check_init__(self) -> None:
+        require_not_negative(self, "noise", "rad/s")
+        require_not_negative(self, "random_walk", "rad/s/sqrt(s)")
+
+    def init(self) -> tuple[Array, Array]:
+        """(wandering bias [rad/s], integrated angle [rad])."""
+        return jnp.zeros_like(self.noise), jnp.zeros_like(self.noise)
+
+    def step(self, state: Any, output: PlantOutput, noise: tuple[Array, ...], dt: Array) -> tuple[Any, Measurement]:
+        """A noisy rate [rad/s] and its integral [rad]."""
+        wander, angle = state
+        true = _on_side(self.side, output)
+        rate = self.scale * true.velocity + self.bias + wander + self.noise * noise[0]
+        following = (wander + self.random_walk * jnp.sqrt(dt) * noise[1], angle + dt * rate)
+        return following, Measurement(rate, angle)
+
+
+class Encoder(AbstractSensor):
+    """An encoder: position rounded to a step, velocity from its differences through a first-order low-pass.
+
+    Attributes:
+        step_size: [rad] per count; 0 for none.
+        noise: standard deviation of a reading before rounding [rad].
+        filter_time: time constant [s] of the low-pass on the difference; 0 for the bare difference.
+        side: "load" or "motor" (static).
+    """
+
+    noise_channels: ClassVar[int] = 1
+
+    step_size: Array = eqx.field(converter=as_parameter)
+    noise: Array = eqx.field(converter=as_parameter, default=0.0)
+    filter_time: Array = eqx.field(converter=as_parameter, default=0.0)
+    side: Side = eqx.field(static=True, default="load")
+
+    def __check_init__(self) -> None:
+        require_not_negative(self, "step_size", "rad")
+        require_not_negative(self, "noise", "rad")
+        require_not_negative(self, "filter_time", "s")
+
+    def init(self) -> tuple[Array, Array, Array]:
+        """(last reading [rad], filtered velocity [rad/s], 0 before the first sample and 1 after)."""
+        zero = jnp.zeros_like(self.step_size)
+        return zero, zero, zero
+
+    def step(self, state: Any, output: PlantOutput, noise: tuple[Array, ...], dt: Array) -> tuple[Any, Measurement]:
+        """A rounded position [rad] and its filtered difference [rad/s]."""
+        before, velocity, started = state
+        reading = quantise(_on_side(self.side, output).position + self.noise * noise[0], self.step_size)
+        difference = started * (reading - before) / dt
+        velocity = velocity + dt / (dt + self.filter_time) * (difference - velocity)
+        return (reading, velocity, jnp.ones_like(started)), Measurement(velocity, reading)
+
+
+class KalmanFusion(AbstractSensor):
+    """A gyro and an encoder fused by a Kalman filter with states (angle [rad], gyro bias [rad/s]).
+
+    The gyro's rate drives the angle (error-state form); the encoder corrects angle and bias. The velocity is the
+    gyro's rate less the estimated bias: bandwidth of the gyro, drift of the encoder (Lefferts, Markley, Shuster,
+    "Kalman filtering for spacecraft attitude estimation", 1982).
+
+    Attributes:
+        gyro: the rate sensor.
+        encoder: the position sensor.
+        angle_noise: standard deviation the filter assumes for a position reading [rad]; at least step/sqrt(12).
+    """
+
+    noise_channels: ClassVar[int] = 3
+
+    gyro: Gyro
+    encoder: Encoder
+    angle_noise: Array = eqx.field(converter=as_parameter)
+
+    def __check_init__(self) -> None:
+        require_positive(self, "angle_noise", "rad")
+
+    def init(self) -> Any:
+        """Both sensors' states, (angle, bias), and the covariance (p11, p12, p22)."""
+        zero = jnp.zeros_like(self.angle_noise)
+        spread = jnp.square(self.angle_noise)
+        return self.gyro.init(), self.encoder.init(), (zero, zero), (spread, zero, zero + 1.0)
+
+    def step(self, state: Any, output: PlantOutput, noise: tuple[Array, ...], dt: Array) -> tuple[Any, Measurement]:
+        """Fused velocity [rad/s] and position [rad]."""
+        gyro_state, encoder_state, (angle, bias), (p11, p12, p22) = state
+        gyro_state, rate = self.gyro.step(gyro_state, output, noise[:2], dt)
+        encoder_state, reading = self.encoder.step(encoder_state, output, noise[2:], dt)
+        # Correct with the encoder (measurement of the angle).
+        reading_variance = jnp.square(self.angle_noise)
+        innovation = p11 + reading_variance
+        gain_angle, gain_bias = p11 / innovation, p12 / innovation
+        residual = reading.position - angle
+        angle, bias = angle + gain_angle * residual, bias + gain_bias * residual
+        # (1 - gain) p11 without its cancellation, which costs float32 all digits where the encoder is much the better.
+        p11, p12, p22 = gain_angle * reading_variance, gain_bias * reading_variance, p22 - gain_bias * p12
+        velocity = rate.velocity - bias
+        measurement = Measurement(velocity, angle)
+        # Predict to the next sample with the rate held; the bias walks.
+        angle = angle + dt * velocity
+        p11 = p11 - 2.0 * dt * p12 + dt * dt * (p22 + jnp.square(self.gyro.noise))
+        p12 = p12 - dt * p22
+        p22 = p22 + dt * jnp.square(self.gyro.random_walk)
+        return (gyro_state, encoder_state, (angle, bias), (p11, p12, p22)), measurement
+
+
+def quantise(value: Array, step_size: Array) -> Array:
+    """Round to multiples of `step_size` (0: leave it); the gradient is the identity (straight-through)."""
+    positive = step_size > 0.0
+    size = jnp.where(positive, step_size, jnp.ones_like(step_size))
+    rounded = jnp.round(value / size) * size
+    correction = jnp.where(positive, rounded - value, jnp.zeros_like(value))
+    return value + lax.stop_gradient(correction)
+
+
+def _on_side(side: Side, output: PlantOutput) -> Measurement:
+    if side == "motor":
+        return Measurement(output.motor_velocity, output.motor_position)
+    return Measurement(output.velocity, output.position)

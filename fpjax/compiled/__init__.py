@@ -1,0 +1,1 @@
+"""How the loop gets fast: compiled natively, batches, threads, gradients, arithmetic written out."""

@@ -1,0 +1,344 @@
+"""A batch of candidates of any size, in chunks that fit one kernel, on all cores.
+
+The time of a chunk is flat in its size up to the vector width, and its memory is bounded: a million
+candidates cost what their chunks cost, one after the other on every core.
+"""
+
+import concurrent.futures
+import contextlib
+import dataclasses
+import functools
+import os
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import jax
+import jax.core
+import jax.dtypes
+import jax.extend.core
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.core import Tracer
+from jax.sharding import Mesh, PartitionSpec
+
+from ..errors import InputError
+from .native import native, native_enabled
+from .persistent import persistent
+from .threads import on_threads, settings, under
+
+_core: Any = jax.extend.core if hasattr(jax.extend.core, "get_opaque_trace_state") else jax.core
+with concurrent.futures.ThreadPoolExecutor(1) as _fresh:  # this module may first be imported within a trace
+    _NO_TRACE = _fresh.submit(_core.get_opaque_trace_state).result()
+
+# Candidates in one kernel: one chunk keeps its states in the first-level cache and its loops long
+# enough that LLVM vectorizes them (docs/performance.md).
+CHUNK_FLOAT64 = 64
+CHUNK_FLOAT32 = 128
+# LLVM turns loops shorter than this into scalar code, except at powers of two: by the bytes of a float, (from, to)
+# which number of candidates padding was faster.
+VECTORIZED_FROM = 48
+PADDED = {8: ((6, 8), (28, VECTORIZED_FROM)), 4: ((4, 8), (9, VECTORIZED_FROM))}
+# Below so many candidates a core, a thread costs more than it brings.
+PER_WORKER = 48
+
+
+def map_chunks(
+    fn: Callable[..., Any],
+    arguments: Any,
+    shared: tuple[Any, ...] = (),
+    *,
+    chunk: int | None = None,
+    batched: bool = False,
+    devices: Sequence[Any] | None = None,
+    workers: int | None = None,
+) -> Any:
+    """`vmap(fn)` over a leading axis, chunk by chunk in one kernel each, on all cores.
+
+    Inside a jit, grad or vmap it is one `lax.map` on one device. It is compiled once for each `fn` and shape, so
+    pass the same function object again, not a new lambda.
+
+    Args:
+        fn: `fn(candidate, *shared)` -> pytree of arrays for one candidate; if `batched`, for a whole chunk, with the
+            leading axis in and out.
+        arguments: the candidates, a pytree with leading axis B on every leaf.
+        shared: what all candidates share (tables, logs), passed on as it is.
+        chunk: candidates in one kernel; by default at most 64 (float64) or 128 (float32).
+        batched: see `fn`.
+        devices: used by `shard_map` where there are several; by default all local ones.
+        workers: on a single CPU device, threads that share the work; by default one a core.
+
+    Returns:
+        The results of `fn`, with leading axis B.
+
+    Raises:
+        InputError: where the leaves have no common leading axis.
+    """
+    size, width = _size_and_width(arguments)
+    if _traced(arguments, shared):
+        chunk = chunk or _chunk_for(size, width)
+        count = -(-size // chunk)
+        blocks = jax.tree.map(lambda leaf: _blocks(jnp, leaf, count, chunk), arguments)
+        return _first(_chunked(fn, batched)(blocks, shared), size)
+
+    where = tuple(jax.local_devices() if devices is None else devices)
+    workers = 1 if size < 2 * PER_WORKER else workers or cores()
+    plan = _plan(fn, batched, size, width, chunk, where, workers, native_enabled())
+    with contextlib.nullcontext() if devices is None else jax.default_device(where[0]):
+        if plan.single:
+            return plan.run(arguments, shared)
+        blocks = jax.tree.map(lambda leaf: _blocks(*_here(leaf), plan.count, plan.chunk), arguments)
+        if plan.threads == 1:
+            return _first(plan.run(blocks, shared), size)
+        return _threaded(plan, blocks, shared, where[0], size)
+
+
+def iterate_chunks(
+    fn: Callable[..., Any],
+    arguments: Any,
+    shared: tuple[Any, ...] = (),
+    *,
+    size: int = 16384,
+    start: int = 0,
+    chunk: int | None = None,
+    batched: bool = False,
+    devices: Sequence[Any] | None = None,
+    workers: int | None = None,
+) -> Iterator[tuple[slice, Any]]:
+    """`map_chunks` in pieces of `size` candidates: yields (slice of the batch, its result).
+
+    For sweeps that take minutes: between two pieces the caller draws its progress bar, writes its file, is
+    interrupted. Every piece has the same shape (the last is padded), so nothing recompiles and a candidate's result
+    does not depend on where a run was resumed.
+
+    Args:
+        fn: see `map_chunks`, as `arguments`, `shared`, `chunk`, `batched`, `devices` and `workers`.
+        arguments: the candidates.
+        shared: what all candidates share.
+        size: candidates of a piece.
+        start: the first candidate still to do, a multiple of `size`.
+        chunk: candidates in one kernel.
+        batched: whether `fn` takes a whole chunk.
+        devices: devices that share the work.
+        workers: threads that share the work.
+
+    Yields:
+        (slice of the batch, the results of its candidates as numpy arrays).
+
+    Raises:
+        InputError: where the leaves have no common leading axis, or `start` is not a multiple of `size`.
+    """
+    total = batch_size(arguments)
+    if size < 1 or start % size:
+        raise InputError(
+            f"size={size}, start={start}: pieces hold at least one candidate and a run resumes at "
+            "a multiple of the piece."
+        )
+    for first in range(start, total, size):
+        piece = slice(first, min(first + size, total))
+        taken = jax.tree.map(lambda leaf, piece=piece: np.asarray(leaf)[piece], arguments)
+        if total > size:
+            taken = jax.tree.map(lambda leaf: _padded(np, leaf, size), taken)
+        result = map_chunks(fn, taken, shared, chunk=chunk, batched=batched, devices=devices, workers=workers)
+        number = piece.stop - piece.start
+        yield piece, jax.tree.map(lambda leaf, number=number: np.asarray(leaf)[:number], result)
+
+
+def batch_size(arguments: Any) -> int:
+    """The number of candidates.
+
+    Raises:
+        InputError: where the leaves do not agree on one.
+    """
+    return _size_and_width(arguments)[0]
+
+
+def chunk_for(arguments: Any, size: int) -> int:
+    """How many candidates go into one kernel, for `size` candidates of this precision."""
+    return _chunk_for(size, _size_and_width(arguments)[1])
+
+
+def _traced(*arguments: Any) -> bool:
+    """Whether a trace is going on: without tracers among the arguments it may still have some in the function."""
+    return _core.get_opaque_trace_state() != _NO_TRACE or any(
+        isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)
+    )
+
+
+def _size_and_width(arguments: Any) -> tuple[int, int]:
+    """(the number of candidates, the bytes of their widest number: 8 or 4)."""
+    sizes, width = set(), 4
+    for leaf in jax.tree.leaves(arguments):
+        leaf = leaf if hasattr(leaf, "dtype") else jax.eval_shape(jnp.asarray, leaf)
+        sizes.add(leaf.shape[:1])
+        if leaf.dtype.itemsize >= 8:
+            width = 8
+    if len(sizes) != 1 or () in sizes or (0,) in sizes:
+        shapes = [np.shape(leaf) for leaf in jax.tree.leaves(arguments)]
+        raise InputError(
+            f"A batch needs one leading axis of candidates on every array, not shapes {shapes}: "
+            "broadcast what all candidates share, or pass it as shared."
+        )
+    return sizes.pop()[0], width
+
+
+def _chunk_for(size: int, width: int) -> int:
+    full = CHUNK_FLOAT64 if width == 8 else CHUNK_FLOAT32
+    if size >= full:
+        count = -(-size // full)
+        even = -(-size // (8 * count)) * 8  # no nearly empty last chunk
+        return full if count > 8 else min(full, max(VECTORIZED_FROM, even))
+    return next((to for start, to in PADDED[width] if start <= size <= to), size)
+
+
+def cores() -> int:
+    """The cores that this process may use."""
+    count = getattr(os, "sched_getaffinity", None)
+    return len(count(0)) if count else os.cpu_count() or 1
+
+
+def _chunked(fn: Callable[..., Any], batched: bool, single: bool = False) -> Callable[..., Any]:
+    def run(blocks: Any, shared: tuple[Any, ...]) -> Any:
+        whole = fn if batched else jax.vmap(fn, in_axes=(0, *(None for _ in shared)))
+        kernel = native(whole)
+        if single:
+            return kernel(blocks, *shared)
+        if jax.tree.leaves(blocks)[0].shape[0] == 1:  # no loop around a single chunk
+            return kernel(jax.tree.map(lambda leaf: leaf[0], blocks), *shared)
+        result = lax.map(lambda block: kernel(block, *shared), blocks)
+        return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), result)
+
+    return run
+
+
+def _on_gpu(run: Callable[..., Any]) -> Callable[..., Any]:
+    def traced(*arguments: Any) -> Any:
+        with persistent():
+            return run(*arguments)
+
+    return traced
+
+
+@dataclasses.dataclass(frozen=True)
+class _Plan:
+    """How a batch of one size runs.
+
+    Attributes:
+        run: the jitted loop over chunks.
+        seen: the shapes that `run` was compiled for.
+        chunk: candidates in one kernel.
+        count: chunks of the whole batch, the same number for each device or thread.
+        threads: threads that share the chunks.
+        single: whether the batch is one chunk as it stands.
+    """
+
+    run: Callable[..., Any]
+    seen: set[Any]
+    chunk: int
+    count: int
+    threads: int
+    single: bool
+
+
+@functools.lru_cache(maxsize=64)
+def _plan(
+    fn: Callable[..., Any],
+    batched: bool,
+    size: int,
+    width: int,
+    chunk: int | None,
+    where: tuple[Any, ...],
+    workers: int,
+    enabled: bool,
+) -> _Plan:
+    """Kept by what decides it: a short batch takes about as long as deciding it anew would."""
+    if not where:
+        raise InputError("devices=() leaves nothing to compute on: give at least one, or None.")
+    if size < len(where) * PER_WORKER:
+        where = where[:1]
+    on_cpu, threads = where[0].platform == "cpu", 1
+    if len(where) == 1 and on_cpu:
+        threads = max(1, min(workers, size // PER_WORKER))
+    parts = max(len(where), threads)
+    on_gpu = where[0].platform in ("gpu", "cuda")  # one kernel takes the whole batch there, a candidate a lane
+    chunk = chunk or (-(-size // parts) if on_gpu else _chunk_for(-(-size // parts), width))
+    single = parts == 1 and chunk == size
+    several = where if len(where) > 1 else None
+    run, seen = _compiled(fn, batched, on_cpu and chunk >= VECTORIZED_FROM, enabled, several, single, on_gpu)
+    return _Plan(run, seen, chunk, -(-size // (chunk * parts)) * parts, threads, single)
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(
+    fn: Callable[..., Any],
+    batched: bool,
+    wide: bool,
+    enabled: bool,
+    devices: tuple[Any, ...] | None,
+    single: bool,
+    on_gpu: bool,
+) -> tuple[Callable[..., Any], set[Any]]:
+    """(the jitted loop over chunks, the shapes that it was compiled for).
+
+    `enabled` is only there so that a switched `native` traces anew.
+    """
+    del enabled
+    run = _on_gpu(_chunked(fn, batched, single)) if on_gpu else _chunked(fn, batched, single)
+    if devices is not None:
+        mesh = Mesh(np.array(devices), ("candidates",))
+        split, whole = PartitionSpec("candidates"), PartitionSpec()
+        # Unchecked: a loop's initial state is a constant until the first step mixes the candidate in, which the check
+        # of what varies over devices takes for an error.
+        run = jax.shard_map(run, mesh=mesh, in_specs=(split, whole), out_specs=split, check_vma=False)
+    # 512-bit vectors: 15-50 % faster on long loops, slower on short ones.
+    options = {"xla_cpu_prefer_vector_width": "512"} if wide else None
+    return jax.jit(run, compiler_options=options), set()
+
+
+def _threaded(plan: _Plan, blocks: Any, shared: tuple[Any, ...], device: Any, size: int) -> Any:
+    """Each thread runs one part.
+
+    XLA releases the interpreter while it computes; a second CPU device for `shard_map` could only
+    be had before jax starts.
+    """
+    each, own = plan.count // plan.threads, settings()
+
+    def part(number: int) -> Any:
+        taken = jax.tree.map(lambda leaf: leaf[number * each : (number + 1) * each], blocks)
+        with under(own), jax.default_device(device):
+            return jax.block_until_ready(plan.run(taken, shared))
+
+    leaves = jax.tree.leaves((blocks, shared))
+    known = (plan.threads, own, *((np.shape(leaf), getattr(leaf, "dtype", type(leaf))) for leaf in leaves))
+    results = on_threads(part, plan.threads, first_alone=known not in plan.seen)  # or each would compile the same
+    plan.seen.add(known)
+
+    def joined(*parts: Any) -> Any:
+        numpy = _here(parts[0])[0]
+        return jnp.asarray(numpy.concatenate([_here(each)[1] for each in parts])[:size])
+
+    return jax.tree.map(joined, *results)
+
+
+def _here(leaf: Any) -> tuple[Any, Any]:
+    """(numpy or jax.numpy, the array there): random keys have no numpy array."""
+    dtype = getattr(leaf, "dtype", None)
+    if dtype is not None and jnp.issubdtype(dtype, jax.dtypes.extended):
+        return jnp, leaf
+    return np, np.asarray(leaf)
+
+
+def _blocks(numpy: Any, leaf: Any, count: int, chunk: int) -> Any:
+    return _padded(numpy, leaf, count * chunk).reshape(count, chunk, *leaf.shape[1:])
+
+
+def _padded(numpy: Any, leaf: Any, size: int) -> Any:
+    """The last candidate repeated: a padded lane computes nothing new, and cannot diverge alone."""
+    missing = size - leaf.shape[0]
+    if missing == 0:
+        return leaf
+    return numpy.concatenate([leaf, numpy.broadcast_to(leaf[-1:], (missing, *leaf.shape[1:]))])
+
+
+def _first(result: Any, size: int) -> Any:
+    return jax.tree.map(lambda leaf: leaf if leaf.shape[0] == size else leaf[:size], result)

@@ -1,0 +1,127 @@
+"""Value and gradient of a cost that holds a long loop, by the mode that was measured cheapest.
+
+Forward mode carries one more loop state per parameter and no memory; reverse mode costs the same
+for any number of parameters, and keeps its memory bounded by checkpoints (`native.scan_loop`).
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+
+from ..errors import InputError
+from .native import reverse_pass
+from .persistent import is_persistent
+
+Parameters = TypeVar("Parameters")
+
+MODES = ("auto", "forward", "reverse")
+
+# Up to this many parameters forward mode was the cheaper one (docs/performance.md).
+FORWARD_UP_TO = 4
+
+# What one reverse pass may keep of the carries of its steps [bytes], about a second-level cache. A carry holds more
+# than its derivative needs (the cost is linear): what is really kept was about two thirds.
+SCRATCH = 1_500_000
+
+
+def value_and_gradient(
+    fn: Callable[..., jax.Array],
+    *,
+    mode: str = "auto",
+    batched: bool = False,
+    scratch: int = SCRATCH,
+) -> Callable[..., tuple[jax.Array, Any]]:
+    """A function of the same arguments that returns (value, gradient by the first argument).
+
+    Wrap the result, not `fn`, in `native`.
+
+    Args:
+        fn: `fn(parameters, *others)` -> scalar, its loops `scan_loop`s with checkpoint="auto".
+        mode: "forward", "reverse", or "auto": forward up to four parameters and on a GPU.
+        batched: `fn` maps parameters with a leading axis B on every leaf to B values, each of its own candidate only,
+            and so does the gradient.
+        scratch: what reverse mode may keep [bytes].
+
+    Raises:
+        InputError: for an unknown mode, parameters that are not floats, and a value that is not a scalar (or B).
+    """
+    if mode not in MODES:
+        raise InputError(f"mode={mode!r} is not known: use one of {MODES}.")
+
+    def evaluated(parameters: Any, *others: Any) -> tuple[jax.Array, Any]:
+        parameters = jax.tree.map(jnp.asarray, parameters)
+        candidates, count = _sizes(parameters, batched)
+        cost = lambda p: fn(p, *others)  # noqa: E731
+        if mode == "forward" or (mode == "auto" and (count <= FORWARD_UP_TO or is_persistent())):
+            return _forward(cost, parameters, candidates)
+        with reverse_pass(candidates=candidates or 1, scratch=scratch):
+            value, pull = jax.vjp(cost, parameters)
+            _check(value, candidates)
+            (gradient,) = pull(jnp.ones_like(value))
+        return value, gradient
+
+    return evaluated
+
+
+def _sizes(parameters: Any, batched: bool) -> tuple[int | None, int]:
+    """(the number of candidates, None where there is no such axis; parameters of one of them)."""
+    leaves = jax.tree.leaves(parameters)
+    if any(not jnp.issubdtype(leaf.dtype, jnp.floating) for leaf in leaves) or not leaves:
+        raise InputError(
+            f"A gradient needs float parameters, not {[str(leaf.dtype) for leaf in leaves]}: "
+            "pass integers and flags as further arguments."
+        )
+    if not batched:
+        return None, sum(leaf.size for leaf in leaves)
+    sizes = {leaf.shape[:1] for leaf in leaves}
+    if len(sizes) != 1 or sizes == {()}:
+        raise InputError(
+            f"batched=True needs one leading axis on every parameter, not {sorted(sizes)}: "
+            "broadcast them to the number of candidates."
+        )
+    (size,) = sizes
+    return size[0], sum(math.prod(leaf.shape[1:]) for leaf in leaves)
+
+
+def _check(value: jax.Array, candidates: int | None) -> None:
+    expected = () if candidates is None else (candidates,)
+    if value.shape != expected:
+        raise InputError(
+            f"The cost must have shape {expected}, not {value.shape}: sum or average what the function returns."
+        )
+
+
+def _forward(cost: Callable[[Any], jax.Array], parameters: Any, candidates: int | None) -> tuple[jax.Array, Any]:
+    leaves, structure = jax.tree.flatten(parameters)
+    lead = () if candidates is None else (candidates,)
+    inner = [leaf.shape[len(lead) :] for leaf in leaves]
+    counts = [math.prod(shape) for shape in inner]
+    total = sum(counts)
+    starts = [sum(counts[:i]) for i in range(len(counts))]
+
+    def directions(leaf: jax.Array, shape: tuple[int, ...], start: int, count: int) -> jax.Array:
+        one_hot = jnp.eye(total, count, -start, dtype=leaf.dtype)
+        one_hot = one_hot.reshape(total, *(1 for _ in lead), *shape)
+        return jnp.broadcast_to(one_hot, (total, *leaf.shape))
+
+    tangents = jax.tree.unflatten(
+        structure, [directions(*each) for each in zip(leaves, inner, starts, counts, strict=True)]
+    )
+
+    def along(tangent: Any) -> tuple[jax.Array, jax.Array]:
+        return jax.jvp(cost, (parameters,), (tangent,))
+
+    # The value does not depend on the direction: it is computed once, outside the vmap; but on a GPU a direction has a
+    # lane of its own, which holds the value too.
+    value, slopes = jax.vmap(along, out_axes=(0 if is_persistent() else None, 0))(tangents)
+    value = value[0] if is_persistent() else value
+    _check(value, candidates)
+    slopes = jnp.moveaxis(slopes, 0, -1)
+    gradient = [
+        slopes[..., start : start + count].reshape(leaf.shape).astype(leaf.dtype)
+        for leaf, start, count in zip(leaves, starts, counts, strict=True)
+    ]
+    return value, jax.tree.unflatten(structure, gradient)

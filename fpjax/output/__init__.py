@@ -1,0 +1,1 @@
+"""What a command leaves and shows: pictures, run files, TOML text, progress."""

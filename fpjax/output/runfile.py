@@ -1,0 +1,163 @@
+"""run.json: the command, the inputs' hashes, seeds, versions and times, so that a figure can be traced."""
+
+import datetime
+import hashlib
+import importlib.metadata
+import json
+import os
+import pathlib
+import platform
+import sys
+import time
+from typing import Any
+
+from .._version import __version__
+from ..errors import InputError
+
+_PACKAGES = ("jax", "jaxlib", "numpy", "scipy", "equinox", "optax", "optimistix", "matplotlib")
+
+
+class RunFile:
+    """What a run leaves beside its results.
+
+    Attributes:
+        folder: where results go; None for a run that keeps nothing.
+        command: as typed.
+        inputs: files read, by path, with their SHA-256.
+        seeds: of every random draw, by what it is for.
+        seconds: by stage.
+        notes: sentences shown to the user.
+    """
+
+    def __init__(self, folder: pathlib.Path | None, command: list[str]) -> None:
+        self.folder, self.command = folder, command
+        self.inputs: list[dict[str, Any]] = []
+        self.seeds: dict[str, int] = {}
+        self.seconds: dict[str, float] = {}
+        self.notes: list[str] = []
+        self.outputs: list[str] = []
+        self.started = datetime.datetime.now(datetime.UTC)
+        self._begin = self._stage_begin = time.perf_counter()
+        self._stage: str | None = None
+
+    def read(self, path: str | os.PathLike[str], role: str) -> pathlib.Path:
+        """Note an input file by its hash; a file that cannot be read is left to its reader to complain about."""
+        path = pathlib.Path(path)
+        try:
+            digest, size = hashlib.sha256(), 0
+            with path.open("rb") as stream:
+                while block := stream.read(1 << 20):
+                    digest.update(block)
+                    size += len(block)
+        except OSError:
+            return path
+        self.inputs.append({"role": role, "name": path.name, "sha256": digest.hexdigest(), "bytes": size})
+        return path
+
+    def stage(self, name: str) -> None:
+        """Begin a stage: its seconds end with the next one."""
+        self._end_stage()
+        self._stage, self._stage_begin = name, time.perf_counter()
+
+    def _end_stage(self) -> None:
+        if self._stage is not None:
+            spent = time.perf_counter() - self._stage_begin
+            self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + spent
+        self._stage = None
+
+    def path(self, name: str) -> pathlib.Path:
+        """The path of a result in the folder, noted as an output."""
+        assert self.folder is not None
+        self.outputs.append(name)
+        return self.folder / name
+
+    def write(self, status: str = "completed") -> None:
+        """Leave run.json; nothing without a folder."""
+        self._end_stage()
+        if self.folder is None:
+            return
+        content = {
+            "command": self.command,
+            "status": status,
+            "inputs": self.inputs,
+            "outputs": self.outputs,
+            "seeds": self.seeds,
+            "versions": versions(),
+            "started": self.started.isoformat(timespec="seconds"),
+            "seconds": {
+                **{name: round(spent, 3) for name, spent in self.seconds.items()},
+                "total": round(time.perf_counter() - self._begin, 3),
+            },
+            "notes": self.notes,
+        }
+        write_json(self.folder / "run.json", content)
+
+
+def versions() -> dict[str, str]:
+    """Versions that a figure may depend on, without importing anything."""
+    found = {"fpjax": __version__, "python": platform.python_version(), "platform": platform.platform()}
+    for package in _PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    jax = sys.modules.get("jax")
+    if jax is not None:
+        found["backend"] = jax.default_backend()
+    return found
+
+
+def open_folder(out: str | os.PathLike[str] | None) -> pathlib.Path | None:
+    """The results' folder, made and tried before anything is computed.
+
+    Raises:
+        InputError: where it cannot be written.
+    """
+    if out is None:
+        return None
+    folder = pathlib.Path(out).expanduser()
+    probe = folder / f".fpjax-{os.getpid()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.write_bytes(b"")
+        probe.unlink()
+    except OSError as error:
+        raise InputError(
+            f"--out {folder} cannot be written ({error.strerror or error}): give a folder that can be."
+        ) from error
+    return folder
+
+
+def write_whole(path: pathlib.Path, content: str | bytes) -> None:
+    """Write a file whole or not at all.
+
+    Raises:
+        InputError: where it cannot be written.
+    """
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        partial.write_bytes(content.encode() if isinstance(content, str) else content)
+        partial.replace(path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise InputError(f"{path} cannot be written ({error.strerror or error}): use another --out.") from error
+
+
+def write_json(path: pathlib.Path, content: Any) -> None:
+    """JSON with what is not finite as null."""
+    write_whole(path, json.dumps(plain(content), indent=1, allow_nan=False) + "\n")
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON takes it: arrays as lists, numbers that are not finite as None."""
+    if isinstance(value, dict):
+        return {str(key): plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(part) for part in value]
+    if isinstance(value, str | bool | int) or value is None:
+        return value
+    if isinstance(value, float):
+        return value if value - value == 0.0 else None
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    return str(value)

@@ -1,0 +1,89 @@
+"""Sampled stepping is exact for what is linear: a lead, the high-order feed-forward; and says what it cannot do."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import signal
+
+import fpjax as fp
+from fpjax.blocks.plants import held_high_order
+from fpjax.blocks.signals import Measurement
+
+
+def test_lead_is_the_zero_order_hold_of_scipy():
+    lead, dt = fp.Lead(57.0, 217.0, 2500.0), 1e-3  # dt x pole = 2.5: past Euler's limit
+    held = signal.StateSpace([[-2500.0]], [[1.0]], [[57.0 * (217.0 - 2500.0)]], [[57.0]]).to_discrete(dt)
+    errors = np.random.default_rng(0).normal(size=200)
+    ours, state = [], lead.init()
+    for error in errors:
+        measured = Measurement(jnp.asarray(0.0), jnp.asarray(0.0))
+        ours.append(float(lead.readout(state, jnp.asarray(error), measured)))
+        state = lead.step(state, jnp.asarray(error), measured, jnp.asarray(dt))
+    _, theirs, _ = signal.dlsim(held, errors)
+    np.testing.assert_allclose(ours, theirs[:, 0], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.5, 8.94427191, 50.0])  # swinging, nearly critical, far beyond
+def test_high_order_step_is_the_matrix_exponential(damping):
+    plant = fp.SeriesTwoMass(0.02, 10.0, 1000.0, damping, fp.NoFriction())
+    reduced = 0.02 * 10.0 / 10.02
+    system = signal.StateSpace(
+        [[0.0, 1.0], [-1000.0 / reduced, -damping / reduced]], [[0.0], [1.0 / reduced]], np.eye(2), np.zeros((2, 1))
+    )
+    held = system.to_discrete(1e-3)
+    state = np.array([0.002, -0.3])
+    expected = held.A @ state + held.B[:, 0] * 7.0
+    ours = held_high_order(jnp.asarray(0.002), jnp.asarray(-0.3), jnp.asarray(7.0), plant, jnp.asarray(1e-3))
+    np.testing.assert_allclose(ours, expected, rtol=1e-8, atol=1e-12)
+
+
+def test_sampled_feedforward_agrees_with_the_continuous_one():
+    motor, load, stiffness, damping = 0.02, 10.0, 1000.0, 0.5
+    friction = fp.CoulombViscous(20.0, 0.0, steepness=200.0)
+    observer = fp.HighOrderFeedforward(
+        fp.ClassicalFriedlandPark(motor + load, fp.LogCosh(100.0, 200.0), steepness=200.0),
+        motor,
+        load,
+        stiffness,
+        damping,
+    )
+    loop = fp.ClosedLoop(
+        fp.SeriesTwoMass(motor, load, stiffness, damping, friction), fp.ProportionalIntegral(40.0, 500.0), observer
+    )
+    runs = {}
+    for stepping, dt, substeps in (("continuous", 1e-4, 1), ("sampled", 5e-4, 5)):
+        runs[stepping] = fp.simulate(
+            loop,
+            fp.Sine(1.0, 1.0),
+            dt=dt,
+            duration=3.0,
+            stepping=stepping,
+            substeps=substeps,
+            record=("estimates.coulomb",),
+        )
+    finals = [float(run.signals["estimates.coulomb"][-1]) for run in runs.values()]
+    assert finals[0] == pytest.approx(20.0, rel=0.02)
+    assert finals[1] == pytest.approx(finals[0], rel=0.01)
+
+
+def test_the_exact_solver_is_refused_where_time_is_continuous():
+    loop = fp.ClosedLoop(fp.OneMass(1.0, fp.Coulomb(1.0)), fp.Proportional(1.0))
+    with pytest.raises(fp.InputError, match="sampled"):
+        fp.simulate(loop, fp.Constant(1.0), dt=1e-3, duration=0.1, solver="exact")
+
+
+def test_the_stiffness_number_sees_both_directions():
+    law = fp.AsymmetricCoulombViscous(1.0, 50.0, 0.0, 0.0, steepness=100.0)
+    loop = fp.ClosedLoop(fp.OneMass(1.0, law), fp.Proportional(1.0))
+    number = fp.stiffness_number(loop, 1e-3)
+    assert number is not None
+    assert number > 2.5  # the steep side alone has a mean level of 25.5 N m at rest: 25.5 x 100 x 1e-3
+    with pytest.warns(fp.FpjaxWarning, match="stability limit"):
+        fp.simulate(loop, fp.Constant(0.0), dt=2e-3, duration=0.01)
+
+
+def test_a_chirp_stays_at_its_last_frequency():
+    chirp = fp.Chirp(1.0, 1.0, 5.0, 2.0)
+    time = jnp.linspace(2.0, 3.0, 2001)
+    crossings = int(np.sum(np.diff(np.sign(np.asarray(chirp.readout(time)))) != 0))
+    assert crossings in (9, 10, 11)  # 5 Hz over one second

@@ -1,0 +1,53 @@
+"""The tutorial's commands and its Python do what the page says, in the order of the page."""
+
+import contextlib
+import io
+import pathlib
+import re
+import shlex
+import shutil
+
+import pytest
+
+from fpjax.cli import main
+
+ROOT = pathlib.Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text()
+PAGE = (ROOT / "docs" / "tutorial.md").read_text()
+COMMANDS = re.findall(r"^\$ fpjax (.*)$", PAGE, flags=re.MULTILINE)
+
+
+@pytest.mark.filterwarnings("default")
+def test_commands_in_order(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "examples" / "gimbal.toml", tmp_path)
+    assert len(COMMANDS) == 6
+    for command in COMMANDS:
+        code = main(shlex.split(command))
+        printed = capsys.readouterr()
+        assert code == 0, f"fpjax {command}: {printed.err}"
+        out = tmp_path / shlex.split(command)[-1]
+        assert (out / "run.json").exists()
+        assert list(out.glob("*.png")), f"fpjax {command} leaves a picture"
+    assert "no_gap" in (tmp_path / "why" / "diagnosis.json").read_text()
+    assert (tmp_path / "why" / "report.html").exists()
+
+
+@pytest.mark.filterwarnings("default")
+def test_readme_python_runs_as_printed():
+    (block,) = re.findall(r"^```python\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
+    names: dict = {}
+    exec(compile(block, "README.md", "exec"), names)
+    assert not names["run"].diverged
+    assert not names["result"].diverged
+    assert "@" not in re.sub(r"```.*?```", "", README, flags=re.DOTALL)  # no placeholder left
+
+
+@pytest.mark.filterwarnings("default")
+def test_python_block():
+    (block,) = re.findall(r"^```python\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(block, "tutorial.md", "exec"), {})
+    assert printed.getvalue().startswith("completed\n")
+    assert "observer.gain_1" in printed.getvalue()

@@ -1,0 +1,114 @@
+"""The corrected model: whatever the cause, its servo.toml loads, runs, and holds what was fitted."""
+
+import functools
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from fpjax.blocks.loads import AbstractLoad
+from fpjax.cli import main
+from fpjax.gap.assemble import machine_at
+from fpjax.gap.corrected import corrected_model
+from fpjax.gap.effect import Setting
+from fpjax.gap.family import Nominal, key_for, make_family
+from fpjax.gap.places import body_of
+from fpjax.gap.vocabulary import EFFECTS
+from fpjax.model_file import load_model
+
+STEP = 0.01  # rad/s
+NOMINAL = """
+[plant]
+type = "one_mass"
+inertia = 0.05
+[friction]
+type = "coulomb_viscous"
+coulomb = 0.4
+viscous = 0.03
+[controller]
+type = "pi"
+kp = 2.0
+ki = 12.0
+[reference]
+type = "sine"
+amplitude = 2.0
+frequency = 1.0
+[simulation]
+dt = 1e-3
+duration = 0.6
+stepping = "sampled"
+substeps = 4
+"""
+SETTING = Setting(0.05, 0.4, 0.03, 0.4, 2.0, 0.8, 6.0, 10.0, 1e-3, {"inertia": 0.05, "coulomb": 0.4, "viscous": 0.03})
+NAMES = [effect.name for effect in EFFECTS]
+
+
+class Spring(AbstractLoad):
+    """A load that no file knows."""
+
+    def readout(self, motion):
+        """Torque [N m]."""
+        return 0.1 * motion.position
+
+
+@functools.cache
+def corrected(name):
+    """(machine, servo.toml) of one effect, every parameter of it away from neutral."""
+    model = load_model(NOMINAL)
+    if name == "velocity_quantisation":  # read from the data, no change of the machine
+        family = make_family(key_for(()), Nominal(model.loop.plant), EFFECTS, SETTING)
+        machine = machine_at(family, family.neutral(SETTING))
+        return machine, corrected_model(model, machine, STEP)
+    effect = EFFECTS[NAMES.index(name)]
+    family = make_family(key_for((effect,)), Nominal(model.loop.plant), EFFECTS, SETTING)
+    vector = family.neutral(SETTING)
+    for parameter in effect.parameters:
+        value = vector[family.index(parameter.name)] + 0.5 * parameter.scale(SETTING)
+        vector[family.index(parameter.name)] = np.clip(value, parameter.low(SETTING), parameter.high(SETTING))
+    for key, value in effect.starts(SETTING)[0].items():
+        vector[family.index(key)] = value
+    machine = machine_at(family, vector)
+    return machine, corrected_model(model, machine)
+
+
+@pytest.fixture(scope="module")
+def nominal_velocity(tmp_path_factory):
+    """True velocity of the nominal model's run."""
+    return run(NOMINAL, tmp_path_factory.mktemp("nominal"))
+
+
+def run(text, folder):
+    """The measured velocity of `fpjax simulate`."""
+    (folder / "servo.toml").write_text(text)
+    assert main(["simulate", str(folder / "servo.toml"), "--out", str(folder), "--no-plots", "--no-cache"]) == 0
+    table = np.genfromtxt(folder / "simulation.csv", delimiter=",", names=True)
+    return table["velocity"]
+
+
+@pytest.mark.parametrize("name", [*NAMES, "velocity_quantisation"])
+def test_the_corrected_model_loads_and_runs(name, nominal_velocity, tmp_path):
+    _, (text, missing) = corrected(name)
+    assert missing == ""
+    velocity = run(text, tmp_path)
+    assert np.all(np.isfinite(velocity))
+    assert np.max(np.abs(velocity)) < 4.0
+    assert np.max(np.abs(velocity - nominal_velocity)) > 1e-5, "the file lost the effect"
+
+
+@pytest.mark.parametrize("name", [*NAMES, "velocity_quantisation"])
+def test_every_corrected_machine_has_a_map(name):
+    body = body_of(corrected(name)[0])
+    speed, place, time = np.linspace(-2.0, 2.0, 9), np.linspace(0.0, 6.0, 9), np.linspace(0.0, 9.0, 9)
+    for law in (body.level, body.load):
+        assert np.all(np.isfinite(law(speed, place, time) + 0.0 * speed))
+    assert np.all(np.isfinite(body.applied(np.linspace(-3.0, 3.0, 9), place, 1e-3)))
+    assert body.inertia > 0.0
+
+
+def test_a_block_without_words_says_why():
+    machine, _ = corrected("coulomb_error")
+    sprung = eqx.tree_at(lambda at: at.plant.load, machine, Spring())
+    text, missing = corrected_model(load_model(NOMINAL), sprung)
+    assert text == ""
+    assert "no words in servo.toml" in missing
+    assert "Spring" in missing

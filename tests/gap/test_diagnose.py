@@ -1,0 +1,242 @@
+"""A whole diagnosis, from a log to what is said of it; and, slowly, one of each kind of withheld case."""
+
+import dataclasses
+import hashlib
+import json
+import math
+import time
+
+import gap_machine
+import numpy as np
+import pytest
+
+from benchmarks.withheld.cases import generate, identities, read_labels
+from benchmarks.withheld.score import score_case
+from fpjax.blocks.friction import CoulombViscous
+from fpjax.blocks.plants import OneMass
+from fpjax.errors import InputError
+from fpjax.gap import EFFECTS, diagnose
+from fpjax.gap.diagnose import allowed_effects, make_search
+from fpjax.gap.machine import nominal_machine
+from fpjax.gap.precision import double_precision
+from fpjax.gap.record import make_record
+from fpjax.gap.signature import canonical_correlation
+from fpjax.gap.stages import StageClock
+from fpjax.gap.tracking import Side, made_torque, tracking_error
+from fpjax.logs import read_log
+from fpjax.model_file import load_model
+
+MODEL = """
+[plant]
+type = "one_mass"
+inertia = 0.05
+[friction]
+type = "coulomb_viscous"
+coulomb = 0.4
+viscous = 0.03
+[controller]
+type = "pi"
+kp = 3.03  # 3 + ki dt: the log's own loop adds the error to its integral before it uses that
+ki = 30.0
+[simulation]
+dt = 1e-3
+stepping = "sampled"
+"""
+TORQUE = 0.12  # N m, added to the plant; the model knows nothing of it
+TRIED = tuple(e for e in EFFECTS if e.name in ("constant_torque", "asymmetric_friction", "velocity_bias"))
+
+
+@pytest.fixture(scope="module")
+def log():
+    """Four seconds with a constant torque."""
+    return gap_machine.record(seconds=4.0, extra=lambda *at: TORQUE)
+
+
+@pytest.fixture(scope="module")
+def found(log, tmp_path_factory):
+    """(the diagnosis with three effects allowed, the time it took [s], stages reported, the log's path)."""
+    path = tmp_path_factory.mktemp("log") / "axis.csv"
+    columns = log.columns()
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    stages: list[tuple[str, float]] = []
+    began = time.perf_counter()
+    diagnosis = diagnose(path, MODEL, effects=TRIED, progress=lambda *at: stages.append(at))
+    return diagnosis, time.perf_counter() - began, stages, path
+
+
+def test_the_cause_its_value_and_the_gap(found):
+    diagnosis, *_ = found
+    assert diagnosis.verdict == "explained"
+    assert diagnosis.causes == ("constant_torque",)
+    first = diagnosis.ranking[0]
+    torque = first.parameters["torque"]
+    assert torque.low < TORQUE < torque.high
+    assert torque.value == pytest.approx(TORQUE, rel=0.02)
+    assert first.indistinguishable_from == ("asymmetric_friction",)
+    assert diagnosis.gap.after < 1.1 * diagnosis.gap.noise_floor < 0.3 * diagnosis.gap.before
+    assert diagnosis.gap.closed > 0.97
+    assert load_model(diagnosis.model).loop.plant.inertia == pytest.approx(0.05, rel=0.01)
+    assert any("constant_torque" in sentence for sentence in diagnosis.same_as)
+
+
+def test_probabilities_are_shared_and_sum_to_at_most_one(found):
+    diagnosis, *_ = found
+    shares = {entry.effect: entry.probability for entry in diagnosis.ranking}
+    assert shares["constant_torque"] == pytest.approx(shares["asymmetric_friction"])
+    assert sum(shares.values()) <= 1.0
+    assert diagnosis.probability == pytest.approx(shares["constant_torque"] + shares["asymmetric_friction"], abs=1e-3)
+
+
+def test_seconds_are_those_of_each_stage(found):
+    diagnosis, took, stages, _ = found
+    assert list(diagnosis.seconds) == [name for name, _ in stages if name != "done"]
+    assert all(spent >= 0.0 for spent in diagnosis.seconds.values())
+    assert 0.9 * took < sum(diagnosis.seconds.values()) <= took
+    shares = [share for _, share in stages]
+    assert shares == sorted(shares)
+    assert stages[-1] == ("done", 1.0)
+
+
+def test_it_says_what_it_was_made_from(found):
+    diagnosis, _, _, path = found
+    made = diagnosis.provenance
+    log, model = made["inputs"]
+    assert log["name"] == "axis.csv"
+    assert log["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert model["sha256"] == hashlib.sha256(MODEL.encode()).hexdigest()
+    assert (log["samples"], log["role"], model["role"]) == (4000, "fitted", "model")
+    assert log["windows_fitted"] + log["windows_withheld"] == made["windows"]["fitted"] + made["windows"]["withheld"]
+    assert min(log["windows_fitted"], log["windows_withheld"]) >= 2
+    assert {"fpjax", "jax", "numpy", "python"} <= set(made["versions"])
+    assert made["arguments"]["effects"] == list(diagnosis.allowed)
+    assert sorted(diagnosis.allowed) == sorted(effect.name for effect in TRIED)
+    answer = json.loads(json.dumps(diagnosis.to_dict()))
+    assert answer["provenance"] == made
+    assert answer["tracking"]["measured"] == diagnosis.tracking.measured
+
+
+def test_the_closed_loop_around_the_corrected_machine_tracks_as_the_log_does(found):
+    diagnosis, *_ = found
+    tracking = diagnosis.tracking
+    assert tracking.signal == "velocity"
+    assert tracking.controller_error < 1e-3
+    assert tracking.after == pytest.approx(tracking.measured, rel=2e-3)
+    assert f"{tracking.after:.4g}" in str(diagnosis)
+
+
+def test_the_report_shows_all_of_it(found, tmp_path):
+    diagnosis, *_ = found
+    source = diagnosis.report(tmp_path).read_text(encoding="utf-8")
+    for word in (diagnosis.provenance["inputs"][0]["sha256"], "Closed-loop tracking error", "Effects tried", "Windows"):
+        assert word in source
+    assert str(diagnosis.provenance["versions"]["jax"]) in source
+
+
+def test_a_controller_that_did_not_make_the_torque_predicts_nothing(log):
+    record = make_record(log)
+    share, _ = made_torque(load_model(MODEL), record)
+    assert share < 1e-3
+    share, _ = made_torque(load_model(MODEL.replace("kp = 3.03 ", "kp = 6.0 ")), record)
+    assert share > 0.1
+    # the integral gets its start from the log, whatever it was
+    share, start = made_torque(load_model(MODEL), make_record(dataclasses.replace(log, torque=log.torque + 0.2)))
+    assert share < 1e-3
+    assert float(start[0]) == pytest.approx(0.2, abs=0.01)
+    record = make_record(dataclasses.replace(log, torque=log.torque + 0.3 * np.sign(log.reference)))
+    share, _ = made_torque(load_model(MODEL), record)
+    assert share > 0.1
+
+
+def test_the_tracking_error_is_that_of_the_machine_simulated():
+    log = gap_machine.record(gap_machine.Machine(coulomb=0.9), seconds=3.0)
+    model, record = load_model(MODEL), make_record(log)
+    with double_precision():
+        sides = [Side(nominal_machine(OneMass(0.05, CoulombViscous(level, 0.03)), None, None)) for level in (0.4, 0.9)]
+    warnings = []
+    found = tracking_error(model, [record], *sides, warnings)
+    assert warnings == []
+    assert found.after == pytest.approx(found.measured, rel=2e-3)
+    assert abs(found.before / found.measured - 1.0) > 0.05
+    before, _, after = MODEL.partition('type = "pi"')
+    unknown = load_model(before + 'type = "unknown"\n' + after[after.index("[simulation]") :])
+    assert tracking_error(unknown, [record], *sides, warnings) is None
+    assert tracking_error(model, [make_record(dataclasses.replace(log, reference=None))], *sides, warnings) is None
+    assert warnings == []
+    other = load_model(MODEL.replace("kp = 3.03 ", "kp = 6.0 "))
+    assert tracking_error(other, [record], *sides, warnings) is None
+    assert "controller of the model leaves" in warnings[0]
+
+
+@pytest.mark.parametrize("sensors", [("velocity", "position"), ("position",)])
+def test_signatures_in_a_log(sensors):
+    log = gap_machine.record(seconds=4.0, extra=lambda *at: TORQUE, sensors=sensors)
+    search = make_search([log], [], load_model(MODEL), EFFECTS)
+    candidates = {}
+    for name in ("constant_torque", "asymmetric_friction", "inertia_error", "quadratic_drag"):
+        effect = next(e for e in EFFECTS if e.name == name)
+        candidate = search.candidate((effect,), {})
+        search.fit([candidate], search.train, 8)
+        (candidates[name],) = search.finish([candidate])
+
+    def alike(first, second):
+        return canonical_correlation(search, candidates[first], first, candidates[second], second)
+
+    assert alike("constant_torque", "constant_torque") == pytest.approx(1.0)
+    assert alike("constant_torque", "asymmetric_friction") > 0.9999
+    assert alike("constant_torque", "inertia_error") < 0.7
+    assert alike("constant_torque", "quadratic_drag") < 0.7
+    assert alike("inertia_error", "constant_torque") < 0.7
+
+
+def test_an_empty_vocabulary_is_refused_and_a_larger_one_is_not_restricted():
+    with pytest.raises(InputError, match="effects is empty"):
+        allowed_effects(())
+    own = dataclasses.replace(EFFECTS[0], name="mine")
+    assert allowed_effects((*EFFECTS, own)) == ()
+    assert allowed_effects((own,)) == ("mine",)
+
+
+def test_a_stage_that_comes_again_is_added_to(monkeypatch):
+    # read when a stage begins and when it ends
+    now = iter([0.0, 1.0, 1.0, 3.0, 3.0, 6.0])
+    monkeypatch.setattr("fpjax.gap.stages.time.perf_counter", lambda: next(now))
+    clock = StageClock()
+    for name in ("fit", "look", "fit"):
+        clock(name, 0.0)
+    clock.end()
+    clock.end()
+    assert clock.seconds == {"fit": 4.0, "look": 2.0}
+
+
+# One of each kind of case that the withheld check draws, from its development seed, with the whole vocabulary.
+WITHHELD = [
+    ("single", "gimbal", ("unbalance",)),
+    ("pairs", "servo", ("inertia_error", "quadratic_drag")),
+    ("none", "gimbal", ()),
+    ("outside", "gimbal", ("disturbance_sine",)),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "system", "effects"), WITHHELD)
+def test_a_withheld_case(kind, system, effects, tmp_path):
+    wanted = [one for one in identities(0, (kind,), (system,)) if one.effects == effects][:1]
+    generate(tmp_path, wanted)
+    (label,) = read_labels(tmp_path, wanted)
+    folder = tmp_path / "logs" / wanted[0].name
+    diagnosis = diagnose(read_log(folder / "log.csv"), folder / "servo.toml")
+    answer = json.loads(json.dumps(diagnosis.to_dict()))
+    score = score_case(answer, label)
+    assert sum(entry["probability"] for entry in answer["ranking"]) <= 1.0 + 1e-9
+    assert math.isfinite(diagnosis.gap.before)
+    if kind == "single":
+        assert score.top1
+        assert score.closed > 0.98
+    elif kind == "pairs":
+        assert score.both
+        assert all(entry["cause_probability"] > 0.9 for entry in answer["ranking"][:2])
+    elif kind == "none":
+        assert not score.false_alarm
+    else:
+        assert not score.wrongly_confident
+        assert "no effect of the vocabulary" in str(diagnosis)

@@ -1,0 +1,429 @@
+"""Every block once (and each variant that takes another path through its code), with points to try it at.
+
+A case evaluates everything a block computes as one tuple of arrays, so that one suite serves all kinds.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import fpjax as fp
+from fpjax.blocks.friction.bristles import Bristles
+from fpjax.blocks.friction.general import GeneralFriction
+from fpjax.blocks.plants.transmission import Transmission
+from fpjax.blocks.position_torque import ConstantTorque, Loads, PositionTorque
+from fpjax.blocks.servo_sensor import ServoSensor
+from fpjax.blocks.signals import Measurement, Motion, PlantOutput
+
+DT = 1e-3
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """A block, how to evaluate it alone, and a closed loop that holds it.
+
+    Attributes:
+        kind: friction, plant, ...
+        name: unique.
+        build: makes the block (under the precision of the moment).
+        evaluate: (block, inputs) -> pytree of everything it computes.
+        scales: by input, the size at which the block's behaviour changes: the law's own scale.
+        points: inputs in units of their scale.
+        loop: puts the block in a loop: (loop, reference).
+        stepping: of that loop.
+        rough: True where a rounding is straight-through by design, so that no finite difference can agree.
+        jumps: parameters at a value where the block jumps (a step size of 0 means no rounding), likewise.
+    """
+
+    kind: str
+    name: str
+    build: Callable[[], Any]
+    evaluate: Callable[[Any, dict[str, jax.Array]], Any]
+    scales: dict[str, float]
+    points: tuple[dict[str, float], ...]
+    loop: Callable[[Any], tuple[fp.ClosedLoop, fp.AbstractReference]]
+    stepping: str = "continuous"
+    rough: bool = False
+    jumps: tuple[str, ...] = ()
+
+    def __str__(self):
+        return f"{self.kind}-{self.name}"
+
+    def inputs(self, point, dtype=jnp.float64):
+        """The inputs at a point, as scalars."""
+        return {key: jnp.asarray(self.scales[key] * point.get(key, 0.37), dtype) for key in self.scales}
+
+
+# At rest (v = 0), in the steep part, on the other side, and saturated.
+VELOCITIES = tuple({"velocity": at} for at in (0.0, 0.7, -1.3, 400.0))
+SINE = fp.Sine
+
+
+def smooth_body(**_):
+    return fp.OneMass(10.0, fp.CoulombViscous(20.0, 2.0, 40.0))
+
+
+def controller():
+    return fp.ProportionalIntegral(150.0, 200.0)
+
+
+# Friction ----------------------------------------------------------------------------------------------------------
+
+
+def evaluate_friction(law, at):
+    motion = Motion(at["velocity"], at["position"], at["time"])
+    state = jax.tree.map(lambda leaf: leaf + at["memory"].astype(leaf.dtype), law.init())
+    return law.init(), law.derivative(state, motion), law.readout(state, motion, at["applied"])
+
+
+def general():
+    """Every term of `GeneralFriction` at once."""
+    cosine, sine = (jnp.asarray(1.0), jnp.asarray(0.3)), (jnp.asarray(-0.5), jnp.asarray(0.2))
+    return GeneralFriction(20.0, 2.0, 2.0, 0.3, 5.0, 0.05, 2.0, cosine, sine, 3.0, 1.0, 0.5, 0.4, steepness=40.0)
+
+
+def friction_case(name, build, velocity=0.1, memory=1.0):
+    return Case(
+        "friction",
+        name,
+        build,
+        evaluate_friction,
+        {"velocity": velocity, "position": 1.0, "time": 1.0, "memory": memory, "applied": 10.0},
+        VELOCITIES,
+        lambda law: (fp.ClosedLoop(fp.OneMass(10.0, law), controller()), fp.Sine(1.0, 20.0, 0.4)),
+    )
+
+
+FRICTION = [
+    friction_case("none", fp.NoFriction),
+    friction_case("coulomb", lambda: fp.Coulomb(20.0)),
+    friction_case("smooth_coulomb", lambda: fp.SmoothCoulomb(20.0, 40.0), 1 / 40.0),
+    friction_case("smooth_coulomb_steep", lambda: fp.SmoothCoulomb(2.0, 4000.0), 1 / 4000.0),
+    friction_case("viscous", lambda: fp.Viscous(2.0)),
+    friction_case("coulomb_viscous_sign", lambda: fp.CoulombViscous(20.0, 2.0)),
+    friction_case("coulomb_viscous", lambda: fp.CoulombViscous(20.0, 2.0, 40.0), 1 / 40.0),
+    friction_case("stiction_sign", lambda: fp.CoulombViscousStiction(20.0, 25.0, 2.0, 0.01)),
+    friction_case("stiction", lambda: fp.CoulombViscousStiction(20.0, 25.0, 2.0, 0.005, 40.0), 1 / 40.0),
+    friction_case("stribeck_sign", lambda: fp.Stribeck(20.0, 25.0, 0.05, 2.0), 0.05),
+    friction_case("stribeck_gauss", lambda: fp.Stribeck(20.0, 25.0, 0.05, 2.0, 2.0, 40.0), 1 / 40.0),
+    friction_case("stribeck_tustin", lambda: fp.Stribeck(20.0, 25.0, 0.05, 2.0, 1.0, 40.0), 1 / 40.0),
+    friction_case("stribeck_half", lambda: fp.Stribeck(20.0, 25.0, 0.05, 2.0, 0.5, 40.0), 1 / 40.0),
+    friction_case("dahl", lambda: fp.Dahl(20.0, 2000.0, 1.0, 2.0), 0.01, 6.0),
+    friction_case("dahl_fractional", lambda: fp.Dahl(20.0, 2000.0, 1.5, 2.0), 0.01, 6.0),
+    friction_case("lugre", lambda: fp.LuGre(20.0, 25.0, 0.05, 20000.0, 1000.0, 2.0), 0.05, 1e-3),
+    friction_case("lugre_fractional", lambda: fp.LuGre(20.0, 25.0, 0.05, 2000.0, 100.0, 2.0, 0.5), 0.05, 1e-2),
+    friction_case("asymmetric_sign", lambda: fp.AsymmetricCoulombViscous(20.0, 15.0, 2.0, 3.0)),
+    friction_case("general_neutral_coulomb_sign", lambda: GeneralFriction(20.0, 2.0)),
+    friction_case("general_asymmetric", lambda: general(), 1 / 40.0),
+    friction_case("bristles_dahl", lambda: Bristles(fp.CoulombViscous(20.0, 2.0), 1e-3, 50.0), 0.01, 0.3),
+    friction_case("bristles_dahl_power", lambda: Bristles(fp.CoulombViscous(20.0, 2.0), 1e-2, 0.0, 1.5), 0.01, 0.3),
+    friction_case("asymmetric", lambda: fp.AsymmetricCoulombViscous(20.0, 15.0, 2.0, 3.0, 40.0), 1 / 40.0),
+]
+
+# Loads -------------------------------------------------------------------------------------------------------------
+
+
+def evaluate_load(load, at):
+    return load.readout(Motion(at["velocity"], at["position"], at["time"]))
+
+
+def load_case(name, build):
+    return Case(
+        "load",
+        name,
+        build,
+        evaluate_load,
+        {"velocity": 1.0, "position": 1.0, "time": 1.0},
+        VELOCITIES,
+        lambda load: (
+            fp.ClosedLoop(fp.OneMass(10.0, fp.CoulombViscous(20.0, 2.0, 40.0), load), controller()),
+            fp.Sine(1.0, 20.0, 0.4),
+        ),
+    )
+
+
+def harmonics():
+    return PositionTorque((jnp.asarray(1.0), jnp.asarray(0.3)), (jnp.asarray(-0.5), jnp.asarray(0.2)), 3.0)
+
+
+LOADS = [
+    load_case("none", fp.NoLoad),
+    load_case("unbalance", lambda: fp.Unbalance(5.0, 0.3, 1.0)),
+    load_case("constant", lambda: ConstantTorque(2.0)),
+    load_case("harmonics", harmonics),
+    load_case("sum", lambda: Loads((harmonics(), ConstantTorque(2.0)))),
+]
+
+# Plants ------------------------------------------------------------------------------------------------------------
+
+
+def evaluate_plant(plant, at):
+    # Every state other than the bristles' gets the tried velocity in its own proportion.
+    leaves, structure = jax.tree.flatten(plant.init())
+    shares = (1.0, 0.3, -0.7, 0.2, 0.01, 0.01)
+    state = jax.tree.unflatten(structure, [leaf + at["velocity"] * shares[i] for i, leaf in enumerate(leaves)])
+    derivative = plant.derivative(state, at["torque"], at["time"])
+    return plant.init(), derivative, plant.readout(state, at["torque"], at["time"])
+
+
+def plant_case(name, build, velocity=1 / 40.0):
+    return Case(
+        "plant",
+        name,
+        build,
+        evaluate_plant,
+        {"velocity": velocity, "torque": 10.0, "time": 1.0},
+        VELOCITIES,
+        lambda plant: (fp.ClosedLoop(plant, controller()), fp.Sine(1.0, 20.0, 0.4)),
+    )
+
+
+def law():
+    return fp.CoulombViscous(20.0, 2.0, 40.0)
+
+
+PLANTS = [
+    plant_case("one_mass", lambda: fp.OneMass(10.0, law())),
+    plant_case("one_mass_loaded", lambda: fp.OneMass(10.0, law(), fp.Unbalance(5.0, 0.3))),
+    plant_case("two_mass", lambda: fp.TwoMass(4.0, 6.0, 1e5, 50.0, law())),
+    plant_case("two_mass_lugre", lambda: fp.TwoMass(4.0, 6.0, 1e5, 50.0, fp.LuGre(20.0, 25.0, 0.05, 2000.0, 100.0))),
+    plant_case("transmission", lambda: Transmission(10.0, 0.6, 1e5, 50.0, law(), 1e-4, 0.7)),
+    plant_case("series_two_mass", lambda: fp.SeriesTwoMass(4.0, 6.0, 1e5, 50.0, law())),
+]
+
+# Observers ---------------------------------------------------------------------------------------------------------
+
+
+def evaluate_observer(observer, at):
+    velocity, control = at["velocity"], at["control"]
+    leaves, structure = jax.tree.flatten(observer.init())
+    state = jax.tree.unflatten(structure, [leaf + at["memory"] * (1.0 + 0.1 * i) for i, leaf in enumerate(leaves)])
+    parameters = {"coulomb": at["control"], "viscous": at["memory"], "steepness": at["memory"]}
+    return (
+        observer.init(),
+        observer.derivative(state, control, velocity),
+        observer.step(state, control, velocity, jnp.asarray(DT, velocity.dtype)),
+        observer.readout(state, velocity),
+        observer.slopes(velocity),
+        observer.regressor(velocity, parameters),
+    )
+
+
+def observer_case(name, build, velocity=1 / 40.0):
+    return Case(
+        "observer",
+        name,
+        build,
+        evaluate_observer,
+        {"velocity": velocity, "control": 10.0, "memory": 5.0},
+        VELOCITIES,
+        lambda observer: (fp.ClosedLoop(smooth_body(), controller(), observer), fp.Sine(1.0, 20.0, 0.4)),
+    )
+
+
+NONLINEARITIES = {
+    "g1": lambda: fp.Quadratic(100.0),
+    "g2": lambda: fp.Absolute(10.0),
+    "g3": lambda: fp.LogCosh(10.0, 40.0),
+}
+OBSERVERS = [observer_case("none", fp.NoObserver)]
+for _name, _g in NONLINEARITIES.items():
+    OBSERVERS += [
+        observer_case(f"cfp_{_name}_sign", lambda g=_g: fp.ClassicalFriedlandPark(10.0, g(), 2.0)),
+        observer_case(f"cfp_{_name}", lambda g=_g: fp.ClassicalFriedlandPark(10.0, g(), 2.0, 40.0)),
+        observer_case(f"mfp_{_name}_sign", lambda g=_g: fp.ModifiedFriedlandPark(10.0, g(), 2.0)),
+        observer_case(f"mfp_{_name}", lambda g=_g: fp.ModifiedFriedlandPark(10.0, g(), 2.0, 40.0)),
+        observer_case(f"nfp_{_name}_sign", lambda g=_g: fp.NovelFriedlandPark(10.0, g(), 20.0)),
+        observer_case(f"nfp_{_name}", lambda g=_g: fp.NovelFriedlandPark(10.0, g(), 20.0, 40.0)),
+        observer_case(f"steepness_{_name}", lambda g=_g: fp.SteepnessObserver(10.0, g(), 20.0), 0.2),
+    ]
+OBSERVERS += [
+    observer_case("efp_sign", lambda: fp.ExtendedFriedlandPark(10.0, 298.0, 72.6)),
+    observer_case("efp", lambda: fp.ExtendedFriedlandPark(10.0, 298.0, 72.6, 40.0)),
+    observer_case("efp_extension_1_sign", lambda: fp.ExtendedSteepnessCoulomb(10.0, 300.0, 10.0, 2.0), 0.2),
+    observer_case("efp_extension_1", lambda: fp.ExtendedSteepnessCoulomb(10.0, 300.0, 10.0, 2.0, 40.0), 0.02),
+    observer_case("efp_extension_2_sign", lambda: fp.ExtendedSteepnessViscous(10.0, 300.0, 10.0, 20.0), 0.2),
+    observer_case("efp_extension_2", lambda: fp.ExtendedSteepnessViscous(10.0, 300.0, 10.0, 20.0, 40.0), 0.02),
+    observer_case(
+        "high_order",
+        lambda: fp.HighOrderFeedforward(fp.ExtendedFriedlandPark(10.0, 298.0, 72.6, 40.0), 4.0, 6.0, 1e5, 50.0),
+    ),
+]
+
+# Controllers -------------------------------------------------------------------------------------------------------
+
+
+def evaluate_controller(block, at):
+    measurement = Measurement(at["velocity"], at["position"])
+    leaves, structure = jax.tree.flatten(block.init())
+    state = jax.tree.unflatten(structure, [leaf + at["memory"] * (1.0 + 0.1 * i) for i, leaf in enumerate(leaves)])
+    args = (state, at["reference"], measurement)
+    stepped = block.step(*args, jnp.asarray(DT, at["velocity"].dtype))
+    return block.init(), block.derivative(*args), block.readout(*args), stepped
+
+
+def controller_case(name, build, stepping="continuous", reference=None):
+    return Case(
+        "controller",
+        name,
+        build,
+        evaluate_controller,
+        {"velocity": 1.0, "position": 1.0, "reference": 1.0, "memory": 3.0},
+        VELOCITIES,
+        lambda block: (fp.ClosedLoop(smooth_body(), block), reference or fp.Sine(1.0, 20.0, 0.4)),
+        stepping,
+    )
+
+
+CONTROLLERS = [
+    controller_case("p", lambda: fp.Proportional(150.0)),
+    controller_case("torque_input", fp.TorqueInput),
+    controller_case("pi", controller),
+    controller_case("pi_limited", lambda: fp.ProportionalIntegral(150.0, 2000.0, 40.0, 0.02)),
+    controller_case("pi_sampled", controller, "sampled"),
+    controller_case("lead", lambda: fp.Lead(570.0, 217.0, 368.0)),
+    controller_case("transfer_function", lambda: fp.TransferFunction([150.0, 2e3, 9.0], [1.0, 60.0, 90.0], period=DT)),
+    controller_case(
+        "transfer_function_sampled",
+        lambda: fp.TransferFunction([150.0, 2e3, 9.0], [1.0, 60.0, 90.0], period=DT),
+        "sampled",
+    ),
+    controller_case("transfer_function_gain", lambda: fp.TransferFunction([150.0], [1.0]), "sampled"),
+    controller_case("position_cascade", lambda: fp.PositionLoop(20.0, fp.Proportional(150.0))),
+    controller_case("position_pi", lambda: fp.PositionLoop(20.0, controller()), "sampled"),
+    controller_case("limited", lambda: fp.Limited(controller(), 40.0)),
+]
+
+# Actuators ---------------------------------------------------------------------------------------------------------
+
+
+def evaluate_actuator(block, at):
+    motion = Motion(at["velocity"], at["position"], at["time"])
+    leaves, structure = jax.tree.flatten(block.init())
+    state = jax.tree.unflatten(structure, [leaf + at["memory"] * (1.0 + 0.1 * i) for i, leaf in enumerate(leaves)])
+    delayed = getattr(block, "delay", None) is not None
+    derivative = () if delayed else block.derivative(state, at["torque"])
+    stepped = block.step(state, at["torque"], motion, jnp.asarray(DT, at["velocity"].dtype))
+    return block.init(), derivative, block.readout(state, at["torque"], motion), stepped
+
+
+def actuator_case(name, build, stepping="sampled"):
+    return Case(
+        "actuator",
+        name,
+        build,
+        evaluate_actuator,
+        {"velocity": 1.0, "position": 1.0, "time": 1.0, "memory": 3.0, "torque": 10.0},
+        ({"torque": 0.0}, {"torque": 0.41}, {"torque": -2.3}, {"torque": 9.0}),
+        lambda block: (fp.ClosedLoop(smooth_body(), controller(), actuator=block), fp.Sine(1.0, 20.0, 0.4)),
+        stepping,
+    )
+
+
+ACTUATORS = [
+    actuator_case("ideal", fp.IdealActuator, "continuous"),
+    actuator_case("gain_offset", lambda: fp.Actuator(gain=0.9, offset=0.5), "continuous"),
+    actuator_case("lag", lambda: fp.Actuator(lag=2e-3), "continuous"),
+    actuator_case("lag_sampled", lambda: fp.Actuator(lag=2e-3)),
+    actuator_case("delay", lambda: fp.Actuator(delay=1.4e-3)),
+    actuator_case("limit", lambda: fp.Actuator(limit=40.0)),
+    actuator_case("dead_zone", lambda: fp.Actuator(dead_zone=2.0)),
+    actuator_case(
+        "cogging", lambda: fp.Actuator(cogging_amplitude=2.0, cogging_periods=7.0, cogging_phase=0.3), "continuous"
+    ),
+    actuator_case(
+        "all",
+        lambda: fp.Actuator(0.9, 2e-3, 1.4e-3, 60.0, 0.5, 0.3, 1.0, 7.0, 0.2, longest_delay=4),
+    ),
+]
+
+# Sensors -----------------------------------------------------------------------------------------------------------
+
+
+def evaluate_sensor(block, at):
+    output = PlantOutput(
+        at["velocity"], at["position"], 1.1 * at["velocity"], 1.2 * at["position"], jnp.zeros_like(at["velocity"])
+    )
+    leaves, structure = jax.tree.flatten(block.init())
+    state = jax.tree.unflatten(structure, [leaf + at["memory"] * (1.0 + 0.1 * i) for i, leaf in enumerate(leaves)])
+    noise = tuple(at["noise"] * (1.0 + 0.3 * i) for i in range(block.noise_channels))
+    stepped = block.step(state, output, noise, jnp.asarray(DT, at["velocity"].dtype))
+    shown = block.readout(output) if isinstance(block, fp.IdealSensor) else ()
+    return block.init(), stepped, shown
+
+
+def sensor_case(name, build, stepping="sampled", rough=False, jumps=()):
+    return Case(
+        "sensor",
+        name,
+        build,
+        evaluate_sensor,
+        {"velocity": 1.0, "position": 1.0, "memory": 0.1, "noise": 1.0},
+        VELOCITIES,
+        lambda block: (fp.ClosedLoop(smooth_body(), controller(), sensor=block), fp.Sine(1.0, 20.0, 0.4)),
+        stepping,
+        rough,
+        jumps,
+    )
+
+
+def fusion(step=0.0):
+    return fp.KalmanFusion(fp.Gyro(1e-2, 0.05, 1e-2), fp.Encoder(step, 1e-4, 2e-3), 1e-3)
+
+
+SENSORS = [
+    sensor_case("ideal", fp.IdealSensor, "continuous"),
+    sensor_case("ideal_motor", lambda: fp.IdealSensor("motor"), "continuous"),
+    sensor_case("gyro", lambda: fp.Gyro(1e-2, 0.05, 1e-2, 1.01)),
+    sensor_case("encoder", lambda: fp.Encoder(0.0, 1e-4, 2e-3), jumps=("step_size",)),
+    sensor_case("encoder_quantised", lambda: fp.Encoder(1e-3, 0.0, 2e-3), rough=True),
+    sensor_case(
+        "servo",
+        lambda: ServoSensor(0.7, 1.01, 0.05, 2e-3, 1.4e-3, 1e-2, longest_delay=3),
+        jumps=("step_size", "position_step"),
+    ),
+    sensor_case("servo_quantised", lambda: ServoSensor(step_size=1e-3, position_step=1e-4, lag=1e-3), rough=True),
+    sensor_case("kalman", fusion, jumps=("encoder.step_size",)),
+    sensor_case("kalman_quantised", lambda: fusion(1e-3), rough=True),
+]
+
+# References --------------------------------------------------------------------------------------------------------
+
+
+def evaluate_reference(block, at):
+    return block.readout(at["time"]), block.readout(at["time"] + jnp.linspace(0.01, 0.02, 3).astype(at["time"].dtype))
+
+
+def reference_case(name, build):
+    return Case(
+        "reference",
+        name,
+        build,
+        evaluate_reference,
+        {"time": 0.1},
+        ({"time": 0.0}, {"time": 0.37}, {"time": 3.3}),
+        lambda block: (fp.ClosedLoop(smooth_body(), controller()), block),
+    )
+
+
+def table():
+    return np.sin(np.linspace(0.0, 7.0, 30))
+
+
+REFERENCES = [
+    reference_case("constant", lambda: fp.Constant(1.0)),
+    reference_case("sine", lambda: fp.Sine(1.0, 2.0, 0.3, 0.1)),
+    reference_case("chirp", lambda: fp.Chirp(1.0, 1.0, 5.0, 0.5)),
+    reference_case("triangle", lambda: fp.Triangle(1.0, 2.0, 0.3)),
+    reference_case("square", lambda: fp.Square(1.0, 2.0, 0.3)),
+    reference_case("multisine", lambda: fp.Multisine([1.0, 0.5], [2.0, 5.0], [0.1, 0.7])),
+    reference_case("recorded_held", lambda: fp.Recorded(table(), 0.0171)),
+    reference_case("recorded_interpolated", lambda: fp.Recorded(table(), 0.0171, hold=False)),
+]
+
+# One of each block and of each path through it.
+CASES = [*FRICTION, *LOADS, *PLANTS, *OBSERVERS, *CONTROLLERS, *ACTUATORS, *SENSORS, *REFERENCES]

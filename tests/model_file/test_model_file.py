@@ -1,0 +1,472 @@
+# ruff: noqa: E501 (tables of cases)
+"""servo.toml: what is written is what is simulated, to the last bit; what cannot be is one sentence."""
+
+import dataclasses
+import pathlib
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+import fpjax as fp
+from fpjax.blocks.friction.bristles import Bristles
+from fpjax.blocks.friction.general import GeneralFriction
+from fpjax.blocks.plants.transmission import Transmission
+from fpjax.blocks.position_torque import ConstantTorque, Loads, PositionTorque
+from fpjax.blocks.servo_sensor import ServoSensor
+from fpjax.errors import InputError
+from fpjax.model_file import dump_model, load_model, simplified
+from fpjax.output import toml_text
+
+TEXT = """
+[plant]
+type = "one_mass"
+inertia = 10.0
+[friction]
+type = "coulomb_viscous"
+coulomb = 20.0
+viscous = 2.0
+[controller]
+type = "pi"
+kp = 150.0
+ki = 200.0
+[observer]
+type = "efp"
+gain_1 = 298.0
+gain_2 = 72.6
+[reference]
+type = "sine"
+amplitude = 1.0
+frequency = 1.0
+[simulation]
+dt = 1e-4
+duration = 0.5
+"""
+
+
+def changed(old, new):
+    assert old in TEXT
+    return TEXT.replace(old, new)
+
+
+def test_a_model_is_what_its_file_says():
+    model = load_model(TEXT)
+    loop = model.loop
+    assert isinstance(loop.plant, fp.OneMass)
+    assert float(loop.plant.inertia) == 10.0
+    assert isinstance(loop.controller, fp.ProportionalIntegral)
+    assert isinstance(loop.observer, fp.ExtendedFriedlandPark)
+    assert float(loop.observer.inertia) == 10.0
+    assert (model.dt, model.duration, model.stepping, model.solver) == (1e-4, 0.5, "continuous", "rk4")
+    assert model.nominal["coulomb"] == 20.0
+    assert model.stepper().samples == 5001
+
+
+def test_a_safe_steepness_is_chosen_and_said():
+    model = load_model(TEXT)
+    assert fp.stiffness_number(model.loop, 1e-4) < 0.51 * fp.RungeKutta4.stability_limit
+    assert "[friction] steepness is not given: 6960 s/rad was chosen" in model.notes[0]
+    given_one = load_model(changed("viscous = 2.0", "viscous = 2.0\nsteepness = 1000.0"))
+    assert given_one.notes == ()
+    assert float(given_one.loop.observer.steepness) == 1000.0
+    signed = load_model(changed("viscous = 2.0", 'viscous = 2.0\nsteepness = "sign"'))
+    assert signed.loop.plant.friction.steepness is None
+    assert signed.loop.observer.steepness is None
+
+
+def test_the_exact_solver_takes_the_set_valued_law_and_samples():
+    model = load_model(changed("duration = 0.5", 'duration = 0.5\nsolver = "exact"'))
+    assert model.loop.plant.friction.steepness is None
+    assert model.stepping == "sampled"
+    assert same(model, load_model(dump_model(model)))
+    with pytest.raises(InputError, match="only exists at sample instants"):
+        load_model(changed("duration = 0.5", 'duration = 0.5\nsolver = "exact"\nstepping = "continuous"'))
+
+
+def test_a_path_gives_the_same_as_its_text(tmp_path):
+    path = tmp_path / "servo.toml"
+    path.write_text(TEXT)
+    assert eqx.tree_equal(load_model(path).loop, load_model(TEXT).loop)
+    assert load_model(path).path == path
+    with pytest.raises(InputError, match=r"did you mean 'servo\.toml'"):
+        load_model(tmp_path / "servos.toml")
+    with pytest.raises(InputError, match="is a folder"):
+        load_model(tmp_path)
+
+
+BAD = {
+    "a misspelt key": (("inertia = 10.0", "inertai = 10.0"), r"\[plant\] inertai is not known: did you mean 'inertia'"),
+    "a misspelt section": (("[plant]", "[plants]"), r"section \[plants\] is not known: did you mean 'plant'"),
+    "a misspelt type": (('"one_mass"', '"onemass"'), r"\[plant\] type = 'onemass' is not known: did you mean 'one_mass'"),
+    "a missing key": (("coulomb = 20.0\n", ""), r"\[friction\] coulomb is missing: write coulomb = ... in N m"),
+    "a missing type": (('type = "pi"\n', ""), r"\[controller\] type is missing"),
+    "a missing section": (('[simulation]\ndt = 1e-4\nduration = 0.5\n', ""), r"section \[simulation\] is missing"),
+    "a negative inertia": (("10.0", "-10.0"), r"\[plant\] inertia = -10 kg m\^2 cannot be: it must be above zero"),
+    "a negative friction": (("= 20.0", "= -20.0"), r"\[friction\] coulomb = -20 N m cannot be: it must be zero or more"),
+    "a negative gain": (("298.0", "-298.0"), r"\[observer\] gain_1 = -298 cannot be"),
+    "text for a number": (("10.0", '"10"'), r"\[plant\] inertia = '10' is text: write a number without quotes"),
+    "yes or no": (("10.0", "true"), r"is yes or no: write a number"),
+    "not a number": (("10.0", "nan"), r"\[plant\] inertia = nan kg m\^2 cannot be: it must be finite"),
+    "too many digits": (("10.0", "1" + 400 * "0"), r"\[plant\] inertia = inf kg m\^2 cannot be"),
+    "no step": (("1e-4", "0.0"), r"\[simulation\] dt = 0 s cannot be: it must be above zero"),
+    "a short duration": (("0.5", "1e-5"), r"duration = 1e-05 s is shorter than one step"),
+    "a huge duration": (("0.5", "1e9"), r"duration = 1e\+09 s is 1e\+13 steps"),
+    "an unknown solver": (("0.5", '0.5\nsolver = "rk45"'), r"solver = 'rk45' is not known: did you mean 'rk4'"),
+    "fractional substeps": (("0.5", "0.5\nsubsteps = 1.5"), r"substeps = 1.5 cannot be"),
+    "broken TOML": (("inertia = 10.0", "inertia = "), r"is not valid TOML: .*line"),
+    "a key twice": (("inertia = 10.0", "inertia = 1.0\ninertia = 10.0"), r"is not valid TOML"),
+    "a key outside": (("[plant]", "inertia = 1.0\n[plant]"), r"section \[inertia\] is not known"),
+    "a value for a section": (("[plant]", "load = 1.0\n[plant]"), r"load is a section"),
+    "mixed units": (("[plant]", '[units]\nmotion = "linear"\ntorque = "N m"\n[plant]'), r"is not of a linear axis|does not go with a linear axis"),
+    "a sensor in continuous time": (
+        ("0.5", '0.5\nstepping = "continuous"\n[sensor]\nnoise = 0.1'),
+        r"\[sensor\] only exists at sample instants",
+    ),
+    "a delay in milliseconds": (("[plant]", "[actuator]\ndelay = 2.0\n[plant]"), r"20000 periods of dt .* check its unit"),
+    "half a cogging": (("[plant]", "[actuator]\ncogging_amplitude = 2.0\n[plant]"), r"cogging needs both"),
+    "both ways": (("coulomb = 20.0", "coulomb = 20.0\ncoulomb_positive = 1.0"), r"has both coulomb and coulomb_positive"),
+    "one direction": (("coulomb = 20.0", "coulomb_positive = 1.0"), r"coulomb_negative is missing"),
+    "stribeck without speed": (("viscous = 2.0", "viscous = 2.0\nstribeck_torque = 1.0"), r"stribeck_velocity is missing"),
+    "bristles on two bodies": (
+        ("viscous = 2.0", "viscous = 2.0\nbristle_deflection = 1e-3\n[transmission]\nstiffness = 1e4"),
+        r"a law with bristles cannot",
+    ),
+    "uneven harmonics": (
+        ("viscous = 2.0", "viscous = 2.0\nposition_cosine = [1.0]\nposition_sine = [1.0, 2.0]"),
+        r"have 1 and 2 entries",
+    ),
+    "another law's key": (('"coulomb_viscous"', '"lugre"'), r"\[friction\] static is missing"),
+    "a reference without a file": (('"sine"\namplitude = 1.0\nfrequency = 1.0', '"recorded"'), r"file is missing"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_be_is_one_sentence(name):
+    (old, new), match = BAD[name]
+    with pytest.raises(InputError, match=match) as caught:
+        load_model(changed(old, new))
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).endswith(".")
+
+
+def test_units_follow_the_axis():
+    linear = changed("[plant]", '[units]\nmotion = "linear"\nsensors = "position"\n[plant]')
+    model = load_model(linear)
+    assert model.linear
+    assert model.units.torque == "N"
+    with pytest.raises(InputError, match="inertia = -10 kg cannot be"):
+        load_model(linear.replace("10.0", "-10.0"))
+    volts = changed("[plant]", '[units]\ntorque = "V"\n[plant]')
+    with pytest.raises(InputError, match=r"inertia = -10 V s\^2/rad cannot be"):
+        load_model(volts.replace("10.0", "-10.0"))
+
+
+def test_what_is_missing_is_asked_for_only_where_it_is_needed():
+    text = TEXT[: TEXT.index("[controller]")] + "[simulation]\ndt = 1e-3\n"
+    model = load_model(text)
+    assert not model.controller_known
+    for ask, match in (
+        (model.needed_controller, "enough to estimate and diagnose"),
+        (model.needed_reference, r"\[reference\] is missing"),
+        (model.needed_duration, r"\[simulation\] duration is missing"),
+    ):
+        with pytest.raises(InputError, match=match):
+            ask()
+    assert 'type = "unknown"' in dump_model(model)
+
+
+def test_a_recorded_reference_is_read_beside_the_file(tmp_path):
+    time = 1e-3 * np.arange(50)
+    rows = "\n".join(f"{t!r},{t * 2!r}" for t in time.tolist())
+    (tmp_path / "run.csv").write_text(f"time,wanted\n{rows}\n")
+    recorded = '[reference]\ntype = "recorded"\nfile = "run.csv"\ncolumns = "reference=wanted:deg/s"'
+    text = changed('[reference]\ntype = "sine"\namplitude = 1.0\nfrequency = 1.0', recorded)
+    (tmp_path / "servo.toml").write_text(text)
+    model = load_model(tmp_path / "servo.toml")
+    np.testing.assert_allclose(model.reference.values, np.radians(2 * time), rtol=1e-12)
+    assert 'file = "run.csv"' in dump_model(model)
+
+
+# ------------------------------------------------------------------------------------------- round trip
+
+SIZES = st.floats(1e-12, 1e12, allow_subnormal=False)
+ANY = st.floats(-1e12, 1e12, allow_subnormal=False)
+SHARES = st.floats(0.01, 0.99)
+
+
+def table(required, optional=None, **fixed):
+    optional = {key: value for key, value in (optional or {}).items() if key not in required}
+    return st.fixed_dictionaries({**{k: st.just(v) for k, v in fixed.items()}, **required}, optional=optional)
+
+
+def harmonics(*names):
+    pair = st.integers(1, 3).flatmap(lambda n: st.tuples(*[st.lists(ANY, min_size=n, max_size=n) for _ in names]))
+    return pair.map(lambda lists: dict(zip(names, lists, strict=True)))
+
+
+LEVELS = {"coulomb": SIZES, "viscous": SIZES}
+STEEP = {"steepness": SIZES | st.just("sign")}
+GENERAL = {
+    "coulomb_difference": ANY, "viscous_difference": ANY, "drag_coefficient": ANY, "drift_amplitude": ANY,
+    "drift_time": SIZES, "stribeck_velocity": SIZES, "stribeck_exponent": SIZES, "position_periods": SIZES, **STEEP,
+}  # fmt: skip
+BRISTLES = {"bristle_damping": SIZES, "bristle_exponent": SIZES}
+FRICTION = st.one_of(
+    table(LEVELS, {**STEEP, "offset": ANY}, type="coulomb_viscous"),
+    table({f"{k}_{side}": SIZES for k in LEVELS for side in ("positive", "negative")}, STEEP, type="coulomb_viscous"),
+    table({**LEVELS, "stribeck_torque": ANY, "stribeck_velocity": SIZES}, GENERAL, type="coulomb_viscous"),
+    st.builds(dict.__or__, table(LEVELS, GENERAL, type="coulomb_viscous"), harmonics("position_cosine", "position_sine")),
+    table({**LEVELS, "bristle_deflection": SIZES}, {**BRISTLES, **GENERAL}, type="coulomb_viscous"),
+    table({"coulomb": SIZES, "static": SIZES, "stribeck_velocity": SIZES}, {"viscous": SIZES, **STEEP}, type="stribeck"),
+    table({"coulomb": SIZES, "static": SIZES}, {"stick_velocity": SIZES, **STEEP}, type="stiction"),
+    table({"coulomb": SIZES, "stiffness": SIZES}, {"exponent": SIZES, "viscous": SIZES}, type="dahl"),
+    table(dict.fromkeys(("coulomb", "static", "stribeck_velocity", "bristle_stiffness"), SIZES), type="lugre"),
+    table({}, {"offset": ANY}, type="none"),
+)  # fmt: skip
+PLANT = st.one_of(
+    table({"inertia": SIZES}, type="one_mass"),
+    table({"motor_inertia": SIZES, "load_inertia": SIZES, "stiffness": SIZES}, {"damping": SIZES}, type="two_mass"),
+    table({"motor_inertia": SIZES, "load_inertia": SIZES, "stiffness": SIZES}, type="series_two_mass"),
+)
+CONTROLLER = st.one_of(
+    table({"kp": SIZES, "ki": SIZES}, {"limit": SIZES, "tracking_time": SIZES}, type="pi"),
+    table({"kp": SIZES}, {"limit": SIZES}, type="p"),
+    table({"gain": ANY, "zero": ANY, "pole": SIZES}, {"limit": SIZES}, type="lead"),
+    table({"kp": SIZES, "kv": SIZES}, {"limit": SIZES}, type="position_cascade"),
+    table({"kp": SIZES, "kv": SIZES, "ki": SIZES}, {"limit": SIZES, "tracking_time": SIZES}, type="position_cascade"),
+    st.just({"type": "transfer_function", "numerator": [2.0, 3.0], "denominator": [1.0, 30.0]}),
+    st.just({"type": "unknown"}),
+)
+OBSERVER = st.one_of(
+    st.sampled_from(["cfp", "mfp"]).flatmap(lambda t: table({"gain": SIZES}, {"viscous": SIZES, **STEEP}, type=t)),
+    table({"gain": SIZES, "coulomb": SIZES}, {"nonlinearity": st.sampled_from(["quadratic", "absolute"])}, type="nfp"),
+    st.sampled_from(["efp", "efp_steepness_coulomb"]).flatmap(
+        lambda t: table({"gain_1": SIZES, "gain_2": SIZES}, {"inertia": SIZES, **STEEP}, type=t)
+    ),
+    table({"gain_1": SIZES, "gain_2": SIZES, "coulomb": SIZES}, type="efp_steepness_viscous"),
+    table({"gain": SIZES, "coulomb": SIZES}, {"nonlinearity": st.just("quadratic")}, type="steepness"),
+)  # fmt: skip
+LOAD = st.one_of(
+    table({"amplitude": ANY}, {"phase": ANY}, type="unbalance"),
+    st.builds(dict.__or__, table({}, {"periods": SIZES}, type="position_torque"), harmonics("cosine", "sine")),
+)
+ACTUATOR = st.one_of(
+    table({}, {"gain": SIZES, "lag": SIZES, "limit": SIZES, "dead_zone": SIZES, "offset": ANY}),
+    table({"cogging_amplitude": ANY, "cogging_periods": SIZES}, {"cogging_phase": ANY, "delay": st.floats(0, 1e-2)}),
+)
+SENSOR = st.one_of(
+    table({}, {"scale": SIZES, "bias": ANY, "lag": SIZES, "delay": st.floats(0, 1e-2), "noise": SIZES, "step": SIZES,
+               "side": st.sampled_from(["load", "motor"])}),
+    table({"load_side": SHARES}, {"position_step": SIZES}),
+    table({}, {"noise": SIZES, "bias": ANY, "random_walk": SIZES, "scale": ANY}, type="gyro"),
+    table({"step": SIZES}, {"filter_time": SIZES, "position_noise": SIZES}, type="encoder"),
+    table({"angle_noise": SIZES}, {"noise": SIZES, "step": SIZES}, type="kalman"),
+    table({"side": st.sampled_from(["load", "motor"])}, type="ideal"),
+)  # fmt: skip
+REFERENCE = st.one_of(
+    table({"amplitude": ANY, "frequency": SIZES}, {"phase": ANY, "offset": ANY}, type="sine"),
+    table({"amplitude": ANY}, type="constant"),
+    table({"amplitude": ANY, "start_frequency": SIZES, "end_frequency": SIZES}, {"sweep_time": SIZES}, type="chirp"),
+    st.sampled_from(["triangle", "square"]).flatmap(lambda t: table({"amplitude": ANY, "frequency": SIZES}, type=t)),
+    table({"amplitudes": st.just([1.0, 0.1]), "frequencies": st.just([0.3, 7.0])}, type="multisine"),
+)
+SIMULATION = table(
+    {"dt": st.floats(1e-4, 1e-2), "duration": st.floats(0.1, 10.0)},
+    {
+        "substeps": st.integers(1, 50),
+        "solver": st.sampled_from(["euler", "ode3", "rk4"]),
+        "stepping": st.just("sampled"),
+    },
+)
+UNITS = table({}, {"motion": st.sampled_from(["rotary", "linear"]), "sensors": st.sampled_from(["position", "both"])})
+MODEL = st.fixed_dictionaries(
+    {"plant": PLANT, "friction": FRICTION, "simulation": SIMULATION},
+    optional={
+        "units": UNITS, "controller": CONTROLLER, "observer": OBSERVER, "load": LOAD | st.lists(LOAD, min_size=2, max_size=3),
+        "actuator": ACTUATOR, "sensor": SENSOR, "reference": REFERENCE,
+    },
+)  # fmt: skip
+QUIET = settings(deadline=None, max_examples=120, suppress_health_check=list(HealthCheck))
+
+
+MEMORY = {"bristle_deflection", "dahl", "lugre"}  # friction that two bodies cannot share
+
+
+def same(first, second):
+    return bool(eqx.tree_equal((first.loop, first.reference), (second.loop, second.reference)))
+
+
+OFFSET = {"plant": {"type": "one_mass", "inertia": 1.0}, "simulation": {"dt": 1e-3, "duration": 1.0}}
+OFFSET |= {"friction": {"type": "none", "offset": 1.0}}
+
+
+@QUIET
+@example(OFFSET | {"load": [{"type": "unbalance", "amplitude": 0.0}] * 2})
+@example(OFFSET | {"load": [{"type": "unbalance", "amplitude": 0.0}, {"type": "none"}]})
+@given(MODEL)
+def test_round_trip_is_exact(sections):
+    model = load_model(toml_text.write(sections))
+    text = dump_model(model)
+    again = load_model(text)
+    assert same(model, again)
+    assert dump_model(again) == text
+    fields = ("dt", "duration", "stepping", "solver", "substeps", "units", "controller_known")
+    assert [getattr(model, name) for name in fields] == [getattr(again, name) for name in fields]
+
+
+@QUIET
+@given(
+    MODEL.filter(lambda m: m["plant"]["type"] == "one_mass" and not MEMORY & {*m["friction"], m["friction"]["type"]}),
+    table({"stiffness": SIZES}, {"backlash": SIZES, "damping": SIZES, "load_share": SHARES, "friction_share": SHARES}),
+)
+def test_round_trip_with_a_transmission(sections, transmission):  # fmt: skip
+    model = load_model(toml_text.write({**sections, "transmission": transmission}))
+    assert isinstance(model.loop.plant, Transmission)
+    assert same(model, load_model(dump_model(model)))
+
+
+WORDS = st.sampled_from(
+    ["type", "inertia", "coulomb", "kp", "dt", "steepness", "stiffness", "delay", "nonsense", "file"]
+)
+VALUES = st.one_of(st.floats(), st.integers(), st.booleans(), st.text(max_size=5), st.lists(st.floats(), max_size=3))
+
+
+@QUIET
+@given(MODEL, st.data())
+def test_any_damage_gives_a_model_or_an_input_error(sections, data):
+    sections = {
+        name: [dict(t) for t in each] if isinstance(each, list) else dict(each) for name, each in sections.items()
+    }
+    for _ in range(data.draw(st.integers(1, 3))):
+        name = data.draw(st.sampled_from(sorted(sections)))
+        if isinstance(sections[name], list):
+            continue
+        key = data.draw(
+            st.sampled_from(sorted(sections[name])) if sections[name] and data.draw(st.booleans()) else WORDS
+        )
+        sections[name][key] = data.draw(VALUES)
+        if data.draw(st.integers(0, 4)) == 0:
+            del sections[name][key]
+    try:
+        text = toml_text.write(sections)
+    except InputError:  # inf and nan are not written
+        return
+    load_or_sentence(text)
+
+
+@QUIET
+@given(st.text(alphabet='[]plantfrico=".0123456789\n_- ', max_size=300))
+def test_any_text_gives_a_model_or_an_input_error(text):
+    load_or_sentence("\n" + text)
+
+
+def load_or_sentence(text):
+    try:
+        return load_model(text)
+    except InputError as error:
+        sentence = str(error)
+    assert "\n" not in sentence
+    return None
+
+
+# ------------------------------------------------------------------------------------- corrected models
+
+
+def test_neutral_effects_are_dropped_and_the_rest_simulates_the_same():
+    zero, law = jnp.zeros(()), GeneralFriction(coulomb=20.0, viscous=2.0, coulomb_difference=3.0)
+    law = dataclasses.replace(law, position_cosine=(zero,) * 3, position_sine=(zero,) * 3)
+    load = Loads((fp.NoLoad(), PositionTorque((zero,), (zero,), 1.0), PositionTorque((zero + 0.5,), (zero,), 6.0)))
+    loop = fp.ClosedLoop(
+        fp.OneMass(inertia=10.0, friction=law, load=load),
+        fp.ProportionalIntegral(kp=150.0, ki=200.0),
+        actuator=fp.Actuator(gain=1.0, delay=0.0, limit=1e30, dead_zone=0.0, offset=0.0),
+        sensor=ServoSensor(lag=2e-3),
+    )
+    model = simplified(load_model(TEXT), loop)
+    text = dump_model(model)
+    assert isinstance(model.loop.plant.friction, fp.AsymmetricCoulombViscous)
+    assert isinstance(model.loop.actuator, fp.IdealActuator)
+    assert model.loop.plant.friction.steepness is not None
+    assert "[actuator]" not in text
+    assert "coulomb_positive = 23.0" in text
+    assert 'type = "position_torque"' in text
+    assert "lag = 0.002" in text
+    assert model.stepping == "sampled"
+    signed = dataclasses.replace(model.loop.plant.friction, steepness=None)
+    plain = eqx.tree_at(lambda at: at.plant.friction, model.loop, signed, is_leaf=lambda x: x is None)
+    runs = [
+        fp.simulate(each, model.reference, dt=1e-4, duration=0.3, stepping="sampled", record=("velocity",))
+        for each in (loop, plain)
+    ]
+    np.testing.assert_allclose(runs[0].signals["velocity"], runs[1].signals["velocity"], rtol=0, atol=1e-12)
+
+
+def test_neutral_bristles_sensor_and_load_share_survive_a_file():
+    law = Bristles(GeneralFriction(coulomb=20.0, viscous=2.0), deflection=1e-3, damping=3.0)
+    loop = dataclasses.replace(load_model(TEXT).loop, plant=fp.OneMass(inertia=10.0, friction=law))
+    model = simplified(load_model(TEXT), loop)
+    assert same(model, load_model(dump_model(model)))
+    assert "bristle_deflection = 0.001" in dump_model(model)
+
+
+def test_what_belongs_to_an_absent_effect_is_not_written():
+    law = GeneralFriction(coulomb=20.0, viscous=2.0, drag_coefficient=0.1, drift_amplitude=0.0, drift_time=2.5)
+    law = dataclasses.replace(law, stribeck_torque=0.0, stribeck_velocity=0.3, position_periods=7.0)
+    loop = dataclasses.replace(load_model(TEXT).loop, plant=fp.OneMass(inertia=10.0, friction=law))
+    text = dump_model(simplified(load_model(TEXT), loop))
+    assert "drag_coefficient = 0.1" in text
+    assert not [word for word in ("drift", "stribeck", "periods") if word in text]
+
+
+def test_constant_torques_become_the_offset_wherever_they_stand():
+    inner = Loads((fp.Unbalance(3.0, 0.5, 0.25), ConstantTorque(1.0)))
+    load = Loads((inner, ConstantTorque(0.5), ConstantTorque(0.0)))
+    base = load_model(TEXT)
+    plant = dataclasses.replace(base.loop.plant, load=load)
+    model = simplified(base, dataclasses.replace(base.loop, plant=plant))
+    assert "offset = 1.75" in dump_model(model)
+    assert "offset = 1.75" in dump_model(dataclasses.replace(base, loop=dataclasses.replace(base.loop, plant=plant)))
+    assert same(model, load_model(dump_model(model)))
+    motion = fp.Motion(jnp.asarray(0.1), jnp.asarray(0.7), jnp.asarray(0.0))
+    np.testing.assert_allclose(model.loop.plant.load.readout(motion), load.readout(motion), rtol=1e-15)
+
+
+def test_a_block_without_words_is_said():
+    class Own(fp.AbstractController):
+        def init(self):
+            return ()
+
+        def derivative(self, state, reference, measurement):
+            return ()
+
+        def readout(self, state, reference, measurement):
+            return reference
+
+    model = load_model(TEXT)
+    loop = dataclasses.replace(model.loop, controller=Own())
+    with pytest.raises(InputError, match="no words for Own"):
+        dump_model(dataclasses.replace(model, loop=loop))
+
+
+def test_every_example_is_read_and_written():
+    for path in sorted((pathlib.Path(__file__).parents[2] / "examples").glob("*.toml")):
+        model = load_model(path)
+        assert same(model, load_model(dump_model(model))), path.name
+
+
+def test_the_documentation_names_every_key():
+    from fpjax.model_file import body, friction, loop_parts, model
+
+    text = (pathlib.Path(__file__).parents[2] / "docs" / "model_file.md").read_text()
+    forms = [*body.PLANTS, *friction.FORMS, *loop_parts.CONTROLLERS, *loop_parts.REFERENCES]
+    words = {form.name for form in forms} | {key.name for form in forms for key in form.keys}
+    tables = (
+        body.TRANSMISSION, body.ACTUATOR, body._SERVO, body._GYRO, body._ENCODER, body._UNBALANCE, body._HARMONICS,
+        friction.DIRECTION, friction.GENERAL, friction.BRISTLES, loop_parts._CASCADE, loop_parts._GAINS,
+    )  # fmt: skip
+    words |= {key.name for keys in tables for key in keys}
+    words |= {*loop_parts.OBSERVERS, *body.SENSORS, *body.LOADS, *model.SECTIONS, "transfer_function", "unknown"}
+    assert {word for word in words if f"`{word}`" not in text and f"`[{word}]`" not in text} == set()
