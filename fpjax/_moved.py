@@ -19,7 +19,7 @@ _ROOMS = {
         *("references", "sensors", "servo_sensor", "signals"),
     ),
     "blocks.plants": ("sticking", "transmission"),
-    "compiled": ("batch", "elementary", "gradients", "hyperbolic", "native", "one_kernel", "persistent", "threads"),
+    "compiled": ("batch", "elementary", "gradients", "hyperbolic", "native", "one_kernel", "threads"),
     "output": ("plotting", "progress", "runfile", "toml_text"),
 }
 MOVED = {

@@ -24,12 +24,9 @@ from jax.sharding import Mesh, PartitionSpec
 
 from ..errors import InputError
 from .native import native, native_enabled
-from .persistent import persistent
 from .threads import on_threads, settings, under
 
 _core: Any = jax.extend.core if hasattr(jax.extend.core, "get_opaque_trace_state") else jax.core
-with concurrent.futures.ThreadPoolExecutor(1) as _fresh:  # this module may first be imported within a trace
-    _NO_TRACE = _fresh.submit(_core.get_opaque_trace_state).result()
 
 # Candidates in one kernel: one chunk keeps its states in the first-level cache and its loops long
 # enough that LLVM vectorizes them (docs/performance.md).
@@ -160,9 +157,16 @@ def chunk_for(arguments: Any, size: int) -> int:
 
 def _traced(*arguments: Any) -> bool:
     """Whether a trace is going on: without tracers among the arguments it may still have some in the function."""
-    return _core.get_opaque_trace_state() != _NO_TRACE or any(
+    return _core.get_opaque_trace_state() != _no_trace() or any(
         isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)
     )
+
+
+@functools.lru_cache(maxsize=1)
+def _no_trace() -> Any:
+    """jax's state outside every trace: that of a fresh thread, because the first call may stand within a trace."""
+    with concurrent.futures.ThreadPoolExecutor(1) as fresh:
+        return fresh.submit(_core.get_opaque_trace_state).result()
 
 
 def _size_and_width(arguments: Any) -> tuple[int, int]:
@@ -191,6 +195,15 @@ def _chunk_for(size: int, width: int) -> int:
     return next((to for start, to in PADDED[width] if start <= size <= to), size)
 
 
+def _chunk_on(platform: str, share: int, width: int) -> int:
+    """Candidates of one chunk, for a device that has a share of so many: the only place that knows of GPUs.
+
+    On a GPU every step of the scan launches its kernels over the whole share: the more candidates in one, the fewer
+    launches. Never measured: no GPU was at hand. A loop of one kernel that holds all steps would be chosen here.
+    """
+    return share if platform in ("gpu", "cuda") else _chunk_for(share, width)
+
+
 def cores() -> int:
     """The cores that this process may use."""
     count = getattr(os, "sched_getaffinity", None)
@@ -209,14 +222,6 @@ def _chunked(fn: Callable[..., Any], batched: bool, single: bool = False) -> Cal
         return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), result)
 
     return run
-
-
-def _on_gpu(run: Callable[..., Any]) -> Callable[..., Any]:
-    def traced(*arguments: Any) -> Any:
-        with persistent():
-            return run(*arguments)
-
-    return traced
 
 
 @dataclasses.dataclass(frozen=True)
@@ -260,11 +265,10 @@ def _plan(
     if len(where) == 1 and on_cpu:
         threads = max(1, min(workers, size // PER_WORKER))
     parts = max(len(where), threads)
-    on_gpu = where[0].platform in ("gpu", "cuda")  # one kernel takes the whole batch there, a candidate a lane
-    chunk = chunk or (-(-size // parts) if on_gpu else _chunk_for(-(-size // parts), width))
+    chunk = chunk or _chunk_on(where[0].platform, -(-size // parts), width)
     single = parts == 1 and chunk == size
     several = where if len(where) > 1 else None
-    run, seen = _compiled(fn, batched, on_cpu and chunk >= VECTORIZED_FROM, enabled, several, single, on_gpu)
+    run, seen = _compiled(fn, batched, on_cpu and chunk >= VECTORIZED_FROM, enabled, several, single)
     return _Plan(run, seen, chunk, -(-size // (chunk * parts)) * parts, threads, single)
 
 
@@ -276,14 +280,13 @@ def _compiled(
     enabled: bool,
     devices: tuple[Any, ...] | None,
     single: bool,
-    on_gpu: bool,
 ) -> tuple[Callable[..., Any], set[Any]]:
     """(the jitted loop over chunks, the shapes that it was compiled for).
 
     `enabled` is only there so that a switched `native` traces anew.
     """
     del enabled
-    run = _on_gpu(_chunked(fn, batched, single)) if on_gpu else _chunked(fn, batched, single)
+    run = _chunked(fn, batched, single)
     if devices is not None:
         mesh = Mesh(np.array(devices), ("candidates",))
         split, whole = PartitionSpec("candidates"), PartitionSpec()

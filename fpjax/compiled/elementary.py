@@ -20,8 +20,6 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array
 
-from .persistent import is_persistent
-
 # All least largest relative errors (Remez's exchange, 50 digits), lowest power first, by the bytes of a float.
 # sin r = r + r^3 S(r^2) to 7e-18 and 7e-9, cos r = 1 - r^2 / 2 + r^4 C(r^2) to 2e-19 and 3e-10, |r| < pi / 4.
 _SINE = {
@@ -115,15 +113,13 @@ def polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
 
 def kept(value: Array) -> Array:
     """`value`, computed once: not anew for every tangent, nor in a reverse pass."""
-    if is_persistent():  # Triton knows neither
-        return value
     return checkpoint_name(lax.optimization_barrier(value), NAME)
 
 
 def _written_out(x: Array) -> bool:
     # Without x64 jax turns the constants of a float64 program into float32.
     wide = x.dtype == np.float64 and jax.config.jax_enable_x64  # pyright: ignore[reportAttributeAccessIssue]
-    return (wide or x.dtype == np.float32) and not is_persistent()
+    return wide or x.dtype == np.float32
 
 
 def _primitive(

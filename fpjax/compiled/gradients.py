@@ -13,7 +13,6 @@ import jax.numpy as jnp
 
 from ..errors import InputError
 from .native import reverse_pass
-from .persistent import is_persistent
 
 Parameters = TypeVar("Parameters")
 
@@ -40,7 +39,7 @@ def value_and_gradient(
 
     Args:
         fn: `fn(parameters, *others)` -> scalar, its loops `scan_loop`s with checkpoint="auto".
-        mode: "forward", "reverse", or "auto": forward up to four parameters and on a GPU.
+        mode: "forward", "reverse", or "auto": forward up to four parameters.
         batched: `fn` maps parameters with a leading axis B on every leaf to B values, each of its own candidate only,
             and so does the gradient.
         scratch: what reverse mode may keep [bytes].
@@ -55,7 +54,7 @@ def value_and_gradient(
         parameters = jax.tree.map(jnp.asarray, parameters)
         candidates, count = _sizes(parameters, batched)
         cost = lambda p: fn(p, *others)  # noqa: E731
-        if mode == "forward" or (mode == "auto" and (count <= FORWARD_UP_TO or is_persistent())):
+        if mode == "forward" or (mode == "auto" and count <= FORWARD_UP_TO):
             return _forward(cost, parameters, candidates)
         with reverse_pass(candidates=candidates or 1, scratch=scratch):
             value, pull = jax.vjp(cost, parameters)
@@ -114,10 +113,8 @@ def _forward(cost: Callable[[Any], jax.Array], parameters: Any, candidates: int 
     def along(tangent: Any) -> tuple[jax.Array, jax.Array]:
         return jax.jvp(cost, (parameters,), (tangent,))
 
-    # The value does not depend on the direction: it is computed once, outside the vmap; but on a GPU a direction has a
-    # lane of its own, which holds the value too.
-    value, slopes = jax.vmap(along, out_axes=(0 if is_persistent() else None, 0))(tangents)
-    value = value[0] if is_persistent() else value
+    # The value does not depend on the direction: it is computed once, outside the vmap.
+    value, slopes = jax.vmap(along, out_axes=(None, 0))(tangents)
     _check(value, candidates)
     slopes = jnp.moveaxis(slopes, 0, -1)
     gradient = [

@@ -27,7 +27,6 @@ from jax import lax
 from ..errors import InputError
 from .elementary import NAME as ELEMENTARY
 from .one_kernel import one_kernel
-from .persistent import fits, is_persistent, persistent_loop, persistent_mode
 
 F = TypeVar("F", bound=Callable[..., Any])
 C = TypeVar("C")
@@ -94,7 +93,7 @@ def native(fn: F) -> F:
         fn: positional arrays and pytrees of arrays in, a pytree of arrays out.
     """
 
-    # The ambient modes are arguments: a trace made without them must not be found within them.
+    # The ambient mode is an argument: a trace made without it must not be found within it.
     def evaluated(enabled: bool, ambient: Any, arguments: tuple[Any, ...]) -> Any:
         # Under `disable_jit` nothing is compiled, and evaluating the primitive would call itself.
         plain = not enabled or jax.config.jax_disable_jit  # pyright: ignore[reportAttributeAccessIssue]
@@ -104,7 +103,7 @@ def native(fn: F) -> F:
 
     @functools.wraps(fn)
     def wrapped(*arguments):
-        return compiled(native_enabled(), (_reverse.get(), persistent_mode()), arguments)
+        return compiled(native_enabled(), _reverse.get(), arguments)
 
     return cast(F, wrapped)
 
@@ -136,10 +135,6 @@ def scan_loop(
     if checkpoint not in CHECKPOINTS:
         raise InputError(f"checkpoint={checkpoint!r} is not known: use one of {CHECKPOINTS}.")
     length = _length(xs, length)
-    if is_persistent() and checkpoint in ("auto", "none") and _reverse.get() is None and fits(carry, xs):
-        outputs = jax.eval_shape(step, carry, jax.tree.map(lambda x: x[0], xs))[1]
-        if not jax.tree.leaves(outputs):
-            return persistent_loop(step, carry, xs, length)
     levels = _levels(carry, length) if checkpoint == "auto" else CHECKPOINTS.index(checkpoint)
     if unroll is None:
         candidates, _ = _reverse.get() or (1, 0)
