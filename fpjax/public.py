@@ -41,6 +41,8 @@ from .blocks.friction import NoFriction as NoFriction
 from .blocks.friction import SmoothCoulomb as SmoothCoulomb
 from .blocks.friction import Stribeck as Stribeck
 from .blocks.friction import Viscous as Viscous
+from .blocks.learned import LearnedTorque as LearnedTorque
+from .blocks.learned import split_jump as split_jump
 from .blocks.loads import AbstractLoad as AbstractLoad
 from .blocks.loads import NoLoad as NoLoad
 from .blocks.loads import Unbalance as Unbalance

@@ -1,6 +1,7 @@
 """Whether a solver's step can follow a smooth friction law: the number, and the warning that carries it."""
 
 import warnings
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -34,16 +35,26 @@ def stiffness_number(loop: ClosedLoop, dt: float) -> float | None:
         return None
     # The law itself tells its slope, whatever its levels: on a grid over the width of the tanh, finer than it bends.
     velocity = np.linspace(-3.0, 3.0, 241, dtype=steepness.dtype) / np.asarray(steepness)
-    slope = np.max(np.diff(np.asarray(_torque(law, velocity))) / np.diff(velocity))
+    slope = np.max(np.diff(np.asarray(_torque(law, velocity, _driving(loop)))) / np.diff(velocity))
     return float(slope * float(dt) / np.asarray(plant.rubbing_inertia()))
 
 
 @eqx.filter_jit
-def _torque(law: AbstractStaticFriction, velocity: Array) -> Array:
+def _torque(law: AbstractStaticFriction, velocity: Array, driving: Array) -> Array:
     """Friction torque [N m] at these velocities [rad/s]; compiled, because every `simulate` asks."""
     velocity = jnp.asarray(velocity)
     rest = jnp.zeros_like(velocity)
-    return law.readout((), Motion(velocity, rest, rest), rest)
+    return law.readout((), Motion(velocity, rest, rest, rest + driving), rest)
+
+
+def _driving(loop: ClosedLoop) -> Array:
+    """The torque [N m] for a level that grows with it: the actuator's limit, else what holds a constant speed."""
+    law: Any = loop.plant.friction
+    share = getattr(law, "load_coefficient", None)
+    if share is None:
+        return jnp.zeros_like(law.steepness)
+    limit = getattr(loop.actuator, "limit", None)
+    return law.coulomb / (1.0 - share) if limit is None else limit
 
 
 def safe_steepness(

@@ -333,7 +333,8 @@ def _load(load: AbstractLoad, log: Log, velocity: np.ndarray) -> np.ndarray:
     else:
         position = np.asarray(log.position, dtype=float)
     halves = [0.5 * (signal[1:] + signal[:-1]) for signal in (velocity, position, np.asarray(log.time))]
-    motion = Motion(*(jnp.asarray(half) for half in halves))
+    # A held torque: the value at a sample acts until the next one.
+    motion = Motion(*(jnp.asarray(half) for half in halves), jnp.asarray(np.asarray(log.torque, dtype=float)[:-1]))
     return np.asarray(jax.vmap(load.readout)(motion), dtype=float)
 
 

@@ -3,6 +3,8 @@
 import equinox as eqx
 from jaxtyping import Array
 
+from ..errors import InputError
+
 
 class Motion(eqx.Module):
     """What a friction law, a load or a cogging torque may depend on.
@@ -11,11 +13,29 @@ class Motion(eqx.Module):
         velocity: w [rad/s].
         position: theta [rad].
         time: t [s].
+        torque: what drives the body through the gear [N m]: the applied motor torque, or the shaft's torque for a body
+            behind a spring. It never holds the inertia torque, so a law that depends on it needs no equation solved.
+            None where nobody knows it.
     """
 
     velocity: Array
     position: Array
     time: Array
+    torque: Array | None = None
+
+
+def driving_torque(motion: Motion, what: str) -> Array:
+    """The torque that drives the body through the gear [N m].
+
+    Raises:
+        InputError: where the motion does not hold it.
+    """
+    if motion.torque is None:
+        raise InputError(
+            f"{what} depends on the torque through the gear, and this motion has none: give Motion(velocity, position, "
+            f"time, torque)."
+        )
+    return motion.torque
 
 
 class PlantOutput(eqx.Module):

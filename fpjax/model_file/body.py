@@ -9,6 +9,7 @@ import numpy as np
 from ..blocks.actuators import AbstractActuator, Actuator, IdealActuator
 from ..blocks.friction import AbstractFriction, Dahl, LuGre
 from ..blocks.friction.bristles import Bristles
+from ..blocks.learned import LearnedTorque
 from ..blocks.loads import AbstractLoad, NoLoad, Unbalance
 from ..blocks.plants import AbstractPlant, OneMass, SeriesTwoMass, TwoMass
 from ..blocks.plants.transmission import Transmission
@@ -188,7 +189,7 @@ def flat_loads(load: AbstractLoad) -> tuple[AbstractLoad, ...]:
 
 def describe_load(load: AbstractLoad) -> tuple[list[dict[str, Any]], float]:
     """([load] tables, offset of [friction])."""
-    parts = flat_loads(load)
+    parts = tuple(part for part in flat_loads(load) if not isinstance(part, LearnedTorque))  # [[learned]] has those
     tables: list[dict[str, Any]] = []
     offset = 0.0
     for part in parts:

@@ -103,6 +103,7 @@ GENERAL = (
     Key("drift_amplitude", "N m", default=None),
     Key("drift_time", "s", "positive", 1.0),
     Key("drag_coefficient", "N m s^2/rad^2", default=0.0),
+    Key("load_coefficient", "1", "share", None),
     _STEEP,
 )
 BRISTLES = (
@@ -226,12 +227,14 @@ class Steepness:
         inertia: of the body that rubs [kg m^2].
         dt: solver step [s].
         solver: the solver.
+        largest: torque limit of the actuator [N m], for a level that grows with the torque; None where there is none.
         note: a sentence once one was chosen.
     """
 
     LARGEST = 1e6  # [s/rad]: with no Coulomb friction to follow any will do
 
-    def __init__(self, inertia: float, dt: float, solver: Any, units: Units) -> None:
+    def __init__(self, inertia: float, dt: float, solver: Any, units: Units, largest: float | None = None) -> None:
+        self.largest = largest
         self.inertia, self.dt, self.solver, self.units = inertia, dt, solver, units
         self.note: str | None = None
 
@@ -246,7 +249,10 @@ class Steepness:
         if "steepness" not in type(law).__dataclass_fields__ or getattr(law, "steepness", 1.0) is not None:
             return law
         return eqx.tree_at(
-            lambda at: at.steepness, law, _leaf(self.choose(largest_level(law))), is_leaf=lambda x: x is None
+            lambda at: at.steepness,
+            law,
+            _leaf(self.choose(largest_level(law, self.largest))),
+            is_leaf=lambda x: x is None,
         )
 
     def choose(self, coulomb: float) -> float:
@@ -262,14 +268,21 @@ class Steepness:
         return chosen
 
 
-def largest_level(law: Any) -> float:
-    """Largest set-valued torque [N m] of a law, for its steepness."""
+def largest_level(law: Any, torque: float | None = None) -> float:
+    """Largest set-valued torque [N m] of a law, for its steepness.
+
+    Args:
+        law: the law.
+        torque: the largest torque through the gear [N m]; None for what moves the machine at constant speed.
+    """
     if isinstance(law, GeneralFriction):
         level = abs(float(law.coulomb)) + abs(float(law.coulomb_difference))
         pairs = zip(law.position_cosine, law.position_sine, strict=True)
         ripple = sum(float(np.hypot(float(c), float(s))) for c, s in pairs)
         extras = (law.stribeck_torque, law.drift_amplitude)
-        return level + ripple + sum(abs(float(each)) for each in extras if each is not None)
+        level += ripple + sum(abs(float(each)) for each in extras if each is not None)
+        share = 0.0 if law.load_coefficient is None else abs(float(law.load_coefficient))
+        return level / (1.0 - share) if torque is None else level + share * torque
     names = ("coulomb", "static", "coulomb_positive", "coulomb_negative")
     return max((float(getattr(law, name)) for name in names if hasattr(law, name)), default=0.0)
 

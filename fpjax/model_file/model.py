@@ -21,9 +21,10 @@ from ..solvers import SOLVERS, get_solver
 from . import body, loop_parts
 from .friction import OFFSET, SECTION, Steepness, build_friction, describe_friction
 from .keys import Key, Units, check_keys, choose, missing, nearest, read_values
+from .learned import build_learned, describe_learned, join_load, more_coulomb
 
 SECTIONS = (
-    "units", "plant", "transmission", "friction", "load", "actuator", "sensor",
+    "units", "plant", "transmission", "friction", "load", "learned", "actuator", "sensor",
     "controller", "observer", "reference", "simulation",
 )  # fmt: skip
 _DT = Key("dt", "s", "positive")
@@ -178,7 +179,9 @@ def load_model(source: str | os.PathLike[str]) -> Model:
         if section not in SECTIONS:
             raise InputError(f"{name}: section [{section}] is not known: {nearest(section, SECTIONS)}.")
     for section, table in sections.items():
-        several = section == "load" and isinstance(table, list) and all(isinstance(each, dict) for each in table)
+        several = (
+            section in ("load", "learned") and isinstance(table, list) and all(isinstance(each, dict) for each in table)
+        )
         if not isinstance(table, dict) and not several:
             raise InputError(f"{name}: {section} is a section: write [{section}] on a line of its own, its keys below.")
     for section in ("plant", SECTION, "simulation"):
@@ -192,13 +195,14 @@ def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) ->
     units = _read_units(sections.get("units", {}))
     time = _read_simulation(sections["simulation"], units)
     solver, dt = get_solver(time["solver"]), time["dt"]
-    friction_table = sections[SECTION]
-    offset = read_values(SECTION, friction_table, (OFFSET,), units)["offset"]
     notes: list[str] = []
+    learned, jump = build_learned(sections.get("learned"), units)
+    friction_table = more_coulomb(sections[SECTION], jump, notes, units)
+    offset = read_values(SECTION, friction_table, (OFFSET,), units)["offset"]
     # The steepness follows the inertia of what rubs, so the body is built before its friction.
     bare = body.build_plant(
         sections["plant"], sections.get("transmission"), build_friction({"type": "none"}, units, _never()),
-        body.build_load(sections.get("load"), offset, units), units,
+        join_load(body.build_load(sections.get("load"), offset, units), learned), units,
     )  # fmt: skip
     sampled_only = bool(sections.get("actuator", {}).get("delay")) or (
         bool(sections.get("sensor")) and sections["sensor"].get("type") != "ideal"
@@ -208,7 +212,8 @@ def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) ->
         sampled_only, which = True, 'solver = "exact"'
     stepping = _stepping(time["stepping"], sampled_only, which, notes)
     step = dt / time["substeps"] if stepping == "sampled" else dt
-    steepness = Steepness(body.rubbing_inertia(bare), step, solver, units)
+    largest = (sections.get("actuator") or {}).get("limit")
+    steepness = Steepness(body.rubbing_inertia(bare), step, solver, units, largest)
     friction = build_friction(friction_table, units, steepness)
     if steepness.note:
         notes.append(steepness.note)
@@ -343,6 +348,7 @@ def dump_model(model: Model, *, comments: Mapping[tuple[str, str], str] | None =
         "transmission": plants.get("transmission"),
         "friction": friction,
         "load": loads[0] if len(loads) == 1 else loads,
+        "learned": describe_learned(body.flat_loads(loop.plant.load)),
         "actuator": actuator,
         "sensor": body.describe_sensor(loop.sensor),
         "controller": loop_parts.describe_controller(controller, written.get("controller", {})),

@@ -8,6 +8,7 @@ from ..blocks.block import as_parameter
 from ..blocks.friction import AbstractFriction, AsymmetricCoulombViscous, CoulombViscous
 from ..blocks.friction.bristles import Bristles
 from ..blocks.friction.general import GeneralFriction
+from ..blocks.learned import LearnedTorque
 from ..blocks.loads import AbstractLoad, NoLoad, Unbalance
 from ..blocks.position_torque import ConstantTorque, Loads, PositionTorque
 from ..blocks.sensors import AbstractSensor, IdealSensor
@@ -16,6 +17,7 @@ from ..loop import ClosedLoop
 from ..solvers import get_solver
 from .body import flat_loads, rubbing_inertia
 from .friction import Steepness, largest_level
+from .learned import is_empty
 from .model import Model
 
 UNREACHED = 1e29  # a torque limit [N m] that stands for none
@@ -57,7 +59,7 @@ def simple_friction(law: AbstractFriction) -> AbstractFriction:
     if not isinstance(law, GeneralFriction):
         return law
     law = _trimmed(law)
-    extras = (law.stribeck_torque, law.drift_amplitude, law.drag_coefficient)
+    extras = (law.stribeck_torque, law.drift_amplitude, law.drag_coefficient, law.load_coefficient)
     if law.position_cosine or not all(_zero(extra) for extra in extras):
         return law
     if _zero(law.coulomb_difference) and _zero(law.viscous_difference):
@@ -78,11 +80,13 @@ def _trimmed(law: GeneralFriction) -> GeneralFriction:
     pairs = list(zip(law.position_cosine, law.position_sine, strict=True))
     while pairs and _zero(pairs[-1][0]) and _zero(pairs[-1][1]):
         pairs.pop()
-    absent = {name: None for name in ("stribeck_torque", "drift_amplitude") if _zero(getattr(law, name))}
+    absent = {
+        name: None for name in ("stribeck_torque", "drift_amplitude", "load_coefficient") if _zero(getattr(law, name))
+    }
     cosine, sine = (tuple(pair[part] for pair in pairs) for part in (0, 1))
     plain = GeneralFriction(coulomb=law.coulomb, viscous=law.viscous)
     companions = {"stribeck_torque": ("stribeck_velocity", "stribeck_exponent"), "drift_amplitude": ("drift_time",)}
-    idle = [name for term in absent for name in companions[term]] + ([] if pairs else ["position_periods"])
+    idle = [name for term in absent for name in companions.get(term, ())] + ([] if pairs else ["position_periods"])
     unused = {name: getattr(plain, name) for name in idle}
     return _with(law, position_cosine=cosine, position_sine=sine, **absent, **unused)
 
@@ -101,7 +105,7 @@ def simple_load(load: AbstractLoad) -> AbstractLoad:
                 kept.append(Unbalance(part.amplitude, part.phase))
         elif isinstance(part, ConstantTorque):
             constant += float(part.torque)
-        elif not isinstance(part, NoLoad):
+        elif not isinstance(part, NoLoad | LearnedTorque):
             kept.append(part)
     if constant:
         place = next((at for at, part in enumerate(kept) if isinstance(part, Unbalance)), None)
@@ -109,6 +113,8 @@ def simple_load(load: AbstractLoad) -> AbstractLoad:
             kept.append(Unbalance(0.0, 0.0, constant))
         else:
             kept[place] = _with(kept[place], offset=as_parameter(constant))
+    # The file's order: the learned tables come last.
+    kept += [part for part in flat_loads(load) if isinstance(part, LearnedTorque) and not is_empty(part)]
     if not kept:
         return NoLoad()
     return kept[0] if len(kept) == 1 else Loads(tuple(kept))

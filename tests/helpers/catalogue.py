@@ -75,7 +75,7 @@ def controller():
 
 
 def evaluate_friction(law, at):
-    motion = Motion(at["velocity"], at["position"], at["time"])
+    motion = Motion(at["velocity"], at["position"], at["time"], at["applied"])
     state = jax.tree.map(lambda leaf: leaf + at["memory"].astype(leaf.dtype), law.init())
     return law.init(), law.derivative(state, motion), law.readout(state, motion, at["applied"])
 
@@ -119,6 +119,8 @@ FRICTION = [
     friction_case("asymmetric_sign", lambda: fp.AsymmetricCoulombViscous(20.0, 15.0, 2.0, 3.0)),
     friction_case("general_neutral_coulomb_sign", lambda: GeneralFriction(20.0, 2.0)),
     friction_case("general_asymmetric", lambda: general(), 1 / 40.0),
+    friction_case("general_load", lambda: GeneralFriction(20.0, 2.0, steepness=40.0, load_coefficient=0.2), 1 / 40.0),
+    friction_case("general_load_sign", lambda: GeneralFriction(20.0, 2.0, load_coefficient=0.2)),
     friction_case("bristles_dahl", lambda: Bristles(fp.CoulombViscous(20.0, 2.0), 1e-3, 50.0), 0.01, 0.3),
     friction_case("bristles_dahl_power", lambda: Bristles(fp.CoulombViscous(20.0, 2.0), 1e-2, 0.0, 1.5), 0.01, 0.3),
     friction_case("asymmetric", lambda: fp.AsymmetricCoulombViscous(20.0, 15.0, 2.0, 3.0, 40.0), 1 / 40.0),
@@ -128,7 +130,7 @@ FRICTION = [
 
 
 def evaluate_load(load, at):
-    return load.readout(Motion(at["velocity"], at["position"], at["time"]))
+    return load.readout(Motion(at["velocity"], at["position"], at["time"], at["torque"]))
 
 
 def load_case(name, build):
@@ -137,7 +139,7 @@ def load_case(name, build):
         name,
         build,
         evaluate_load,
-        {"velocity": 1.0, "position": 1.0, "time": 1.0},
+        {"velocity": 1.0, "position": 1.0, "time": 1.0, "torque": 10.0},
         VELOCITIES,
         lambda load: (
             fp.ClosedLoop(fp.OneMass(10.0, fp.CoulombViscous(20.0, 2.0, 40.0), load), controller()),
@@ -150,11 +152,25 @@ def harmonics():
     return PositionTorque((jnp.asarray(1.0), jnp.asarray(0.3)), (jnp.asarray(-0.5), jnp.asarray(0.2)), 3.0)
 
 
+def learned(of, period=None, interpolation="linear"):
+    """Points off the tried ones: a straight line has no derivative where it bends."""
+    scale = 10.0 if of == "torque" else 1.0
+    return fp.LearnedTorque(
+        of, [-1.9 * scale, -0.4 * scale, 0.17 * scale, 2.3 * scale], [-2.0, 1.0, 0.5, 3.0], period, interpolation
+    )
+
+
 LOADS = [
     load_case("none", fp.NoLoad),
     load_case("unbalance", lambda: fp.Unbalance(5.0, 0.3, 1.0)),
     load_case("constant", lambda: ConstantTorque(2.0)),
     load_case("harmonics", harmonics),
+    load_case("learned_velocity", lambda: learned("velocity")),
+    load_case("learned_velocity_cubic", lambda: learned("velocity", None, "cubic")),
+    load_case("learned_position", lambda: learned("position")),
+    load_case("learned_position_periodic", lambda: learned("position", 2.0 * np.pi, "cubic")),
+    load_case("learned_torque", lambda: learned("torque")),
+    load_case("learned_time", lambda: learned("time", 5.0)),
     load_case("sum", lambda: Loads((harmonics(), ConstantTorque(2.0)))),
 ]
 

@@ -130,6 +130,16 @@ BAD = {
     "both ways": (("coulomb = 20.0", "coulomb = 20.0\ncoulomb_positive = 1.0"), r"has both coulomb and coulomb_positive"),
     "one direction": (("coulomb = 20.0", "coulomb_positive = 1.0"), r"coulomb_negative is missing"),
     "stribeck without speed": (("viscous = 2.0", "viscous = 2.0\nstribeck_torque = 1.0"), r"stribeck_velocity is missing"),
+    "a gear that locks itself": (("viscous = 2.0", "viscous = 2.0\nload_coefficient = 1.0"), r"load_coefficient = 1 cannot be: it must be below 1"),
+    "a load coefficient in per cent": (("viscous = 2.0", "viscous = 2.0\nload_coefficient = 12"), r"load_coefficient = 12 cannot be: it must be between 0 and 1"),
+    "a table of nothing": (("[plant]", "[[learned]]\nat = [0, 1]\ntorque = [0, 1]\n[plant]"), r'\[learned\] of is missing: write of = "velocity"'),
+    "a table of a misspelt variable": (("[plant]", '[[learned]]\nof = "speed"\nat = [0, 1]\ntorque = [0, 1]\n[plant]'), r"of = 'speed' is not known"),
+    "a table that goes back": (("[plant]", '[[learned]]\nof = "time"\nat = [0, 2, 1]\ntorque = [0, 1, 2]\n[plant]'), r"\[learned\] the points in at must be finite and increase"),
+    "a table of unequal lists": (("[plant]", '[[learned]]\nof = "time"\nat = [0, 2]\ntorque = [0, 1, 2]\n[plant]'), r"at and torque have 2 and 3 entries"),
+    "a period that is too short": (("[plant]", '[[learned]]\nof = "position"\nat = [0, 6.3]\ntorque = [0, 1]\nperiod = 6.28\n[plant]'), r"no less than the period 6.28"),
+    "a period of a velocity": (("[plant]", '[[learned]]\nof = "velocity"\nat = [0, 1]\ntorque = [0, 1]\nperiod = 2.0\n[plant]'), r'of = "velocity" has no period'),
+    "a jump beside zero": (("[plant]", '[[learned]]\nof = "velocity"\nat = [0, 1, 1]\ntorque = [0, 1, 2]\n[plant]'), r"at = 1 stands twice"),
+    "a jump that pushes": (("[plant]", '[[learned]]\nof = "velocity"\nat = [-1, 0, 0, 1]\ntorque = [0, 30, -30, 0]\n[plant]'), r"jumps down by 60 N m at zero velocity"),
     "bristles on two bodies": (
         ("viscous = 2.0", "viscous = 2.0\nbristle_deflection = 1e-3\n[transmission]\nstiffness = 1e4"),
         r"a law with bristles cannot",
@@ -211,7 +221,7 @@ LEVELS = {"coulomb": SIZES, "viscous": SIZES}
 STEEP = {"steepness": SIZES | st.just("sign")}
 GENERAL = {
     "coulomb_difference": ANY, "viscous_difference": ANY, "drag_coefficient": ANY, "drift_amplitude": ANY,
-    "drift_time": SIZES, "stribeck_velocity": SIZES, "stribeck_exponent": SIZES, "position_periods": SIZES, **STEEP,
+    "drift_time": SIZES, "load_coefficient": st.floats(0.0, 0.99), "stribeck_velocity": SIZES, "stribeck_exponent": SIZES, "position_periods": SIZES, **STEEP,
 }  # fmt: skip
 BRISTLES = {"bristle_damping": SIZES, "bristle_exponent": SIZES}
 FRICTION = st.one_of(
@@ -253,6 +263,27 @@ LOAD = st.one_of(
     table({"amplitude": ANY}, {"phase": ANY}, type="unbalance"),
     st.builds(dict.__or__, table({}, {"periods": SIZES}, type="position_torque"), harmonics("cosine", "sine")),
 )
+POINTS = (
+    st.integers(2, 5)
+    .flatmap(
+        lambda n: st.tuples(
+            st.lists(st.integers(-50, 50), min_size=n, max_size=n, unique=True).map(sorted),
+            st.lists(ANY, min_size=n, max_size=n),
+        )
+    )
+    .map(lambda pair: {"at": [0.1 * at for at in pair[0]], "torque": pair[1]})
+)
+LEARNED = st.builds(
+    dict.__or__,
+    st.one_of(
+        table(
+            {"of": st.sampled_from(["velocity", "torque", "time"])},
+            {"interpolation": st.sampled_from(["linear", "cubic"])},
+        ),
+        st.just({"of": "position", "period": 11.0}),
+    ),
+    POINTS,
+)
 ACTUATOR = st.one_of(
     table({}, {"gain": SIZES, "lag": SIZES, "limit": SIZES, "dead_zone": SIZES, "offset": ANY}),
     table({"cogging_amplitude": ANY, "cogging_periods": SIZES}, {"cogging_phase": ANY, "delay": st.floats(0, 1e-2)}),
@@ -286,7 +317,7 @@ MODEL = st.fixed_dictionaries(
     {"plant": PLANT, "friction": FRICTION, "simulation": SIMULATION},
     optional={
         "units": UNITS, "controller": CONTROLLER, "observer": OBSERVER, "load": LOAD | st.lists(LOAD, min_size=2, max_size=3),
-        "actuator": ACTUATOR, "sensor": SENSOR, "reference": REFERENCE,
+        "learned": LEARNED | st.lists(LEARNED, min_size=2, max_size=3), "actuator": ACTUATOR, "sensor": SENSOR, "reference": REFERENCE,
     },
 )  # fmt: skip
 QUIET = settings(deadline=None, max_examples=120, suppress_health_check=list(HealthCheck))

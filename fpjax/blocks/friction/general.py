@@ -8,21 +8,25 @@ from jaxtyping import Array
 
 from ...compiled.elementary import sincos
 from ...compiled.hyperbolic import tanh
-from ..block import as_optional, as_parameter, require_positive
-from ..signals import Motion
+from ..block import as_optional, as_parameter, require_below, require_positive
+from ..signals import Motion, driving_torque
 from .base import AbstractStaticFriction, safe_power
 
 
 class GeneralFriction(AbstractStaticFriction):
     """Coulomb and viscous friction that may depend on direction, speed, position and time.
 
-    level(w, theta, t) = k + side dk + F_s exp(-|w / v_s|^delta) + drift exp(-t / tau) + sum_i (c_i cos(i n theta)
-    + s_i sin(i n theta)),
-    never below zero, and drag(w) = (b + side db) w + c w |w|, where side is the sign of w. Stribeck's curve is
-    (1.4); the rest
-    are the usual extensions (Armstrong-Helouvry, Dupont, Canudas de Wit, "A survey of models, analysis tools and
-    compensation
-    methods for the control of machines with friction", 1994).
+    level(w, theta, t, T) = k + side dk + F_s exp(-|w / v_s|^delta) + drift exp(-t / tau) + mu |T| + sum_i (c_i cos(i
+    n theta) + s_i sin(i n theta)), never below zero, and drag(w) = (b + side db) w + c w |w|, where side is the sign of
+    w. Stribeck's curve is (1.4); the rest are the usual extensions (Armstrong-Helouvry, Dupont, Canudas de Wit, "A
+    survey of models, analysis tools and compensation methods for the control of machines with friction", 1994).
+
+    The load-dependent term mu |T| is a gear's: T is the torque that drives the body through it, the applied motor
+    torque for one mass and the shaft's for a body behind a spring (`Motion.torque`), not the torque that is left after
+    the inertia has taken its part. So the level is known before the acceleration is: J dw/dt = T - load - side (k + mu
+    |T|) - drag needs no equation solved, and at rest the body sticks while |T - load| <= k + mu |T|. Below mu = 1 a
+    motor can always break away; at 1 the gear would lock itself (Bittencourt, Gunnarsson, "Static friction in a robot
+    joint - modeling and identification of load and temperature effects", 2012, find level linear in the load torque).
 
     Attributes:
         coulomb: k, mean of both directions [N m].
@@ -37,7 +41,8 @@ class GeneralFriction(AbstractStaticFriction):
         position_periods: n [1/rev].
         drift_amplitude: extra level at t = 0 [N m]; neutral 0; None leaves the term out.
         drift_time: tau [s].
-        drag: c of c w |w| [N m s^2/rad^2]; neutral 0.
+        load_coefficient: mu of mu |T| [1], below 1; neutral 0; None leaves the term out.
+        drag_coefficient: c of c w |w| [N m s^2/rad^2]; neutral 0.
         steepness: lambda [s/rad] of tanh in place of sign; None for sign.
     """
 
@@ -55,12 +60,14 @@ class GeneralFriction(AbstractStaticFriction):
     drift_time: Array = eqx.field(converter=as_parameter, default=1.0)
     drag_coefficient: Array = eqx.field(converter=as_parameter, default=0.0)
     steepness: Array | None = eqx.field(converter=as_optional, default=None)
+    load_coefficient: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
         require_positive(self, "stribeck_velocity", "rad/s")
         require_positive(self, "stribeck_exponent", "1")
         require_positive(self, "drift_time", "s")
         require_positive(self, "steepness", "s/rad")
+        require_below(self, "load_coefficient", 1.0)
 
     def level(self, motion: Motion) -> Array:
         """Magnitude of the set-valued part [N m] for motion in the direction of `motion.velocity`."""
@@ -77,6 +84,8 @@ class GeneralFriction(AbstractStaticFriction):
         level = self.coulomb + self._side(motion) * self.coulomb_difference + more
         if self.drift_amplitude is not None:
             level = level + self.drift_amplitude * jnp.exp(-motion.time / self.drift_time)
+        if self.load_coefficient is not None:
+            level = level + self.load_coefficient * jnp.abs(driving_torque(motion, "load_coefficient"))
         level = level + fourier(self.position_cosine, self.position_sine, self.position_periods * motion.position)
         return jnp.maximum(level, 0.0)
 

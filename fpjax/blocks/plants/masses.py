@@ -71,7 +71,7 @@ class OneMass(AbstractPlant):
 
     def derivative(self, state: OneMassState, torque: Array, time: Array) -> OneMassState:
         """(dw/dt [rad/s^2], w [rad/s], the friction law's derivative)."""
-        motion = Motion(state.velocity, state.position, time)
+        motion = Motion(state.velocity, state.position, time, torque)
         free = torque - self.load.readout(motion)
         friction = self.friction.readout(state.friction, motion, free)
         return OneMassState(
@@ -80,7 +80,7 @@ class OneMass(AbstractPlant):
 
     def readout(self, state: OneMassState, torque: Array, time: Array) -> PlantOutput:
         """The one velocity and position, for motor and load alike."""
-        motion = Motion(state.velocity, state.position, time)
+        motion = Motion(state.velocity, state.position, time, torque)
         free = torque - self.load.readout(motion)
         friction = self.friction.readout(state.friction, motion, free)
         return PlantOutput(state.velocity, state.position, state.velocity, state.position, friction)
@@ -139,7 +139,7 @@ class TwoMass(AbstractPlant):
     def derivative(self, state: TwoMassState, torque: Array, time: Array) -> TwoMassState:
         """Accelerations [rad/s^2], velocities [rad/s], the friction law's derivative."""
         shaft = self._shaft(state)
-        motion = Motion(state.load_velocity, state.load_position, time)
+        motion = Motion(state.load_velocity, state.load_position, time, shaft)
         free = shaft - self.load.readout(motion)
         friction = self.friction.readout(state.friction, motion, free)
         return TwoMassState(
@@ -153,8 +153,9 @@ class TwoMass(AbstractPlant):
     def readout(self, state: TwoMassState, torque: Array, time: Array) -> PlantOutput:
         """Load and motor velocity and position, friction on the load."""
         del torque
-        motion = Motion(state.load_velocity, state.load_position, time)
-        friction = self.friction.readout(state.friction, motion, self._shaft(state) - self.load.readout(motion))
+        shaft = self._shaft(state)
+        motion = Motion(state.load_velocity, state.load_position, time, shaft)
+        friction = self.friction.readout(state.friction, motion, shaft - self.load.readout(motion))
         return PlantOutput(
             state.load_velocity, state.load_position, state.motor_velocity, state.motor_position, friction
         )
@@ -215,8 +216,9 @@ class SeriesTwoMass(AbstractPlant):
 
     def derivative(self, state: SeriesTwoMassState, torque: Array, time: Array) -> SeriesTwoMassState:
         """Derivative of every state; the filter is in controllable form."""
-        motion = Motion(state.velocity, state.position, time)
-        free = self._transmitted(state) - self.load.readout(motion)
+        transmitted = self._transmitted(state)
+        motion = Motion(state.velocity, state.position, time, transmitted)
+        free = transmitted - self.load.readout(motion)
         friction = self.friction.readout(state.friction, motion, free)
         rate, acceleration = high_order_derivative(state.filtered, state.filter_rate, torque, self)
         return SeriesTwoMassState(
@@ -230,8 +232,9 @@ class SeriesTwoMass(AbstractPlant):
     def readout(self, state: SeriesTwoMassState, torque: Array, time: Array) -> PlantOutput:
         """The one velocity and position (this form has no motor side of its own)."""
         del torque
-        motion = Motion(state.velocity, state.position, time)
-        free = self._transmitted(state) - self.load.readout(motion)
+        transmitted = self._transmitted(state)
+        motion = Motion(state.velocity, state.position, time, transmitted)
+        free = transmitted - self.load.readout(motion)
         friction = self.friction.readout(state.friction, motion, free)
         return PlantOutput(state.velocity, state.position, state.velocity, state.position, friction)
 

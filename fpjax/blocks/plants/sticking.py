@@ -68,12 +68,12 @@ def _one_mass(plant: OneMass, state: OneMassState, torque: Array, time: Array, d
     side = jnp.sign(velocity)
     # Position and time of the middle for every evaluation: then their sines and exponentials are computed once.
     place, moment = state.position + half * velocity, time + half
-    start = Motion(velocity, place, moment)
+    start = Motion(velocity, place, moment, torque)
     free = torque - plant.load.readout(start)
     first = free - law.drag(start) - side * law.level(start)
     halfway = velocity + half * first / plant.inertia
     halfway = jnp.where(halfway * side > 0.0, halfway, 0.5 * velocity)
-    middle = Motion(halfway, place, moment)
+    middle = Motion(halfway, place, moment, torque)
     sliding = (free - law.drag(middle) - side * law.level(middle)) / plant.inertia
     return OneMassState(*_slip(law, velocity, state.position, free, sliding, middle, plant.inertia, dt), ())
 
@@ -94,7 +94,8 @@ def _slip(
     crosses = velocity * after <= 0.0
     safe = jnp.where(crosses & (velocity != 0.0), sliding, 1.0)
     until = jnp.where(velocity != 0.0, -velocity / safe, 0.0)
-    rest = Motion(jnp.where(free < 0.0, -_NEARLY_REST, _NEARLY_REST), middle.position, middle.time)
+    toward = jnp.where(free < 0.0, -_NEARLY_REST, _NEARLY_REST)
+    rest = Motion(toward, middle.position, middle.time, middle.torque)
     level = share * law.breakaway(rest)
     left = (free - jnp.clip(free, -level, level)) / inertia  # soft(T, k) / J
     turned = left * (dt - until)
@@ -109,15 +110,14 @@ def _bristles(plant: OneMass, state: OneMassState, torque: Array, time: Array, d
     assert isinstance(bristles, Bristles)
     law, half = bristles.law, 0.5 * dt
     velocity, share = state.velocity, state.friction
-    start = Motion(velocity, state.position, time)
     place, moment = state.position + half * velocity, time + half
-    start = Motion(velocity, place, moment)
+    start = Motion(velocity, place, moment, torque)
     free = torque - plant.load.readout(start)
     # The share that acts over the step: after the travel of half a step at the speed that the step begins with.
     between = bristles.advance(share, half * velocity)
     first = free - law.drag(start) - law.level(start) * between
     halfway = velocity + half * first / plant.inertia
-    middle = Motion(halfway, place, moment)
+    middle = Motion(halfway, place, moment, torque)
     side = jnp.where(halfway < 0.0, -1.0, 1.0)
     slack = jnp.maximum(1.0 - between * side, _NEARLY_REST)
     # sigma_1 dz/dt, implicit in the speed: a stiff damper must not limit the step.
@@ -143,8 +143,8 @@ def _transmission(plant: Transmission, state: TwoMassState, torque: Array, time:
     twist, relative = motor_position - load_position, state.motor_velocity - state.load_velocity
     mobility = 1.0 / plant.motor_inertia + 1.0 / plant.load_inertia
     shaft = mean_shaft(plant, twist, relative, torque / plant.motor_inertia, mobility, dt)
-    motor = Motion(state.motor_velocity, motor_position, time + half)
-    load = Motion(state.load_velocity, load_position, time + half)
+    motor = Motion(state.motor_velocity, motor_position, time + half, torque)
+    load = Motion(state.load_velocity, load_position, time + half, shaft)
     on_load = shaft - plant.load.readout(load)
     motor_velocity = turn(law, motor, torque - shaft, plant.motor_inertia, 1.0 - plant.friction_share, dt)
     load_velocity = turn(law, load, on_load, plant.load_inertia, plant.friction_share, dt)

@@ -94,8 +94,8 @@ class Transmission(AbstractPlant):
     def derivative(self, state: TwoMassState, torque: Array, time: Array) -> TwoMassState:
         """Accelerations [rad/s^2], velocities [rad/s]; friction without a state only."""
         shaft = self.shaft(state)
-        motor = Motion(state.motor_velocity, state.motor_position, time)
-        load = Motion(state.load_velocity, state.load_position, time)
+        motor = Motion(state.motor_velocity, state.motor_position, time, torque)
+        load = Motion(state.load_velocity, state.load_position, time, shaft)
         on_load, share = shaft - self.load.readout(load), self.friction_share
         motor_friction = (1.0 - share) * self.friction.readout((), motor, torque - shaft)
         load_friction = share * self.friction.readout((), load, on_load)
@@ -110,8 +110,8 @@ class Transmission(AbstractPlant):
     def readout(self, state: TwoMassState, torque: Array, time: Array) -> PlantOutput:
         """Both sides' velocities and positions; friction is that of both."""
         shaft, share = self.shaft(state), self.friction_share
-        motor = Motion(state.motor_velocity, state.motor_position, time)
-        load = Motion(state.load_velocity, state.load_position, time)
+        motor = Motion(state.motor_velocity, state.motor_position, time, torque)
+        load = Motion(state.load_velocity, state.load_position, time, shaft)
         friction: Any = (1.0 - share) * self.friction.readout((), motor, torque - shaft)
         friction = friction + share * self.friction.readout((), load, shaft - self.load.readout(load))
         return PlantOutput(
