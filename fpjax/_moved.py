@@ -25,7 +25,7 @@ _ROOMS = {
 MOVED = {
     **{name: f"{room}.{name}" for room, names in _ROOMS.items() for name in names},
     "plants": "blocks.plants",
-    "simulate": "_simulate",
+    "simulate": "public",
 }
 """Old name of a module -> where it is now, both without `fpjax.`."""
 

@@ -1,13 +1,7 @@
 """The public surface of fpjax: explicit re-exports, nothing else; `fpjax` itself hands them on when asked."""
 
-from ._simulate import Inputs as Inputs
 from ._simulate import Run as Run
 from ._simulate import Status as Status
-from ._simulate import Stepper as Stepper
-from ._simulate import astype as astype
-from ._simulate import make_inputs as make_inputs
-from ._simulate import make_stepper as make_stepper
-from ._simulate import roll as roll
 from ._simulate import simulate as simulate
 from .analysis.estimate import Estimation as Estimation
 from .analysis.estimate import estimate as estimate
@@ -114,6 +108,12 @@ from .parameters import get_parameter as get_parameter
 from .parameters import get_parameters as get_parameters
 from .parameters import parameter_names as parameter_names
 from .parameters import set_parameters as set_parameters
+from .scan import Inputs as Inputs
+from .scan import Stepper as Stepper
+from .scan import astype as astype
+from .scan import make_inputs as make_inputs
+from .scan import make_stepper as make_stepper
+from .scan import roll as roll
 from .solvers import AbstractSolver as AbstractSolver
 from .solvers import BogackiShampine as BogackiShampine
 from .solvers import Euler as Euler

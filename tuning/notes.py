@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Array
 
 from fpjax import AbstractMeasure, AbstractObserver, ClosedLoop, PositionLoop, Signals
-from fpjax._simulate import loop_dtype
 from fpjax.analysis.excitation import assess_excitation, error_matrix
 from fpjax.errors import InputError
 from fpjax.parameters import set_parameters
+from fpjax.scan import loop_dtype
 
 from .problem import Problem, horizon
 

@@ -11,9 +11,9 @@ from jaxtyping import Array
 
 import fpjax
 from fpjax import AbstractReference, AbstractSolver, ClosedLoop, Inputs, Stepper
-from fpjax._simulate import Stepping, loop_dtype
 from fpjax.errors import InputError
 from fpjax.parameters import get_parameter, set_parameters
+from fpjax.scan import Stepping, loop_dtype
 from fpjax.stability import warn_if_stiff
 
 from .objective import AbstractObjective, get_objective

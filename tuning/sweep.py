@@ -11,11 +11,11 @@ import numpy as np
 from jax import lax
 
 from fpjax import AbstractSolver, ClosedLoop
-from fpjax._simulate import Stepping
 from fpjax.compiled.batch import map_chunks
 from fpjax.errors import InputError
 from fpjax.output.progress import Stages
 from fpjax.parameters import get_parameter
+from fpjax.scan import Stepping
 
 from .axis import Axis
 from .objective import AbstractObjective

@@ -8,9 +8,9 @@ import jax
 import numpy as np
 
 from fpjax import AbstractSolver, ClosedLoop
-from fpjax._simulate import Stepping
 from fpjax.errors import InputError
 from fpjax.output.progress import Stages
+from fpjax.scan import Stepping
 
 from .gradient import adam, lbfgs
 from .grid_search import algorithm_1, algorithm_1_repaired

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import fpjax
-from fpjax._simulate import make_inputs, make_stepper, roll
+from fpjax.scan import make_inputs, make_stepper, roll
 
 DT = 1e-4
 STEPS = 5000

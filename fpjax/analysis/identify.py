@@ -16,11 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._simulate import Inputs, Stepper, Stepping, loop_dtype, make_inputs, make_stepper, roll
 from ..blocks.references import AbstractReference
 from ..errors import InputError
 from ..loop import ClosedLoop, LoopState
 from ..parameters import get_parameters, set_parameters
+from ..scan import Inputs, Stepper, Stepping, loop_dtype, make_inputs, make_stepper, roll
 from ..solvers import AbstractSolver
 
 WIDTH = 100.0  # default bounds: this factor to either side of the start

@@ -14,10 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from .._simulate import astype, simulate
+from .._simulate import simulate
 from ..blocks.references import Recorded
 from ..blocks.signals import Measurement
 from ..loop import ClosedLoop
+from ..scan import astype
 from .diagnosis import Tracking
 from .machine import Machine, structure_of
 from .measure import SEED, rms

@@ -9,7 +9,6 @@ from typing import Any
 
 import jax
 
-from .._simulate import Stepper, Stepping, make_stepper
 from ..blocks.controllers import AbstractController, Proportional
 from ..blocks.friction.bristles import Bristles
 from ..blocks.plants import AbstractPlant
@@ -17,6 +16,7 @@ from ..blocks.references import AbstractReference
 from ..errors import InputError
 from ..loop import ClosedLoop
 from ..output import toml_text
+from ..scan import Stepper, Stepping, make_stepper
 from ..solvers import SOLVERS, get_solver
 from . import body, loop_parts
 from .friction import OFFSET, SECTION, Steepness, build_friction, describe_friction

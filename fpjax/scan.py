@@ -1,0 +1,207 @@
+"""THE scan: every simulation of a closed loop, by whomever it is asked for, runs through `roll`."""
+
+from typing import Any, Literal, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.core import Tracer
+from jaxtyping import Array
+
+from .blocks.block import as_parameter
+from .blocks.references import AbstractReference
+from .blocks.signals import Signals
+from .compiled.native import scan_loop
+from .errors import InputError
+from .loop import ClosedLoop, LoopState
+from .metrics import AbstractMeasure
+from .solvers import AbstractSolver, get_solver
+
+Stepping = Literal["continuous", "sampled"]
+Checkpoint = Literal["auto", "none", "step", "nested"]
+
+
+class Stepper(eqx.Module):
+    """How time passes: the step is an array leaf (changing it never recompiles), the rest is static.
+
+    Attributes:
+        dt: step, or control period when sampled [s].
+        samples: number of samples, t = 0 included (static).
+        solver: the solver (static).
+        stepping: "continuous" (the whole loop is one ODE) or "sampled" (torque held over a period) (static).
+        substeps: solver steps per control period when sampled (static).
+        checkpoint: what reverse mode keeps, see `native.scan_loop` (static).
+    """
+
+    dt: Array
+    samples: int = eqx.field(static=True)
+    solver: AbstractSolver = eqx.field(static=True)
+    stepping: Stepping = eqx.field(static=True)
+    substeps: int = eqx.field(static=True)
+    checkpoint: Checkpoint = eqx.field(static=True)
+
+
+def make_stepper(
+    *,
+    dt: Any,
+    duration: float | None = None,
+    samples: int | None = None,
+    solver: str | AbstractSolver = "rk4",
+    stepping: Stepping = "continuous",
+    substeps: int = 1,
+    checkpoint: Checkpoint = "auto",
+) -> Stepper:
+    """A `Stepper` from the words of `servo.toml`.
+
+    Args:
+        dt: step, or control period when sampled [s].
+        duration: [s]; the samples then run from 0 to duration, both included. One of `duration` and `samples`.
+        samples: number of samples.
+        solver: "euler", "heun", "ode3", "rk4", "exact" or a solver.
+        stepping: "continuous" or "sampled".
+        substeps: solver steps per control period when sampled.
+        checkpoint: see `Stepper`.
+
+    Raises:
+        InputError: for a step or a duration that cannot be.
+    """
+    if not isinstance(dt, Tracer) and not float(dt) > 0.0:
+        raise InputError(f"dt = {float(dt):g} s cannot be: the step must be above zero; 1e-4 s is usual here.")
+    if (duration is None) == (samples is None):
+        raise InputError("Give either duration [s] or samples, not both and not neither.")
+    if samples is None:
+        assert duration is not None
+        if not float(dt) <= duration < float("inf"):
+            raise InputError(
+                f"duration = {duration:g} s cannot be: it must be finite and at least one step of dt = {float(dt):g} s."
+            )
+        samples = round(duration / float(dt)) + 1
+    if samples < 1 or substeps < 1:
+        raise InputError(f"samples = {samples} and substeps = {substeps} must both be at least 1.")
+    if stepping not in ("continuous", "sampled"):
+        raise InputError(f'stepping = {stepping!r} is not known: choose "continuous" or "sampled".')
+    return Stepper(as_parameter(dt), samples, get_solver(solver), stepping, substeps, checkpoint)
+
+
+class Inputs(NamedTuple):
+    """What a run is driven by, as tables built once outside the scan.
+
+    A named tuple, which jax takes apart without any Python: a call of one candidate would notice.
+
+    Attributes:
+        time: start of each sample [s], shape (samples,).
+        references: one table per node of the solver, each of shape (samples,) [rad/s].
+        noise: one table of standard normals per channel of the sensor, each of shape (samples,).
+    """
+
+    time: Array
+    references: tuple[Array, ...]
+    noise: tuple[Array, ...]
+
+
+def make_inputs(loop: ClosedLoop, reference: AbstractReference, stepper: Stepper, key: Array | None = None) -> Inputs:
+    """Tables of time, reference and noise for `roll`.
+
+    Args:
+        loop: gives the dtype and the number of noise channels.
+        reference: r(t).
+        stepper: how time passes.
+        key: a `jax.random` key for the sensor's noise; None for no noise.
+    """
+    dtype = loop_dtype(loop)
+    dt = stepper.dt.astype(dtype)
+    # Rounding: k * dt in float32 is off by 1e-7 relative, which no reference notices.
+    time = jnp.arange(stepper.samples).astype(dtype) * dt
+    nodes = stepper.solver.nodes if stepper.stepping == "continuous" else (0.0,)
+    references = tuple(reference.readout(time + node * dt).astype(dtype) for node in nodes)
+    channels = loop.sensor.noise_channels
+    if key is None:
+        noise = tuple(jnp.zeros(stepper.samples, dtype) for _ in range(channels))
+    else:
+        noise = tuple(jax.random.normal(jax.random.fold_in(key, i), (stepper.samples,), dtype) for i in range(channels))
+    return Inputs(time, references, noise)
+
+
+def roll(
+    loop: ClosedLoop,
+    inputs: Inputs,
+    stepper: Stepper,
+    measures: dict[str, AbstractMeasure],
+    record: tuple[str, ...] = (),
+    initial: LoopState | None = None,
+) -> tuple[dict[str, Array], dict[str, Array], LoopState]:
+    """The scan. A pure function of arrays: jit, vmap and differentiate it at will; `simulate` does so for one run.
+
+    Args:
+        loop: the closed loop.
+        inputs: from `make_inputs`.
+        stepper: how time passes.
+        measures: accumulated in the carry.
+        record: names of the signals to store.
+        initial: state to start from; None for rest.
+
+    Returns:
+        (measures by name, recorded signals by name with shape (samples,), state one step after the last sample).
+    """
+    dt = stepper.dt.astype(loop_dtype(loop))
+    state = loop.init() if initial is None else initial
+    zero = jnp.zeros_like(dt)
+    totals = {name: measure.init(zero) for name, measure in measures.items()}
+
+    def step(carry: Any, sample: Inputs) -> tuple[Any, dict[str, Array]]:
+        state, totals = carry
+        state, signals = advance(loop, state, sample, dt, stepper)
+        totals = {name: measure.update(totals[name], signals) for name, measure in measures.items()}
+        return (state, totals), {name: signal(signals, name) for name in record}
+
+    (state, totals), recorded = scan_loop(step, (state, totals), inputs, checkpoint=stepper.checkpoint)
+    finals = {name: measure.final(totals[name], stepper.samples) for name, measure in measures.items()}
+    return finals, recorded, state
+
+
+def advance(
+    loop: ClosedLoop, state: LoopState, sample: Inputs, dt: Array, stepper: Stepper
+) -> tuple[LoopState, Signals]:
+    """One step, continuous or sampled, from one row of the inputs."""
+    if stepper.stepping == "continuous":
+        return loop.advance_continuous(state, sample.references, sample.time, dt, stepper.solver)
+    return loop.advance_sampled(
+        state, sample.references[0], sample.time, dt, sample.noise, stepper.solver, stepper.substeps
+    )
+
+
+def signal(signals: Signals, name: str) -> Array:
+    """A signal by name; an estimate as "estimates.coulomb".
+
+    Raises:
+        InputError: for a name that this loop does not have.
+    """
+    if name.startswith("estimates."):
+        estimate = name.removeprefix("estimates.")
+        if estimate in signals.estimates:
+            return signals.estimates[estimate]
+    elif name != "estimates" and name in Signals.__dataclass_fields__:
+        return getattr(signals, name)
+    known = [field for field in Signals.__dataclass_fields__ if field != "estimates"]
+    known += [f"estimates.{estimate}" for estimate in signals.estimates]
+    raise InputError(f"record = {name!r} is not a signal of this loop: choose among {', '.join(known)}.")
+
+
+def loop_dtype(tree: Any) -> Any:
+    """The floating dtype of a block's leaves.
+
+    Raises:
+        InputError: where blocks mix float32 and float64.
+    """
+    dtypes = {leaf.dtype for leaf in jax.tree.leaves(tree) if eqx.is_inexact_array(leaf)}
+    if len(dtypes) > 1:
+        raise InputError(
+            f"The loop mixes dtypes {sorted(str(d) for d in dtypes)}: build all blocks under one precision, or convert "
+            f"with fpjax.astype(loop, jnp.float64)."
+        )
+    return dtypes.pop() if dtypes else jnp.result_type(float)
+
+
+def astype(tree: Any, dtype: Any) -> Any:
+    """A copy of `tree` (a block, a loop, a reference) with every floating leaf in `dtype`."""
+    return jax.tree.map(lambda leaf: leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf, tree)
