@@ -1,0 +1,170 @@
+"""Rounding step, noise, derivative and the origin of a velocity, on columns whose truth is known."""
+
+import numpy as np
+import pytest
+
+from fpjax.logs.measures import (
+    is_derived,
+    local_polynomial,
+    noise_level,
+    quiet_half,
+    renewed,
+    rounding_step,
+    velocity_origin,
+)
+
+TIME = 1e-3 * np.arange(10_000)
+SWING = np.sin(2 * np.pi * TIME) + 0.3 * np.sin(2 * np.pi * 2.7 * TIME)
+TWELVE_BITS = 2 * np.pi / 4096
+
+
+def rounded(values, step):
+    return np.round(values / step) * step
+
+
+@pytest.mark.parametrize(
+    ("name", "column", "step"),
+    [
+        ("12 bits", rounded(SWING, TWELVE_BITS), TWELVE_BITS),
+        ("12 bits, hardly moving", rounded(0.01 * SWING, TWELVE_BITS), TWELVE_BITS),
+        ("three counts", rounded(0.004 * np.sin(2 * TIME), TWELVE_BITS), TWELVE_BITS),
+        ("20 bits, 200 samples", rounded(SWING[:2000:10], 2 * np.pi / 2**20), 2 * np.pi / 2**20),
+        ("counts", np.round(1e6 * SWING), 1.0),
+        ("half a step off zero, as a drive of 12 bits has it", rounded(SWING, 0.0088) + 0.0044, 0.0088),
+        ("a rounded noisy rate", rounded(5 * SWING + 0.02 * np.sin(1e5 * TIME**2), 0.022), 0.022),
+        ("printed with six digits", np.round(rounded(SWING, TWELVE_BITS), 6), TWELVE_BITS),
+        ("single precision", rounded(SWING, TWELVE_BITS).astype(np.float32).astype(float), TWELVE_BITS),
+        ("clipped off the grid", np.clip(rounded(5 * SWING, 0.022), -4.001, 4.001), 0.022),
+        ("large", 1e300 * rounded(SWING, TWELVE_BITS), 1e300 * TWELVE_BITS),
+    ],
+)
+def test_a_rounding_step_is_seen(name, column, step):
+    assert rounding_step(column) == pytest.approx(step, rel=1e-4)
+    assert noise_level(column) >= 0.999 * step / np.sqrt(12)
+
+
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [
+        ("smooth", SWING),
+        ("noise", np.random.default_rng(0).normal(size=5000)),
+        ("a ramp", 1e-3 * TIME),
+        ("a triangle", np.abs(TIME % 2 - 1)),
+        ("a whole number of samples a lap", np.sin(2 * np.pi * np.arange(10_000) / 100)),
+        ("a command of two levels", np.sign(SWING)),
+        ("a float's own spacing", SWING.astype(np.float32).astype(float)),
+        ("random stairs", np.repeat(np.random.default_rng(1).normal(size=100), 100)),
+        ("constant", np.zeros(100)),
+        ("a lone 1e200", np.where(np.arange(10_000) == 5000, 1e200, SWING)),
+        ("too short", np.arange(5.0)),
+    ],
+)
+def test_what_only_looks_rounded_is_not(name, column):
+    assert rounding_step(column) == 0.0
+    assert noise_level(column) > 0.0
+
+
+def test_noise_is_measured_beside_a_motion_and_its_corners():
+    noise = np.random.default_rng(2).normal(size=TIME.size)
+    for level in (1e-3, 1e-6):
+        column = np.abs(SWING) + level * noise
+        assert noise_level(column) == pytest.approx(level, rel=0.05)
+
+
+def test_a_run_of_equal_readings_is_one_reading():
+    assert renewed(np.array([1.0, 1.0, 2.0, 2.0, 2.0, 1.0])).tolist() == [True, False, True, False, False, True]
+
+
+@pytest.mark.parametrize("half", [2, 7, 31])
+@pytest.mark.parametrize("derivative", [0, 1, 2])
+def test_a_polynomial_is_its_own_local_polynomial_to_the_ends(half, derivative):
+    t = TIME[:400]
+    cubic = np.polynomial.Polynomial([0.3, -1.0, 4.0, 2.0])
+    found = local_polynomial(cubic(t), half, dt=1e-3, degree=3, derivative=derivative)
+    expected = cubic.deriv(derivative)(t) if derivative else cubic(t)
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7)
+
+
+def test_the_window_widens_with_the_noise():
+    noise = np.random.default_rng(3).normal(size=TIME.size)
+    halves = [quiet_half(SWING + level * noise, level) for level in (1e-6, 1e-4, 1e-2)]
+    assert halves == sorted(halves)
+    assert halves[0] < halves[-1]
+    truth = np.gradient(SWING, 1e-3)
+    inner = slice(halves[-1], -halves[-1])  # half a window is worth less at the ends
+    errors = [
+        np.std((local_polynomial(SWING + 1e-2 * noise, half, dt=1e-3, derivative=1) - truth)[inner])
+        for half in (halves[-1] // 2, halves[-1], halves[-1] * 2)
+    ]
+    assert errors[1] == min(errors)
+
+
+# ------------------------------------------------------------------ is a velocity only a derivative?
+
+
+def motion(noise=0.02, seed=0):
+    """Rate and angle of a mass with friction under a held torque: (velocity, position)."""
+    generator = np.random.default_rng(seed)
+    torque = 0.5 * np.sin(2 * np.pi * 1.3 * TIME) + 0.15 * np.sin(2 * np.pi * 3.7 * TIME)
+    torque = torque + noise * generator.normal(size=TIME.size)
+    velocity, position = np.zeros(TIME.size), np.zeros(TIME.size)
+    v = q = 0.0
+    for k in range(TIME.size):
+        velocity[k], position[k] = v, q
+        for _ in range(5):
+            a = (torque[k] - 0.1 * np.tanh(200 * v) - 0.01 * v) / 0.01
+            q, v = q + 2e-4 * v + 0.5 * a * 4e-8, v + 2e-4 * a
+    return velocity, position
+
+
+@pytest.fixture(scope="module")
+def moved():
+    return motion()
+
+
+def derivatives(position):
+    from scipy.signal import butter, lfilter, savgol_filter
+
+    rate = np.diff(position, prepend=position[0]) / 1e-3
+    low = np.exp(-2 * np.pi * 50 * 1e-3)
+    smooth = lfilter([1 - low], [1, -low], rate)
+    return {
+        "difference": rate,
+        "central": np.gradient(position, 1e-3),
+        "first order": smooth,
+        "second order": lfilter(*butter(2, 0.1), rate),
+        "Savitzky-Golay": savgol_filter(position, 11, 2, 1, 1e-3),
+        "filtered and rounded": rounded(smooth, 0.01 * np.std(smooth)),
+        "in rpm and turned round": -9.549 * smooth,
+    }
+
+
+@pytest.mark.parametrize("bits", [12, 14])
+def test_a_derived_velocity_is_known_however_it_was_filtered(moved, bits):
+    position = rounded(moved[1], 2 * np.pi / 2**bits)
+    for name, velocity in derivatives(position).items():
+        assert is_derived(velocity, position), name
+    assert velocity_origin(derivatives(position)["difference"], position).left < 1e-9
+
+
+@pytest.mark.parametrize("bits", [12, 14, 17, 20, 24])
+def test_a_rate_sensor_is_not_a_derivative(moved, bits):
+    from scipy.signal import lfilter
+
+    velocity, position = moved[0], rounded(moved[1], 2 * np.pi / 2**bits)
+    noise = np.std(velocity) * np.random.default_rng(4).normal(size=velocity.size)
+    low = np.exp(-2 * np.pi * 50 * 1e-3)
+    sensors = {
+        "perfect": velocity,
+        "quiet": velocity + 1e-4 * noise,
+        "noisy": velocity + 1e-2 * noise,
+        "rounded": rounded(velocity + 1e-4 * noise, 0.01 * np.std(velocity)),
+        "slow": lfilter([1 - low], [1, -low], velocity + 1e-3 * noise),
+    }
+    for name, reading in sensors.items():
+        assert not is_derived(reading, position), name
+
+
+def test_columns_that_say_nothing_are_not_called_derived():
+    assert not is_derived(np.zeros(1000), np.zeros(1000))
+    assert not is_derived(np.ones(10), np.arange(10.0))
