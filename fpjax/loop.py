@@ -19,6 +19,20 @@ from .solvers import AbstractSolver, ExactSticking
 UNROLLED_SUBSTEPS = 4  # more of them go into an inner loop, so that compiling stays short
 
 
+class Period(eqx.Module):
+    """What a sampled observer keeps of the period that ends now.
+
+    Attributes:
+        torque: commanded over it [N m].
+        velocity: measured at its start [rad/s].
+        begun: whether there was one.
+    """
+
+    torque: Array
+    velocity: Array
+    begun: Array
+
+
 class LoopState(eqx.Module):
     """The evolving state of a closed loop.
 
@@ -28,6 +42,7 @@ class LoopState(eqx.Module):
         observer: the observer's.
         actuator: the actuator's.
         sensor: the sensor's.
+        period: a `Period` for a sampled observer; the empty tuple in continuous time and without one.
     """
 
     plant: Any
@@ -35,6 +50,7 @@ class LoopState(eqx.Module):
     observer: Any
     actuator: Any
     sensor: Any
+    period: Any = ()
 
 
 class ClosedLoop(eqx.Module):
@@ -133,8 +149,8 @@ class ClosedLoop(eqx.Module):
         sensor, measurement = self.sensor.step(state.sensor, output, noise, dt)
         control = self.controller.readout(state.controller, reference, measurement)
         controller = self.controller.step(state.controller, reference, measurement, dt)
-        compensation, estimates = self.observer.readout(state.observer, measurement.velocity)
-        observer = self.observer.step(state.observer, control, measurement.velocity, dt)
+        observer = self._observe(state, measurement.velocity, dt)
+        compensation, estimates = self.observer.readout(observer, measurement.velocity)
         torque = control + compensation
         motion = Motion(output.motor_velocity, output.motor_position, time)
         actuator, applied = self.actuator.step(state.actuator, torque, motion, dt)
@@ -155,7 +171,25 @@ class ClosedLoop(eqx.Module):
         else:
             plant, _ = jax.lax.scan(substep, plant, time + step * jnp.arange(substeps).astype(time.dtype))
         now = _signals(time, reference, output, measurement, control, compensation, torque, applied, estimates)
-        return LoopState(plant, controller, observer, actuator, sensor), now
+        period = Period(torque, measurement.velocity, jnp.ones_like(dt)) if self.observer.estimated else ()
+        return LoopState(plant, controller, observer, actuator, sensor, period), now
+
+    def sampled(self, state: LoopState) -> LoopState:
+        """The state as `advance_sampled` wants it: with room for the period before where an observer needs it."""
+        if not self.observer.estimated or isinstance(state.period, Period):
+            return state
+        zero = jnp.zeros_like(jnp.asarray(jax.tree.leaves(state.plant)[0]))
+        return eqx.tree_at(
+            lambda at: at.period, state, Period(zero, zero, zero), is_leaf=lambda leaf: isinstance(leaf, tuple)
+        )
+
+    def _observe(self, state: LoopState, velocity: Array, dt: Array) -> Any:
+        """The observer's state now that the velocity at the period's end is known."""
+        if not isinstance(state.period, Period):
+            return state.observer
+        last = state.period
+        moved = self.observer.advance(state.observer, last.torque, last.velocity, velocity, dt)
+        return jax.tree.map(lambda new, old: jnp.where(last.begun > 0.0, new, old), moved, state.observer)
 
 
 def _signals(

@@ -145,6 +145,8 @@ def roll(
     """
     dt = stepper.dt.astype(loop_dtype(loop))
     state = loop.init() if initial is None else initial
+    if stepper.stepping == "sampled":
+        state = loop.sampled(state)
     zero = jnp.zeros_like(dt)
     totals = {name: measure.init(zero) for name, measure in measures.items()}
 

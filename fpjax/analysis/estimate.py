@@ -214,9 +214,9 @@ def observe(
 ) -> dict[str, Float[Array, " periods"]]:
     """An observer over arrays: pure, so vmap it over gains or logs, jit it, differentiate it.
 
-    The slopes and the compensation are taken in the middle of each period: there g(w_k+1) - g(w_k) = g'(w) (w_k+1 -
-    w_k) is exact for g1, and for |w| except where w changes its sign. Online this is the same observer one period
-    later.
+    Each period is `AbstractObserver.moved`. Online the sampled loop skips the periods in which the speed changes its
+    sign; in a log whose velocity was filtered the change spans several, and skipping one of them makes EMPS' viscous
+    friction 5.2 % wrong instead of 4.6 %.
 
     Args:
         observer: with its gains.
@@ -228,33 +228,22 @@ def observe(
     Returns:
         Estimates by name at the end of each period, of the last pass; the first starts with all estimates at zero.
     """
-    periods = (torque, 0.5 * (velocity[1:] + velocity[:-1]), velocity[1:])
+    periods = (torque, velocity[:-1], velocity[1:])
 
     def step(state: Any, period: tuple[Array, Array, Array]) -> tuple[Any, dict[str, Array]]:
-        commanded, middle, after = period
-        compensation, _ = observer.readout(state, middle)
-        state = observer.step(state, commanded - compensation, middle, dt)
+        commanded, before, after = period
+        state = observer.moved(state, commanded, before, after, dt)
         return state, observer.readout(state, after)[1]
 
-    state = _moved(observer, observer.init(), jnp.zeros_like(velocity[0]), velocity[0])
+    state = observer.carried(observer.init(), jnp.zeros_like(velocity[0]), velocity[0])
     traces: dict[str, Array] = {}
     for _ in range(passes):
         state, traces = scan_loop(step, state, periods)
-        state = _moved(observer, state, velocity[-1], velocity[0])
+        state = observer.carried(state, velocity[-1], velocity[0])
     return traces
 
 
 _observe_jit = eqx.filter_jit(observe)
-
-
-def _moved(observer: Any, state: Any, before: Array, after: Array) -> Any:
-    """The state that gives the same estimates at another velocity: z moves by g(after) - g(before)."""
-    if hasattr(observer, "observer"):
-        return eqx.tree_at(lambda at: at.observer, state, _moved(observer.observer, state.observer, before, after))
-    old, new = observer.readout(state, before)[1], observer.readout(state, after)[1]
-    leaves, structure = jax.tree.flatten(state)
-    shifts = [old[name] - new[name] for name in observer.estimated]
-    return jax.tree.unflatten(structure, [leaf + shift for leaf, shift in zip(leaves, shifts, strict=True)])
 
 
 def measured_velocity(

@@ -126,6 +126,45 @@ class AbstractObserver(Block):
         rates = self.derivative(state, control, velocity)
         return jax.tree.map(lambda value, rate: value + dt * rate, state, rates)
 
+    def advance(self, state: Any, torque: Array, before: Array, after: Array, dt: Array) -> Any:
+        """z one control period later, from what was applied over it and the velocities at both of its ends.
+
+        The derivative held from the period's start is biased: g(w) moves by the slope in the middle of the period
+        times the change of w, while the drive had the slope at its start. What is left, half a period times w' u, is a
+        false innovation, small but of one sign; with the Coulomb and viscous regressors nearly alike it grew to 60 %
+        of the viscous friction at dt = 1 ms. Here slope, compensation and regressor are all taken in the middle, so
+        that for a held torque the innovation vanishes at the true parameters to second order in dt. A period within
+        which the speed changes its sign or rests tells nothing of the levels, and leaves the estimates as they are:
+        with it, 20 N m and 2 N m s/rad are found to 1e-4 at 1 and at 4 ms alike; without, 19.7 and 2.4 at 1 ms.
+
+        It holds for every observer whose estimates are z - g(w); one of another form overrides `moved` and `carried`.
+
+        Args:
+            state: at the period's start.
+            torque: commanded over the period, the compensation included [N m].
+            before: velocity at the period's start [rad/s].
+            after: velocity at its end [rad/s].
+            dt: the period [s].
+        """
+        moved, same = self.moved(state, torque, before, after, dt), self.carried(state, before, after)
+        slides = before * after > 0.0
+        return jax.tree.map(lambda new, old: jnp.where(slides, new, old), moved, same)
+
+    def moved(self, state: Any, torque: Array, before: Array, after: Array, dt: Array) -> Any:
+        """`advance` whatever the sign of the speed: over a log whose velocity was filtered no one period holds it."""
+        middle = 0.5 * (before + after)
+        # The estimates of the period's start: with large gains g(w) moves by more than they do within half a period.
+        compensation, _ = self.readout(self.carried(state, before, middle), middle)
+        return self.step(state, torque - compensation, middle, dt)
+
+    def carried(self, state: Any, before: Array, after: Array) -> Any:
+        """The state of the same estimates at another velocity [rad/s]: z moves by g(after) - g(before)."""
+        rest = self.init()
+        old, new = self.readout(rest, before)[1], self.readout(rest, after)[1]  # 0 - g(w)
+        leaves, structure = jax.tree.flatten(state)
+        moved = [leaf + old[name] - new[name] for leaf, name in zip(leaves, self.estimated, strict=True)]
+        return jax.tree.unflatten(structure, moved)
+
     @abstractmethod
     def slopes(self, velocity: Array) -> tuple[Array, ...]:
         """g'(w) of each estimate."""
@@ -145,6 +184,11 @@ class NoObserver(AbstractObserver):
     def derivative(self, state: Any, control: Array, velocity: Array) -> tuple[()]:
         """Nothing moves."""
         del state, control, velocity
+        return ()
+
+    def advance(self, state: Any, torque: Array, before: Array, after: Array, dt: Array) -> tuple[()]:
+        """Nothing moves."""
+        del state, torque, before, after, dt
         return ()
 
     def readout(self, state: Any, velocity: Array) -> tuple[Array, dict[str, Array]]:

@@ -1,5 +1,6 @@
 """The observer on a high-order plant: its control passes the plant's high-order part first (3.27)-(3.28)."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -62,11 +63,36 @@ class HighOrderFeedforward(AbstractObserver):
 
     def step(self, state: HighOrderState, control: Array, velocity: Array, dt: Array) -> HighOrderState:
         """Exact for a control held over dt [s]: a resonance near the control rate must not limit the period."""
+        filtered, rate, transmitted = self._transmit(state, control, dt)
+        return HighOrderState(filtered, rate, self.observer.step(state.observer, transmitted, velocity, dt))
+
+    def advance(self, state: HighOrderState, torque: Array, before: Array, after: Array, dt: Array) -> HighOrderState:
+        """The filter moved by the control, the wrapped observer over the same period by what passed it."""
+        return self._over(state, torque, before, after, dt, self.observer.advance)
+
+    def moved(self, state: HighOrderState, torque: Array, before: Array, after: Array, dt: Array) -> HighOrderState:
+        """The filter moved by the control, the wrapped observer likewise."""
+        return self._over(state, torque, before, after, dt, self.observer.moved)
+
+    def _over(
+        self, state: HighOrderState, torque: Array, before: Array, after: Array, dt: Array, inner: Callable[..., Any]
+    ) -> HighOrderState:
+        middle = 0.5 * (before + after)
+        compensation, _ = self.observer.readout(self.observer.carried(state.observer, before, middle), middle)
+        filtered, rate, transmitted = self._transmit(state, torque - compensation, dt)
+        observed = inner(state.observer, transmitted + compensation, before, after, dt)
+        return HighOrderState(filtered, rate, observed)
+
+    def carried(self, state: HighOrderState, before: Array, after: Array) -> HighOrderState:
+        """The wrapped observer's; the filter does not know the velocity."""
+        return HighOrderState(state.filtered, state.filter_rate, self.observer.carried(state.observer, before, after))
+
+    def _transmit(self, state: HighOrderState, control: Array, dt: Array) -> tuple[Array, Array, Array]:
+        """(x, x', mean torque [N m] that passes) over a period of a held control, exact."""
         filtered, rate = held_high_order(state.filtered, state.filter_rate, control, self, dt)
         reduced = self.motor_inertia * self.load_inertia / (self.motor_inertia + self.load_inertia)
         # The equation of motion, averaged over the period, gives the mean of what passes without an integral.
-        transmitted = control - reduced * (rate - state.filter_rate) / dt
-        return HighOrderState(filtered, rate, self.observer.step(state.observer, transmitted, velocity, dt))
+        return filtered, rate, control - reduced * (rate - state.filter_rate) / dt
 
     def readout(self, state: HighOrderState, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """The wrapped observer's."""
