@@ -6,7 +6,6 @@ chunks then running: the finished ones are in the folder, and `resume=True` comp
 
 import functools
 import itertools
-import json
 import pickle
 import uuid
 from collections.abc import Iterable, Iterator, Sequence
@@ -20,7 +19,7 @@ from fpjax.errors import InputError
 
 from .axis import Axis
 from .problem import Problem
-from .sweep_store import MANIFEST, SweepStore, write_chunk
+from .sweep_store import SweepStore, is_folder_of, write_chunk
 
 RETRIES = 10  # workers that may die at one chunk before it is given up
 PATIENCE = "10s"  # with a scheduler that does not answer
@@ -94,8 +93,8 @@ def _compute(payload: bytes, piece: int, folder: str | None, identity: str) -> t
 
     problem, axes, chunk, total = _unpacked(payload)
     costs = evaluate_chunk(problem, axes, piece, chunk, total, workers=1)
-    if folder is not None and _sees(Path(folder), identity):
-        write_chunk(Path(folder), piece, costs)
+    if folder is not None and is_folder_of(Path(folder), identity):
+        write_chunk(Path(folder), identity, piece, costs)
         return piece, None
     return piece, costs
 
@@ -106,10 +105,3 @@ def _unpacked(payload: bytes) -> Any:
     if double and not jax.config.jax_enable_x64:  # a worker is ours alone: it computes as the driver would
         jax.config.update("jax_enable_x64", True)
     return jax.tree.map(jax.numpy.asarray, problem), axes, chunk, total
-
-
-def _sees(folder: Path, identity: str) -> bool:
-    try:
-        return json.loads((folder / MANIFEST).read_text())["identity"] == identity
-    except (OSError, ValueError, KeyError):
-        return False

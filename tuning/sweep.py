@@ -11,7 +11,8 @@ import numpy as np
 from jax import lax
 
 from fpjax import AbstractSolver, ClosedLoop
-from fpjax.compiled.batch import map_chunks
+from fpjax.compiled.batch import chunk_for, cores, map_chunks
+from fpjax.compiled.threads import on_threads, settings, under
 from fpjax.errors import InputError
 from fpjax.output.progress import Stages
 from fpjax.parameters import get_parameter
@@ -27,8 +28,12 @@ from .sweep_store import SweepStore, fingerprint
 
 CHUNK = 4096  # candidates of one chunk: of one file, of one task of a cluster
 LARGEST = 10**10  # candidates; more is a slip of a count, not a sweep
+CALLS = 32  # of one chunk, at least, where it has so many kernels: more cores than that share no chunk
+MOST_KNOWN = 1000  # programs that are remembered as compiled
 STEPS_A_SECOND = 1e8  # of one machine, to say how long; an estimate
 KERNEL_CASES = 64  # simulations in one kernel (fpjax.compiled.batch)
+
+_compiled_for: set[int] = set()
 
 
 def sweep(
@@ -70,7 +75,8 @@ def sweep(
         aggregate: "mean" or "worst" over plants x seeds.
         chunk: candidates in one file; memory grows with it, not with the sweep.
         out: folder for the finished chunks; without it an interrupted sweep is lost.
-        resume: go on with what is in `out`; the result is bit-equal to an uninterrupted one.
+        resume: go on with what is in `out`; the result is bit-equal to an uninterrupted one, also with another number
+            of cores. A damaged chunk is computed again, with a warning.
         scheduler: address of a Dask scheduler ("tcp://host:8786"), extra `cluster`; `out` should then be a folder that
             the workers see too.
         progress: show a bar with an ETA on stderr, where that is a terminal.
@@ -112,18 +118,44 @@ def sweep(
         )
     pieces = -(-total // chunk)
     identity = "" if out is None else fingerprint(problem, axes, chunk)
-    store = SweepStore(out, identity, pieces, total, columns, chunk, resume=resume)
-    bar = Stages(f"sweep of {total:,} candidates") if progress else None
-    finished, missing = len(store.finished()), store.missing()
     begin = time.perf_counter()
+    with SweepStore(out, identity, total, columns, chunk, problem.dtype, resume=resume) as store:
+        _fill(store, problem, axes, total, chunk, pieces, scheduler, progress)
+        costs = store.assemble()
+    return SweepResult(
+        axes=tuple(axes),
+        references=labels,
+        costs=costs.reshape(*shape, columns),
+        objective=type(problem.objective).__name__.lower(),
+        simulations=total * int(np.prod(problem.shape)),
+        simulated_steps=total * int(np.prod(problem.shape)) * problem.stepper.samples,
+        run_seconds=time.perf_counter() - begin,
+        versions=versions(),
+    )
+
+
+def _fill(
+    store: SweepStore,
+    problem: Problem,
+    axes: Sequence[Axis],
+    total: int,
+    chunk: int,
+    pieces: int,
+    scheduler: str | None,
+    progress: bool,
+) -> None:
+    """Compute what the store has not."""
+    there = store.finished()
+    finished, missing = len(there), store.missing(there)
+    bar = Stages(f"sweep of {total:,} candidates") if progress else None
     if bar is not None:
         bar.begin_at(finished / pieces)
     try:
-        done = _local(problem, axes, total, chunk, missing) if scheduler is None else None
-        if done is None:
+        if scheduler is None:
+            done = _local(problem, axes, total, chunk, missing)
+        else:
             from .cluster import on_cluster
 
-            assert scheduler is not None
             done = on_cluster(scheduler, problem, axes, total, chunk, missing, store)
         for piece, costs in done:
             if costs is not None:
@@ -134,16 +166,6 @@ def sweep(
     finally:
         if bar is not None:
             bar.end()
-    return SweepResult(
-        axes=tuple(axes),
-        references=labels,
-        costs=store.assemble().reshape(*shape, columns),
-        objective=type(problem.objective).__name__.lower(),
-        simulations=total * int(np.prod(problem.shape)),
-        simulated_steps=total * int(np.prod(problem.shape)) * problem.stepper.samples,
-        run_seconds=time.perf_counter() - begin,
-        versions=versions(),
-    )
 
 
 def candidates(axes: Sequence[Axis], first: int, size: int) -> np.ndarray:
@@ -159,6 +181,8 @@ def evaluate_chunk(
 ) -> np.ndarray:
     """Costs of one chunk, shape (candidates, references); every chunk has the same shape inside, so nothing recompiles.
 
+    The costs are the same to the last bit on any number of cores and devices of one kind.
+
     Args:
         problem: from `make_problem`.
         axes: of the grid.
@@ -170,9 +194,46 @@ def evaluate_chunk(
     size = min(chunk, total)
     values = candidates(axes, piece * chunk, size).astype(problem.dtype)
     _, plants, seeds = problem.shape
-    kernel = max(1, min(size, KERNEL_CASES // (plants * seeds))) if plants * seeds > 1 else None
-    costs = map_chunks(_reference_costs, values, (problem,), chunk=kernel, batched=True, workers=workers)
+    if jax.default_backend() != "cpu":
+        costs = map_chunks(_reference_costs, values, (problem,), batched=True, workers=workers)
+    else:
+        kernel = chunk_for(values, size)
+        if plants * seeds > 1:
+            kernel = max(1, min(kernel, size, KERNEL_CASES // (plants * seeds)))
+        costs = _kernel_by_kernel(values, problem, kernel, workers or cores())
     return np.asarray(costs)[: min(total, (piece + 1) * chunk) - piece * chunk]
+
+
+def _kernel_by_kernel(values: np.ndarray, problem: Problem, kernel: int, workers: int) -> np.ndarray:
+    """Costs of candidates by calls of one program, whose shape does not follow the number of cores.
+
+    A loop over the kernels of each core, as `map_chunks` compiles it, is another program for another number of cores,
+    and its last bits are others.
+    """
+    block_size = kernel * max(1, len(values) // (kernel * CALLS))
+    count = -(-len(values) // block_size)
+    missing = count * block_size - len(values)
+    padded = np.concatenate([values, np.broadcast_to(values[-1:], (missing, values.shape[1]))])
+    threads, own = min(workers, count), settings()
+    device = jax.local_devices()[:1]
+    results: list[np.ndarray] = [values] * count
+
+    def part(number: int) -> None:
+        with under(own):
+            for place in range(number, count, threads):
+                block = padded[place * block_size : (place + 1) * block_size]
+                one = map_chunks(
+                    _reference_costs, block, (problem,), chunk=kernel, batched=True, devices=device, workers=1
+                )
+                results[place] = np.asarray(one)
+
+    leaves = [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(problem) if isinstance(leaf, jax.Array)]
+    known = hash((block_size, own, jax.tree.structure(problem), tuple(leaves)))
+    on_threads(part, threads, first_alone=known not in _compiled_for)  # or each thread would compile the same
+    if len(_compiled_for) >= MOST_KNOWN:
+        _compiled_for.clear()
+    _compiled_for.add(known)
+    return np.concatenate(results)
 
 
 def _local(

@@ -3,7 +3,6 @@
 import dataclasses
 import io
 import json
-import os
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fpjax.errors import InputError
+from fpjax.output.runfile import whole_file
 
 from .axis import Axis
 
@@ -85,25 +85,23 @@ class SweepResult:
             InputError: where it cannot be written.
         """
         path = Path(path)
-        partial = path.with_name(f".{path.name}.partial")
         small: dict[str, np.ndarray] = {axis.name: axis.values for axis in self.axes}
         small["axes"] = np.array([axis.name for axis in self.axes] + ["reference"])
         small["references"] = np.array(self.references)
         small["summary"] = np.array(json.dumps(self.to_dict()))
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with zipfile.ZipFile(partial, "w") as archive:
-                for name, array in small.items():
-                    buffer = io.BytesIO()
-                    np.save(buffer, array)
-                    archive.writestr(f"{name}.npy", buffer.getvalue())
-                with archive.open("cost.npy", "w", force_zip64=True) as file:
-                    _stream(file, self.costs)
-            os.replace(partial, path)
         except OSError as error:
             raise InputError(
                 f"The sweep cannot be written to {path} ({error.strerror}): choose another place."
             ) from error
+        with whole_file(path) as whole, zipfile.ZipFile(whole, "w") as archive:
+            for name, array in small.items():
+                buffer = io.BytesIO()
+                np.save(buffer, array)
+                archive.writestr(f"{name}.npy", buffer.getvalue())
+            with archive.open("cost.npy", "w", force_zip64=True) as file:
+                _stream(file, self.costs)
         return path
 
     def plot(self, path: str | Path, reference: str | None = None) -> Path:

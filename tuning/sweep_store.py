@@ -1,10 +1,18 @@
-"""The finished chunks of a sweep: one file each, written whole, so that a sweep can go on where it was stopped."""
+"""The finished chunks of a sweep: one file each, written whole and checked when read, so that a sweep can go on.
 
+A chunk counts when its file is on the disk, has the length that its sweep needs, and ends in the SHA-256 of the
+sweep's identity, its own number and its bytes: a damaged file, one of another sweep or one under another name is
+computed again.
+"""
+
+import contextlib
 import hashlib
+import io
 import json
 import os
 import re
-import tempfile
+import stat
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,17 +20,22 @@ from typing import Any
 import jax
 import numpy as np
 
-from fpjax.errors import InputError
-from fpjax.output.runfile import write_whole
+from fpjax.errors import FpjaxWarning, InputError
+from fpjax.output.runfile import whole_file, write_whole
 
+from .folder_lock import FolderLock
 from .result import versions
 
 MANIFEST = "sweep.json"
+FORM = 2  # of the files; 1 had no checksums
+NAMED = 5  # damaged chunks that a warning names
 _CHUNK_NAME = re.compile(r"chunk-(\d{7,})\.npy")
+_PARTIAL_NAME = re.compile(r"\.(chunk-\d{7,}|cost)\.npy\..*\.partial")
+_MARK = b"sha256:"
 
 
 class SweepStore:
-    """Where finished chunks go: a folder, or memory where there is none.
+    """Where finished chunks go: a folder, or memory where there is none. One process at a time owns a folder.
 
     Attributes:
         folder: holds `sweep.json` and `chunk-NNNNNNN.npy`; None for memory.
@@ -33,42 +46,97 @@ class SweepStore:
         self,
         folder: str | Path | None,
         identity: str,
-        pieces: int,
         total: int,
         columns: int,
         chunk: int,
+        dtype: Any,
         *,
         resume: bool,
     ):
+        """Open a folder, or begin it.
+
+        Args:
+            folder: where chunks go; None for memory.
+            identity: from `fingerprint`.
+            total: candidates of the sweep.
+            columns: numbers of one candidate.
+            chunk: candidates of one file.
+            dtype: of the numbers.
+            resume: take what is there.
+
+        Raises:
+            InputError: for a folder of another sweep, one that another process works in, or one that cannot be written.
+        """
         self.folder = None if folder is None else Path(folder)
-        self.identity, self._pieces, self._total, self._columns, self._chunk = identity, pieces, total, columns, chunk
+        self.identity, self._total, self._columns, self._chunk = identity, total, columns, chunk
+        self._dtype = np.dtype(dtype)
+        self._pieces = -(-total // chunk)
         self._kept: dict[int, np.ndarray] = {}
+        self._lock: FolderLock | None = None
         if self.folder is None:
             if resume:
                 raise InputError("resume=True needs the folder of the sweep that was stopped: give out=FOLDER.")
             return
-        self._open(resume)
-
-    def _open(self, resume: bool) -> None:
-        assert self.folder is not None
-        manifest = self.folder / MANIFEST
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            known = json.loads(manifest.read_text()).get("identity") if manifest.exists() else None
-            if known is not None and not resume:
-                raise InputError(f"{self.folder} holds a sweep already: use resume=True to go on, or another folder.")
-            if known is not None and known != self.identity:
-                raise InputError(
-                    f"{self.folder} holds another sweep (other axes, loop, reference, settings or versions): resume it "
-                    "as it was begun, or use another folder."
-                )
-            if known is None:
-                text = {"identity": self.identity, "candidates": self._total, "chunk": self._chunk}
-                write_whole(manifest, json.dumps(text | {"versions": versions()}, indent=1))
-        except (OSError, ValueError) as error:
+            self._lock = FolderLock(self.folder)
+        except OSError as error:
             raise InputError(
-                f"The sweep cannot be kept in {self.folder} ({error}): give a folder that can be written."
+                f"The sweep cannot be kept in {self.folder} ({error.strerror or error}): give a folder that can be "
+                "written."
             ) from error
+        try:
+            self._open(self.folder, resume)
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> "SweepStore":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the folder to whoever wants it next."""
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
+
+    def _open(self, folder: Path, resume: bool) -> None:
+        there = (folder / MANIFEST).exists()
+        known = _read_manifest(folder / MANIFEST)
+        if there and not resume:
+            raise InputError(f"{folder} holds a sweep already: use resume=True to go on, or another folder.")
+        if known is not None and known.get("identity") != self.identity:
+            raise InputError(
+                f"{folder} holds another sweep (other axes, loop, reference, settings or versions): resume it "
+                "as it was begun, or use another folder."
+            )
+        for entry in list(os.scandir(folder)):  # of a writer that was killed: nobody else works here now
+            if _PARTIAL_NAME.fullmatch(entry.name):
+                with contextlib.suppress(OSError):
+                    os.unlink(entry.path)
+        if known is not None:
+            return
+        chunks = self._numbers()
+        if there or chunks:
+            if chunks and not any(isinstance(self._read(piece), np.ndarray) for piece in sorted(chunks)):
+                raise InputError(
+                    f"{folder / MANIFEST} is {'damaged' if there else 'missing'}, and no chunk beside it is one of this"
+                    " sweep, so the folder may hold another one: use another folder."
+                )
+            _warn(f"{folder / MANIFEST} was {'damaged' if there else 'missing'}: it is written anew.")
+        content = {
+            "form": FORM,
+            "identity": self.identity,
+            "candidates": self._total,
+            "chunk": self._chunk,
+            "columns": self._columns,
+            "dtype": self._dtype.str,
+            "versions": versions(),
+        }
+        write_whole(folder / MANIFEST, json.dumps(content | {"sha256": _checksum(content)}, indent=1))
 
     def path(self, piece: int) -> Path:
         """The file of one chunk."""
@@ -76,38 +144,93 @@ class SweepStore:
         return chunk_path(self.folder, piece)
 
     def finished(self) -> set[int]:
-        """Chunks that are there."""
+        """Chunks that are there and whole; a damaged one is warned of, and counts as missing."""
         if self.folder is None:
             return set(self._kept)
-        found = (_CHUNK_NAME.fullmatch(entry.name) for entry in os.scandir(self.folder))
-        return {int(match[1]) for match in found if match and int(match[1]) < self._pieces}
+        found, damaged = set(), {}
+        for piece in self._numbers():
+            read = self._read(piece)
+            if isinstance(read, np.ndarray):
+                found.add(piece)
+            else:
+                damaged[piece] = read
+        if damaged:
+            named = [f"{self.path(piece).name} {damaged[piece]}" for piece in sorted(damaged)[:NAMED]]
+            more = f" and {len(damaged) - NAMED} more" if len(damaged) > NAMED else ""
+            _warn(
+                f"{len(damaged)} of {len(found) + len(damaged)} chunks in {self.folder} cannot be used "
+                f"({', '.join(named)}{more}): they are computed again."
+            )
+        return found
 
-    def missing(self) -> Iterator[int]:
-        """Chunks still to be computed, one by one: a large sweep has millions of them."""
-        there = self.finished()
-        return (piece for piece in range(self._pieces) if piece not in there)
+    def missing(self, finished: set[int]) -> Iterator[int]:
+        """Chunks still to be computed, one by one: a large sweep has millions of them.
+
+        Args:
+            finished: those that need not be.
+        """
+        return (piece for piece in range(self._pieces) if piece not in finished)
 
     def keep(self, piece: int, costs: np.ndarray) -> None:
-        """Keep one finished chunk, shape (candidates, columns)."""
+        """Keep one finished chunk, shape (candidates, columns); on return it is on the disk.
+
+        Raises:
+            InputError: where it cannot be written.
+        """
         if self.folder is None:
             self._kept[piece] = costs
         else:
-            write_chunk(self.folder, piece, costs)
+            write_chunk(self.folder, self.identity, piece, costs)
 
     def assemble(self) -> np.ndarray:
-        """All costs, shape (candidates, columns); with a folder a memory map of `cost.npy` there."""
+        """All costs, shape (candidates, columns); with a folder a memory map of `cost.npy` there.
+
+        Raises:
+            InputError: where `cost.npy` cannot be written, or a chunk was damaged since it was written.
+        """
         if self.folder is None:
             return np.concatenate([self._kept[piece] for piece in range(self._pieces)])
-        first = np.load(self.path(0))
-        partial = self.folder / ".cost.partial.npy"
-        whole = np.lib.format.open_memmap(partial, mode="w+", dtype=first.dtype, shape=(self._total, self._columns))
-        for piece in range(self._pieces):
-            costs = np.load(self.path(piece))
-            whole[piece * self._chunk : piece * self._chunk + costs.shape[0]] = costs
-        whole.flush()
-        del whole
-        os.replace(partial, self.folder / "cost.npy")
+        # Written as a stream and not through a memory map: a full disk is then an error and not a bus error.
+        header = {"descr": self._dtype.str, "fortran_order": False, "shape": (self._total, self._columns)}
+        with whole_file(self.folder / "cost.npy") as file:
+            np.lib.format.write_array_header_1_0(file, header)
+            for piece in range(self._pieces):
+                costs = self._read(piece)
+                if not isinstance(costs, np.ndarray):
+                    raise InputError(
+                        f"{self.path(piece)} {costs}, though it was whole a moment ago: check the disk, then run the "
+                        "sweep again with resume=True."
+                    )
+                file.write(costs.tobytes())
         return np.load(self.folder / "cost.npy", mmap_mode="r")
+
+    def _numbers(self) -> set[int]:
+        assert self.folder is not None
+        found = (_CHUNK_NAME.fullmatch(entry.name) for entry in os.scandir(self.folder))
+        return {int(match[1]) for match in found if match and int(match[1]) < self._pieces}
+
+    def _read(self, piece: int) -> np.ndarray | str:
+        """The costs of a chunk, or what is wrong with its file."""
+        shape = (min(self._total, (piece + 1) * self._chunk) - piece * self._chunk, self._columns)
+        try:
+            # Not to be opened where it is no file: a FIFO would wait for a writer.
+            if not stat.S_ISREG(self.path(piece).lstat().st_mode):
+                return "is no file"
+            content = self.path(piece).read_bytes()
+        except OSError as error:
+            return f"cannot be read ({error.strerror or error})"
+        body, mark, digest = content[:-39], content[-39:-32], content[-32:]
+        if mark != _MARK:
+            return "is cut off or has no checksum"
+        if digest != _chunk_digest(self.identity, piece, body):
+            return "does not match its checksum"
+        try:
+            costs = np.load(io.BytesIO(body), allow_pickle=False)
+        except (ValueError, EOFError, OSError):
+            return "is no array"
+        if costs.shape != shape or costs.dtype != self._dtype:
+            return f"holds {costs.dtype} of shape {costs.shape}, not {self._dtype} of shape {shape}"
+        return costs
 
 
 def chunk_path(folder: Path, piece: int) -> Path:
@@ -115,14 +238,56 @@ def chunk_path(folder: Path, piece: int) -> Path:
     return folder / f"chunk-{piece:07d}.npy"
 
 
-def write_chunk(folder: Path, piece: int, costs: np.ndarray) -> None:
-    """Write a chunk whole or not at all: a reader never meets half a file, however the writer ends."""
-    handle, name = tempfile.mkstemp(dir=folder, prefix=".chunk-", suffix=".partial")
-    with os.fdopen(handle, "wb") as file:
-        np.save(file, costs)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(name, chunk_path(folder, piece))
+def write_chunk(folder: Path, identity: str, piece: int, costs: np.ndarray) -> None:
+    """Write a chunk whole or not at all: a reader never meets half a file, however the writer ends.
+
+    Args:
+        folder: of the sweep.
+        identity: of the sweep.
+        piece: which chunk.
+        costs: shape (candidates, columns).
+
+    Raises:
+        InputError: where it cannot be written.
+    """
+    body = io.BytesIO()
+    np.save(body, costs)
+    with whole_file(chunk_path(folder, piece)) as file:
+        file.write(body.getvalue())  # np.load stops where the array ends, so other readers are not disturbed
+        file.write(_MARK + _chunk_digest(identity, piece, body.getvalue()))
+
+
+def is_folder_of(folder: Path, identity: str) -> bool:
+    """Whether a folder is that of a sweep, as a worker on another machine sees it."""
+    known = _read_manifest(folder / MANIFEST)
+    return known is not None and known.get("identity") == identity
+
+
+def _chunk_digest(identity: str, piece: int, body: bytes) -> bytes:
+    return hashlib.sha256(f"{identity} {piece} ".encode() + body).digest()
+
+
+def _checksum(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _read_manifest(path: Path) -> dict[str, Any] | None:
+    """What `sweep.json` says; None where it is not there or damaged."""
+    try:
+        if not stat.S_ISREG(path.lstat().st_mode):
+            return None
+        content = json.loads(path.read_bytes())
+        if not isinstance(content, dict):
+            return None
+        checksum = content.pop("sha256", None)
+    except (OSError, ValueError, RecursionError):
+        return None
+    # The first form had no checksum, and its chunks none either: its identity then says that it is another sweep.
+    return content if checksum == _checksum(content) or (checksum is None and "form" not in content) else None
+
+
+def _warn(sentence: str) -> None:
+    warnings.warn(sentence, FpjaxWarning, stacklevel=2)
 
 
 def fingerprint(problem: Any, axes: Sequence[Any], chunk: int) -> str:
@@ -139,7 +304,7 @@ def fingerprint(problem: Any, axes: Sequence[Any], chunk: int) -> str:
             f"The loop or the objective holds {unnamed[1]}, a function without a name of its own, which a resumed "
             "sweep cannot tell from another one: use a function defined at the top of a module, or leave out=."
         )
-    digest.update(_stable(text).encode())
+    digest.update(f"form {FORM} {_stable(text)}".encode())
     digest.update(json.dumps(versions(), sort_keys=True).encode())
     for leaf in leaves:
         array = np.asarray(leaf)

@@ -1,5 +1,6 @@
 """run.json: the command, the inputs' hashes, seeds, versions and times, so that a figure can be traced."""
 
+import contextlib
 import datetime
 import hashlib
 import importlib.metadata
@@ -7,9 +8,11 @@ import json
 import os
 import pathlib
 import platform
+import secrets
 import sys
 import time
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, BinaryIO
 
 from .._version import __version__
 from ..errors import InputError
@@ -128,19 +131,58 @@ def open_folder(out: str | os.PathLike[str] | None) -> pathlib.Path | None:
     return folder
 
 
+@contextlib.contextmanager
+def whole_file(path: pathlib.Path) -> Iterator[BinaryIO]:
+    """A file that appears under its name whole and on the disk, or not at all, however the writing ends.
+
+    Args:
+        path: of the file; what stood there before stays until the new one is whole.
+
+    Yields:
+        The file to write to.
+
+    Raises:
+        InputError: where it cannot be written, a full disk included; nothing is left then.
+    """
+    partial = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}.partial")
+    try:
+        with partial.open("xb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+        sync_folder(path.parent)
+    except BaseException as error:  # an interrupt too leaves nothing half written
+        with contextlib.suppress(OSError):
+            partial.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise InputError(
+                f"{path} cannot be written ({error.strerror or error}): use another --out, or make room there."
+            ) from error
+        raise
+
+
+def sync_folder(folder: pathlib.Path) -> None:
+    """Put a folder's list of names on the disk: a renamed file counts only then. Nothing where a system cannot."""
+    if os.name == "nt":  # a folder cannot be opened there, and the journal orders renames
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError:
+        pass  # some network file systems cannot sync a folder: their rename is on the server already
+    finally:
+        os.close(handle)
+
+
 def write_whole(path: pathlib.Path, content: str | bytes) -> None:
     """Write a file whole or not at all.
 
     Raises:
         InputError: where it cannot be written.
     """
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        partial.write_bytes(content.encode() if isinstance(content, str) else content)
-        partial.replace(path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise InputError(f"{path} cannot be written ({error.strerror or error}): use another --out.") from error
+    with whole_file(path) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
 
 
 def write_json(path: pathlib.Path, content: Any) -> None:
