@@ -21,16 +21,44 @@ def add_out(parser: argparse.ArgumentParser, required: bool = False) -> None:
 
 
 def add_log_options(parser: argparse.ArgumentParser) -> None:
-    """--columns, --repair."""
+    """--columns, --from, --to, --every, --strict; --repair is accepted for old scripts."""
     parser.add_argument(
-        "--columns",
-        metavar="MAP",
-        help='where names or units differ: "velocity=gyro_z:deg/s,torque=tau_cmd", with a factor "torque=vir*35.15:N", '
-        'or the preset "emps"',
+        "--columns", metavar="MAP",
+        help='where names or units differ: "velocity=gyro_z:deg/s,torque=tau_cmd", with a scale "torque=Iq:A*0.12" '
+        '(N m per A), "position=enc:counts/4096" (a turn), "torque_measured=Iq:A*0.12", "axis=2" of a robot, or "emps"',
+    )  # fmt: skip
+    parser.add_argument("--from", dest="start", type=float, metavar="S", help="leave out what is before, in log time")
+    parser.add_argument("--to", dest="stop", type=float, metavar="S", help="leave out what is after, in log time")
+    parser.add_argument(
+        "--every", type=int, default=1, metavar="N", help="make one row of N: torque by its mean, motion at the first"
     )
     parser.add_argument(
-        "--repair", action="store_true", help="drop repeated rows, fill short gaps and lone NaNs, and say so"
+        "--strict", action="store_true", help="refuse a log that would have to be cut, filled or resampled"
     )
+    parser.add_argument("--repair", action="store_true", help=argparse.SUPPRESS)  # done by default now
+
+
+def log_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What `add_log_options` gave, as `read_log` takes it."""
+    return {
+        "columns": arguments.columns, "start": arguments.start, "stop": arguments.stop,
+        "take_every": arguments.every, "strict": arguments.strict,
+    }  # fmt: skip
+
+
+def check_torque_unit(log: Any, model: Any) -> None:
+    """A torque in amperes and a model in newton metres cannot be compared.
+
+    Raises:
+        InputError: where the log's torque has another label than the model's.
+    """
+    label = log.torque_unit
+    if label not in ("N m", "N", model.units.torque):
+        unit = "N" if model.linear else "N m"
+        raise InputError(
+            f"{log.name}: its torque is in {label} and the model's in {model.units.name('N m')}: give {unit} per "
+            f'{label}, as in --columns torque=NAME:{label}*0.12, or write [units] torque = "{label}" in the model.'
+        )
 
 
 def start_jax(arguments: argparse.Namespace) -> None:

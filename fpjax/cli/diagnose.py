@@ -10,7 +10,7 @@ from typing import Any
 from ..errors import InputError
 from ..output.progress import Stages
 from ..output.runfile import RunFile, write_json, write_whole
-from .common import add_log_options, add_out, finish, running, start_jax
+from .common import add_log_options, add_out, check_torque_unit, finish, log_options, running, start_jax
 from .simulate import open_model
 
 EXAMPLES = """\
@@ -73,7 +73,8 @@ def folder_names(names: list[str]) -> list[str]:
 def _log(path: str, role: str, model: Any, arguments: argparse.Namespace, record: RunFile) -> Any:
     from ..logs import read_log
 
-    log = read_log(record.read(path, role), columns=arguments.columns, linear=model.linear, repair=arguments.repair)
+    log = read_log(record.read(path, role), linear=model.linear, **log_options(arguments))
+    check_torque_unit(log, model)
     if abs(log.dt / model.dt - 1.0) > 1e-3:
         raise InputError(
             f"{log.name} has a period of {log.dt:g} s and the model [simulation] dt = {model.dt:g} s: write the log's "

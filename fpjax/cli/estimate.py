@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..output.runfile import RunFile, write_json
-from .common import add_log_options, add_out, finish, running, say, start_jax
+from .common import add_log_options, add_out, check_torque_unit, finish, log_options, running, say, start_jax
 from .simulate import open_model
 
 LAPS = 20.0  # time constants in a log, for gains that nobody gave
@@ -97,7 +97,8 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> tuple[
         model = dataclasses.replace(model, loop=dataclasses.replace(model.loop, observer=observer))
     record.stage("read")
     path = record.read(arguments.log, "log")
-    log = read_log(path, columns=arguments.columns, linear=model.linear, repair=arguments.repair)
+    log = read_log(path, linear=model.linear, **log_options(arguments))
+    check_torque_unit(log, model)
     record.notes.extend(log.warnings)
     for one in suspicions(log, Numbers(model.nominal["inertia"])):  # its friction is what is to be found
         print(f"warning: {one.sentence}", file=sys.stderr)

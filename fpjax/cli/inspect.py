@@ -5,7 +5,7 @@ import sys
 from typing import Any
 
 from ..output.runfile import RunFile, write_json, write_whole
-from .common import add_log_options, add_out, finish, running, table
+from .common import add_log_options, add_out, finish, log_options, running, table
 
 EXTRAS = 6  # columns shown that nobody mapped
 EXAMPLES = """\
@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     with running(arguments) as record:
         record.stage("read")
         path = record.read(arguments.log, "log")
-        log = read_log(path, columns=arguments.columns, linear=arguments.linear or None, repair=arguments.repair)
+        log = read_log(path, linear=arguments.linear or None, **log_options(arguments))
         record.stage("inspect")
         found = inspect_log(log)
         _show(found)

@@ -8,7 +8,18 @@ import numpy as np
 
 from ..errors import InputError
 from ..output.runfile import RunFile, write_json
-from .common import add_log_options, add_out, finish, read_pairs, running, say, start_jax, table
+from .common import (
+    add_log_options,
+    add_out,
+    check_torque_unit,
+    finish,
+    log_options,
+    read_pairs,
+    running,
+    say,
+    start_jax,
+    table,
+)
 
 EXAMPLES = """\
 examples:
@@ -139,9 +150,8 @@ def _replay(model: Any, arguments: argparse.Namespace, record: RunFile) -> None:
 
     record.stage("read")
     path = record.read(arguments.log, "log")
-    log = read_log(
-        path, columns=arguments.columns, linear=model.linear, repair=arguments.repair, require=("torque", "reference")
-    )
+    log = read_log(path, linear=model.linear, require=("torque", "reference"), **log_options(arguments))
+    check_torque_unit(log, model)
     record.notes.extend(log.warnings)
     record.stage("replay")
     found = replay(model, log, from_rest=arguments.from_rest)

@@ -1,13 +1,13 @@
-"""The clock of a log: from recorded stamps to one control period, or one sentence on why there is none.
+"""The clock of a log: from recorded stamps to one control period, and which rows belong to one run.
 
-What is decided here. A control period is a constant of the machine, so stamps are only evidence of it:
+A control period is a constant of the machine, so stamps are only evidence of it. What is decided here:
 
-* Jitter below a quarter of a period is the logger's, not the machine's: samples keep their values and take the place
-  on the uniform grid that their stamp is nearest to (no interpolation: it would blur a torque that was held). Above
-  one per cent of a period the log carries a warning with the number.
-* Repeated, decreasing or missing stamps mean that rows are not what they seem: that is an error, unless `repair` asks
-  for what can honestly be done (identical rows dropped, gaps of up to ten periods filled: torque and reference held,
-  motion interpolated), which is then a warning with the number.
+* Rows whose stamp repeats, or that came a few places late, are put right; where time runs backwards, stops for long, or
+  a needed column has no readings for long, the log is cut, and its longest stretch is taken.
+* The period is the one that the stamps agree on over the whole stretch, with the few digits in which a drive's period
+  is typed in.
+
+Everything that was done is said, with its number; `strict` makes a refusal of it.
 """
 
 from dataclasses import dataclass
@@ -19,8 +19,10 @@ from ..errors import InputError
 SHORTEST = 20  # rows
 JITTER_WARNED, JITTER_ALLOWED = 0.01, 0.25  # of a period
 LONGEST_FILLED = 10  # periods
-MOST_REPAIRED = 0.01  # of the rows
-HELD = ("torque", "reference")
+FEW_AT_START = 0.002  # of the rows: what stands before a start-up gap is dropped, not joined
+LATE = 5  # places that a row may have come late
+COARSE = 0.2  # share of repeated stamps from which they are a coarse clock, not repeated rows
+MOST_ROWS = 2e8  # of a uniform grid: more is a clock error
 
 
 @dataclass(frozen=True)
@@ -45,48 +47,182 @@ class Clock:
         return int(self.places[-1]) + 1 - self.places.size
 
 
-def read_clock(time: np.ndarray, name: str, first_row: int) -> Clock:
-    """The clock behind increasing stamps [s].
+@dataclass(frozen=True)
+class Rows:
+    """Which rows are used, in which order, and their stamps.
+
+    Attributes:
+        chosen: rows of the file, in order; None for all of them as they are.
+        time: their stamps [s], increasing.
+    """
+
+    chosen: np.ndarray | None
+    time: np.ndarray
+
+
+def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> Rows:
+    """Increasing stamps: repeated and late rows put right, the longest run where time runs backwards.
+
+    Args:
+        time: stamps as recorded [s].
+        name: of the log, for messages.
+        first_row: the number that a user sees on the first row.
+        notes: gains a sentence for each thing that was done.
 
     Raises:
-        InputError: for repeated, decreasing or irregular stamps.
+        InputError: where no stamps are left that could be a clock.
+    """
+    chosen: np.ndarray | None = None
+    bad = ~np.isfinite(time)
+    if bad.any():
+        if bad.sum() > 0.5 * time.size:
+            raise InputError(f"{name}: time is not a number in {bad.sum()} of {time.size} rows: check the time column.")
+        chosen = np.flatnonzero(~bad)
+        notes.append(
+            f"{name}: {bad.sum()} rows without a time were dropped (first in row {np.argmax(bad) + first_row})."
+        )
+        time = time[chosen]
+    steps = np.diff(time)
+    if (steps < 0.0).any():
+        order = np.argsort(time, kind="stable")
+        if np.max(np.abs(order - np.arange(time.size))) <= LATE:
+            late = int((steps < 0.0).sum())
+            notes.append(
+                f"{name}: {_count(late, 'row')} came late and {'was' if late == 1 else 'were'} put in order of time."
+            )
+            chosen = order if chosen is None else chosen[order]
+            time = time[order]
+        else:
+            ends = np.flatnonzero(steps < 0.0) + 1
+            begin, end = _longest(np.concatenate([[0], ends, [time.size]]))
+            notes.append(
+                f"{name}: time runs backwards in {_rows(ends, first_row)} (from {time[ends[0] - 1]:g} s to "
+                f"{time[ends[0]]:g} s), as in several runs joined together: the longest, rows {begin + first_row} to "
+                f"{end - 1 + first_row}, was taken."
+            )
+            chosen = np.arange(begin, end) if chosen is None else chosen[begin:end]
+            time = time[begin:end]
+        steps = np.diff(time)
+    repeated = steps == 0.0
+    if repeated.any() and time[-1] > time[0]:
+        if repeated.mean() > COARSE:
+            time = _spread(time)
+            notes.append(
+                f"{name}: its stamps are coarser than its rows ({100 * repeated.mean():.2g} % repeat the one before): "
+                f"the rows were spread evenly between them."
+            )
+        else:
+            keep = np.concatenate([[True], ~repeated])
+            rows = np.flatnonzero(repeated) + 1
+            notes.append(
+                f"{name}: time repeats in {_rows(rows, first_row)}: the later of rows with one time were dropped."
+            )
+            chosen = np.flatnonzero(keep) if chosen is None else chosen[keep]
+            time = time[keep]
+    elif repeated.any():
+        raise InputError(f"{name}: time is {time[0]:g} s in every row, so there is no clock: check the time column.")
+    return Rows(chosen, time)
+
+
+def _spread(time: np.ndarray) -> np.ndarray:
+    """Rows with one coarse stamp, spread between it and the next."""
+    first = np.flatnonzero(np.concatenate([[True], np.diff(time) > 0.0]))
+    size = np.diff(np.append(first, time.size))
+    stamps = time[first]
+    ahead = np.append(np.diff(stamps), np.median(np.diff(stamps)))
+    # the first and the last group may be cut, so they are spread by the period that the others have
+    period = np.median(ahead / size)
+    within = np.arange(time.size) - np.repeat(first, size)
+    rate = ahead / size
+    rate[0] = rate[-1] = period
+    return np.repeat(stamps, size) + within * np.repeat(rate, size)
+
+
+def longest_stretch(
+    time: np.ndarray, unread: np.ndarray | None, name: str, first_row: int, notes: list[str]
+) -> tuple[int, int]:
+    """(first, last + 1) of the longest stretch without a long gap and without rows that hold nothing.
+
+    Args:
+        time: increasing stamps [s].
+        unread: rows in a long run without readings; None where there are none.
+        name: of the log, for messages.
+        first_row: the number that a user sees on the first row.
+        notes: gains a sentence where something was left out.
     """
     steps = np.diff(time)
-    if np.any(steps == 0.0):
-        rows = np.flatnonzero(steps == 0.0) + 1
-        raise InputError(
-            f"{name}: time repeats in {_rows(rows, first_row)} (first at t = {time[rows[0]]:g} s): remove the repeated "
-            f"rows, or let --repair drop those that repeat the row before in full."
-        )
-    if np.any(steps < 0.0):
-        rows = np.flatnonzero(steps < 0.0) + 1
-        raise InputError(
-            f"{name}: time runs backwards in {_rows(rows, first_row)} (from {time[rows[0] - 1]:g} s to "
-            f"{time[rows[0]]:g} s): did the clock jump, or are these several runs? Split the log there."
-        )
     period = float(np.median(steps))
+    wide = steps > (LONGEST_FILLED + 1) * period
+    # One of two rows a start-up gap apart from the others: joining them would make up what is between.
+    early = max(3, int(FEW_AT_START * time.size))
+    wide[:early] |= steps[:early] > 2.5 * period
+    ends = np.flatnonzero(wide) + 1
+    if unread is not None and unread.any():
+        ends = np.concatenate([ends, np.flatnonzero(np.diff(unread.astype(np.int8)) != 0) + 1])
+    if not ends.size:
+        return 0, time.size
+    edges = np.unique(np.concatenate([[0], ends, [time.size]]))
+    sizes = np.diff(edges)
+    if unread is not None:
+        sizes = np.where(unread[edges[:-1]], 0, sizes)
+    best = int(np.argmax(sizes))
+    begin, end = int(edges[best]), int(edges[best + 1])
+    left = time.size - (end - begin)
+    at = int(ends[np.argmax(steps[ends - 1])])
+    cause = f"time jumps by {steps[at - 1]:.4g} s after row {at - 1 + first_row} (t = {time[at - 1]:g} s)"
+    if unread is not None and unread.any() and not wide.any():
+        cause = f"nothing was read in {_count(int(unread.sum()), 'row')} (first {np.argmax(unread) + first_row})"
+    others = (
+        "" if left < early + 1 else f"; for another one use --from and --to ({time[0]:g} to {time[-1]:g} s are there)"
+    )
+    notes.append(
+        f"{name}: {cause}, so the log was cut there and its longest stretch taken, {time[begin]:g} to "
+        f"{time[end - 1]:g} s, without {_count(left, 'row')}{others}."
+    )
+    return begin, end
+
+
+def read_clock(time: np.ndarray, name: str, dt: float | None = None) -> Clock:
+    """The clock behind increasing stamps [s].
+
+    Args:
+        time: increasing stamps [s].
+        name: of the log, for messages.
+        dt: the control period [s] where it is known; None for the one that the stamps agree on.
+
+    Raises:
+        InputError: for a grid that no memory holds.
+    """
+    steps = np.diff(time)
+    period = float(np.median(steps)) if dt is None else dt
     counts = np.maximum(np.round(steps / period), 1.0)
-    if counts.sum() > 1e8:
+    if dt is None:
+        # Steps that alternate (10 and 12 ms) have their mean as period, and a median that is off.
+        period = float(np.mean(steps[counts == 1.0]))
+        counts = np.maximum(np.round(steps / period), 1.0)
+    if counts.sum() > MOST_ROWS:
         worst = int(np.argmax(steps))
-        raise InputError(_jump(name, time, worst, steps, period, first_row))
+        raise InputError(
+            f"{name}: time jumps by {steps[worst]:.4g} s at t = {time[worst]:g} s, where a row is {period:.4g} s: cut "
+            f"the log there with --from or --to."
+        )
     places = np.concatenate([[0.0], np.cumsum(counts)])
     spread = places - places.mean()
-    period = float(spread @ (time - time.mean()) / (spread @ spread))
-    residual = time - time.mean() - period * spread
-    error = float(np.sqrt(residual @ residual / max(time.size - 2, 1) / (spread @ spread)))
-    period = _short_number(period, max(3.0 * error, 1e-3 * period / places[-1]))
-    start = float(time.mean() - period * places.mean())
+    centred = time - time.mean()
+    if dt is None:
+        period = float(spread @ centred / (spread @ spread))
+        residual = centred - period * spread
+        error = float(np.sqrt(residual @ residual / max(time.size - 2, 1) / (spread @ spread)))
+        period = _short_number(period, max(3.0 * error, 1e-3 * period / places[-1]))
+        # A clock that drifts against its own count (steps that are no multiple) is counted anew.
+        if np.abs(centred - period * spread).max() > JITTER_ALLOWED * period:
+            places = np.round((time - time[0]) / period)
+            places = np.maximum.accumulate(places)
+    start = float(np.mean(time - period * places))
+    if abs(np.abs(time - (start + period * places)).max()) > JITTER_ALLOWED * period:
+        start = float(time[0])
     start = 0.0 if abs(start) < JITTER_WARNED * period else start
     deviation = np.abs(time - (start + period * places))
-    if deviation.max() > JITTER_ALLOWED * period:
-        # A clock that jumps by a fraction of a period shifts all stamps after it; jitter comes and goes.
-        worst = int(np.argmax(np.abs(steps - period)))
-        share = 100.0 * np.mean(np.abs(steps - period) > JITTER_ALLOWED * period)
-        raise InputError(
-            f"{name}: time is irregular: about {period:.4g} s a row, but {np.min(steps):.4g} to {np.max(steps):.4g} s "
-            f"({share:.2g} % of the steps are off by more than a quarter; the worst in row {worst + 1 + first_row}); "
-            f"log at the control period, or resample the log to a uniform clock."
-        )
     return Clock(period, start, places.astype(np.int64), float(deviation.max()))
 
 
@@ -99,49 +235,13 @@ def _short_number(period: float, error: float) -> float:
     return period
 
 
-def repairable(count: int, rows: int) -> bool:
-    """Whether so few rows are damaged that mending them does not make up a log."""
-    return count <= 2 + MOST_REPAIRED * rows
+def _longest(edges: np.ndarray) -> tuple[int, int]:
+    best = int(np.argmax(np.diff(edges)))
+    return int(edges[best]), int(edges[best + 1])
 
 
-def gap_sentence(clock: Clock, time: np.ndarray, name: str, first_row: int) -> str:
-    """What is missing, where, and what to do."""
-    steps = np.diff(clock.places)
-    gaps = np.flatnonzero(steps > 1)
-    worst = int(gaps[np.argmax(steps[gaps])])
-    if steps[worst] > LONGEST_FILLED:
-        return _jump(name, time, worst, np.diff(time), clock.dt, first_row)
-    count = "1 sample is" if clock.missing == 1 else f"{clock.missing} samples are"
-    return (
-        f"{name}: {count} missing in {gaps.size} place{'s' if gaps.size > 1 else ''} (first after row "
-        f"{gaps[0] + first_row}, t = {time[gaps[0]]:g} s, at {clock.dt:.4g} s a row): log without drops, "
-        f"or let --repair fill them."
-    )
-
-
-def _jump(name: str, time: np.ndarray, worst: int, steps: np.ndarray, period: float, first_row: int) -> str:
-    return (
-        f"{name}: time jumps by {steps[worst]:.4g} s after row {worst + first_row} (t = {time[worst]:g} s; a row is "
-        f"{period:.4g} s): did the clock jump or the logger stop? Split the log there, or cut it to one side."
-    )
-
-
-def fill(clock: Clock, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns on the uniform grid: torque and reference held over a gap, the rest interpolated."""
-    grid = np.arange(int(clock.places[-1]) + 1)
-    before = np.searchsorted(clock.places, grid, side="right") - 1
-    return {
-        name: values[before] if name in HELD else np.interp(grid, clock.places, values)
-        for name, values in columns.items()
-    }
-
-
-def drop_repeats(time: np.ndarray, columns: dict[str, np.ndarray]) -> np.ndarray:
-    """Which rows to keep: not those that repeat the stamp and every value of the row before."""
-    same = np.diff(time) == 0.0
-    for values in columns.values():
-        same &= (np.diff(values) == 0.0) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
-    return np.concatenate([[True], ~same])
+def _count(number: int, word: str) -> str:
+    return f"{number} {word}{'' if number == 1 else 's'}"
 
 
 def _rows(rows: np.ndarray, first_row: int) -> str:

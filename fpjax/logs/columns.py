@@ -1,11 +1,13 @@
 """Which column of a file is what: the mapping that the user gives, and the names that speak for themselves."""
 
 import difflib
+import math
 import re
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from ..errors import InputError
+from .names import WEAK, Guess, bracket_unit, guess, taken_apart
 from .units import QUANTITIES, find_unit, parse_unit
 
 CANONICAL = tuple(QUANTITIES)
@@ -13,25 +15,47 @@ PRESETS = {
     # Janot, Gautier, Brunot, "Data Set and Reference Models of EMPS", 2019: vir is in volts, 35.15 N/V.
     "emps": "time=t,torque=vir*35.15:N,position=qm:m,reference=qg:m",
 }
-_BRACKETED = re.compile(r"^\s*(?P<name>[^\[\](]+?)\s*[\[(]\s*(?P<unit>[^\])]+?)\s*[\])]\s*$")
+MOST_COMPARED = 400  # names that a misspelt one is compared with
+_SCALED = re.compile(
+    r"^(?P<head>.*?)\s*(?P<sign>[*/])\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<per>[A-Za-zµ°%][^*]*)?$"
+)
 
 
 class Source(NamedTuple):
-    """Where a canonical column comes from: the file's column, its unit as written, and a further factor."""
+    """Where a canonical column comes from.
+
+    Attributes:
+        column: the file's name for it.
+        unit: as written; None where nobody says, which means SI.
+        factor: of the column, before its unit.
+        scale: of the unit, after it: N m per A, or the rest of a gear; for counts the turns per count.
+        per: the unit of the scale ("mNm/A"); "" for SI.
+        scaled: whether a scale was given.
+        divided: the scale was given as a division: counts a turn.
+        guessed: from the table of names.
+        measured: a torque that the drive measured, and not what it was told.
+    """
 
     column: str
     unit: str | None = None
     factor: float = 1.0
+    scale: float = 1.0
+    per: str = ""
+    scaled: bool = False
+    divided: bool = False
+    guessed: bool = False
+    measured: bool = False
 
 
 Columns = str | Mapping[str, str] | None
 
 
 def parse_columns(columns: Columns) -> dict[str, str]:
-    """The user's mapping as {canonical name: "column", "column:unit" or "column*factor:unit"}.
+    """The user's mapping as {canonical name: "column", "column:unit" or "column*factor:unit*scale"}.
 
     Args:
         columns: "velocity=gyro_z:deg/s,torque=tau_cmd", a mapping of the same, the name of a preset ("emps") or None.
+            "axis=2" chooses among the axes of a robot.
 
     Raises:
         InputError: for a part that is not name=column, or a name that is not canonical.
@@ -44,73 +68,172 @@ def parse_columns(columns: Columns) -> dict[str, str]:
         wrong = [name for name, equals, column in pairs if not equals or not column.strip()]
         if wrong:
             raise InputError(
-                f"--columns {columns!r} cannot be read at {wrong[0].strip()!r}: write name=column or name=column:unit, "
-                f"separated by commas, such as velocity=gyro_z:deg/s,torque=tau_cmd."
+                f"--columns {columns[:80]!r} cannot be read at {wrong[0].strip()[:40]!r}: write name=column or "
+                f"name=column:unit, separated by commas, such as velocity=gyro_z:deg/s,torque=Iq:A*0.12."
             )
         columns = {name.strip(): column.strip() for name, _, column in pairs}
     for name in columns:
-        if name not in CANONICAL:
-            near = difflib.get_close_matches(name, CANONICAL, n=1)
+        if name not in CANONICAL and name != "axis":
+            near = difflib.get_close_matches(name[:40], CANONICAL, n=1)
             raise InputError(
-                f"--columns maps {name!r}, which is no column of a log: "
+                f"--columns maps {name[:40]!r}, which is no column of a log: "
                 f"{f'did you mean {near[0]!r}? ' if near else ''}There are {', '.join(CANONICAL)}."
             )
+    if not str(columns.get("axis", "0")).strip().isdigit():
+        raise InputError(
+            f"--columns axis={columns['axis']!s:.20} is not the number of an axis: write for instance axis=2."
+        )
     return {name: str(column) for name, column in columns.items()}
 
 
-def find_sources(names: Iterable[str], mapping: Mapping[str, str], where: str) -> dict[str, Source]:
-    """For each canonical column that is there, the file's column.
+def find_sources(
+    names: Iterable[str], mapping: Mapping[str, str], where: str, units: Mapping[str, str] | None = None
+) -> tuple[dict[str, Source], list[str]]:
+    """For each canonical column that is there, the file's column; and what was guessed, a sentence each.
 
     Args:
         names: the file's columns.
-        mapping: from `parse_columns`; what it leaves out is looked for under its own name, any case, and with its
-            unit in brackets ("velocity [deg/s]").
+        mapping: from `parse_columns`; what it leaves out is looked for under its own name, any case, with its unit in
+            brackets ("velocity [deg/s]"), and then in the table of `names`.
         where: the file's name, for messages.
+        units: from a row of units, by name.
 
     Raises:
         InputError: for a mapped column that the file does not have.
     """
-    names = list(names)
-    found = {canonical: _mapped(canonical, text, names, where) for canonical, text in mapping.items()}
+    names, units = list(names), units or {}
+    found = {
+        canonical: _mapped(canonical, text, names, where, units)
+        for canonical, text in mapping.items()
+        if canonical != "axis"
+    }
     taken = {source.column for source in found.values()}
     for name in names:
-        if name in taken:
+        text, unit = bracket_unit(name)
+        plain = text.strip().lower()
+        if name not in taken and plain in CANONICAL and plain not in found:
+            found[plain] = Source(name, unit or units.get(name))
+            taken.add(name)
+    notes = _guessed(found, taken, names, units, mapping.get("axis"), where)
+    # A current that was mapped by hand is as measured as one that was guessed.
+    if "torque" in found and not found["torque"].measured:
+        known = guess([found["torque"].column], units)
+        if "torque_measured" in known and "torque" in mapping:
+            found["torque"] = found["torque"]._replace(measured=True)
+    if "torque" not in found and "torque_measured" in found:
+        found["torque"] = found.pop("torque_measured")._replace(measured=True)
+    return found, notes
+
+
+def _guessed(
+    found: dict[str, Source],
+    taken: set[str],
+    names: list[str],
+    units: Mapping[str, str],
+    wanted_axis: str | None,
+    where: str,
+) -> list[str]:
+    """Fill in what the table of names knows, and say so."""
+    guesses = {
+        canonical: [each for each in each_guess if each.column not in taken]
+        for canonical, each_guess in guess(names, units).items()
+    }
+    axes = sorted({each.axis for listed_ in guesses.values() for each in listed_ if each.axis is not None})
+    said: list[str] = []
+    chosen: int | None = int(wanted_axis) if wanted_axis is not None else axes[0] if axes else None
+    if wanted_axis is not None and chosen not in axes:
+        numbers = f"its axes are {', '.join(map(str, axes))}" if axes else "no column's name ends with an axis' number"
+        raise InputError(f"--columns axis={wanted_axis}: {where} has no such axis: {numbers}.")
+    for canonical in CANONICAL:
+        if canonical in found:
             continue
-        bracketed = _BRACKETED.match(name)
-        plain = (bracketed["name"] if bracketed else name).strip().lower()
-        if plain in CANONICAL and plain not in found:
-            found[plain] = Source(name, bracketed["unit"] if bracketed else None)
-    return found
+        fitting = [each for each in guesses.get(canonical, []) if each.axis in (None, chosen)]
+        if canonical == "time":
+            fitting = [each for each in fitting if each.axis is None] or fitting
+        other = {"velocity": "position", "position": "velocity"}.get(canonical)
+        if canonical == "reference" or (other is not None and (other in found or _surer(guesses, other, fitting))):
+            fitting = [each for each in fitting if each.rank < WEAK[canonical]]
+        if not fitting:
+            continue
+        best: Guess = fitting[0]
+        found[canonical] = Source(best.column, best.unit or None, guessed=True, measured=canonical == "torque_measured")
+        said.append(f"{best.column!r} as {canonical}{f' in {best.unit}' if best.unit else ''}")
+    if not said:
+        return []
+    notes = [f"{where}: taken by their names: {', '.join(said)}; say otherwise with --columns."]
+    if len(axes) > 1 and wanted_axis is None and any(_axis_of(source.column) is not None for source in found.values()):
+        notes.append(
+            f"{where} has {len(axes)} axes ({axes[0]} to {axes[-1]}): axis {chosen} was taken; choose with "
+            f"--columns axis={axes[1]}."
+        )
+    return notes
 
 
-def _mapped(canonical: str, text: str, names: list[str], where: str) -> Source:
-    if text in names:
-        return Source(text)
-    head, colon, unit = text.rpartition(":")
-    if not colon:
-        head, unit = text, ""
+def _surer(guesses: Mapping[str, list[Guess]], other: str, than: list[Guess]) -> bool:
+    """Whether the other motion has a name that leaves no doubt, so that a doubtful one is not needed."""
+    return bool(than) and any(each.rank < WEAK[other] for each in guesses.get(other, []))
+
+
+def _axis_of(column: str) -> int | None:
+    return next((named.axis for named in taken_apart(column) if named.axis is not None), None)
+
+
+def _mapped(canonical: str, text: str, names: list[str], where: str, units: Mapping[str, str]) -> Source:
+    """The source that a user's words mean: COLUMN, COLUMN*2, COLUMN:UNIT, COLUMN:UNIT*SCALE, COLUMN:counts/4096."""
+    column = _resolved(text, names)
+    head, colon, unit = text, "", ""
+    if column is None and ":" in text:
+        head, colon, unit = text.rpartition(":")
+        column = _resolved(head, names)
     factor = 1.0
-    if head not in names and "*" in head:
-        head, _, number = head.rpartition("*")
-        try:
-            factor = float(number)
-        except ValueError:
-            factor = float("nan")
-        if not abs(factor) > 0.0 or abs(factor) == float("inf"):
-            raise InputError(
-                f"--columns {canonical}={text}: the factor {number!r} is not a number other than zero; "
-                f"write for instance {canonical}={head.strip()}*35.15."
-            )
-    head = head.strip()
-    if head not in names:
-        near = difflib.get_close_matches(head, names, n=1)
+    if column is None and (parts := re.match(r"^(?P<head>.*)(?P<sign>[*])(?P<number>[^*]*)$", head)):
+        head, factor = parts["head"], _factor(parts["number"], canonical, text, parts["head"])
+        column = _resolved(head, names)
+    if column is None:
+        head = head.strip()
+        near = difflib.get_close_matches(head[:60], names[:MOST_COMPARED], n=1)
         raise InputError(
-            f"{where} has no column {head!r} for {canonical}: "
+            f"{where} has no column {head[:60]!r} for {canonical}: "
             f"{f'did you mean {near[0]!r}? ' if near else ''}It has {listed(names)}."
         )
     if colon and not unit.strip():
         raise InputError(f"--columns {canonical}={text} ends with a colon: write the unit after it, or leave both out.")
-    return Source(head, unit.strip() or None, factor)
+    written = bracket_unit(column)[1] or units.get(column)
+    source = Source(column, unit.strip() or written, factor)
+    scaled = _SCALED.match(unit.strip())
+    if scaled and (find_unit(unit) is None):
+        number = _factor(scaled["number"], canonical, text, head)
+        divided = scaled["sign"] == "/"
+        source = source._replace(
+            unit=scaled["head"].strip(), scale=1.0 / number if divided else number, per=(scaled["per"] or "").strip(),
+            scaled=True, divided=divided,
+        )  # fmt: skip
+    return source
+
+
+def _factor(number: str, canonical: str, text: str, head: str) -> float:
+    try:
+        value = float(number) if "_" not in number else float("nan")
+    except ValueError:
+        value = float("nan")
+    if not 0.0 < abs(value) < float("inf"):
+        raise InputError(
+            f"--columns {canonical}={text}: the factor {number.strip()!r} is not a number other than zero; "
+            f"write for instance {canonical}={head.strip()}*35.15."
+        )
+    return value
+
+
+def _resolved(text: str, names: list[str]) -> str | None:
+    """The file's column that a user means: its name, in any case, with or without the unit in its brackets."""
+    text = text.strip()
+    if text in names:
+        return text
+    for same in (str.lower, lambda name: bracket_unit(name)[0].strip().lower()):
+        fitting = [name for name in names if same(name) == text.lower()]
+        if len(fitting) == 1:
+            return fitting[0]
+    return None
 
 
 def motion_of(sources: Mapping[str, Source]) -> bool | None:
@@ -132,18 +255,50 @@ def scale_of(canonical: str, source: Source, linear: bool | None) -> tuple[float
     if source.unit is None:
         return source.factor, ""
     unit = parse_unit(source.unit, canonical, linear)
-    return source.factor * unit.factor, source.unit if unit.quantity == "label" else ""
+    spelt = f"{canonical}={source.column}:{source.unit}"
+    if unit.quantity in ("count", "count rate"):
+        if canonical in ("torque", "torque_measured"):
+            return (source.factor * _per(source, spelt, linear), "") if source.scaled else (source.factor, "counts")
+        return source.factor * _of_counts(source, spelt, linear), ""
+    if unit.quantity == "label":
+        if source.scaled:
+            return source.factor * unit.factor * _per(source, spelt, linear), ""
+        return source.factor * unit.factor, unit.label
+    return source.factor * unit.factor * source.scale, ""
+
+
+def _per(source: Source, spelt: str, linear: bool | None) -> float:
+    """Torque [N m] or force [N] for one of the unit, from "*0.12" or "*120 mNm/A"."""
+    if not source.per:
+        return source.scale
+    unit = find_unit(source.per.partition("/")[0])
+    if unit is None or unit.quantity != ("force" if linear else "torque"):
+        raise InputError(
+            f"--columns {spelt}*{source.scale:g} {source.per}: the scale's unit is not a "
+            f"{'force' if linear else 'torque'}: write for instance {spelt}*0.12 or "
+            f"{spelt}*120 {'mN' if linear else 'mNm'}."
+        )
+    return source.scale * unit.factor
+
+
+def _of_counts(source: Source, spelt: str, linear: bool | None) -> float:
+    """Radians or metres of one count."""
+    if source.divided and not linear:
+        return 2.0 * math.pi * source.scale
+    if source.scaled and not source.divided:
+        unit = find_unit(source.per) if source.per else None
+        return source.scale * (unit.factor if unit else 1.0)
+    size = f"{spelt}*5e-8, in metres a count" if linear else f"{spelt}/4096, the counts a turn"
+    raise InputError(f"--columns {spelt}: how large is a count? Write for instance {size}.")
 
 
 def missing_sentence(names: list[str], lacking: list[str], where: str) -> str:
     """The sentence for a log that lacks columns, with the names that come nearest."""
     hints = []
-    lower = {name.lower(): name for name in names}
+    lower = {name.lower(): name for name in names[:MOST_COMPARED]}
     for canonical in lacking:
         for word in canonical.split(" or "):
-            near = difflib.get_close_matches(word, lower, n=1, cutoff=0.5) or [
-                name for name in lower if name in _ALIASES[word] or name.split(".")[-1] in _ALIASES[word]
-            ]
+            near = difflib.get_close_matches(word, lower, n=1, cutoff=0.5)
             if near:
                 hints.append(f"{word}={lower[near[0]]}")
     fix = f"--columns {','.join(hints)}" if hints else f"--columns {lacking[0].split(' or ')[0]}=NAME:UNIT"
@@ -151,15 +306,6 @@ def missing_sentence(names: list[str], lacking: list[str], where: str) -> str:
         f"{where} has no column {' and no column '.join(lacking)}: it has {listed(names)}; "
         f"if one of them is meant, say so with {fix}{' (guessed from the names)' if hints else ''}."
     )
-
-
-_ALIASES = {
-    "time": {"t", "time_s", "timestamp", "stamp", "seconds", "clock", "times"},
-    "torque": {"tau", "u", "force", "effort", "current", "voltage", "cmd", "command", "vir", "tau_cmd", "iq"},
-    "velocity": {"v", "vel", "w", "omega", "speed", "rate", "gyro", "gyro_z", "dq", "qd"},
-    "position": {"p", "pos", "x", "q", "qm", "theta", "angle", "encoder"},
-    "reference": {"r", "ref", "setpoint", "target", "qg", "desired"},
-}
 
 
 def listed(names: list[str], most: int = 12) -> str:

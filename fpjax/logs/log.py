@@ -13,7 +13,8 @@ class Log:
 
     Attributes:
         time: start of each control period [s], uniform, shape (samples,).
-        torque: commanded at that time and held over the period [N m] (linear: [N]), shape (samples,).
+        torque: commanded at that time (or measured, see torque_measured) and held over the period [N m] (linear: [N]),
+            shape (samples,).
         velocity: read at the start of the period [rad/s] (linear: [m/s]); None where the log has none.
         position: read at the start of the period [rad] (linear: [m]); None where the log has none.
         reference: what the controller was asked to follow [rad/s], or [rad] for a position loop; None without.
@@ -21,10 +22,15 @@ class Log:
         name: where it came from, for messages and pictures.
         linear: whether motion is in metres and torque in newtons.
         torque_unit: "N m", "N", or the label ("V", "PWM", ...) that inertia and friction follow.
-        extra: the other columns, as they were recorded.
+        extra: the other columns, as they were recorded; "torque_measured" in torque_unit and "temperature" [deg C]
+            where the log has them.
         jitter: largest deviation of a recorded stamp from the uniform clock [s].
         sha256: of the file; "" where the log was no file.
-        warnings: what the reader found and repaired, a sentence each.
+        warnings: what the reader found and did, a sentence each.
+        torque_step: the torque is rounded to multiples of it; 0 where none is seen, in torque_unit.
+        torque_measured: the torque is what the drive measured, not what it was told.
+        torque_lag: by how much a measured torque (in `extra`) follows the commanded one [s]; None without both.
+        resampled: values were interpolated or filled to get a uniform clock.
     """
 
     time: Values
@@ -40,6 +46,10 @@ class Log:
     warnings: tuple[str, ...] = ()
     jitter: float = 0.0
     sha256: str = ""
+    torque_step: float = 0.0
+    torque_measured: bool = False
+    torque_lag: float | None = None
+    resampled: bool = False
 
     def __len__(self) -> int:
         return len(self.time)

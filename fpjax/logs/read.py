@@ -10,20 +10,27 @@ from typing import Any
 import numpy as np
 
 from ..errors import FpjaxWarning, InputError
-from .clock import (
-    JITTER_WARNED,
-    LONGEST_FILLED,
-    SHORTEST,
-    Clock,
-    drop_repeats,
-    fill,
-    gap_sentence,
-    read_clock,
-    repairable,
+from .clock import SHORTEST, in_order, longest_stretch, read_clock
+from .columns import (
+    Columns,
+    Source,
+    find_sources,
+    listed,
+    missing_sentence,
+    motion_of,
+    parse_columns,
+    scale_of,
 )
-from .columns import CANONICAL, Columns, find_sources, listed, missing_sentence, motion_of, parse_columns, scale_of
 from .log import Log
-from .table import Table, from_arrays, read_table
+from .measured import following
+from .measures import noise_level, rounding_step
+from .readings import filled, unread_rows, without_absurd
+from .resample import HELD, Uniform, every, to_grid
+from .table import Request, Table, from_arrays, read_table
+from .units import find_unit
+
+MOST_EXTRA = 64  # columns kept that nobody mapped
+ROUNDED = 0.02  # of the torque's rms: a step that is said
 
 
 def read_log(
@@ -36,21 +43,33 @@ def read_log(
     name: str | None = None,
     repair: bool = False,
     require: tuple[str, ...] = ("torque", "velocity or position"),
+    start: float | None = None,
+    stop: float | None = None,
+    take_every: int = 1,
+    strict: bool = False,
 ) -> Log:
-    """Read a log and check it.
+    """Read a log onto one uniform clock, and say what was done to it.
 
     Args:
-        source: path of a .csv, .npz, .mat, .parquet or .mcap file, or a DataFrame, or a mapping of arrays.
-        columns: where the file's names or units are not the contract's: "velocity=gyro_z:deg/s,torque=tau_cmd", with
-            a factor "torque=vir*35.15:N", a mapping of the same, or the preset "emps". Columns that are not named
-            here are found by their own names, any case, with a unit in brackets ("velocity [deg/s]").
+        source: path of a .csv (also spaces, tabs, semicolons, decimal commas, UTF-16, no header), .npz, .mat, .json,
+            .wpilog, .parquet or .mcap file, or a DataFrame, or a mapping of arrays.
+        columns: where the file's names or units are not the contract's: "velocity=gyro_z:deg/s,torque=tau_cmd"; with a
+            factor "torque=vir*35.15:N"; a current with its scale in N m per A "torque=Iq:A*0.12"; counts
+            "position=enc:counts/4096" (a turn) or "position=enc:counts*5e-8" (metres a count);
+            "torque_measured=Iq:A*0.12" for a torque that the drive measured; "axis=2" of a robot; a mapping of the
+            same, or the preset "emps". A file without a header has columns 1, 2, ... What is not named here is found
+            by its own name, with a unit in brackets ("velocity [deg/s]"), or in a table of names that drives use,
+            which a warning says.
         torque_scale: torque = torque_scale x the column (after its unit) [1].
         linear: whether the axis is linear (m, N); None to tell from the units given, rotary where they say nothing.
-        dt: control period [s] of a file without a time column.
+        dt: control period [s] where it is known: needed for a file without a time column.
         name: for messages and pictures; None for the file's name.
-        repair: drop repeated rows, fill gaps of up to ten periods and lone NaNs (two, and one per cent of the
-            rows, at most), with a warning that says what was done, instead of refusing.
+        repair: accepted for old scripts; what it asked for is done by default.
         require: columns that must be there; "velocity or position" asks for one of them.
+        start: earliest time kept [s], in the log's own time; None for its beginning.
+        stop: latest time kept [s]; None for its end.
+        take_every: rows that become one: the torque's mean over them, the motion at the first.
+        strict: refuse a log to which anything has to be done but reading it.
 
     Returns:
         A `Log`; each entry of its `warnings` was also given as an `FpjaxWarning`.
@@ -58,59 +77,122 @@ def read_log(
     Raises:
         InputError: one sentence on the first thing that cannot be.
     """
+    del repair
     mapping = parse_columns(columns)
+    _check_options(dt, start, stop, take_every)
+    begin, end = -np.inf if start is None else start, np.inf if stop is None else stop
     if isinstance(source, str | os.PathLike):
         path = pathlib.Path(source)
-        table, name = read_table(path, mapping), name or path.name
+        name = name or path.name
+        table = read_table(path, Request(mapping, _wanted(mapping, name), begin, end))
     else:
         path = None
         table, name = from_arrays(source), name or "the log"
-    sources = find_sources(list(table.columns) + list(table.text), mapping, name)
-    if "time" not in sources and dt is not None:
-        _check_period(dt)
+    notes = list(table.warnings)
+    sources, guessed = find_sources(_usable(table), mapping, name, table.units)
+    notes += guessed
+    if table.headless:
+        notes.append(f"{name} has no header: its columns are {listed(list(table.columns))}, counted from the left.")
     _check_present(table, set(sources) | ({"time"} if dt is not None else set()), ("time", *require), name)
     told = motion_of(sources)
     kind = linear if linear is not None else told
-    found, torque_unit, notes = {}, "N" if kind else "N m", list(table.warnings)
-    for canonical in CANONICAL:
-        if canonical in sources:
-            column = sources[canonical].column
-            if column in table.text:
-                raise InputError(
-                    f"{name}: {table.text[column]}, so it cannot be {canonical}: repair that row or column."
-                )
-            factor, label = scale_of(canonical, sources[canonical], kind)
-            torque_unit = label if canonical == "torque" and label else torque_unit
-            found[canonical] = table.columns[column] * factor
-    if "torque" in found:
+    found, label = _in_si(table, sources, kind, name)
+    if "torque" in found and torque_scale != 1.0:
         found["torque"] = found["torque"] * torque_scale
     rows = _common_length(found, name)
     if "time" not in found:
         assert dt is not None
         found["time"] = np.arange(rows) * dt
-    taken = {source.column for source in sources.values()}
+    taken = {each.column for each in sources.values()}
     extra = {key: values for key, values in table.columns.items() if key not in taken and values.size == rows}
-    if rows < SHORTEST:
-        raise InputError(f"{name} is too short: {rows} rows, where at least {SHORTEST} are needed; record for longer.")
-    clock, found, extra = _uniform(found, extra, name, table.first_row, repair, notes)
+    if len(extra) > MOST_EXTRA:
+        notes.append(f"{name}: of {len(extra)} columns that nobody mapped, the first {MOST_EXTRA} are kept.")
+        extra = dict(list(extra.items())[:MOST_EXTRA])
+    first_row = table.first_row
+    del table
+    done = len(notes)
+    uniform, jitter, period, step = _uniform(found, extra, name, first_row, (begin, end), dt, notes)
+    if strict and len(notes) > done:
+        raise InputError(f"{notes[done]} (strict: the log is refused for it.)")
+    if take_every > 1:
+        if uniform.time.size // take_every < SHORTEST:
+            raise InputError(
+                f"--every {take_every} leaves {uniform.time.size // take_every} rows of {name}: at least {SHORTEST} "
+                f"are needed."
+            )
+        uniform, period = every(uniform, take_every, name, notes), period * take_every
+    measured = "torque" in sources and sources["torque"].measured
+    lag = _about_torque(uniform, step, measured, period, name, notes)
     for note in notes:
         warnings.warn(note, FpjaxWarning, stacklevel=2)
-    grid = clock.start + clock.dt * np.arange(int(clock.places[-1]) + 1)
+    motion = uniform.columns
     return Log(
-        time=grid,
-        torque=found.get("torque", np.zeros_like(grid)),
-        velocity=found.get("velocity"),
-        position=found.get("position"),
-        reference=found.get("reference"),
-        dt=clock.dt,
+        time=uniform.time,
+        torque=motion["torque"] if "torque" in motion else np.zeros_like(uniform.time),
+        velocity=motion.get("velocity"),
+        position=motion.get("position"),
+        reference=motion.get("reference"),
+        dt=period,
         name=name,
         linear=bool(kind),
-        torque_unit=torque_unit,
-        extra=extra,
+        torque_unit=label or ("N" if kind else "N m"),
+        extra={**uniform.extra, **{key: motion[key] for key in ("torque_measured", "temperature") if key in motion}},
         warnings=tuple(notes),
-        jitter=clock.jitter,
+        jitter=jitter,
         sha256="" if path is None else _file_hash(path),
+        torque_step=step,
+        torque_measured=measured,
+        torque_lag=lag,
+        resampled=uniform.resampled,
     )
+
+
+def _check_options(dt: float | None, start: float | None, stop: float | None, take_every: int) -> None:
+    if dt is not None and not (np.isfinite(dt) and dt > 0.0):
+        raise InputError(f"dt must be a positive control period, got {dt:g} s; 0.001 s is usual.")
+    if start is not None and stop is not None and not start < stop:
+        raise InputError(f"--from {start:g} must be before --to {stop:g}.")
+    if (start is not None and np.isnan(start)) or (stop is not None and np.isnan(stop)):
+        raise InputError("--from and --to must be times in seconds, got a value that is not a number.")
+    if take_every < 1:
+        raise InputError(f"--every must be a whole number of rows from 1 on, got {take_every}.")
+
+
+def _wanted(mapping: dict[str, str], name: str) -> Any:
+    """For readers of large files: the time's column and its factor to seconds, and every column that is needed."""
+
+    def wanted(names: list[str], units: dict[str, str]) -> tuple[str, float, list[str]]:
+        sources, _ = find_sources(names, mapping, name, units)
+        time = sources.get("time")
+        factor = 1.0
+        if time is not None and time.unit is not None and find_unit(time.unit) is not None:
+            factor = scale_of("time", time, None)[0]
+        return time.column if time else "", factor, [source.column for source in sources.values()]
+
+    return wanted
+
+
+def _usable(table: Table) -> list[str]:
+    """Names of columns that hold numbers, and of text ones, last: a guess prefers a number."""
+    return [*table.columns, *table.text]
+
+
+def _in_si(
+    table: Table, sources: Mapping[str, Source], linear: bool | None, name: str
+) -> tuple[dict[str, np.ndarray], str]:
+    """Canonical columns in SI, and the label that stands for N m ("" without)."""
+    found, label = {}, ""
+    for canonical, source in sources.items():
+        if source.column in table.text:
+            if source.guessed:
+                continue
+            raise InputError(f"{name}: {table.text[source.column]}, so it cannot be {canonical}: repair that column.")
+        factor, own = scale_of(canonical, source, linear)
+        label = own if canonical == "torque" and own else label
+        values = table.columns[source.column]
+        with np.errstate(over="ignore", invalid="ignore"):
+            found[canonical] = values if factor == 1.0 else values * factor
+    return found, label
 
 
 def _file_hash(path: pathlib.Path) -> str:
@@ -118,16 +200,20 @@ def _file_hash(path: pathlib.Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def _check_period(dt: float) -> None:
-    if not (np.isfinite(dt) and dt > 0.0):
-        raise InputError(f"dt = {dt:g} s cannot be a control period: it must be above zero, such as 0.001.")
-
-
 def _check_present(table: Table, found: set[str], require: tuple[str, ...], name: str) -> None:
     lacking = [wanted for wanted in require if not set(wanted.split(" or ")) & found]
     if not lacking:
         return
     names = list(table.columns) + list(table.text)
+    if table.headless:
+        ranges = ", ".join(
+            f"{key} from {np.nanmin(v):.4g} to {np.nanmax(v):.4g}" if np.isfinite(v).any() else f"{key} empty"
+            for key, v in list(table.columns.items())[:8]
+        )
+        raise InputError(
+            f"{name} has no header, so its columns must be named by their places: {ranges}; write for instance "
+            f"--columns time=1,torque=2,velocity=3."
+        )
     sentence = missing_sentence(names, lacking, name)
     if len(names) == 2:
         sentence = (
@@ -150,62 +236,85 @@ def _uniform(
     extra: dict[str, np.ndarray],
     name: str,
     first_row: int,
-    repair: bool,
+    window: tuple[float, float],
+    dt: float | None,
     notes: list[str],
-) -> tuple[Clock, dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Columns on the uniform grid, after the checks on NaN and on the stamps."""
-    _check_finite({"time": found["time"]}, name, first_row, repair=False, notes=notes)
+) -> tuple[Uniform, float, float, float]:
+    """Columns on the uniform grid, the jitter [s], the period [s], and the torque's rounding step as recorded."""
     time = found.pop("time")
-    if repair and np.any(np.diff(time) == 0.0):
-        keep = drop_repeats(time, {**found, **extra})
-        dropped = int((~keep).sum())
-        if dropped and repairable(dropped, time.size):
-            notes.append(f"{name}: {dropped} rows that repeat the row before were dropped.")
-            time = time[keep]
-            found = {key: values[keep] for key, values in found.items()}
-            extra = {key: values[keep] for key, values in extra.items()}
-    found = _check_finite(found, name, first_row, repair, notes)
-    clock = read_clock(time, name, first_row)
-    if clock.missing:
-        longest = int(np.diff(clock.places).max()) - 1
-        fillable = repair and longest <= LONGEST_FILLED and repairable(clock.missing, time.size)
-        if not fillable:
-            raise InputError(gap_sentence(clock, time, name, first_row))
-        notes.append(f"{name}: {clock.missing} missing samples were filled (torque held, motion interpolated).")
-        found, extra = fill(clock, found), fill(clock, extra)
-    if clock.jitter > JITTER_WARNED * clock.dt:
+    rows = np.arange(time.size)
+    if np.isfinite(window).any():
+        rows = np.flatnonzero((time >= window[0]) & (time <= window[1]))
+        if rows.size < SHORTEST and time.size >= SHORTEST:
+            raise InputError(
+                f"{name}: --from and --to leave {rows.size} rows, where at least {SHORTEST} are needed: it runs from "
+                f"{np.nanmin(time):g} to {np.nanmax(time):g} s."
+            )
+    _check_length(rows.size, name)
+    ordered = in_order(time[rows] if rows.size < time.size else time, name, first_row, notes)
+    time = ordered.time
+    if ordered.chosen is not None:
+        rows = rows[ordered.chosen]
+    _check_length(rows.size, name)
+    everything = rows.size == len(next(iter(found.values()), rows)) and (rows[0] == 0 and rows[-1] == rows.size - 1)
+    if not everything or (ordered.chosen is not None):
+        found = {key: values[rows] for key, values in found.items()}
+        extra = {key: values[rows] for key, values in extra.items()}
+    found = {key: without_absurd(values, key, name, first_row, notes) for key, values in found.items()}
+    found = _without_empty(found, name, notes)
+    begin, end = longest_stretch(time, unread_rows(found), name, first_row, notes)
+    _check_length(end - begin, name)
+    if end - begin < time.size:
+        time = time[begin:end]
+        found = {key: values[begin:end] for key, values in found.items()}
+        extra = {key: values[begin:end] for key, values in extra.items()}
+    row = first_row + begin
+    found = {key: filled(v, time, key, key in HELD, name, row, notes) for key, v in found.items()}
+    clock = read_clock(time, name, dt)
+    uniform = to_grid(clock, time, found, extra, name, notes)
+    _check_length(uniform.time.size, name)
+    return uniform, clock.jitter, clock.dt, rounding_step(found["torque"]) if "torque" in found else 0.0
+
+
+def _check_length(rows: int, name: str) -> None:
+    if rows < SHORTEST:
+        raise InputError(f"{name} is too short: {rows} rows, where at least {SHORTEST} are needed; record for longer.")
+
+
+def _without_empty(found: dict[str, np.ndarray], name: str, notes: list[str]) -> dict[str, np.ndarray]:
+    """Columns without a single number: left out where another one does the same service, else refused."""
+    empty = [key for key, values in found.items() if not np.isfinite(values).any()]
+    for key in empty:
+        other = {"velocity": "position", "position": "velocity"}.get(key)
+        if key == "torque" or (other is not None and (other not in found or other in empty)):
+            raise InputError(f"{name}: {key} holds no numbers at all: map another column with --columns {key}=NAME.")
+        notes.append(f"{name}: {key} holds no numbers at all and was left out.")
+    return {key: values for key, values in found.items() if key not in empty}
+
+
+def _about_torque(
+    uniform: Uniform, step: float, measured: bool, dt: float, name: str, notes: list[str]
+) -> float | None:
+    """The lag of a measured torque [s], or None; and what should be known about the torque, as notes."""
+    torque = uniform.columns.get("torque")
+    if torque is None:
+        return None
+    lag, size = None, float(np.sqrt(np.mean(torque**2)))
+    if step > ROUNDED * size > 0.0:
+        notes.append(f"{name}: the torque is rounded to steps of {step:.4g}, {100 * step / size:.2g} % of its rms.")
+    if measured:
         notes.append(
-            f"{name}: the stamps jitter by up to {100.0 * clock.jitter / clock.dt:.2g} % of the period "
-            f"{clock.dt:.4g} s; each sample was taken as of its nearest period's start."
+            f"{name}: the torque was measured by the drive, not commanded: it may lag, and holds noise of about "
+            f"{noise_level(torque, step):.2g}."
         )
-    return clock, found, extra
-
-
-def _check_finite(
-    found: dict[str, np.ndarray], name: str, first_row: int, repair: bool, notes: list[str]
-) -> dict[str, np.ndarray]:
-    whole = {}
-    for key, values in found.items():
-        bad = ~np.isfinite(values)
-        count = int(bad.sum())
-        if count == 0:
-            whole[key] = values
-            continue
-        rows = np.flatnonzero(bad)
-        runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-        longest = max(run.size for run in runs)
-        if repair and repairable(count, values.size) and longest <= LONGEST_FILLED:
-            good = np.flatnonzero(~bad)
-            if key in ("torque", "reference"):
-                whole[key] = values[good[np.maximum(np.searchsorted(good, np.arange(values.size), "right") - 1, 0)]]
-            else:
-                whole[key] = np.interp(np.arange(values.size), good, values[good])
-            notes.append(f"{name}: {count} values of {key} that are not numbers were filled.")
-            continue
-        kind = "NaN" if np.isnan(values[rows[0]]) else "infinite"
-        raise InputError(
-            f"{name}: {key} is {kind} in {count} of {values.size} rows (first in row {rows[0] + first_row}): remove "
-            f"those rows at the ends of the log, record again"
-            f"{'' if repair or key == 'time' else ', or let --repair fill lone ones'}."
-        )
-    return whole
+    if "torque_measured" in uniform.columns:
+        both = following(torque, uniform.columns["torque_measured"], dt)
+        if both is None:
+            notes.append(f"{name}: the measured torque is unlike the commanded one at any lag: check both columns.")
+        else:
+            lag = both.lag
+            notes.append(
+                f"{name}: the measured torque follows the commanded one by {1e3 * both.lag:.3g} ms, {both.gain:.3g} "
+                f"times as large (correlation {both.correlation:.2f})."
+            )
+    return lag

@@ -2,7 +2,8 @@
 
 import importlib
 import pathlib
-from collections.abc import Callable, Mapping
+import stat
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,51 +21,96 @@ class Table:
         first_row: the number that a user sees on the first row of data (2 under a CSV header).
         text: columns that are not numbers, with a sentence about the first cell that is not.
         warnings: what the reader had to let go, a sentence each.
-        time_known: a "time" column was made by the reader from the file's own stamps.
+        units: by name, where the file gives them apart from the names (a row of units).
+        headless: the file names no columns: they are "1", "2", ...
     """
 
     columns: dict[str, np.ndarray]
     first_row: int = 1
     text: dict[str, str] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
-    time_known: bool = False
+    units: dict[str, str] = field(default_factory=dict)
+    headless: bool = False
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a reader may use to leave out what nobody asked for.
+
+    Attributes:
+        mapped: the user's words for each canonical column.
+        wanted: from the file's names (and units) to those that the log needs, the time's name first ("" without one)
+            with the factor that makes seconds of it.
+        start: earliest time kept [s], in the log's own time.
+        stop: latest time kept [s].
+    """
+
+    mapped: dict[str, str] = field(default_factory=dict)
+    wanted: Callable[[list[str], dict[str, str]], tuple[str, float, list[str]]] | None = None
+    start: float = -np.inf
+    stop: float = np.inf
+
+    @property
+    def cuts(self) -> bool:
+        """Whether a part of the time is asked for."""
+        return bool(np.isfinite(self.start) or np.isfinite(self.stop))
 
 
 READERS = {
-    ".csv": "csv_file", ".txt": "csv_file", ".tsv": "csv_file", ".dat": "csv_file",
-    ".npz": "numpy_file", ".mat": "matlab_file",
-    ".parquet": "parquet_file", ".pq": "parquet_file", ".mcap": "mcap_file",
+    ".csv": "csv_file", ".txt": "csv_file", ".tsv": "csv_file", ".dat": "csv_file", ".asc": "csv_file",
+    ".log": "csv_file", ".npz": "numpy_file", ".mat": "matlab_file", ".json": "json_file", ".jsonl": "json_file",
+    ".ndjson": "json_file", ".wpilog": "wpilog_file", ".parquet": "parquet_file", ".pq": "parquet_file",
+    ".mcap": "mcap_file",
 }  # fmt: skip
 
 
-def read_table(path: pathlib.Path, wanted: Mapping[str, str]) -> Table:
+def read_table(path: pathlib.Path, request: Request) -> Table:
     """A file's columns, by the reader of its suffix.
 
     Args:
         path: the file.
-        wanted: the user's mapping (an MCAP reader needs to know which topics).
+        request: what is asked for.
 
     Raises:
         InputError: for a file that is not there, cannot be read, or is of a kind that nobody reads.
     """
-    if not path.exists():
-        near = _neighbours(path)
-        raise InputError(f"{path} does not exist: {near or 'check the path'}.")
-    if path.is_dir():
-        raise InputError(f"{path} is a folder, not a log: name the file in it.")
+    check_regular(path)
     module = READERS.get(path.suffix.lower())
     if module is None:
         kinds = ", ".join(sorted(READERS))
         if path.suffix == ".toml":
             raise InputError(f"{path.name} is a model, not a log: give a log here, and the model with --model.")
         raise InputError(f"{path.name} is of a kind that is not read ({path.suffix or 'no suffix'}): use {kinds}.")
-    reader: Callable[..., Table] = importlib.import_module(f"fpjax.logs.{module}").read
+    reader: Callable[..., Table] = importlib.import_module(f"fpjax.logs.formats.{module}").read
     try:
         if path.stat().st_size == 0:
             raise InputError(f"{path.name} is empty: record it again, or name another file.")
-        return reader(path, wanted)
+        return reader(path, request)
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror or error}): check its rights.") from error
+    except MemoryError as error:
+        raise InputError(f"{path.name} does not fit into memory: read a part of it with --from and --to.") from error
+
+
+def check_regular(path: pathlib.Path) -> None:
+    """A file that ends: a pipe or a device would be waited for without an end.
+
+    Raises:
+        InputError: for a path that is no such file.
+    """
+    try:
+        kind = path.stat().st_mode
+    except FileNotFoundError as error:
+        near = _neighbours(path)
+        raise InputError(f"{path} does not exist: {near or 'check the path'}.") from error
+    except (OSError, ValueError) as error:  # a name too long, a zero byte in it, a loop of links
+        raise InputError(
+            f"{str(path)[:80]!r} cannot be read ({getattr(error, 'strerror', None) or error}): check the path."
+        ) from error
+    if stat.S_ISDIR(kind):
+        raise InputError(f"{path} is a folder, not a log: name the file in it.")
+    if not stat.S_ISREG(kind):
+        raise InputError(f"{path} is a pipe or a device, not a file: save the log to a file first.")
 
 
 def need(module: str, path: pathlib.Path) -> Any:
@@ -86,7 +132,7 @@ def from_arrays(data: Any) -> Table:
     """Columns of a DataFrame (pandas, polars), a pyarrow table or a mapping of arrays.
 
     Raises:
-        InputError: for anything else, or for columns of different lengths.
+        InputError: for anything else.
     """
     names = getattr(data, "column_names", None) or (list(data.keys()) if hasattr(data, "keys") else None)
     if names is None or not hasattr(data, "__getitem__"):
@@ -101,13 +147,20 @@ def from_arrays(data: Any) -> Table:
         except (TypeError, ValueError):
             text[str(name)] = f"column {name} is not an array of numbers"
             continue
-        if values.dtype.kind in "Mm":
-            values = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64) * 1e-9
-        try:
-            columns[str(name)] = np.asarray(values, dtype=np.float64).reshape(-1)
-        except (TypeError, ValueError):
-            text[str(name)] = f"column {name} is not numbers (it holds {values.dtype})"
+        add_column(columns, text, str(name), values)
     return Table(columns, first_row=0, text=text)
+
+
+def add_column(columns: dict[str, np.ndarray], text: dict[str, str], name: str, values: np.ndarray) -> None:
+    """File one column under its name, as numbers or as text; dates become seconds."""
+    if values.dtype.kind in "Mm":
+        values = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64) * 1e-9
+    try:
+        if values.dtype.kind == "c":
+            raise TypeError
+        columns[name] = np.asarray(values, dtype=np.float64).reshape(-1)
+    except (TypeError, ValueError, OverflowError):
+        text[name] = f"column {name} is not numbers (it holds {values.dtype})"
 
 
 def _neighbours(path: pathlib.Path) -> str:

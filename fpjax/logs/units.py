@@ -2,16 +2,25 @@
 
 import difflib
 import math
+import re
 from typing import NamedTuple
 
 from ..errors import InputError
 
 
 class Unit(NamedTuple):
-    """A unit's quantity ("angle", "length", "rate", "speed", "torque", "force", "time", "label") and factor to SI."""
+    """A unit's quantity and factor to SI.
+
+    Attributes:
+        quantity: "angle", "length", "rate", "speed", "torque", "force", "time", "temperature", "count", "count rate",
+            or "label" for what stands for a torque and is not converted (A, V, PWM).
+        factor: to SI, or to the label.
+        label: of a label, the unit that it is kept in.
+    """
 
     quantity: str
     factor: float
+    label: str = ""
 
 
 _TURN = 2.0 * math.pi
@@ -21,41 +30,85 @@ _TABLE: dict[str, dict[str, float]] = {
               "arcsec": _DEGREE / 3600.0},
     "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "inch": 0.0254},
     "rate": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": _DEGREE, "rpm": _TURN / 60.0, "rev/s": _TURN,
-             "rev/min": _TURN / 60.0, "dps": _DEGREE},
+             "rev/min": _TURN / 60.0, "dps": _DEGREE, "deg/min": _DEGREE / 60.0},
     "speed": {"m/s": 1.0, "mm/s": 1e-3, "um/s": 1e-6, "cm/s": 1e-2, "m/min": 1.0 / 60.0, "mm/min": 1e-3 / 60.0},
     "torque": {"Nm": 1.0, "mNm": 1e-3, "uNm": 1e-6, "kNm": 1e3, "Ncm": 1e-2, "ozin": 0.00706155181422604,
-               "lbfin": 0.112984829027617, "lbfft": 1.35581794833140},
+               "lbfin": 0.112984829027617, "lbfft": 1.35581794833140, "kgfcm": 0.0980665},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    # Not converted: the model's inertia and friction then carry the same label ([units] torque).
-    "label": {"V": 1.0, "A": 1.0, "PWM": 1.0, "%": 1.0, "counts": 1.0},
+    "temperature": {"degC": 1.0, "K": 1.0},
+    "count": {"counts": 1.0},
+    "count rate": {"counts/s": 1.0},
 }  # fmt: skip
+# Not converted: the model's inertia and friction then carry the same label ([units] torque).
+_LABELS = {"V": ("V", 1.0), "mV": ("V", 1e-3), "A": ("A", 1.0), "mA": ("A", 1e-3), "PWM": ("PWM", 1.0), "%": ("%", 1.0)}
 UNITS: dict[str, Unit] = {
-    name: Unit(quantity, factor) for quantity, names in _TABLE.items() for name, factor in names.items()
+    **{name: Unit(quantity, factor) for quantity, names in _TABLE.items() for name, factor in names.items()},
+    **{name: Unit("label", factor, label) for name, (label, factor) in _LABELS.items()},
 }
-_SPELLINGS = {"°": "deg", "°/s": "deg/s", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad",
-              "µm": "um", "µs": "us", "newton": "N", "volt": "V", "percent": "%", "rps": "rev/s", "1/min": "rpm",
-              "in": "inch", "µm/s": "um/s", "degs": "deg/s", "rads": "rad/s", "sec": "s", "seconds": "s"}  # fmt: skip
+_SPELLINGS = {
+    "°": "deg", "°/s": "deg/s", "degree": "deg", "degrees": "deg", "grad": "deg", "radian": "rad", "radians": "rad",
+    "µm": "um", "µs": "us", "μm": "um", "μs": "us", "µm/s": "um/s", "newton": "N", "in": "inch", "meter": "m",
+    "meters": "m", "metre": "m", "metres": "m",
+    "volt": "V", "volts": "V", "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "percent": "%", "prozent": "%",
+    "duty": "PWM", "rps": "rev/s", "1/min": "rpm", "min-1": "rpm", "min^-1": "rpm", "u/min": "rpm", "umin": "rpm",
+    "tr/min": "rpm", "r/min": "rpm", "turn": "rev", "turns": "rev", "revolutions": "rev", "revs": "rev", "u": "rev",
+    "umdr": "rev", "turns/s": "rev/s", "turn/s": "rev/s", "turns/min": "rpm", "revolutions/s": "rev/s",
+    "degs": "deg/s", "degrees/s": "deg/s", "rads": "rad/s", "radians/s": "rad/s", "s-1": "rad/s", "1/s": "rad/s",
+    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sekunden": "s", "sek": "s", "msec": "ms",
+    "millis": "ms", "milliseconds": "ms", "usec": "us", "micros": "us", "microseconds": "us", "nanoseconds": "ns",
+    "nsec": "ns", "minutes": "min", "c": "degC", "°c": "degC", "celsius": "degC", "count": "counts", "cnt": "counts",
+    "cts": "counts", "ticks": "counts", "tick": "counts", "inc": "counts", "incs": "counts", "inkremente": "counts",
+    "ink": "counts", "pulses": "counts", "lsb": "counts", "steps": "counts", "digit": "counts", "digits": "counts",
+    "ticks/s": "counts/s", "inc/s": "counts/s", "count/s": "counts/s", "pulses/s": "counts/s",
+}  # fmt: skip
+_CASED = ("mn", "mnm", "k", "a", "v", "mv", "ma")  # another case is another unit, or a word
 
 # Which quantities a column may be given in: rotary, linear.
 QUANTITIES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "time": (("time",), ("time",)),
-    "torque": (("torque", "label"), ("force", "label")),
-    "velocity": (("rate",), ("speed",)),
-    "position": (("angle",), ("length",)),
-    "reference": (("rate", "angle"), ("speed", "length")),
+    "torque": (("torque", "label", "count"), ("force", "label", "count")),
+    "velocity": (("rate", "count rate"), ("speed", "count rate")),
+    "position": (("angle", "count"), ("length", "count")),
+    "reference": (("rate", "angle", "count", "count rate"), ("speed", "length", "count", "count rate")),
+    "torque_measured": (("torque", "label", "count"), ("force", "label", "count")),
+    "temperature": (("temperature",), ("temperature",)),
 }
+# what comes after the slash in "torque_Nm", "velocity_deg_s"
+_SUFFIXES = {
+    "nm": "Nm", "mnm": "mNm", "ncm": "Ncm", "n": "N", "a": "A", "ma": "mA", "v": "V", "mv": "mV", "pwm": "PWM",
+    "s": "s", "ms": "ms", "us": "us", "ns": "ns", "sec": "s", "secs": "s", "seconds": "s", "millis": "ms",
+    "rad": "rad", "mrad": "mrad", "deg": "deg", "degrees": "deg", "rev": "rev", "turns": "rev", "counts": "counts",
+    "ticks": "counts", "m": "m", "mm": "mm", "um": "um", "rad_s": "rad/s", "rads": "rad/s", "radps": "rad/s",
+    "rad_per_s": "rad/s", "rad_per_sec": "rad/s", "deg_s": "deg/s", "degps": "deg/s", "deg_per_s": "deg/s",
+    "dps": "deg/s", "rpm": "rpm", "rps": "rev/s", "rev_s": "rev/s", "turns_s": "rev/s", "m_s": "m/s", "mps": "m/s",
+    "mm_s": "mm/s", "c": "degC", "degc": "degC",
+}  # fmt: skip
 
 
 def find_unit(text: str) -> Unit | None:
-    """The unit written as `text` ("deg/s", "N m", "N*m", "mm"), or None."""
+    """The unit written as `text` ("deg/s", "N m", "N*m", "mm", "U/min"), or None."""
     text = text.strip()
-    plain = _SPELLINGS.get(text, text).replace(" ", "").replace("*", "").replace("·", "").replace(".", "")
+    plain = re.sub(r"[\s*·.⋅]", "", _SPELLINGS.get(text, text))
     plain = _SPELLINGS.get(plain, plain)
     if plain in UNITS:
         return UNITS[plain]
-    lower = {name.lower(): unit for name, unit in UNITS.items() if name.lower() not in ("mn", "mnm")}
-    return lower.get(plain.lower()) if plain.lower() not in ("mn", "mnm") else None
+    lower = plain.lower()
+    if lower in _CASED and lower not in _SPELLINGS:
+        return None
+    return UNITS.get(_SPELLINGS.get(lower, "")) or _LOWER.get(lower)
+
+
+_LOWER = {name.lower(): unit for name, unit in UNITS.items() if name.lower() not in _CASED}
+
+
+def suffix_unit(name: str) -> tuple[str, str] | None:
+    """(name without it, unit) of a name that ends with one: ("torque", "Nm") of "torque_nm"; None without."""
+    parts = name.split("_")
+    for size in (3, 2, 1):
+        if len(parts) > size and (unit := _SUFFIXES.get("_".join(parts[-size:]))):
+            return "_".join(parts[:-size]), unit
+    return None
 
 
 def parse_unit(text: str, column: str, linear: bool | None) -> Unit:
@@ -63,7 +116,7 @@ def parse_unit(text: str, column: str, linear: bool | None) -> Unit:
 
     Args:
         text: as the user wrote it.
-        column: "time", "torque", "velocity", "position" or "reference".
+        column: "time", "torque", "velocity", "position", "reference", "torque_measured" or "temperature".
         linear: whether the axis is linear; None where nobody has said yet.
 
     Raises:
@@ -72,9 +125,12 @@ def parse_unit(text: str, column: str, linear: bool | None) -> Unit:
     unit = find_unit(text)
     fitting = allowed_units(column, linear)
     if unit is None:
-        near = difflib.get_close_matches(text, fitting, n=1)
+        near = difflib.get_close_matches(text[:40], fitting, n=1)
         hint = f"did you mean {near[0]!r}? " if near else ""
-        raise InputError(f"Unit {text!r} of column {column} is not known: {hint}{column} takes {', '.join(fitting)}.")
+        raise InputError(
+            f"Unit {text[:40]!r} of column {column} is not known: {hint}{column} takes {', '.join(fitting)}; say which "
+            f"one it is with --columns {column}=NAME:UNIT."
+        )
     rotary, straight = QUANTITIES[column]
     allowed = rotary + straight if linear is None else straight if linear else rotary
     if unit.quantity not in allowed:
@@ -93,4 +149,4 @@ def allowed_units(column: str, linear: bool | None) -> list[str]:
     """Names of the units that a canonical column may be given in."""
     rotary, straight = QUANTITIES[column]
     quantities = tuple(dict.fromkeys(rotary + straight)) if linear is None else straight if linear else rotary
-    return [name for quantity in quantities for name in _TABLE[quantity]]
+    return [name for name, unit in UNITS.items() if unit.quantity in quantities]

@@ -46,6 +46,8 @@ class RunFile:
     def read(self, path: str | os.PathLike[str], role: str) -> pathlib.Path:
         """Note an input file by its hash; a file that cannot be read is left to its reader to complain about."""
         path = pathlib.Path(path)
+        if not path.is_file():  # a pipe or a device would be read without an end
+            return path
         try:
             digest, size = hashlib.sha256(), 0
             with path.open("rb") as stream:

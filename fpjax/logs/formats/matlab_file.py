@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ...errors import InputError
+from ..table import Request, Table, need
 from .numpy_file import add_array
-from .table import Table, need
 
 
-def read(path: pathlib.Path, wanted: Mapping[str, str]) -> Table:
+def read(path: pathlib.Path, request: Request) -> Table:
     """The vectors of a .mat file; structs are flattened with dots ("log.velocity"), single numbers left out.
 
     Raises:
         InputError: for a file that is no .mat file, or a v7.3 one without the extra.
     """
-    del wanted
+    del request
     from scipy import io
 
     try:

@@ -2,23 +2,23 @@
 
 import json
 import pathlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from .table import Table, need
+from ...errors import InputError
+from ..table import Request, Table, need
+from .join import Topics, joined
 
 MOST_ELEMENTS = 16  # of an array field: joint states are short, images are not columns
 
 
-def read(path: pathlib.Path, wanted: Mapping[str, str]) -> Table:
+def read(path: pathlib.Path, request: Request) -> Table:
     """Every number in every message, as columns "/topic.field" (array elements "/topic.field.0"), and "time".
 
-    The stamps are those of the topic that carries the torque (or, where none is mapped, of the topic with the most
-    messages): the header's stamp where a message has one, else the time of logging. Other topics are interpolated
-    onto them, and a warning says so.
+    The stamps are those of the topic that carries the torque (see `join`): the header's stamp where a
+    message has one, else the time of logging.
 
     Raises:
         InputError: without the extra, or for a file that is no MCAP.
@@ -40,10 +40,15 @@ def read(path: pathlib.Path, wanted: Mapping[str, str]) -> Table:
     except Exception as error:  # the mcap readers raise a family of their own for damaged files
         first = (str(error).splitlines() or [type(error).__name__])[0][:120]
         raise InputError(f"{path.name} is no MCAP recording that can be read ({first}): record it again.") from error
-    numeric = {topic: series for topic, series in topics.items() if len(series) > 1}
+    numeric: Topics = {}
+    for topic, series in topics.items():
+        stamps = np.asarray(series.pop(""))
+        if series and stamps.size > 1:
+            padding = {name: values + [float("nan")] * (stamps.size - len(values)) for name, values in series.items()}
+            numeric[topic] = (stamps, {topic + name: np.asarray(values) for name, values in padding.items()})
     if not numeric:
         raise InputError(f"{path.name} holds no numeric messages: its topics are {', '.join(topics) or 'none'}.")
-    return _joined(numeric, _base_topic(numeric, wanted))
+    return joined(numeric, request)
 
 
 def _messages(path: pathlib.Path) -> Iterator[tuple[str, float, Any]]:
@@ -85,27 +90,3 @@ def _flatten(fields: dict[str, float], prefix: str, value: Any) -> None:
     elif hasattr(value, "__slots__"):
         for name in value.__slots__:
             _flatten(fields, f"{prefix}.{name.removeprefix('_')}", getattr(value, name))
-
-
-def _base_topic(topics: Mapping[str, Any], wanted: Mapping[str, str]) -> str:
-    chosen = wanted.get("torque") or wanted.get("velocity") or wanted.get("position") or ""
-    named = [topic for topic in topics if chosen.startswith(f"{topic}.")]
-    return max(named, key=len) if named else max(topics, key=lambda topic: len(topics[topic][""]))
-
-
-def _joined(topics: Mapping[str, dict[str, list[float]]], base: str) -> Table:
-    stamps = np.asarray(topics[base][""])
-    columns: dict[str, np.ndarray] = {"time": stamps - stamps[0] if stamps.size else stamps}
-    others = []
-    for topic, series in topics.items():
-        own = np.asarray(series[""])
-        for name, values in series.items():
-            if not name:
-                continue
-            padded = np.asarray(values + [float("nan")] * (own.size - len(values)))
-            columns[topic + name] = padded if topic == base else np.interp(stamps, own, padded)
-        others += [] if topic == base else [topic]
-    warnings = []
-    if others:
-        warnings.append(f"Topics {', '.join(others)} were interpolated onto the stamps of {base}.")
-    return Table(columns, first_row=1, warnings=warnings, time_known=True)

@@ -1,21 +1,20 @@
 """NumPy archives (.npz): one array a column, or one structured array."""
 
 import pathlib
-from collections.abc import Mapping
 
 import numpy as np
 
-from ..errors import InputError
-from .table import Table
+from ...errors import InputError
+from ..table import Request, Table
 
 
-def read(path: pathlib.Path, wanted: Mapping[str, str]) -> Table:
+def read(path: pathlib.Path, request: Request) -> Table:
     """The arrays of an .npz file; single numbers and tables are left out.
 
     Raises:
         InputError: for a file that is no archive of plain arrays.
     """
-    del wanted
+    del request
     columns, text = {}, {}
     try:
         with np.load(path, allow_pickle=False) as archive:

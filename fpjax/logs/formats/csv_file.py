@@ -1,0 +1,187 @@
+"""Text in columns: any of , ; tab and spaces between them, decimal commas, UTF-8 or UTF-16, with a header or without.
+
+The file is read in pieces, so that memory holds the numbers that were asked for and not the text.
+"""
+
+import itertools
+import pathlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TextIO
+
+import numpy as np
+
+from ...errors import InputError
+from ..table import Request, Table
+from .csv_layout import Layout, find_layout, number, split
+
+PIECE = 50_000  # lines
+LARGE = 400 << 20  # bytes: of a larger file only the columns are kept that the log needs
+HEAD = 400  # lines, in which the layout shows
+MOST_BROKEN = 0.5  # of the rows: with more, the file is no table
+
+
+def read(path: pathlib.Path, request: Request) -> Table:
+    """The columns of a text file.
+
+    Raises:
+        InputError: for a file that holds no table of numbers, or that is no text.
+    """
+    encoding = _encoding(path)
+    with path.open(encoding=encoding, errors="replace", newline=None) as stream:
+        head = list(itertools.islice(stream, HEAD))
+        layout = find_layout(head, path.name)
+        stream.seek(0)
+        for _ in range(layout.skipped):
+            stream.readline()
+        return _read(stream, path, layout, request)
+
+
+def _encoding(path: pathlib.Path) -> str:
+    with path.open("rb") as stream:
+        raw = stream.read(1 << 20)
+    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    zeros = np.frombuffer(raw[:4096], np.uint8) == 0
+    if zeros.any():
+        # UTF-16 without its mark: plain characters have a zero in every second byte
+        for place, name in ((1, "utf-16-le"), (0, "utf-16-be")):
+            if zeros[place::2].mean() > 0.9 and zeros[1 - place :: 2].mean() < 0.1:
+                return name
+        raise InputError(f"{path.name} is not text (it holds zero bytes): is it a binary log with another suffix?")
+    try:
+        raw[: raw.rfind(b"\n") + 1].decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "utf-8-sig"
+
+
+@dataclass
+class _Gathered:
+    """What was read so far."""
+
+    pieces: list[np.ndarray]
+    rows: int = 0
+    broken: int = 0
+    first_broken: str = ""
+
+
+def _read(stream: TextIO, path: pathlib.Path, layout: Layout, request: Request) -> Table:
+    warnings = list(layout.notes)
+    names = layout.names
+    chosen = list(range(len(names)))
+    time, factor = "", 1.0
+    if request.wanted is not None and (request.cuts or path.stat().st_size > LARGE):
+        time, factor, needed = request.wanted(names, layout.units)
+        if path.stat().st_size > LARGE:
+            chosen = [names.index(name) for name in dict.fromkeys(needed)] or chosen
+            if len(chosen) < len(names):
+                warnings.append(f"{path.name} is large: of its {len(names)} columns, {len(chosen)} were read.")
+    cells = _Cells(layout, chosen)
+    found = _Gathered([])
+    row = layout.first_row
+    for lines in _pieces(stream):
+        values = cells.numbers(lines, row, found)
+        row += len(lines)
+        found.rows += len(values)
+        if request.cuts and time:
+            stamps = values[:, chosen.index(names.index(time))] * factor
+            values = values[(stamps >= request.start) & (stamps <= request.stop)]
+        if values.size:
+            found.pieces.append(values)
+    if found.rows == 0:
+        raise InputError(f"{path.name} has a header and no rows: record it again, or name another file.")
+    if found.broken:
+        total = found.rows + found.broken
+        if found.broken > MOST_BROKEN * total:
+            raise InputError(f"{path.name} is no table: {found.first_broken}, and {found.broken} of {total} rows are.")
+        warnings.append(f"{path.name}: {found.broken} of {total} rows were dropped ({found.first_broken}).")
+    columns: dict[str, np.ndarray] = {}
+    text: dict[str, str] = {}
+    for place, index in enumerate(chosen):
+        name, example = names[index], cells.text.get(index)
+        if example is not None and cells.words[index] > 0.5 * found.rows:
+            text[name] = f"column {name} holds {example}, which is no number"
+            continue
+        if example is not None and cells.words[index]:
+            warnings.append(f"{path.name}: {cells.words[index]} cells of column {name} are no numbers ({example}).")
+        columns[name] = np.concatenate([piece[:, place] for piece in found.pieces]) if found.pieces else np.zeros(0)
+    return Table(columns, layout.first_row, text, warnings, layout.units, layout.headless)
+
+
+def _pieces(stream: TextIO) -> Iterator[list[str]]:
+    while lines := list(itertools.islice(stream, PIECE)):
+        yield lines
+
+
+class _Cells:
+    """Lines to numbers: numpy's parser where every cell is one, cell by cell where not."""
+
+    def __init__(self, layout: Layout, chosen: list[int]):
+        self.layout, self.chosen = layout, chosen
+        self.words = dict.fromkeys(chosen, 0)  # cells that are no numbers
+        self.text: dict[int, str] = {}  # the first of them
+        self.known_text: set[int] = set()  # columns that are text throughout: not parsed again
+
+    def numbers(self, lines: list[str], row: int, found: _Gathered) -> np.ndarray:
+        """Shape (rows, columns); NaN for what is no number; rows of another width are left out and counted."""
+        plain = [line for line in lines if not line.isspace()]
+        if not plain:
+            return np.zeros((0, len(self.chosen)))
+        read = [index for index in self.chosen if index not in self.known_text]
+        fast = self._fast(plain, read)
+        if fast is None:
+            return self._careful(lines, row, found)
+        if len(read) == len(self.chosen):
+            return fast
+        values = np.full((len(fast), len(self.chosen)), np.nan)
+        values[:, [self.chosen.index(index) for index in read]] = fast
+        for index in self.known_text:
+            self.words[index] += len(fast)
+        return values
+
+    def _fast(self, lines: list[str], columns: list[int]) -> np.ndarray | None:
+        layout = self.layout
+        every = len(columns) == len(layout.names)
+        if layout.decimal_comma:
+            lines = [line.replace(",", ".") for line in lines]
+        if layout.trailing:
+            lines = [line.rstrip("\r\n").removesuffix(layout.separator or " ") for line in lines]
+        try:
+            values = np.loadtxt(
+                lines, delimiter=layout.separator, ndmin=2, dtype=np.float64, comments=None, quotechar='"',
+                usecols=None if every else columns,
+            )  # fmt: skip
+        except (ValueError, OverflowError):
+            return None
+        return values if values.shape == (len(lines), len(columns)) else None
+
+    def _careful(self, lines: list[str], row: int, found: _Gathered) -> np.ndarray:
+        width, rows = len(self.layout.names), []
+        words_before = dict(self.words)
+        for place, line in enumerate(lines):
+            if line.isspace() or line.lstrip().startswith(("#", "%")):
+                continue
+            parts = split(line, self.layout.separator)
+            if len(parts) == width + 1 and not parts[-1].strip():
+                parts = parts[:-1]
+            if len(parts) != width:
+                found.broken += 1
+                cells = "1 cell" if len(parts) == 1 else f"{len(parts)} cells"
+                found.first_broken = found.first_broken or f"row {row + place} has {cells} where the header has {width}"
+                continue
+            rows.append([self._cell(index, parts[index].strip(), row + place) for index in self.chosen])
+        for index in self.chosen:
+            if rows and self.words[index] - words_before[index] == len(rows):
+                self.known_text.add(index)
+        return np.array(rows, dtype=np.float64).reshape(len(rows), len(self.chosen))
+
+    def _cell(self, index: int, cell: str, row: int) -> float:
+        if not cell or cell.lower() in ("null", "none", "n/a", "na", "-"):
+            return float("nan")
+        value = number(cell, comma=self.layout.separator != ",")
+        if value is None:
+            self.words[index] += 1
+            self.text.setdefault(index, f"{cell[:30]!r} in row {row}")
+            return float("nan")
+        return value

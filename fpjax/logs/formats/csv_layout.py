@@ -1,0 +1,170 @@
+"""How a text table is laid out: its separator, its header, a row of units, and where the numbers begin."""
+
+import csv
+from collections import Counter
+from dataclasses import dataclass, field
+
+from ...errors import InputError
+from ..units import find_unit
+
+SEPARATORS: tuple[str | None, ...] = ("\t", ";", ",", None)  # None: any number of spaces
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Layout of a text table.
+
+    Attributes:
+        separator: between cells; None for spaces.
+        names: of the columns; "1", "2", ... where the file gives none.
+        units: by name, from a row of units under the header.
+        skipped: lines before the first row of numbers.
+        decimal_comma: numbers are written 1,5.
+        trailing: every row ends with a separator.
+        headless: no line names the columns.
+        notes: what was taken for granted, a sentence each.
+    """
+
+    separator: str | None
+    names: list[str]
+    units: dict[str, str] = field(default_factory=dict)
+    skipped: int = 0
+    decimal_comma: bool = False
+    trailing: bool = False
+    headless: bool = False
+    notes: tuple[str, ...] = ()
+
+    @property
+    def first_row(self) -> int:
+        """The line number of the first row of numbers."""
+        return self.skipped + 1
+
+
+def number(cell: str, *, comma: bool) -> float | None:
+    """The number in a cell, or None; with `comma`, 1,5 is one and a half."""
+    if "_" in cell:  # python reads 1_0 as ten
+        return None
+    try:
+        return float(cell)
+    except ValueError:
+        if comma and cell.count(",") == 1:
+            return number(cell.replace(".", "").replace(",", "."), comma=False)
+        return {"true": 1.0, "false": 0.0}.get(cell.lower())
+
+
+def split(line: str, separator: str | None) -> list[str]:
+    """The cells of a line."""
+    line = line.rstrip("\r\n")
+    if separator is None:
+        return line.split()
+    if '"' in line:
+        try:
+            return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        except csv.Error:
+            pass
+    return line.split(separator)
+
+
+def find_layout(lines: list[str], name: str) -> Layout:
+    """The layout that most of the first lines agree on.
+
+    Raises:
+        InputError: where no line is a row of numbers.
+    """
+    filled = [place for place, line in enumerate(lines) if line.strip()]
+    if not filled:
+        raise InputError(f"{name} holds no rows: record it again, or name another file.")
+    best: tuple[float, int, str | None, int] | None = None
+    for rank, separator in enumerate(SEPARATORS):
+        found = _first_numbers(lines, filled, separator)
+        if found is not None:
+            place, share = found
+            if best is None or share > best[0] + 1e-9:
+                best = (share, -rank, separator, place)
+    if best is None:
+        if len(filled) == 1 or any(len(split(lines[filled[-1]], each)) > 1 for each in SEPARATORS[:3]):
+            raise InputError(f"{name} has a header and no rows of numbers: record it again, or name another file.")
+        raise InputError(f"{name} holds no table of numbers: give columns such as time,torque,velocity.")
+    _, _, separator, first = best
+    return _with_header(lines, filled, separator, first, name)
+
+
+def _cells(line: str, separator: str | None) -> list[str]:
+    parts = [part.strip() for part in split(line, separator)]
+    return parts[:-1] if len(parts) > 1 and not parts[-1] else parts
+
+
+def _numeric(parts: list[str], separator: str | None) -> float:
+    """Share of a row's filled cells that are numbers."""
+    filled = [part for part in parts if part]
+    return sum(number(part, comma=separator != ",") is not None for part in filled) / max(len(filled), 1)
+
+
+def _first_numbers(lines: list[str], filled: list[int], separator: str | None) -> tuple[int, float] | None:
+    """(line of the first row of numbers, share of numbers in the rows from there), or None."""
+    rows = {place: _cells(lines[place], separator) for place in filled}
+    widths = Counter(len(parts) for place, parts in rows.items() if _numeric(parts, separator) >= 0.5)
+    widths.pop(1, None)
+    if not widths:
+        return None
+    width = max(widths, key=lambda each: (widths[each], each))
+    table = [place for place in filled if len(rows[place]) == width and _numeric(rows[place], separator) >= 0.5]
+    # a line of a preamble may hold numbers too: the table is where its lines follow each other
+    first = next(
+        (place for place, after in zip(table, [*table[1:], table[-1]], strict=True) if after - place <= 1), table[0]
+    )
+    kept = [place for place in filled if place >= first]
+    share = sum(_numeric(rows[place], separator) for place in kept if len(rows[place]) == width) / len(kept)
+    return first, share
+
+
+def _with_header(lines: list[str], filled: list[int], separator: str | None, first: int, name: str) -> Layout:
+    row = _cells(lines[first], separator)
+    width = len(row)
+    above = [place for place in filled if place < first]
+    units: list[str] = []
+    header: list[str] | None = None
+    for place in reversed(above[-3:]):
+        line = lines[place].strip()
+        parts = [part.strip().strip('"').strip() for part in _cells(line.lstrip("#%").strip(), separator)]
+        if len(parts) != width and separator is None:
+            parts = [part.strip() for part in line.lstrip("#%").strip().split(",")]
+        if len(parts) != width:
+            break
+        if not units and _are_units(parts) and place != above[0]:
+            units = [part.strip("[]()") for part in parts]
+            continue
+        header = parts
+        break
+    body = [lines[place] for place in filled if place >= first]
+    comma = separator != "," and any("," in line for line in body)
+    trailing = all(line.rstrip("\r\n").endswith(separator) for line in body) if separator else False
+    notes: list[str] = []
+    names = [str(index + 1) for index in range(width)] if header is None else _unique(header, name, notes)
+    return Layout(
+        separator, names, {key: unit for key, unit in zip(names, units, strict=False) if unit}, first, comma, trailing,
+        header is None, tuple(notes),
+    )  # fmt: skip
+
+
+def _are_units(parts: list[str]) -> bool:
+    known = [part for part in parts if part.strip("[]()-") and find_unit(part.strip("[]()")) is not None]
+    return len(known) >= 2 and all(
+        part in known or not part.strip("[]()- ") or part.lower() == "none" for part in parts
+    )
+
+
+def _unique(header: list[str], name: str, notes: list[str]) -> list[str]:
+    """Names that differ: a name that comes again gets a number."""
+    names: list[str] = []
+    seen: Counter[str] = Counter()
+    for index, word in enumerate(header):
+        word = word or f"column {index + 1}"
+        seen[word] += 1
+        names.append(word if seen[word] == 1 else f"{word}#{seen[word]}")
+    twice = [word for word, count in seen.items() if count > 1]
+    if twice:
+        notes.append(
+            f"{name} names column {twice[0]!r} {seen[twice[0]]} times: the later ones are {twice[0]}#2 and so on."
+        )
+    return names

@@ -1,0 +1,37 @@
+"""Parquet, by pyarrow of the `logs` extra; of a large file only the columns that are needed."""
+
+import pathlib
+
+import numpy as np
+
+from ...errors import InputError
+from ..table import Request, Table, add_column, need
+
+LARGE = 50_000_000  # numbers
+
+
+def read(path: pathlib.Path, request: Request) -> Table:
+    """The columns of a Parquet file.
+
+    Raises:
+        InputError: without the extra, or for a file that is no Parquet.
+    """
+    parquet = need("pyarrow.parquet", path)
+    columns: dict[str, np.ndarray] = {}
+    text: dict[str, str] = {}
+    warnings: list[str] = []
+    try:
+        file = parquet.ParquetFile(str(path))
+        names = list(dict.fromkeys(file.schema_arrow.names))
+        chosen = names
+        if request.wanted is not None and len(names) * file.metadata.num_rows > LARGE:
+            chosen = list(dict.fromkeys(request.wanted(names, {})[2])) or names
+            warnings.append(f"{path.name} is large: of its {len(names)} columns, {len(chosen)} were read.")
+        for name in chosen:  # one by one: a table of all would be in memory twice
+            add_column(columns, text, name, np.asarray(file.read(columns=[name])[name].to_numpy()))
+    except InputError:
+        raise
+    except Exception as error:  # pyarrow: its own family of errors, and OSError for a damaged file
+        first = (str(error).splitlines() or [type(error).__name__])[0][:120]
+        raise InputError(f"{path.name} is no Parquet file that can be read ({first}): export it again.") from error
+    return Table(columns, first_row=1, text=text, warnings=warnings)

@@ -1,0 +1,185 @@
+"""What drives, robots and people call the columns of a log: a table of names, so that most logs need no --columns.
+
+A name from the table is a guess: the reader says what it took for what, with its unit, and --columns overrules it.
+Sources of the names: ODrive (pos_estimate, Iq_setpoint), Universal Robots' RTDE (actual_q_0, target_moment_0),
+Dynamixel and Rhoban's bam (present_position, load), WPILib and Phoenix (appliedVolts, rotorPosition), ROS joint
+states (effort), German, French, Spanish and Italian drive software, and the letters of textbooks.
+"""
+
+import re
+import unicodedata
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from .units import suffix_unit
+
+# Each line is a rank: names of an earlier one are preferred. "name:unit" has a unit that the source always uses.
+# The last line of velocity, position and reference holds words with other meanings: taken only where nothing else is.
+_COMMANDED = """
+tau_cmd torque_cmd cmd_torque torque_command commanded_torque torque_setpoint target_torque torque_target tau_target
+desired_torque torque_desired tau_des tau_desired tau_ref torque_ref torque_reference torque_demand sollmoment
+drehmoment_soll soll_drehmoment moment_soll m_soll target_moment effort_command command_effort goal_torque torque_des
+torque tau drehmoment moment couple par coppia force kraft u control control_torque joint_torque_command force_cmd
+cmd command control_input controller_output motor_command control_output
+iq_setpoint:A iq_ref:A iq_cmd:A iq_command:A iq_target:A iq_des:A current_setpoint:A target_current:A
+current_command:A commanded_current:A current_cmd:A goal_current:A strom_soll:A sollstrom:A i_soll:A current_ref:A
+vir:V voltage:V motor_voltage:V applied_volts:V applied_voltage:V volts:V spannung:V output_voltage:V voltage_cmd:V
+pwm:PWM duty:PWM duty_cycle:PWM goal_pwm:PWM present_pwm:PWM pwm_duty:PWM
+"""
+_MEASURED = """
+torque_measured measured_torque tau_meas tau_measured torque_meas torque_actual actual_torque torque_estimate
+estimated_torque tau_est istmoment drehmoment_ist ist_drehmoment m_ist actual_moment joint_torque tau_act torque_act
+effort torque_sensor tau_sensor torque_value
+iq:A iq_measured:A iq_meas:A iq_actual:A iq_act:A i_q:A current:A actual_current:A current_actual:A current_measured:A
+motor_current:A strom:A iststrom:A strom_ist:A i_ist:A stator_current:A torque_current:A present_current:A
+phase_current:A
+load:% present_load:%
+"""
+_TABLE = {
+    "time": """
+time t zeit temps tiempo tempo time_s zeitstempel timestamp time_stamp stamp times seconds elapsed elapsed_time clock
+pc_ts robot_time controller_time time_since_start rel_time
+""",
+    "velocity": """
+velocity velocity_actual actual_velocity velocity_measured measured_velocity vel angular_velocity joint_velocity
+motor_velocity rotor_velocity encoder_velocity velocity_act vel_meas vel_actual
+actual_qd qd dq qdot q_dot theta_dot thetadot dtheta omega winkelgeschwindigkeit geschwindigkeit vitesse velocidad
+velocita vel_estimate:rev/s drehzahl:rpm istdrehzahl:rpm drehzahl_ist:rpm ist_drehzahl:rpm n_ist:rpm rpm:rpm
+motor_rpm:rpm
+speed motor_speed speed_actual actual_speed present_velocity present_speed
+w v gyro_z gyroz gyro rate
+""",
+    "position": """
+position position_actual actual_position position_measured measured_position pos joint_position motor_position
+rotor_position encoder_position position_act pos_actual pos_meas joint_angle motor_angle
+actual_q q qm theta angle winkel drehwinkel istlage lage istposition position_ist lage_ist posizione posicion
+pos_estimate:rev encoder_angle present_position angle_actual
+encoder enc encoder_count:counts encoder_counts:counts encoder_ticks:counts shadow_count:counts ticks:counts phi
+p x weg
+""",
+    "reference": """
+reference velocity_reference position_reference velocity_ref position_ref
+ref setpoint velocity_setpoint position_setpoint target_qd target_q target_velocity target_position velocity_command
+position_command vel_cmd pos_cmd velocity_cmd position_cmd desired_velocity desired_position
+vel_setpoint:rev/s pos_setpoint:rev input_vel:rev/s input_pos:rev goal_position goal_velocity
+sollwert solldrehzahl:rpm drehzahl_soll:rpm n_soll:rpm sollposition lage_soll sollgeschwindigkeit consigne
+qg q_des q_ref qd_ref qd_des q_desired qd_desired w_ref omega_ref
+target desired goal r
+""",
+    "temperature": """
+temperature:degC motor_temperature:degC temp:degC motor_temp:degC winding_temperature:degC temperatur:degC
+present_temperature:degC fet_temp:degC fet_temperature:degC
+""",
+    "torque": _COMMANDED,
+    "torque_measured": _MEASURED,
+}  # fmt: skip
+
+
+class Known(NamedTuple):
+    """What the table says about a name."""
+
+    canonical: str
+    rank: int
+    unit: str
+
+
+def _table() -> dict[str, Known]:
+    found: dict[str, Known] = {}
+    for canonical, text in _TABLE.items():
+        for rank, line in enumerate(text.strip().splitlines()):
+            for word in line.split():
+                name, _, unit = word.partition(":")
+                found.setdefault(name, Known(canonical, rank, unit))
+    return found
+
+
+KNOWN = _table()
+WEAK = {name: len(_TABLE[name].strip().splitlines()) - 1 for name in ("velocity", "position", "reference")}
+_BRACKETED = re.compile(r"^\s*(?P<name>[^\[\](]+?)\s*[\[(]\s*(?P<unit>[^\])]*?)\s*[\])]\s*$")
+_INDEXED = re.compile(r"^(?P<name>.*?[^0-9_.\[(])[_.\[(]?(?P<index>\d{1,2})[\])]?$")
+
+
+class Named(NamedTuple):
+    """A column's name taken apart.
+
+    Attributes:
+        column: as the file has it.
+        plain: in lower case, without unit and axis, words joined by "_".
+        unit: written with it, in brackets or as an ending; "" without.
+        axis: the number at its end; None without.
+    """
+
+    column: str
+    plain: str
+    unit: str
+    axis: int | None
+
+
+def bracket_unit(name: str) -> tuple[str, str | None]:
+    """(name without it, unit) of "velocity [deg/s]" or "Drehmoment (mNm)"; (name, None) without."""
+    found = _BRACKETED.match(name)
+    return (found["name"], found["unit"]) if found else (name, None)
+
+
+def taken_apart(column: str) -> list[Named]:
+    """A name's readings, the most literal first: whole, by its last component, without its ending."""
+    text, unit = bracket_unit(column)
+    found: list[Named] = []
+    # "axis0.encoder.pos_estimate", "/joint_states.velocity.0", "log/Torque"
+    tail = re.split(r"[./:|]", re.sub(r"[./](\d{1,2})$", r"_\1", text))[-1]
+    for part in dict.fromkeys([text, tail]):
+        plain = _snake(part)
+        found.append(Named(column, plain, unit or "", None))
+        ending = None if unit else suffix_unit(plain)
+        if ending:
+            found.append(Named(column, ending[0], ending[1], None))
+        for name in (plain, *([ending[0]] if ending else [])):
+            indexed = _INDEXED.match(name)
+            if indexed:
+                stem = indexed["name"].rstrip("_")
+                found.append(Named(column, stem, unit or (ending[1] if ending else ""), int(indexed["index"])))
+                inner = None if unit or ending else suffix_unit(stem)
+                if inner:
+                    found.append(Named(column, inner[0], inner[1], int(indexed["index"])))
+    return found
+
+
+def _snake(text: str) -> str:
+    text = text.strip().translate(str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "Ae", "Ö": "Oe"}))
+    text = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+    text = re.sub(r"([a-z])([A-Z])", r"\1_\2", text)
+    return re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")
+
+
+class Guess(NamedTuple):
+    """A column that the table knows.
+
+    Attributes:
+        column: the file's.
+        unit: written with the name, or that the table gives; "" for SI.
+        rank: the smaller, the surer.
+        axis: its number where the file has several; None without.
+    """
+
+    column: str
+    unit: str
+    rank: int
+    axis: int | None
+
+
+def guess(names: Iterable[str], units: Mapping[str, str]) -> dict[str, list[Guess]]:
+    """For each canonical column, what the table takes for it, the surest first.
+
+    Args:
+        names: the file's columns.
+        units: from a row of units, by name.
+    """
+    found: dict[str, list[Guess]] = {}
+    for column in names:
+        for named in taken_apart(column):
+            known = KNOWN.get(named.plain)
+            if known is not None:
+                unit = named.unit or units.get(column, "") or known.unit
+                found.setdefault(known.canonical, []).append(Guess(column, unit, known.rank, named.axis))
+                break
+    return {canonical: sorted(guesses, key=lambda each: each.rank) for canonical, guesses in found.items()}

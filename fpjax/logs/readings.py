@@ -1,0 +1,85 @@
+"""Readings that are no readings: numbers that no sensor gives, and cells without one."""
+
+import numpy as np
+
+from ..errors import InputError
+from .clock import LONGEST_FILLED
+
+LARGEST = 1e30  # in SI: no torque, speed or angle of a machine is near it
+SMALLEST = 1e-60  # below it the square of a value is no number any more
+ABSURD = 1e6  # times the column's own range
+FEW = 0.01  # share of the rows
+
+
+def without_absurd(values: np.ndarray, column: str, name: str, first_row: int, notes: list[str]) -> np.ndarray:
+    """The column with NaN for single readings that no sensor gives (1e308 in a log of newton metres).
+
+    Raises:
+        InputError: for a column that holds such numbers throughout.
+    """
+    finite = np.isfinite(values)
+    if not finite.any():
+        return values
+    size = np.abs(values)
+    sample = size[:: max(1, size.size // 200_000)]
+    sample = sample[np.isfinite(sample)]
+    usual = float(np.quantile(sample, 0.99)) if sample.size else 0.0
+    limit = min(LARGEST, max(ABSURD * usual, 1e9) if usual > 0.0 else LARGEST)
+    absurd = finite & (size > limit)
+    count = int(absurd.sum())
+    if count > FEW * values.size + 2:
+        raise InputError(
+            f"{name}: {column} has values of up to {np.max(size[finite]):.3g} in {count} of {values.size} rows, which "
+            f"no machine has: check that column and its unit."
+        )
+    if count:
+        worst = int(np.argmax(absurd))
+        notes.append(
+            f"{name}: {column} reads {values[worst]:.3g} in row {worst + first_row}"
+            f"{f' and the like in {count - 1} more' if count > 1 else ''}, which no sensor gives: left out."
+        )
+        values = np.where(absurd, np.nan, values)
+    if usual < SMALLEST and usual > 0.0:
+        notes.append(f"{name}: {column} is no larger than {usual:.3g}, which was taken as zero: check its unit.")
+        values = np.where(np.isfinite(values), 0.0, values)
+    return values
+
+
+def unread_rows(columns: dict[str, np.ndarray]) -> np.ndarray | None:
+    """Rows within a run of more than ten without a reading of some column; None where there are none."""
+    found: np.ndarray | None = None
+    for values in columns.values():
+        bad = ~np.isfinite(values)
+        if not bad.any():
+            continue
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(np.int8), [0]])))
+        begins, ends = edges[::2], edges[1::2]
+        long = ends - begins > LONGEST_FILLED
+        # what is missing at the ends cannot be interpolated, however short
+        long |= (begins == 0) | (ends == values.size)
+        if long.any():
+            found = np.zeros(values.size, bool) if found is None else found
+            for begin, end in zip(begins[long], ends[long], strict=True):
+                found[begin:end] = True
+    return found
+
+
+def filled(
+    values: np.ndarray, time: np.ndarray, column: str, held: bool, name: str, first_row: int, notes: list[str]
+) -> np.ndarray:
+    """Short runs without a reading, filled: a torque held, a motion interpolated."""
+    bad = ~np.isfinite(values)
+    count = int(bad.sum())
+    if not count:
+        return values
+    good = np.flatnonzero(~bad)
+    if held:
+        found = values[good[np.maximum(np.searchsorted(good, np.arange(values.size), "right") - 1, 0)]]
+    else:
+        found = np.interp(time, time[good], values[good])
+    notes.append(
+        f"{name}: {count} value{'' if count == 1 else 's'} of {column} that {'is' if count == 1 else 'are'} no number "
+        f"(first in row {np.argmax(bad) + first_row}) {'was' if count == 1 else 'were'} filled "
+        f"({'held' if held else 'interpolated'})."
+    )
+    return found
