@@ -16,7 +16,7 @@ from .errors import InputError
 from .loop import ClosedLoop, LoopState
 from .metrics import AbstractMeasure
 from .scan import Stepper, Stepping, make_inputs, make_stepper, roll
-from .solvers import AbstractSolver
+from .solvers import AbstractPlantSolver
 from .stability import warn_if_stiff
 
 
@@ -68,7 +68,7 @@ def simulate(
     dt: Any,
     duration: float | None = None,
     samples: int | None = None,
-    solver: str | AbstractSolver = "rk4",
+    solver: str | AbstractPlantSolver = "rk4",
     stepping: Stepping = "continuous",
     substeps: int = 1,
     measures: dict[str, AbstractMeasure] | None = None,

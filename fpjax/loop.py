@@ -11,10 +11,9 @@ from .blocks.actuators import AbstractActuator, IdealActuator
 from .blocks.controllers import AbstractController
 from .blocks.observers import AbstractObserver, NoObserver
 from .blocks.plants import AbstractPlant
-from .blocks.plants.sticking import advance_exact
 from .blocks.sensors import AbstractSensor, IdealSensor
 from .blocks.signals import Measurement, Motion, Signals
-from .solvers import AbstractSolver, ExactSticking
+from .solvers import AbstractPlantSolver, AbstractSolver
 
 UNROLLED_SUBSTEPS = 4  # more of them go into an inner loop, so that compiling stays short
 
@@ -128,7 +127,7 @@ class ClosedLoop(eqx.Module):
         time: Array,
         dt: Array,
         noise: tuple[Array, ...],
-        solver: AbstractSolver,
+        solver: AbstractPlantSolver,
         substeps: int,
     ) -> tuple[LoopState, Signals]:
         """One control period: read, control, observe, hold the torque while the plant takes `substeps` solver steps.
@@ -158,14 +157,9 @@ class ClosedLoop(eqx.Module):
         plant, step = state.plant, dt / substeps
 
         def substep(plant: Any, start: Array) -> tuple[Any, None]:
-            def derivative(node: int, at: Any) -> Any:
-                return self.plant.derivative(at, applied, start + solver.nodes[node] * step)
+            return solver.advance_plant(self.plant, plant, applied, start, step), None
 
-            return solver.advance(derivative, plant, step), None
-
-        if isinstance(solver, ExactSticking):
-            plant = advance_exact(self.plant, plant, applied, time, dt, substeps)
-        elif substeps <= UNROLLED_SUBSTEPS:
+        if substeps <= UNROLLED_SUBSTEPS:
             for index in range(substeps):
                 plant, _ = substep(plant, time + index * step)
         else:

@@ -114,6 +114,7 @@ from .scan import astype as astype
 from .scan import make_inputs as make_inputs
 from .scan import make_stepper as make_stepper
 from .scan import roll as roll
+from .solvers import AbstractPlantSolver as AbstractPlantSolver
 from .solvers import AbstractSolver as AbstractSolver
 from .solvers import BogackiShampine as BogackiShampine
 from .solvers import Euler as Euler

@@ -15,7 +15,7 @@ from .compiled.native import scan_loop
 from .errors import InputError
 from .loop import ClosedLoop, LoopState
 from .metrics import AbstractMeasure
-from .solvers import AbstractSolver, get_solver
+from .solvers import AbstractPlantSolver, AbstractSolver, get_solver
 
 Stepping = Literal["continuous", "sampled"]
 Checkpoint = Literal["auto", "none", "step", "nested"]
@@ -35,7 +35,7 @@ class Stepper(eqx.Module):
 
     dt: Array
     samples: int = eqx.field(static=True)
-    solver: AbstractSolver = eqx.field(static=True)
+    solver: AbstractPlantSolver = eqx.field(static=True)
     stepping: Stepping = eqx.field(static=True)
     substeps: int = eqx.field(static=True)
     checkpoint: Checkpoint = eqx.field(static=True)
@@ -46,7 +46,7 @@ def make_stepper(
     dt: Any,
     duration: float | None = None,
     samples: int | None = None,
-    solver: str | AbstractSolver = "rk4",
+    solver: str | AbstractPlantSolver = "rk4",
     stepping: Stepping = "continuous",
     substeps: int = 1,
     checkpoint: Checkpoint = "auto",
@@ -80,7 +80,13 @@ def make_stepper(
         raise InputError(f"samples = {samples} and substeps = {substeps} must both be at least 1.")
     if stepping not in ("continuous", "sampled"):
         raise InputError(f'stepping = {stepping!r} is not known: choose "continuous" or "sampled".')
-    return Stepper(as_parameter(dt), samples, get_solver(solver), stepping, substeps, checkpoint)
+    chosen = get_solver(solver)
+    if stepping == "continuous" and not isinstance(chosen, AbstractSolver):
+        raise InputError(
+            f'solver = "{chosen.name}" resolves sticking under a held torque, so it needs sampled stepping: '
+            'use stepping="sampled", or solver="rk4" with a steepness.'
+        )
+    return Stepper(as_parameter(dt), samples, chosen, stepping, substeps, checkpoint)
 
 
 class Inputs(NamedTuple):
@@ -112,7 +118,8 @@ def make_inputs(loop: ClosedLoop, reference: AbstractReference, stepper: Stepper
     dt = stepper.dt.astype(dtype)
     # Rounding: k * dt in float32 is off by 1e-7 relative, which no reference notices.
     time = jnp.arange(stepper.samples).astype(dtype) * dt
-    nodes = stepper.solver.nodes if stepper.stepping == "continuous" else (0.0,)
+    solver = stepper.solver
+    nodes = solver.nodes if isinstance(solver, AbstractSolver) and stepper.stepping == "continuous" else (0.0,)
     references = tuple(reference.readout(time + node * dt).astype(dtype) for node in nodes)
     channels = loop.sensor.noise_channels
     if key is None:
@@ -166,6 +173,7 @@ def advance(
 ) -> tuple[LoopState, Signals]:
     """One step, continuous or sampled, from one row of the inputs."""
     if stepper.stepping == "continuous":
+        assert isinstance(stepper.solver, AbstractSolver)  # `make_stepper` lets nothing else through
         return loop.advance_continuous(state, sample.references, sample.time, dt, stepper.solver)
     return loop.advance_sampled(
         state, sample.references[0], sample.time, dt, sample.noise, stepper.solver, stepper.substeps

@@ -1,4 +1,4 @@
-"""Fixed-step explicit solvers: Euler, ode3 (Bogacki-Shampine), RK4."""
+"""Fixed-step solvers: Euler, Heun, ode3 (Bogacki-Shampine), RK4, and exact sticking under a held torque."""
 
 import math
 from abc import abstractmethod
@@ -9,20 +9,42 @@ import equinox as eqx
 import jax
 from jaxtyping import Array
 
+from .blocks.plants import AbstractPlant
 from .errors import InputError
 
 
-class AbstractSolver(eqx.Module):
-    """One explicit step; `nodes` are the fractions of the step at which the derivative is asked for, without repeats.
+class AbstractPlantSolver(eqx.Module):
+    """How a plant is stepped under a held torque (sampled stepping).
 
     Class attributes:
-        nodes: where inputs must be known, as fractions of the step [1].
+        name: its word in `servo.toml`.
         stability_limit: largest |rate| x dt on the negative real axis at which the step is stable [1].
     """
 
     name: ClassVar[str]
-    nodes: ClassVar[tuple[float, ...]]
     stability_limit: ClassVar[float]
+
+    @abstractmethod
+    def advance_plant(self, plant: AbstractPlant, state: Any, torque: Array, time: Array, dt: Array) -> Any:
+        """The plant's state one step of dt [s] after `time` [s], under a held torque [N m]."""
+
+
+class AbstractSolver(AbstractPlantSolver):
+    """One explicit step of any ODE: a plant under a held torque, or the whole loop (continuous stepping).
+
+    Class attributes:
+        nodes: fractions of the step [1] at which the derivative is asked for and inputs must be known, no repeats.
+    """
+
+    nodes: ClassVar[tuple[float, ...]]
+
+    def advance_plant(self, plant: AbstractPlant, state: Any, torque: Array, time: Array, dt: Array) -> Any:
+        """A step of the plant's own derivative."""
+
+        def derivative(node: int, at: Any) -> Any:
+            return plant.derivative(at, torque, time + self.nodes[node] * dt)
+
+        return self.advance(derivative, state, dt)
 
     @abstractmethod
     def advance(self, derivative: Callable[[int, Any], Any], state: Any, dt: Array) -> Any:
@@ -86,33 +108,28 @@ class RungeKutta4(AbstractSolver):
         return _combine(state, dt, (1.0 / 6.0, first), (1.0 / 3.0, second), (1.0 / 3.0, third), (1.0 / 6.0, fourth))
 
 
-class ExactSticking(AbstractSolver):
-    """The plant's exact step: set-valued friction, sticking resolved in the step (`fpjax.blocks.plants.sticking`).
+class ExactSticking(AbstractPlantSolver):
+    """The plant's own step, `AbstractPlant.advance`: set-valued friction whose sticking is resolved within the step.
 
-    For sampled stepping: one mass, or a transmission, under a held torque.
+    For sampled stepping only: a whole loop as one ODE holds no torque.
     """
 
     name: ClassVar[str] = "exact"
-    nodes: ClassVar[tuple[float, ...]] = (0.0,)
     stability_limit: ClassVar[float] = math.inf
 
-    def advance(self, derivative: Callable[[int, Any], Any], state: Any, dt: Array) -> Any:
-        """Refused: the step needs the plant, not only its derivative."""
-        del derivative, state, dt
-        raise InputError(
-            'solver = "exact" resolves sticking under a held torque, so it needs sampled stepping: '
-            'use stepping="sampled", or solver="rk4" with a steepness.'
-        )
+    def advance_plant(self, plant: AbstractPlant, state: Any, torque: Array, time: Array, dt: Array) -> Any:
+        """The plant's own step."""
+        return plant.advance(state, torque, time, dt)
 
 
-SOLVERS: dict[str, AbstractSolver] = {
+SOLVERS: dict[str, AbstractPlantSolver] = {
     solver.name: solver for solver in (Euler(), Heun(), BogackiShampine(), RungeKutta4(), ExactSticking())
 }
 
 
-def get_solver(solver: str | AbstractSolver) -> AbstractSolver:
+def get_solver(solver: str | AbstractPlantSolver) -> AbstractPlantSolver:
     """A solver by its name (`euler`, `heun`, `ode3`, `rk4`, `exact`); a solver object is passed through."""
-    if isinstance(solver, AbstractSolver):
+    if isinstance(solver, AbstractPlantSolver):
         return solver
     if solver not in SOLVERS:
         raise InputError(f"solver = {solver!r} is not known: choose one of {', '.join(SOLVERS)}.")

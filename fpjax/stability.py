@@ -14,7 +14,7 @@ from .blocks.friction import AbstractStaticFriction
 from .blocks.signals import Motion
 from .errors import FpjaxWarning
 from .loop import ClosedLoop
-from .solvers import AbstractSolver
+from .solvers import AbstractPlantSolver
 
 
 def stiffness_number(loop: ClosedLoop, dt: float) -> float | None:
@@ -58,7 +58,7 @@ def _driving(loop: ClosedLoop) -> Array:
 
 
 def safe_steepness(
-    inertia: float, coulomb: float, dt: float, solver: AbstractSolver, *, fraction: float = 0.5
+    inertia: float, coulomb: float, dt: float, solver: AbstractPlantSolver, *, fraction: float = 0.5
 ) -> float:
     """The steepness [s/rad] at `fraction` of the solver's stability limit.
 
@@ -72,7 +72,7 @@ def safe_steepness(
     return fraction * solver.stability_limit * inertia / (max(coulomb, 1e-300) * dt)
 
 
-def warn_if_stiff(loop: ClosedLoop, dt: float, solver: AbstractSolver) -> None:
+def warn_if_stiff(loop: ClosedLoop, dt: float, solver: AbstractPlantSolver) -> None:
     """Warn, with the number, where the step is past the solver's stability limit."""
     number = stiffness_number(loop, dt)
     if number is not None and number > solver.stability_limit:

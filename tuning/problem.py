@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 import fpjax
-from fpjax import AbstractReference, AbstractSolver, ClosedLoop, Inputs, Stepper
+from fpjax import AbstractPlantSolver, AbstractReference, ClosedLoop, Inputs, Stepper
 from fpjax.errors import InputError
 from fpjax.parameters import get_parameter, set_parameters
 from fpjax.scan import Stepping, loop_dtype
@@ -73,7 +73,7 @@ def make_problem(
     dt: float,
     duration: float | None = None,
     samples: int | None = None,
-    solver: str | AbstractSolver = "rk4",
+    solver: str | AbstractPlantSolver = "rk4",
     stepping: Stepping = "continuous",
     substeps: int = 1,
     plants: Mapping[str, Any] | None = None,

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from fpjax import AbstractSolver, ClosedLoop
+from fpjax import AbstractPlantSolver, ClosedLoop
 from fpjax.compiled.batch import chunk_for, cores, map_chunks
 from fpjax.compiled.threads import on_threads, settings, under
 from fpjax.errors import InputError
@@ -45,7 +45,7 @@ def sweep(
     duration: float | None = None,
     samples: int | None = None,
     objective: str | AbstractObjective = "estimation",
-    solver: str | AbstractSolver = "rk4",
+    solver: str | AbstractPlantSolver = "rk4",
     stepping: Stepping = "continuous",
     substeps: int = 1,
     plants: Mapping[str, Any] | None = None,

@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from fpjax import AbstractSolver, ClosedLoop
+from fpjax import AbstractPlantSolver, ClosedLoop
 from fpjax.errors import InputError
 from fpjax.output.progress import Stages
 from fpjax.scan import Stepping
@@ -47,7 +47,7 @@ def tune(
     samples: int | None = None,
     objective: str | AbstractObjective = "estimation",
     method: str | Method = "levenberg_marquardt",
-    solver: str | AbstractSolver = "rk4",
+    solver: str | AbstractPlantSolver = "rk4",
     stepping: Stepping = "continuous",
     substeps: int = 1,
     plants: Mapping[str, Any] | None = None,
@@ -123,7 +123,7 @@ def tune_each(
     samples: int | None = None,
     objective: str | AbstractObjective = "estimation",
     method: str | Method = "levenberg_marquardt",
-    solver: str | AbstractSolver = "rk4",
+    solver: str | AbstractPlantSolver = "rk4",
     stepping: Stepping = "continuous",
     substeps: int = 1,
     plants: Mapping[str, Any] | None = None,

@@ -188,7 +188,7 @@ def estimate(
     if not 0.0 < span <= log.duration:
         raise InputError(f"average = {span:g} s cannot be: the log is {log.duration:g} s long.")
     last = slice(-max(round(span / log.dt), 1), None)
-    fitted = least_squares(torque, velocity, log.dt, _inertia(observer))
+    fitted = least_squares(torque, velocity, log.dt, float(observer.inertia))
     return Estimation(
         time=np.asarray(log.time[1:]),
         estimates=estimates,
@@ -321,14 +321,14 @@ def _load(load: AbstractLoad, log: Log, velocity: np.ndarray) -> np.ndarray:
         position = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]))]) * log.dt
     else:
         position = np.asarray(log.position, dtype=float)
-    halves = [0.5 * (signal[1:] + signal[:-1]) for signal in (velocity, position, np.asarray(log.time))]
+
+    def middle(values: np.ndarray) -> Array:
+        return jnp.asarray(0.5 * (values[1:] + values[:-1]))
+
     # A held torque: the value at a sample acts until the next one.
-    motion = Motion(*(jnp.asarray(half) for half in halves), jnp.asarray(np.asarray(log.torque, dtype=float)[:-1]))
+    held = jnp.asarray(np.asarray(log.torque, dtype=float)[:-1])
+    motion = Motion(middle(velocity), middle(position), middle(np.asarray(log.time)), held)
     return np.asarray(jax.vmap(load.readout)(motion), dtype=float)
-
-
-def _inertia(observer: Any) -> float:
-    return _inertia(observer.observer) if hasattr(observer, "observer") else float(observer.inertia)
 
 
 def _excitation(

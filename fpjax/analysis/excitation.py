@@ -109,7 +109,7 @@ def assess_excitation(
     window = dt * len(speed)
     duration = window if duration is None else float(duration)
     slopes, regressor = _vectors(observer, speed, parameters)
-    inertia = float(np.asarray(_inertia(observer)))
+    inertia = float(np.asarray(observer.inertia))
     gram = regressor.T @ regressor / len(speed)
     averaged = -(slopes.T @ regressor) / (inertia * len(speed))
     multipliers, modes = np.linalg.eig(_monodromy(slopes, regressor, inertia, dt))
@@ -139,7 +139,7 @@ def error_matrix(observer: AbstractObserver, velocity: Any, parameters: Mapping[
     values = {name: jnp.asarray(value, speed.dtype) for name, value in parameters.items()}
     slopes = jnp.stack([jnp.broadcast_to(each, speed.shape) for each in observer.slopes(speed)], axis=-1)
     regressor = jnp.stack([jnp.broadcast_to(each, speed.shape) for each in observer.regressor(speed, values)], axis=-1)
-    return -slopes[..., :, None] * regressor[..., None, :] / _inertia(observer)
+    return -slopes[..., :, None] * regressor[..., None, :] / observer.inertia
 
 
 def pole(observer: AbstractObserver, velocity: float, parameters: Mapping[str, Any]) -> float:
@@ -178,7 +178,7 @@ def propagate(
     slopes, regressor = _vectors(observer, middle, parameters)
     errors = np.empty((len(speed), slopes.shape[1]))
     errors[0] = np.asarray(error, dtype=float)
-    inertia = float(np.asarray(_inertia(observer)))
+    inertia = float(np.asarray(observer.inertia))
     for index, factor in enumerate(_factors(slopes, regressor, inertia, dt)):
         errors[index + 1] = errors[index] - slopes[index] * (factor * (regressor[index] @ errors[index]))
     return errors
@@ -200,10 +200,6 @@ def sticking_rate(gain: Any, inertia: Any, control: Any, coulomb: Any, estimate:
     return gain / inertia * control * control / (coulomb - estimate)
 
 
-def _inertia(observer: Any) -> Any:
-    return _inertia(observer.observer) if hasattr(observer, "observer") else observer.inertia
-
-
 def _checked_velocity(velocity: Any, dt: float) -> np.ndarray:
     speed = np.asarray(velocity, dtype=float)
     if speed.ndim != 1 or len(speed) < 2 or not np.all(np.isfinite(speed)) or not float(dt) > 0.0:
@@ -217,7 +213,7 @@ def _checked_velocity(velocity: Any, dt: float) -> np.ndarray:
 def _vectors(
     observer: AbstractObserver, speed: np.ndarray, parameters: Mapping[str, Any]
 ) -> tuple[np.ndarray, np.ndarray]:
-    velocity = jnp.asarray(speed, jnp.asarray(_inertia(observer)).dtype)
+    velocity = jnp.asarray(speed, jnp.asarray(observer.inertia).dtype)
     values = {name: jnp.asarray(float(np.asarray(value)), velocity.dtype) for name, value in parameters.items()}
 
     def rows(parts: tuple[Array, ...]) -> np.ndarray:

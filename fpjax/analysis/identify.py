@@ -21,7 +21,7 @@ from ..errors import InputError
 from ..loop import ClosedLoop, LoopState
 from ..parameters import get_parameters, set_parameters
 from ..scan import Inputs, Stepper, Stepping, loop_dtype, make_inputs, make_stepper, roll
-from ..solvers import AbstractSolver
+from ..solvers import AbstractPlantSolver
 
 WIDTH = 100.0  # default bounds: this factor to either side of the start
 DEAD = 1e-9  # slope, as a fraction of the largest, below which a parameter moves nothing
@@ -77,7 +77,7 @@ def identify(
     dt: float,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     noise: Mapping[str, float] | None = None,
-    solver: str | AbstractSolver = "rk4",
+    solver: str | AbstractPlantSolver = "rk4",
     stepping: Stepping = "continuous",
     substeps: int = 1,
     initial: LoopState | None = None,

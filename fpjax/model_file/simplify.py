@@ -52,9 +52,7 @@ def simplified(model: Model, loop: ClosedLoop | None = None, *, smooth: bool = T
 def simple_friction(law: AbstractFriction) -> AbstractFriction:
     """The plainest law that is the same."""
     if isinstance(law, Bristles):  # the file's bristles stand on the general law
-        inner = law.law
-        if isinstance(inner, CoulombViscous):
-            inner = GeneralFriction(coulomb=inner.coulomb, viscous=inner.viscous, steepness=inner.steepness)
+        inner = law.law.general() if isinstance(law.law, CoulombViscous) else law.law
         return _with(law, law=_trimmed(inner) if isinstance(inner, GeneralFriction) else inner)
     if not isinstance(law, GeneralFriction):
         return law

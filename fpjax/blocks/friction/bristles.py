@@ -1,5 +1,8 @@
 """Bristles under any static law: the level is not there at once but after a travel of the order of the deflection."""
 
+import dataclasses
+from collections.abc import Callable
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -7,7 +10,7 @@ from jaxtyping import Array
 from ...compiled.elementary import log
 from ..block import as_parameter, require_not_negative, require_positive
 from ..signals import Motion
-from .base import AbstractFriction, AbstractStaticFriction
+from .base import NEARLY_REST, AbstractFriction, AbstractStaticFriction
 
 _SMALLEST = 1e-30
 
@@ -52,6 +55,41 @@ class Bristles(AbstractFriction):
         del applied
         rate = self.derivative(state, motion) * self.deflection
         return self.law.level(motion) * state + self.damping * rate + self.law.drag(motion)
+
+    def general(self) -> "Bristles":
+        """The same bristles under the law's general form."""
+        return dataclasses.replace(self, law=self.law.general())
+
+    def advance_body(
+        self,
+        state: Array,
+        start: Motion,
+        torque: Array,
+        load: Callable[[Motion], Array],
+        inertia: Array,
+        dt: Array,
+    ) -> tuple[Array, Array, Array]:
+        """Half a step of travel, the bristles by their exact law, the speed by the mean share, the other half."""
+        law, half = self.law, 0.5 * dt
+        velocity, share = start.velocity, state
+        place, moment = start.position + half * velocity, start.time + half
+        at_start = Motion(velocity, place, moment, torque)
+        free = torque - load(at_start)
+        # The share that acts over the step: after the travel of half a step at the speed that the step begins with.
+        between = self.advance(share, half * velocity)
+        first = free - law.drag(at_start) - law.level(at_start) * between
+        halfway = velocity + half * first / inertia
+        middle = Motion(halfway, place, moment, torque)
+        side = jnp.where(halfway < 0.0, -1.0, 1.0)
+        slack = jnp.maximum(1.0 - between * side, NEARLY_REST)
+        # sigma_1 dz/dt, implicit in the speed: a stiff damper must not limit the step.
+        damper = self.damping * jnp.exp(self.exponent * log(slack))
+        level = law.level(middle) * self.advance(share, half * halfway)
+        pulled = torque - load(middle) - law.drag(middle) - level
+        slope = (pulled - damper * velocity) / (inertia + half * damper)
+        after = velocity + dt * slope
+        travel = half * (velocity + after)
+        return after, start.position + travel, self.advance(share, travel)
 
     def advance(self, state: Array, travel: Array) -> Array:
         """The state after a travel [rad] in one direction: exact, whatever its length.

@@ -9,6 +9,8 @@ from jaxtyping import Array
 from ..block import as_parameter, require_not_negative, require_positive
 from ..signals import Motion
 from .base import AbstractFriction, safe_power
+from .bristles import Bristles
+from .general import GeneralFriction
 from .static import stribeck_curve
 
 
@@ -49,6 +51,12 @@ class Dahl(AbstractFriction):
         """F + b w [N m]."""
         del applied
         return state + self.viscous * motion.velocity
+
+    def general(self) -> Bristles:
+        """Bristles of deflection F_c / sigma under k and b."""
+        return Bristles(
+            GeneralFriction(self.coulomb, self.viscous), self.coulomb / self.stiffness, exponent=self.exponent
+        )
 
 
 class LuGre(AbstractFriction):
@@ -99,3 +107,14 @@ class LuGre(AbstractFriction):
         del applied
         rate = self.derivative(state, motion)
         return self.bristle_stiffness * state + self.bristle_damping * rate + self.viscous * motion.velocity
+
+    def general(self) -> Bristles:
+        """Bristles under Stribeck's curve, of one deflection F_c / sigma_0 (LuGre's own grows with the curve)."""
+        law = GeneralFriction(
+            self.coulomb,
+            self.viscous,
+            stribeck_torque=self.static - self.coulomb,
+            stribeck_velocity=self.stribeck_velocity,
+            stribeck_exponent=self.exponent,
+        )
+        return Bristles(law, self.coulomb / self.bristle_stiffness, self.bristle_damping)

@@ -94,6 +94,10 @@ class GeneralFriction(AbstractStaticFriction):
         viscous = self.viscous + self._side(motion) * self.viscous_difference
         return (viscous + self.drag_coefficient * jnp.abs(motion.velocity)) * motion.velocity
 
+    def general(self) -> "GeneralFriction":
+        """Itself."""
+        return self
+
     def _side(self, motion: Motion) -> Array:
         return jnp.sign(motion.velocity) if self.steepness is None else tanh(self.steepness * motion.velocity)
 

@@ -10,6 +10,7 @@ from ...compiled.hyperbolic import tanh
 from ..block import as_optional, as_parameter, require_not_negative, require_positive
 from ..signals import Motion
 from .base import AbstractFriction, AbstractStaticFriction, safe_power
+from .general import GeneralFriction
 
 
 class NoFriction(AbstractFriction):
@@ -19,6 +20,10 @@ class NoFriction(AbstractFriction):
         """Zero [N m]."""
         del state, applied
         return jnp.zeros_like(motion.velocity)
+
+    def general(self) -> GeneralFriction:
+        """Every term at zero."""
+        return GeneralFriction(0.0, 0.0)
 
 
 class Coulomb(AbstractStaticFriction):
@@ -43,6 +48,10 @@ class Coulomb(AbstractStaticFriction):
     def drag(self, motion: Motion) -> Array:
         """Zero [N m]."""
         return jnp.zeros_like(motion.velocity)
+
+    def general(self) -> GeneralFriction:
+        """k alone."""
+        return GeneralFriction(self.coulomb, 0.0)
 
 
 class SmoothCoulomb(AbstractStaticFriction):
@@ -69,6 +78,10 @@ class SmoothCoulomb(AbstractStaticFriction):
         """Zero [N m]."""
         return jnp.zeros_like(motion.velocity)
 
+    def general(self) -> GeneralFriction:
+        """k and lambda alone."""
+        return GeneralFriction(self.coulomb, 0.0, steepness=self.steepness)
+
 
 class Viscous(AbstractStaticFriction):
     """Viscous friction b w, the linear part of (1.3).
@@ -91,6 +104,10 @@ class Viscous(AbstractStaticFriction):
     def drag(self, motion: Motion) -> Array:
         """b w [N m]."""
         return self.viscous * motion.velocity
+
+    def general(self) -> GeneralFriction:
+        """b alone."""
+        return GeneralFriction(0.0, self.viscous)
 
 
 class CoulombViscous(AbstractStaticFriction):
@@ -119,6 +136,10 @@ class CoulombViscous(AbstractStaticFriction):
     def drag(self, motion: Motion) -> Array:
         """b w [N m]."""
         return self.viscous * motion.velocity
+
+    def general(self) -> GeneralFriction:
+        """k, b and lambda alone."""
+        return GeneralFriction(self.coulomb, self.viscous, steepness=self.steepness)
 
 
 class Stribeck(AbstractStaticFriction):
@@ -155,6 +176,17 @@ class Stribeck(AbstractStaticFriction):
     def drag(self, motion: Motion) -> Array:
         """b w [N m]."""
         return self.viscous * motion.velocity
+
+    def general(self) -> GeneralFriction:
+        """With F_s - F_c as the Stribeck torque."""
+        return GeneralFriction(
+            self.coulomb,
+            self.viscous,
+            stribeck_torque=self.static - self.coulomb,
+            stribeck_velocity=self.stribeck_velocity,
+            stribeck_exponent=self.exponent,
+            steepness=self.steepness,
+        )
 
 
 class CoulombViscousStiction(AbstractStaticFriction):
@@ -238,6 +270,16 @@ class AsymmetricCoulombViscous(AbstractStaticFriction):
         """Viscous torque of this direction [N m]."""
         viscous = jnp.where(motion.velocity > 0.0, self.viscous_positive, self.viscous_negative)
         return viscous * motion.velocity
+
+    def general(self) -> GeneralFriction:
+        """Means and half differences of both directions; with a steepness the viscous parts blend through tanh."""
+        return GeneralFriction(
+            0.5 * (self.coulomb_positive + self.coulomb_negative),
+            0.5 * (self.viscous_positive + self.viscous_negative),
+            0.5 * (self.coulomb_positive - self.coulomb_negative),
+            0.5 * (self.viscous_positive - self.viscous_negative),
+            steepness=self.steepness,
+        )
 
 
 def stribeck_curve(velocity: Array, coulomb: Array, static: Array, stribeck_velocity: Array, exponent: Array) -> Array:

@@ -1,7 +1,7 @@
 """The contract of a Friedland-Park observer, and its nonlinearities g (2.28)-(2.30)."""
 
 from abc import abstractmethod
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -108,6 +108,13 @@ class AbstractObserver(Block):
     """
 
     estimated: ClassVar[tuple[str, ...]] = ()
+
+    if TYPE_CHECKING:
+
+        @property
+        def inertia(self) -> Array:
+            """J [kg m^2] of the error dynamics: every observer that estimates has it."""
+            ...
 
     @abstractmethod
     def init(self) -> Any:

@@ -1,6 +1,6 @@
 """Observers of two parameters: EFP (4.7)-(4.10) and its two extensions to tanh friction (chapter 4.2)."""
 
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,7 +20,68 @@ class ExtendedState(eqx.Module):
     second: Array
 
 
-class ExtendedFriedlandPark(AbstractObserver):
+class AbstractExtendedObserver(AbstractObserver):
+    """Two parameters, two states: the first is driven through g2 (gain_2), the second through g1 (gain_1).
+
+    Attributes:
+        inertia: J [kg m^2].
+        gain_1: alpha_1 in g1 = alpha_1 w^2 / 2.
+        gain_2: alpha_2 in g2 = alpha_2 |w|.
+        steepness: lambda [s/rad] of the smooth form of g2; None for |w|.
+    """
+
+    if TYPE_CHECKING:
+
+        @property
+        def gain_1(self) -> Array:
+            """alpha_1."""
+            ...
+
+        @property
+        def gain_2(self) -> Array:
+            """alpha_2."""
+            ...
+
+        @property
+        def steepness(self) -> Array | None:
+            """lambda [s/rad]."""
+            ...
+    else:
+        inertia: eqx.AbstractVar[Array]
+        gain_1: eqx.AbstractVar[Array]
+        gain_2: eqx.AbstractVar[Array]
+        steepness: eqx.AbstractVar[Array | None]
+
+    def check_gains(self) -> None:
+        """Raise `InputError` for an inertia that is not positive, or a negative gain."""
+        require_positive(self, "inertia", "kg m^2")
+        require_not_negative(self, "gain_1", "1")
+        require_not_negative(self, "gain_2", "1")
+        require_positive(self, "steepness", "s/rad")
+
+    def init(self) -> ExtendedState:
+        """z1 = z2 = 0."""
+        zero = jnp.zeros_like(self.inertia)
+        return ExtendedState(zero, zero)
+
+    def derivative(self, state: Any, control: Array, velocity: Array) -> ExtendedState:
+        """z1' = g2'(w) u / J (4.7), z2' = g1'(w) u / J (4.8)."""
+        del state
+        second, first = self.slopes(velocity)
+        return ExtendedState(second * control / self.inertia, first * control / self.inertia)
+
+    def estimates(self, state: ExtendedState, velocity: Array) -> tuple[Array, Array]:
+        """(z1 - g2(w), z2 - g1(w)), with (4.9)-(4.10) read as estimates, not derivatives."""
+        second = absolute_or_smooth(self.gain_2, self.steepness).value(velocity)
+        return state.first - second, state.second - Quadratic(self.gain_1).value(velocity)
+
+    def slopes(self, velocity: Array) -> tuple[Array, Array]:
+        """(g2'(w), g1'(w)) (4.14)."""
+        second = absolute_or_smooth(self.gain_2, self.steepness).slope(velocity)
+        return second, Quadratic(self.gain_1).slope(velocity)
+
+
+class ExtendedFriedlandPark(AbstractExtendedObserver):
     """EFP: estimates k through g2 and b through g1 (4.7)-(4.10).
 
     Attributes:
@@ -38,27 +99,13 @@ class ExtendedFriedlandPark(AbstractObserver):
     steepness: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
-        _check_extended(self)
-        require_positive(self, "steepness", "s/rad")
-
-    def init(self) -> ExtendedState:
-        """z1 = z2 = 0."""
-        return _zero_state(self.inertia)
-
-    def derivative(self, state: Any, control: Array, velocity: Array) -> ExtendedState:
-        """z1' = g2'(w) u / J (4.7), z2' = g1'(w) u / J (4.8)."""
-        del state
-        return _drive(self, control, velocity)
+        self.check_gains()
 
     def readout(self, state: ExtendedState, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """k_hat sign(w) + b_hat w (4.1), with (4.9)-(4.10) read as estimates, not derivatives."""
-        coulomb, viscous = _estimates(self, state, velocity)
+        coulomb, viscous = self.estimates(state, velocity)
         torque = coulomb * direction(velocity, self.steepness) + viscous * velocity
         return torque, {"coulomb": coulomb, "viscous": viscous}
-
-    def slopes(self, velocity: Array) -> tuple[Array, ...]:
-        """(g2'(w), g1'(w)) (4.14)."""
-        return _slopes(self, velocity)
 
     def regressor(self, velocity: Array, parameters: dict[str, Array]) -> tuple[Array, ...]:
         """(sign(w), w) (4.14)."""
@@ -66,7 +113,7 @@ class ExtendedFriedlandPark(AbstractObserver):
         return direction(velocity, self.steepness), velocity
 
 
-class ExtendedSteepnessCoulomb(AbstractObserver):
+class ExtendedSteepnessCoulomb(AbstractExtendedObserver):
     """Extension 1: estimates k through g1 and lambda through g2; b is known.
 
     Attributes:
@@ -86,28 +133,14 @@ class ExtendedSteepnessCoulomb(AbstractObserver):
     steepness: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
-        _check_extended(self)
+        self.check_gains()
         require_not_negative(self, "viscous", "N m s/rad")
-        require_positive(self, "steepness", "s/rad")
-
-    def init(self) -> ExtendedState:
-        """z1 = z2 = 0."""
-        return _zero_state(self.inertia)
-
-    def derivative(self, state: Any, control: Array, velocity: Array) -> ExtendedState:
-        """z1' = g2'(w) u / J, z2' = g1'(w) u / J."""
-        del state
-        return _drive(self, control, velocity)
 
     def readout(self, state: ExtendedState, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """k_hat tanh(lambda_hat w) + b w."""
-        steepness, coulomb = _estimates(self, state, velocity)
+        steepness, coulomb = self.estimates(state, velocity)
         torque = coulomb * tanh(steepness * velocity) + self.viscous * velocity
         return torque, {"steepness": steepness, "coulomb": coulomb}
-
-    def slopes(self, velocity: Array) -> tuple[Array, ...]:
-        """(g2'(w), g1'(w))."""
-        return _slopes(self, velocity)
 
     def regressor(self, velocity: Array, parameters: dict[str, Array]) -> tuple[Array, ...]:
         """(k w / cosh^2(lambda w), tanh(lambda w)), local in the given parameters."""
@@ -118,7 +151,7 @@ class ExtendedSteepnessCoulomb(AbstractObserver):
         )
 
 
-class ExtendedSteepnessViscous(AbstractObserver):
+class ExtendedSteepnessViscous(AbstractExtendedObserver):
     """Extension 2: estimates lambda through g2 and b through g1; k is known.
 
     Attributes:
@@ -138,55 +171,15 @@ class ExtendedSteepnessViscous(AbstractObserver):
     steepness: Array | None = eqx.field(converter=as_optional, default=None)
 
     def __check_init__(self) -> None:
-        _check_extended(self)
+        self.check_gains()
         require_positive(self, "coulomb", "N m")
-        require_positive(self, "steepness", "s/rad")
-
-    def init(self) -> ExtendedState:
-        """z1 = z2 = 0."""
-        return _zero_state(self.inertia)
-
-    def derivative(self, state: Any, control: Array, velocity: Array) -> ExtendedState:
-        """z1' = g2'(w) u / J, z2' = g1'(w) u / J."""
-        del state
-        return _drive(self, control, velocity)
 
     def readout(self, state: ExtendedState, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """k tanh(lambda_hat w) + b_hat w."""
-        steepness, viscous = _estimates(self, state, velocity)
+        steepness, viscous = self.estimates(state, velocity)
         torque = self.coulomb * tanh(steepness * velocity) + viscous * velocity
         return torque, {"steepness": steepness, "viscous": viscous}
-
-    def slopes(self, velocity: Array) -> tuple[Array, ...]:
-        """(g2'(w), g1'(w))."""
-        return _slopes(self, velocity)
 
     def regressor(self, velocity: Array, parameters: dict[str, Array]) -> tuple[Array, ...]:
         """(k w / cosh^2(lambda w), w), local in the given parameters."""
         return steepness_sensitivity(self.coulomb, parameters["steepness"], velocity), velocity
-
-
-def _check_extended(observer: AbstractObserver) -> None:
-    require_positive(observer, "inertia", "kg m^2")
-    require_not_negative(observer, "gain_1", "1")
-    require_not_negative(observer, "gain_2", "1")
-
-
-def _zero_state(inertia: Array) -> ExtendedState:
-    zero = jnp.zeros_like(inertia)
-    return ExtendedState(zero, zero)
-
-
-def _slopes(observer: Any, velocity: Array) -> tuple[Array, Array]:
-    second = absolute_or_smooth(observer.gain_2, observer.steepness).slope(velocity)
-    return second, Quadratic(observer.gain_1).slope(velocity)
-
-
-def _drive(observer: Any, control: Array, velocity: Array) -> ExtendedState:
-    second, first = _slopes(observer, velocity)
-    return ExtendedState(second * control / observer.inertia, first * control / observer.inertia)
-
-
-def _estimates(observer: Any, state: ExtendedState, velocity: Array) -> tuple[Array, Array]:
-    second = absolute_or_smooth(observer.gain_2, observer.steepness).value(velocity)
-    return state.first - second, state.second - Quadratic(observer.gain_1).value(velocity)

@@ -50,6 +50,11 @@ class HighOrderFeedforward(AbstractObserver):
         """The wrapped observer's parameters."""
         return self.observer.estimated
 
+    @property
+    def inertia(self) -> Array:
+        """The wrapped observer's J [kg m^2]."""
+        return self.observer.inertia
+
     def init(self) -> HighOrderState:
         """Filter and observer at rest."""
         zero = jnp.zeros_like(self.motor_inertia)

@@ -1,6 +1,6 @@
 """Observers of one parameter: CFP (2.11)-(2.12), MFP (2.33)-(2.34), NFP (2.41)-(2.42), steepness (4.28)-(4.29)."""
 
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import equinox as eqx
 import jax
@@ -13,7 +13,43 @@ from ..friction import direction
 from .base import AbstractNonlinearity, AbstractObserver
 
 
-class ClassicalFriedlandPark(AbstractObserver):
+class AbstractSingleObserver(AbstractObserver):
+    """One parameter, one state z: z' = g'(w) u / J, estimate = z - g(w) (2.11)-(2.12), (2.41)-(2.42), (4.28)-(4.29).
+
+    Attributes:
+        inertia: J [kg m^2].
+        nonlinearity: g, one of `Quadratic`, `Absolute`, `LogCosh`.
+    """
+
+    if TYPE_CHECKING:
+
+        @property
+        def nonlinearity(self) -> AbstractNonlinearity:
+            """g."""
+            ...
+    else:
+        inertia: eqx.AbstractVar[Array]
+        nonlinearity: eqx.AbstractVar[AbstractNonlinearity]
+
+    def init(self) -> Array:
+        """z = 0."""
+        return jnp.zeros_like(self.inertia)
+
+    def derivative(self, state: Array, control: Array, velocity: Array) -> Array:
+        """z' = g'(w) u / J (2.11), (2.41), (4.28)."""
+        del state
+        return self.nonlinearity.slope(velocity) * control / self.inertia
+
+    def estimate(self, state: Array, velocity: Array) -> Array:
+        """z - g(w) (2.12), (2.34), (2.42), (4.29), in the parameter's unit."""
+        return state - self.nonlinearity.value(velocity)
+
+    def slopes(self, velocity: Array) -> tuple[Array, ...]:
+        """(g'(w),)."""
+        return (self.nonlinearity.slope(velocity),)
+
+
+class ClassicalFriedlandPark(AbstractSingleObserver):
     """CFP: estimates k, cancels a known b exactly (2.9)-(2.12).
 
     Attributes:
@@ -35,23 +71,10 @@ class ClassicalFriedlandPark(AbstractObserver):
         require_not_negative(self, "viscous", "N m s/rad")
         require_positive(self, "steepness", "s/rad")
 
-    def init(self) -> Array:
-        """z = 0."""
-        return jnp.zeros_like(self.inertia)
-
-    def derivative(self, state: Array, control: Array, velocity: Array) -> Array:
-        """z' = g'(w) u / J (2.11)."""
-        del state
-        return self.nonlinearity.slope(velocity) * control / self.inertia
-
     def readout(self, state: Array, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """b w + k_hat sign(w) (2.9), with k_hat = z - g(w) (2.12)."""
-        coulomb = state - self.nonlinearity.value(velocity)
+        coulomb = self.estimate(state, velocity)
         return self.viscous * velocity + coulomb * direction(velocity, self.steepness), {"coulomb": coulomb}
-
-    def slopes(self, velocity: Array) -> tuple[Array, ...]:
-        """(g'(w),)."""
-        return (self.nonlinearity.slope(velocity),)
 
     def regressor(self, velocity: Array, parameters: dict[str, Array]) -> tuple[Array, ...]:
         """(sign(w),)."""
@@ -59,7 +82,7 @@ class ClassicalFriedlandPark(AbstractObserver):
         return (direction(velocity, self.steepness),)
 
 
-class ModifiedFriedlandPark(AbstractObserver):
+class ModifiedFriedlandPark(AbstractSingleObserver):
     """MFP: estimates k with a known b inside the observer instead of cancelled (2.31)-(2.34).
 
     Attributes:
@@ -81,10 +104,6 @@ class ModifiedFriedlandPark(AbstractObserver):
         require_not_negative(self, "viscous", "N m s/rad")
         require_positive(self, "steepness", "s/rad")
 
-    def init(self) -> Array:
-        """z = 0."""
-        return jnp.zeros_like(self.inertia)
-
     def derivative(self, state: Array, control: Array, velocity: Array) -> Array:
         """z' = g'(w) (u - b w) / J (2.33), (4.19)."""
         del state
@@ -92,12 +111,8 @@ class ModifiedFriedlandPark(AbstractObserver):
 
     def readout(self, state: Array, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """k_hat sign(w) (2.31), with k_hat = z - g(w) (2.34)."""
-        coulomb = state - self.nonlinearity.value(velocity)
+        coulomb = self.estimate(state, velocity)
         return coulomb * direction(velocity, self.steepness), {"coulomb": coulomb}
-
-    def slopes(self, velocity: Array) -> tuple[Array, ...]:
-        """(g'(w),)."""
-        return (self.nonlinearity.slope(velocity),)
 
     def regressor(self, velocity: Array, parameters: dict[str, Array]) -> tuple[Array, ...]:
         """(sign(w),)."""
@@ -105,7 +120,7 @@ class ModifiedFriedlandPark(AbstractObserver):
         return (direction(velocity, self.steepness),)
 
 
-class NovelFriedlandPark(AbstractObserver):
+class NovelFriedlandPark(AbstractSingleObserver):
     """NFP: estimates b, k known and cancelled (2.39)-(2.42).
 
     Attributes:
@@ -127,23 +142,10 @@ class NovelFriedlandPark(AbstractObserver):
         require_not_negative(self, "coulomb", "N m")
         require_positive(self, "steepness", "s/rad")
 
-    def init(self) -> Array:
-        """z = 0."""
-        return jnp.zeros_like(self.inertia)
-
-    def derivative(self, state: Array, control: Array, velocity: Array) -> Array:
-        """z' = g'(w) u / J (2.41)."""
-        del state
-        return self.nonlinearity.slope(velocity) * control / self.inertia
-
     def readout(self, state: Array, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """b_hat w (2.39) + known Coulomb, with b_hat = z - g(w) (2.42)."""
-        viscous = state - self.nonlinearity.value(velocity)
+        viscous = self.estimate(state, velocity)
         return viscous * velocity + self.coulomb * direction(velocity, self.steepness), {"viscous": viscous}
-
-    def slopes(self, velocity: Array) -> tuple[Array, ...]:
-        """(g'(w),)."""
-        return (self.nonlinearity.slope(velocity),)
 
     def regressor(self, velocity: Array, parameters: dict[str, Array]) -> tuple[Array, ...]:
         """(w,)."""
@@ -151,7 +153,7 @@ class NovelFriedlandPark(AbstractObserver):
         return (velocity,)
 
 
-class SteepnessObserver(AbstractObserver):
+class SteepnessObserver(AbstractSingleObserver):
     """Estimates the steepness lambda of k tanh(lambda w), k known (4.26)-(4.29).
 
     Attributes:
@@ -170,23 +172,10 @@ class SteepnessObserver(AbstractObserver):
         require_positive(self, "inertia", "kg m^2")
         require_positive(self, "coulomb", "N m")
 
-    def init(self) -> Array:
-        """z = 0."""
-        return jnp.zeros_like(self.inertia)
-
-    def derivative(self, state: Array, control: Array, velocity: Array) -> Array:
-        """z' = g'(w) u / J (4.28)."""
-        del state
-        return self.nonlinearity.slope(velocity) * control / self.inertia
-
     def readout(self, state: Array, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """k tanh(lambda_hat w) (4.26), with lambda_hat = z - g(w) (4.29)."""
-        steepness = state - self.nonlinearity.value(velocity)
+        steepness = self.estimate(state, velocity)
         return self.coulomb * tanh(steepness * velocity), {"steepness": steepness}
-
-    def slopes(self, velocity: Array) -> tuple[Array, ...]:
-        """(g'(w),)."""
-        return (self.nonlinearity.slope(velocity),)
 
     def regressor(self, velocity: Array, parameters: dict[str, Array]) -> tuple[Array, ...]:
         """(k w / cosh^2(lambda w),), the local form of (4.33)."""

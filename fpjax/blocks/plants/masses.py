@@ -1,12 +1,13 @@
 """Plants: one mass (2.4), two masses with a spring (3.1)-(3.14), and the thesis' series form (3.27)-(3.28)."""
 
 from abc import abstractmethod
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from ...errors import InputError
 from ..block import Block, as_parameter, require_not_negative, require_positive
 from ..friction import AbstractFriction
 from ..loads import AbstractLoad, NoLoad
@@ -16,8 +17,21 @@ from ..signals import Motion, PlantOutput
 class AbstractPlant(Block):
     """A body, or two, driven by a torque and held back by friction; its state holds the friction law's."""
 
-    friction: eqx.AbstractVar[AbstractFriction]
-    load: eqx.AbstractVar[AbstractLoad]
+    # For a type checker properties: read as fields they would come first among the constructor's arguments.
+    if TYPE_CHECKING:
+
+        @property
+        def friction(self) -> AbstractFriction:
+            """The law that acts."""
+            ...
+
+        @property
+        def load(self) -> AbstractLoad:
+            """A known load."""
+            ...
+    else:
+        friction: eqx.AbstractVar[AbstractFriction]
+        load: eqx.AbstractVar[AbstractLoad]
 
     @abstractmethod
     def init(self) -> Any:
@@ -34,6 +48,27 @@ class AbstractPlant(Block):
     @abstractmethod
     def readout(self, state: Any, torque: Array, time: Array) -> PlantOutput:
         """Velocities [rad/s], positions [rad] and friction torque [N m]."""
+
+    def advance(self, state: Any, torque: Array, time: Array, dt: Array) -> Any:
+        """The state dt [s] later under a held torque [N m], with sticking resolved exactly.
+
+        One step is enough for one mass: under a held torque only its friction changes over the step. A plant with a
+        spring needs several steps a control period.
+
+        Args:
+            state: at `time`.
+            torque: applied over the step [N m].
+            time: start of the step [s].
+            dt: length of the step [s].
+
+        Raises:
+            InputError: for a plant or a law that has no exact step.
+        """
+        del state, torque, time, dt
+        raise InputError(
+            f"{type(self).__name__} has no exact sticking step: use one mass or a Transmission with a static friction "
+            "law, or a solver such as rk4 with a steepness."
+        )
 
 
 class OneMassState(eqx.Module):
@@ -84,6 +119,13 @@ class OneMass(AbstractPlant):
         free = torque - self.load.readout(motion)
         friction = self.friction.readout(state.friction, motion, free)
         return PlantOutput(state.velocity, state.position, state.velocity, state.position, friction)
+
+    def advance(self, state: OneMassState, torque: Array, time: Array, dt: Array) -> OneMassState:
+        """The state dt [s] later, by the friction law's own step."""
+        start = Motion(state.velocity, state.position, time, torque)
+        return OneMassState(
+            *self.friction.advance_body(state.friction, start, torque, self.load.readout, self.inertia, dt)
+        )
 
 
 class TwoMassState(eqx.Module):

@@ -1,4 +1,4 @@
-"""A transmission: motor and load joined by play, a spring and a damper, with friction on both sides."""
+"""A transmission: motor and load joined by backlash, a spring and a damper, with friction on both sides."""
 
 from typing import Any
 
@@ -9,10 +9,12 @@ from jaxtyping import Array
 
 from ...errors import InputError
 from ..block import as_parameter, require_below, require_not_negative, require_positive
-from ..friction import AbstractFriction
+from ..friction import AbstractFriction, AbstractStaticFriction
 from ..loads import AbstractLoad, NoLoad
 from ..signals import Motion, PlantOutput
 from .masses import AbstractPlant, TwoMassState, resonance_frequency
+
+_SMALLEST = 1e-30  # a swing [rad] of no size
 
 
 class Transmission(AbstractPlant):
@@ -20,15 +22,15 @@ class Transmission(AbstractPlant):
 
     Within the gap the shaft carries nothing; outside, a face presses with stiffness x (twist beyond the gap) +
     damping x relative speed and never pulls (Nordin, Gutman, "Controlling mechanical systems with backlash - a
-    survey", 2002,
-    whose state of contact lets go as soon as the torque would change its sign). Without a gap it is a plain spring.
+    survey", 2002, whose state of contact lets go as soon as the torque would change its sign). Without a gap it is a
+    plain spring.
 
     Attributes:
         inertia: total inertia J [kg m^2].
         load_share: J_l / J [1], between 0 and 1.
         stiffness: k_s [N m/rad].
         damping: k_cv [N m s/rad].
-        gap: total play [rad]; neutral 0.
+        gap: total backlash [rad]; neutral 0.
         friction_share: share of the friction that acts on the load [1]; the rest acts on the motor.
         friction: the law, of the whole friction.
         load: a known load on the load side.
@@ -117,3 +119,57 @@ class Transmission(AbstractPlant):
         return PlantOutput(
             state.load_velocity, state.load_position, state.motor_velocity, state.motor_position, friction
         )
+
+    def advance(self, state: TwoMassState, torque: Array, time: Array, dt: Array) -> TwoMassState:
+        """Half a step of the positions, a whole step of the speeds, half a step of the positions."""
+        law, half = self.friction, 0.5 * dt
+        if not isinstance(law, AbstractStaticFriction):
+            return super().advance(state, torque, time, dt)
+        motor_position = state.motor_position + half * state.motor_velocity
+        load_position = state.load_position + half * state.load_velocity
+        twist, relative = motor_position - load_position, state.motor_velocity - state.load_velocity
+        mobility = 1.0 / self.motor_inertia + 1.0 / self.load_inertia
+        shaft = self.mean_shaft(twist, relative, torque / self.motor_inertia, mobility, dt)
+        motor = Motion(state.motor_velocity, motor_position, time + half, torque)
+        load = Motion(state.load_velocity, load_position, time + half, shaft)
+        on_load = shaft - self.load.readout(load)
+        motor_velocity = law.turn(motor, torque - shaft, self.motor_inertia, 1.0 - self.friction_share, dt)
+        load_velocity = law.turn(load, on_load, self.load_inertia, self.friction_share, dt)
+        return TwoMassState(
+            motor_velocity,
+            motor_position + half * motor_velocity,
+            load_velocity,
+            load_position + half * load_velocity,
+            (),
+        )
+
+    def mean_shaft(self, twist: Array, relative: Array, push: Array, mobility: Array, dt: Array) -> Array:
+        """Mean torque [N m] of the shaft over a step.
+
+        A face of the backlash that is met or left within the step presses for its share of the step only: then the
+        motion depends smoothly on the gap, and no step has to end at a contact.
+
+        Args:
+            twist: in the middle of the step [rad].
+            relative: speed, motor less load, at the start of the step [rad/s].
+            push: acceleration of the twist but for the shaft's [rad/s^2].
+            mobility: acceleration of the twist that the shaft takes away [rad/s^2 / (N m)].
+            dt: length of the step [s].
+        """
+        half = 0.5 * dt
+
+        def pressed(depth: Array, speed: Array, push: Array, share: Array) -> Array:
+            # The damper at the speed of the middle of the step, to second order: spring and torque change it meanwhile.
+            damper = half * self.damping * share
+            return (self.stiffness * depth + self.damping * share * speed + damper * push) / (1.0 + damper * mobility)
+
+        def face(depth: Array, speed: Array, push: Array) -> Array:
+            swing = half * speed
+            size = jnp.maximum(jnp.abs(swing), _SMALLEST)
+            share = jnp.clip(0.5 + 0.5 * depth / size, 0.0, 1.0)
+            deep = jnp.where(share < 1.0, share * share * size, depth)
+            return jnp.maximum(pressed(deep, speed, push, share), 0.0)  # a face pushes; it never pulls
+
+        side = 0.5 * self.gap
+        faces = face(twist - side, relative, push) - face(-twist - side, -relative, -push)
+        return jnp.where(self.gap > 0.0, faces, pressed(twist, relative, push, jnp.ones_like(twist)))
