@@ -13,6 +13,7 @@ from .blocks.observers import AbstractObserver, NoObserver
 from .blocks.plants import AbstractPlant
 from .blocks.sensors import AbstractSensor, IdealSensor
 from .blocks.signals import Measurement, Motion, Signals
+from .compiled.native import alike_on_devices
 from .solvers import AbstractPlantSolver, AbstractSolver
 
 UNROLLED_SUBSTEPS = 4  # more of them go into an inner loop, so that compiling stays short
@@ -163,7 +164,8 @@ class ClosedLoop(eqx.Module):
             for index in range(substeps):
                 plant, _ = substep(plant, time + index * step)
         else:
-            plant, _ = jax.lax.scan(substep, plant, time + step * jnp.arange(substeps).astype(time.dtype))
+            starts = time + step * jnp.arange(substeps).astype(time.dtype)
+            plant, _ = jax.lax.scan(*alike_on_devices(substep, plant, starts), starts)
         now = _signals(time, reference, output, measurement, control, compensation, torque, applied, estimates)
         period = Period(torque, measurement.velocity, jnp.ones_like(dt)) if self.observer.estimated else ()
         return LoopState(plant, controller, observer, actuator, sensor, period), now

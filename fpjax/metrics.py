@@ -87,7 +87,7 @@ class RootMeanSquare(AbstractMeasure):
 
     def final(self, total: Array, samples: int) -> Array:
         """The root mean square."""
-        return jnp.sqrt(total / samples)
+        return safe_root(total / samples)
 
 
 class MeanSquare(AbstractMeasure):
@@ -133,7 +133,7 @@ class StandardDeviation(AbstractMeasure):
     def final(self, total: Any, samples: int) -> Array:
         """The standard deviation (population)."""
         mean = total[0] / samples
-        return jnp.sqrt(jnp.maximum(total[1] / samples - jnp.square(mean), 0.0))
+        return safe_root(total[1] / samples - jnp.square(mean))
 
 
 class Largest(AbstractMeasure):
@@ -204,7 +204,7 @@ class GradientRootMeanSquare(AbstractMeasure):
 
     def final(self, total: Any, samples: int) -> Array:
         """The root mean square, in the quantity's unit per sample."""
-        return jnp.sqrt(total[0] / max(samples - 1, 1))
+        return safe_root(total[0] / max(samples - 1, 1))
 
 
 class CoulombTorqueError(AbstractMeasure):
@@ -337,6 +337,16 @@ class SettlingTime(AbstractMeasure):
         """The settling time [s]."""
         del samples
         return jnp.where(total[1] > 0.0, jnp.inf, total[0])
+
+
+def safe_root(value: Array) -> Array:
+    """Root of a value; 0 where it is not positive, with slope 0: a loop at rest has no error, and no direction.
+
+    The square root's own slope is infinite at zero, and times the zero slope of a square it is not a number; both
+    branches of the `where` must be finite, hence the second one. What is not a number stays so.
+    """
+    rest = value <= 0.0
+    return jnp.where(rest, 0.0, jnp.sqrt(jnp.where(rest, 1.0, value)))
 
 
 def control_effort() -> RootMeanSquare:

@@ -24,7 +24,9 @@ def algorithm_1(lanes: Lanes, settings: GridSearch, stop: Stop) -> Outcome:
     - it returns where it stands, not the best it saw (here: the values and their cost are the best it saw, as of
       every other method; where it stands is kept beside them);
     - the `while` of the printed algorithm is reversed, and 20 iterations are allowed where Table 4.2 lists up to 37;
-    - of equal costs the first in the order of the moves counts, and gains may become negative.
+    - of equal costs the first in the order of the moves counts, and gains may become negative, without bounds.
+
+    Bounds that are given hold: a move that would leave them ends on them, which the print does not know.
 
     Args:
         lanes: starts and references; the two parameters in the order (gain_2, gain_1) of Appendix B.
@@ -43,7 +45,7 @@ def algorithm_1(lanes: Lanes, settings: GridSearch, stop: Stop) -> Outcome:
         active &= ~stop.before(best, len(moves) * lanes.cases)
         if not active.any():
             break
-        candidates = at[:, None, :] + moves[None] * steps[:, None, :]
+        candidates = lanes.problem.space.within(at[:, None, :] + moves[None] * steps[:, None, :])
         costs = lanes.costs(candidates)
         for lane in np.flatnonzero(active):
             chosen = int(np.argmin(np.where(np.isnan(costs[lane]), np.inf, costs[lane])))
@@ -64,7 +66,8 @@ def algorithm_1(lanes: Lanes, settings: GridSearch, stop: Stop) -> Outcome:
 def algorithm_1_repaired(lanes: Lanes, settings: RepairedGridSearch, stop: Stop) -> Outcome:
     """Algorithm 1 with its quirks repaired: axis moves too, only improvements accepted, halved on failure.
 
-    Any number of parameters; candidates below zero of a log parameter are reflected to half the way to zero.
+    Any number of parameters; candidates below zero of a log parameter are reflected to half the way to zero, and
+    bounds that are given hold.
 
     Args:
         lanes: starts and references.
@@ -87,6 +90,7 @@ def algorithm_1_repaired(lanes: Lanes, settings: RepairedGridSearch, stop: Stop)
             break
         candidates = at[:, None, :] + moves[None] * steps[:, None, :]
         candidates = np.where(log & (candidates <= 0.0), 0.5 * at[:, None, :], candidates)
+        candidates = lanes.problem.space.within(candidates)
         costs = lanes.costs(candidates)
         for lane in np.flatnonzero(active):
             chosen = int(np.argmin(np.where(np.isnan(costs[lane]), np.inf, costs[lane])))

@@ -8,14 +8,9 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from fpjax import AbstractMeasure, AbstractObserver, Signals
+from fpjax.metrics import safe_root
 
 NARROWEST = 1e-3  # the first time bin, as a fraction of the horizon
-
-
-def safe_root(value: Array) -> Array:
-    """sqrt with slope zero at zero."""
-    positive = value > 0.0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, 1.0)), 0.0)
 
 
 class SquaredAfter(AbstractMeasure):

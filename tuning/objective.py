@@ -12,8 +12,9 @@ import fpjax
 from fpjax import AbstractMeasure, ClosedLoop
 from fpjax.blocks.block import Block, as_parameter
 from fpjax.errors import InputError
+from fpjax.metrics import safe_root
 
-from .measures import NoiseGain, SquaredAfter, safe_root
+from .measures import NoiseGain, SquaredAfter
 
 BINS = 16  # time bins of a residual vector
 

@@ -29,8 +29,9 @@ class Parameter:
     Attributes:
         name: dotted path in the loop, as "observer.gain_1" or "controller.kp".
         start: where to start, in the parameter's unit; None for its value in the loop.
-        low: smallest value, in the parameter's unit; None for 1e-4 of the start (log scale only).
-        high: largest value, in the parameter's unit; None for 1e4 times the start (log scale only).
+        low: smallest value, in the parameter's unit; None for 1e-4 of the start (log scale only; "grid" and
+            "grid_repaired" then have no bound).
+        high: largest value, in the parameter's unit; None for 1e4 times the start (likewise).
         scale: "log" or "linear": the space in which a gradient moves.
     """
 
@@ -53,12 +54,16 @@ class Space(eqx.Module):
         logarithmic: 1 where log, else 0, shape (n,).
         knee: where log, and not zero: the value below which the coordinate is linear, shape (n,); from 0.3 of it
             downwards it is logarithmic again, so that one step cannot leap to the low bound.
+        low: smallest value that was asked for, shape (n,); minus infinity where none was.
+        high: largest value that was asked for, shape (n,); infinity where none was.
     """
 
     middle: Array
     half: Array
     logarithmic: Array
     knee: Array
+    low: Array
+    high: Array
 
     def values(self, at: Array) -> Array:
         """Parameter values, in their units, at unbounded coordinates of shape (n,)."""
@@ -87,6 +92,10 @@ class Space(eqx.Module):
         bent = np.where(log, np.log(np.where(log, np.maximum(values, 1e-300), 1.0)), values)
         return (bent - np.asarray(self.middle, dtype=float)) / np.asarray(self.half, dtype=float)
 
+    def within(self, values: np.ndarray) -> np.ndarray:
+        """Values of shape (..., n) moved to the nearest one that was asked for, on the host."""
+        return np.clip(values, np.asarray(self.low, float), np.asarray(self.high, float))
+
     def linear_below(self, values: np.ndarray) -> "Space":
         """The same bounds in coordinates that are linear below these values and logarithmic above, where log.
 
@@ -95,7 +104,7 @@ class Space(eqx.Module):
         gain_1 ~ gain_2^p is straight in logarithms.
         """
         knee = np.where(np.asarray(self.logarithmic) > 0.0, values, 0.0)  # on the host: nothing to compile
-        return Space(self.middle, self.half, self.logarithmic, jax.device_put(knee.astype(self.middle.dtype)))
+        return dataclasses.replace(self, knee=jax.device_put(knee.astype(self.middle.dtype)))
 
 
 def _turning(at: Array) -> Array:
@@ -126,7 +135,11 @@ def make_space(loop: Any, parameters: Sequence[str | Parameter], dtype: Any) -> 
     start, low, high, log = (np.array(column) for column in zip(*rows, strict=True))
     logarithmic = log > 0
     ends = [np.where(logarithmic, np.log(np.where(logarithmic, end, 1.0)), end) for end in (low, high)]
-    columns = ((ends[0] + ends[1]) / 2.0, (ends[1] - ends[0]) / 2.0, log, np.zeros_like(log))
+    asked = [
+        np.array([default if end is None else end for end in ends], float)
+        for default, ends in ((-np.inf, [one.low for one in full]), (np.inf, [one.high for one in full]))
+    ]
+    columns = ((ends[0] + ends[1]) / 2.0, (ends[1] - ends[0]) / 2.0, log, np.zeros_like(log), *asked)
     return names, jnp.asarray(start, dtype), Space(*(jnp.asarray(column, dtype) for column in columns))
 
 

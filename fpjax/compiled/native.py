@@ -135,6 +135,7 @@ def scan_loop(
     if checkpoint not in CHECKPOINTS:
         raise InputError(f"checkpoint={checkpoint!r} is not known: use one of {CHECKPOINTS}.")
     length = _length(xs, length)
+    step, carry = alike_on_devices(step, carry, xs)
     levels = _levels(carry, length) if checkpoint == "auto" else CHECKPOINTS.index(checkpoint)
     if unroll is None:
         candidates, _ = _reverse.get() or (1, 0)
@@ -143,6 +144,62 @@ def scan_loop(
         return lax.scan(_whole_carry(step), carry, xs, length=length, unroll=unroll)
     kept = jax.checkpoint(step, prevent_cse=False, policy=_is_expensive)
     return _in_blocks(_whole_carry(kept), carry, xs, length, levels, unroll)
+
+
+def alike_on_devices(step: Callable[[C, X], tuple[C, Y]], carry: C, xs: X) -> tuple[Callable[[C, X], tuple[C, Y]], C]:
+    """Within `shard_map`, a carry that varies over the same devices before and after a step; elsewhere both as given.
+
+    A loop at rest begins with constants, which are the same on every device; after one step they hold the candidate,
+    which is not. Its check of what varies (`check_vma`) takes that for an error, unless the constants are declared.
+
+    Args:
+        step: `step(carry, x)` -> (carry, y).
+        carry: before the first step.
+        xs: pytree with leading axis time.
+    """
+    if not jax.sharding.get_abstract_mesh().manual_axes:
+        return step, carry
+    first = jax.tree.map(lambda leaf: leaf[0], xs)
+    over = _varies(jax.tree.leaves((carry, first)))
+    while (more := over | _varies(_outputs(step, _declared(carry, over), first))) != over:
+        over = more
+    if not over:
+        return step, carry
+
+    def stepped(carry: C, x: X) -> tuple[C, Y]:
+        carry, y = step(carry, x)
+        return _declared(carry, over), y
+
+    return stepped, _declared(carry, over)
+
+
+def _outputs(step: Callable[..., Any], carry: Any, x: Any) -> Any:
+    return jax.make_jaxpr(lambda: step(carry, x)[0])().out_avals
+
+
+def _varies(values: Any) -> frozenset[str]:
+    """The device axes over which any of these arrays (or their abstract values) varies."""
+    over: frozenset[str] = frozenset()
+    for value in values:
+        abstract = value if isinstance(value, jax.core.ShapedArray) else jax.typeof(value)
+        kind = getattr(abstract, "manual_axis_type", None)  # `vma` before jax 0.9
+        over |= getattr(abstract, "vma", frozenset()) if kind is None else kind.varying
+    return over
+
+
+def _declared(tree: C, over: frozenset[str]) -> C:
+    def one(leaf: Any) -> Any:
+        missing = tuple(sorted(over - _varies([leaf])))
+        return _vary(leaf, missing) if missing else leaf
+
+    return jax.tree.map(one, tree)
+
+
+def _vary(leaf: Any, axes: tuple[str, ...]) -> Any:
+    """The same array, declared to vary over these device axes."""
+    if hasattr(lax, "pcast"):
+        return lax.pcast(leaf, axes, to="varying")
+    return lax.pvary(leaf, axes)  # jax before 0.8
 
 
 def _is_expensive(primitive: Any, *operands: Any, **parameters: Any) -> bool:

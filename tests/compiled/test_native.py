@@ -47,10 +47,10 @@ def servo(gains, checkpoint="none", steps=STEPS):
 GAINS = jnp.stack([jnp.linspace(20.0, 60.0, 6), jnp.linspace(1.0, 9.0, 6)], axis=1)
 
 
-def _shard_map(run):
+def _shard_map(run, check=False):
     mesh = Mesh(np.array(jax.devices()[:2]), ("candidates",))
     spec = PartitionSpec("candidates")
-    return jax.jit(jax.shard_map(run, mesh=mesh, in_specs=spec, out_specs=spec, check_vma=False))(GAINS)
+    return jax.jit(jax.shard_map(run, mesh=mesh, in_specs=spec, out_specs=spec, check_vma=check))(GAINS)
 
 
 UNDER = {
@@ -69,6 +69,7 @@ UNDER = {
     "map of vmap": lambda wrap: lax.map(wrap(jax.vmap(servo)), GAINS.reshape(3, 2, 2)),
     "nested": lambda wrap: wrap(jax.vmap(wrap(servo)))(GAINS),
     "shard_map": lambda wrap: _shard_map(jax.vmap(wrap(servo))),
+    "checked shard_map": lambda wrap: _shard_map(jax.vmap(wrap(servo)), check=True),
 }
 
 

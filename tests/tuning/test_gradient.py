@@ -102,7 +102,9 @@ def test_where_every_start_diverges_the_result_says_so():
     assert result.to_dict()["cost"] is None
 
 
-@pytest.mark.parametrize("method", ["levenberg_marquardt", "lbfgs", "adam", "nelder_mead"])
+@pytest.mark.parametrize(
+    "method", ["levenberg_marquardt", "lbfgs", "adam", "nelder_mead", tuning.RepairedGridSearch(threshold=0.0)]
+)
 def test_bounds_hold_and_are_reported(method):
     """Tracking alone wants ever larger gains: the search ends at the bound, and says so."""
     bounded = [tuning.Parameter("observer.gain_2", 10.0, 5.0, 20.0)]

@@ -98,3 +98,25 @@ def test_ties_go_to_the_first_move():
 def test_steps_must_fit_the_parameters():
     with pytest.raises(InputError, match="one each"):
         tuning.tune(efp(), SINE, parameters=GAINS, method=tuning.GridSearch(steps=(1.0,)), objective=THESIS, **SHORT)
+
+
+@pytest.mark.parametrize("method", [tuning.GridSearch, tuning.RepairedGridSearch])
+def test_no_simulation_leaves_the_bounds_that_were_given(method, monkeypatch):
+    from tuning.lanes import Lanes
+
+    costs, seen = Lanes.costs, []
+
+    def recorded(self, values):
+        seen.append(values.reshape(-1, 2))
+        return costs(self, values)
+
+    monkeypatch.setattr(Lanes, "costs", recorded)
+    bounded = [tuning.Parameter(GAINS[0], low=5.0, high=22.0), tuning.Parameter(GAINS[1], low=DEGREE)]
+    result = tuning.tune(
+        efp(150.0), SINE, parameters=bounded, objective=THESIS, method=method(steps=STEPS, iterations=5), **SHORT
+    )
+    visited = np.concatenate(seen)
+    assert visited[:, 0].min() >= 5.0
+    assert visited[:, 0].max() <= 22.0
+    assert visited[:, 1].min() >= DEGREE
+    assert 5.0 <= result.gains[GAINS[0]] <= 22.0

@@ -1,0 +1,88 @@
+"""Finite gradients at rest: every measure on every block of the catalogue, where nothing moves and no error is left."""
+
+import warnings
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from catalogue import CASES, DT
+
+import fpjax as fp
+import tuning.measures
+from fpjax.metrics import safe_root
+
+STEPS = 3
+
+
+def measures_of(loop):
+    found = {
+        "mean": fp.MeanAbsolute(),
+        "root": fp.RootMeanSquare(),
+        "square": fp.MeanSquare(),
+        "spread": fp.StandardDeviation(fp.velocity_error),
+        "largest": fp.Largest(fp.compensation_error),
+        "final": fp.Final(fp.velocity_error),
+        "gradient": fp.GradientRootMeanSquare(),
+        "effort": fp.control_effort(),
+        "torque": fp.CoulombTorqueError(20.0),
+    }
+    for name in loop.observer.estimated:
+        found |= {
+            f"{name} error": fp.EstimateError(name, 20.0),
+            f"{name} last": fp.EstimateFinal(name),
+            f"{name} peak": fp.EstimatePeak(name),
+        }
+    return found
+
+
+def at_rest(loop, stepping):
+    """The sum of all measures over a few steps at rest, evaluated step by step: nothing is compiled as a whole."""
+    measures = measures_of(loop)
+    state, zero, dt = loop.init(), jnp.zeros(()), jnp.asarray(DT)
+    state = loop.sampled(state) if stepping == "sampled" else state
+    totals = {name: measure.init(zero) for name, measure in measures.items()}
+    solver = fp.solvers.get_solver("euler")
+    noise = tuple(zero for _ in range(loop.sensor.noise_channels))
+    for step in range(STEPS):
+        time = jnp.asarray(step * DT)
+        if stepping == "continuous":
+            state, signals = loop.advance_continuous(state, (zero,) * len(solver.nodes), time, dt, solver)
+        else:
+            state, signals = loop.advance_sampled(state, zero, time, dt, noise, solver, 1)
+        totals = {name: measure.update(totals[name], signals) for name, measure in measures.items()}
+    return sum(measure.final(totals[name], STEPS) for name, measure in measures.items())
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_gradients_at_rest_are_finite(case):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fp.FpjaxWarning)
+        loop, _ = case.loop(case.build())
+    value, slopes = eqx.filter_value_and_grad(at_rest)(loop, case.stepping)
+    assert np.isfinite(value)
+    for path, slope in jax.tree_util.tree_leaves_with_path(slopes):
+        assert np.all(np.isfinite(slope)), jax.tree_util.keystr(path)
+
+
+@pytest.mark.parametrize("kind", [fp.RootMeanSquare, fp.GradientRootMeanSquare, fp.StandardDeviation, None])
+def test_forward_mode_too(kind):
+    measure = fp.control_effort() if kind is None else kind(fp.velocity_error)
+
+    def cost(gain):
+        law = fp.CoulombViscous(20.0, 2.0, steepness=200.0)
+        loop = fp.ClosedLoop(fp.OneMass(10.0, law), fp.Proportional(gain))
+        return fp.simulate(loop, fp.Constant(0.0), dt=1e-3, samples=20, measures={"m": measure}).measures["m"]
+
+    value, slope = jax.jvp(cost, (jnp.asarray(500.0),), (jnp.asarray(1.0),))
+    assert value == 0.0
+    assert slope == 0.0
+
+
+def test_what_is_not_a_number_stays_so():
+    """A diverged run must not be taken for one without error."""
+    assert np.isnan(safe_root(jnp.asarray(np.nan)))
+    assert np.isinf(safe_root(jnp.asarray(np.inf)))
+    np.testing.assert_allclose(safe_root(jnp.asarray(9.0)), 3.0)
+    assert tuning.measures.safe_root is safe_root
