@@ -101,9 +101,8 @@ class ClosedLoop(eqx.Module):
         """All signals of the continuous loop at one instant."""
         output = self.plant.readout(state.plant, jnp.zeros_like(time), time)
         measurement = self.sensor.readout(output)
-        control = self.controller.readout(state.controller, reference, measurement)
         compensation, estimates = self.observer.readout(state.observer, measurement.velocity)
-        torque = control + compensation
+        control, torque, _ = self._command(state.controller, reference, measurement, compensation)
         motion = Motion(output.motor_velocity, output.motor_position, time)
         applied = self.actuator.readout(state.actuator, torque, motion)
         output = self.plant.readout(state.plant, applied, time)
@@ -115,7 +114,7 @@ class ClosedLoop(eqx.Module):
         measurement = Measurement(now.measured_velocity, now.measured_position)
         return LoopState(
             self.plant.derivative(state.plant, now.applied, time),
-            self.controller.derivative(state.controller, reference, measurement),
+            self._controller_rates(state.controller, reference, measurement, now.compensation),
             self.observer.derivative(state.observer, now.control, measurement.velocity),
             self.actuator.derivative(state.actuator, now.torque),
             (),
@@ -147,11 +146,13 @@ class ClosedLoop(eqx.Module):
         """
         output = self.plant.readout(state.plant, jnp.zeros_like(time), time)
         sensor, measurement = self.sensor.step(state.sensor, output, noise, dt)
-        control = self.controller.readout(state.controller, reference, measurement)
-        controller = self.controller.step(state.controller, reference, measurement, dt)
         observer = self._observe(state, measurement.velocity, dt)
         compensation, estimates = self.observer.readout(observer, measurement.velocity)
-        torque = control + compensation
+        control, torque, excess = self._command(state.controller, reference, measurement, compensation)
+        controller = self._unbounded().step(state.controller, reference, measurement, dt)
+        back = None if excess is None else self.controller.follow(excess)
+        if back is not None:
+            controller = jax.tree.map(lambda value, rate: value + dt * rate, controller, back)
         motion = Motion(output.motor_velocity, output.motor_position, time)
         actuator, applied = self.actuator.step(state.actuator, torque, motion, dt)
         output = self.plant.readout(state.plant, applied, time)
@@ -169,6 +170,32 @@ class ClosedLoop(eqx.Module):
         now = _signals(time, reference, output, measurement, control, compensation, torque, applied, estimates)
         period = Period(torque, measurement.velocity, jnp.ones_like(dt)) if self.observer.estimated else ()
         return LoopState(plant, controller, observer, actuator, sensor, period), now
+
+    def _unbounded(self) -> AbstractController:
+        return self.controller.unbounded() if self.controller.bounded else self.controller
+
+    def _command(
+        self, state: Any, reference: Array, measurement: Measurement, compensation: Array
+    ) -> tuple[Array, Array, Array | None]:
+        """(control, torque that leaves the controller, what a limit moved it by) [N m]; None without a limit.
+
+        Control and compensation always sum to the torque that leaves: what the limit cuts off, it cuts off the control,
+        so that an observer is never told of a torque that was not there.
+        """
+        control = self._unbounded().readout(state, reference, measurement)
+        wanted = control + compensation
+        if not self.controller.bounded:
+            return control, wanted, None
+        torque = self.controller.limited(wanted)
+        return jnp.where(torque == wanted, control, torque - compensation), torque, torque - wanted
+
+    def _controller_rates(self, state: Any, reference: Array, measurement: Measurement, compensation: Array) -> Any:
+        rates = self._unbounded().derivative(state, reference, measurement)
+        if not self.controller.bounded:
+            return rates
+        _, _, excess = self._command(state, reference, measurement, compensation)
+        back = None if excess is None else self.controller.follow(excess)
+        return rates if back is None else jax.tree.map(jnp.add, rates, back)
 
     def sampled(self, state: LoopState) -> LoopState:
         """The state as `advance_sampled` wants it: with room for the period before where an observer needs it."""

@@ -1,5 +1,6 @@
 """Controllers: P, PI, lead, any transfer function, and a position loop around the velocity loop."""
 
+import dataclasses
 import math
 from abc import abstractmethod
 from collections.abc import Callable
@@ -35,6 +36,28 @@ class AbstractController(Block):
         """The state one control period dt [s] later (sampled stepping): the derivative held over the period."""
         rates = self.derivative(state, reference, measurement)
         return jax.tree.map(lambda value, rate: value + dt * rate, state, rates)
+
+    # A limit holds for what leaves the controller: its control and the observer's compensation together. The loop
+    # therefore asks for the control without the limit, adds the compensation, limits the sum, and lets the state
+    # follow what was cut off.
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the output has a limit."""
+        return False
+
+    def unbounded(self) -> "AbstractController":
+        """The same controller without its limit and its anti-windup."""
+        return self
+
+    def limited(self, torque: Array) -> Array:
+        """What leaves of a torque [N m], the compensation included."""
+        return torque
+
+    def follow(self, excess: Array) -> Any:
+        """Anti-windup: what the state's rate gains where the output was moved by `excess` [N m]; None for nothing."""
+        del excess
+        return None
 
 
 class Proportional(AbstractController):
@@ -85,7 +108,7 @@ class ProportionalIntegral(AbstractController):
     Attributes:
         kp: proportional gain [N m s/rad].
         ki: integral gain [N m/rad].
-        limit: largest |u| [N m]; None for no limit.
+        limit: largest |torque| that leaves, an observer's compensation included [N m]; None for no limit.
         tracking_time: anti-windup time constant [s] with which the integral follows the limited output
             (Astrom, Hagglund, "Advanced PID control", 2006, section 3.5); used only with a limit.
     """
@@ -114,8 +137,24 @@ class ProportionalIntegral(AbstractController):
 
     def readout(self, state: Array, reference: Array, measurement: Measurement) -> Array:
         """u [N m], limited where a limit is given."""
-        control = self.kp * (reference - measurement.velocity) + state
-        return control if self.limit is None else jnp.clip(control, -self.limit, self.limit)
+        return self.limited(self.kp * (reference - measurement.velocity) + state)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether there is a limit."""
+        return self.limit is not None
+
+    def unbounded(self) -> "ProportionalIntegral":
+        """Without the limit."""
+        return dataclasses.replace(self, limit=None)
+
+    def limited(self, torque: Array) -> Array:
+        """Clipped, where there is a limit [N m]."""
+        return torque if self.limit is None else jnp.clip(torque, -self.limit, self.limit)
+
+    def follow(self, excess: Array) -> Array | None:
+        """Back-calculation [N m/s]."""
+        return None if self.limit is None else excess / self.tracking_time
 
 
 class Lead(AbstractController):
@@ -308,13 +347,30 @@ class PositionLoop(AbstractController):
     def _inner(self, reference: Array, measurement: Measurement) -> Array:
         return self.kp * (reference - measurement.position)
 
+    @property
+    def bounded(self) -> bool:
+        """Whether the inner controller's output has a limit."""
+        return self.velocity_controller.bounded
+
+    def unbounded(self) -> "PositionLoop":
+        """Without the inner controller's limit."""
+        return PositionLoop(self.kp, self.velocity_controller.unbounded())
+
+    def limited(self, torque: Array) -> Array:
+        """By the inner controller [N m]."""
+        return self.velocity_controller.limited(torque)
+
+    def follow(self, excess: Array) -> Any:
+        """The inner controller's."""
+        return self.velocity_controller.follow(excess)
+
 
 class Limited(AbstractController):
-    """Any controller with its output clipped (no anti-windup: `ProportionalIntegral` has its own).
+    """Any controller with its output clipped (no anti-windup but the one that the controller has itself).
 
     Attributes:
         controller: what is limited.
-        limit: largest |u| [N m].
+        limit: largest |torque| that leaves, an observer's compensation included [N m].
     """
 
     controller: AbstractController
@@ -338,3 +394,20 @@ class Limited(AbstractController):
     def step(self, state: Any, reference: Array, measurement: Measurement, dt: Array) -> Any:
         """The wrapped controller's."""
         return self.controller.step(state, reference, measurement, dt)
+
+    @property
+    def bounded(self) -> bool:
+        """It has a limit."""
+        return True
+
+    def unbounded(self) -> AbstractController:
+        """What is limited, without."""
+        return self.controller.unbounded()
+
+    def limited(self, torque: Array) -> Array:
+        """Clipped [N m]."""
+        return jnp.clip(self.controller.limited(torque), -self.limit, self.limit)
+
+    def follow(self, excess: Array) -> Any:
+        """The wrapped controller's."""
+        return self.controller.follow(excess)
