@@ -77,6 +77,17 @@ class TuningResult:
         """Whether no start ever ran whole."""
         return not math.isfinite(self.cost)
 
+    @property
+    def at_bounds(self) -> dict[str, str]:
+        """Which gains ended at an end of their range: "low" or "high" by name."""
+        verdicts = self.identifiability.verdicts if self.identifiability else {}
+        return {
+            name: side
+            for name, verdict in verdicts.items()
+            for side in ("low", "high")
+            if f"at its {side} bound" in verdict
+        }
+
     def apply(self, loop: Any) -> Any:
         """A copy of the loop with the tuned gains."""
         return set_parameters(loop, self.gains)
@@ -90,7 +101,14 @@ class TuningResult:
             f"  {name:<28} {self.start[name]:>12.6g} -> {value:<12.6g}" for name, value in self.gains.items()
         )
         dropped = f", {self.diverged_starts} of {self.starts} starts diverged" if self.diverged_starts else ""
+        ends = [f"{name} at its {side} bound {self.gains[name]:.3g}" for name, side in self.at_bounds.items()]
+        loud = [
+            f"NOT AN OPTIMUM: {', '.join(ends)}. The cost still falls beyond it, or does not depend on it: do not use "
+            f"these gains; give a wider range (Parameter(name, start, low, high), --parameter NAME=LOW:START:HIGH), "
+            f"fewer parameters, or an objective with noise."
+        ]
         lines = [
+            *(loud if ends else []),
             f"{self.method} on {', '.join(self.references)} ({self.objective}): {self.message}{dropped}",
             gains,
             f"  cost {self.start_cost:.6g} -> {self.cost:.6g}  (mean {self.mean:.6g}, worst case {self.worst:.6g})",

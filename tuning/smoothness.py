@@ -21,3 +21,10 @@ def set_valued(tree: Any) -> str:
         return type(tree).__name__
     fields = [getattr(tree, field.name, None) for field in dataclasses.fields(tree)]
     return next((found for part in fields if not isinstance(part, jax.Array) and (found := set_valued(part))), "")
+
+
+def not_smooth(loop: fpjax.ClosedLoop, solver: fpjax.AbstractPlantSolver) -> str:
+    """`set_valued` of a loop under a solver: exact sticking differentiates the plant's sign almost everywhere."""
+    if solver.name != "exact":
+        return set_valued(loop)
+    return next((found for part in (loop.observer, loop.controller) if (found := set_valued(part))), "")

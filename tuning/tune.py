@@ -7,9 +7,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from fpjax import AbstractPlantSolver, ClosedLoop
+from fpjax import AbstractPlantSolver, ClosedLoop, get_solver, make_inputs, make_stepper
 from fpjax.errors import InputError
 from fpjax.output.progress import Stages
+from fpjax.parameters import get_parameter
 from fpjax.scan import Stepping
 
 from .gradient import adam, lbfgs
@@ -20,11 +21,12 @@ from .levenberg_marquardt import levenberg_marquardt
 from .methods import LBFGS, METHODS, Adam, GridSearch, LevenbergMarquardt, Method, NelderMead, RepairedGridSearch
 from .nelder_mead import nelder_mead
 from .notes import notes_of, rate_measure
-from .objective import AbstractObjective
+from .objective import AbstractObjective, Thesis, get_objective
 from .parameters import Parameter
-from .problem import Aggregate, References, case_costs, make_problem
+from .problem import Aggregate, References, case_costs, label_references, make_problem
 from .result import TuningResult, versions
-from .smoothness import set_valued
+from .smoothness import not_smooth
+from .starts import placed_parameters, screen
 from .stopping import Stop
 
 _SEARCHES: dict[type, Callable[[Any, Any, Stop], Outcome]] = {
@@ -53,7 +55,7 @@ def tune(
     plants: Mapping[str, Any] | None = None,
     noise_seeds: Sequence[int] = (),
     aggregate: Aggregate = "mean",
-    starts: int = 1,
+    starts: int | None = None,
     spread: float = 1.0,
     seed: int = 0,
     target: float = 0.0,
@@ -79,7 +81,10 @@ def tune(
             `population`. The observer keeps its own idea of the inertia.
         noise_seeds: seeds of the sensor's noise, a run for each; none for no noise.
         aggregate: "mean" or "worst" over references x plants x seeds.
-        starts: number of starts: the parameters' own, and others drawn around it.
+        starts: number of starts: the parameters' own, and others drawn around it. None: the parameters' own and up to
+            four more, the best of a screen of 64 around the gains that pole placement gives (`tuning.starts`), so that
+            no gains need be known; but one start for the "thesis" objective, a target, a budget and Algorithm 1, which
+            are there for comparing.
         spread: how far others are drawn: 10^(+-spread) times on a log scale, that share of the range on a linear one.
         seed: of the drawn starts.
         target: stop once the cost is at most this [1].
@@ -92,6 +97,13 @@ def tune(
     Raises:
         InputError: for what cannot be, with what to do.
     """
+    automatic = starts is None and _searches(method, objective, target, max_simulations)
+    stepper = make_stepper(dt=dt, duration=duration, samples=samples, solver=solver, stepping=stepping)
+    written = parameters
+    if automatic:
+        _, listed = label_references(references)
+        tables = [np.asarray(make_inputs(loop, one, stepper).references[0]) for one in listed]
+        parameters = placed_parameters(loop, tables, float(dt), parameters, get_objective(objective))
     problem, start, labels = make_problem(
         loop,
         references,
@@ -107,10 +119,42 @@ def tune(
         noise_seeds=noise_seeds,
         aggregate=aggregate,
     )
-    drawn = _draw_starts(problem, np.asarray(start, float), starts, spread, seed)
-    stop = Stop(target, max_simulations)
-    (result,) = _search(Lanes(problem, drawn, None), [labels], _settings(method, loop), stop, starts, progress)
+    settings = _settings(method, loop, stepper.solver)
+    bar = Stages(f"tune {_name(settings)}") if progress else None
+    try:
+        middle, screened = np.asarray(start, float), 0
+        if automatic:
+            if bar is not None:
+                bar.stage("compiling, then screening starts")
+            own = np.array([_value_of(loop, one, value) for one, value in zip(written, middle, strict=True)])
+            clock = Clock()
+            drawn, screened = screen(
+                problem.space, lambda values: _judged(clock, values, None, problem)[0], middle, own, seed
+            )
+        else:
+            drawn = _draw_starts(problem, middle, starts or 1, spread, seed)
+        lanes = Lanes(problem, drawn, None)
+        stop = Stop(target, max_simulations, bar)
+        (result,) = _search(lanes, [labels], settings, stop, len(drawn), screened)
+    finally:
+        if bar is not None:
+            bar.end()
     return result
+
+
+def _searches(method: Any, objective: Any, target: float, budget: int | None) -> bool:
+    """Whether the search looks for its own starts: not where it is compared with another one from the same start."""
+    compared = objective == "thesis" or isinstance(objective, Thesis) or target > 0.0 or budget is not None
+    printed = method in ("grid", "grid_repaired") or isinstance(method, GridSearch | RepairedGridSearch)
+    return not compared and not printed
+
+
+def _value_of(loop: ClosedLoop, one: str | Parameter, placed: float) -> float:
+    """Where a parameter stands: its own start, else its value in the loop, else where it was placed."""
+    if isinstance(one, Parameter) and one.start is not None:
+        return one.start
+    value = float(np.asarray(get_parameter(loop, one if isinstance(one, str) else one.name)))
+    return value if value > 0.0 else placed
 
 
 def tune_each(
@@ -184,21 +228,31 @@ def tune_each(
     drawn = _draw_starts(problem, np.asarray(start, float), starts, spread, seed)
     index = np.repeat(np.arange(len(labels)), starts)
     lanes = Lanes(problem, np.tile(drawn, (len(labels), 1)), index)
-    stop = Stop(target, max_simulations)
+    settings = _settings(method, loop, get_solver(solver))
+    bar = Stages(f"tune {_name(settings)}") if progress else None
     groups = [(label,) for label in labels]
-    results = _search(lanes, groups, _settings(method, loop), stop, starts, progress)
+    try:
+        results = _search(lanes, groups, settings, Stop(target, max_simulations, bar), starts, 0)
+    finally:
+        if bar is not None:
+            bar.end()
     return dict(zip(labels, results, strict=True))
 
 
-def _settings(method: str | Method, loop: ClosedLoop) -> Method:
+def _name(settings: Method) -> str:
+    return next(word for word, kind in METHODS.items() if kind is type(settings))
+
+
+def _settings(method: str | Method, loop: ClosedLoop, solver: AbstractPlantSolver) -> Method:
     if isinstance(method, str):
         if method not in METHODS:
             raise InputError(f"method = {method!r} is not known: choose one of {', '.join(METHODS)}.")
         method = METHODS[method]()
-    if isinstance(method, (Adam, LBFGS, LevenbergMarquardt)) and (where := set_valued(loop)):
+    if isinstance(method, (Adam, LBFGS, LevenbergMarquardt)) and (where := not_smooth(loop, solver)):
         raise InputError(
-            f"{where} uses sign(), whose derivative says nothing: give it a steepness (fpjax.safe_steepness chooses "
-            "one), or use 'grid', 'grid_repaired' or 'nelder_mead'."
+            f"{where} uses sign(), whose derivative says nothing: give it a steepness in s/rad (in a servo.toml drop "
+            f'steepness = "sign" and a safe one is chosen; in Python fpjax.safe_steepness chooses one), or use '
+            f"'grid', 'grid_repaired' or 'nelder_mead'."
         )
     return method
 
@@ -218,37 +272,39 @@ def _draw_starts(problem: Any, start: np.ndarray, starts: int, spread: float, se
 
 
 def _search(
-    lanes: Lanes, groups: list[tuple[str, ...]], settings: Method, stop: Stop, starts: int, progress: bool
+    lanes: Lanes, groups: list[tuple[str, ...]], settings: Method, stop: Stop, starts: int, screened: int
 ) -> list[TuningResult]:
-    name = next(word for word, kind in METHODS.items() if kind is type(settings))
+    name = _name(settings)
     stop.expected = settings.iterations
-    stop.bar = Stages(f"tune {name}") if progress else None
+    if stop.bar is not None:
+        stop.bar.stage("compiling")
     begin, before = time.perf_counter(), lanes.clock.compile_seconds
-    try:
-        outcome = _SEARCHES[type(settings)](lanes, settings, stop)
-    finally:
-        if stop.bar is not None:
-            stop.bar.end()
+    outcome = _SEARCHES[type(settings)](lanes, settings, stop)
+    if stop.bar is not None:
+        stop.bar.stage("judging the result")
     spent = time.perf_counter() - begin
     compiled = lanes.clock.compile_seconds - before
     # What follows is told apart from the search: it is the report's cost, not the method's.
     by_group = outcome.costs.reshape(len(groups), starts)
     chosen = [group * starts + int(np.argmin(row)) for group, row in enumerate(by_group)]
     values = np.where(np.isfinite(outcome.values[chosen]), outcome.values[chosen], lanes.start[chosen])
-    index = None if lanes.index is None else lanes.index[chosen]
-    final = Lanes(lanes.problem, values, index, Clock())
-    cases, rates = final.clock.call(_cases, values.astype(lanes.problem.dtype), index, lanes.problem)
-    begun = np.array([lanes.start[group * starts] for group in range(len(groups))], lanes.problem.dtype)
-    first, _ = final.clock.call(_cases, begun, index, lanes.problem)
-    sign = bool(set_valued(lanes.problem.loop))
-    blocks = identifiability(final, values, set_valued=sign)
+    # Every kernel was compiled for a number of rows: what is asked of it now is padded to it, and nothing recompiles.
+    padded = np.resize(values, (lanes.count, values.shape[1]))
+    index = None if lanes.index is None else np.resize(lanes.index[chosen], lanes.count)
+    final = Lanes(lanes.problem, padded, index, Clock())
+    begun = np.array([lanes.start[group * starts] for group in range(len(groups))])
+    rows = np.resize(np.concatenate([values, begun]), (max(screened, 2 * len(groups)), values.shape[1]))
+    which = None if lanes.index is None else np.resize(np.tile(lanes.index[chosen], 2), len(rows))
+    totals, cases, rates = _judged(final.clock, rows, which, lanes.problem)
+    sign = bool(not_smooth(lanes.problem.loop, lanes.problem.stepper.solver))
+    blocks = identifiability(final, padded, set_valued=sign)
     names = lanes.problem.parameters
     kind = type(lanes.problem.objective).__name__.lower()
     results = []
     for group, labels in enumerate(groups):
         of_group = slice(group * starts, (group + 1) * starts)
         lane, failed = chosen[group], ~np.isfinite(outcome.costs[of_group])
-        used = int(outcome.simulations[of_group].sum())
+        used = int(outcome.simulations[of_group].sum()) + screened * lanes.cases
         history = _together(outcome.history[of_group])
         tuned = _named(names, values[group])
         which = range(len(labels)) if lanes.index is None else [int(lanes.index[lane])]
@@ -261,7 +317,7 @@ def _search(
                 gains=tuned,
                 start=_named(names, lanes.start[group * starts]),
                 cost=float(outcome.costs[lane]),
-                start_cost=_aggregated(lanes.problem, first[group]),
+                start_cost=float(totals[len(groups) + group]),
                 mean=float(np.mean(cases[group])),
                 worst=float(np.max(cases[group])),
                 cases=cases[group].tolist(),
@@ -290,11 +346,6 @@ def _named(names: tuple[str, ...], values: np.ndarray) -> dict[str, float]:
     return {name: float(value) for name, value in zip(names, values, strict=True)}
 
 
-def _aggregated(problem: Any, cases: np.ndarray) -> float:
-    cost = float(np.mean(cases) if problem.aggregate == "mean" else np.max(cases))
-    return cost if np.isfinite(cost) else float("inf")
-
-
 def _together(histories: list[list[tuple[int, float]]]) -> list[tuple[int, float]]:
     """The histories of several starts as one: what all have used, and the best of all, iteration by iteration."""
     joined = []
@@ -302,6 +353,14 @@ def _together(histories: list[list[tuple[int, float]]]) -> list[tuple[int, float
         now = [history[min(step, len(history) - 1)] for history in histories if history]
         joined.append((sum(used for used, _ in now), min(cost for _, cost in now)))
     return joined
+
+
+def _judged(clock: Clock, values: np.ndarray, index: Any, problem: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(costs of shape (m,), infinite where a run diverged; cases; rates) of candidates of shape (m, n)."""
+    cases, rates = clock.call(_cases, values.astype(problem.dtype), index, problem)
+    flat = cases.reshape(len(values), -1)
+    costs = np.mean(flat, axis=1) if problem.aggregate == "mean" else np.max(flat, axis=1)
+    return np.where(np.isfinite(costs), costs, np.inf).astype(float), cases, rates
 
 
 def _cases(values: Any, index: Any, problem: Any) -> Any:

@@ -30,7 +30,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--method", action="append", choices=METHODS, help="one or several to compare (default levenberg_marquardt)"
     )
-    parser.add_argument("--starts", type=int, default=1, metavar="N", help="number of starts (default 1)")
+    parser.add_argument(
+        "--starts", type=int, metavar="N",
+        help="number of starts (default: the model's own and up to four of a screen around gains by pole placement)",
+    )  # fmt: skip
     parser.add_argument("--seed", type=int, default=0, help="of the drawn starts (default 0)")
     parser.add_argument("--max-simulations", type=int, metavar="N", help="stop a start before it uses more")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")

@@ -130,6 +130,27 @@ def _polynomials(controller: TransferFunction, written: Mapping[str, Any]) -> di
 
 _GAIN = Key("gain", "1", "not negative")
 _GAINS = (Key("gain_1", "1", "not negative"), Key("gain_2", "1", "not negative"))
+
+
+def unwritten_gains(controller: Mapping[str, Any] | None, observer: Mapping[str, Any] | None) -> tuple[str, ...]:
+    """Gains that the file leaves to pole placement: keys as "observer.gain_1"; one of a pair is a mistake."""
+    wanted = {
+        "controller": {"pi": ("kp", "ki"), "p": ("kp",)}.get((controller or {}).get("type", ""), ()),
+        "observer": ("gain",)
+        if (observer or {}).get("type") in _SINGLE
+        else ("gain_1", "gain_2")
+        if (observer or {}).get("type") in _DOUBLE
+        else (),
+    }
+    written = {"controller": controller or {}, "observer": observer or {}}
+    return tuple(
+        f"{section}.{name}"
+        for section, names in wanted.items()
+        if not set(names) & set(written[section])
+        for name in names
+    )
+
+
 _SINGLE = {
     "cfp": (ClassicalFriedlandPark, ("viscous",)),
     "mfp": (ModifiedFriedlandPark, ("viscous",)),

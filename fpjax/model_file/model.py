@@ -18,10 +18,12 @@ from ..loop import ClosedLoop
 from ..output import toml_text
 from ..scan import Stepper, Stepping, make_stepper
 from ..solvers import SOLVERS, get_solver
+from ..stability import safe_steepness
 from . import body, loop_parts
 from .friction import OFFSET, SECTION, Steepness, build_friction, describe_friction
 from .keys import Key, Units, check_keys, choose, missing, nearest, read_values
 from .learned import build_learned, describe_learned, join_load, more_coulomb
+from .placed import with_placed_gains
 
 SECTIONS = (
     "units", "plant", "transmission", "friction", "load", "learned", "actuator", "sensor",
@@ -35,6 +37,7 @@ _UNITS = {
     "sensors": ("velocity", "position", "both"),
 }
 LOG_SUFFIXES = (".csv", ".npz", ".mat", ".parquet", ".mcap")
+OBSERVER_FRACTION = 0.8  # of the steepness at which a held compensation begins to overshoot rest
 LARGEST_RUN = 1e9  # samples: beyond it a unit is wrong
 
 
@@ -218,17 +221,22 @@ def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) ->
     if steepness.note:
         notes.append(steepness.note)
     plant = body.build_plant(sections["plant"], sections.get("transmission"), friction, bare.load, units)
-    controller = loop_parts.build_controller(sections.get("controller", {"type": "unknown"}), units, dt)
+    missing_gains = loop_parts.unwritten_gains(sections.get("controller"), sections.get("observer"))
+    tables = _with_any_gain(sections, missing_gains)
+    controller = loop_parts.build_controller(tables.get("controller", {"type": "unknown"}), units, dt)
+    known = _known(plant)
+    _choose_observer_steepness(known, sections, time, dt, units, notes)
     loop = ClosedLoop(
         plant=plant,
         controller=Proportional(0.0) if controller is None else controller,
-        observer=loop_parts.build_observer(sections.get("observer"), units, plant, _known(plant)),
+        observer=loop_parts.build_observer(tables.get("observer"), units, plant, known),
         actuator=body.build_actuator(sections.get("actuator"), units, dt),
         sensor=body.build_sensor(sections.get("sensor"), units, dt),
     )
     reference = loop_parts.build_reference(
         sections.get("reference"), units, path.parent if path else None, units.motion == "linear", time["duration"]
     )
+    loop = with_placed_gains(loop, missing_gains, reference, time, {k: v for k, v in known.items() if v}, notes)
     return Model(
         loop=loop,
         reference=reference,
@@ -312,6 +320,39 @@ def _known(plant: AbstractPlant) -> dict[str, float | None]:
         "viscous": mean("viscous"),
         "steepness": None if steepness is None else float(steepness),
     }
+
+
+def _with_any_gain(sections: Mapping[str, Any], missing: tuple[str, ...]) -> dict[str, Any]:
+    """The sections with a 1 for every gain that is to be placed."""
+    tables = {name: dict(table) if isinstance(table, dict) else table for name, table in sections.items()}
+    for key in missing:
+        section, _, word = key.partition(".")
+        tables[section][word] = 1.0
+    return tables
+
+
+def _choose_observer_steepness(
+    known: dict[str, float | None],
+    sections: Mapping[str, Any],
+    time: Mapping[str, Any],
+    dt: float,
+    units: Units,
+    notes: list[str],
+) -> None:
+    """Under exact sticking the plant needs no steepness, and its observer's compensation a smooth one all the same."""
+    observer, coulomb = sections.get("observer") or {}, known["coulomb"]
+    written = "steepness" in observer or "steepness" in sections[SECTION]
+    if time["solver"] != "exact" or written or not coulomb or observer.get("type", "none") == "none":
+        return
+    # Sampled compensation overshoots rest once steepness x coulomb x dt / inertia passes 2, as Euler's method does.
+    chosen = OBSERVER_FRACTION * safe_steepness(
+        float(known["inertia"] or 0.0), coulomb, dt, get_solver("euler"), fraction=1.0
+    )
+    known["steepness"] = float(f"{chosen:.3g}")
+    notes.append(
+        f"[observer] steepness is not given: {known['steepness']:g} {units.name('s/rad')} was chosen, "
+        f"{100.0 * OBSERVER_FRACTION:.0f} % of what a compensation held over dt = {dt:g} s can follow."
+    )
 
 
 def _never() -> Steepness:

@@ -97,6 +97,30 @@ def test_a_path_gives_the_same_as_its_text(tmp_path):
         load_model(tmp_path)
 
 
+def test_gains_that_are_not_written_are_placed_and_said():
+    bare = changed("gain_1 = 298.0\ngain_2 = 72.6\n", "").replace("kp = 150.0\nki = 200.0\n", "")
+    model = load_model(bare)
+    observer, controller = model.loop.observer, model.loop.controller
+    # tau = sqrt(8 dt T); the mean of |w| sign(w) and of w^2 of a half period of the unit sine are 1 and 1/2.
+    tau = (8.0 * 1e-4 * 0.5) ** 0.5
+    assert float(observer.gain_2) == pytest.approx(10.0 / tau, rel=0.01)
+    assert float(observer.gain_1) == pytest.approx(2.0 * 10.0 / tau, rel=0.01)
+    omega = (0.2 / 1e-4 * 10.0 / 0.5) ** 0.5
+    assert float(controller.kp) == pytest.approx(1.4 * omega * 10.0, rel=0.01)
+    assert float(controller.ki) == pytest.approx(omega**2 * 10.0, rel=0.01)
+    assert sum("chosen by pole placement" in note for note in model.notes) == 2
+    assert same(model, load_model(dump_model(model)))
+    with pytest.raises(InputError, match=r"\[controller\] kp is missing, and without \[reference\]"):
+        load_model(bare.split("[reference]")[0] + "[simulation]\ndt = 1e-4\n")
+
+
+def test_under_exact_sticking_the_observer_gets_a_steepness_that_is_said():
+    text = changed("duration = 0.5", 'duration = 0.5\nsolver = "exact"')
+    model = load_model(text)
+    assert float(model.loop.observer.steepness) == pytest.approx(0.8 * 2.0 * 10.0 / (20.0 * 1e-4), rel=0.01)
+    assert any("[observer] steepness is not given: 8000 s/rad was chosen" in note for note in model.notes)
+
+
 BAD = {
     "a misspelt key": (("inertia = 10.0", "inertai = 10.0"), r"\[plant\] inertai is not known: did you mean 'inertia'"),
     "a misspelt section": (("[plant]", "[plants]"), r"section \[plants\] is not known: did you mean 'plant'"),

@@ -1,0 +1,65 @@
+"""Gains that a servo.toml leaves out: pole placement chooses them, and says so."""
+
+from typing import Any
+
+import numpy as np
+
+from ..analysis.placement import place_gain, placed_bandwidth, placed_time
+from ..blocks.references import AbstractReference
+from ..errors import InputError
+from ..loop import ClosedLoop
+from ..parameters import parameter_names, set_parameters
+from ..scan import make_inputs, make_stepper
+
+
+def with_placed_gains(
+    loop: ClosedLoop,
+    missing: tuple[str, ...],
+    reference: AbstractReference | None,
+    time: dict[str, Any],
+    truths: dict[str, Any],
+    notes: list[str],
+) -> ClosedLoop:
+    """The loop with the gains that its file does not write.
+
+    Args:
+        loop: with any value for them.
+        missing: keys, as "observer.gain_1".
+        reference: what the machine follows.
+        time: dt, duration, solver, stepping, substeps.
+        truths: friction parameters by name.
+        notes: gains a sentence a section.
+
+    Raises:
+        InputError: where no reference says how the machine moves.
+    """
+    if not missing:
+        return loop
+    if reference is None or time["duration"] is None:
+        section, _, key = missing[0].partition(".")
+        raise InputError(
+            f"[{section}] {key} is missing, and without [reference] and [simulation] duration none can be chosen: "
+            f"write it, or both of them."
+        )
+    stepper = make_stepper(dt=time["dt"], duration=time["duration"], solver=time["solver"], stepping="sampled")
+    table = np.asarray(make_inputs(loop, reference, stepper).references[0])
+    known = parameter_names(loop)
+    values: dict[str, float] = {}
+    for key in missing:
+        section, _, word = key.partition(".")
+        name = next(each for each in known if each.startswith(f"{section}.") and each.rpartition(".")[2] == word)
+        found = place_gain(loop, [table], time["dt"], name, truths)
+        if found is None:
+            raise InputError(f"[{section}] {word} is missing, and no rule places it for this loop: write a number.")
+        values[name] = float(f"{found:.3g}")
+    for section in dict.fromkeys(name.partition(".")[0] for name in values):
+        own = {name.rpartition(".")[2]: value for name, value in values.items() if name.startswith(f"{section}.")}
+        why = (
+            f"a velocity loop of {placed_bandwidth(time['dt'], time['duration']):.3g} rad/s, damping 0.7"
+            if section == "controller"
+            else f"each estimate alone settles in {placed_time(time['dt'], time['duration']):.3g} s on this reference; "
+            f"fpjax tune finds better ones"
+        )
+        chosen = ", ".join(f"{key} = {value:g}" for key, value in own.items())
+        notes.append(f"[{section}] {', '.join(own)} not given: {chosen} chosen by pole placement ({why}).")
+    return set_parameters(loop, values)

@@ -1,0 +1,53 @@
+"""Starts that a search finds by itself: from any gains, or none, to the same optimum; a bound is said loudly."""
+
+import pytest
+
+import fpjax as fp
+import tuning
+
+GAINS = ("observer.gain_1", "observer.gain_2")
+RUN = {"dt": 2e-3, "duration": 4.0, "stepping": "sampled", "solver": "exact"}
+
+
+def loop(gain_1, gain_2):
+    return fp.ClosedLoop(
+        fp.OneMass(10.0, fp.CoulombViscous(20.0, 5.0)),
+        fp.ProportionalIntegral(400.0, 2000.0),
+        fp.ExtendedFriedlandPark(10.0, gain_1, gain_2, 500.0),
+    )
+
+
+@pytest.fixture(scope="module")
+def from_fair_gains():
+    return tuning.tune(loop(100.0, 100.0), fp.Sine(1.0, 0.5), parameters=GAINS, **RUN)
+
+
+def test_gains_far_off_end_where_fair_ones_do(from_fair_gains):
+    far = tuning.tune(loop(1e-5, 1e-5), fp.Sine(1.0, 0.5), parameters=GAINS, **RUN)
+    assert far.cost == pytest.approx(from_fair_gains.cost, rel=0.01)
+    assert far.starts > 1
+    assert far.at_bounds == {}
+    assert "NOT AN OPTIMUM" not in str(far)
+
+
+def test_more_starts_find_nothing_better(from_fair_gains):
+    many = tuning.tune(loop(100.0, 100.0), fp.Sine(1.0, 0.5), parameters=GAINS, starts=16, spread=2.0, **RUN)
+    assert from_fair_gains.cost <= 1.1 * many.cost
+
+
+def test_the_screen_is_counted(from_fair_gains):
+    assert from_fair_gains.simulations >= tuning.starts.SCREENED
+
+
+def test_a_result_at_a_bound_is_said_first():
+    held = [tuning.Parameter(name, 100.0, 90.0, 110.0) for name in GAINS]
+    result = tuning.tune(loop(100.0, 100.0), fp.Sine(1.0, 0.5), parameters=held, **RUN)
+    assert result.at_bounds
+    assert str(result).startswith("NOT AN OPTIMUM: observer.gain")
+
+
+def test_what_is_there_for_comparing_starts_where_it_is_told():
+    result = tuning.tune(
+        loop(100.0, 100.0), fp.Sine(1.0, 0.5), parameters=GAINS, objective="thesis", max_simulations=12, **RUN
+    )
+    assert result.starts == 1
