@@ -149,7 +149,7 @@ def _run(
 
 def run_status(finals: dict[str, Array], state: LoopState) -> Array:
     """`Status` of a run from its measures and its final state: anything not finite, or past 1e15, is diverged."""
-    leaves = jax.tree.leaves(state)
+    leaves = [leaf for leaf in jax.tree.leaves(state) if eqx.is_inexact_array(leaf)]  # a counter cannot diverge
     healthy = jnp.array(True)
     for leaf in leaves:
         healthy = healthy & jnp.all(jnp.abs(leaf) < 1e15)

@@ -53,6 +53,24 @@ class LoopState(eqx.Module):
     period: Any = ()
 
 
+class Command(eqx.Module):
+    """What the control law makes of one sample: all that a drive computes in a period.
+
+    Attributes:
+        memory: what the law keeps for the next sample: (the controller's state, the observer's, the `Period`).
+        control: the controller's output u [N m].
+        compensation: what the observer adds [N m].
+        torque: commanded torque u + compensation [N m].
+        estimates: the observer's estimates by name.
+    """
+
+    memory: tuple[Any, Any, Any]
+    control: Array
+    compensation: Array
+    torque: Array
+    estimates: dict[str, Array]
+
+
 class ClosedLoop(eqx.Module):
     """Plant, controller, and what stands between them.
 
@@ -146,15 +164,9 @@ class ClosedLoop(eqx.Module):
         """
         output = self.plant.readout(state.plant, jnp.zeros_like(time), time)
         sensor, measurement = self.sensor.step(state.sensor, output, noise, dt)
-        observer = self._observe(state, measurement.velocity, dt)
-        compensation, estimates = self.observer.readout(observer, measurement.velocity)
-        control, torque, excess = self._command(state.controller, reference, measurement, compensation)
-        controller = self._unbounded().step(state.controller, reference, measurement, dt)
-        back = None if excess is None else self.controller.follow(excess)
-        if back is not None:
-            controller = jax.tree.map(lambda value, rate: value + dt * rate, controller, back)
+        command = self.control_law((state.controller, state.observer, state.period), reference, measurement, dt)
         motion = Motion(output.motor_velocity, output.motor_position, time)
-        actuator, applied = self.actuator.step(state.actuator, torque, motion, dt)
+        actuator, applied = self.actuator.step(state.actuator, command.torque, motion, dt)
         output = self.plant.readout(state.plant, applied, time)
         plant, step = state.plant, dt / substeps
 
@@ -167,9 +179,34 @@ class ClosedLoop(eqx.Module):
         else:
             starts = time + step * jnp.arange(substeps).astype(time.dtype)
             plant, _ = jax.lax.scan(*alike_on_devices(substep, plant, starts), starts)
-        now = _signals(time, reference, output, measurement, control, compensation, torque, applied, estimates)
-        period = Period(torque, measurement.velocity, jnp.ones_like(dt)) if self.observer.estimated else ()
+        now = _signals(
+            time, reference, output, measurement, command.control, command.compensation, command.torque, applied,
+            command.estimates,
+        )  # fmt: skip
+        controller, observer, period = command.memory
         return LoopState(plant, controller, observer, actuator, sensor, period), now
+
+    def control_law(
+        self, memory: tuple[Any, Any, Any], reference: Array, measurement: Measurement, dt: Array
+    ) -> Command:
+        """One period of the sampled control law, the plant left out: what `fpjax.export` writes as C.
+
+        Args:
+            memory: (the controller's state, the observer's, the `Period` before), see `sampled`.
+            reference: r [rad/s] (or [rad] for a position loop).
+            measurement: what the sensor reads now.
+            dt: control period [s].
+        """
+        before, observer, period = memory
+        observer = self._observe(observer, period, measurement.velocity, dt)
+        compensation, estimates = self.observer.readout(observer, measurement.velocity)
+        control, torque, excess = self._command(before, reference, measurement, compensation)
+        controller = self._unbounded().step(before, reference, measurement, dt)
+        back = None if excess is None else self.controller.follow(excess)
+        if back is not None:
+            controller = jax.tree.map(lambda value, rate: value + dt * rate, controller, back)
+        following = Period(torque, measurement.velocity, jnp.ones_like(dt)) if self.observer.estimated else ()
+        return Command((controller, observer, following), control, compensation, torque, estimates)
 
     def _unbounded(self) -> AbstractController:
         return self.controller.unbounded() if self.controller.bounded else self.controller
@@ -206,13 +243,12 @@ class ClosedLoop(eqx.Module):
             lambda at: at.period, state, Period(zero, zero, zero), is_leaf=lambda leaf: isinstance(leaf, tuple)
         )
 
-    def _observe(self, state: LoopState, velocity: Array, dt: Array) -> Any:
+    def _observe(self, observer: Any, last: Any, velocity: Array, dt: Array) -> Any:
         """The observer's state now that the velocity at the period's end is known."""
-        if not isinstance(state.period, Period):
-            return state.observer
-        last = state.period
-        moved = self.observer.advance(state.observer, last.torque, last.velocity, velocity, dt)
-        return jax.tree.map(lambda new, old: jnp.where(last.begun > 0.0, new, old), moved, state.observer)
+        if not isinstance(last, Period):
+            return observer
+        moved = self.observer.advance(observer, last.torque, last.velocity, velocity, dt)
+        return jax.tree.map(lambda new, old: jnp.where(last.begun > 0.0, new, old), moved, observer)
 
 
 def _signals(

@@ -78,6 +78,8 @@ from .blocks.signals import PlantOutput as PlantOutput
 from .blocks.signals import Signals as Signals
 from .errors import FpjaxWarning as FpjaxWarning
 from .errors import InputError as InputError
+from .export import ExportedC as ExportedC
+from .export import export_c as export_c
 from .logs import Log as Log
 from .logs import read_log as read_log
 from .loop import ClosedLoop as ClosedLoop

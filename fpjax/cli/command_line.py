@@ -18,6 +18,7 @@ COMMANDS = {
     "estimate": "run an observer over a log: friction estimates against least squares",
     "inspect": "what is in a log, what it can show, and a starter servo.toml",
     "diagnose": "where simulation and log differ, which effect causes it, how far the gap shrinks",
+    "export": "the control law as C for a drive, checked against the simulation",
     "demo": "simulate, tune and compare on an embedded example, in a minute",
 }
 EPILOG = """\

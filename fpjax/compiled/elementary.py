@@ -62,6 +62,8 @@ _QUARTER = {
 _LOG_2 = (0.6931471803691238, 1.9082149292705877e-10)
 _ROOT = 0x3FE6A09E667F3BCD  # the bits of sqrt(1/2)
 
+_WRITTEN_OUT: dict[str, Callable[[Array], list[Array]]] = {}
+
 NAME = "fpjax_elementary"  # under which reverse mode finds what is dear to recompute (see `native`)
 
 
@@ -116,6 +118,11 @@ def kept(value: Array) -> Array:
     return checkpoint_name(lax.optimization_barrier(value), NAME)
 
 
+def written_out(primitive: Any) -> Callable[[Array], list[Array]] | None:
+    """The arithmetic behind one of our primitives, a list of its results; None for any other primitive."""
+    return _WRITTEN_OUT.get(primitive.name)
+
+
 def _written_out(x: Array) -> bool:
     # Without x64 jax turns the constants of a float64 program into float32.
     wide = x.dtype == np.float64 and jax.config.jax_enable_x64  # pyright: ignore[reportAttributeAccessIssue]
@@ -164,6 +171,7 @@ def _primitive(
     ad.primitive_jvps[made] = derived
     mlir.register_lowering(made, mlir.lower_fun(plain, multiple_results=True))
     mlir.register_lowering(made, lowered_for_cpu, platform="cpu")
+    _WRITTEN_OUT[name] = written_out
     return made.bind
 
 

@@ -1,0 +1,159 @@
+"""`export_c`: a model's control law as C files in a folder, checked on request."""
+
+import dataclasses
+import os
+import pathlib
+import re
+
+from ..blocks.observers import NoObserver
+from ..blocks.references import AbstractReference, Sine
+from ..errors import InputError
+from ..model_file import Model, load_model
+from ..output.runfile import write_whole
+from .c_code import Code, write_c
+from .c_test import EMBEDDED, test_program, vector_file, vector_header
+from .check import Checked, check_c, failures, find_compiler
+from .cost import Cost, estimate_cost
+from .law import Law, Precision, double_enabled, trace_law
+from .vectors import make_vectors
+
+CHECKED_FOR = 10.0  # [s]: what the bound in single precision is stated for
+MOST_SAMPLES = 100_001
+
+
+@dataclasses.dataclass(frozen=True)
+class ExportedC:
+    """What `export_c` wrote.
+
+    Attributes:
+        law: the control law, its program and its names.
+        code: the texts of the header and the source.
+        files: their names, in `folder`.
+        folder: where they are.
+        cost: cycles and flash.
+        checked: what the comparison with the simulation found; None without `check`.
+        bounds: by output, the largest bound of the compared run on the difference from `fpjax.simulate`, in its unit.
+        notes: what the user should know, a sentence each.
+    """
+
+    law: Law
+    code: Code
+    files: tuple[str, ...]
+    folder: pathlib.Path
+    cost: Cost
+    checked: Checked | None
+    bounds: dict[str, float]
+    notes: tuple[str, ...]
+
+
+def export_c(
+    model: Model | str | os.PathLike[str],
+    folder: str | os.PathLike[str],
+    *,
+    precision: Precision = "double",
+    name: str | None = None,
+    check: bool = False,
+    duration: float = CHECKED_FOR,
+) -> ExportedC:
+    """Write the control law of a model as C99: controller, observer and compensation, as the sampled loop runs them.
+
+    Args:
+        model: a `Model`, or a servo.toml.
+        folder: where NAME_control.h, NAME_control.c, NAME_test.c and its vectors go; made if missing.
+        precision: "double" or "float".
+        name: prefix of files and symbols; None for the model file's own name.
+        check: compile with the machine's C compiler and compare with the simulation sample by sample.
+        duration: of the compared run [s].
+
+    Returns:
+        An `ExportedC`.
+
+    Raises:
+        InputError: for a controller that is unknown, a law that has no C, a loop that diverges, a folder that cannot
+            be written; with `check` also without a compiler, and where the C is not the simulation.
+    """
+    if not isinstance(model, Model):
+        with double_enabled():
+            model = load_model(model)
+    model.needed_controller()
+    notes = _notes(model)
+    law = trace_law(model.loop, model.dt, precision)
+    code = write_c(law, name or _word(model), model.units, model.path.name if model.path else "a model")
+    folder = pathlib.Path(folder).expanduser()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{folder} cannot be made ({error.strerror or error}): give a folder that can be written."
+        ) from error
+    files = _write(folder, {f"{code.name}_control.h": code.header, f"{code.name}_control.c": code.source})
+    if check:
+        find_compiler()  # before anything is simulated
+    reference, said = _reference(model)
+    notes += said
+    samples = _samples(model.dt, duration, notes) if check else EMBEDDED
+    vectors = make_vectors(
+        law, reference, samples=samples, solver=model.solver, substeps=model.substeps, loop=model.loop
+    )
+    texts = {
+        f"{code.name}_test.c": test_program(law, code),
+        f"{code.name}_vectors.h": vector_header(law, code, vectors),
+    }
+    files += _write(folder, texts)
+    checked = None
+    if check:
+        files += _write(folder, {f"{code.name}_vectors.bin": vector_file(vectors)})
+        checked = check_c(law, code, folder)
+        wrong = failures(checked)
+        if wrong:
+            raise InputError(
+                f"{code.name}_control.c is not the simulation: {'; '.join(wrong)}. Please report it with the model."
+            )
+    bounds = dict(zip(law.outputs, map(float, vectors.bounds.max(axis=0)), strict=True))
+    unbounded = [output for output, bound in bounds.items() if not bound < float("inf")]
+    if check and unbounded:
+        notes.append(
+            f"No bound holds for the run of {', '.join(unbounded)} (a slope of the law is infinite along it): each "
+            f"step is compared, the run is only shown."
+        )
+    cost = estimate_cost(law, code, folder)
+    return ExportedC(law, code, tuple(files), folder, cost, checked, bounds, tuple(notes))
+
+
+def _samples(dt: float, duration: float, notes: list[str]) -> int:
+    if not dt <= duration < float("inf"):
+        raise InputError(f"duration must be at least one period of dt = {dt:g} s and finite, got {duration:g} s.")
+    samples = round(duration / dt) + 1
+    if samples > MOST_SAMPLES:
+        notes.append(f"The check runs {MOST_SAMPLES * dt:.3g} s and not {duration:g} s: {MOST_SAMPLES} periods.")
+    return min(samples, MOST_SAMPLES)
+
+
+def _write(folder: pathlib.Path, texts: dict[str, str] | dict[str, bytes]) -> list[str]:
+    for name, text in texts.items():
+        write_whole(folder / name, text)
+    return list(texts)
+
+
+def _word(model: Model) -> str:
+    stem = re.sub(r"\W", "_", model.path.stem) if model.path else "servo"
+    return stem if re.match(r"[A-Za-z_]", stem) else f"servo_{stem}"
+
+
+def _notes(model: Model) -> list[str]:
+    notes = []
+    if model.stepping == "continuous":
+        notes.append(
+            f"The model steps continuously; the C is the sampled law with a period of dt = {model.dt:g} s "
+            f'([simulation] stepping = "sampled" simulates it), which other gains may suit better.'
+        )
+    if isinstance(model.loop.observer, NoObserver):
+        notes.append("The model has no [observer]: the C is the controller alone, without friction compensation.")
+    return notes
+
+
+def _reference(model: Model) -> tuple[AbstractReference, list[str]]:
+    if model.reference is not None:
+        return model.reference, []
+    with double_enabled():
+        return Sine(1.0, 1.0), ["The model has no [reference]: the test vectors follow a sine of 1 at 1 Hz."]

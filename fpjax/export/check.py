@@ -1,0 +1,131 @@
+"""Compile a law's C with the machine's compiler and run its test program."""
+
+import dataclasses
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+
+from ..errors import InputError
+from .c_code import Code
+from .law import Law
+from .vectors import ULPS
+
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-O2")
+
+
+@dataclasses.dataclass(frozen=True)
+class Checked:
+    """What the test program found.
+
+    Attributes:
+        compiler: the compiler's own first line.
+        rows: samples compared.
+        steps: by output and state, the largest difference of one step [units in the last place].
+        runs: by output, the largest difference of the whole run, in the output's unit.
+        bounds: by output, that over its bound [1].
+        nanoseconds: of one step on this machine.
+        passed: whether every step and the run are within what is allowed.
+        text_bytes: code and constants as compiled for this machine, -Os; None where `size` is missing.
+    """
+
+    compiler: str
+    rows: int
+    steps: dict[str, float]
+    runs: dict[str, float]
+    bounds: dict[str, float]
+    nanoseconds: float
+    passed: bool
+    text_bytes: int | None
+
+
+def find_compiler() -> str:
+    """The C compiler: CC of the environment, or else cc, gcc or clang.
+
+    Raises:
+        InputError: where there is none.
+    """
+    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        found = shutil.which(name) if name else None
+        if found:
+            return found
+    raise InputError(
+        "--check needs a C compiler, and neither CC nor cc, gcc or clang is one: the C is written, unchecked; install "
+        "one (apt install gcc) and run the command again."
+    )
+
+
+def check_c(law: Law, code: Code, folder: pathlib.Path) -> Checked:
+    """Compile and run what stands in a folder.
+
+    Args:
+        law: what the code is of.
+        code: from `write_c`, written to the folder with its test program and vectors.
+        folder: where they are.
+
+    Raises:
+        InputError: without a compiler, or where it refuses the code.
+    """
+    compiler, name = find_compiler(), code.name
+    program = folder / f"{name}_test"
+    sources = [f"{name}_control.c", f"{name}_test.c"]
+    made = _run([compiler, *FLAGS, *sources, "-o", program.name, "-lm"], folder)
+    if made.returncode:
+        lines = [line for line in made.stderr.splitlines() if "error" in line] or made.stderr.splitlines() or ["?"]
+        raise InputError(
+            f"{pathlib.Path(compiler).name} refuses {name}_control.c ({lines[0].strip()}): please report it with "
+            f"the model."
+        )
+    try:
+        ran = _run([str(program.resolve()), f"{name}_vectors.bin"], folder)
+    finally:
+        program.unlink(missing_ok=True)
+    steps, runs, bounds = {}, {}, {}
+    for line in ran.stdout.splitlines():
+        match = re.match(r"(\w+) step (\S+)(?: run (\S+) of bound (\S+))?$", line)
+        if match:
+            steps[match[1]] = float(match[2])
+            if match[3]:
+                runs[match[1]], bounds[match[1]] = float(match[3]), float(match[4])
+    measured = re.search(r"^rows (\d+) nanoseconds (\S+)", ran.stdout, flags=re.MULTILINE)
+    if measured is None or set(law.outputs) - set(steps):
+        raise InputError(
+            f"The test program of {name} ended with code {ran.returncode}: please report it with the model."
+        )
+    version = _run([compiler, "--version"], folder).stdout.splitlines() or [compiler]
+    return Checked(
+        version[0].strip(), int(measured[1]), steps, runs, bounds, float(measured[2]), ran.returncode == 0,
+        _text_bytes(compiler, name, folder),
+    )  # fmt: skip
+
+
+def failures(checked: Checked) -> list[str]:
+    """What is off, a phrase each."""
+    found = [f"{name} by {ulps:.3g} ulp a step (allowed {ULPS:g})" for name, ulps in checked.steps.items()
+             if not ulps <= ULPS]  # fmt: skip
+    return found + [
+        f"{name} by {checked.runs[name]:.3g} over the run ({ratio:.3g} of its bound)"
+        for name, ratio in checked.bounds.items()
+        if not ratio <= 1.0
+    ]
+
+
+def _text_bytes(compiler: str, name: str, folder: pathlib.Path) -> int | None:
+    tool, compiled = shutil.which("size"), folder / f".{name}_size.o"
+    if tool is None:
+        return None
+    try:
+        if _run([compiler, "-std=c99", "-Os", "-c", f"{name}_control.c", "-o", compiled.name], folder).returncode:
+            return None
+        rows = _run([tool, compiled.name], folder).stdout.splitlines()
+        return int(rows[1].split()[0]) if len(rows) > 1 else None
+    finally:
+        compiled.unlink(missing_ok=True)
+
+
+def _run(command: list[str], folder: pathlib.Path) -> subprocess.CompletedProcess[str]:
+    try:
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300, check=False)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise InputError(f"{pathlib.Path(command[0]).name} cannot be run ({error}): see --check.") from error

@@ -1,0 +1,163 @@
+"""The control law of a loop as a `Program`: traced from the very `ClosedLoop.control_law` that is simulated."""
+
+import contextlib
+import dataclasses
+import inspect
+import re
+from collections.abc import Iterator
+from typing import Any, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..blocks.controllers import AbstractController
+from ..blocks.observers import AbstractObserver
+from ..blocks.signals import Measurement
+from ..errors import InputError
+from ..loop import ClosedLoop, Command
+from ..scan import astype
+from .flatten import constants, flatten
+from .program import Program
+
+Precision = Literal["double", "float"]
+DTYPES: dict[str, Any] = {"double": np.float64, "float": np.float32}
+INPUTS = ("reference", "velocity", "position")
+
+
+@dataclasses.dataclass(frozen=True)
+class Law:
+    """What a drive runs once a period.
+
+    Attributes:
+        loop: its blocks, in the law's precision.
+        dt: control period [s].
+        precision: "double" or "float".
+        program: inputs are the three of `INPUTS`, then the state; outputs are `outputs`, then the next state.
+        states: a name for each number of the state.
+        start: the state at rest, shape (states,).
+        outputs: "torque", "control", "compensation", then the estimates.
+        parameters: by name, what it is with its unit, as the block's docstring has it.
+    """
+
+    loop: ClosedLoop
+    dt: float
+    precision: Precision
+    program: Program
+    states: tuple[str, ...]
+    start: np.ndarray
+    outputs: tuple[str, ...]
+    parameters: dict[str, str]
+
+    @property
+    def dtype(self) -> Any:
+        """numpy's."""
+        return DTYPES[self.precision]
+
+
+@contextlib.contextmanager
+def double_enabled() -> Iterator[None]:
+    """Within: jax knows float64, whatever the process chose."""
+    if jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
+        yield
+        return
+    with jax.enable_x64(True):
+        yield
+
+
+def trace_law(loop: ClosedLoop, dt: float, precision: Precision = "double") -> Law:
+    """The control law of a loop.
+
+    Args:
+        loop: its controller and observer.
+        dt: control period [s].
+        precision: "double" or "float": what the drive computes in.
+
+    Raises:
+        InputError: for a period that is not positive, or a law that has no C.
+    """
+    if precision not in DTYPES:
+        raise InputError(f'precision = {precision!r} is not known: choose "double" or "float".')
+    if not dt > 0.0:
+        raise InputError(f"dt must be positive, got {dt:g} s; 1e-3 s is usual for a drive.")
+    with double_enabled():
+        loop = astype(loop, DTYPES[precision])
+        leaves, names, rebuild = _parameters(loop.controller, loop.observer)
+        state = memory_at_rest(loop)
+        period = jnp.asarray(dt, DTYPES[precision])
+
+        def step(leaves: Any, dt: Any, inputs: Any, state: Any) -> Any:
+            controller, observer = rebuild(leaves)
+            return run(ClosedLoop(loop.plant, controller, observer), inputs, state, dt)
+
+        zero = jnp.zeros((), DTYPES[precision])
+        closed, shapes = jax.make_jaxpr(step, return_shape=True)(leaves, period, (zero,) * len(INPUTS), state)
+        known = [constants(leaf, name) for leaf, name in zip(leaves, names, strict=True)]
+        known.append(constants(period, "period"))
+        free: list[Any] = [None] * (len(closed.jaxpr.invars) - len(known))
+        program = flatten(closed, [*known, *free])
+        states, start = _state(state)
+        descriptions = {"period": "control period [s]"} | _described(loop.controller, "controller")
+        descriptions |= _described(loop.observer, "observer")
+    outputs = ("torque", "control", "compensation", *(f"{name}_estimate" for name in sorted(shapes[0][3])))
+    return Law(loop, dt, precision, program, states, start, outputs, descriptions)
+
+
+def run(loop: ClosedLoop, inputs: Any, state: Any, dt: Any) -> tuple[Any, Any]:
+    """((torque, control, compensation, estimates), next state) of one period, for inputs in the order of `INPUTS`."""
+    reference, velocity, position = inputs
+    made: Command = loop.control_law(state, reference, Measurement(velocity, position), dt)
+    return (made.torque, made.control, made.compensation, made.estimates), made.memory
+
+
+def memory_at_rest(loop: ClosedLoop) -> Any:
+    """What the law keeps between two samples, before the first one."""
+    state = loop.sampled(loop.init())
+    return state.controller, state.observer, state.period
+
+
+def _parameters(controller: AbstractController, observer: AbstractObserver) -> tuple[list[Any], list[str], Any]:
+    dynamic, static = eqx.partition((controller, observer), eqx.is_array)
+    found, structure = jax.tree_util.tree_flatten_with_path(dynamic)
+    names = [_word(("controller", "observer")[path[0].idx], path[1:]) for path, _ in found]
+
+    def rebuild(leaves: Any) -> Any:
+        return eqx.combine(jax.tree_util.tree_unflatten(structure, leaves), static)
+
+    return [leaf for _, leaf in found], names, rebuild
+
+
+def _state(state: Any) -> tuple[tuple[str, ...], np.ndarray]:
+    found, _ = jax.tree_util.tree_flatten_with_path(state)
+    names, values = [], []
+    for path, leaf in found:
+        array = np.asarray(leaf)
+        base = _word(("controller", "observer", "period")[path[0].idx], path[1:])
+        for place in np.ndindex(*array.shape):
+            names.append(base + "".join(f"_{index}" for index in place))
+            values.append(array[place])
+    return tuple(names), np.array(values, dtype=np.float64)
+
+
+def _word(first: str, path: Any) -> str:
+    parts = [first]
+    for entry in path:
+        part = getattr(entry, "name", getattr(entry, "idx", getattr(entry, "key", entry)))
+        parts.append(re.sub(r"\W", "_", str(part)))
+    return "_".join(parts)
+
+
+def _described(block: Any, name: str) -> dict[str, str]:
+    """{"controller_kp": "proportional gain [N m s/rad]"} from the docstrings of a block and of those within it."""
+    if not isinstance(block, eqx.Module):
+        return {}
+    found = {}
+    lines = (inspect.getdoc(type(block)) or "").partition("Attributes:")[2]
+    for match in re.finditer(r"^\s+(\w+): (.*(?:\n {8,}.*)*)", lines, flags=re.MULTILINE):
+        text = " ".join(match.group(2).split())
+        unit = re.search(r"\[[^\]]*\]", text)
+        found[f"{name}_{match.group(1)}"] = text[: unit.end()] if unit else text.partition(";")[0].rstrip(".")
+    for field in type(block).__dataclass_fields__:
+        found |= _described(getattr(block, field, None), f"{name}_{field}")
+    return found

@@ -1,0 +1,134 @@
+"""Test vectors of a law: what it is given along a simulated run, what it must answer, and how far it may be off."""
+
+import dataclasses
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._simulate import simulate
+from ..blocks.references import AbstractReference
+from ..errors import InputError
+from ..scan import astype
+from .law import INPUTS, Law, double_enabled, memory_at_rest, run
+from .rounding import Trace, run_bound
+
+ULPS = 2.0  # units in the last place that one step may be off, in either precision
+UNITS = {"double": 2.0**-53, "float": 2.0**-24}
+
+
+@dataclasses.dataclass(frozen=True)
+class Vectors:
+    """A row a sample; every array is float64.
+
+    Attributes:
+        inputs: what the law reads, shape (samples, 3).
+        states: the state before the step, as the simulation has it, shape (samples, states).
+        outputs: what the step must answer, shape (samples, outputs).
+        following: the state after the step, shape (samples, states).
+        output_ulps: the last place of the largest term behind each output, shape (samples, outputs).
+        state_ulps: likewise of each state.
+        simulated: what `fpjax.simulate` recorded, shape (samples, outputs).
+        bounds: how far a run that is left to itself may be from `simulated`, shape (samples, outputs).
+    """
+
+    inputs: np.ndarray
+    states: np.ndarray
+    outputs: np.ndarray
+    following: np.ndarray
+    output_ulps: np.ndarray
+    state_ulps: np.ndarray
+    simulated: np.ndarray
+    bounds: np.ndarray
+
+    @property
+    def rows(self) -> np.ndarray:
+        """All of it, in the order in which the test program reads it."""
+        return np.hstack([getattr(self, field.name) for field in dataclasses.fields(self)])
+
+
+def make_vectors(
+    law: Law,
+    reference: AbstractReference,
+    *,
+    samples: int,
+    solver: Any = "rk4",
+    substeps: int = 1,
+    loop: Any = None,
+) -> Vectors:
+    """Vectors of a law from a sampled run of its loop in double precision.
+
+    Args:
+        law: from `trace_law`.
+        reference: what the loop follows.
+        samples: length of the run.
+        solver: of the plant.
+        substeps: solver steps a period.
+        loop: the loop in double precision, where the law's own was rounded to float; None for the law's own.
+
+    Raises:
+        InputError: for a run that diverges.
+    """
+    with double_enabled():
+        exact = astype(law.loop if loop is None else loop, np.float64)
+        estimates = [f"estimates.{name.removesuffix('_estimate')}" for name in law.outputs[3:]]
+        outputs = ("torque", "control", "compensation", *estimates)
+        read = ("reference", "measured_velocity", "measured_position")
+        assert len(read) == len(INPUTS)
+        found = simulate(
+            exact, astype(reference, np.float64), dt=law.dt, samples=samples, stepping="sampled", solver=solver,
+            substeps=substeps, record=(*read, *outputs),
+        )  # fmt: skip
+        if found.diverged:
+            raise InputError(
+                f"The sampled loop diverges at a control period of {law.dt:g} s, so there is nothing to compare with: "
+                f'use smaller gains or a smaller period, and try fpjax simulate with [simulation] stepping = "sampled".'
+            )
+        signals = {name: np.asarray(values, dtype=float) for name, values in found.signals.items()}
+        inputs = np.stack([signals[name] for name in read], axis=1).astype(law.dtype)
+        states, answers, following = _stepped(law, inputs)
+        trace = Trace(law.program, np.hstack([inputs.astype(float), states]))
+        unit = UNITS[law.precision]
+        ulps = np.spacing(np.maximum(trace.term_sizes(), np.finfo(law.dtype).tiny).astype(law.dtype)).astype(float)
+        bounds = run_bound(trace, len(INPUTS), (unit, UNITS["double"]), law.precision == "float")
+    count = len(law.outputs)
+    simulated = np.stack([signals[name] for name in outputs], axis=1)
+    # The run's bound is first order: its own second order, and the place of its last digit, are within these.
+    bounds = np.where(np.isfinite(bounds), 1.01 * bounds, np.inf) + ulps[:, :count]
+    return Vectors(
+        inputs.astype(float), states, answers, following, ulps[:, :count], ulps[:, count:], simulated, bounds
+    )
+
+
+def _stepped(law: Law, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(states, outputs, next states) of the law along given inputs, computed by jax.
+
+    The states come from one compiled loop. Each step from them is then evaluated one operation at a time, for all
+    samples side by side: compiled as one, XLA contracts a * b + c into one rounding where the machine can, which C99
+    may not, and that alone moves a step by up to 4 units in the last place.
+    """
+    dynamic, static = eqx.partition(law.loop, eqx.is_array)
+    rows = tuple(jnp.asarray(column) for column in inputs.T)
+    period = jnp.asarray(law.dt, law.dtype)
+    start = memory_at_rest(law.loop)
+
+    @jax.jit
+    def walk(arrays: Any, start: Any, rows: Any) -> Any:
+        loop = eqx.combine(arrays, static)
+        return jax.lax.scan(lambda state, row: (run(loop, row, state, period)[1], state), start, rows)[1]
+
+    states = walk(dynamic, start, rows)
+    with jax.disable_jit():
+        answers, following = jax.vmap(lambda row, state: run(law.loop, row, state, period))(rows, states)
+    torque, control, compensation, found = answers
+    estimates = [found[name.removesuffix("_estimate")] for name in law.outputs[3:]]
+    shown = np.stack([np.asarray(each, dtype=float) for each in (torque, control, compensation, *estimates)], axis=1)
+    return _columns(states, len(inputs)), shown, _columns(following, len(inputs))
+
+
+def _columns(state: Any, samples: int) -> np.ndarray:
+    """A state's numbers along a run in the order of `Law.states`, shape (samples, states)."""
+    parts = [np.asarray(leaf, dtype=float).reshape(samples, -1) for leaf in jax.tree.leaves(state)]
+    return np.hstack(parts) if parts else np.zeros((samples, 0))

@@ -1,0 +1,167 @@
+"""The C of a control law is the simulation: every controller and observer, compiled by the machine's compiler."""
+
+import shutil
+import subprocess
+import warnings
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from catalogue import CONTROLLERS, OBSERVERS
+
+import fpjax as fp
+from fpjax.blocks.block import as_parameter
+from fpjax.export.check import FLAGS
+from fpjax.export.vectors import ULPS
+
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+DT = 1e-3
+
+
+def model_of(loop, reference, dt=DT):
+    return fp.Model(loop=loop, reference=reference, dt=dt, stepping="sampled")
+
+
+def exported(loop, reference, folder, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", fp.FpjaxWarning)  # the catalogue's steepness is for another step
+        return fp.export_c(model_of(loop, reference), folder, check=True, **options)
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("case", [*CONTROLLERS, *OBSERVERS], ids=str)
+def test_the_c_of_every_controller_and_observer_is_the_simulation(case, precision, tmp_path):
+    loop, reference = case.loop(case.build())
+    found = exported(loop, reference, tmp_path, precision=precision, duration=1.0)
+    assert found.checked.passed
+    assert found.checked.rows == 1001
+    assert max(found.checked.steps.values()) <= ULPS
+    assert set(found.checked.runs) == set(found.law.outputs)
+    assert all(np.isfinite(bound) for bound in found.bounds.values())
+    # The run is the simulation, not only near its own bound: within a millionth of the torque, or 1e-13 in double.
+    size = max(1.0, float(found.law.loop.controller.kp) if hasattr(found.law.loop.controller, "kp") else 1.0)
+    assert found.checked.runs["torque"] <= size * (1e-4 if precision == "float" else 1e-11)
+
+
+def test_single_precision_keeps_its_bound_over_ten_seconds(tmp_path):
+    loop = fp.ClosedLoop(
+        fp.OneMass(10.0, fp.CoulombViscous(20.0, 2.0, 500.0)),
+        fp.ProportionalIntegral(800.0, 8000.0, 60.0, 0.02),
+        fp.ExtendedFriedlandPark(10.0, 100.0, 100.0, 500.0),
+    )
+    found = exported(loop, fp.Sine(1.0, 0.5), tmp_path, precision="float")
+    assert found.checked.rows == 10_001
+    assert all(ratio <= 1.0 for ratio in found.checked.bounds.values())
+    # The bound is the worst case of ten thousand roundings, and says something all the same.
+    assert found.bounds["torque"] < 0.05 * 60.0
+    assert found.checked.runs["torque"] < 1e-4 * 60.0
+
+
+def test_the_check_fails_where_the_c_is_not_the_simulation(tmp_path):
+    loop = fp.ClosedLoop(fp.OneMass(10.0, fp.Viscous(2.0)), fp.ProportionalIntegral(150.0, 200.0))
+    found = exported(loop, fp.Sine(1.0, 1.0), tmp_path, duration=0.5)
+    source = (tmp_path / "servo_control.c").read_text()
+    assert source.count("150.0") == 1
+    (tmp_path / "servo_control.c").write_text(source.replace("150.0", "150.00000000001"))
+    build = ["cc", *FLAGS, "servo_control.c", "servo_test.c", "-o", "changed", "-lm"]
+    subprocess.run(build, cwd=tmp_path, check=True, timeout=60)
+    changed = str(tmp_path / "changed")
+    ran = subprocess.run([changed, "servo_vectors.bin"], cwd=tmp_path, capture_output=True, timeout=60)
+    assert ran.returncode == 1
+    assert b"FAILED" in ran.stdout
+    # The embedded rows judge alike, for a target without a file system.
+    assert subprocess.run([changed], capture_output=True, timeout=60).returncode == 1
+    assert found.checked.passed
+
+
+def test_gains_keep_their_names_units_and_values(tmp_path):
+    loop = fp.ClosedLoop(
+        fp.OneMass(10.0, fp.Viscous(2.0)),
+        fp.ProportionalIntegral(150.0, 200.0, 40.0, 0.02),
+        fp.ExtendedFriedlandPark(10.0, 100.0, 50.0, 400.0),
+    )
+    code = exported(loop, fp.Sine(1.0, 1.0), tmp_path, duration=0.1).code
+    assert "static const double controller_kp = 150.0; /* proportional gain [N m s/rad] */" in code.source
+    assert "-controller_limit" in code.source, "the anti-windup's limit is a parameter, on both sides"
+    assert "double velocity; /* [rad/s], as measured */" in code.header
+    assert "double viscous_estimate; /* [N m s/rad] */" in code.header
+    assert "malloc" not in code.source
+    assert code.libm == ("exp", "fabs"), "tanh and the logarithm are written out as the simulation has them"
+
+
+class Odd(fp.AbstractController):
+    """A user's own: a vector of memory, a branch, a short loop, a library function."""
+
+    gain: jax.Array = eqx.field(converter=as_parameter)
+
+    def init(self):
+        return jnp.zeros((3,), self.gain.dtype), jnp.zeros((), jnp.int32)
+
+    def derivative(self, state, reference, measurement):
+        raise NotImplementedError
+
+    def readout(self, state, reference, measurement):
+        window, count = state
+        error = reference - measurement.velocity
+        mean = jnp.sum(jnp.stack([error, *window])) / 4.0
+        eased = jax.lax.cond(jnp.abs(error) > 0.1, lambda e: e, lambda e: jnp.arctan(e), mean)
+        power = jax.lax.fori_loop(0, 3, lambda i, x: 0.5 * x + eased, eased)
+        return self.gain * power * jnp.where(count > 5, 1.0, 0.5).astype(error.dtype)
+
+    def step(self, state, reference, measurement, dt):
+        window, count = state
+        error = reference - measurement.velocity
+        return jnp.concatenate([error[None], window[:-1]]), jnp.minimum(count + 1, 100)
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_a_block_of_the_users_own_exports_too(precision, tmp_path):
+    loop = fp.ClosedLoop(fp.OneMass(10.0, fp.Viscous(2.0)), Odd(50.0))
+    found = exported(loop, fp.Sine(1.0, 1.0), tmp_path, precision=precision, duration=0.5)
+    assert found.checked.passed
+    assert found.law.states == ("controller_0_0", "controller_0_1", "controller_0_2", "controller_1")
+    assert "atan" in " ".join(found.code.libm)
+
+
+class Sorting(Odd):
+    def readout(self, state, reference, measurement):
+        return self.gain * jnp.sort(jnp.stack([reference, measurement.velocity, state[0][0]]))[1]
+
+
+def test_a_primitive_without_c_is_named(tmp_path):
+    loop = fp.ClosedLoop(fp.OneMass(10.0, fp.Viscous(2.0)), Sorting(50.0))
+    with pytest.raises(fp.InputError, match=r"cannot be written as C: sort .*is a primitive of jax without C here"):
+        fp.export_c(model_of(loop, fp.Sine(1.0, 1.0)), tmp_path)
+
+
+def test_bad_input_is_one_sentence(tmp_path, monkeypatch):
+    loop = fp.ClosedLoop(fp.OneMass(10.0, fp.Viscous(2.0)), fp.ProportionalIntegral(150.0, 200.0))
+    model = model_of(loop, fp.Sine(1.0, 1.0))
+    with pytest.raises(fp.InputError, match=r"no identifier of C"):
+        fp.export_c(model, tmp_path, name="2nd axis")
+    with pytest.raises(fp.InputError, match=r"precision = 'half'"):
+        fp.export_c(model, tmp_path, precision="half")
+    fast = model_of(fp.ClosedLoop(loop.plant, fp.ProportionalIntegral(1e6, 200.0)), fp.Sine(1.0, 1.0))
+    with pytest.raises(fp.InputError, match=r"diverges at a control period of 0\.001 s"):
+        fp.export_c(fast, tmp_path, check=True)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    with pytest.raises(fp.InputError, match=r"needs a C compiler"):
+        fp.export_c(model, tmp_path, check=True)
+    assert (tmp_path / "servo_control.c").exists(), "written, unchecked"
+
+
+def test_python_in_single_precision_exports_double_all_the_same(tmp_path):
+    code = (
+        "import fpjax as fp; from pathlib import Path\n"
+        'text = \'[plant]\\ntype="one_mass"\\ninertia=10.0\\n[friction]\\ntype="coulomb_viscous"\\ncoulomb=20.0\\n'
+        'viscous=2.0\\n[controller]\\ntype="pi"\\nkp=150.1\\nki=200.0\\n[simulation]\\ndt=1e-3\\n\'\n'
+        f"found = fp.export_c(text, {str(tmp_path)!r}, check=True, duration=0.2)\n"
+        "print(found.checked.passed, '150.1;' in found.code.source, len(found.notes))"
+    )
+    import sys
+
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
+    assert ran.stdout.split() == ["True", "True", "3"]
