@@ -15,6 +15,7 @@ def compared(tmp_path_factory):
     return main(["compare", "--quick", "--out", str(folder)]), folder
 
 
+@pytest.mark.long
 def test_quick_run_writes_the_rows_the_goals_and_the_pictures(compared):
     code, folder = compared
     assert code == 0
@@ -36,6 +37,7 @@ def test_quick_run_writes_the_rows_the_goals_and_the_pictures(compared):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.long
 def test_every_contestant_has_the_same_start_and_keeps_its_budget(compared):
     rows = json.loads((compared[1] / "compare.json").read_text())["rows"]
     for row in rows:

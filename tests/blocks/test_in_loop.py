@@ -11,7 +11,29 @@ import fpjax as fp
 from fpjax.compiled.gradients import value_and_gradient
 
 SAMPLES = 40
-ids = pytest.mark.parametrize("case", CASES, ids=str)
+
+
+def _tried():
+    """All cases; those whose loop holds no kind of block that an earlier case has not held are `long`."""
+    seen, tried = set(), []
+    for case in CASES:
+        kinds = {type(part) for part in _parts(case.build())}
+        kind = (case.kind, case.stepping, frozenset(kinds))
+        tried.append(pytest.param(case, marks=pytest.mark.long) if kind in seen else case)
+        seen.add(kind)
+    return tried
+
+
+def _parts(tree):
+    """The block and every block within it."""
+    is_block = lambda at: isinstance(at, fp.Block) and at is not tree  # noqa: E731
+    for part in jax.tree.leaves(tree, is_leaf=is_block):
+        if isinstance(part, fp.Block):
+            yield from _parts(part)
+    yield tree
+
+
+ids = pytest.mark.parametrize("case", _tried(), ids=str)
 
 
 def measures():
@@ -74,7 +96,7 @@ def test_gradients_batches_and_traces(case):
         traces += 1
         return cost(xi, dt)
 
-    compiled = jax.jit(counted)
+    compiled = quick(counted)
     dt = jnp.asarray(DT)
     zero = jnp.zeros(count)
     value, gradient = quick(value_and_gradient(cost, mode="reverse"))(zero, dt)
@@ -112,7 +134,7 @@ def test_jit_is_eager(case):
     loop, reference = case.loop(case.build())
     stepper = fp.make_stepper(dt=DT, samples=6, stepping=case.stepping)
     inputs = fp.make_inputs(loop, reference, stepper, jax.random.key(3))
-    compiled = jax.jit(lambda loop, inputs: fp.roll(loop, inputs, stepper, measures(), ("velocity", "torque")))
+    compiled = quick(lambda loop, inputs: fp.roll(loop, inputs, stepper, measures(), ("velocity", "torque")))
     first = jax.tree.leaves(compiled(loop, inputs))
     with jax.disable_jit():
         plain = jax.tree.leaves(fp.roll(loop, inputs, stepper, measures(), ("velocity", "torque")))

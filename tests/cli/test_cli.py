@@ -279,6 +279,7 @@ def test_nothing_to_sweep(servo, tmp_path, capsys):
     refuse(capsys, "sweep", servo, "--out", tmp_path / "out", match="give at least one --axis")
 
 
+@pytest.mark.long
 def test_tune_by_two_methods_writes_a_model_that_runs_better(servo, tmp_path, capsys):
     out = tmp_path / "out"
     words = ["--method", "levenberg_marquardt", "--method", "grid", "--max-simulations", 40]
