@@ -2,37 +2,37 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from fpjax.errors import InputError
 
-from .cases import SETS, generate, identities, read_labels, seeds_of
+from .cases import PERIODS, generate, read_labels
+from .identity import SENSORS, SETS, SYSTEMS, Identity, identities, seeds_of, split, spread_over
 from .progress import Progress
-from .truth.systems import KINDS
+
+QUICK = (6, 4001)  # cases, and periods of their logs
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Options of the command."""
-    parser.add_argument("--out", type=Path, required=True, help="folder of logs and results")
-    parser.add_argument("--seeds", type=int, default=1, help="seeds of the half (default 1)")
-    parser.add_argument("--skip", type=int, default=0, help="first seeds of the half to leave out, once looked at")
-    parser.add_argument("--sets", default=",".join(SETS), help="sets of cases, by commas")
-    parser.add_argument("--half", default="reported", choices=("development", "reported"))
-    parser.add_argument("--systems", default=",".join(KINDS), help="machines, by commas")
-    parser.add_argument("--limit", type=int, help="only so many cases, spread over the sets")
-    parser.add_argument("--truth-only", action="store_true", help="write the logs, no diagnosis")
-    parser.add_argument("--score-only", action="store_true", help="score what is there already")
+    place = parser.add_mutually_exclusive_group(required=True)
+    place.add_argument("--out", type=Path, help="folder of logs and results")
+    place.add_argument("--write", type=Path, metavar="DIR", help="only write the cases, one folder each, no diagnosis")
     parser.add_argument(
-        "--encoder-only",
-        action="store_true",
-        help="logs with a position only, without their velocity column, and effects that are not of the rate sensor",
+        "--answers", type=Path, metavar="FILE", help="with --write: the reported half's answers go there"
     )
-    parser.add_argument("--real", type=Path, metavar="DIR", help="the EMPS logs' folder: check these")
-
-
-def on_rate_sensor(label: dict[str, Any]) -> bool:
-    """Whether an effect of the case is one of a sensor that an encoder-only log has not."""
-    return any(name.startswith("velocity_") for name in label["effects"])
+    parser.add_argument("--truth", default="1,2", help="generators, by commas (default 1,2)")
+    parser.add_argument(
+        "--seeds", type=int, nargs="+", default=[1], metavar="N",
+        help="one number: that many seeds of the half (default 1); several: these seeds",
+    )  # fmt: skip
+    parser.add_argument("--skip", type=int, default=0, help="first seeds of the half to leave out, once looked at")
+    parser.add_argument("--half", default="reported", choices=("development", "reported"))
+    parser.add_argument("--sets", default=",".join(SETS), help="sets of cases, by commas")
+    parser.add_argument("--sensors", default=",".join(SENSORS), help="what the logs hold, by commas")
+    parser.add_argument("--systems", default=",".join(SYSTEMS), help="machines, by commas")
+    parser.add_argument("--limit", type=int, help="only so many cases, spread over effects, machines, sets and sensors")
+    parser.add_argument("--quick", action="store_true", help="a few short logs: shows that it runs and judges nothing")
+    parser.add_argument("--score-only", action="store_true", help="score what is there already")
 
 
 def chosen(text: str, known: tuple[str, ...], option: str) -> tuple[str, ...]:
@@ -40,44 +40,70 @@ def chosen(text: str, known: tuple[str, ...], option: str) -> tuple[str, ...]:
     words = tuple(word.strip() for word in text.split(",") if word.strip())
     for word in words:
         if word not in known:
-            raise InputError(f"{option}: {word!r} is not one of {', '.join(known)}")
+            raise InputError(f"{option}: {word!r} is not one of {', '.join(known)}.")
     if not words:
-        raise InputError(f"{option} is empty; give some of {', '.join(known)}")
+        raise InputError(f"{option} is empty; give some of {', '.join(known)}.")
     return words
+
+
+def seeds_wanted(args: argparse.Namespace) -> list[int]:
+    """The seeds that are meant."""
+    if args.skip < 0:
+        raise InputError(f"--skip must not be negative, got {args.skip}.")
+    if len(args.seeds) == 1:
+        if args.seeds[0] < 1:
+            raise InputError(f"--seeds must be at least 1, got {args.seeds[0]}.")
+        return seeds_of(args.half, args.seeds[0], args.skip)
+    for seed in args.seeds:
+        if seed < 0 or split(seed) != args.half:
+            raise InputError(
+                f"--seeds: {seed} is not of the {args.half} half; development seeds are even, reported ones odd."
+            )
+    return args.seeds
+
+
+def cases_wanted(args: argparse.Namespace) -> list[Identity]:
+    """The cases that the options mean."""
+    truths = chosen(args.truth, ("1", "2"), "--truth")
+    sets = chosen(args.sets, SETS, "--sets")
+    sensors = chosen(args.sensors, SENSORS, "--sensors")
+    systems = chosen(args.systems, SYSTEMS, "--systems")
+    found = [
+        one
+        for seed in seeds_wanted(args)
+        for truth in truths
+        for one in identities(seed, int(truth))
+        if one.set in sets and one.sensors in sensors and one.system in systems
+    ]
+    if not found:
+        raise InputError("no case has these sets, sensors and machines together: give more of them.")
+    limit = args.limit
+    if limit is not None and limit < 1:
+        raise InputError(f"--limit must be at least 1, got {limit}.")
+    if args.quick:
+        limit = min(limit or QUICK[0], QUICK[0])
+    return found if limit is None else spread_over(found, limit)
 
 
 def run(args: argparse.Namespace) -> int:
     """Generate what is missing, diagnose what is missing, score everything."""
-    if args.real is not None:
-        from .real import run_real
+    wanted = cases_wanted(args)
+    periods = QUICK[1] if args.quick else PERIODS
+    if args.write is not None:
+        from .export import write_collection
 
-        return run_real(args.real, args.out)
-    if args.seeds < 1:
-        raise InputError(f"--seeds {args.seeds}: give at least 1")
-    if args.skip < 0:
-        raise InputError(f"--skip {args.skip}: give 0 or more")
-    sets = chosen(args.sets, SETS, "--sets")
-    systems = chosen(args.systems, tuple(KINDS), "--systems")
-    wanted = [one for seed in seeds_of(args.half, args.seeds, args.skip) for one in identities(seed, sets, systems)]
-    if args.limit is not None:
-        if args.limit < 1:
-            raise InputError(f"--limit {args.limit}: give at least 1")
-        # every k-th, so that a small sample still meets every set and machine
-        step = max(1, len(wanted) // args.limit)
-        wanted = wanted[::step][: args.limit]
+        return write_collection(args.write, wanted, args.answers, periods)
+    if args.answers is not None:
+        raise InputError("--answers goes with --write; with --out the answers are kept in OUT/labels.")
+    folder = args.out / "quick" if args.quick else args.out
     progress = Progress("truth")
-    made = generate(args.out, wanted, progress.share)
+    made = generate(folder, wanted, progress.share, periods)
     progress.end(f"{made} logs written, {len(wanted) - made} reused")
-    if args.truth_only:
-        return 0
     from .judge import diagnose_all, score_all
 
-    labels = read_labels(args.out, wanted)
-    if args.encoder_only:
-        labels = [label for label in labels if label["with_position"] and not on_rate_sensor(label)]
-        kept = {label["case"] for label in labels}
-        wanted = [one for one in wanted if one.name in kept]
     if not args.score_only:
-        diagnose_all(args.out, wanted, args.encoder_only)
-    score_all(args.out, labels, vars(args))
+        diagnose_all(folder, wanted)
+    score_all(folder, read_labels(folder, wanted), vars(args))
+    if args.quick:
+        print(f"\n--quick: {len(wanted)} logs of {periods / 1000:.0f} s. This shows that it runs; it judges nothing.")
     return 0

@@ -1,73 +1,84 @@
-"""Runs the diagnosis on each case, keeps what it said, and scores it."""
+"""Runs the command on each case, keeps its `diagnosis.json`, and scores that and nothing else."""
 
-import dataclasses
+import contextlib
+import io
 import json
+import shutil
 import sys
 import time
-import traceback
-import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from .cases import Identity
+from .cases import Label, log_path
+from .identity import Identity
 from .progress import Progress
 from .report import print_report, write_pictures
-from .score import CaseScore, score_case
+from .score import CaseScore, Diagnosis, score_case
 from .summary import summarise
 
+Tool = Callable[[Path, Path, Path], None]
 
-def result_folder(folder: Path, case: str, encoder_only: bool = False) -> Path:
+
+def by_command(log: Path, model: Path, out: Path) -> None:
+    """`fpjax diagnose LOG --model MODEL --out OUT --no-report` in this process.
+
+    Raises:
+        RuntimeError: with what the command printed, where it does not end in 0.
+    """
+    from fpjax.cli import main
+
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        code = main(["diagnose", str(log), "--model", str(model), "--out", str(out), "--no-report"])
+    if code != 0:
+        raise RuntimeError(f"exit code {code}: {said.getvalue().strip()}")
+
+
+def result_folder(folder: Path, case: str) -> Path:
     """Where a case's diagnosis is kept."""
-    return folder / ("results_encoder_only" if encoder_only else "results") / case
+    return folder / "results" / case
 
 
-def diagnose_all(folder: Path, wanted: list[Identity], encoder_only: bool = False) -> None:
+def diagnose_all(folder: Path, wanted: list[Identity], tool: Tool = by_command) -> None:
     """Diagnose the cases that have no `diagnosis.json` yet; a failed one is tried again."""
-    from fpjax import read_log
-    from fpjax.gap import diagnose
-
-    places = {one.name: result_folder(folder, one.name, encoder_only) for one in wanted}
-    missing = [one for one in wanted if not (places[one.name] / "diagnosis.json").exists()]
+    missing = [one for one in wanted if not (result_folder(folder, one.name) / "diagnosis.json").exists()]
     progress = Progress("diagnosis")
-    warm: set[bool] = set()
-    for number, identity in enumerate(missing):
-        log = folder / "logs" / identity.name
-        place = places[identity.name]
+    warm: set[str] = set()
+    for number, one in enumerate(missing):
+        place, log = result_folder(folder, one.name), log_path(folder, one)
         place.mkdir(parents=True, exist_ok=True)
-        # the first log with and the first without a position compile: their times are kept apart
-        kind = "position" in (log / "log.csv").open().readline()
-        start = time.perf_counter()
+        # in a folder of its own until it is whole: an interrupted run leaves no half answer
+        partial = place / "partial"
+        shutil.rmtree(partial, ignore_errors=True)
+        start = time.process_time()
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                read: Any = log / "log.csv"
-                if encoder_only:
-                    read = dataclasses.replace(read_log(read), velocity=None)
-                answer = diagnose(read, model=log / "servo.toml").to_dict()
-        except Exception:
+            tool(log / "log.csv", log / "servo.toml", partial)
+            json.loads((partial / "diagnosis.json").read_text())
+        except (Exception, SystemExit) as error:
             # one log that breaks the tool is a miss to be counted, not the end of the benchmark
-            (place / "error.txt").write_text(traceback.format_exc())
-            print(f"{identity.name}: failed, see {place / 'error.txt'}", file=sys.stderr)
+            (place / "error.txt").write_text(f"{type(error).__name__}: {error}\n")
+            print(f"{one.name}: failed, see {place / 'error.txt'}", file=sys.stderr)
             continue
         finally:
             progress.share((number + 1) / len(missing), f"{number + 1}/{len(missing)}")
-        run = {"seconds": time.perf_counter() - start, "warm": kind in warm}
-        warm.add(kind)
+        # the first log of each kind of sensors compiles: its time is kept apart
+        run = {"seconds": time.process_time() - start, "warm": one.sensors in warm}
+        warm.add(one.sensors)
         (place / "error.txt").unlink(missing_ok=True)
         (place / "run.json").write_text(json.dumps(run) + "\n")
-        # written last and renamed: an interrupted run leaves no half answer
-        partial = place / "diagnosis.json.part"
-        partial.write_text(json.dumps(answer, indent=1) + "\n")
-        partial.rename(place / "diagnosis.json")
+        (partial / "diagnosis.json").rename(place / "diagnosis.json")
+        shutil.rmtree(partial, ignore_errors=True)
     progress.end(f"{len(missing)} logs diagnosed, {len(wanted) - len(missing)} reused")
 
 
-def read_scores(folder: Path, labels: list[dict[str, Any]], encoder_only: bool = False) -> list[CaseScore]:
+def read_scores(folder: Path, labels: list[Label]) -> list[CaseScore]:
     """Score every case from what is on disk; a case without an answer has failed."""
     scores = []
     for label in labels:
-        place = result_folder(folder, label["case"], encoder_only)
-        diagnosis, run = None, {}
+        place = result_folder(folder, label["case"])
+        diagnosis: Diagnosis | None = None
+        run: dict[str, Any] = {}
         if (place / "diagnosis.json").exists():
             diagnosis = json.loads((place / "diagnosis.json").read_text())
             if (place / "run.json").exists():
@@ -90,18 +101,15 @@ def versions() -> dict[str, str]:
     return found
 
 
-def score_all(folder: Path, labels: list[dict[str, Any]], arguments: dict[str, Any]) -> None:
+def score_all(folder: Path, labels: list[Label], arguments: dict[str, Any]) -> None:
     """Print the tables, write `withheld.json` and the pictures."""
-    encoder_only = bool(arguments.get("encoder_only"))
-    scores = read_scores(folder, labels, encoder_only)
-    summary = summarise(scores)
+    summary = summarise(read_scores(folder, labels))
     summary["provenance"] = {
         "arguments": {name: str(value) for name, value in arguments.items()},
         "seeds": sorted({label["seed"] for label in labels}),
-        "truth_version": sorted({label["version"] for label in labels}),
+        "truth_versions": sorted({f"truth {label['truth']}: {label['version']}" for label in labels}),
         "versions": versions(),
     }
-    folder = folder / "encoder_only" if encoder_only else folder
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "withheld.json").write_text(json.dumps(summary, indent=1) + "\n")
     print_report(summary)

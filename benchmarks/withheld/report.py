@@ -3,24 +3,41 @@
 from pathlib import Path
 from typing import Any
 
-from .truth.effects import EFFECTS
+from .second.effects import EFFECTS
+from .summary import VERDICTS
 
-GOALS = {
-    ("single", "top1"): 0.99,
-    ("single_off", "top1"): 0.98,
-    ("pairs", "both"): 0.94,
-    ("pairs", "at_least_one"): 1.0,
-    ("none", "false_alarms"): 0.0,
-    ("outside", "wrongly_confident"): 0.025,
-}
-COLUMNS = {
-    "single": ("top1", "name", "strict", "top3", "exact_causes"),
-    "single_off": ("top1", "name", "strict", "top3", "exact_causes"),
-    "pairs": ("both", "at_least_one", "both_in_first_three", "exact_causes"),
-    "none": ("false_alarms",),
-    "outside": ("wrongly_confident",),
-}
+# issue's goals by (truth, set, kind of sensors); None for any: (figure, goal, whether more is better)
+GOALS: tuple[tuple[int | None, str, str | None, str, float, bool], ...] = (
+    (1, "single", "rate", "name", 0.99, True),
+    (1, "single", "encoder", "name", 0.97, True),
+    (1, "single", "derived", "name", 0.95, True),
+    (1, "single_off", None, "name", 0.99, True),
+    (1, "pairs", None, "both", 0.94, True),
+    (2, "single", "rate", "name", 0.97, True),
+    (2, "single", "encoder", "name", 0.95, True),
+    (2, "single", "derived", "name", 0.95, True),
+    (2, "single_off", None, "name", 0.97, True),
+    (2, "pairs", None, "both", 0.85, True),
+    (2, "pairs", None, "at_least_one", 0.98, True),
+    (None, "wide", None, "name", 0.95, True),
+    (None, "starter", None, "name", 0.95, True),
+    (None, "none", None, "false_alarms", 0.0, False),
+    (None, "outside", None, "wrongly_sure", 0.025, False),
+)
+COVERAGE = {"coverage_same_law": (0.85, 0.95), "coverage_other_form": (0.7, 1.0)}
+SECONDS = {"median": 6.0, "worst": 25.0}
+HEADS = (
+    ("right first", "name"),
+    ("asserted", "right"),
+    ("both", "both"),
+    ("one", "at_least_one"),
+    ("alarms", "false_alarms"),
+    ("wrong cause", "wrongly_asserted"),
+    ("wrongly sure", "wrongly_sure"),
+    ("closed", "gap_closed"),
+)
 BLUE, ORANGE, GREY = "#2a6fbb", "#d9772b", "#8a8f98"
+KIND_COLOURS = {"rate sensor": BLUE, "encoder only": ORANGE, "derived velocity": "#3a8f5c"}
 
 
 def percent(value: float | None) -> str:
@@ -33,59 +50,92 @@ def shown(value: float | None, digits: int = 3) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
 
 
+def goals_of(group: str) -> list[tuple[str, float, bool]]:
+    """The goals of a row of the table: (figure, goal, whether more is better)."""
+    truth, set_, sensors = group.removeprefix("truth ").split(", ")
+    return [
+        (figure, goal, more)
+        for number, name, kind, figure, goal, more in GOALS
+        if number in (None, int(truth)) and name == set_ and kind in (None, sensors)
+    ]
+
+
 def print_report(summary: dict[str, Any]) -> None:
     """Print the tables."""
-    print(f"\n{'set':12}{'cases':>6}  {'figure':24}{'obtained':>10}{'goal':>10}")
-    for name, figures in summary["sets"].items():
-        for column in COLUMNS[name]:
-            goal = GOALS.get((name, column))
-            print(f"{name:12}{figures['cases']:6d}  {column:24}{percent(figures[column]):>10}{percent(goal):>10}")
+    print(f"\n{'logs':32}{'cases':>6}" + "".join(f"{head:>13}" for head, _ in HEADS) + "   goals")
+    rows = [*summary["groups"].items(), ("all", summary["all"])]
+    for name, figures in rows:
+        cells = "".join(f"{percent(figures[column]):>13}" for _, column in HEADS)
+        print(f"{name:32}{figures['cases']:6d}{cells}   {_goal_words(name, figures)}")
+    print(f"\n{'logs':32}" + "".join(f"{verdict:>17}" for verdict in VERDICTS))
+    for name, figures in rows:
+        print(f"{name:32}" + "".join(f"{figures['verdicts'][verdict]:>17}" for verdict in VERDICTS))
     print(
-        f"\n{'set':12}{'Brier':>8}{'closed':>10}{'error':>10}{'p90':>10}{'coverage':>10}"
-        f"{'median s':>10}{'worst s':>10}{'failed':>8}"
+        f"\n{'logs':32}{'error':>9}{'p90':>9}{'90 % intervals hold the truth: same law':>42}{'another form':>18}"
+        f"{'nominal named':>16}{'corrected':>12}{'median s':>10}{'worst s':>9}"
     )
-    for name, figures in [*summary["sets"].items(), *summary["systems"].items()]:
+    for name, figures in rows:
         found, spent = figures["parameters"], figures["time"]
         print(
-            f"{name:12}{shown(figures['brier']):>8}{percent(figures['gap_closed']):>10}"
-            f"{percent(found['median_error']):>10}{percent(found['p90_error']):>10}"
-            f"{percent(found['coverage']):>10}{shown(spent['median']):>10}"
-            f"{shown(spent['worst']):>10}{figures['failed']:8d}"
+            f"{name:32}{percent(found['median_error']):>9}{percent(found['p90_error']):>9}"
+            f"{percent(found['coverage_same_law']) + ' of ' + str(found['count_same_law']):>42}"
+            f"{percent(found['coverage_other_form']) + ' of ' + str(found['count_other_form']):>18}"
+            f"{percent(figures['nominal_named']):>16}"
+            f"{percent(figures['nominal_corrected']) + ' of ' + str(figures['nominal_count']):>12}"
+            f"{shown(spent['median']):>10}{shown(spent['worst']):>9}"
         )
+    found, spent = summary["parameters"], summary["time"]
+    print("\ngoals of the last rows: intervals 90 +- 5 %, of another form 70 %; 6 s a log, the worst 25 s (processor)")
+    sure = summary["sure"]
     print(
-        f"\nBrier score (pairs apart) {shown(summary['brier'])}, goal 0.02; parameter error "
-        f"{percent(summary['parameters']['median_error'])}, goal 0.1 %; coverage "
-        f"{percent(summary['parameters']['coverage'])}, goal 90 +- 5 %"
+        f"{sure['statements']} statements above {sure['limit']:g}, {sure['wrong']} cases with one that is wrong; goal: "
+        f"one in forty. Brier score (pairs apart) {shown(summary['brier'])}."
     )
-    if summary["calibration"]:
-        print(f"\n{'stated':>14}{'mean':>8}{'right':>10}{'cases':>7}")
-        for row in summary["calibration"]:
-            print(
-                f"{row['from']:6.2f} .. {row['to']:4.2f}{row['stated']:8.2f}"
-                f"{percent(row['right']):>10}{row['count']:7d}"
-            )
+    _print_calibration(summary["calibration"])
     _print_effects(summary)
     if summary["misses"]:
         print(f"\n{len(summary['misses'])} cases count against a goal:")
         for miss in summary["misses"]:
             print(
-                f"  {miss['case']} {miss['set']:10} {miss['system']:7} {miss['truth']:44} -> "
+                f"  {miss['case']} {miss['group']:28} {miss['system']:7} {miss['truth']:44} -> "
                 f"{miss['verdict']}: {', '.join(miss['causes']) or '-'} "
-                f"(p {shown(miss['probability'], 2)})"
+                f"(p {shown(miss['probability'], 2)}){' WRONGLY SURE' if miss['wrongly_sure'] else ''}"
+            )
+
+
+def _goal_words(name: str, figures: dict[str, Any]) -> str:
+    if not name.startswith("truth"):
+        return ""
+    words = []
+    for figure, goal, more in goals_of(name):
+        value = figures[figure]
+        met = value is None or (value >= goal if more else value <= goal)
+        head = next((h for h, column in HEADS if column == figure), figure)
+        words.append(f"{head} {percent(goal)} {'met' if met else 'MISSED'}")
+    return "; ".join(words)
+
+
+def _print_calibration(curves: dict[str, list[dict[str, float]]]) -> None:
+    for name, rows in curves.items():
+        if rows:
+            print(f"\ncalibration, {name}\n{'stated':>14}{'mean':>8}{'right':>10}{'cases':>7}")
+        for row in rows:
+            print(
+                f"{row['from']:6.2f} .. {row['to']:4.2f}{row['stated']:8.2f}"
+                f"{percent(row['right']):>10}{row['count']:7d}"
             )
 
 
 def _print_effects(summary: dict[str, Any]) -> None:
     if not summary["effects"]:
         return
-    print(
-        f"\n{'effect (single sets)':30}{'cases':>6}{'top1':>10}{'name':>10}{'error':>10}{'coverage':>10}{'closed':>10}"
-    )
+    heads = "".join(f"{head:>10}" for head in ("first", "asserted", "error", "coverage", "closed"))
+    print(f"\n{'effect (one at a time)':30}{'cases':>6}{heads}")
     for name, figures in summary["effects"].items():
         found = figures["parameters"]
         print(
-            f"{name:30}{figures['cases']:6d}{percent(figures['top1']):>10}"
-            f"{percent(figures['name']):>10}{percent(found['median_error']):>10}"
+            f"{name:30}{figures['cases']:6d}{percent(figures['name']):>10}"
+            f"{percent(figures['right']):>10}{percent(found['median_error']):>10}"
             f"{percent(found['coverage']):>10}{percent(figures['gap_closed']):>10}"
         )
 
@@ -152,7 +202,7 @@ def draw_confusion(axes: Any, summary: dict[str, Any]) -> None:
 
 
 def draw_calibration(axes: Any, summary: dict[str, Any]) -> None:
-    """Stated probability against the share that was right, with Wilson intervals."""
+    """Stated probability against the share that was right, by kind of sensors, with Wilson intervals and counts."""
     import numpy as np
 
     axes.plot([0, 1], [0, 1], color=GREY, linewidth=1, linestyle="--", zorder=1)
@@ -167,24 +217,28 @@ def draw_calibration(axes: Any, summary: dict[str, Any]) -> None:
         rotation_mode="anchor",
         transform_rotates_text=True,
     )
-    for row in summary["calibration"]:
-        n, p, z = row["count"], row["right"], 1.96
-        centre = (p + z * z / (2 * n)) / (1 + z * z / n)
-        half = z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)) / (1 + z * z / n)
-        axes.plot([row["stated"]] * 2, [centre - half, centre + half], color=BLUE, linewidth=1.4)
-        axes.scatter(
-            [row["stated"]], [p], s=22 + 3.0 * min(n, 80), color=BLUE, zorder=3, edgecolor="white", linewidth=0.8
-        )
-        up = p < 0.9
-        axes.annotate(
-            f"{n}",
-            (row["stated"], p),
-            xytext=(9, 6 if up else -13),
-            textcoords="offset points",
-            fontsize=8,
-            color="#444444",
-        )
-    axes.set(xlim=(-0.02, 1.03), ylim=(-0.02, 1.03), aspect="equal")
+    kinds = [kind for kind in summary["calibration"] if kind != "all"]
+    for place, kind in enumerate(kinds):
+        colour, shift = KIND_COLOURS[kind], 0.006 * (place - (len(kinds) - 1) / 2)
+        for row in summary["calibration"][kind]:
+            n, p, z = row["count"], row["right"], 1.96
+            centre = (p + z * z / (2 * n)) / (1 + z * z / n)
+            half = z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)) / (1 + z * z / n)
+            x = row["stated"] + shift
+            axes.plot([x, x], [centre - half, centre + half], color=colour, linewidth=1.2, alpha=0.7)
+            axes.scatter([x], [p], s=18 + 2.5 * min(n, 80), color=colour, zorder=3, edgecolor="white", linewidth=0.8)
+            axes.annotate(
+                f"{n}",
+                (x, p),
+                xytext=(7, 5 if p < 0.9 else -11 - 9 * place),
+                textcoords="offset points",
+                fontsize=7.5,
+                color=colour,
+            )
+        axes.scatter([], [], color=colour, label=f"{kind} ({sum(r['count'] for r in summary['calibration'][kind])})")
+    if kinds:
+        axes.legend(frameon=False, fontsize=8.5, loc="upper left")
+    axes.set(xlim=(-0.02, 1.06), ylim=(-0.02, 1.03), aspect="equal")
     axes.set_xlabel("stated probability of the class at the top")
     axes.set_ylabel("share that was right")
     axes.spines[["top", "right"]].set_visible(False)

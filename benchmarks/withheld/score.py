@@ -2,24 +2,33 @@
 
 What counts as right, set by set:
 
-* one effect: the first of the ranking is the true effect, or an exact twin of it (`accepted` in the
-  label), or names the true effect in its `indistinguishable_from` (at most `LARGEST_CLASS` names
-  together: a class of everything says nothing). `top1` also wants the verdict `explained` and the
-  class among the causes; `name` is the same whatever the verdict; `strict` is without declarations.
+* one effect: the first of the ranking is the true effect, or an exact twin of it (`accepted` in the label), or names
+  the true effect in its `indistinguishable_from` (at most `LARGEST_CLASS` names together: a class of everything says
+  nothing). `name` is that, whatever the verdict; `right` also wants the class among the causes that are asserted.
+  In the sets whose nominal is off, errors of the nominal that are truly there may stand before it in the ranking.
 * two effects: both (some accepted set, declared confusables count) among the causes.
 * no gap: anything but the verdict `no_gap` is a false alarm.
-* outside the vocabulary: any asserted cause, or the verdict `explained`, is wrongly confident.
+* outside the vocabulary: an asserted cause that is not there is a wrong assertion.
 
-A statement is the class at the top of the ranking (the first effect and those it declares), its
-probability the sum of theirs; it is true if a true effect or twin is in the class.
+`explained` and `partly_explained` assert their causes. A statement is the class at the top of the ranking (the first
+effect and those it declares), its probability the sum of theirs, and every further cause that is asserted, with its
+own; it is true if an effect of the class is there: the cause, a twin, the clutter (`also_true`), a nominal's error.
+`wrongly_sure`: a statement above `SURE` that is not true, whatever the verdict.
 """
 
 import math
+import tomllib
 from dataclasses import dataclass, field
 from typing import Any
 
-NOMINAL = frozenset({"coulomb_error", "viscous_error", "inertia_error"})
+NOMINAL = ("inertia", "coulomb", "viscous")
+NOMINAL_MAY_BE_OFF = ("single_off", "wide", "starter")
+ASSERTING = ("explained", "partly_explained")
+ONE_EFFECT = ("single", "single_off", "wide", "starter")
 LARGEST_CLASS = 3
+SURE = 0.95
+MATTERS = 5.0  # per cent by which a number of the nominal is off, to count as an error that is to be corrected
+CORRECTED = (0.25, 2.0)  # share of the error that may be left, or per cent
 Diagnosis = dict[str, Any]
 Label = dict[str, Any]
 
@@ -34,6 +43,17 @@ class ParameterScore:
     value: float
     relative_error: float
     covered: bool | None
+    other_form: bool = False
+
+
+@dataclass
+class NominalScore:
+    """One number of the nominal model that was off."""
+
+    name: str
+    error_percent: float
+    named: bool  # as a cause
+    corrected: bool  # in the corrected model
 
 
 @dataclass
@@ -42,25 +62,31 @@ class CaseScore:
 
     case: str
     set: str
+    group: str
+    sensors: str
     system: str
     truth: str
     verdict: str
     asserted: list[str]
-    top1: bool | None = None
     name: bool | None = None
     strict: bool | None = None
     top3: bool | None = None
+    right: bool | None = None
     exact: bool | None = None
     both: bool | None = None
     one: bool | None = None
     both_ranked: bool | None = None
     false_alarm: bool | None = None
-    wrongly_confident: bool | None = None
+    wrongly_asserted: bool = False
+    wrongly_sure: bool = False
+    surest_wrong: float = 0.0
     probability: float | None = None
     statement: bool | None = None
+    sure_statements: int = 0
     closed: float | None = None
     column: str = "failed"
     parameters: list[ParameterScore] = field(default_factory=list)
+    nominal: list[NominalScore] = field(default_factory=list)
     seconds: float | None = None
     warm: bool = True
 
@@ -75,8 +101,8 @@ def number(value: Any) -> float:
 
 
 def ranking_of(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """The ranking, most probable first as the tool wrote it."""
-    return list(diagnosis.get("ranking") or [])
+    """The ranking, most probable first as the tool wrote it; a learned law is no effect of the vocabulary."""
+    return [entry for entry in diagnosis.get("ranking") or [] if entry.get("effect")]
 
 
 def declared(entry: dict[str, Any]) -> set[str]:
@@ -90,22 +116,22 @@ def single_names(label: Label) -> set[str]:
     return {one[0] for one in label["accepted"] if len(one) == 1}
 
 
+def nominal_errors(label: Label) -> set[str]:
+    """Errors that were put into the nominal model beside the case's effect, as effects."""
+    if label["set"] not in NOMINAL_MAY_BE_OFF:
+        return set()
+    errors = label.get("nominal_error_percent", {})
+    found = {f"{name}_error" for name in NOMINAL if abs(errors.get(name, 0.0)) > 0.1}
+    # a regression on the log gives an offset too
+    return found | ({"constant_torque"} if label["set"] == "starter" else set())
+
+
 def is_first(entry: dict[str, Any], causes: set[str], label: Label) -> bool:
     """Whether an entry is the truth or an exact twin; a twin of several causes wants them all."""
     if entry["effect"] in single_names(label):
         return True
     sets = [set(one) for one in label["accepted"] if len(one) > 1]
     return any(entry["effect"] in one and one <= causes for one in sets)
-
-
-def tolerated(label: Label) -> frozenset[str]:
-    """Causes that are true of a case beside its effect: errors put into its nominal model."""
-    return NOMINAL if label["set"] == "single_off" else frozenset()
-
-
-def _exact(causes: set[str], label: Label) -> bool:
-    free = tolerated(label)
-    return any(set(one) <= causes and causes - set(one) <= free for one in label["accepted"])
 
 
 def _covers(names: set[str], classes: list[set[str]]) -> bool:
@@ -131,89 +157,143 @@ def parameter_scores(diagnosis: Diagnosis, label: Label, found: set[str]) -> lis
             error = abs(value - true["value"]) / abs(true["value"])
             bounded = math.isfinite(low) and math.isfinite(high)
             covered = low <= true["value"] <= high if bounded else None
-            result.append(ParameterScore(effect, name, true["value"], value, error, covered))
+            other = effect in label.get("other_form", [])
+            result.append(ParameterScore(effect, name, true["value"], value, error, covered, other))
     return result
 
 
-def closed_share(diagnosis: Diagnosis, label: Label) -> float | None:
-    """Gap closed over what a perfect model closes.
+def nominal_scores(diagnosis: Diagnosis, label: Label) -> list[NominalScore]:
+    """Which errors of the nominal were named as causes, which are corrected in the model that the diagnosis gives."""
+    if label["set"] not in ("wide", "starter"):
+        return []
+    try:
+        model = tomllib.loads(str(diagnosis.get("model") or ""))
+    except tomllib.TOMLDecodeError:
+        model = {}
+    given = {name: _in_model(model, name) for name in NOMINAL}
+    # these effects give the level or the slope another meaning: there is no one number to be corrected
+    mixed = {"asymmetric_friction": {"coulomb", "viscous"}, "load_dependent_friction": {"coulomb"}}
+    left_out = set().union(*(mixed.get(effect, set()) for effect in label["effects"]))
+    result = []
+    for name, error in label["nominal_error_percent"].items():
+        if abs(error) < MATTERS or name in left_out:
+            continue
+        left = abs(100 * (given[name] / label["nominal_true"][name] - 1))
+        fine = left <= max(CORRECTED[0] * abs(error), CORRECTED[1])
+        result.append(NominalScore(name, error, f"{name}_error" in (diagnosis.get("causes") or []), bool(fine)))
+    return result
 
-    A perfect model leaves the sensor's noise: from the label where the gap is a velocity or a
-    position of the log's own sensor, else the noise floor that the diagnosis states.
-    """
-    gap = diagnosis.get("gap") or {}
-    before, after, floor = (number(gap.get(k)) for k in ("before", "after", "noise_floor"))
-    signal, unit = str(gap.get("signal")), str(gap.get("unit"))
-    for name, its_unit in (("velocity", "rad/s"), ("position", "rad")):
-        if signal.startswith(name) and unit == its_unit:
-            floor = label["perfect_gap"][name]
-    if not (math.isfinite(before) and math.isfinite(after) and before > floor):
-        return None
-    return (before - after) / (before - floor)
+
+def _in_model(model: dict[str, Any], name: str) -> float:
+    if name == "inertia":
+        plant = model.get("plant", {})
+        parts = [number(plant.get(key)) for key in ("motor_inertia", "load_inertia")]
+        return number(plant["inertia"]) if "inertia" in plant else sum(parts)
+    return number(model.get("friction", {}).get(name))
 
 
 def score_case(diagnosis: Diagnosis | None, label: Label, seconds: float | None = None, warm: bool = True) -> CaseScore:
     """One case; a diagnosis of None is one that failed, and is wrong in every set."""
-    truth = "+".join(label["effects"]) or (label["outside"] or "none")
-    kind = label["set"]
-    failed = diagnosis is None
+    failed, kind = diagnosis is None, label["set"]
     diagnosis = diagnosis or {"verdict": "failed", "causes": [], "ranking": []}
-    causes_list = list(diagnosis.get("causes") or [])
-    causes, ranking = set(causes_list), ranking_of(diagnosis)
+    causes_list, ranking = list(diagnosis.get("causes") or []), ranking_of(diagnosis)
+    causes, verdict = set(causes_list), str(diagnosis["verdict"])
     score = CaseScore(
-        label["case"],
-        kind,
-        label["system"],
-        truth,
-        str(diagnosis["verdict"]),
-        causes_list,
+        case=label["case"],
+        set=kind,
+        group=label["group"],
+        sensors=label["sensors"],
+        system=label["system"],
+        truth="+".join(label["effects"]) or (label["outside"] or "none"),
+        verdict=verdict,
+        asserted=causes_list,
         seconds=seconds,
         warm=warm,
     )
-    explained = score.verdict == "explained"
-    right_names = {name for one in label["accepted"] for name in one}
-    if kind in ("single", "single_off"):
-        first = ranking[0] if ranking else {"effect": "nothing"}
-        score.strict = is_first(first, causes, label)
-        score.name = score.strict or bool(declared(first) & single_names(label))
-        score.top1 = bool(score.name and explained and causes & declared(first))
-        score.top3 = score.name or any(entry["effect"] in single_names(label) for entry in ranking[:3])
-        score.exact = explained and _exact(causes, label)
+    asserts = verdict in ASSERTING
+    off = nominal_errors(label)
+    exact = asserts and any(set(one) <= causes and causes - set(one) <= off for one in label["accepted"])
+    if kind in ONE_EFFECT:
+        _score_one(score, ranking, causes if asserts else set(), label, off)
+        score.exact = exact
+        if score.strict or (score.name and off):
+            score.parameters = parameter_scores(diagnosis, label, set(label["effects"]))
     if kind == "pairs":
-        entries = {entry["effect"]: entry for entry in reversed(ranking)}
-        classes = [declared(entries.get(cause, {"effect": cause})) for cause in causes_list]
-        sets = [set(one) for one in label["accepted"]]
-        score.both = explained and any(_covers(one, classes) for one in sets)
-        score.one = any(one & right_names for one in classes)
-        leading = [declared(entry) for entry in ranking[:3]]
-        score.both_ranked = any(_covers(one, leading) for one in sets if len(one) <= 3)
-        score.exact = explained and _exact(causes, label)
-        found = causes & set(label["effects"])
-        score.parameters = parameter_scores(diagnosis, label, found)
-    elif score.strict:
-        score.parameters = parameter_scores(diagnosis, label, set(label["effects"]))
+        _score_pair(score, ranking, asserts, label)
+        score.exact = exact
+        score.parameters = parameter_scores(diagnosis, label, causes & set(label["effects"]))
     if kind == "none":
-        score.false_alarm = score.verdict != "no_gap"
-    if kind == "outside":
-        score.wrongly_confident = explained or bool(causes)
+        score.false_alarm = verdict != "no_gap"
     if kind not in ("none", "outside"):
-        score.closed = closed_share(diagnosis, label) if not failed else 0.0
-    if ranking:
-        group = declared(ranking[0])
-        total = sum(number(e.get("probability")) for e in ranking if e["effect"] in group)
-        if math.isfinite(total):
-            score.probability = min(max(total, 0.0), 1.0)
-            true_names = right_names if kind == "pairs" else single_names(label)
-            score.statement = bool(score.strict or group & true_names)
+        score.closed = closed_share(diagnosis) if not failed else 0.0
+    score.nominal = nominal_scores(diagnosis, label)
+    _score_statements(score, ranking, label, off)
     score.column = _column(score, ranking, label)
     return score
 
 
+def _score_one(score: CaseScore, ranking: list[dict[str, Any]], causes: set[str], label: Label, off: set[str]) -> None:
+    leading = [entry for entry in ranking if entry["effect"] not in off - single_names(label)]
+    first = leading[0] if leading else {"effect": "nothing"}
+    score.strict = bool(ranking) and is_first(ranking[0], causes, label)
+    score.name = is_first(first, causes, label) or bool(declared(first) & single_names(label))
+    score.right = bool(score.name and causes & declared(first))
+    score.top3 = score.name or any(entry["effect"] in single_names(label) for entry in leading[:3])
+
+
+def _score_pair(score: CaseScore, ranking: list[dict[str, Any]], asserts: bool, label: Label) -> None:
+    entries = {entry["effect"]: entry for entry in reversed(ranking)}
+    classes = [declared(entries.get(cause, {"effect": cause})) for cause in score.asserted]
+    sets = [set(one) for one in label["accepted"]]
+    names = {name for one in sets for name in one}
+    score.both = asserts and any(_covers(one, classes) for one in sets)
+    score.one = any(one & names for one in classes)
+    leading = [declared(entry) for entry in ranking[:3]]
+    score.both_ranked = any(_covers(one, leading) for one in sets if len(one) <= 3)
+
+
+def _score_statements(score: CaseScore, ranking: list[dict[str, Any]], label: Label, off: set[str]) -> None:
+    """The statement at the top, and whether anything that is stated above `SURE`, or asserted, is not there."""
+    if not ranking and not score.asserted:
+        return
+    true = {name for one in label["accepted"] for name in one} | off | set(label.get("also_true", []))
+    if label["set"] == "single":
+        # a twin of several causes is right as a whole only; alone it is a wrong statement
+        wholes = [set(one) for one in label["accepted"] if len(one) > 1]
+        true -= {n for one in wholes if not one <= set(score.asserted) for n in one} - single_names(label)
+    entries = {entry["effect"]: entry for entry in reversed(ranking)}
+    groups = [frozenset(declared(ranking[0]))] if ranking else []
+    if score.verdict in ASSERTING:
+        causes = [frozenset(declared(entries.get(cause, {"effect": cause}))) for cause in score.asserted]
+        score.wrongly_asserted = any(not group & true for group in causes)
+        groups += causes
+    stated = []
+    for group in dict.fromkeys(groups):
+        total = sum(number(entries[name].get("probability")) for name in group if name in entries)
+        stated.append((min(max(total, 0.0), 1.0) if math.isfinite(total) else 0.0, bool(group & true)))
+    if ranking:
+        score.probability, score.statement = stated[0]
+    score.surest_wrong = max((p for p, fine in stated if not fine), default=0.0)
+    score.sure_statements = sum(p > SURE for p, _ in stated)
+    score.wrongly_sure = score.surest_wrong > SURE
+
+
+def closed_share(diagnosis: Diagnosis) -> float | None:
+    """Share of the gap that is closed, as the diagnosis states it."""
+    gap = diagnosis.get("gap") or {}
+    before, after, floor = (number(gap.get(k)) for k in ("before", "after", "noise_floor"))
+    if not (math.isfinite(before) and math.isfinite(after) and math.isfinite(floor) and before > floor):
+        return None
+    return (before - after) / (before - floor)
+
+
 def _column(score: CaseScore, ranking: list[dict[str, Any]], label: Label) -> str:
     """Column of the confusion matrix: the first cause asserted, an exact twin as the truth."""
-    if score.verdict in ("no_gap", "unexplained", "failed"):
+    if score.verdict not in ASSERTING:
         return score.verdict
     name = score.asserted[0] if score.asserted else "unexplained"
-    if len(label["effects"]) == 1 and score.name and ranking and name in declared(ranking[0]):
-        return label["effects"][0]
+    if len(label["effects"]) == 1 and score.name:
+        group = set().union(*(declared(e) for e in ranking if e["effect"] == name), {name})
+        if group & single_names(label):
+            return label["effects"][0]
     return name

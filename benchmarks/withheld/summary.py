@@ -1,14 +1,14 @@
-"""From scored cases to the figures of a set, and of all sets together."""
+"""From scored cases to the figures of a group, of a row of the goals' table, and of all together."""
 
 import itertools
 import statistics
 from collections.abc import Iterable
 from typing import Any
 
-from .score import CaseScore, ParameterScore
+from .score import ASSERTING, ONE_EFFECT, SURE, CaseScore, ParameterScore
 
-ORDER = ("single", "single_off", "pairs", "none", "outside")
 BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0)
+SENSOR_KINDS = {"rate": "rate sensor", "both": "rate sensor", "encoder": "encoder only", "derived": "derived velocity"}
 
 
 def share(values: Iterable[bool | None]) -> float | None:
@@ -47,19 +47,24 @@ def calibration(scores: list[CaseScore]) -> list[dict[str, float]]:
 
 
 def parameters(scores: Iterable[ParameterScore]) -> dict[str, Any]:
-    """Median and 90th percentile of the relative error, coverage of the intervals."""
+    """Median and 90th percentile of the relative error, coverage of the 90 % intervals."""
     scores = list(scores)
     errors = sorted(s.relative_error for s in scores)
+    same, other = [s for s in scores if not s.other_form], [s for s in scores if s.other_form]
     return {
         "count": len(scores),
         "median_error": statistics.median(errors) if errors else None,
         "p90_error": errors[min(len(errors) - 1, int(0.9 * len(errors)))] if errors else None,
         "coverage": share(s.covered for s in scores),
+        "coverage_same_law": share(s.covered for s in same),
+        "count_same_law": len(same),
+        "coverage_other_form": share(s.covered for s in other),
+        "count_other_form": len(other),
     }
 
 
 def times(scores: list[CaseScore]) -> dict[str, Any]:
-    """Seconds per log, warm calls only, with the first calls of a process apart."""
+    """Processor seconds a log, warm calls only, with the first calls of a process apart."""
     warm = [s.seconds for s in scores if s.seconds is not None and s.warm]
     cold = [s.seconds for s in scores if s.seconds is not None and not s.warm]
     return {
@@ -73,10 +78,11 @@ def times(scores: list[CaseScore]) -> dict[str, Any]:
 def summary_of(scores: list[CaseScore]) -> dict[str, Any]:
     """Every figure of a group of cases; None where its sets do not ask."""
     closed = [s.closed for s in scores if s.closed is not None]
+    nominal = [n for s in scores for n in s.nominal]
     return {
         "cases": len(scores),
-        "top1": share(s.top1 for s in scores),
         "name": share(s.name for s in scores),
+        "right": share(s.right for s in scores),
         "strict": share(s.strict for s in scores),
         "top3": share(s.top3 for s in scores),
         "exact_causes": share(s.exact for s in scores),
@@ -84,9 +90,16 @@ def summary_of(scores: list[CaseScore]) -> dict[str, Any]:
         "at_least_one": share(s.one for s in scores),
         "both_in_first_three": share(s.both_ranked for s in scores),
         "false_alarms": share(s.false_alarm for s in scores),
-        "wrongly_confident": share(s.wrongly_confident for s in scores),
+        "wrongly_asserted": share(s.wrongly_asserted for s in scores),
+        "wrongly_sure": share(s.wrongly_sure for s in scores),
+        "wrongly_sure_count": sum(s.wrongly_sure for s in scores),
+        "verdicts": {verdict: sum(s.verdict == verdict for s in scores) for verdict in VERDICTS},
+        "nominal_named": share(n.named for n in nominal),
+        "nominal_corrected": share(n.corrected for n in nominal),
+        "nominal_count": len(nominal),
         "brier": brier(scores),
         "statements": sum(s.probability is not None for s in scores),
+        "sure_statements": sum(s.sure_statements for s in scores),
         "gap_closed": statistics.median(closed) if closed else None,
         "parameters": parameters(p for s in scores for p in s.parameters),
         "time": times(scores),
@@ -94,29 +107,39 @@ def summary_of(scores: list[CaseScore]) -> dict[str, Any]:
     }
 
 
+VERDICTS = (*ASSERTING, "unexplained", "no_gap", "failed")
+
+
 def summarise(scores: list[CaseScore]) -> dict[str, Any]:
     """The content of `withheld.json`, but for provenance."""
-    sets = [name for name in ORDER if any(s.set == name for s in scores)]
     # in a pair each effect's probability is at most what the sum leaves: not a calibrated single
     judged = [s for s in scores if s.set != "pairs"]
-    effects = sorted({s.truth for s in scores if s.set in ("single", "single_off")})
+    effects = sorted({s.truth for s in scores if s.set in ONE_EFFECT})
+    kinds = dict.fromkeys(SENSOR_KINDS.values())
+    by_kind = {kind: [s for s in judged if SENSOR_KINDS[s.sensors] == kind] for kind in kinds}
+    curves = {"all": calibration(judged)}
+    curves |= {kind: calibration(some) for kind, some in by_kind.items() if some}
     return {
-        "sets": {name: summary_of([s for s in scores if s.set == name]) for name in sets},
+        "groups": {
+            name: summary_of([s for s in scores if s.group == name]) for name in dict.fromkeys(s.group for s in scores)
+        },
+        "all": summary_of(scores),
         "systems": {
             name: summary_of([s for s in scores if s.system == name])
             for name in dict.fromkeys(s.system for s in scores)
         },
         "effects": {
-            name: summary_of([s for s in scores if s.set in ("single", "single_off") and s.truth == name])
-            for name in effects
+            name: summary_of([s for s in scores if s.set in ONE_EFFECT and s.truth == name]) for name in effects
         },
         "brier": brier(judged),
-        "calibration": calibration(judged),
+        "calibration": curves,
+        "sure": {"limit": SURE, "statements": sum(s.sure_statements for s in scores),
+                 "wrong": sum(s.wrongly_sure for s in scores)},
         "parameters": parameters(p for s in scores for p in s.parameters),
         "time": times(scores),
         "confusion": confusion([s for s in scores if s.set != "pairs"]),
         "misses": misses(scores),
-    }
+    }  # fmt: skip
 
 
 def confusion(scores: list[CaseScore]) -> dict[str, dict[str, int]]:
@@ -133,22 +156,21 @@ def misses(scores: list[CaseScore]) -> list[dict[str, Any]]:
     """Every case that counts against a goal, one line each."""
     result = []
     for s in scores:
-        good = {"single": s.top1, "single_off": s.top1, "pairs": s.both}.get(s.set)
-        if s.set == "none":
-            good = not s.false_alarm
-        if s.set == "outside":
-            good = not s.wrongly_confident
+        good = s.name if s.set in ONE_EFFECT else s.both if s.set == "pairs" else True
+        if s.false_alarm or s.wrongly_sure or s.verdict == "failed":
+            good = False
         if not good:
             result.append(
                 {
                     "case": s.case,
-                    "set": s.set,
+                    "group": s.group,
                     "system": s.system,
                     "truth": s.truth,
                     "verdict": s.verdict,
                     "causes": s.asserted,
                     "answered": s.column,
                     "right_name": s.name,
+                    "wrongly_sure": s.wrongly_sure,
                     "probability": s.probability,
                 }
             )

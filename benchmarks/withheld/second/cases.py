@@ -1,0 +1,252 @@
+"""A case of the second truth: machine, reference, effect, clutter, sensors, all from (seed, words) alone."""
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .clutter import add_clutter
+from .effects import ACTUATOR, EFFECTS, Plan, Scales, sign
+from .machines import KINDS, Drawn, between, draw
+from .outside import OUTSIDE
+from .physics import INITIAL
+from .references import reference
+from .simulate import simulate
+from .world import Trace, World
+
+DT, PERIODS = 1e-3, 10_001
+VERSION = 1  # of the laws and their draws
+ATTEMPTS = 5  # a case whose effect does not show is made larger, one that is not tracked is drawn anew
+SHORTEST = 3000  # periods on which that can be judged
+
+
+@dataclass
+class Case:
+    """A case before it is simulated."""
+
+    plan: Plan
+    world: World
+    clutter: list[str]
+    words: str
+
+
+def generator(seed: int, words: str, purpose: str) -> np.random.Generator:
+    """Random numbers of one purpose in one case."""
+    return np.random.default_rng([2, seed, zlib.crc32(words.encode()), zlib.crc32(purpose.encode())])
+
+
+def build(
+    seed: int, words: str, set_: str, sensors: str, system: str, effects: tuple[str, ...], periods: int, grow: float
+) -> Case:
+    """Draw one case.
+
+    Args:
+        seed, words: what all draws come from.
+        set_: "single", "off", "wide", "starter", "pairs", "none" or "outside".
+        sensors: "rate", "both", "encoder" or "derived".
+        system: a key of `KINDS`.
+        effects: the effects, or the kind outside the vocabulary.
+        periods: length of the log.
+        grow: factor on the size of the effect.
+    """
+    drawn = draw(KINDS[system], generator(seed, words, "machine"))
+    rng = generator(seed, words, "case")
+    wanted = reference(drawn.kind, generator(seed, words, "reference"), periods, DT)
+    values = machine_values(drawn, sensors, rng)
+    nominal = {"inertia": drawn.inertia, "coulomb": drawn.coulomb, "viscous": drawn.viscous}
+    load_matters = "load_dependent_friction" in effects
+    scales = scales_of(drawn, wanted)
+    if not drawn.kind.linear and "unbalance" not in effects and (load_matters or rng.random() < 0.15):
+        known = scales.torque * (rng.uniform(1.2, 2.0) if load_matters else rng.uniform(0.2, 0.6))
+        nominal |= {"unbalance": known, "unbalance_phase": float(rng.uniform(0, 2 * np.pi))}
+        values |= {"unbalance": known, "unbalance_phase": nominal["unbalance_phase"]}
+    elif load_matters or rng.random() < 0.15:
+        nominal["offset"] = sign(rng) * scales.torque * rng.uniform(0.2, 0.5)
+        values["known_offset"] = nominal["offset"]
+    plan = Plan(drawn, scales, values, nominal, sensors, grow)
+    world = World(values, wanted, int(generator(seed, words, "noise").integers(2**31)), dt=DT)
+    clutter: list[str] = []
+    if set_ == "outside":
+        OUTSIDE[effects[0]](plan, world, generator(seed, words, "outside"))
+    else:
+        for effect in effects:
+            EFFECTS[effect](plan, generator(seed, words, effect))
+    if set_ != "none":
+        clutter = add_clutter(plan, effects, generator(seed, words, "clutter"))
+    spread_nominal(plan, set_, generator(seed, words, "nominal"))
+    world.curve = plan.curve
+    # a current that was measured holds whatever the actuator did: such effects need the command
+    commanded = set_ == "outside" or bool(ACTUATOR & set(effects))
+    world.measured = not commanded and rng.random() < 0.35
+    return Case(plan, world, clutter, words)
+
+
+def spread_nominal(plan: Plan, set_: str, rng: np.random.Generator) -> None:
+    """The nominal's own errors: up to 3 % in "off", 10 to 30 % in "wide"."""
+    for name in ("inertia", "coulomb", "viscous"):
+        small, large = rng.uniform(-0.03, 0.03), rng.uniform(0.1, 0.3)
+        side = sign(rng)
+        if f"{name}_error" in plan.parameters:
+            continue
+        if set_ == "off":
+            plan.nominal[name] *= 1 + small
+        elif set_ == "wide":
+            plan.nominal[name] *= 1 + side * large
+
+
+def machine_values(drawn: Drawn, sensors: str, rng: np.random.Generator) -> dict[str, float]:
+    """The true machine without effects, with the loop that its sensors allow."""
+    kind = drawn.kind
+    reads_rate = sensors in ("rate", "both")
+    # differences over some periods and a filter, longer where the counts are coarse
+    coarse = drawn.encoder_step / (kind.speed * DT)
+    average = int(np.clip(round(between(rng, 1, 4) * (1 + 2 * coarse)), 1, 16))
+    pole = between(rng, 0.8e-3, 2.5e-3) * (1 + 2 * min(coarse, 2))
+    bandwidth = drawn.bandwidth if reads_rate else min(drawn.bandwidth, 0.25 / (pole + average * DT / 2 + DT))
+    drawn.bandwidth = bandwidth
+    kp = drawn.inertia * bandwidth
+    stiffness = drawn.inertia * (2 * np.pi * between(rng, 220, 300)) ** 2
+    rating = 6 * (drawn.coulomb + drawn.viscous * kind.speed + drawn.inertia * kind.speed * 2 * np.pi * kind.highest)
+    values = {
+        "inertia": drawn.inertia,
+        "coulomb_positive": drawn.coulomb,
+        "coulomb_negative": drawn.coulomb,
+        "viscous_positive": drawn.viscous,
+        "viscous_negative": drawn.viscous,
+        "element_stiffness": stiffness / INITIAL,
+        "element_damping": 2 * between(rng, 0.3, 0.8) * np.sqrt(stiffness * drawn.inertia),
+        "kp": kp,
+        "ki": kp * bandwidth * rng.uniform(0.1, 0.3),
+        "position_gain": bandwidth * rng.uniform(0.12, 0.25) if sensors == "encoder" else 0.0,
+        "reads_rate": float(reads_rate),
+        "average": float(average),
+        "filter": pole,
+        "rate_noise": drawn.rate_noise,
+        "rate_step": kind.rate_step,
+        "encoder_step": drawn.encoder_step,
+        "encoder_noise": drawn.encoder_step * rng.uniform(0.0, 0.3),
+        "torque_step": 2 * rating / 2**kind.torque_bits,
+        "torque_noise": 2 * rating / 2**kind.torque_bits * rng.uniform(0.5, 1.5),
+        "rating": rating,
+        "start": drawn.start,
+    }
+    if drawn.compensation != "none":
+        values |= {
+            "forward_coulomb": 0.85 * drawn.coulomb,
+            "forward_viscous": drawn.viscous,
+            "forward_speed": 0.03 * kind.speed,
+        }
+    if drawn.compensation == "friction and inertia":
+        values["forward_inertia"] = 0.9 * drawn.inertia
+    return values
+
+
+def scales_of(drawn: Drawn, wanted: np.ndarray) -> Scales:
+    """What the reference asks, had the machine followed it."""
+    acceleration = np.gradient(wanted, DT)
+    torque = drawn.inertia * acceleration + drawn.viscous * wanted
+    torque = torque + drawn.coulomb * np.tanh(wanted / (0.01 * drawn.kind.speed))
+    return Scales(
+        torque=float(np.sqrt(np.mean(torque**2))),
+        speed=float(np.sqrt(np.mean(wanted**2))),
+        acceleration=float(np.sqrt(np.mean(acceleration**2))),
+        peak=float(np.quantile(np.abs(torque), 0.98)),
+        moving=float(np.mean(np.abs(wanted) > 0.02 * drawn.kind.speed)),
+    )
+
+
+def missing_torque(nominal: dict[str, float], trace: Trace, dt: float = DT) -> np.ndarray:
+    """What the nominal model cannot account for, a value a period, on the hidden true motion."""
+    velocity, position = trace.true_velocity, trace.true_position
+    middle = 0.5 * (velocity[1:] + velocity[:-1])
+    angle = 0.5 * (position[1:] + position[:-1])
+    # friction over a period in which the speed changes its sign acts on the parts of it
+    spread = np.maximum(np.abs(velocity[1:] - velocity[:-1]) / 2, 1e-12)
+    direction = np.clip(middle / spread, -1, 1)
+    needed = nominal["inertia"] * np.diff(velocity) / dt + nominal["viscous"] * middle
+    needed = needed + nominal["coulomb"] * direction + nominal.get("offset", 0.0)
+    needed = needed + nominal.get("unbalance", 0.0) * np.sin(angle + nominal.get("unbalance_phase", 0.0))
+    missing = trace.command[:-1] - needed
+    # near rest friction holds what it must: nothing is missing unless the torque exceeds the level
+    still = np.abs(middle) < 0.01 * np.std(velocity)
+    held = trace.command[:-1] - needed + nominal["coulomb"] * direction
+    beyond = np.sign(held) * np.maximum(np.abs(held) - nominal["coulomb"], 0)
+    return np.where(still, beyond, missing)
+
+
+def sizes(case: Case, trace: Trace) -> dict[str, float]:
+    """Torque and missing torque of a log, rms, and the error of the rate reading against its noise."""
+    missing = missing_torque(case.plan.nominal, trace)
+    reading = trace.rate - trace.true_velocity
+    values = case.world.values
+    noise = np.hypot(values["rate_noise"], case.plan.drawn.kind.rate_step / np.sqrt(12))
+    return {
+        "torque": float(np.sqrt(np.mean(trace.command**2))),
+        "missing": float(np.sqrt(np.mean(missing**2))),
+        "reading": float(np.sqrt(np.mean(reading**2)) / noise),
+    }
+
+
+def shows(case: Case, size: dict[str, float], set_: str) -> bool:
+    """Whether the effect stands out of the clutter, which is at most 8 % of the torque."""
+    if set_ == "none":
+        return True
+    if any(effect.startswith("velocity_") for effect in case.plan.parameters):
+        return size["reading"] > 2.5
+    return size["missing"] > 0.1 * case.plan.scales.torque
+
+
+def sane(case: Case, trace: Trace) -> bool:
+    """Whether somebody would have kept this record: the machine follows its reference, and does not howl."""
+    speed = case.plan.drawn.kind.speed
+    error = np.std(trace.true_velocity - trace.reference)
+    howls = np.max(np.abs(trace.true_velocity)) > 2.5 * speed
+    return bool(np.isfinite(error) and error < 0.7 * np.std(trace.reference) and not howls)
+
+
+Asked = tuple[int, str, str, str, str, tuple[str, ...]]
+
+
+def run(
+    wanted: list[Asked], periods: int = PERIODS, progress: Callable[[float], None] | None = None
+) -> list[tuple[Case, Trace, dict[str, float]]]:
+    """Simulate cases; one whose effect does not show is made larger, one that nobody would keep is drawn anew.
+
+    Args:
+        wanted: (seed, words, set, sensors, system, effects) a case.
+        periods: length of the logs.
+        progress: called with the share done.
+    """
+    done: dict[int, tuple[Case, Trace, dict[str, float]]] = {}
+    anew, grow = [0] * len(wanted), [1.0] * len(wanted)
+    left = list(range(len(wanted)))
+    for attempt in range(ATTEMPTS):
+        cases = []
+        for i in left:
+            seed, words, set_, sensors, system, effects = wanted[i]
+            cases.append(build(seed, f"{words}/{anew[i]}", set_, sensors, system, effects, periods, grow[i]))
+
+        def report(share: float, attempt: int = attempt) -> None:
+            if progress is not None:
+                progress((attempt + share) / ATTEMPTS)
+
+        traces = simulate([case.world for case in cases], progress=report)
+        again = []
+        for i, case, trace in zip(left, cases, traces, strict=True):
+            size = sizes(case, trace)
+            fine, seen = sane(case, trace), shows(case, size, wanted[i][2])
+            size["kept"] = float(fine and seen)
+            if i not in done or fine:
+                done[i] = (case, trace, size)
+            if periods >= SHORTEST and not (fine and seen):
+                anew[i] += not fine
+                grow[i] = grow[i] * 1.6 if fine else 1.0
+                again.append(i)
+        left = again
+        if not left:
+            break
+    for i, (_, trace, _) in done.items():
+        if not np.all(np.isfinite(trace.true_velocity)):
+            raise ArithmeticError(f"{wanted[i]} diverged")
+    return [done[i] for i in range(len(wanted))]
