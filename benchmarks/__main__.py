@@ -10,7 +10,8 @@ NAMES = {
     "thesis": "every printed cell of the thesis, as printed / obtained / verdict, and its figures",
     "compare": "Algorithm 1, sweep, gradient and Nelder-Mead at the same objective and budget",
     "speed": "fpjax against a C++ loop and its peers, with the goals' table",
-    "withheld": "the diagnosis on simulated and real logs whose effect is withheld",
+    "withheld": "the diagnosis on simulated logs whose effect is withheld, by two generators",
+    "real": "the diagnosis on records of real machines whose cause is documented",
 }
 
 

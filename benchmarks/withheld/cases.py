@@ -1,7 +1,6 @@
 """From identities to logs on disk, and what the scorer is told of each."""
 
 import contextlib
-import io
 import json
 import tempfile
 import tomllib
@@ -9,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ..run_command import fpjax_command
 from . import first
 from .identity import Identity, split
 from .second import cases as second
@@ -61,7 +61,8 @@ def _write_second(folder: Path, part: list[Identity], periods: int, report: Call
         (one.seed, f"{one.set}/{one.sensors}/{one.number}", one.set, one.sensors, one.system, one.effects)
         for one in part
     ]
-    for identity, (case, trace, size) in zip(part, second.run(asked, periods, report), strict=True):
+    for i, (case, trace, size) in second.finished(asked, periods, report):
+        identity = part[i]
         second_label.write(log_path(folder, identity), case, trace, identity.sensors)
         label = second_label.label_of(case, trace, size, identity.sensors, identity.set)
         _finish(folder, identity, label)
@@ -96,14 +97,12 @@ def _finish(folder: Path, one: Identity, label: Label) -> None:
 
 def write_starter(place: Path, linear: bool) -> bool:
     """Replace the nominal by what `fpjax inspect` writes from the log itself; False where it writes none."""
-    from fpjax.cli import main
-
     with tempfile.TemporaryDirectory() as scratch:
         words = ["inspect", str(place / "log.csv"), "--no-plots", "--out", scratch]
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            code = main([*words, *(["--linear"] if linear else [])])
+        with contextlib.suppress(RuntimeError):
+            fpjax_command([*words, *(["--linear"] if linear else [])])
         made = Path(scratch) / "servo.toml"
-        if code != 0 or not made.exists():
+        if not made.exists():
             return False
         (place / "servo.toml").write_text(made.read_text())
         return True

@@ -1,7 +1,5 @@
 """Runs the command on each case, keeps its `diagnosis.json`, and scores that and nothing else."""
 
-import contextlib
-import io
 import json
 import shutil
 import sys
@@ -10,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ..run_command import fpjax_command
 from .cases import Label, log_path
 from .identity import Identity
 from .progress import Progress
@@ -21,18 +20,8 @@ Tool = Callable[[Path, Path, Path], None]
 
 
 def by_command(log: Path, model: Path, out: Path) -> None:
-    """`fpjax diagnose LOG --model MODEL --out OUT --no-report` in this process.
-
-    Raises:
-        RuntimeError: with what the command printed, where it does not end in 0.
-    """
-    from fpjax.cli import main
-
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-        code = main(["diagnose", str(log), "--model", str(model), "--out", str(out), "--no-report"])
-    if code != 0:
-        raise RuntimeError(f"exit code {code}: {said.getvalue().strip()}")
+    """`fpjax diagnose LOG --model MODEL --out OUT --no-report`."""
+    fpjax_command(["diagnose", str(log), "--model", str(model), "--out", str(out), "--no-report"])
 
 
 def result_folder(folder: Path, case: str) -> Path:

@@ -273,6 +273,10 @@ def _score_statements(score: CaseScore, ranking: list[dict[str, Any]], label: La
         stated.append((min(max(total, 0.0), 1.0) if math.isfinite(total) else 0.0, bool(group & true)))
     if ranking:
         score.probability, score.statement = stated[0]
+    if score.verdict in ASSERTING:
+        # of several causes each is told as sure as it is to be among them
+        among = [(number(entries.get(cause, {}).get("cause_probability")), cause) for cause in score.asserted]
+        stated += [(p, bool(declared(entries[cause]) & true)) for p, cause in among if math.isfinite(p)]
     score.surest_wrong = max((p for p, fine in stated if not fine), default=0.0)
     score.sure_statements = sum(p > SURE for p, _ in stated)
     score.wrongly_sure = score.surest_wrong > SURE
@@ -292,8 +296,8 @@ def _column(score: CaseScore, ranking: list[dict[str, Any]], label: Label) -> st
     if score.verdict not in ASSERTING:
         return score.verdict
     name = score.asserted[0] if score.asserted else "unexplained"
-    if len(label["effects"]) == 1 and score.name:
+    if len(label["effects"]) == 1 and score.right:
         group = set().union(*(declared(e) for e in ranking if e["effect"] == name), {name})
-        if group & single_names(label):
+        if group & {one for names in label["accepted"] for one in names}:
             return label["effects"][0]
     return name

@@ -11,7 +11,7 @@ import numpy as np
 from . import physics
 from .world import NEUTRAL, Trace, World, stack
 
-SUBSTEPS = 16
+SUBSTEPS = 12
 HISTORY = 24  # periods of velocity kept for a delayed sensor
 
 

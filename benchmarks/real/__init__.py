@@ -1,0 +1,1 @@
+"""The diagnosis on public records of real machines whose cause is documented."""

@@ -1,0 +1,33 @@
+"""The vocabulary of the contract: each effect with the names of its parameters."""
+
+CONTRACT = {
+    "coulomb_error": {"coulomb"},
+    "viscous_error": {"viscous"},
+    "inertia_error": {"inertia"},
+    "stribeck": {"stribeck_torque", "stribeck_velocity"},
+    "presliding": {"bristle_deflection", "bristle_stiffness"},
+    "asymmetric_friction": {
+        "coulomb_positive",
+        "coulomb_negative",
+        "viscous_positive",
+        "viscous_negative",
+    },
+    "position_dependent_friction": {"amplitude", "periods"},
+    "friction_drift": {"amplitude", "time_constant"},
+    "quadratic_drag": {"coefficient"},
+    "backlash": {"gap"},
+    "compliance": {"frequency", "stiffness"},
+    "unbalance": {"amplitude"},
+    "cogging": {"amplitude", "periods"},
+    "constant_torque": {"torque"},
+    "torque_gain_error": {"gain"},
+    "actuator_lag": {"time_constant"},
+    "velocity_lag": {"time_constant"},
+    "actuator_delay": {"delay"},
+    "velocity_delay": {"delay"},
+    "torque_saturation": {"limit"},
+    "torque_dead_zone": {"width"},
+    "velocity_bias": {"bias"},
+    "velocity_scale_error": {"scale"},
+    "velocity_quantisation": {"step"},
+}
