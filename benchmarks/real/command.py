@@ -77,8 +77,6 @@ def run_case(case: RealCase, records: Records, out: Path, afresh: bool, tool: To
         words += ["--holdout", *(str(case.folder / name) for name in case.holdout)]
     if case.columns:
         words += ["--columns", case.columns]
-    if case.repair:
-        words.append("--repair")
     path, spent, error = place / "diagnosis.json", None, ""
     if afresh or not path.exists():
         path.unlink(missing_ok=True)

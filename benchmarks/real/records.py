@@ -9,7 +9,7 @@ from fpjax.errors import InputError
 
 OWN = Path(__file__).parent / "records"
 FILE = "cases.toml"  # in a folder of one's own
-CASE_KEYS = {"name", "question", "log", "holdout", "columns", "model", "repair", "prepare", "goal"}
+CASE_KEYS = {"name", "question", "log", "holdout", "columns", "model", "prepare", "goal"}
 GOAL_KEYS = {"verdict", "causes", "first", "may", "parameters", "after", "located"}
 
 
@@ -47,7 +47,6 @@ class RealCase:
     model: str
     holdout: tuple[str, ...] = ()
     columns: str | None = None
-    repair: bool = False
     prepare: str | None = None
     goal: Goal = field(default_factory=Goal)
 
@@ -130,7 +129,6 @@ def _case(said: dict[str, Any], folder: Path) -> RealCase:
         model=model.lstrip("\n"),
         holdout=_words(said.get("holdout", ())),
         columns=said.get("columns"),
-        repair=bool(said.get("repair", False)),
         prepare=said.get("prepare"),
         goal=Goal(
             verdict=_words(goal.get("verdict", ())),

@@ -20,7 +20,6 @@ question = "what is missing?"
 log = ["run.csv"]
 holdout = ["other.csv"]
 columns = "torque=current*0.07"
-repair = true
 model = "servo.toml"
 [case.goal]
 verdict = ["partly_explained"]
@@ -80,7 +79,6 @@ def test_a_folder_of_ones_own_is_diagnosed_by_the_command_and_compared(mine, tmp
     assert words[:2] == ["diagnose", str(mine / "mine" / "run.csv")]
     assert words[words.index("--holdout") + 1] == str(mine / "mine" / "other.csv")
     assert words[words.index("--columns") + 1] == "torque=current*0.07"
-    assert "--repair" in words
     [found] = json.loads((out / "results.json").read_text())
     assert (found["right"], found["wrongly_sure"], found["verdict"]) == (True, False, "partly_explained")
     page = (out / "index.html").read_text()
