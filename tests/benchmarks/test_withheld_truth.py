@@ -65,9 +65,9 @@ def test_a_derived_velocity_is_made_of_the_position_alone():
 
 
 def test_wide_nominals_are_off_by_ten_to_thirty_per_cent_and_three_per_cent_at_most():
-    for seed in range(6):
+    for seed in range(2):
         for set_, low, high in (("wide", 10, 30), ("single_off", 0, 3), ("single", 0, 0)):
-            case = build(drawn(seed, set_, "servo", ("unbalance",), 11), 20)
+            case = build(drawn(seed, set_, "servo", ("unbalance",), 11), 300)
             label = label_of_case(case, simulate([case.machine], substeps=4)[0])
             for error in label["nominal_error_percent"].values():
                 assert low - 1e-9 <= abs(error) <= high + 1e-9
