@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fpjax.errors import InputError
-from fpjax.output.runfile import whole_file
+from fpjax.output.runfile import refuse_unfinished, whole_file
 
 from .axis import Axis
 
@@ -130,7 +130,11 @@ def load_sweep(path: str | Path) -> dict[str, Any]:
 
     Args:
         path: of the .npz.
+
+    Raises:
+        InputError: for the file of a run that did not finish.
     """
+    refuse_unfinished(Path(path))
     with np.load(Path(path)) as archive:
         content = {name: archive[name] for name in archive.files}
     return content | {"summary": json.loads(str(content["summary"]))}

@@ -1,11 +1,15 @@
 """The command line: parses, runs one command, and turns what went wrong into one sentence and an exit code."""
 
 import argparse
+import contextlib
 import difflib
 import importlib
 import os
+import signal
 import sys
+import threading
 import warnings
+from collections.abc import Iterator
 from typing import Any, NoReturn
 
 from .._version import __version__
@@ -21,6 +25,7 @@ COMMANDS = {
     "export": "the control law as C for a drive, checked against the simulation",
     "demo": "simulate, tune and compare on an embedded example, in a minute",
 }
+INTERRUPTED = 130
 EPILOG = """\
 a first hour:
   fpjax demo --out demo                                simulate, tune, compare: pictures in demo/
@@ -28,7 +33,7 @@ a first hour:
   fpjax estimate run.csv --model look/servo.toml       Coulomb and viscous friction over time
   fpjax diagnose run.csv --model look/servo.toml --out why
 
-exit codes: 0 done, 2 bad input (one sentence on stderr), 130 interrupted (what is finished is kept)
+exit codes: 0 done, 2 bad input (one sentence on stderr), 130 interrupted, 143 terminated (what is finished is kept)
 """
 
 
@@ -72,9 +77,45 @@ def main(argv: list[str] | None = None) -> int:
         argv: the words behind `fpjax`; None for the process's own.
 
     Returns:
-        The exit code: 0, 2 after one sentence on bad input, 130 after Ctrl-C, 1 for a defect of ours.
+        The exit code: 0, 2 after one sentence on bad input, 130 after Ctrl-C, 143 after SIGTERM, 1 for our
+        defect.
     """
-    argv = sys.argv[1:] if argv is None else argv
+    own_process = argv is None
+    words = sys.argv[1:] if argv is None else argv
+    with _terminable():
+        code = _run(words)
+    if own_process and code >= INTERRUPTED:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)  # a compiler that another thread is in would be waited for
+    return code
+
+
+class _Terminated(KeyboardInterrupt):
+    """The system asks to end: what is finished is kept, as after Ctrl-C."""
+
+
+@contextlib.contextmanager
+def _terminable() -> Iterator[None]:
+    """Within the block SIGTERM, and SIGHUP where it is not ignored, end the command as an interrupt does."""
+    before: dict[int, Any] = {}
+
+    def ask(*_: object) -> NoReturn:
+        raise _Terminated
+
+    if threading.current_thread() is threading.main_thread():
+        for name in ("SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+                before[number] = signal.signal(number, ask)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _run(argv: list[str]) -> int:
     chosen = next((word for word in argv if not word.startswith("-")), None)
     name = chosen if chosen in COMMANDS else None
     arguments: Any = None
@@ -97,9 +138,10 @@ def main(argv: list[str] | None = None) -> int:
         return result or 0
     except InputError as error:
         return _fail(name, str(error), 2)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
         kept = getattr(arguments, "kept", "")
-        return _fail(name, f"interrupted{f': {kept}' if kept else '; nothing was lost that was finished'}.", 130)
+        ended, code = ("terminated", 143) if isinstance(error, _Terminated) else ("interrupted", INTERRUPTED)
+        return _fail(name, f"{ended}{f': {kept}' if kept else '; nothing was lost that was finished'}.", code)
     except BrokenPipeError:  # a reader such as `head` has had enough
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (for the interpreter's own flush at exit)
         return 0

@@ -1,13 +1,19 @@
 """What commands share: arguments, the start of jax, tables, notes."""
 
 import argparse
+import concurrent.futures
 import contextlib
+import contextvars
 import sys
-from collections.abc import Iterator, Sequence
-from typing import Any
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
 
 from ..errors import InputError
 from ..output.runfile import RunFile, open_folder
+
+T = TypeVar("T")
+HEARD_WITHIN = 0.2  # s
 
 
 def add_out(parser: argparse.ArgumentParser, required: bool = False) -> None:
@@ -75,7 +81,10 @@ def start_jax(arguments: argparse.Namespace) -> None:
 
 @contextlib.contextmanager
 def running(arguments: argparse.Namespace) -> Iterator[RunFile]:
-    """The run file of a command: --out is tried first, run.json is left at the end, also after a failure."""
+    """The run file of a command: --out is tried first, run.json is left at the end, also after a failure.
+
+    Termination (SIGTERM) ends here as an interrupt does (`command_line`), so it leaves the same.
+    """
     record = RunFile(open_folder(arguments.out), arguments.argv)
     arguments.kept = ""
     try:
@@ -89,6 +98,30 @@ def running(arguments: argparse.Namespace) -> Iterator[RunFile]:
             record.write("bad input")
         raise
     record.write()
+
+
+def interruptible(work: Callable[[], T]) -> T:
+    """What `work` returns, computed on another thread, so that an interrupt is heard at once.
+
+    Python hears signals only between its own instructions, and one call into the compiler takes many seconds. After an
+    interrupt the thread is left behind; `command_line` then ends the process without waiting for it.
+    """
+    done: concurrent.futures.Future[T] = concurrent.futures.Future()
+    context = contextvars.copy_context()
+
+    def run() -> None:
+        try:
+            done.set_result(context.run(work))
+        except BaseException as error:
+            done.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    while True:
+        try:
+            return done.result(HEARD_WITHIN)
+        except concurrent.futures.TimeoutError:
+            if done.done():  # the work's own
+                raise
 
 
 def say(record: RunFile, sentence: str) -> None:

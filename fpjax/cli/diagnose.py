@@ -2,15 +2,28 @@
 
 import argparse
 import dataclasses
+import hashlib
+import json
 import pathlib
 import shlex
 import sys
 from typing import Any
 
 from ..errors import InputError
+from ..output.folder_names import folder_names
 from ..output.progress import Stages
-from ..output.runfile import RunFile, write_json, write_whole
-from .common import add_log_options, add_out, check_torque_unit, finish, log_options, running, start_jax
+from ..output.runfile import RunFile, versions, write_json, write_whole
+from .common import (
+    add_log_options,
+    add_out,
+    check_torque_unit,
+    finish,
+    interruptible,
+    log_options,
+    running,
+    say,
+    start_jax,
+)
 from .simulate import open_model
 
 EXAMPLES = """\
@@ -20,6 +33,8 @@ examples:
   fpjax diagnose a.csv b.csv --each --model servo.toml --out why                             separate machines
   fpjax simulate why/corrected.toml                       the corrected model runs, and can be tuned again
 """
+
+FINISHED = "finished.json"  # in a log's folder, written last: what its diagnosis depended on
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="runs that are only scored, never fitted (default: whole blocks of the logs themselves)",
     )  # fmt: skip
     parser.add_argument("--each", action="store_true", help="each log is a machine of its own, with its own folder")
+    parser.add_argument("--resume", action="store_true", help="with --each: leave out the logs that are finished")
     add_log_options(parser)
     parser.add_argument("--no-report", action="store_true", help="diagnosis.json only: no report.html, no pictures")
     add_out(parser, required=True)
@@ -47,27 +63,39 @@ def run(arguments: argparse.Namespace) -> int:
         logs = [_log(path, "log", model, arguments, record) for path in arguments.logs]
         holdout = [_log(path, "holdout", model, arguments, record) for path in arguments.holdout]
         assert record.folder is not None
+        if arguments.resume and not arguments.each:
+            raise InputError("--resume goes on with the logs of --each: one diagnosis cannot be resumed; leave it out.")
         if not arguments.each:
+            arguments.kept = "a diagnosis keeps nothing on the way; run it again"
             _one(model, logs, holdout, record.folder, record, arguments)
         else:
             names = folder_names([log.name for log in logs])
             for place, (log, name) in enumerate(zip(logs, names, strict=True)):
-                arguments.kept = f"{place} of {len(logs)} logs are diagnosed in {record.folder}"
+                arguments.kept = (
+                    f"{place} of {len(logs)} logs are diagnosed in {record.folder}; add --resume to the same command "
+                    "to go on"
+                )
                 if place:
                     print()
+                key, finished = _key(place, record, arguments), record.folder / name / FINISHED
+                if arguments.resume and _finished(finished) == key:
+                    say(record, f"{log.name} was diagnosed before, in {record.folder / name}")
+                    record.path(f"{name}/diagnosis.json")
+                    continue
+                finished.unlink(missing_ok=True)
                 _one(model, [log], holdout, record.folder / name, record, arguments)
+                write_json(finished, {"key": key})
         arguments.kept = ""
         finish(record)
     return 0
 
 
-def folder_names(names: list[str]) -> list[str]:
-    """A folder for each log, by its name without the suffix, numbered where two are the same."""
-    stems = [pathlib.PurePath(name).stem for name in names]
-    return [
-        f"{stem}-{stems[: place + 1].count(stem)}" if stems.count(stem) > 1 else stem
-        for place, stem in enumerate(stems)
-    ]
+def _key(place: int, record: RunFile, arguments: argparse.Namespace) -> str:
+    """What one log's diagnosis depends on, as a hash: the log, the model, the holdout, the options, the versions."""
+    shared = [entry["sha256"] for entry in record.inputs if entry["role"] != "log"]
+    own = [entry["sha256"] for entry in record.inputs if entry["role"] == "log"][place]
+    content = [own, shared, log_options(arguments), arguments.no_report, versions()]
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
 
 
 def _log(path: str, role: str, model: Any, arguments: argparse.Namespace, record: RunFile) -> Any:
@@ -84,6 +112,13 @@ def _log(path: str, role: str, model: Any, arguments: argparse.Namespace, record
     return log
 
 
+def _finished(path: pathlib.Path) -> str | None:
+    try:
+        return json.loads(path.read_text())["key"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
 def _one(
     model: Any,
     logs: list[Any],
@@ -96,20 +131,18 @@ def _one(
 
     record.stage("diagnose")
     with Stages("diagnose") as stages:
-        found = diagnose(logs, model, holdout=holdout, progress=stages.stage)
+        found = interruptible(lambda: diagnose(logs, model, holdout=holdout, progress=stages.stage))
     found = dataclasses.replace(found, provenance=_provenance(found, record))
     print(found)
     record.stage("write")
     prefix = "" if folder == record.folder else f"{folder.name}/"
     folder.mkdir(parents=True, exist_ok=True)
-    write_json(folder / "diagnosis.json", found.to_dict())
-    record.outputs.append(f"{prefix}diagnosis.json")
+    write_json(record.path(f"{prefix}diagnosis.json"), found.to_dict())
     if found.model:
-        write_whole(folder / "corrected.toml", found.model)
-        record.outputs.append(f"{prefix}corrected.toml")
+        write_whole(record.path(f"{prefix}corrected.toml"), found.model)
     if not arguments.no_report:
+        record.path(f"{prefix}report.html")
         found.report(folder)
-        record.outputs.append(f"{prefix}report.html")
     sys.stdout.flush()
 
 

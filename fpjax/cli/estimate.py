@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..output.runfile import RunFile, write_json
+from ..output.runfile import RunFile, whole_file, write_json
 from .common import add_log_options, add_out, check_torque_unit, finish, log_options, running, say, start_jax
 from .simulate import open_model
 
@@ -129,10 +129,7 @@ def default_observer(model: Any, log: Any, velocity: np.ndarray, record: RunFile
 
 
 def _write_traces(found: Any, record: RunFile) -> None:
-    path = record.path("estimate.csv")
     columns = np.column_stack([found.time, found.velocity, *found.estimates.values()])
-    try:
-        header = ",".join(["time", "velocity", *found.estimates])
-        np.savetxt(path, columns, delimiter=",", header=header, comments="", fmt="%.8g")
-    except OSError as error:
-        raise InputError(f"{path} cannot be written ({error.strerror}): use another --out.") from error
+    header = ",".join(["time", "velocity", *found.estimates])
+    with whole_file(record.path("estimate.csv")) as file:
+        np.savetxt(file, columns, delimiter=",", header=header, comments="", fmt="%.8g")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..output.runfile import RunFile, write_json
+from ..output.runfile import RunFile, whole_file, write_json
 from .common import (
     add_log_options,
     add_out,
@@ -134,14 +134,9 @@ def write_signals(record: RunFile, signals: dict[str, np.ndarray]) -> None:
     first = ("time", "torque", "measured_velocity", "measured_position", "reference")
     order = [name for name in first if name in signals] + [name for name in signals if name not in first]
     header = ",".join(names.get(name, own.get(name, name)) for name in order)
-    path = record.path("simulation.csv")
-    partial = path.with_name(".simulation.csv.partial")
-    try:
-        columns = np.column_stack([signals[name] for name in order])
-        np.savetxt(partial, columns, delimiter=",", header=header, comments="", fmt="%.10g")
-        partial.replace(path)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written ({error.strerror}): make room or use another --out.") from error
+    columns = np.column_stack([signals[name] for name in order])
+    with whole_file(record.path("simulation.csv")) as file:
+        np.savetxt(file, columns, delimiter=",", header=header, comments="", fmt="%.10g")
 
 
 def _replay(model: Any, arguments: argparse.Namespace, record: RunFile) -> None:

@@ -49,6 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
         chunks = record.folder / "chunks"
         arguments.kept = f"finished chunks are kept in {chunks}; add --resume to the same command to go on"
         record.stage("sweep")
+        record.mark()
         try:
             result = sweep(
                 model.loop, references, axes=axes, chunk=arguments.chunk, out=chunks, resume=arguments.resume,

@@ -2,11 +2,12 @@
 
 import argparse
 import dataclasses
+import functools
 from typing import Any
 
 from ..errors import InputError
 from ..output.runfile import RunFile, write_json, write_whole
-from .common import add_out, finish, running, start_jax, table
+from .common import add_out, finish, interruptible, running, start_jax, table
 from .cost import add_cost_arguments, cost_settings
 
 METHODS = ("levenberg_marquardt", "lbfgs", "adam", "grid", "grid_repaired", "nelder_mead")
@@ -54,10 +55,15 @@ def run(arguments: argparse.Namespace) -> int:
         for method in dict.fromkeys(arguments.method or ["levenberg_marquardt"]):
             record.stage(method)
             arguments.kept = f"nothing was tuned yet by {method}"
-            result = tune(
-                model.loop, references, parameters=parameters, method=method, starts=arguments.starts,
+            search = functools.partial(
+                tune, model.loop, references, parameters=parameters, method=method, starts=arguments.starts,
                 seed=arguments.seed, max_simulations=arguments.max_simulations, progress=True, **settings,
             )  # fmt: skip
+            try:
+                result = interruptible(search)
+            except KeyboardInterrupt:
+                _keep_finished(model, results, record, arguments)
+                raise
             print(result, end="\n\n")
             results.append(result)
         whole = [result for result in results if not result.diverged]
@@ -127,6 +133,16 @@ def compare(results: list[Any]) -> str:
         rows.append((result.method, result.cost, result.simulations, result.run_seconds, result.compile_seconds, gains))
     names = ", ".join(name.removeprefix("observer.") for name in results[0].gains)
     return table(rows, ("method", "cost", "simulations", "run s", "compile s", names))
+
+
+def _keep_finished(model: Any, results: list[Any], record: RunFile, arguments: argparse.Namespace) -> None:
+    """Write what the methods before the interrupted one found."""
+    whole = [result for result in results if not result.diverged]
+    if whole and record.folder is not None:
+        arguments.no_plots = True  # a picture takes longer than one waits for after Ctrl-C
+        _write(model, results, min(whole, key=lambda result: result.cost), record, arguments)
+        names = " and ".join(result.method for result in results)
+        arguments.kept = f"what {names} found is kept in {record.folder}, its run marked interrupted"
 
 
 def _write(model: Any, results: list[Any], best: Any, record: RunFile, arguments: argparse.Namespace) -> None:

@@ -23,6 +23,7 @@ from typing import Any, TypeVar, cast
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.core import ShapedArray
 
 from ..errors import InputError
 from .elementary import NAME as ELEMENTARY
@@ -181,7 +182,7 @@ def _varies(values: Any) -> frozenset[str]:
     """The device axes over which any of these arrays (or their abstract values) varies."""
     over: frozenset[str] = frozenset()
     for value in values:
-        abstract = value if isinstance(value, jax.core.ShapedArray) else jax.typeof(value)
+        abstract = value if isinstance(value, ShapedArray) else jax.typeof(value)
         kind = getattr(abstract, "manual_axis_type", None)  # `vma` before jax 0.9
         over |= getattr(abstract, "vma", frozenset()) if kind is None else kind.varying
     return over
@@ -199,7 +200,7 @@ def _vary(leaf: Any, axes: tuple[str, ...]) -> Any:
     """The same array, declared to vary over these device axes."""
     if hasattr(lax, "pcast"):
         return lax.pcast(leaf, axes, to="varying")
-    return lax.pvary(leaf, axes)  # jax before 0.8
+    return cast(Any, lax).pvary(leaf, axes)  # jax before 0.8
 
 
 def _is_expensive(primitive: Any, *operands: Any, **parameters: Any) -> bool:

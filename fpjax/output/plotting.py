@@ -1,7 +1,7 @@
 """One style for every picture: a palette that colour-blind readers can tell apart, and files written whole."""
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..errors import InputError
+from .runfile import whole_file
 
 # Okabe and Ito, "Color universal design" (2008): distinct under the common colour deficiencies.
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PURPLE = (
@@ -127,18 +128,14 @@ def save(figure: Figure, path: str | Path) -> Path:
         InputError: where it cannot be written.
     """
     path = Path(path)
-    partial = path.with_name(f".{path.stem}.partial{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with style():
-            figure.savefig(partial)
-        partial.replace(path)
     except OSError as error:
-        with suppress(OSError):
-            partial.unlink()
         raise InputError(
             f"The picture {path} cannot be written ({error.strerror}): give a folder that can be written with --out."
         ) from error
+    with whole_file(path) as file, style():
+        figure.savefig(file, format=path.suffix.lstrip(".") or "png")
     return path
 
 

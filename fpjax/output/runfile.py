@@ -1,4 +1,8 @@
-"""run.json: the command, the inputs' hashes, seeds, versions and times, so that a figure can be traced."""
+"""run.json: the command, the inputs' hashes, seeds, versions and times, so that a figure can be traced.
+
+A folder of results is marked (`run.unfinished`) before the first of them is written; `run.json` is written last, and
+only then the mark goes. A folder with a mark may hold the outputs of two runs: readers refuse them.
+"""
 
 import contextlib
 import datetime
@@ -17,6 +21,7 @@ from typing import Any, BinaryIO
 from .._version import __version__
 from ..errors import InputError
 
+RUN, MARK = "run.json", "run.unfinished"
 _PACKAGES = ("jax", "jaxlib", "numpy", "scipy", "equinox", "optax", "optimistix", "matplotlib")
 
 
@@ -39,13 +44,19 @@ class RunFile:
         self.seconds: dict[str, float] = {}
         self.notes: list[str] = []
         self.outputs: list[str] = []
+        self._marked, self._earlier = False, list[str]()
         self.started = datetime.datetime.now(datetime.UTC)
         self._begin = self._stage_begin = time.perf_counter()
         self._stage: str | None = None
 
     def read(self, path: str | os.PathLike[str], role: str) -> pathlib.Path:
-        """Note an input file by its hash; a file that cannot be read is left to its reader to complain about."""
+        """Note an input file by its hash; a file that cannot be read is left to its reader to complain about.
+
+        Raises:
+            InputError: for an output of a run that did not finish.
+        """
         path = pathlib.Path(path)
+        refuse_unfinished(path)
         if not path.is_file():  # a pipe or a device would be read without an end
             return path
         try:
@@ -71,15 +82,43 @@ class RunFile:
         self._stage = None
 
     def path(self, name: str) -> pathlib.Path:
-        """The path of a result in the folder, noted as an output."""
+        """The path of a result in the folder, noted as an output; the folder is marked unfinished first."""
         assert self.folder is not None
-        self.outputs.append(name)
+        if name not in self.outputs:
+            self.outputs.append(name)
+        self.mark()
         return self.folder / name
 
+    def mark(self) -> None:
+        """Mark the folder unfinished: from here on it may hold the outputs of two runs."""
+        if self.folder is None:
+            return
+        if not self._marked:
+            run, unfinished = _read(self.folder / RUN), _read(self.folder / MARK)
+            self._earlier = sorted({*_names(run, "outputs"), *_names(unfinished, "outputs", "earlier")})
+        content = {
+            "command": self.command,
+            "process": os.getpid(),
+            "started": self.started.isoformat(timespec="seconds"),
+            "outputs": self.outputs,
+            "earlier": self._earlier,
+        }
+        write_json(self.folder / MARK, content)
+        if not self._marked:  # only now: a folder is never without one of the two
+            (self.folder / RUN).unlink(missing_ok=True)
+            sync_folder(self.folder)
+        self._marked = True
+
     def write(self, status: str = "completed") -> None:
-        """Leave run.json; nothing without a folder."""
+        """Leave run.json; nothing without a folder.
+
+        A run that ends before its first output leaves an earlier complete run as it is; one that ends after it, and not
+        as "completed", leaves the folder marked.
+        """
         self._end_stage()
         if self.folder is None:
+            return
+        if status != "completed" and not self._marked and (_read(self.folder / RUN) or {}).get("status") == "completed":
             return
         content = {
             "command": self.command,
@@ -95,7 +134,58 @@ class RunFile:
             },
             "notes": self.notes,
         }
-        write_json(self.folder / "run.json", content)
+        write_json(self.folder / RUN, content)
+        if status == "completed":
+            (self.folder / MARK).unlink(missing_ok=True)
+            sync_folder(self.folder)
+
+
+def refuse_unfinished(path: pathlib.Path) -> None:
+    """Refuse a file that a run wrote, or was about to write, and did not finish.
+
+    Raises:
+        InputError: where it is one.
+    """
+    mark = _read(path.parent / MARK)
+    if mark is None or mark.get("process") == os.getpid() or path.name not in _names(mark, "outputs", "earlier"):
+        return
+    command = mark.get("command")
+    typed = " ".join(map(str, command)) if isinstance(command, list) else "fpjax"
+    raise InputError(
+        f"{path} is an output of a run that has not finished ({typed[:200]}, begun {mark.get('started')}): run that "
+        f"again, or delete {path.parent / MARK} to use the file as it is."
+    )
+
+
+def read_run(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """What `run.json` of a finished run says.
+
+    Args:
+        folder: of the results.
+
+    Raises:
+        InputError: for a folder without it, or one that is marked unfinished.
+    """
+    folder = pathlib.Path(folder)
+    if (folder / MARK).exists():
+        raise InputError(f"{folder} holds a run that has not finished: run its command again.")
+    content = _read(folder / RUN)
+    if content is None:
+        raise InputError(f"{folder} has no {RUN} that can be read: give the --out of a finished run.")
+    return content
+
+
+def _read(path: pathlib.Path) -> dict[str, Any] | None:
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    return content if isinstance(content, dict) else None
+
+
+def _names(content: dict[str, Any] | None, *keys: str) -> list[str]:
+    lists = [(content or {}).get(key) for key in keys]
+    return [name for each in lists if isinstance(each, list) for name in each if isinstance(name, str)]
 
 
 def versions() -> dict[str, str]:

@@ -6,6 +6,7 @@ import pathlib
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -240,7 +241,10 @@ def test_sweep_and_its_resume_are_the_same(servo, tmp_path, capsys):
     np.testing.assert_array_equal(np.load(tmp_path / "a" / "sweep.npz")["cost"], whole["cost"])
 
 
-def test_ctrl_c_in_a_sweep_keeps_what_is_done(servo, tmp_path):
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_ctrl_c_and_termination_in_a_sweep_keep_what_is_done(servo, tmp_path, number, code, word):
     axes = ["--axis", "observer.gain_1=10:1e4:200", "--axis", "observer.gain_2=1:100:200", "--chunk", "64"]
     process = shell("sweep", servo, *axes, "--out", tmp_path / "out", "--no-plots", "--no-cache")
     chunks = tmp_path / "out" / "chunks"
@@ -248,13 +252,45 @@ def test_ctrl_c_in_a_sweep_keeps_what_is_done(servo, tmp_path):
     while time.monotonic() < deadline and len(list(chunks.glob("chunk-*.npy")) if chunks.exists() else []) < 2:
         assert process.poll() is None, process.communicate()
         time.sleep(0.05)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     _, error = process.communicate(timeout=60)
-    assert process.returncode == 130, error
+    assert process.returncode == code, error
+    assert f"{word}: finished chunks are kept" in error
     assert "--resume" in error
     assert "Traceback" not in error
     assert len(list(chunks.glob("chunk-*.npy"))) >= 2
     assert json.loads((tmp_path / "out" / "run.json").read_text())["status"] == "interrupted"
+    assert (tmp_path / "out" / "run.unfinished").exists()
+
+
+def test_an_interrupted_tuning_ends_at_once_and_keeps_the_finished_methods(servo, tmp_path, monkeypatch, capsys):
+    import tuning
+
+    tune, released = tuning.tune, threading.Event()
+
+    def slow(*arguments, method, **settings):
+        if method == "grid":
+            return tune(*arguments, method=tuning.GridSearch(iterations=1), **settings)
+        threading.Timer(0.1, signal.raise_signal, [signal.SIGINT]).start()
+        released.wait(60.0)  # as in a call of the compiler, which hears no signal
+        raise AssertionError
+
+    monkeypatch.setattr(tuning, "tune", slow)
+    begin = time.monotonic()
+    out = tmp_path / "out"
+    try:
+        assert run("tune", servo, "--method", "grid", "--method", "lbfgs", "--out", out) == 130
+    finally:
+        spent = time.monotonic() - begin
+        released.set()
+    assert spent < 60.0
+    assert "what grid found is kept" in capsys.readouterr().err
+    assert [one["method"] for one in json.loads((out / "tune.json").read_text())["results"]] == ["grid"]
+    assert (out / "tuned.toml").exists()
+    assert json.loads((out / "run.json").read_text())["status"] == "interrupted"
+    # Nothing takes the folder for a finished run.
+    monkeypatch.setattr("os.getpid", lambda: -1)
+    refuse(capsys, "simulate", out / "tuned.toml", match="has not finished")
 
 
 @pytest.mark.parametrize(

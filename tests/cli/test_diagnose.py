@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from fpjax.cli import main
-from fpjax.cli.diagnose import folder_names
 from fpjax.gap.report.contents import Estimate
 from fpjax.gap.report.digits import show_estimate
 from fpjax.model_file import load_model
+from fpjax.output.folder_names import folder_names
 
 NOMINAL = """
 [plant]

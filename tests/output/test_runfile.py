@@ -1,0 +1,95 @@
+"""The mark of an unfinished folder: what a kill leaves is never taken for one complete run."""
+
+import errno
+import json
+import os
+
+import pytest
+
+from fpjax.errors import InputError
+from fpjax.output import runfile
+from fpjax.output.runfile import MARK, RunFile, read_run, refuse_unfinished, whole_file, write_json, write_whole
+
+OTHER = {"process": -1}
+
+
+def begun(folder, names, command="fpjax simulate"):
+    """A run that wrote these outputs and was killed."""
+    record = RunFile(folder, command.split())
+    for name in names:
+        write_json(record.path(name), {"of": command})
+    mark = json.loads((folder / MARK).read_text())
+    write_json(folder / MARK, mark | OTHER)  # of another process, as after a kill
+    return record
+
+
+def test_a_complete_run_ends_with_run_json_and_without_a_mark(tmp_path):
+    record = begun(tmp_path, ["a.json"])
+    assert not (tmp_path / "run.json").exists()
+    record.write()
+    assert not (tmp_path / MARK).exists()
+    assert read_run(tmp_path)["outputs"] == ["a.json"]
+    refuse_unfinished(tmp_path / "a.json")
+
+
+def test_the_outputs_of_two_runs_do_not_look_like_one(tmp_path):
+    begun(tmp_path, ["a.json", "b.json"], "fpjax first").write()
+    begun(tmp_path, ["a.json"], "fpjax second")
+    assert not (tmp_path / "run.json").exists()
+    with pytest.raises(InputError, match="has not finished"):
+        read_run(tmp_path)
+    for name in ("a.json", "b.json"):
+        with pytest.raises(InputError, match=r"not finished \(fpjax second, begun .*run that again, or delete"):
+            refuse_unfinished(tmp_path / name)
+    refuse_unfinished(tmp_path / "servo.toml")  # never an output: the user's own
+    begun(tmp_path, ["a.json", "b.json"], "fpjax third").write()
+    refuse_unfinished(tmp_path / "b.json")
+
+
+def test_a_run_that_fails_before_its_first_output_leaves_the_earlier_one(tmp_path):
+    begun(tmp_path, ["a.json"]).write()
+    before = (tmp_path / "run.json").read_bytes()
+    RunFile(tmp_path, ["fpjax", "tune"]).write("bad input")
+    assert (tmp_path / "run.json").read_bytes() == before
+    refuse_unfinished(tmp_path / "a.json")
+
+
+def test_an_interrupted_run_stays_marked(tmp_path):
+    begun(tmp_path, ["a.json"]).write("interrupted")
+    assert json.loads((tmp_path / "run.json").read_text())["status"] == "interrupted"
+    with pytest.raises(InputError, match="has not finished"):
+        read_run(tmp_path)
+    with pytest.raises(InputError, match="has not finished"):
+        RunFile(None, []).read(tmp_path / "a.json", "model")
+
+
+def test_a_mark_that_cannot_be_read_still_counts(tmp_path):
+    begun(tmp_path, ["a.json"]).write()
+    (tmp_path / MARK).write_text("{")
+    with pytest.raises(InputError, match="has not finished"):
+        read_run(tmp_path)
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
+def test_what_stops_a_writing_leaves_the_old_file_and_nothing_else(tmp_path, monkeypatch, error):
+    path = tmp_path / "a.json"
+    write_whole(path, "old")
+
+    def stop(_):
+        raise error
+
+    monkeypatch.setattr(runfile.os, "fsync", stop)
+    with pytest.raises(InputError if isinstance(error, OSError) else KeyboardInterrupt):
+        write_whole(path, "new")
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["a.json"]
+
+    def half():
+        with whole_file(path) as file:
+            file.write(b"half")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        half()
+    assert path.read_text() == "old"
+    assert os.listdir(tmp_path) == ["a.json"]
