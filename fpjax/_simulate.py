@@ -1,11 +1,13 @@
-"""`fpjax.simulate`: one run of a closed loop, from its settings to a `Run`."""
+"""One run of a closed loop, from its settings to a `Run`; `fpjax.simulate` (`verbs`) takes models and files too."""
 
 from enum import IntEnum
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
@@ -15,6 +17,7 @@ from .compiled.native import native
 from .errors import InputError
 from .loop import ClosedLoop, LoopState
 from .metrics import AbstractMeasure
+from .output.run_picture import About
 from .scan import Stepper, Stepping, make_inputs, make_stepper, roll
 from .solvers import AbstractPlantSolver
 from .stability import warn_if_stiff
@@ -42,6 +45,7 @@ class Run(eqx.Module):
         measures: what was measured, by name.
         status: a `Status` as an integer.
         final_state: state one step after the last sample.
+        about: units and true values for the picture (static).
     """
 
     time: Array
@@ -49,6 +53,7 @@ class Run(eqx.Module):
     measures: dict[str, Array]
     status: Array
     final_state: LoopState
+    about: About | None = eqx.field(static=True, default=None)
 
     @property
     def diverged(self) -> bool:
@@ -59,6 +64,70 @@ class Run(eqx.Module):
     def message(self) -> str:
         """The status as a sentence."""
         return SENTENCES[Status(int(self.status))]
+
+    @property
+    def settled(self) -> dict[str, float]:
+        """Mean over the last quarter of every estimate that was recorded, by name."""
+        quarter = max(len(self.time) // 4, 1)
+        return {
+            name.removeprefix("estimates."): float(np.mean(np.asarray(values)[-quarter:]))
+            for name, values in self.signals.items()
+            if name.startswith("estimates.")
+        }
+
+    def __str__(self) -> str:
+        if np.ndim(self.status) or isinstance(self.status, Tracer):
+            return f"Run of a batch, signals {', '.join(self.signals) or 'none'}, measures {', '.join(self.measures)}"
+        step = float(self.time[1] - self.time[0]) if len(self.time) > 1 else 0.0
+        lines = [f"{self.message}: {len(self.time)} samples of {step:.4g} s, {self.time.dtype}"]
+        lines += [f"  {name:<32} {float(np.asarray(value)):.6g}" for name, value in self.measures.items()]
+        for name, values in self.signals.items():
+            row = np.asarray(values, dtype=float)
+            rms = float(np.sqrt(np.mean(row**2)))
+            lines.append(f"  {name:<32} rms {rms:<11.5g} from {row.min():.5g} to {row.max():.5g}, last {row[-1]:.5g}")
+        truths = dict(self.about.truths) if self.about else {}
+        for name, value in self.settled.items():
+            true = f" (true {truths[name]:.5g})" if truths.get(name) else ""
+            lines.append(f"  {name + ', mean of the last quarter':<32} {value:.5g}{true}")
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """Reference and motion, error, torques, and every estimate with its truth: what of it was recorded.
+
+        Args:
+            path: picture file to write; None to write none.
+
+        Returns:
+            The matplotlib figure.
+
+        Raises:
+            InputError: where nothing was recorded, or the file cannot be written.
+        """
+        if not self.signals:
+            raise InputError(
+                'Nothing was recorded: give simulate record=("reference", "velocity", "torque"), or a model, which '
+                "records all."
+            )
+        from .output.plotting import save
+        from .output.run_picture import run_figure
+
+        signals = {name: np.asarray(values) for name, values in self.signals.items()}
+        figure = run_figure(np.asarray(self.time), signals, self.about or About())
+        if path is not None:
+            save(figure, path)
+        return figure
+
+    def to_dataframe(self) -> Any:
+        """The recorded signals as a `pandas.DataFrame`, the time [s] as its index.
+
+        Raises:
+            InputError: where pandas is not installed.
+        """
+        from .output.frames import to_frame
+
+        return to_frame(self.signals, self.time)
 
 
 def simulate(
@@ -77,7 +146,7 @@ def simulate(
     key: Array | None = None,
     throw: bool = False,
 ) -> Run:
-    """Simulate a closed loop.
+    """Simulate a closed loop of blocks; see `fpjax.simulate`.
 
     Args:
         loop: the closed loop.

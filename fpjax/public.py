@@ -2,9 +2,7 @@
 
 from ._simulate import Run as Run
 from ._simulate import Status as Status
-from ._simulate import simulate as simulate
 from .analysis.estimate import Estimation as Estimation
-from .analysis.estimate import estimate as estimate
 from .analysis.excitation import Excitation as Excitation
 from .analysis.excitation import assess_excitation as assess_excitation
 from .analysis.identify import Identified as Identified
@@ -125,3 +123,5 @@ from .solvers import RungeKutta4 as RungeKutta4
 from .solvers import get_solver as get_solver
 from .stability import safe_steepness as safe_steepness
 from .stability import stiffness_number as stiffness_number
+from .verbs import estimate as estimate
+from .verbs import simulate as simulate

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array
 
 from fpjax.errors import InputError
-from fpjax.parameters import get_parameter
+from fpjax.parameters import get_parameter, parameter_names
 
 Scale = Literal["log", "linear"]
 
@@ -40,6 +40,23 @@ class Parameter:
     low: float | None = None
     high: float | None = None
     scale: Scale = "log"
+
+
+def default_parameters(loop: Any) -> list[str]:
+    """What is tuned where nobody says: the observer's gains, or the controller's.
+
+    Raises:
+        InputError: where there is neither.
+    """
+    names = parameter_names(loop)
+    words = ("gain", "gain_1", "gain_2")
+    chosen = [name for name in names if name.startswith("observer.") and name.rpartition(".")[2] in words]
+    chosen = chosen or [
+        name for name in names if name.startswith("controller.") and name.endswith((".kp", ".ki", ".gain"))
+    ]
+    if not chosen:
+        raise InputError(f"There is nothing to tune: name it with parameters (--parameter), one of {', '.join(names)}.")
+    return chosen
 
 
 class Space(eqx.Module):

@@ -3,12 +3,15 @@
 import dataclasses
 import math
 import platform
+from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
 from fpjax._version import __version__
+from fpjax.output.frames import to_frame
+from fpjax.output.plotting import new_figure, save, style
 from fpjax.output.runfile import plain
 from fpjax.parameters import set_parameters
 
@@ -91,6 +94,36 @@ class TuningResult:
     def apply(self, loop: Any) -> Any:
         """A copy of the loop with the tuned gains."""
         return set_parameters(loop, self.gains)
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """The best cost so far against simulations.
+
+        Args:
+            path: picture file to write; None to write none.
+
+        Returns:
+            The matplotlib figure.
+
+        Raises:
+            InputError: where the file cannot be written.
+        """
+        figure, axes = new_figure(size=(6.6, 3.4), title=f"{self.method} on {', '.join(self.references)}")
+        with style():
+            used, cost = (np.array(column) for column in zip(*self.history, strict=True)) if self.history else ([], [])
+            shown = np.isfinite(cost)
+            axes[0, 0].step(np.asarray(used)[shown], np.minimum.accumulate(np.asarray(cost)[shown]), where="post")
+            axes[0, 0].set(xlabel="simulations (tangents counted)", ylabel="best cost so far", yscale="log")
+        if path is not None:
+            save(figure, path)
+        return figure
+
+    def to_dataframe(self) -> Any:
+        """The history as a `pandas.DataFrame`: best cost so far by the simulations used.
+
+        Raises:
+            InputError: where pandas is not installed.
+        """
+        return to_frame({"cost": [cost for _, cost in self.history]}, [used for used, _ in self.history], "simulations")
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON takes it; what is not finite as None."""

@@ -1,5 +1,6 @@
 """`tune` and `tune_each`: any method, any objective, one call."""
 
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -7,11 +8,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from fpjax import AbstractPlantSolver, ClosedLoop, get_solver, make_inputs, make_stepper
+from fpjax import AbstractPlantSolver, AbstractReference, ClosedLoop, Model, get_solver, make_inputs, make_stepper
 from fpjax.errors import InputError
 from fpjax.output.progress import Stages
 from fpjax.parameters import get_parameter
-from fpjax.scan import Stepping
+from fpjax.scan import Stepping, astype
+from fpjax.verbs import as_model, checked_loop, checked_reference, double_precision
 
 from .gradient import adam, lbfgs
 from .grid_search import algorithm_1, algorithm_1_repaired
@@ -22,7 +24,7 @@ from .methods import LBFGS, METHODS, Adam, GridSearch, LevenbergMarquardt, Metho
 from .nelder_mead import nelder_mead
 from .notes import notes_of, rate_measure
 from .objective import AbstractObjective, Thesis, get_objective
-from .parameters import Parameter
+from .parameters import Parameter, default_parameters
 from .problem import Aggregate, References, case_costs, label_references, make_problem
 from .result import TuningResult, versions
 from .smoothness import not_smooth
@@ -40,18 +42,18 @@ _SEARCHES: dict[type, Callable[[Any, Any, Stop], Outcome]] = {
 
 
 def tune(
-    loop: ClosedLoop,
-    references: References,
+    loop: ClosedLoop | Model | str | os.PathLike[str],
+    references: References | None = None,
     *,
-    parameters: Sequence[str | Parameter],
-    dt: float,
+    parameters: Sequence[str | Parameter] | None = None,
+    dt: float | None = None,
     duration: float | None = None,
     samples: int | None = None,
     objective: str | AbstractObjective = "estimation",
     method: str | Method = "levenberg_marquardt",
-    solver: str | AbstractPlantSolver = "rk4",
-    stepping: Stepping = "continuous",
-    substeps: int = 1,
+    solver: str | AbstractPlantSolver | None = None,
+    stepping: Stepping | None = None,
+    substeps: int | None = None,
     plants: Mapping[str, Any] | None = None,
     noise_seeds: Sequence[int] = (),
     aggregate: Aggregate = "mean",
@@ -65,9 +67,11 @@ def tune(
     """Tune named parameters of a closed loop, on all references at once.
 
     Args:
-        loop: the closed loop; its own friction law is the truth that estimates are judged by.
+        loop: the closed loop; its own friction law is the truth that estimates are judged by. Or a `Model`, or the path
+            of a servo.toml: what is not given then has its values, in double precision.
         references: one, a list, or a dictionary by label; with several, one set of gains for all.
-        parameters: names as "observer.gain_1", or `Parameter`s with start, bounds and scale.
+        parameters: names as "observer.gain_1", or `Parameter`s with start, bounds and scale; None for the observer's
+            gains, or the controller's without an observer.
         dt: step, or control period when sampled [s].
         duration: of a run [s]; or `samples`.
         samples: of a run.
@@ -97,6 +101,43 @@ def tune(
     Raises:
         InputError: for what cannot be, with what to do.
     """
+    model = None if isinstance(loop, ClosedLoop) else as_model(loop, "tune")
+    if model is not None:
+        model.needed_controller()
+        if references is None:
+            references = model.needed_reference()
+        if duration is None and samples is None:
+            duration = model.needed_duration()
+        with double_precision():
+            return tune(
+                astype(model.loop, np.float64),
+                references,
+                parameters=parameters,
+                dt=model.dt if dt is None else dt,
+                duration=duration,
+                samples=samples,
+                objective=objective,
+                method=method,
+                solver=solver or model.solver,
+                stepping=stepping or model.stepping,
+                substeps=substeps or model.substeps,
+                plants=plants,
+                noise_seeds=noise_seeds,
+                aggregate=aggregate,
+                starts=starts,
+                spread=spread,
+                seed=seed,
+                target=target,
+                max_simulations=max_simulations,
+                progress=progress,
+            )
+    loop = checked_loop(loop, "tune")
+    if references is None or dt is None:
+        raise InputError("tune needs a reference and dt, the step [s]: give both, or a model, which has its own.")
+    if isinstance(references, AbstractReference | int | float):
+        references = checked_reference(references)
+    solver, stepping, substeps = solver or "rk4", stepping or "continuous", substeps or 1
+    parameters = default_parameters(loop) if parameters is None else parameters
     automatic = starts is None and _searches(method, objective, target, max_simulations)
     stepper = make_stepper(dt=dt, duration=duration, samples=samples, solver=solver, stepping=stepping)
     written = parameters
@@ -132,7 +173,7 @@ def tune(
                 problem.space, lambda values: _judged(clock, values, None, problem)[0], middle, own, seed
             )
         else:
-            drawn = _draw_starts(problem, middle, starts or 1, spread, seed)
+            drawn = _draw_starts(problem, middle, 1 if starts is None else starts, spread, seed)
         lanes = Lanes(problem, drawn, None)
         stop = Stop(target, max_simulations, bar)
         (result,) = _search(lanes, [labels], settings, stop, len(drawn), screened)

@@ -150,7 +150,7 @@ def estimate(
     cutoff: float | None = None,
     passes: int = 1,
 ) -> Estimation:
-    """Run an observer over a log.
+    """Run an observer over a log; `fpjax.estimate` takes files and models too.
 
     Args:
         log: torque and velocity or position on one clock.

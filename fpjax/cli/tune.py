@@ -47,8 +47,9 @@ def run(arguments: argparse.Namespace) -> int:
         record.stage("start")
         start_jax(arguments)
         model, references, settings = cost_settings(arguments, record)
-        parameters = [read_parameter(word) for word in arguments.parameter] or default_parameters(model)
         from tuning import tune
+
+        parameters = [read_parameter(word) for word in arguments.parameter] or None
 
         record.seeds["starts"] = arguments.seed
         results = []
@@ -79,25 +80,6 @@ def run(arguments: argparse.Namespace) -> int:
         _write(model, results, best, record, arguments)
         finish(record)
     return 0
-
-
-def default_parameters(model: Any) -> list[Any]:
-    """The observer's gains, or the controller's.
-
-    Raises:
-        InputError: where there is neither.
-    """
-    from ..parameters import parameter_names
-
-    names = parameter_names(model.loop)
-    words = ("gain", "gain_1", "gain_2")
-    chosen = [name for name in names if name.startswith("observer.") and name.rpartition(".")[2] in words]
-    chosen = chosen or [
-        name for name in names if name.startswith("controller.") and name.endswith((".kp", ".ki", ".gain"))
-    ]
-    if not chosen:
-        raise InputError(f"There is nothing to tune: name it with --parameter, one of {', '.join(names)}.")
-    return chosen
 
 
 def read_parameter(word: str) -> Any:

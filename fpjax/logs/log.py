@@ -1,6 +1,8 @@
 """Log: what a machine recorded, in SI units, on one uniform clock."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -78,6 +80,38 @@ class Log:
         """The canonical columns that are there, by name, in the contract's order."""
         names = ("time", "torque", "velocity", "position", "reference")
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+    def to_dataframe(self) -> Any:
+        """The columns and what else was recorded as a `pandas.DataFrame`, the time [s] as its index.
+
+        Raises:
+            InputError: where pandas is not installed.
+        """
+        from ..output.frames import to_frame
+
+        columns = {name: values for name, values in self.columns().items() if name != "time"}
+        return to_frame(columns | {name: each for name, each in self.extra.items() if name not in columns}, self.time)
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """Every column against time.
+
+        Args:
+            path: picture file to write; None to write none.
+
+        Returns:
+            The matplotlib figure.
+
+        Raises:
+            InputError: where the file cannot be written.
+        """
+        from ..output.plotting import save
+        from ..output.run_picture import columns_figure
+
+        units = {"position": self.motion_unit, "velocity": f"{self.motion_unit}/s", "torque": self.torque_unit}
+        figure = columns_figure(self.time, {n: v for n, v in self.columns().items() if n != "time"}, units, self.name)
+        if path is not None:
+            save(figure, path)
+        return figure
 
     def __str__(self) -> str:
         return (

@@ -1,0 +1,174 @@
+"""The picture of a run: reference and motion, error, torques, estimates with their truth."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from .plotting import BLUE, GREY, RED, new_figure, style, thin
+
+KINDS = {"coulomb": "N m", "viscous": "N m s/rad", "steepness": "s/rad"}
+WITHIN = 1.0  # of the last quarter's estimate, either side, that a panel shows: the start's swing would hide the rest
+
+
+class About(NamedTuple):
+    """What a run does not hold itself and its picture wants. Hashable, so that it can be static.
+
+    Attributes:
+        truths: (name, value) of the plant's friction parameters.
+        units: a rotary SI unit in the machine's units, as pairs; empty for SI.
+        position: whether the reference is a position.
+        linear: whether the axis is linear.
+        title: of the picture.
+    """
+
+    truths: tuple[tuple[str, float], ...] = ()
+    units: tuple[tuple[str, str], ...] = ()
+    position: bool = False
+    linear: bool = False
+    title: str = ""
+
+    def unit(self, unit: str) -> str:
+        """In the machine's words."""
+        return dict(self.units).get(unit, unit)
+
+
+def run_figure(time: np.ndarray, signals: Mapping[str, np.ndarray], about: About) -> Figure:
+    """A panel for each of reference and motion, error, torques and every estimate that was recorded.
+
+    Args:
+        time: [s], shape (samples,).
+        signals: by name, each of shape (samples,); what is missing leaves its panel out.
+        about: truths and units.
+    """
+    motion, unit = ("position", about.unit("rad")) if about.position else ("velocity", about.unit("rad/s"))
+    torque = about.unit("N m")
+    panels: list[Callable[[Any], None]] = []
+    if motion in signals or "reference" in signals:
+        panels.append(lambda axes: _motion(axes, time, signals, motion, unit))
+    if motion in signals and "reference" in signals:
+        panels.append(lambda axes: _error(axes, time, signals, motion, unit))
+    if {"torque", "friction", "compensation", "control"} & set(signals):
+        word = "force" if about.linear else "torque"
+        panels.append(lambda axes: _torques(axes, time, signals, f"{word} [{torque}]"))
+    truths = dict(about.truths)
+    for name in (each for each in signals if each.startswith("estimates.")):
+        word = name.removeprefix("estimates.")
+        label = f"{word} [{about.unit(KINDS.get(word, '1'))}]"
+        panels.append(
+            lambda axes, name=name, word=word, label=label: _estimate(
+                axes, time, signals[name], truths.get(word), label
+            )
+        )
+    known = {motion, "reference", "torque", "friction", "compensation", "control", "time"}
+    if not panels:
+        for name in (each for each in signals if each not in known):
+            panels.append(lambda axes, name=name: _plain(axes, time, signals[name], name))
+    figure, axes = new_figure(
+        max(len(panels), 1), 1, share_x=True, size=(7.4, 1.9 * max(len(panels), 1) + 0.5), title=about.title
+    )
+    with style():
+        for draw, panel in zip(panels, axes[:, 0], strict=False):
+            draw(panel)
+        axes[-1, 0].set_xlabel("time [s]")
+    return figure
+
+
+def columns_figure(
+    time: np.ndarray, columns: Mapping[str, np.ndarray], units: Mapping[str, str], title: str = ""
+) -> Figure:
+    """A panel for each column.
+
+    Args:
+        time: [s], shape (samples,).
+        columns: by name, each of shape (samples,).
+        units: by name.
+        title: of the picture.
+    """
+    figure, axes = new_figure(len(columns), 1, share_x=True, size=(7.4, 1.9 * len(columns) + 0.5), title=title)
+    with style():
+        for (name, values), panel in zip(columns.items(), axes[:, 0], strict=True):
+            line(panel, time, values, GREY if name == "reference" else BLUE)
+            panel.set_ylabel(f"{name} [{units[name]}]" if name in units else name)
+        axes[-1, 0].set_xlabel("time [s]")
+    return figure
+
+
+def beside(panel: Any) -> None:
+    """The legend outside the axes, to the right: never over data."""
+    panel.legend(loc="upper left", bbox_to_anchor=(1.01, 1.02), borderaxespad=0.0, frameon=False)
+
+
+def line(axes: Any, time: np.ndarray, values: np.ndarray, color: str, label: str = "", **more: Any) -> None:
+    """A signal; one of more periods than a picture resolves is drawn as the band that it fills, with its edges."""
+    values = np.asarray(values)
+    if turns(values) < 400:
+        axes.plot(*thin(time, values), color=color, label=label or None, **more)
+        return
+    middle, low, high = envelope(np.asarray(time), values)
+    axes.fill_between(middle, low, high, color=color, alpha=0.35, lw=0.0, label=label or None)
+    for edge in (low, high):
+        axes.plot(middle, edge, color=color, lw=0.6)
+
+
+def turns(values: np.ndarray) -> int:
+    """How often a signal crosses its middle with a swing that a picture would show."""
+    low, high = np.nanmin(values), np.nanmax(values)
+    band = 0.1 * (high - low)
+    centre = 0.5 * (low + high)
+    side = np.where(values > centre + band, 1, np.where(values < centre - band, -1, 0))
+    side = side[side != 0]
+    return int(np.count_nonzero(np.diff(side)))
+
+
+def envelope(time: np.ndarray, values: np.ndarray, bins: int = 350) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(time of each bin's middle [s], lowest, highest), each of shape (bins,)."""
+    edges = np.linspace(0, len(values), bins + 1).astype(int)[:-1]
+    low, high = np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
+    return np.add.reduceat(time, edges) / np.diff([*edges, len(values)]), low, high
+
+
+def _motion(axes: Any, time: np.ndarray, signals: Mapping[str, np.ndarray], motion: str, unit: str) -> None:
+    if "reference" in signals:
+        line(axes, time, signals["reference"], GREY, "reference", linestyle="--")
+    if motion in signals:
+        line(axes, time, signals[motion], BLUE, motion)
+    axes.set_ylabel(f"{motion} [{unit}]")
+    beside(axes)
+
+
+def _error(axes: Any, time: np.ndarray, signals: Mapping[str, np.ndarray], motion: str, unit: str) -> None:
+    line(axes, time, signals["reference"] - signals[motion], RED)
+    axes.set_ylabel(f"error [{unit}]")
+
+
+def _torques(axes: Any, time: np.ndarray, signals: Mapping[str, np.ndarray], label: str) -> None:
+    if "torque" in signals:
+        line(axes, time, signals["torque"], BLUE, "commanded")
+    if "friction" in signals:
+        line(axes, time, signals["friction"], RED, "friction")
+    if "compensation" in signals and np.any(signals["compensation"]):
+        line(axes, time, signals["compensation"], GREY, "compensation", linestyle="--")
+    axes.set_ylabel(label)
+    beside(axes)
+
+
+def _estimate(axes: Any, time: np.ndarray, values: np.ndarray, truth: float | None, label: str) -> None:
+    line(axes, time, values, BLUE, "estimate")
+    if truth:
+        axes.axhline(truth, color=GREY, linestyle="--", label=f"true {truth:g}")
+    settled = values[-max(len(values) // 4, 1) :]
+    about = truth or float(np.mean(settled))
+    low, high = np.nanmin(values), np.nanmax(values)
+    room = max(WITHIN * abs(about), 1.2 * float(np.max(np.abs(settled - about))))
+    if high > about + 3.0 * room or low < about - 3.0 * room:
+        axes.set_ylim(about - 1.5 * room, about + 1.5 * room)
+        axes.set_title(f"swings from {low:.3g} to {high:.3g} on its way", fontsize=8)
+    axes.set_ylabel(label)
+    beside(axes)
+
+
+def _plain(axes: Any, time: np.ndarray, values: np.ndarray, label: str) -> None:
+    line(axes, time, values, BLUE)
+    axes.set_ylabel(label)

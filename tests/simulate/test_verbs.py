@@ -1,0 +1,113 @@
+"""The verbs as a user calls them: a file, a model or blocks; results that say, draw and tabulate themselves."""
+
+import pathlib
+
+import numpy as np
+import pytest
+
+import fpjax as fp
+import tuning
+from fpjax.errors import InputError
+
+GIMBAL = pathlib.Path(__file__).parents[2] / "examples" / "gimbal.toml"
+
+
+@pytest.fixture(scope="module")
+def run():
+    return fp.simulate(GIMBAL, duration=2.0)
+
+
+def test_a_path_a_model_and_its_blocks_give_the_same(run):
+    model = fp.load_model(GIMBAL)
+    of_model = fp.simulate(model, duration=2.0)
+    of_blocks = fp.simulate(
+        model.loop, model.reference, dt=model.dt, duration=2.0, solver="exact", stepping="sampled", record=("torque",)
+    )
+    np.testing.assert_array_equal(run.signals["torque"], of_model.signals["torque"])
+    np.testing.assert_allclose(run.signals["torque"], of_blocks.signals["torque"], rtol=1e-9)
+
+
+def test_a_run_says_its_numbers_and_its_precision(run):
+    said = str(run)
+    assert "2001 samples of 0.001 s, float64" in said
+    assert "coulomb, mean of the last quarter" in said
+    assert "(true 20)" in said
+    assert "f64[" not in repr(run)
+
+
+def test_a_run_draws_itself_and_becomes_a_frame(run, tmp_path):
+    figure = run.plot(tmp_path / "run.png")
+    assert (tmp_path / "run.png").stat().st_size > 10_000
+    assert [axes.get_ylabel() for axes in figure.axes][-2:] == ["coulomb [N m]", "viscous [N m s/rad]"]
+    pandas = pytest.importorskip("pandas")
+    frame = run.to_dataframe()
+    assert isinstance(frame, pandas.DataFrame)
+    assert frame.index.name == "time"
+    assert len(frame) == 2001
+
+
+def test_a_log_and_its_estimation(run, tmp_path):
+    log = fp.Log(
+        np.asarray(run.time), np.asarray(run.signals["torque"]), np.asarray(run.signals["measured_velocity"]), None,
+        None, 1e-3, "made up",
+    )  # fmt: skip
+    log.plot(tmp_path / "log.png")
+    assert (tmp_path / "log.png").exists()
+    by_path = fp.estimate(log, GIMBAL)
+    by_block = fp.estimate(log, fp.load_model(GIMBAL).loop.observer)
+    assert by_path.final == pytest.approx(by_block.final, rel=1e-9)
+
+
+def test_tune_takes_a_file(tmp_path):
+    result = tuning.tune(GIMBAL, duration=1.0, method=tuning.LevenbergMarquardt(2), starts=1)
+    assert list(result.gains) == ["observer.gain_1", "observer.gain_2"]
+    result.plot(tmp_path / "tune.png")
+    assert (tmp_path / "tune.png").exists()
+
+
+class OwnLaw(fp.AbstractStaticFriction):
+    """A law whose fields are plain numbers."""
+
+    coulomb: float = 3.0
+    steepness: float = 100.0
+
+    def level(self, motion):
+        return self.coulomb
+
+    def drag(self, motion):
+        return 0.1 * motion.velocity
+
+
+def test_an_own_law_with_plain_numbers_runs_and_is_tunable_by_name():
+    loop = fp.ClosedLoop(fp.OneMass(1.0, OwnLaw()), fp.ProportionalIntegral(10.0, 10.0))
+    run = fp.simulate(loop, fp.Sine(1.0, 1.0), dt=1e-3, duration=1.0, record=("velocity",))
+    packaged = fp.ClosedLoop(fp.OneMass(1.0, fp.CoulombViscous(3.0, 0.1, 100.0)), fp.ProportionalIntegral(10.0, 10.0))
+    same = fp.simulate(packaged, fp.Sine(1.0, 1.0), dt=1e-3, duration=1.0, record=("velocity",))
+    np.testing.assert_allclose(run.signals["velocity"], same.signals["velocity"], rtol=1e-12)
+
+
+LOOP = fp.ClosedLoop(fp.OneMass(1.0, fp.NoFriction()), fp.Proportional(1.0))
+BAD = {
+    "a number for a loop": (lambda: fp.simulate(3), "simulate got int '3': give a ClosedLoop"),
+    "a block for a loop": (lambda: fp.simulate(fp.NoFriction(), dt=1e-3), "got a NoFriction with no parameters"),
+    "a number for a reference": (lambda: fp.simulate(LOOP, 1.0, dt=1e-3), "reference is float '1.0'.*fp.Constant"),
+    "no reference": (lambda: fp.simulate(LOOP, dt=1e-3, duration=1.0), "reference is nothing"),
+    "no step": (lambda: fp.simulate(LOOP, fp.Constant(1.0)), "needs dt"),
+    "a file that is not there": (lambda: fp.simulate("servos.toml"), "does not exist"),
+    "a number for a log": (lambda: fp.estimate(3, GIMBAL), "estimate got int '3' as its log"),
+    "a number for an observer": (lambda: fp.estimate("log.csv", 3), "estimate got int '3': give an observer"),
+    "a number to tune": (lambda: tuning.tune(3), "tune got int '3'"),
+    "blocks to tune without a step": (lambda: tuning.tune(LOOP, fp.Constant(1.0)), "tune needs a reference and dt"),
+    "nothing recorded": (
+        lambda: fp.simulate(LOOP, fp.Constant(1.0), dt=1e-3, samples=5).plot(),
+        "Nothing was recorded",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", list(BAD))
+def test_bad_input_is_one_sentence(case):
+    call, sentence = BAD[case]
+    with pytest.raises(InputError, match=sentence) as error:
+        call()
+    assert "\n" not in str(error.value)
