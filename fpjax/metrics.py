@@ -31,6 +31,57 @@ class AbstractMeasure(Block):
         """The measure after `samples` samples."""
 
 
+class AbstractTerms(AbstractMeasure):
+    """A measure of one number a sample, its `term`, kept in one number."""
+
+    def init(self, zero: Array) -> Array:
+        """Zero."""
+        return zero
+
+    @abstractmethod
+    def term(self, signals: Signals) -> Array:
+        """What a sample has to say."""
+
+
+class AbstractMean(AbstractTerms):
+    """Mean of `term` over all samples, t = 0 included."""
+
+    def update(self, total: Array, signals: Signals) -> Array:
+        """Add the term."""
+        return total + self.term(signals)
+
+    def final(self, total: Array, samples: int) -> Array:
+        """The mean."""
+        return total / samples
+
+
+class AbstractLargest(AbstractTerms):
+    """Largest |term| over all samples."""
+
+    def update(self, total: Array, signals: Signals) -> Array:
+        """Keep the larger."""
+        return jnp.maximum(total, jnp.abs(self.term(signals)))
+
+    def final(self, total: Array, samples: int) -> Array:
+        """The largest."""
+        del samples
+        return total
+
+
+class AbstractLast(AbstractTerms):
+    """`term` at the last sample."""
+
+    def update(self, total: Array, signals: Signals) -> Array:
+        """Keep the newest."""
+        del total
+        return self.term(signals)
+
+    def final(self, total: Array, samples: int) -> Array:
+        """The last."""
+        del samples
+        return total
+
+
 def velocity_error(signals: Signals) -> Array:
     """r - w [rad/s] of `signals`."""
     return signals.reference - signals.velocity
@@ -46,7 +97,7 @@ def compensation_error(signals: Signals) -> Array:
     return signals.friction - signals.compensation
 
 
-class MeanAbsolute(AbstractMeasure):
+class MeanAbsolute(AbstractMean):
     """Mean of |quantity| over all samples, t = 0 included.
 
     Attributes:
@@ -55,20 +106,12 @@ class MeanAbsolute(AbstractMeasure):
 
     quantity: Quantity = eqx.field(static=True, default=velocity_error)
 
-    def init(self, zero: Array) -> Array:
-        """Zero."""
-        return zero
-
-    def update(self, total: Array, signals: Signals) -> Array:
-        """Add |quantity|."""
-        return total + jnp.abs(self.quantity(signals))
-
-    def final(self, total: Array, samples: int) -> Array:
-        """The mean."""
-        return total / samples
+    def term(self, signals: Signals) -> Array:
+        """|quantity|."""
+        return jnp.abs(self.quantity(signals))
 
 
-class RootMeanSquare(AbstractMeasure):
+class RootMeanSquare(AbstractMean):
     """Root of the mean square of a quantity over all samples.
 
     Attributes:
@@ -77,20 +120,16 @@ class RootMeanSquare(AbstractMeasure):
 
     quantity: Quantity = eqx.field(static=True, default=velocity_error)
 
-    def init(self, zero: Array) -> Array:
-        """Zero."""
-        return zero
-
-    def update(self, total: Array, signals: Signals) -> Array:
-        """Add the square."""
-        return total + jnp.square(self.quantity(signals))
+    def term(self, signals: Signals) -> Array:
+        """The square."""
+        return jnp.square(self.quantity(signals))
 
     def final(self, total: Array, samples: int) -> Array:
         """The root mean square."""
         return safe_root(total / samples)
 
 
-class MeanSquare(AbstractMeasure):
+class MeanSquare(AbstractMean):
     """Mean square of a quantity over all samples: smooth where `RootMeanSquare` has a kink, so a better cost.
 
     Attributes:
@@ -99,17 +138,9 @@ class MeanSquare(AbstractMeasure):
 
     quantity: Quantity = eqx.field(static=True, default=velocity_error)
 
-    def init(self, zero: Array) -> Array:
-        """Zero."""
-        return zero
-
-    def update(self, total: Array, signals: Signals) -> Array:
-        """Add the square."""
-        return total + jnp.square(self.quantity(signals))
-
-    def final(self, total: Array, samples: int) -> Array:
-        """The mean square."""
-        return total / samples
+    def term(self, signals: Signals) -> Array:
+        """The square."""
+        return jnp.square(self.quantity(signals))
 
 
 class StandardDeviation(AbstractMeasure):
@@ -136,7 +167,7 @@ class StandardDeviation(AbstractMeasure):
         return safe_root(total[1] / samples - jnp.square(mean))
 
 
-class Largest(AbstractMeasure):
+class Largest(AbstractLargest):
     """Largest |quantity| over all samples.
 
     Attributes:
@@ -145,21 +176,12 @@ class Largest(AbstractMeasure):
 
     quantity: Quantity = eqx.field(static=True)
 
-    def init(self, zero: Array) -> Array:
-        """Zero."""
-        return zero
-
-    def update(self, total: Array, signals: Signals) -> Array:
-        """Keep the larger."""
-        return jnp.maximum(total, jnp.abs(self.quantity(signals)))
-
-    def final(self, total: Array, samples: int) -> Array:
-        """The largest."""
-        del samples
-        return total
+    def term(self, signals: Signals) -> Array:
+        """The quantity."""
+        return self.quantity(signals)
 
 
-class Final(AbstractMeasure):
+class Final(AbstractLast):
     """The quantity at the last sample.
 
     Attributes:
@@ -168,19 +190,9 @@ class Final(AbstractMeasure):
 
     quantity: Quantity = eqx.field(static=True)
 
-    def init(self, zero: Array) -> Array:
-        """Zero."""
-        return zero
-
-    def update(self, total: Array, signals: Signals) -> Array:
-        """Keep the newest."""
-        del total
+    def term(self, signals: Signals) -> Array:
+        """The quantity."""
         return self.quantity(signals)
-
-    def final(self, total: Array, samples: int) -> Array:
-        """The last."""
-        del samples
-        return total
 
 
 class GradientRootMeanSquare(AbstractMeasure):
@@ -207,7 +219,7 @@ class GradientRootMeanSquare(AbstractMeasure):
         return safe_root(total[0] / max(samples - 1, 1))
 
 
-class CoulombTorqueError(AbstractMeasure):
+class CoulombTorqueError(AbstractMean):
     """Mean |(k - k_hat) sign(w)| [N m]: the thesis' "friction torque" error.
 
     Attributes:
@@ -216,18 +228,10 @@ class CoulombTorqueError(AbstractMeasure):
 
     coulomb: Array = eqx.field(converter=as_parameter)
 
-    def init(self, zero: Array) -> Array:
-        """Zero."""
-        return zero
-
-    def update(self, total: Array, signals: Signals) -> Array:
-        """Add |(k - k_hat) sign(w)|; without an observer k_hat is zero."""
-        estimate = signals.estimates.get("coulomb", jnp.zeros_like(total))
-        return total + jnp.abs((self.coulomb - estimate) * jnp.sign(signals.velocity))
-
-    def final(self, total: Array, samples: int) -> Array:
-        """The mean [N m]."""
-        return total / samples
+    def term(self, signals: Signals) -> Array:
+        """|(k - k_hat) sign(w)| [N m]; without an observer k_hat is zero."""
+        estimate = signals.estimates.get("coulomb", jnp.zeros_like(signals.velocity))
+        return jnp.abs((self.coulomb - estimate) * jnp.sign(signals.velocity))
 
 
 class EstimateError(AbstractMeasure):
@@ -262,7 +266,7 @@ class EstimateError(AbstractMeasure):
         return total[0] / jnp.maximum(total[1], 1.0)
 
 
-class EstimateFinal(AbstractMeasure):
+class EstimateFinal(AbstractLast):
     """An estimate at the last sample, in its own unit.
 
     Attributes:
@@ -271,22 +275,12 @@ class EstimateFinal(AbstractMeasure):
 
     name: str = eqx.field(static=True)
 
-    def init(self, zero: Array) -> Array:
-        """Zero."""
-        return zero
-
-    def update(self, total: Array, signals: Signals) -> Array:
-        """Keep the newest."""
-        del total
+    def term(self, signals: Signals) -> Array:
+        """The estimate."""
         return signals.estimates[self.name]
 
-    def final(self, total: Array, samples: int) -> Array:
-        """The last."""
-        del samples
-        return total
 
-
-class EstimatePeak(AbstractMeasure):
+class EstimatePeak(AbstractLargest):
     """Largest |estimate| on the way, in its own unit.
 
     Attributes:
@@ -295,18 +289,9 @@ class EstimatePeak(AbstractMeasure):
 
     name: str = eqx.field(static=True)
 
-    def init(self, zero: Array) -> Array:
-        """Zero."""
-        return zero
-
-    def update(self, total: Array, signals: Signals) -> Array:
-        """Keep the larger."""
-        return jnp.maximum(total, jnp.abs(signals.estimates[self.name]))
-
-    def final(self, total: Array, samples: int) -> Array:
-        """The largest."""
-        del samples
-        return total
+    def term(self, signals: Signals) -> Array:
+        """The estimate."""
+        return signals.estimates[self.name]
 
 
 class SettlingTime(AbstractMeasure):

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from fpjax import AbstractMeasure, AbstractObserver, Signals
-from fpjax.metrics import safe_root
+from fpjax.metrics import AbstractMean, safe_root
 
 NARROWEST = 1e-3  # the first time bin, as a fraction of the horizon
 
@@ -72,7 +72,7 @@ class SquaredAfter(AbstractMeasure):
         return jnp.concatenate([mean * jnp.sqrt(number / counted), safe_root(spread / counted)])
 
 
-class NoiseGain(AbstractMeasure):
+class NoiseGain(AbstractMean):
     """Mean square of g'(w) noise / scale, summed over the estimates.
 
     Attributes:
@@ -85,16 +85,9 @@ class NoiseGain(AbstractMeasure):
     scales: tuple[Array, ...]
     noise: Array
 
-    def init(self, zero: Array) -> Array:
-        """Zero."""
-        return zero
-
-    def update(self, total: Array, signals: Signals) -> Array:
-        """Add the squares."""
+    def term(self, signals: Signals) -> Array:
+        """The sum of the squares [1]."""
+        total = jnp.zeros_like(signals.velocity)
         for slope, scale in zip(self.observer.slopes(signals.velocity), self.scales, strict=True):
             total = total + jnp.square(slope * self.noise / scale)
         return total
-
-    def final(self, total: Array, samples: int) -> Array:
-        """The mean [1]."""
-        return total / samples

@@ -2,17 +2,15 @@
 
 import dataclasses
 import math
-import platform
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
-from fpjax._version import __version__
 from fpjax.output.frames import to_frame
 from fpjax.output.plotting import new_figure, save, style
 from fpjax.output.runfile import plain
+from fpjax.output.runfile import versions as all_versions
 from fpjax.parameters import set_parameters
 
 from .identifiability import Identifiability
@@ -157,10 +155,5 @@ class TuningResult:
 
 def versions() -> dict[str, str]:
     """Versions that a figure depends on."""
-    return {
-        "fpjax": __version__,
-        "jax": jax.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-        "backend": jax.default_backend(),
-    }
+    found = all_versions()
+    return {name: found[name] for name in ("fpjax", "jax", "numpy", "python", "backend")}

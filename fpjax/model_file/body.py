@@ -315,10 +315,3 @@ def describe_sensor(sensor: AbstractSensor) -> dict[str, Any]:
 def total_inertia(plant: AbstractPlant) -> float:
     """Of all that moves [kg m^2]."""
     return float(np.asarray(plant.inertia))  # type: ignore[attr-defined]
-
-
-def rubbing_inertia(plant: AbstractPlant) -> float:
-    """Of the lightest body that friction acts on [kg m^2]: it sets the steepness that a step can follow."""
-    if isinstance(plant, Transmission):
-        return min(float(plant.motor_inertia), float(plant.load_inertia))
-    return float(np.asarray(plant.load_inertia)) if isinstance(plant, TwoMass) else total_inertia(plant)

@@ -216,7 +216,7 @@ def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) ->
     stepping = _stepping(time["stepping"], sampled_only, which, notes)
     step = dt / time["substeps"] if stepping == "sampled" else dt
     largest = (sections.get("actuator") or {}).get("limit")
-    steepness = Steepness(body.rubbing_inertia(bare), step, solver, units, largest)
+    steepness = Steepness(float(bare.rubbing_inertia()), step, solver, units, largest)
     friction = build_friction(friction_table, units, steepness)
     if steepness.note:
         notes.append(steepness.note)

@@ -15,7 +15,7 @@ from ..blocks.sensors import AbstractSensor, IdealSensor
 from ..blocks.servo_sensor import ServoSensor
 from ..loop import ClosedLoop
 from ..solvers import get_solver
-from .body import flat_loads, rubbing_inertia
+from .body import flat_loads
 from .friction import Steepness, largest_level
 from .learned import is_empty
 from .model import Model
@@ -42,7 +42,7 @@ def simplified(model: Model, loop: ClosedLoop | None = None, *, smooth: bool = T
     stepping = "sampled" if delayed or not isinstance(sensor, IdealSensor) else model.stepping
     if smooth and not isinstance(friction, Bristles) and getattr(friction, "steepness", 0.0) is None:
         step = model.dt / model.substeps if stepping == "sampled" else model.dt
-        chooser = Steepness(rubbing_inertia(plant), step, get_solver(model.solver), model.units)
+        chooser = Steepness(float(plant.rubbing_inertia()), step, get_solver(model.solver), model.units)
         if largest_level(friction) > 0.0:
             plant = _with(plant, friction=chooser.into(friction))
     loop = ClosedLoop(plant, loop.controller, loop.observer, actuator, sensor)
