@@ -4,6 +4,7 @@ import argparse
 import sys
 from typing import Any
 
+from ..logs.nominal import PARAMETERS
 from ..output.runfile import RunFile, write_json, write_whole
 from .common import add_log_options, add_out, finish, log_options, running, table
 
@@ -19,7 +20,7 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's words."""
     parser.epilog = EXAMPLES
-    parser.add_argument("log", metavar="LOG", help="CSV, .npz, .mat, Parquet or MCAP")
+    parser.add_argument("log", metavar="LOG", help="CSV, .npz, .mat, JSON, WPILOG, Parquet or MCAP")
     add_log_options(parser)
     parser.add_argument("--linear", action="store_true", help="a linear axis: m, N (told from the units where given)")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")
@@ -51,7 +52,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _show(found: Any) -> None:
     log = found.log
     jitter = f"stamps off by at most {100 * log.jitter / log.dt:.2g} % of a period"
-    print(f"{log.name}: {log.samples} rows, {log.rate:.6g} Hz, {log.duration:.4g} s, no gaps, {jitter}\n")
+    clock = "resampled" if log.resampled else "as recorded"
+    print(f"{log.name}: {log.samples} rows, {log.rate:.6g} Hz, {log.duration:.4g} s, {clock}, {jitter}\n")
     rows = []
     for column in found.columns[: len(log.columns()) - 1 + EXTRAS]:
         step = "" if column.step is None else f"{column.step:.3g}"
@@ -68,17 +70,17 @@ def _show(found: Any) -> None:
     if nominal is None:
         print("\n  no nominal model: the motion has too few windows in both directions and at several speeds")
         return
-    print(f"\nnominal by least squares ({100 * nominal.share:.4g} % of the torque's variance):")
-    units = ("inertia", "coulomb", "viscous", "offset")
-    names = _units(log)
     print(
-        table(
-            [
-                (name, getattr(nominal, name), f"+- {deviation:.2g}", names[name])
-                for name, deviation in zip(units, nominal.deviations, strict=True)
-            ]
-        )
+        f"\nrigid machine fitted to {nominal.rows} windows of {nominal.window:g} s: explains "
+        f"{100 * nominal.share:.4g} % of the motion, leaves {nominal.residual:.3g} {log.torque_unit} rms"
     )
+    names = _units(log)
+    rows = [
+        (name, getattr(nominal, name), f"+- {deviation:.2g}", names[name])
+        for name, deviation in zip(PARAMETERS, nominal.deviations, strict=True)
+        if name in ("inertia", "coulomb", "viscous", "offset") or nominal.amplitude > 0.0
+    ]
+    print(table(rows))
 
 
 def _units(log: Any) -> dict[str, str]:
@@ -88,7 +90,8 @@ def _units(log: Any) -> dict[str, str]:
         viscous = "N s/m" if log.linear else "N m s/rad"
     else:
         inertia, viscous = f"{force} s^2/{motion}", f"{force} s/{motion}"
-    return {"inertia": inertia, "coulomb": force, "viscous": viscous, "offset": force}
+    units = {"inertia": inertia, "viscous": viscous}
+    return {name: units.get(name, force) for name in PARAMETERS}
 
 
 def starter(found: Any) -> str | None:
@@ -111,22 +114,39 @@ def starter(found: Any) -> str | None:
         "plant": {"type": "one_mass", "inertia": _digits(nominal.inertia)},
         "friction": {
             "type": "coulomb_viscous",
-            "coulomb": _digits(nominal.coulomb),
+            "coulomb": max(_digits(nominal.coulomb), 0.0),
             "viscous": max(_digits(nominal.viscous), 0.0),
             "offset": _digits(nominal.offset),
         },
+        **_load(nominal),
         "controller": {"type": "unknown"},
         "simulation": {"dt": log.dt, "stepping": "sampled"},
     }
     places = {"inertia": "plant", "coulomb": "friction", "viscous": "friction", "offset": "friction"}
     comments = {
         (places[name], name): f"{names[name]}, +- {deviation:.2g}"
-        for name, deviation in zip(places, nominal.deviations, strict=True)
+        for name, deviation in zip(places, nominal.deviations, strict=False)
     }
-    comments["controller", "type"] = 'enough to estimate and diagnose; to simulate: "pi" with kp and ki, ...'
+    if nominal.amplitude > 0.0:
+        comments["load", "amplitude"] = f"{names['sine']}, +- {max(nominal.deviations[4:]):.2g}"
+        comments["load", "phase"] = "rad: amplitude x sin(position + phase), to be held by the motor"
+    comments["controller", "type"] = 'enough to estimate and diagnose; to simulate or tune: "pi" with kp and ki, ...'
     comments["simulation", "dt"] = "s"
-    head = f"# A start by least squares on {log.name}; correct what you know better.\n"
+    head = f"# A start fitted to {log.name} (windows of {nominal.window:g} s); correct what you know better.\n"
     return head + write(sections, comments)
+
+
+def _load(nominal: Any) -> dict[str, Any]:
+    """[load], where the log shows a torque that follows the sine of the position."""
+    if nominal.amplitude == 0.0:
+        return {}
+    return {
+        "load": {
+            "type": "unbalance",
+            "amplitude": _digits(nominal.amplitude),
+            "phase": _digits(nominal.phase),
+        }
+    }
 
 
 def _digits(value: float) -> float:
@@ -139,7 +159,7 @@ def _write(found: Any, record: RunFile, plots: bool) -> None:
     if text is not None:
         write_whole(record.path("servo.toml"), text)
     else:
-        print("\n  no servo.toml was written: least squares gives no plausible machine (see the warnings)")
+        print("\n  no servo.toml was written: the fit gives no plausible machine (see the warnings)")
     if plots:
         from .pictures_log import draw_inspection
 

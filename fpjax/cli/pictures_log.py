@@ -10,9 +10,7 @@ from ..output.plotting import BLUE, GREY, RED, STYLE, new_figure, save, thin
 
 
 def draw_inspection(found: Any, path: Path) -> Path:
-    """The columns over time, and torque over speed with the fitted friction."""
-    from ..logs.nominal import speed_of
-
+    """The columns over time, and friction over speed in bins with the fitted law over it."""
     log = found.log
     names = [name for name in ("torque", "velocity", "position") if name in log.columns()]
     units = {column.name: column.unit for column in found.columns}
@@ -24,23 +22,45 @@ def draw_inspection(found: Any, path: Path) -> Path:
             tracked = "position" if log.velocity is None else "velocity"
             if log.reference is not None and name == tracked:
                 panel.plot(*thin(log.time, log.reference), color=GREY, linestyle="--", linewidth=0.9, label="reference")
-                panel.legend(loc="upper right", ncols=2)
+                panel.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
             panel.set_ylabel(f"{name} [{units[name]}]")
             panel.set_xlabel("time [s]" if name == names[-1] else "")
-        speed, last = speed_of(log), panels[-1]
-        # What accelerates is taken off, so that friction can be seen.
-        nominal = found.nominal
-        torque = log.torque if nominal is None else log.torque - nominal.inertia * np.gradient(speed, log.dt)
-        step = max(1, log.samples // 20000)
-        last.plot(speed[::step], torque[::step], ".", color=BLUE, markersize=1.5, alpha=0.4, rasterized=True)
-        if nominal is not None:
-            for side in (-1.0, 1.0):
-                line = np.linspace(0.0, side * np.max(np.abs(speed)), 2)
-                fitted = side * nominal.coulomb + nominal.viscous * line + nominal.offset
-                last.plot(line, fitted, color=RED, label="least squares" if side > 0 else None)
-            low, high = np.quantile(torque, [0.002, 0.998])
-            last.set_ylim(low - 0.2 * (high - low), high + 0.2 * (high - low))
-            last.legend(loc="lower right")
-        last.set_xlabel(f"speed [{'m/s' if log.linear else 'rad/s'}]")
-        last.set_ylabel(f"torque less inertia x acceleration\n[{log.torque_unit}]")
+        draw_friction(panels[-1], log, found.nominal)
     return save(figure, path)
+
+
+def draw_friction(panel: Any, log: Any, nominal: Any, label: str = "fitted") -> None:
+    """Friction over velocity: median and middle half of each bin, and the model's law.
+
+    Args:
+        panel: to draw in.
+        log: the log.
+        nominal: a `fpjax.logs.nominal.Nominal`, or None.
+        label: of the law.
+    """
+    from ..logs.friction_curve import friction_curve
+
+    curve = friction_curve(log, nominal)
+    rate = "m/s" if log.linear else "rad/s"
+    for side in (curve.velocity < 0.0, curve.velocity > 0.0):
+        first = side[-1:].any()
+        panel.fill_between(
+            curve.velocity[side], curve.low[side], curve.high[side], color=BLUE, alpha=0.25, linewidth=0,
+            label="middle half of each bin" if first else None,
+        )  # fmt: skip
+        panel.plot(
+            curve.velocity[side], curve.middle[side], "o", color=BLUE, markersize=3.5,
+            label="log, median of each bin" if first else None,
+        )  # fmt: skip
+    if nominal is not None:
+        widest = float(np.max(np.abs(curve.velocity), initial=0.0))
+        for side in (-1.0, 1.0):
+            line = np.linspace(0.0, side * widest, 2)
+            law = side * nominal.coulomb + nominal.viscous * line + nominal.offset
+            panel.plot(line, law, color=RED, linewidth=1.6, label=label if side > 0 else None)
+    panel.axhline(0.0, color=GREY, linewidth=0.6)
+    panel.axvline(0.0, color=GREY, linewidth=0.6)
+    panel.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    panel.set_xlabel(f"velocity [{rate}]")
+    taken = "inertia and load taken off" if nominal is not None and nominal.amplitude else "inertia taken off"
+    panel.set_ylabel(f"torque [{log.torque_unit}]" + ("" if nominal is None else f",\n{taken}"))

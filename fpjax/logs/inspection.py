@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 
 from .log import Log
-from .noise import noise_level, quantisation
-from .nominal import Nominal, fit_nominal, speed_of
+from .measures import noise_level, rounding_step, velocity_origin
+from .nominal import Nominal, acceleration_of, fit_nominal, speed_of
 from .suspicions import suspicions
 
 SATURATED = 0.002  # share of the samples that sit at an extreme
+LONGEST = 1 << 19  # samples that a spectrum is taken of
+APART = 0.7  # ratio of the two regressions' inertias below which both are said
 
 
 @dataclass(frozen=True)
@@ -23,8 +25,8 @@ class Column:
         low: smallest value.
         high: largest value.
         rms: root mean square.
-        noise: standard deviation of what changes from sample to sample, from third differences.
-        step: quantisation seen; None where there is none.
+        noise: standard deviation of one reading (`fpjax.logs.measures.noise_level`).
+        step: that it is rounded to; None where there is none.
         at_limit: share of the samples that sit at an extreme [1]; 0 where it is only touched.
     """
 
@@ -93,6 +95,10 @@ class Inspection:
             "jitter": log.jitter,
             "linear": log.linear,
             "torque_unit": log.torque_unit,
+            "torque_step": log.torque_step,
+            "torque_measured": log.torque_measured,
+            "torque_lag": log.torque_lag,
+            "resampled": log.resampled,
             "columns": [dataclasses.asdict(column) for column in self.columns],
             "reversals": self.reversals,
             "speed": self.speed,
@@ -125,15 +131,36 @@ def inspect_log(log: Log) -> Inspection:
         bandwidth=bandwidth_of(log.torque, log.dt),
         abilities=tuple(abilities(log, speed, fast, travel, reversals, nominal)),
         nominal=nominal,
-        warnings=(*log.warnings, *(one.sentence for one in suspicions(log))),
+        warnings=(*log.warnings, *(one.sentence for one in suspicions(log)), *_about(log, nominal)),
     )
+
+
+def _about(log: Log, nominal: Nominal | None) -> list[str]:
+    """What a model of this log should know."""
+    found = []
+    if log.velocity is not None and log.position is not None:
+        origin = velocity_origin(log.velocity, log.position)
+        if origin.derived:
+            found.append(
+                f"{log.name}: the velocity was derived from the position (but for {origin.left:.2g} of its steps), so "
+                f"it is no second sensor and holds nothing new."
+            )
+    if nominal is not None and nominal.plausible and nominal.least_inertia < APART * nominal.inertia:
+        found.append(
+            f"{log.name}: the inertia is between {max(nominal.least_inertia, 0.0):.3g} (the motion explains the "
+            f"torque) and {nominal.inertia:.3g} (the torque explains the motion): the torque holds noise, or "
+            f"something acts that follows it, such as a limit."
+        )
+    return found
 
 
 def describe(name: str, unit: str, values: np.ndarray) -> Column:
     """Ranges, noise, quantisation and saturation of a column."""
     low, high = float(values.min()), float(values.max())
-    size = float(np.sqrt(np.mean(values**2)))
-    return Column(name, unit, low, high, size, noise_level(values), quantisation(values), _limit(values))
+    largest = max(abs(low), abs(high))  # an unmapped column may hold anything: its square may be no number
+    size = largest * float(np.sqrt(np.mean((values / largest) ** 2))) if largest > 0.0 else 0.0
+    step = rounding_step(values)
+    return Column(name, unit, low, high, size, noise_level(values, step), step or None, _limit(values))
 
 
 def _limit(values: np.ndarray) -> float:
@@ -160,6 +187,7 @@ def count_reversals(speed: np.ndarray, least: float) -> int:
 
 def bandwidth_of(values: np.ndarray, dt: float, share: float = 0.99) -> float:
     """Frequency [Hz] below which that share of the power lies, mean and drift taken out."""
+    values = values[:LONGEST]
     window = np.hanning(values.size)
     power = np.abs(np.fft.rfft((values - values.mean()) * window)) ** 2
     total = np.cumsum(power)
@@ -176,7 +204,7 @@ def abilities(
     slow = float(np.mean(moving & (np.abs(speed) < 0.1 * fast))) if fast else 0.0
     spread = _spread(np.abs(speed[moving])) if moving.any() else 1.0
     turns = travel / (2.0 * np.pi)
-    effort = _acceleration_share(log, speed, nominal)
+    effort = _acceleration_share(log, nominal)
     both = log.velocity is not None and log.position is not None
     high = bandwidth_of(np.diff(log.torque), log.dt)
     found = [
@@ -207,9 +235,8 @@ def _spread(speeds: np.ndarray) -> float:
     return float(high / low) if low > 0.0 else 1.0
 
 
-def _acceleration_share(log: Log, speed: np.ndarray, nominal: Nominal | None) -> float:
+def _acceleration_share(log: Log, nominal: Nominal | None) -> float:
     power = float(np.mean(log.torque**2))
     if nominal is None or power == 0.0:
         return 0.0
-    acceleration = np.gradient(speed, log.dt)
-    return float(min(np.sqrt(np.mean((nominal.inertia * acceleration) ** 2) / power), 1.0))
+    return float(min(np.sqrt(np.mean((nominal.inertia * acceleration_of(log)) ** 2) / power), 1.0))

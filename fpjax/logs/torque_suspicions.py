@@ -1,0 +1,123 @@
+"""What the torque says about the motion: exchanged columns, a wrong sign, a model of another machine."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from .nominal import SIGNIFICANT, Nominal, fit_rigid
+from .suspicion import Expected, Suspicion, unit_of
+
+Values = np.ndarray
+
+BEYOND = 4.0  # times: an inertia this far off is no effect of the vocabulary but another unit or another machine
+EXPLAINED = 0.5  # of the motion within windows: below it the fit says nothing
+SURE = 8.0  # standard deviations of the inertia
+
+
+def swapped(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
+    """Torque and velocity exchanged: where the rigid machine explains far more the other way round."""
+    if "velocity" not in columns:
+        return
+    torque, velocity = columns["torque"], columns["velocity"]
+    straight, turned = (fit_rigid(u, v, None, log.dt) for u, v in ((torque, velocity), (velocity, torque)))
+    if turned is None or not turned.plausible or turned.share < 0.9:
+        return
+    explained = max(straight.share, 0.0) if straight is not None else 0.0
+    # a short noise-free log explains much either way round: then the right one leaves far less
+    if turned.share > explained + 0.2 or 1.0 - turned.share < 0.2 * (1.0 - explained):
+        yield Suspicion(
+            f"{log.name}: torque and velocity look exchanged: with the columns exchanged, inertia and friction "
+            f"explain {turned.share:.1%} of the motion, as they are {explained:.1%}.",
+            "warn",
+            "swapped",
+        )
+
+
+def torque_against_motion(log: Any, columns: dict[str, Values], model: Expected | None) -> Iterator[Suspicion]:
+    """Signs and sizes of inertia and friction, with a sine and cosine of the position and the known load taken out."""
+    torque, linear = columns["torque"], bool(getattr(log, "linear", False))
+    known = getattr(model, "load", None)
+    if known is not None:
+        velocity, angle = _motion(columns, log.dt)
+        torque = torque - np.asarray(known(velocity, angle, columns["time"] - columns["time"][0]), float)
+    found = fit_rigid(torque, columns.get("velocity"), columns.get("position"), log.dt, gravity=not linear)
+    if found is None or found.share < EXPLAINED:
+        return
+    size = float(np.sqrt(np.mean(torque**2)))
+    sure = abs(found.inertia) > SURE * found.deviations[0]
+    if found.inertia < 0.0 and sure and found.coulomb <= SIGNIFICANT * found.deviations[1]:
+        yield Suspicion(
+            f"{log.name}: torque and motion have opposite signs (the motion accelerates against the torque: inertia "
+            f"{found.inertia:.3g} +- {found.deviations[0]:.2g}): turn the sign of one of them, such as "
+            f"--columns torque=torque*-1.",
+            "warn",
+            "sign",
+        )
+    elif found.inertia > 0.0 and sure and found.coulomb < -max(0.1 * size, SIGNIFICANT * found.deviations[1]):
+        yield Suspicion(
+            f"{log.name}: friction comes out negative ({found.coulomb:.3g}): does a compensation act that the torque "
+            "column leaves out?",
+            "warn",
+            "compensated",
+        )
+    elif model is not None:
+        yield from _nominal(log, found, model, columns, size, sure=sure)
+
+
+def _nominal(
+    log: Any, found: Nominal, model: Expected, columns: dict[str, Values], size: float, *, sure: bool
+) -> Iterator[Suspicion]:
+    linear = bool(getattr(log, "linear", False))
+    what, unit = ("mass", "kg") if linear else ("inertia", "kg m^2")
+    # Whatever lies between the regressions of either direction is the log's own inertia, for all that it says.
+    ratio = model.inertia / max(found.inertia, 1e-300)
+    between = found.least_inertia / BEYOND < model.inertia < BEYOND * found.inertia
+    if sure and found.inertia > 0.0 and not (1.0 / BEYOND < ratio < BEYOND or between):
+        named = unit_of(ratio, linear=linear)
+        level = found.coulomb / model.coulomb if model.coulomb > 0.0 else np.nan
+        seen = (
+            f"the log's torque and acceleration ask for {found.inertia:.3g} {unit}, the model has {model.inertia:.3g}"
+        )
+        if named and (not np.isfinite(level) or 0.5 < level < 2.0):
+            column = "velocity" if log.velocity is not None else "position"
+            named = named if column == "velocity" else named.removesuffix("/s")
+            yield Suspicion(
+                f"{log.name}: {column} looks like {named}: {ratio:.3g} x what the model expects ({seen}); give"
+                f" its unit, such as --columns {column}={column}:{named}, or correct the model's {what}.",
+                "warn",
+                "unit",
+            )
+        else:
+            yield Suspicion(
+                f"{log.name}: the model may not belong to this log: {seen}, {max(ratio, 1 / ratio):.3g} x "
+                f"off; check the unit of the {what} and the scale of the torque.",
+                "warn",
+                "nominal",
+            )
+        return
+    velocity, _ = _motion(columns, log.dt)
+    fast = float(np.quantile(np.abs(velocity), 0.95))
+    for name, unit, here, there, speed in (
+        ("coulomb", "N" if linear else "N m", found.coulomb, model.coulomb, 1.0),
+        ("viscous", "N s/m" if linear else "N m s/rad", found.viscous, model.viscous, fast),
+    ):
+        excess = (there - here) * speed
+        if there > 0.0 and excess > 2.0 * size and there > 5.0 * max(here, 0.0):
+            yield Suspicion(
+                f"{log.name}: the model's {name} friction of {there:.3g} {unit} asks for more torque than the "
+                f"log holds (about {max(here, 0.0):.3g} would fit): is it ten times off?",
+                "warn",
+                "nominal",
+            )
+
+
+def _motion(columns: dict[str, Values], dt: float) -> tuple[Values, Values]:
+    """Velocity and position, each from the other where one is missing; noise hardly matters here."""
+    velocity, position = columns.get("velocity"), columns.get("position")
+    if velocity is None:
+        assert position is not None
+        velocity = np.gradient(position, dt)
+    if position is None:
+        position = np.concatenate([[0.0], np.cumsum(0.5 * dt * (velocity[1:] + velocity[:-1]))])
+    return velocity, position

@@ -1,0 +1,116 @@
+"""The starter model: the truth of simulated machines, and of real ones, whatever the sensor."""
+
+import dataclasses
+import pathlib
+
+import numpy as np
+import pytest
+
+from fpjax.logs import Log, read_log
+from fpjax.logs.friction_curve import friction_curve
+from fpjax.logs.nominal import fit_nominal
+
+DATA = pathlib.Path(__file__).parents[3] / "shared" / "data"
+INERTIA, COULOMB, VISCOUS = 0.01, 0.1, 0.01
+
+
+def machine(*, closed=True, bits=None, gyro=None, unbalance=0.0, limit=np.inf, seed=1, rows=8000, dt=1e-3):
+    """A machine under a velocity loop or a given torque, stepped in numpy; what its sensors read."""
+    generator = np.random.default_rng(seed)
+    time = dt * np.arange(rows)
+    tones = [
+        (a, f, p) for a, f, p in zip(*generator.uniform([[0.5], [0.3], [0]], [[1.5], [3], [6]], (3, 4)), strict=True)
+    ]
+    wanted = sum(2 * a * np.sin(2 * np.pi * f * time + p) for a, f, p in tones)
+    given = sum(0.25 * a * np.sin(2 * np.pi * f * time) for a, f, _ in tones)
+    noise = (gyro or 0.0) * generator.normal(size=rows)
+    step = 2 * np.pi / 2**bits if bits else 0.0
+    v = q = total = 0.0
+    read = np.zeros((3, rows))
+    for k in range(rows):
+        error = wanted[k] - (v + noise[k])
+        total += error * dt
+        torque = 0.5 * error + 5.0 * total if closed else given[k]
+        read[:, k] = torque, v + noise[k], np.round(q / step) * step if step else q
+        for _ in range(4):
+            friction = COULOMB * np.tanh(v / 0.004) + VISCOUS * v + unbalance * np.sin(q + 0.3)
+            a = (np.clip(torque, -limit, limit) - friction) / INERTIA
+            q, v = q + v * dt / 4 + a * dt**2 / 32, v + a * dt / 4
+    return Log(time, read[0], read[1] if gyro is not None else None, read[2] if bits else None, wanted, dt)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize(
+    "sensors", [{"bits": 12}, {"bits": 16}, {"gyro": 0.01}, {"gyro": 0.1}, {"bits": 12, "gyro": 0.01}]
+)
+def test_the_truth_of_a_simulated_machine(sensors, closed):
+    found = fit_nominal(machine(closed=closed, **sensors))
+    assert found.plausible
+    assert found.inertia == pytest.approx(INERTIA, rel=0.02)
+    assert found.coulomb == pytest.approx(COULOMB, rel=0.02)
+    assert found.viscous == pytest.approx(VISCOUS, rel=0.05)
+    assert found.amplitude == 0.0
+    assert abs(found.offset) < 5e-4
+    assert found.least_inertia == pytest.approx(INERTIA, rel=0.05)
+
+
+def test_an_unbalance_is_found_and_not_read_as_inertia():
+    found = fit_nominal(machine(bits=14, unbalance=0.2))
+    assert found.inertia == pytest.approx(INERTIA, rel=0.02)
+    assert found.amplitude == pytest.approx(0.2, rel=0.03)
+    assert found.phase == pytest.approx(0.3, abs=0.03)
+
+
+def test_a_known_load_is_taken_off():
+    log = machine(bits=14, unbalance=0.2)
+    found = fit_nominal(log, load=lambda angle: 0.2 * np.sin(angle + 0.3))
+    assert found.amplitude == 0.0
+    assert found.inertia == pytest.approx(INERTIA, rel=0.02)
+
+
+def test_a_limit_of_the_torque_shows_as_two_inertias():
+    found = fit_nominal(machine(gyro=0.01, limit=0.25))
+    assert found.least_inertia < 0.7 * found.inertia
+
+
+def test_what_shows_nothing_gives_none():
+    log = machine(gyro=0.01, rows=3000)
+    assert fit_nominal(dataclasses.replace(log, torque=np.zeros(3000))) is None
+    assert (
+        fit_nominal(dataclasses.replace(log, velocity=np.ones(3000))) is None
+        or not fit_nominal(dataclasses.replace(log, velocity=np.ones(3000))).plausible
+    )
+
+
+@pytest.mark.parametrize("sensors", [{"bits": 14}, {"gyro": 0.01}])
+def test_friction_in_bins_lies_on_the_law(sensors):
+    log = machine(**sensors)
+    curve = friction_curve(log, fit_nominal(log))
+    law = COULOMB * np.sign(curve.velocity) + VISCOUS * curve.velocity
+    moving = np.abs(curve.velocity) > 0.1
+    np.testing.assert_allclose(curve.middle[moving], law[moving], atol=0.05 * COULOMB)
+    assert np.all(np.diff(curve.velocity) >= 0.0)
+    assert np.all((curve.low <= curve.middle) & (curve.middle <= curve.high))
+
+
+@pytest.mark.skipif(not (DATA / "emps").exists(), reason="the EMPS records are not here")
+def test_emps():
+    found = fit_nominal(read_log(DATA / "emps" / "DATA_EMPS.mat", columns="emps"))
+    # Janot, Gautier, Brunot, 2019: 95.11 kg, 20.39 N, 203.5 N s/m
+    assert found.inertia == pytest.approx(95.11, rel=0.01)
+    assert found.coulomb == pytest.approx(20.39, rel=0.03)
+    assert found.viscous == pytest.approx(203.5, rel=0.03)
+
+
+@pytest.mark.skipif(not (DATA / "pendulum").exists(), reason="the pendulum records are not here")
+@pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")
+@pytest.mark.parametrize(
+    ("name", "inertia", "amplitude"),
+    [("energy_shaping", 0.213, 4.17), ("energy_shaping_1kg", 0.429, 8.38), ("sac", 0.209, 4.17)],
+)
+def test_a_pendulum_whose_encoder_has_steps_of_3_mrad(name, inertia, amplitude):
+    """Figures of an independent multiple-shooting fit (the README beside the records); regression finds 0.008."""
+    found = fit_nominal(read_log(DATA / "pendulum" / f"{name}.csv"))
+    assert found.plausible
+    assert found.inertia == pytest.approx(inertia, rel=0.05)
+    assert found.amplitude == pytest.approx(amplitude, rel=0.05)
