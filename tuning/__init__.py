@@ -15,6 +15,7 @@ from .objective import Tracking as Tracking
 from .parameters import Parameter as Parameter
 from .population import population as population
 from .result import TuningResult as TuningResult
+from .setup import Setup as Setup
 from .sweep import sweep as sweep
 from .sweep_result import SweepResult as SweepResult
 from .sweep_result import load_sweep as load_sweep

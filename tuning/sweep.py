@@ -1,28 +1,27 @@
 """Dense sweeps over any named parameters: chunked, bounded in memory, resumable, on this machine or on a cluster."""
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from fpjax import AbstractPlantSolver, ClosedLoop
+from fpjax import ClosedLoop
 from fpjax.compiled.batch import chunk_for, cores, map_chunks
 from fpjax.compiled.threads import on_threads, settings, under
 from fpjax.errors import InputError
 from fpjax.output.progress import Stages
 from fpjax.parameters import get_parameter
-from fpjax.scan import Stepping
 
 from .axis import Axis
-from .objective import AbstractObjective
 from .parameters import Parameter
-from .problem import Aggregate, Problem, References, case_costs, make_problem
+from .problem import Problem, References, case_costs, make_problem
 from .result import versions
+from .setup import Setup, SetupWords, settled
 from .sweep_result import SweepResult
 from .sweep_store import SweepStore, fingerprint
 
@@ -41,21 +40,13 @@ def sweep(
     references: References,
     *,
     axes: Sequence[Axis],
-    dt: float,
-    duration: float | None = None,
-    samples: int | None = None,
-    objective: str | AbstractObjective = "estimation",
-    solver: str | AbstractPlantSolver = "rk4",
-    stepping: Stepping = "continuous",
-    substeps: int = 1,
-    plants: Mapping[str, Any] | None = None,
-    noise_seeds: Sequence[int] = (),
-    aggregate: Aggregate = "mean",
+    setup: Setup | None = None,
     chunk: int = CHUNK,
     out: str | Path | None = None,
     resume: bool = False,
     scheduler: str | None = None,
     progress: bool = False,
+    **words: Unpack[SetupWords],
 ) -> SweepResult:
     """The cost at every point of a grid over named parameters.
 
@@ -63,16 +54,7 @@ def sweep(
         loop: the closed loop; its own friction law is the truth that estimates are judged by.
         references: one, a list, or a dictionary by label; each has its own cost at every point.
         axes: one for each parameter; the first varies slowest.
-        dt: step, or control period when sampled [s].
-        duration: of a run [s]; or `samples`.
-        samples: of a run.
-        objective: "estimation", "tracking", "thesis", or an objective.
-        solver: "euler", "heun", "ode3" or "rk4".
-        stepping: "continuous" or "sampled".
-        substeps: solver steps per control period when sampled.
-        plants: true plants: values by parameter name, one a plant; see `population`.
-        noise_seeds: seeds of the sensor's noise, a run for each.
-        aggregate: "mean" or "worst" over plants x seeds.
+        setup: how a candidate is judged: step, horizon, solver, objective, plants, noise.
         chunk: candidates in one file; memory grows with it, not with the sweep.
         out: folder for the finished chunks; without it an interrupted sweep is lost.
         resume: go on with what is in `out`; the result is bit-equal to an uninterrupted one, also with another number
@@ -80,6 +62,8 @@ def sweep(
         scheduler: address of a Dask scheduler ("tcp://host:8786"), extra `cluster`; `out` should then be a folder that
             the workers see too.
         progress: show a bar with an ETA on stderr, where that is a terminal.
+        **words: fields of `Setup` (dt, duration, samples, objective, solver, stepping, substeps, plants, noise_seeds,
+            aggregate), in place of those of `setup`.
 
     Returns:
         The grid of costs; a diverged candidate costs infinity.
@@ -88,23 +72,10 @@ def sweep(
         InputError: for what cannot be, with what to do.
         KeyboardInterrupt: on Ctrl-C; the chunks finished by then stay in `out`.
     """
-    problem, labels, axes = _prepare(
-        loop,
-        references,
-        axes,
-        {
-            "objective": objective,
-            "dt": dt,
-            "duration": duration,
-            "samples": samples,
-            "solver": solver,
-            "stepping": stepping,
-            "substeps": substeps,
-            "plants": plants,
-            "noise_seeds": noise_seeds,
-            "aggregate": aggregate,
-        },
-    )
+    judged = settled(setup, words)
+    if judged.dt is None:
+        raise InputError("sweep needs dt, the step [s].")
+    problem, labels, axes = _prepare(loop, references, axes, judged.words())
     if chunk < 1:
         raise InputError(f"chunk = {chunk} cannot be: give at least 1 candidate.")
     shape = tuple(axis.count for axis in axes)

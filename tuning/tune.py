@@ -2,17 +2,17 @@
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, Unpack
 
 import jax
 import numpy as np
 
-from fpjax import AbstractPlantSolver, AbstractReference, ClosedLoop, Model, get_solver, make_inputs, make_stepper
+from fpjax import AbstractPlantSolver, AbstractReference, ClosedLoop, Model, make_inputs
 from fpjax.errors import InputError
 from fpjax.output.progress import Stages
 from fpjax.parameters import get_parameter
-from fpjax.scan import Stepping, astype
+from fpjax.scan import astype
 from fpjax.verbs import as_model, checked_loop, checked_reference, double_precision
 
 from .gradient import adam, lbfgs
@@ -23,10 +23,11 @@ from .levenberg_marquardt import levenberg_marquardt
 from .methods import LBFGS, METHODS, Adam, GridSearch, LevenbergMarquardt, Method, NelderMead, RepairedGridSearch
 from .nelder_mead import nelder_mead
 from .notes import notes_of, rate_measure
-from .objective import AbstractObjective, Thesis, get_objective
+from .objective import Thesis, get_objective
 from .parameters import Parameter, default_parameters
-from .problem import Aggregate, References, case_costs, label_references, make_problem
+from .problem import References, case_costs, label_references, make_problem
 from .result import TuningResult, versions
+from .setup import Setup, SetupWords, settled
 from .smoothness import not_smooth
 from .starts import placed_parameters, screen
 from .stopping import Stop
@@ -46,23 +47,15 @@ def tune(
     references: References | None = None,
     *,
     parameters: Sequence[str | Parameter] | None = None,
-    dt: float | None = None,
-    duration: float | None = None,
-    samples: int | None = None,
-    objective: str | AbstractObjective = "estimation",
+    setup: Setup | None = None,
     method: str | Method = "levenberg_marquardt",
-    solver: str | AbstractPlantSolver | None = None,
-    stepping: Stepping | None = None,
-    substeps: int | None = None,
-    plants: Mapping[str, Any] | None = None,
-    noise_seeds: Sequence[int] = (),
-    aggregate: Aggregate = "mean",
     starts: int | None = None,
     spread: float = 1.0,
     seed: int = 0,
     target: float = 0.0,
     max_simulations: int | None = None,
     progress: bool = False,
+    **words: Unpack[SetupWords],
 ) -> TuningResult:
     """Tune named parameters of a closed loop, on all references at once.
 
@@ -72,19 +65,9 @@ def tune(
         references: one, a list, or a dictionary by label; with several, one set of gains for all.
         parameters: names as "observer.gain_1", or `Parameter`s with start, bounds and scale; None for the observer's
             gains, or the controller's without an observer.
-        dt: step, or control period when sampled [s].
-        duration: of a run [s]; or `samples`.
-        samples: of a run.
-        objective: "estimation", "tracking", "thesis", or an objective.
+        setup: how gains are judged: step, horizon, solver, objective, plants, noise.
         method: "levenberg_marquardt", "lbfgs", "adam", "grid" (Algorithm 1), "grid_repaired", "nelder_mead", or a
             method's settings, as `Adam(rate=0.1)`.
-        solver: "euler", "heun", "ode3" or "rk4".
-        stepping: "continuous" or "sampled".
-        substeps: solver steps per control period when sampled.
-        plants: true plants to tune for: values by name, one a plant, as {"plant.friction.viscous": [1, 2, 5]}; see
-            `population`. The observer keeps its own idea of the inertia.
-        noise_seeds: seeds of the sensor's noise, a run for each; none for no noise.
-        aggregate: "mean" or "worst" over references x plants x seeds.
         starts: number of starts: the parameters' own, and others drawn around it. None: the parameters' own and up to
             four more, the best of a screen of 64 around the gains that pole placement gives (`tuning.starts`), so that
             no gains need be known; but one start for the "thesis" objective, a target, a budget and Algorithm 1, which
@@ -94,6 +77,8 @@ def tune(
         target: stop once the cost is at most this [1].
         max_simulations: stop before a start uses more; tangents count.
         progress: show a bar with an ETA on stderr, where that is a terminal.
+        **words: fields of `Setup` (dt, duration, samples, objective, solver, stepping, substeps, plants, noise_seeds,
+            aggregate), in place of those of `setup`.
 
     Returns:
         The best of all starts.
@@ -101,29 +86,17 @@ def tune(
     Raises:
         InputError: for what cannot be, with what to do.
     """
+    judged = settled(setup, words)
     model = None if isinstance(loop, ClosedLoop) else as_model(loop, "tune")
     if model is not None:
         model.needed_controller()
-        if references is None:
-            references = model.needed_reference()
-        if duration is None and samples is None:
-            duration = model.needed_duration()
         with double_precision():
             return tune(
                 astype(model.loop, np.float64),
-                references,
+                model.needed_reference() if references is None else references,
                 parameters=parameters,
-                dt=model.dt if dt is None else dt,
-                duration=duration,
-                samples=samples,
-                objective=objective,
+                setup=judged.of_model(model),
                 method=method,
-                solver=solver or model.solver,
-                stepping=stepping or model.stepping,
-                substeps=substeps or model.substeps,
-                plants=plants,
-                noise_seeds=noise_seeds,
-                aggregate=aggregate,
                 starts=starts,
                 spread=spread,
                 seed=seed,
@@ -132,34 +105,19 @@ def tune(
                 progress=progress,
             )
     loop = checked_loop(loop, "tune")
-    if references is None or dt is None:
+    if references is None or judged.dt is None:
         raise InputError("tune needs a reference and dt, the step [s]: give both, or a model, which has its own.")
     if isinstance(references, AbstractReference | int | float):
         references = checked_reference(references)
-    solver, stepping, substeps = solver or "rk4", stepping or "continuous", substeps or 1
     parameters = default_parameters(loop) if parameters is None else parameters
-    automatic = starts is None and _searches(method, objective, target, max_simulations)
-    stepper = make_stepper(dt=dt, duration=duration, samples=samples, solver=solver, stepping=stepping)
+    automatic = starts is None and _searches(method, judged.objective, target, max_simulations)
+    stepper = judged.stepper()
     written = parameters
     if automatic:
         _, listed = label_references(references)
         tables = [np.asarray(make_inputs(loop, one, stepper).references[0]) for one in listed]
-        parameters = placed_parameters(loop, tables, float(dt), parameters, get_objective(objective))
-    problem, start, labels = make_problem(
-        loop,
-        references,
-        parameters,
-        objective=objective,
-        dt=dt,
-        duration=duration,
-        samples=samples,
-        solver=solver,
-        stepping=stepping,
-        substeps=substeps,
-        plants=plants,
-        noise_seeds=noise_seeds,
-        aggregate=aggregate,
-    )
+        parameters = placed_parameters(loop, tables, float(judged.dt), parameters, get_objective(judged.objective))
+    problem, start, labels = make_problem(loop, references, parameters, **judged.words())
     settings = _settings(method, loop, stepper.solver)
     bar = Stages(f"tune {_name(settings)}") if progress else None
     try:
@@ -203,23 +161,15 @@ def tune_each(
     references: References,
     *,
     parameters: Sequence[str | Parameter],
-    dt: float,
-    duration: float | None = None,
-    samples: int | None = None,
-    objective: str | AbstractObjective = "estimation",
+    setup: Setup | None = None,
     method: str | Method = "levenberg_marquardt",
-    solver: str | AbstractPlantSolver = "rk4",
-    stepping: Stepping = "continuous",
-    substeps: int = 1,
-    plants: Mapping[str, Any] | None = None,
-    noise_seeds: Sequence[int] = (),
-    aggregate: Aggregate = "mean",
     starts: int = 1,
     spread: float = 1.0,
     seed: int = 0,
     target: float = 0.0,
     max_simulations: int | None = None,
     progress: bool = False,
+    **words: Unpack[SetupWords],
 ) -> dict[str, TuningResult]:
     """Tune on each reference alone, all of them side by side; arguments as of `tune`.
 
@@ -227,23 +177,15 @@ def tune_each(
         loop: see `tune`, as all others.
         references: several; each gets its own gains.
         parameters: what to tune.
-        dt: step [s].
-        duration: of a run [s].
-        samples: of a run.
-        objective: what to minimise.
+        setup: how gains are judged.
         method: how.
-        solver: of the runs.
-        stepping: "continuous" or "sampled".
-        substeps: solver steps per control period.
-        plants: true plants.
-        noise_seeds: seeds of the sensor's noise.
-        aggregate: "mean" or "worst" over plants x seeds.
         starts: for each reference.
         spread: of the drawn starts.
         seed: of the drawn starts.
         target: cost to stop at [1].
         max_simulations: of a start.
         progress: show a bar.
+        **words: fields of `Setup`, in place of those of `setup`.
 
     Returns:
         Results by label. Their `run_seconds` and `compile_seconds` are those of all references together.
@@ -251,25 +193,14 @@ def tune_each(
     Raises:
         InputError: for what cannot be, with what to do.
     """
-    problem, start, labels = make_problem(
-        loop,
-        references,
-        parameters,
-        objective=objective,
-        dt=dt,
-        duration=duration,
-        samples=samples,
-        solver=solver,
-        stepping=stepping,
-        substeps=substeps,
-        plants=plants,
-        noise_seeds=noise_seeds,
-        aggregate=aggregate,
-    )
+    judged = settled(setup, words)
+    if judged.dt is None:
+        raise InputError("tune_each needs dt, the step [s].")
+    problem, start, labels = make_problem(loop, references, parameters, **judged.words())
     drawn = _draw_starts(problem, np.asarray(start, float), starts, spread, seed)
     index = np.repeat(np.arange(len(labels)), starts)
     lanes = Lanes(problem, np.tile(drawn, (len(labels), 1)), index)
-    settings = _settings(method, loop, get_solver(solver))
+    settings = _settings(method, loop, judged.stepper().solver)
     bar = Stages(f"tune {_name(settings)}") if progress else None
     groups = [(label,) for label in labels]
     try:

@@ -314,4 +314,4 @@ def describe_sensor(sensor: AbstractSensor) -> dict[str, Any]:
 
 def total_inertia(plant: AbstractPlant) -> float:
     """Of all that moves [kg m^2]."""
-    return float(np.asarray(plant.inertia))  # type: ignore[attr-defined]
+    return float(np.asarray(plant.inertia))

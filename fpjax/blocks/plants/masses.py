@@ -21,6 +21,11 @@ class AbstractPlant(Block):
     if TYPE_CHECKING:
 
         @property
+        def inertia(self) -> Array:
+            """Of all that moves [kg m^2]."""
+            ...
+
+        @property
         def friction(self) -> AbstractFriction:
             """The law that acts."""
             ...
