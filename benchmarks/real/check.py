@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from ..withheld.score import ASSERTING, SURE, declared, number, ranking_of
+from ..withheld.score import ASSERTING, SURE, declared, is_learned, number, ranking_of
 from .records import Goal
 
 Diagnosis = dict[str, Any]
@@ -26,7 +26,8 @@ def entry_of(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
 
 def asserted(diagnosis: Diagnosis) -> list[str]:
     """The causes that the verdict asserts."""
-    return list(diagnosis.get("causes") or []) if diagnosis.get("verdict") in ASSERTING else []
+    causes = [cause for cause in diagnosis.get("causes") or [] if not is_learned(cause)]
+    return causes if diagnosis.get("verdict") in ASSERTING else []
 
 
 def check_all(diagnosis: Diagnosis, goal: Goal, hidden: tuple[tuple[float, float], ...]) -> list[Check]:

@@ -185,7 +185,8 @@ def spread_over(found: list[Identity], limit: int) -> list[Identity]:
     left = {one: _marks(one) for one in found}
     chosen = []
     for _ in range(limit):
-        best = min(left, key=lambda one: sum(met[mark] for mark in left[one]) / len(left[one]))
+        # names are hashes: ties do not favour the head of the list
+        best = min(left, key=lambda one: (sum(met[mark] for mark in left[one]) / len(left[one]), one.name))
         met.update(left.pop(best))
         chosen.append(best)
     order = {one: i for i, one in enumerate(found)}

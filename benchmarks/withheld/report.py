@@ -86,6 +86,9 @@ def print_report(summary: dict[str, Any]) -> None:
         )
     found, spent = summary["parameters"], summary["time"]
     print("\ngoals of the last rows: intervals 90 +- 5 %, of another form 70 %; 6 s a log, the worst 25 s (processor)")
+    if spent["first_calls"]:
+        cold = ", ".join(shown(value) for value in spent["first_calls"])
+        print(f"first log of each kind of sensors in a process, which may compile: {cold} s")
     sure = summary["sure"]
     print(
         f"{sure['statements']} statements above {sure['limit']:g}, {sure['wrong']} cases with one that is wrong; goal: "

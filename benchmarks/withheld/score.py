@@ -13,7 +13,8 @@ What counts as right, set by set:
 `explained` and `partly_explained` assert their causes. A statement is the class at the top of the ranking (the first
 effect and those it declares), its probability the sum of theirs, and every further cause that is asserted, with its
 own; it is true if an effect of the class is there: the cause, a twin, the clutter (`also_true`), a nominal's error.
-`wrongly_sure`: a statement above `SURE` that is not true, whatever the verdict.
+`wrongly_sure`: a statement above `SURE` that is not true, whatever the verdict. A learned law names no effect: it is no
+statement, and where it comes first the right name does not.
 """
 
 import math
@@ -101,7 +102,7 @@ def number(value: Any) -> float:
 
 
 def ranking_of(diagnosis: Diagnosis) -> list[dict[str, Any]]:
-    """The ranking, most probable first as the tool wrote it; a learned law is no effect of the vocabulary."""
+    """The ranking, most probable first as the tool wrote it."""
     return [entry for entry in diagnosis.get("ranking") or [] if entry.get("effect")]
 
 
@@ -109,6 +110,11 @@ def declared(entry: dict[str, Any]) -> set[str]:
     """The class an entry stands for: itself and what it says cannot be told apart from it."""
     names = {entry["effect"], *(entry.get("indistinguishable_from") or [])}
     return names if len(names) <= LARGEST_CLASS else {entry["effect"]}
+
+
+def is_learned(name: str) -> bool:
+    """Whether a name of the ranking or of the causes is a learned law, and no effect of the vocabulary."""
+    return name.startswith("learned")
 
 
 def single_names(label: Label) -> set[str]:
@@ -196,7 +202,8 @@ def score_case(diagnosis: Diagnosis | None, label: Label, seconds: float | None 
     """One case; a diagnosis of None is one that failed, and is wrong in every set."""
     failed, kind = diagnosis is None, label["set"]
     diagnosis = diagnosis or {"verdict": "failed", "causes": [], "ranking": []}
-    causes_list, ranking = list(diagnosis.get("causes") or []), ranking_of(diagnosis)
+    causes_list = [cause for cause in diagnosis.get("causes") or [] if not is_learned(cause)]
+    ranking = ranking_of(diagnosis)
     causes, verdict = set(causes_list), str(diagnosis["verdict"])
     score = CaseScore(
         case=label["case"],
@@ -227,7 +234,7 @@ def score_case(diagnosis: Diagnosis | None, label: Label, seconds: float | None 
     if kind not in ("none", "outside"):
         score.closed = closed_share(diagnosis) if not failed else 0.0
     score.nominal = nominal_scores(diagnosis, label)
-    _score_statements(score, ranking, label, off)
+    _score_statements(score, [entry for entry in ranking if not is_learned(entry["effect"])], label, off)
     score.column = _column(score, ranking, label)
     return score
 

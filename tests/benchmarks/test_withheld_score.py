@@ -109,6 +109,15 @@ def test_clutter_that_is_truly_there_may_be_asserted_and_is_not_the_cause():
     assert score.wrongly_sure is True
 
 
+def test_a_learned_law_is_no_statement_and_no_name():
+    learned = entry("learned_velocity", 0.98)
+    given = answer("partly_explained", ["learned_velocity"], learned, entry("stribeck", 0.01))
+    score = score_case(given, label())
+    assert (score.name, score.right, score.wrongly_asserted, score.wrongly_sure) == (False, False, False, False)
+    outside = score_case(given, label("outside", (), [[]]))
+    assert (outside.wrongly_asserted, outside.wrongly_sure, outside.sure_statements) == (False, False, 0)
+
+
 MODEL = """[plant]
 type = "one_mass"
 inertia = 1.01
