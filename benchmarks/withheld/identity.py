@@ -26,7 +26,7 @@ PAIRS_2 = 10  # a seed of the second truth, with a rate sensor; half of them aga
 
 # what a nominal that is 10 to 30 % off, or a regression on the log itself, makes meaningless as a cause
 NOT_WIDE = {*NOMINAL, "torque_gain_error", "velocity_scale_error"}
-NOT_STARTER = {*NOT_WIDE, "constant_torque", "asymmetric_friction", "load_dependent_friction"}
+NOT_STARTER = {*NOT_WIDE, "constant_torque", "asymmetric_friction", "load_dependent_friction", "unbalance"}
 
 
 def split(seed: int) -> str:

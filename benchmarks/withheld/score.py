@@ -128,8 +128,8 @@ def nominal_errors(label: Label) -> set[str]:
         return set()
     errors = label.get("nominal_error_percent", {})
     found = {f"{name}_error" for name in NOMINAL if abs(errors.get(name, 0.0)) > 0.1}
-    # a regression on the log gives an offset too
-    return found | ({"constant_torque"} if label["set"] == "starter" else set())
+    # a regression on the log gives an offset and a load too, and both may be wrong
+    return found | ({"constant_torque", "unbalance"} if label["set"] == "starter" else set())
 
 
 def is_first(entry: dict[str, Any], causes: set[str], label: Label) -> bool:
