@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from ..errors import InputError
 from ..output.runfile import RunFile, open_folder
+from .numbers import real, whole
 
 T = TypeVar("T")
 HEARD_WITHIN = 0.2  # s
@@ -33,10 +34,10 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
         help='where names or units differ: "velocity=gyro_z:deg/s,torque=tau_cmd", with a scale "torque=Iq:A*0.12" '
         '(N m per A), "position=enc:counts/4096" (a turn), "torque_measured=Iq:A*0.12", "axis=2" of a robot, or "emps"',
     )  # fmt: skip
-    parser.add_argument("--from", dest="start", type=float, metavar="S", help="leave out what is before, in log time")
-    parser.add_argument("--to", dest="stop", type=float, metavar="S", help="leave out what is after, in log time")
+    parser.add_argument("--from", dest="start", type=real, metavar="S", help="leave out what is before, in log time")
+    parser.add_argument("--to", dest="stop", type=real, metavar="S", help="leave out what is after, in log time")
     parser.add_argument(
-        "--every", type=int, default=1, metavar="N", help="make one row of N: torque by its mean, motion at the first"
+        "--every", type=whole, default=1, metavar="N", help="make one row of N: torque by its mean, motion at the first"
     )
     parser.add_argument(
         "--strict", action="store_true", help="refuse a log that would have to be cut, filled or resampled"
@@ -171,7 +172,7 @@ def read_pairs(words: Sequence[str], option: str) -> dict[str, float]:
     for word in words:
         name, equals, number = word.partition("=")
         try:
-            values[name.strip()] = float(number)
+            values[name.strip()] = real(number)
         except ValueError:
             equals = ""
         if not equals or not name.strip():

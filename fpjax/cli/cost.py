@@ -8,6 +8,7 @@ import numpy as np
 from ..errors import InputError
 from ..output.runfile import RunFile
 from .common import say
+from .numbers import real, whole
 from .simulate import open_model
 
 REFERENCES = ("sine", "constant", "chirp", "triangle", "square")
@@ -21,7 +22,7 @@ def add_cost_arguments(parser: argparse.ArgumentParser) -> None:
         help="estimation: squared relative error of the estimates (default with an observer); tracking: squared "
         "tracking error (default without); thesis: final error, Appendix B",
     )  # fmt: skip
-    parser.add_argument("--after", type=float, metavar="S", default=0.0, help="count nothing before this time [s]")
+    parser.add_argument("--after", type=real, metavar="S", default=0.0, help="count nothing before this time [s]")
     parser.add_argument(
         "--references", metavar="LIST",
         help=f"several at once, of {','.join(REFERENCES)}, with the amplitude and frequency of [reference]",
@@ -35,9 +36,9 @@ def add_cost_arguments(parser: argparse.ArgumentParser) -> None:
         help="true plants at the corners of +- SHARE around the model, as plant.inertia=0.2",
     )  # fmt: skip
     parser.add_argument("--worst", action="store_true", help="judge the worst case, not the mean")
-    parser.add_argument("--noise-seeds", type=int, metavar="N", default=0, help="runs with N draws of sensor noise")
+    parser.add_argument("--noise-seeds", type=whole, metavar="N", default=0, help="runs with N draws of sensor noise")
     parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter first")
-    parser.add_argument("--duration", type=float, metavar="S", help="of a run, instead of the model's [s]")
+    parser.add_argument("--duration", type=real, metavar="S", help="of a run, instead of the model's [s]")
 
 
 def cost_settings(arguments: argparse.Namespace, record: RunFile) -> tuple[Any, Any, dict[str, Any]]:
@@ -95,7 +96,7 @@ def cost_settings(arguments: argparse.Namespace, record: RunFile) -> tuple[Any, 
 def _plants(word: str) -> tuple[str, list[float]]:
     name, equals, numbers = word.partition("=")
     try:
-        values = [float(number) for number in numbers.split(",")]
+        values = [real(number) for number in numbers.split(",")]
     except ValueError:
         values, equals = [], ""
     if not equals or not values or not np.all(np.isfinite(values)):

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import InputError
 from ..output.runfile import RunFile, whole_file, write_json
 from .common import add_log_options, add_out, check_torque_unit, finish, log_options, running, say, start_jax
+from .numbers import real, whole
 from .simulate import open_model
 
 LAPS = 20.0  # time constants in a log, for gains that nobody gave
@@ -29,17 +30,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_log_options(parser)
     parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter")
     parser.add_argument(
-        "--average", type=float, metavar="S", help="take the mean over the last S seconds, a lap (default: a quarter)"
+        "--average", type=real, metavar="S", help="take the mean over the last S seconds, a lap (default: a quarter)"
     )
     parser.add_argument(
         "--differentiator", choices=("zero_phase", "causal"), default="zero_phase",
         help="how a log without velocity gets one (default zero_phase; causal is what a drive could do)",
     )  # fmt: skip
     parser.add_argument(
-        "--passes", type=int, default=1, metavar="N",
+        "--passes", type=whole, default=1, metavar="N",
         help="go over the log N times, each from the last one's estimates: time for slow gains (default 1)",
     )  # fmt: skip
-    parser.add_argument("--cutoff", type=float, metavar="HZ", help="of that differentiator (default: rate / 10)")
+    parser.add_argument("--cutoff", type=real, metavar="HZ", help="of that differentiator (default: rate / 10)")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")
     add_out(parser)
 

@@ -20,6 +20,7 @@ from .common import (
     start_jax,
     table,
 )
+from .numbers import real, whole
 
 EXAMPLES = """\
 examples:
@@ -39,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_log_options(parser)
     parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter")
-    parser.add_argument("--duration", type=float, metavar="S", help="instead of the model's [s]")
-    parser.add_argument("--seed", type=int, default=0, help="of the sensor's noise (default 0)")
+    parser.add_argument("--duration", type=real, metavar="S", help="instead of the model's [s]")
+    parser.add_argument("--seed", type=whole, default=0, help="of the sensor's noise (default 0)")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")
     add_out(parser)
 
@@ -66,13 +67,17 @@ def open_model(path: str, changes: list[str], record: RunFile) -> Any:
         InputError: for what cannot be in the file or in the changes.
     """
     from ..model_file import load_model
+    from ..model_file.admissible import check_changes
     from ..parameters import set_parameters
 
     model = load_model(record.read(path, "model"))
     for note in model.notes:
         say(record, note)
     if changes:
-        model = dataclasses.replace(model, loop=set_parameters(model.loop, read_pairs(changes, "--set")))
+        pairs = read_pairs(changes, "--set")
+        model = dataclasses.replace(model, loop=set_parameters(model.loop, pairs))
+        for note in check_changes(model.loop, pairs, model.units):
+            say(record, note)
     return model
 
 

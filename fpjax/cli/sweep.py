@@ -8,6 +8,7 @@ from ..errors import InputError
 from ..output.runfile import write_json
 from .common import add_out, finish, running, start_jax
 from .cost import add_cost_arguments, cost_settings
+from .numbers import real, whole
 
 EXAMPLES = """\
 examples:
@@ -26,7 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a parameter and its values, on a log scale unless :linear; once for each axis",
     )  # fmt: skip
     parser.add_argument("--resume", action="store_true", help="go on with an interrupted sweep in --out")
-    parser.add_argument("--chunk", type=int, default=4096, metavar="N", help="candidates kept at a time (default 4096)")
+    parser.add_argument(
+        "--chunk", type=whole, default=4096, metavar="N", help="candidates kept at a time (default 4096)"
+    )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster (extra `cluster`)")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")
     add_out(parser, required=True)
@@ -85,7 +88,7 @@ def read_axis(word: str) -> Any:
     try:
         if not equals or not 3 <= len(parts) <= 4:
             raise ValueError
-        low, high, count = float(parts[0]), float(parts[1]), float(parts[2])
+        low, high, count = (real(part) for part in parts[:3])
         if count != int(count):
             raise ValueError
     except (ValueError, OverflowError):

@@ -9,6 +9,7 @@ from ..errors import InputError
 from ..output.runfile import RunFile, write_json, write_whole
 from .common import add_out, finish, interruptible, running, start_jax, table
 from .cost import add_cost_arguments, cost_settings
+from .numbers import real, whole
 
 METHODS = ("levenberg_marquardt", "lbfgs", "adam", "grid", "grid_repaired", "nelder_mead")
 EXAMPLES = """\
@@ -32,11 +33,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--method", action="append", choices=METHODS, help="one or several to compare (default levenberg_marquardt)"
     )
     parser.add_argument(
-        "--starts", type=int, metavar="N",
+        "--starts", type=whole, metavar="N",
         help="number of starts (default: the model's own and up to four of a screen around gains by pole placement)",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, help="of the drawn starts (default 0)")
-    parser.add_argument("--max-simulations", type=int, metavar="N", help="stop a start before it uses more")
+    parser.add_argument("--seed", type=whole, default=0, help="of the drawn starts (default 0)")
+    parser.add_argument("--max-simulations", type=whole, metavar="N", help="stop a start before it uses more")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")
     add_out(parser)
 
@@ -96,7 +97,7 @@ def read_parameter(word: str) -> Any:
     parts = rest.split(":")
     scale: Any = parts.pop() if len(parts) in (2, 4) and parts[-1] in ("log", "linear") else "log"
     try:
-        numbers = [float(part) for part in parts]
+        numbers = [real(part) for part in parts]
         if len(numbers) == 1:
             return Parameter(name.strip(), start=numbers[0], scale=scale)
         low, start, high = numbers

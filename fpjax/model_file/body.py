@@ -65,7 +65,7 @@ _GYRO = (
     Key("noise", "rad/s", "not negative", 0.0),
     Key("bias", "rad/s", "any", 0.0),
     Key("random_walk", "rad/s/sqrt(s)", "not negative", 0.0),
-    Key("scale", "1", "any", 1.0),
+    Key("scale", "1", "positive", 1.0),
 )
 _ENCODER = (
     Key("step", "rad", "not negative", 0.0, "step_size"),

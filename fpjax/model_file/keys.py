@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from ..errors import InputError
+from .admissible import check_range
 
 Sign = Literal["any", "positive", "not negative", "share"]
 MUST = {
@@ -150,6 +151,7 @@ def read_number(section: str, key: Key, value: Any, units: Units) -> float:
         raise InputError(
             f"[{section}] {key.name} = {number:g}{shown} cannot be: it must be {why}; check {check} ({unit})."
         )
+    check_range(section, key.name, key.unit, unit, number, divides=key.sign == "positive")
     return number
 
 

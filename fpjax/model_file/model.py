@@ -20,6 +20,7 @@ from ..scan import Stepper, Stepping, make_stepper
 from ..solvers import SOLVERS, get_solver
 from ..stability import safe_steepness
 from . import body, loop_parts
+from .admissible import check_all
 from .friction import OFFSET, SECTION, Steepness, build_friction, describe_friction
 from .keys import Key, Units, check_keys, choose, missing, nearest, read_values
 from .learned import build_learned, describe_learned, join_load, more_coulomb
@@ -236,6 +237,7 @@ def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) ->
     reference = loop_parts.build_reference(
         sections.get("reference"), units, path.parent if path else None, units.motion == "linear", time["duration"]
     )
+    notes += check_all(friction, controller, reference, dt, units)
     loop = with_placed_gains(loop, missing_gains, reference, time, {k: v for k, v in known.items() if v}, notes)
     return Model(
         loop=loop,

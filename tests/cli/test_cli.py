@@ -193,6 +193,11 @@ def test_set_and_duration_change_the_run(servo, tmp_path, capsys):
     assert "101 samples" in capsys.readouterr().out
     refuse(capsys, "simulate", servo, "--set", "plant.inertai=1", match="did you mean 'plant.inertia'")
     refuse(capsys, "simulate", servo, "--set", "plant.inertia", match="is not NAME=NUMBER")
+    for number in ("1_0", "inf", "nan", "١"):
+        refuse(capsys, "simulate", servo, "--set", f"plant.inertia={number}", match="is not NAME=NUMBER")
+    refuse(capsys, "simulate", servo, "--set", "plant.inertia=1e39", match="too large")
+    refuse(capsys, "simulate", servo, "--duration", "1_0", match="invalid number value: '1_0'")
+    refuse(capsys, "tune", servo, "--starts", "1_0", match="invalid whole number value: '1_0'")
     refuse(capsys, "simulate", servo, "--set", "plant.inertia=-3", match="inertia = -3 kg m^2 cannot be")
     refuse(capsys, "simulate", servo, "--duration", "-1", match="duration = -1 s cannot be")
 
@@ -299,7 +304,7 @@ def test_an_interrupted_tuning_ends_at_once_and_keeps_the_finished_methods(servo
         ("observer.gain_1=10:1:5", "the range from 10 to 1 is empty"),
         ("observer.gain_1=0:10:5", "cannot be on a log scale"),
         ("observer.gain_1=1:10:0", "leaves nothing to sweep"),
-        ("observer.gain_1=1:inf:5", "is not finite"),
+        ("observer.gain_1=1:inf:5", "is not NAME=LOW:HIGH:COUNT"),
         ("observer.gain_1=1:10", "is not NAME=LOW:HIGH:COUNT"),
         ("observer.gain_1=1:10:2.5", "is not NAME=LOW:HIGH:COUNT"),
         ("observer.gain_1=1:10:5:cubic", "scale = 'cubic' is not known"),

@@ -229,6 +229,8 @@ def test_a_recorded_reference_is_read_beside_the_file(tmp_path):
 SIZES = st.floats(1e-12, 1e12, allow_subnormal=False)
 ANY = st.floats(-1e12, 1e12, allow_subnormal=False)
 SHARES = st.floats(0.01, 0.99)
+FREQUENCIES = st.floats(1e-9, 49.0)  # what the longest dt below can show
+STEPS = st.floats(1e-12, 6.0)
 
 
 def table(required, optional=None, **fixed):
@@ -241,10 +243,18 @@ def harmonics(*names):
     return pair.map(lambda lists: dict(zip(names, lists, strict=True)))
 
 
+def holding(required, optional=None, **fixed):
+    """A law whose static level is at least its Coulomb level."""
+    levels = st.tuples(st.floats(1e-12, 1e6), st.floats(1.0, 1e6)).map(
+        lambda two: {"coulomb": two[0], "static": two[0] * two[1]}
+    )
+    return st.builds(dict.__or__, table(required, optional, **fixed), levels)
+
+
 LEVELS = {"coulomb": SIZES, "viscous": SIZES}
 STEEP = {"steepness": SIZES | st.just("sign")}
 GENERAL = {
-    "coulomb_difference": ANY, "viscous_difference": ANY, "drag_coefficient": ANY, "drift_amplitude": ANY,
+    "coulomb_difference": ANY, "viscous_difference": ANY, "drag_coefficient": SIZES, "drift_amplitude": ANY,
     "drift_time": SIZES, "load_coefficient": st.floats(0.0, 0.99), "stribeck_velocity": SIZES, "stribeck_exponent": SIZES, "position_periods": SIZES, **STEEP,
 }  # fmt: skip
 BRISTLES = {"bristle_damping": SIZES, "bristle_exponent": SIZES}
@@ -254,10 +264,10 @@ FRICTION = st.one_of(
     table({**LEVELS, "stribeck_torque": ANY, "stribeck_velocity": SIZES}, GENERAL, type="coulomb_viscous"),
     st.builds(dict.__or__, table(LEVELS, GENERAL, type="coulomb_viscous"), harmonics("position_cosine", "position_sine")),
     table({**LEVELS, "bristle_deflection": SIZES}, {**BRISTLES, **GENERAL}, type="coulomb_viscous"),
-    table({"coulomb": SIZES, "static": SIZES, "stribeck_velocity": SIZES}, {"viscous": SIZES, **STEEP}, type="stribeck"),
-    table({"coulomb": SIZES, "static": SIZES}, {"stick_velocity": SIZES, **STEEP}, type="stiction"),
+    holding({"stribeck_velocity": SIZES}, {"viscous": SIZES, **STEEP}, type="stribeck"),
+    holding({}, {"stick_velocity": SIZES, **STEEP}, type="stiction"),
     table({"coulomb": SIZES, "stiffness": SIZES}, {"exponent": SIZES, "viscous": SIZES}, type="dahl"),
-    table(dict.fromkeys(("coulomb", "static", "stribeck_velocity", "bristle_stiffness"), SIZES), type="lugre"),
+    holding(dict.fromkeys(("stribeck_velocity", "bristle_stiffness"), SIZES), type="lugre"),
     table({}, {"offset": ANY}, type="none"),
 )  # fmt: skip
 PLANT = st.one_of(
@@ -313,19 +323,25 @@ ACTUATOR = st.one_of(
     table({"cogging_amplitude": ANY, "cogging_periods": SIZES}, {"cogging_phase": ANY, "delay": st.floats(0, 1e-2)}),
 )
 SENSOR = st.one_of(
-    table({}, {"scale": SIZES, "bias": ANY, "lag": SIZES, "delay": st.floats(0, 1e-2), "noise": SIZES, "step": SIZES,
+    table({}, {"scale": SIZES, "bias": ANY, "lag": SIZES, "delay": st.floats(0, 1e-2), "noise": SIZES, "step": STEPS,
                "side": st.sampled_from(["load", "motor"])}),
-    table({"load_side": SHARES}, {"position_step": SIZES}),
-    table({}, {"noise": SIZES, "bias": ANY, "random_walk": SIZES, "scale": ANY}, type="gyro"),
-    table({"step": SIZES}, {"filter_time": SIZES, "position_noise": SIZES}, type="encoder"),
-    table({"angle_noise": SIZES}, {"noise": SIZES, "step": SIZES}, type="kalman"),
+    table({"load_side": SHARES}, {"position_step": STEPS}),
+    table({}, {"noise": SIZES, "bias": ANY, "random_walk": SIZES, "scale": SIZES}, type="gyro"),
+    table({"step": STEPS}, {"filter_time": SIZES, "position_noise": SIZES}, type="encoder"),
+    table({"angle_noise": SIZES}, {"noise": SIZES, "step": STEPS}, type="kalman"),
     table({"side": st.sampled_from(["load", "motor"])}, type="ideal"),
 )  # fmt: skip
 REFERENCE = st.one_of(
-    table({"amplitude": ANY, "frequency": SIZES}, {"phase": ANY, "offset": ANY}, type="sine"),
+    table({"amplitude": ANY, "frequency": FREQUENCIES}, {"phase": ANY, "offset": ANY}, type="sine"),
     table({"amplitude": ANY}, type="constant"),
-    table({"amplitude": ANY, "start_frequency": SIZES, "end_frequency": SIZES}, {"sweep_time": SIZES}, type="chirp"),
-    st.sampled_from(["triangle", "square"]).flatmap(lambda t: table({"amplitude": ANY, "frequency": SIZES}, type=t)),
+    table(
+        {"amplitude": ANY, "start_frequency": FREQUENCIES, "end_frequency": FREQUENCIES},
+        {"sweep_time": SIZES},
+        type="chirp",
+    ),
+    st.sampled_from(["triangle", "square"]).flatmap(
+        lambda t: table({"amplitude": ANY, "frequency": FREQUENCIES}, type=t)
+    ),
     table({"amplitudes": st.just([1.0, 0.1]), "frequencies": st.just([0.3, 7.0])}, type="multisine"),
 )
 SIMULATION = table(

@@ -1,0 +1,33 @@
+"""Numbers as a user types them: Python takes 1_0 for 10, digits of other scripts and infinity, which nobody means."""
+
+import math
+import re
+
+_REAL = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_WHOLE = re.compile(r"[+-]?\d+", re.ASCII)
+
+
+def real(text: str) -> float:
+    """A finite decimal number.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if not _REAL.fullmatch(text.strip()) or not math.isfinite(float(text)):
+        raise ValueError(f"{text!r} is not a number")
+    return float(text)
+
+
+def whole(text: str) -> int:
+    """A whole number.
+
+    Raises:
+        ValueError: for anything else.
+    """
+    if not _WHOLE.fullmatch(text.strip()):
+        raise ValueError(f"{text!r} is not a whole number")
+    return int(text)
+
+
+# argparse says "invalid number value: '1_0'" by these names.
+real.__name__, whole.__name__ = "number", "whole number"

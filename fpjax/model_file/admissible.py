@@ -1,0 +1,222 @@
+"""What a machine can be: ranges of numbers with their units, friction that takes energy out, what a period can follow.
+
+The one place of these rules. A refusal is an `InputError`; what is possible but unlikely is a sentence for the user.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..blocks.controllers import AbstractController, Limited, PositionLoop, Proportional, ProportionalIntegral
+from ..blocks.friction import AbstractFriction
+from ..blocks.friction.bristles import Bristles
+from ..blocks.friction.general import GeneralFriction
+from ..blocks.references import AbstractReference, Chirp, Multisine, Sine, Square, Triangle
+from ..errors import InputError
+
+# Magnitudes of a number that is not zero, (smallest, largest). Single precision ends at 1e-38 and 3e38, and the
+# simulator squares and divides: what lies beyond 1e30 leaves it.
+ANYTHING = (1e-30, 1e30)
+BY_UNIT = {
+    "s": (1e-12, 1e12),
+    "Hz": (1e-12, 1e12),
+    "kg m^2": (1e-15, 1e15),
+}
+BY_KEY = {
+    ("simulation", "dt"): (1e-9, 10.0),  # of a drive: 10 us to 10 ms
+    # One line a turn is the coarsest encoder; a linear scale coarser than that has no name.
+    ("sensor", "position_step"): (1e-15, 2.0 * math.pi),
+    ("sensor", "step rad"): (1e-15, 2.0 * math.pi),
+    ("sensor", "step rad/s"): (1e-15, 1e6),
+}
+NYQUIST = 0.5  # of the sample rate: above it a sine is another, slower one
+FOLLOWED = 0.1  # of the sample rate: a held signal has lost 18 degrees there
+
+
+def check_range(section: str, name: str, unit: str, shown: str, number: float, *, divides: bool = False) -> None:
+    """Refuse a number of a size that no machine has.
+
+    Args:
+        section: as in "[plant]".
+        name: of the key.
+        unit: in rotary SI.
+        shown: the machine's own unit, for the sentence.
+        number: finite.
+        divides: whether it must be above zero: something is then divided by it, and what single precision takes for
+            zero is refused. Elsewhere a tiny number is as good as none.
+
+    Raises:
+        InputError: saying the range.
+    """
+    least, most = BY_KEY.get((section, name), BY_KEY.get((section, f"{name} {unit}"), BY_UNIT.get(unit, ANYTHING)))
+    if abs(number) <= most and (abs(number) >= least or not divides):
+        return
+    unit_shown = f" {shown}" if shown and shown != "1" else ""
+    raise InputError(
+        f"[{section}] {name} = {number:g}{unit_shown} is too {'small' if abs(number) < least else 'large'}: sizes from "
+        f"{least:g} to {most:.4g}{unit_shown} are known here; check its unit."
+    )
+
+
+def check_friction(law: AbstractFriction, name: Any) -> list[str]:
+    """Refuse a law that drives its machine; sentences on one that may.
+
+    Args:
+        law: from [friction].
+        name: a rotary unit -> the machine's (`Units.name`).
+
+    Raises:
+        InputError: for a static level below the Coulomb level, or a negative quadratic drag.
+    """
+    if isinstance(law, Bristles):
+        law = law.law
+    static, coulomb = _number(law, "static"), _number(law, "coulomb")
+    if static is not None and coulomb is not None and static < coulomb:
+        raise InputError(
+            f"[friction] static = {static:g} {name('N m')} must be at least coulomb = {coulomb:g} {name('N m')}: what "
+            "holds at rest is not less than what rubs in motion; exchange the two?"
+        )
+    if not isinstance(law, GeneralFriction):
+        return []
+    drag = float(law.drag_coefficient)
+    if drag < 0.0:
+        raise InputError(
+            f"[friction] drag_coefficient = {drag:g} {name('N m s^2/rad^2')} must be zero or more: a negative one "
+            "drives the machine, the harder the faster it goes."
+        )
+    said = []
+    viscous, difference = float(law.viscous), abs(float(law.viscous_difference))
+    if difference > viscous:
+        said.append(
+            f"[friction] viscous_difference = {difference:g} {name('N m s/rad')} is larger than viscous = {viscous:g}: "
+            "in one direction the friction drives the machine; check both."
+        )
+    pairs = zip(law.position_cosine, law.position_sine, strict=True)
+    parts = {
+        "coulomb_difference": abs(float(law.coulomb_difference)),
+        "the position's harmonics": sum(float(np.hypot(float(c), float(s))) for c, s in pairs),
+        "stribeck_torque": max(0.0, -float(law.stribeck_torque)) if law.stribeck_torque is not None else 0.0,
+        "drift_amplitude": max(0.0, -float(law.drift_amplitude)) if law.drift_amplitude is not None else 0.0,
+    }
+    level = float(law.coulomb)
+    if sum(parts.values()) > level * (1.0 + 1e-9):
+        named = " and ".join(part for part, value in parts.items() if value)
+        said.append(
+            f"[friction] {named} take more than coulomb = {level:g} {name('N m')} away: the level is cut off at zero "
+            "there, since less would drive the machine."
+        )
+    return said
+
+
+def check_controller(controller: AbstractController | None, reference: str) -> list[str]:
+    """Refuse a controller that cannot follow what it is asked to; sentences on one that does nothing.
+
+    Args:
+        controller: from [controller]; None where it is unknown.
+        reference: [units] reference.
+
+    Raises:
+        InputError: for a position reference on a velocity loop.
+    """
+    inner = controller
+    while isinstance(inner, Limited):
+        inner = inner.controller
+    if inner is None:
+        return []
+    if reference == "position" and not isinstance(inner, PositionLoop):
+        raise InputError(
+            '[units] reference = "position" needs a controller that follows a position: write [controller] type = '
+            '"position_cascade" with kp and kv, or reference = "velocity".'
+        )
+    gains = {
+        Proportional: ("kp",),
+        ProportionalIntegral: ("kp", "ki"),
+    }.get(type(inner), ())
+    if gains and not any(float(getattr(inner, gain)) for gain in gains):
+        return [f"[controller] {' and '.join(gains)} = 0: the controller does nothing, so the machine is not driven."]
+    return []
+
+
+def check_reference(reference: AbstractReference | None, dt: float) -> list[str]:
+    """Refuse a reference that its period cannot show; a sentence on one that it shows badly.
+
+    Args:
+        reference: from [reference]; None without one.
+        dt: step, or control period when sampled [s].
+
+    Raises:
+        InputError: for a frequency at or above half the sample rate.
+    """
+    fastest = _fastest(reference)
+    if fastest * dt >= NYQUIST:
+        raise InputError(
+            f"[reference] {fastest:g} Hz cannot be followed at [simulation] dt = {dt:g} s: samples show less than "
+            f"{NYQUIST / dt:g} Hz; lower the frequency, or write a smaller dt."
+        )
+    if fastest * dt > FOLLOWED:
+        return [
+            f"[reference] {fastest:g} Hz has {1.0 / (fastest * dt):.3g} samples a period at dt = {dt:g} s: fewer than "
+            f"{1.0 / FOLLOWED:g} show it badly."
+        ]
+    return []
+
+
+def _fastest(reference: AbstractReference | None) -> float:
+    """The highest frequency that the reference names [Hz]; 0 where it names none."""
+    if isinstance(reference, Sine | Triangle | Square):
+        return abs(float(reference.frequency))
+    if isinstance(reference, Chirp):
+        return max(abs(float(reference.start_frequency)), abs(float(reference.end_frequency)))
+    if isinstance(reference, Multisine):
+        return float(np.max(np.abs(np.asarray(reference.frequencies))))
+    return 0.0
+
+
+def _number(block: Any, name: str) -> float | None:
+    value = getattr(block, name, None)
+    return None if value is None else float(value)
+
+
+def check_all(
+    law: AbstractFriction,
+    controller: AbstractController | None,
+    reference: AbstractReference | None,
+    dt: float,
+    units: Any,
+) -> list[str]:
+    """Every rule that needs more than one number; sentences for the user.
+
+    Args:
+        law: from [friction].
+        controller: from [controller]; None where it is unknown.
+        reference: from [reference]; None without one.
+        dt: step, or control period when sampled [s].
+        units: of the machine.
+
+    Raises:
+        InputError: for what cannot be.
+    """
+    return [
+        *check_friction(law, units.name),
+        *check_controller(controller, units.reference),
+        *check_reference(reference, dt),
+    ]
+
+
+def check_changes(loop: Any, changes: Mapping[str, float], units: Any) -> list[str]:
+    """The same rules for parameters that are changed by name; sentences for the user.
+
+    Args:
+        loop: after the change.
+        changes: values by dotted name.
+        units: of the machine.
+
+    Raises:
+        InputError: for what cannot be.
+    """
+    for path, number in changes.items():
+        section, _, name = path.rpartition(".")
+        check_range(section, name, "", "", number)
+    return check_friction(loop.plant.friction, units.name)
