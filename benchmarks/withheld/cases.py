@@ -15,7 +15,7 @@ from .second import cases as second
 from .second import label as second_label
 
 PERIODS = 10_001
-CHUNK = 150  # machines simulated together; a run that is interrupted loses at most these
+CHUNK = 350  # machines simulated together; a run that is interrupted loses at most these
 Label = dict[str, Any]
 
 
