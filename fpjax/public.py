@@ -78,6 +78,11 @@ from .errors import FpjaxWarning as FpjaxWarning
 from .errors import InputError as InputError
 from .export import ExportedC as ExportedC
 from .export import export_c as export_c
+from .linear import LinearLoop as LinearLoop
+from .linear import Margins as Margins
+from .linear import StateSpace as StateSpace
+from .linear import linearise as linearise
+from .linear import margins as margins
 from .logs import Log as Log
 from .logs import read_log as read_log
 from .loop import ClosedLoop as ClosedLoop

@@ -26,6 +26,7 @@ EXAMPLES = """\
 examples:
   fpjax simulate servo.toml --out run
   fpjax simulate servo.toml --set observer.gain_1=500 --set plant.inertia=12
+  fpjax simulate servo.toml --margins --at 0.5 --out run          Bode, margins, step response
   fpjax simulate emps.toml --log DATA_EMPS.mat --columns emps     replay a recorded reference
 """
 
@@ -42,6 +43,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter")
     parser.add_argument("--duration", type=real, metavar="S", help="instead of the model's [s]")
     parser.add_argument("--seed", type=whole, default=0, help="of the sensor's noise (default 0)")
+    parser.add_argument(
+        "--margins", action="store_true", help="also linearise: gain, phase, delay, modulus margin, Bode, step response"
+    )
+    parser.add_argument("--at", type=real, metavar="SPEED", help="of --margins [rad/s] (default: the run's rms speed)")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")
     add_out(parser)
 
@@ -52,6 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
         record.stage("start")
         start_jax(arguments)
         model = open_model(arguments.model, arguments.set, record)
+        if arguments.log and arguments.margins:
+            raise InputError("--margins goes with a simulation: leave --log away.")
         if arguments.log:
             _replay(model, arguments, record)
         else:
@@ -108,13 +115,36 @@ def _simulate(model: Any, arguments: argparse.Namespace, record: RunFile) -> Non
     print(table(rows, ("quantity", "value", "unit")))
     for sentence in excitation_sentences(model, signals["velocity"]):
         say(record, sentence)
+    found = _margins(model, arguments, record, signals["velocity"]) if arguments.margins else {}
     if record.folder is not None:
         values = {name: {"value": value, "unit": unit} for name, value, unit in rows}
-        write_json(record.path("simulation.json"), {"status": run.message, "measures": values})
+        content = {"status": run.message, "measures": values}
+        write_json(record.path("simulation.json"), content | ({"margins": found} if found else {}))
         if not arguments.no_plots:
             from .pictures import draw_run
 
             draw_run(model, signals, record.path("simulation.png"))
+
+
+def _margins(model: Any, arguments: argparse.Namespace, record: RunFile, velocity: np.ndarray) -> dict[str, Any]:
+    """Print the margins about a steady motion, leave margins.png, return what simulation.json keeps."""
+    from ..linear import linearise
+
+    record.stage("margins")
+    speed = arguments.at if arguments.at is not None else float(np.sqrt(np.mean(np.square(velocity))))
+    linear = linearise(
+        model.loop, speed, dt=model.dt, stepping=model.stepping, solver=model.solver, substeps=model.substeps
+    )
+    margins, unit = linear.margins(), model.units.name("rad/s")
+    time = f"sampled every {linear.dt:g} s" if linear.dt is not None else "in continuous time"
+    stable = "stable" if margins.stable else "UNSTABLE"
+    print(f"\n  about a steady {speed:.4g} {unit}, {time}, cut at the commanded torque: {stable}")
+    bandwidth = ("bandwidth", linear.bandwidth() / (2.0 * np.pi), "Hz")
+    rows = [*margins.rows(), bandwidth]
+    print(table(rows, ("margin", "value", "unit")))
+    if record.folder is not None and not arguments.no_plots:
+        linear.plot(record.path("margins.png"))
+    return {"speed": speed, "bandwidth_hz": bandwidth[1], **vars(margins)}
 
 
 def _title(model: Any) -> str:

@@ -1,0 +1,232 @@
+"""A closed loop linearised at a point by jax: the whole of it, cut at the torque that the drive commands."""
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array
+
+from ..blocks.actuators import AbstractActuator
+from ..blocks.block import as_parameter
+from ..blocks.controllers import PositionLoop
+from ..blocks.references import AbstractReference, Constant, Recorded
+from ..blocks.signals import Motion
+from ..errors import InputError
+from ..scan import Stepping
+from ..solvers import AbstractPlantSolver, get_solver
+from .margins import Margins, margins
+from .state_space import StateSpace
+
+if TYPE_CHECKING:
+    from ..loop import ClosedLoop, LoopState
+
+CHUNK = 2000  # samples between two looks at whether the loop rests
+CHUNKS = 50
+RESTS = 1e-7  # relative change of velocity and torque within the last tenth of a chunk
+
+
+class _Disturbed(AbstractActuator):
+    """An actuator with a torque added to its command: where the loop is cut."""
+
+    actuator: AbstractActuator
+    added: Array = eqx.field(converter=as_parameter)
+
+    def init(self) -> Any:
+        return self.actuator.init()
+
+    def derivative(self, state: Any, torque: Array) -> Any:
+        return self.actuator.derivative(state, torque + self.added)
+
+    def readout(self, state: Any, torque: Array, motion: Motion) -> Array:
+        return self.actuator.readout(state, torque + self.added, motion)
+
+    def step(self, state: Any, torque: Array, motion: Motion, dt: Array) -> tuple[Any, Array]:
+        return self.actuator.step(state, torque + self.added, motion, dt)
+
+
+@dataclasses.dataclass(frozen=True)
+class LinearLoop:
+    """A loop near a point of operation.
+
+    Attributes:
+        closed: the closed loop from "reference" and "disturbance" (a torque added to the command) to "velocity" and
+            "position" as measured, and "torque" as commanded.
+        ratio: the return ratio L at the commanded torque, closed with negative feedback: all that the loop makes of a
+            torque, sign turned; observer, actuator, sensor and hold included.
+        tracked: "velocity" or "position": what the reference is of.
+        speed: velocity at the point [rad/s].
+    """
+
+    closed: StateSpace
+    ratio: StateSpace
+    tracked: str
+    speed: float
+
+    @property
+    def dt(self) -> float | None:
+        """Control period [s]; None in continuous time."""
+        return self.closed.dt
+
+    def margins(self) -> Margins:
+        """Gain, phase, delay and modulus margin of `ratio`."""
+        return margins(self.ratio)
+
+    def tracking(self) -> StateSpace:
+        """The closed loop from reference to what is tracked."""
+        return self.closed.channel(self.tracked, "reference")
+
+    def bandwidth(self) -> float:
+        """Frequency [rad/s] above which |tracking| stays below 1 / sqrt 2; NaN where it never reaches that."""
+        from .margins import frequency_grid
+
+        system = self.tracking()
+        grid = frequency_grid(self.ratio)
+        follows = np.flatnonzero(np.abs(system.response(grid)[:, 0, 0]) >= np.sqrt(0.5))
+        return float(grid[follows[-1]]) if follows.size else float("nan")
+
+    def step_response(self, duration: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """(time [s], what is tracked after a unit step of the reference), about the point.
+
+        Args:
+            duration: [s]; None for about thirty times the inverse of the bandwidth.
+        """
+        if duration is None:
+            bandwidth = self.bandwidth()
+            duration = 30.0 / bandwidth if np.isfinite(bandwidth) and bandwidth > 0.0 else 1.0
+        if self.dt is not None:
+            duration = max(duration, 20.0 * self.dt)
+        return self.tracking().step(duration)
+
+    def to_control(self) -> Any:
+        """`closed` as `control.StateSpace` of python-control."""
+        return self.closed.to_control()
+
+    def plot(self, path: Any = None) -> Any:
+        """Bode diagram of `ratio` with its margins, and the step response.
+
+        Args:
+            path: file to write; None for none.
+
+        Returns:
+            The matplotlib figure.
+        """
+        from .pictures import draw_linear
+
+        return draw_linear(self, path)
+
+
+def linearise(
+    loop: "ClosedLoop",
+    at: "float | LoopState" = 1.0,
+    *,
+    dt: float,
+    stepping: Stepping = "sampled",
+    solver: str | AbstractPlantSolver = "rk4",
+    substeps: int = 1,
+    reference: float | None = None,
+) -> LinearLoop:
+    """Linearise a loop about a steady motion.
+
+    The tangent is jax's, of the very step (or derivative) that is simulated: delays, lags, the hold of a sampled loop
+    and the observer's compensation are in it. A rounding passes as if it were not there, a limit counts where it acts,
+    and Coulomb friction of a moving mass has no slope.
+
+    Args:
+        loop: the closed loop.
+        at: speed of the steady motion [rad/s], reached from rest by simulation; or a state to linearise at.
+        dt: control period, or step of the settling simulation in continuous time [s].
+        stepping: "sampled" or "continuous".
+        solver: of the plant.
+        substeps: solver steps a period when sampled.
+        reference: r at a given state [rad/s or rad]; with a speed it follows from it.
+
+    Raises:
+        InputError: where the loop does not settle at that speed, or a state comes without its reference.
+    """
+    position = isinstance(loop.controller, PositionLoop)
+    chosen = get_solver(solver)
+    if stepping not in ("sampled", "continuous"):
+        raise InputError(f'stepping = {stepping!r} is not known: choose "continuous" or "sampled".')
+    if not dt > 0.0:
+        raise InputError(f"dt must be positive, got {dt:g} s; 1e-3 s is usual for a drive.")
+    if isinstance(at, int | float):
+        if not np.isfinite(at):
+            raise InputError(f"at = {at:g} rad/s is not a speed: give a finite one.")
+        state, value = _settled(loop, float(at), dt, stepping, chosen, substeps, position)
+        speed = float(at)
+    else:
+        if reference is None:
+            raise InputError("A state needs its reference too: give reference= [rad/s] (or [rad] for a position loop).")
+        state, value = at, float(reference)
+        output = loop.plant.readout(state.plant, jnp.zeros(()), jnp.zeros(()))
+        speed = float(output.velocity)
+    if stepping == "sampled":
+        state = loop.sampled(state)
+    point, rebuild = ravel_pytree(state)
+
+    def moved(values: Array, inputs: Array) -> tuple[Array, Array]:
+        cut = eqx.tree_at(lambda each: each.actuator, loop, _Disturbed(loop.actuator, inputs[1]))
+        now, zero = rebuild(values), jnp.zeros_like(inputs[0])
+        if stepping == "sampled":
+            silent = tuple(zero for _ in range(loop.sensor.noise_channels))
+            period = jnp.asarray(dt, inputs.dtype)
+            after, signals = cut.advance_sampled(now, inputs[0], zero, period, silent, chosen, substeps)
+        else:
+            after, signals = cut.derivative(now, inputs[0], zero), cut.signals(now, inputs[0], zero)
+        shown = jnp.stack([signals.measured_velocity, signals.measured_position, signals.torque])
+        return ravel_pytree(after)[0], shown
+
+    inputs = jnp.asarray([value, 0.0], point.dtype)
+    (a, b), (c, d) = (
+        [np.asarray(each, dtype=float) for each in pair] for pair in jax.jit(jax.jacfwd(moved, (0, 1)))(point, inputs)
+    )
+    if not all(np.isfinite(each).all() for each in (a, b, c, d)):
+        raise InputError(
+            f"The loop has no tangent at {speed:g} rad/s (a slope there is infinite): choose another speed."
+        )
+    period = dt if stepping == "sampled" else None
+    outputs = ("velocity", "position", "torque")
+    whole = StateSpace(a, b, c, d, period, ("reference", "disturbance"), outputs)
+    # v = y + d drives the actuator; cut there, d = v - y.
+    answer = c[2:3]
+    ratio = StateSpace(a - b[:, 1:2] @ answer, b[:, 1:2], -answer, np.zeros((1, 1)), period, ("torque",), ("return",))
+    return LinearLoop(whole, ratio, "position" if position else "velocity", speed)
+
+
+def _settled(
+    loop: "ClosedLoop", speed: float, dt: float, stepping: Stepping, solver: AbstractPlantSolver, substeps: int,
+    position: bool,
+) -> tuple["LoopState", float]:  # fmt: skip
+    """The state of the steady motion at a speed, and the reference there."""
+    from .._simulate import simulate
+
+    state: Any = None
+    tail = CHUNK // 10
+    for chunk in range(CHUNKS):
+        start = chunk * CHUNK * dt
+        following = _ramp(speed, start, dt) if position else Constant(speed)
+        run = simulate(
+            loop, following, dt=dt, samples=CHUNK, solver=solver, stepping=stepping, substeps=substeps,
+            record=("velocity", "torque"), initial=state,
+        )  # fmt: skip
+        if run.diverged:
+            break
+        state = run.final_state
+        ends = [np.asarray(run.signals[name])[-tail:] for name in ("velocity", "torque")]
+        rests = [np.ptp(end) <= RESTS * max(float(np.abs(end).max()), abs(speed), 1e-9) for end in ends]
+        if all(rests):
+            return state, speed * (start + CHUNK * dt) if position else speed
+    seconds = CHUNKS * CHUNK * dt
+    raise InputError(
+        f"The loop does not come to rest about {speed:g} rad/s within {seconds:g} s (a limit cycle, torques that "
+        f"depend on the position, or an unstable loop), so it has no one linearisation there: look at fpjax simulate, "
+        f"try another speed with --at, or give a state."
+    )
+
+
+def _ramp(speed: float, start: float, dt: float) -> AbstractReference:
+    return Recorded(speed * (start + dt * np.arange(CHUNK + 1)), dt, hold=False)

@@ -1,0 +1,66 @@
+"""The picture of a linear loop: Bode diagram with margins, step response."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..output.plotting import BLUE, GREY, RED, new_figure, save, style
+from .margins import frequency_grid
+
+if TYPE_CHECKING:
+    from .linearise import LinearLoop
+
+
+def draw_linear(linear: "LinearLoop", path: Any = None) -> Figure:
+    """Magnitude and phase of the return ratio, and the closed loop's step response.
+
+    Args:
+        linear: from `linearise`.
+        path: file to write; None for none.
+    """
+    found = linear.margins()
+    centre = found.gain_crossing if math.isfinite(found.gain_crossing) else found.modulus_frequency
+    grid = frequency_grid(linear.ratio)
+    grid = grid[(grid > 1e-3 * centre) & (grid < 1e3 * centre)]
+    values = linear.ratio.response(grid)[:, 0, 0]
+    hertz = grid / (2.0 * math.pi)
+    with style():
+        figure, axes = new_figure(3, 1, size=(7.0, 7.4))
+        magnitude, phase, step = axes[:, 0]
+        magnitude.loglog(hertz, np.abs(values), color=BLUE)
+        magnitude.axhline(1.0, color=GREY, linewidth=0.8)
+        magnitude.set_ylabel("|L| [1]")
+        magnitude.set_title(_title(found), loc="left")
+        degrees = np.degrees(np.unwrap(np.angle(values)))
+        degrees -= 360.0 * round((np.interp(centre, grid, degrees) + 90.0) / 360.0)
+        phase.semilogx(hertz, degrees, color=BLUE)
+        phase.axhline(-180.0, color=GREY, linewidth=0.8)
+        phase.set(ylabel="phase of L [deg]", xlabel="frequency [Hz]")
+        if math.isfinite(found.gain_crossing):
+            at = found.gain_crossing / (2.0 * math.pi)
+            level = -180.0 + found.phase_margin
+            level += 360.0 * round((np.interp(found.gain_crossing, grid, degrees) - level) / 360.0)
+            base = -180.0 + 360.0 * round((level + 180.0 - found.phase_margin) / 360.0)
+            phase.plot([at, at], [base, level], color=RED, linewidth=2.0, label=f"{found.phase_margin:.1f} deg")
+            phase.legend(loc="best")
+        if math.isfinite(found.phase_crossing):
+            at, level = found.phase_crossing / (2.0 * math.pi), 1.0 / found.gain_margin
+            magnitude.plot([at, at], [level, 1.0], color=RED, linewidth=2.0, label=f"x {found.gain_margin:.3g}")
+            magnitude.legend(loc="best")
+        time, values = linear.step_response()
+        if linear.dt is None:
+            step.plot(time, values, color=BLUE)
+        else:
+            step.step(time, values, where="post", color=BLUE)
+        step.axhline(1.0, color=GREY, linewidth=0.8, linestyle="--")
+        step.set(xlabel="time [s]", ylabel=f"{linear.tracked}, unit step")
+    if path is not None:
+        save(figure, path)
+    return figure
+
+
+def _title(found: Any) -> str:
+    stable = "stable" if found.stable else "UNSTABLE"
+    return f"return ratio at the commanded torque: {stable}, modulus margin {found.modulus_margin:.2f}"
