@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
 
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
@@ -66,13 +67,14 @@ def margins(ratio: StateSpace, *, points: int = POINTS) -> Margins:
     """
     grid = frequency_grid(ratio, points)
     values = ratio.response(grid)[:, 0, 0]
+    imaginary = np.imag(values)
 
     def at(frequency: float) -> complex:
         return complex(ratio.response(np.array([frequency]))[0, 0, 0])
 
     gains, reductions, phases = [], [], []
-    for index in _changes(values.imag):
-        frequency = _root(lambda w: at(w).imag, grid[index], grid[index + 1])
+    for index in _changes(imaginary):
+        frequency = _root(lambda w: at(w).imag, float(grid[index]), float(grid[index + 1]))
         value = at(frequency)
         if value.real < 0.0 and abs(value.imag) < 1e-6 * abs(value):
             (gains if abs(value) < 1.0 else reductions).append((1.0 / abs(value), frequency))
@@ -81,7 +83,7 @@ def margins(ratio: StateSpace, *, points: int = POINTS) -> Margins:
         if edge.real < 0.0:
             (gains if abs(edge) < 1.0 else reductions).append((1.0 / abs(edge), math.pi / ratio.dt))
     for index in _changes(np.abs(values) - 1.0):
-        frequency = _root(lambda w: abs(at(w)) - 1.0, grid[index], grid[index + 1])
+        frequency = _root(lambda w: abs(at(w)) - 1.0, float(grid[index]), float(grid[index + 1]))
         phases.append((math.degrees(np.angle(-at(frequency))), frequency))
     delays = [(math.radians(phase % 360.0) / frequency, frequency) for phase, frequency in phases]
     gain, phase_crossing = min(gains, default=(math.inf, math.nan))
@@ -121,7 +123,7 @@ def frequency_grid(system: StateSpace, points: int = POINTS) -> np.ndarray:
         high = math.pi / system.dt
         low = min(low, 1e-3 * high)
     low = max(low, 1e-9 * high)
-    ringing = np.abs(rates[(np.abs(rates.real) < 0.3 * np.abs(rates)) & (np.abs(rates.imag) > 0.0)])
+    ringing = np.abs(rates[(np.abs(np.real(rates)) < 0.3 * np.abs(rates)) & (np.abs(np.imag(rates)) > 0.0)])
     dense = [resonance * (1.0 + np.linspace(-0.1, 0.1, 81)) for resonance in ringing]
     grid = np.unique(np.concatenate([np.geomspace(low, high, points), *dense]))
     return grid[(grid >= low) & (grid <= high)]
@@ -132,12 +134,12 @@ def _changes(values: np.ndarray) -> np.ndarray:
     return np.flatnonzero(finite & (np.sign(values[:-1]) * np.sign(values[1:]) < 0.0))
 
 
-def _root(function, low: float, high: float) -> float:  # type: ignore[no-untyped-def]
-    found = brentq(lambda exponent: function(math.exp(exponent)), math.log(low), math.log(high), xtol=1e-13, rtol=1e-13)
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    found = brentq(lambda exponent: function(math.exp(exponent)), math.log(low), math.log(high), xtol=1e-13)
     return math.exp(float(found))  # type: ignore[arg-type]
 
 
-def _smallest(grid: np.ndarray, values: np.ndarray, function) -> tuple[float, float]:  # type: ignore[no-untyped-def]
+def _smallest(grid: np.ndarray, values: np.ndarray, function: Callable[[float], float]) -> tuple[float, float]:
     values = np.where(np.isfinite(values), values, np.inf)
     place = int(np.argmin(values))
     low, high = grid[max(place - 1, 0)], grid[min(place + 1, len(grid) - 1)]

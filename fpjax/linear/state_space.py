@@ -5,11 +5,12 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg
 
 from ..errors import InputError
 
-Array = np.ndarray
+Array = NDArray[Any]
 NEUTRAL = 1e-6  # a pole so near to the edge, relative to the fastest, is an integrator and not unstable
 
 
@@ -70,13 +71,13 @@ class StateSpace:
     def growth(self) -> float:
         """The largest growth rate of a pole [1/s]: positive where unstable, about 0 for an integrator."""
         rates = self.rates()
-        return float(rates.real.max()) if rates.size else -math.inf
+        return float(np.real(rates).max()) if rates.size else -math.inf
 
     @property
     def stable(self) -> bool:
         """Whether no pole grows; integrators (a position, an estimate that rests) do not."""
         rates = self.rates()
-        return bool(rates.size == 0 or rates.real.max() <= NEUTRAL * max(1.0, float(np.abs(rates).max())))
+        return bool(rates.size == 0 or np.real(rates).max() <= NEUTRAL * max(1.0, float(np.abs(rates).max())))
 
     def response(self, frequency: Any) -> Array:
         """The frequency response, shape (frequencies, outputs, inputs).
@@ -89,7 +90,7 @@ class StateSpace:
         if not self.a.size:
             return np.broadcast_to(self.d.astype(complex), (len(points), *self.d.shape)).copy()
         # By Schur form, so that each frequency is one triangular system.
-        upper, basis = linalg.schur(self.a.astype(complex), output="complex")
+        upper, basis = linalg.schur(self.a.astype(complex), output="complex")[:2]
         right, left = basis.conj().T @ self.b, self.c @ basis
         found = np.empty((len(points), *self.d.shape), complex)
         for place, point in enumerate(points):
