@@ -9,6 +9,7 @@ from fpjax.errors import InputError
 NAMES = {
     "thesis": "every printed cell of the thesis, as printed / obtained / verdict, and its figures",
     "compare": "Algorithm 1, sweep, gradient and Nelder-Mead at the same objective and budget",
+    "defaults": "what tune finds from an untouched file, against the best of many starts",
     "speed": "fpjax against a C++ loop and its peers, with the goals' table",
     "withheld": "the diagnosis on simulated logs whose effect is withheld, by two generators",
     "real": "the diagnosis on records of real machines whose cause is documented",

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import importlib
 import os
 from collections.abc import Iterator
 from typing import Any
@@ -230,8 +231,8 @@ def with_arrays(tree: Any) -> Any:
 def double_precision() -> Iterator[None]:
     """float64 within, whatever the process has."""
     enable: Any = getattr(jax, "enable_x64", None)
-    if enable is None:
-        from jax.experimental import enable_x64 as enable
+    if enable is None:  # before jax 0.8 it stands with the experimental ones
+        enable = importlib.import_module("jax.experimental").enable_x64
     with enable(True):
         yield
 

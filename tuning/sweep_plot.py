@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.colors import BoundaryNorm
 
 from fpjax.output.plotting import BLACK, BLUE, GREY, STYLE, new_figure, save
 
@@ -49,8 +50,18 @@ def _draw(result: SweepResult, path: Path, reference: str | None) -> Path:
         )
         axes.set(xlabel=second.name, ylabel=first.name, xscale=second.scale, yscale=first.scale)
         axes.grid(False)
-    axes.legend(loc="lower right")
+    axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.14), borderaxespad=0.0, frameon=False)
     return save(figure, path)
+
+
+def _labelled(levels: np.ndarray) -> np.ndarray:
+    """Logarithms of the round costs (1, 2, 5 of each decade; whole decades where they are many) within the levels."""
+    low, high = levels[0], levels[-1 - levels.size // 12]  # the cliff before divergence would stack the lines
+    parts = (1.0,) if high - low > 3.0 else (1.0, 2.0, 5.0)
+    decades = np.arange(np.floor(low), np.ceil(high) + 1.0)
+    found = np.array(sorted(decade + np.log10(part) for decade in decades for part in parts))
+    inside = found[(found > low) & (found < high)]
+    return inside if inside.size else levels[levels.size // 2 : levels.size // 2 + 1]
 
 
 def _contours(figure: Any, axes: Any, first: Any, second: Any, cost: np.ndarray) -> None:
@@ -68,10 +79,13 @@ def _contours(figure: Any, axes: Any, first: Any, second: Any, cost: np.ndarray)
     levels = np.unique(np.quantile(grid.compressed(), np.linspace(0.0, 1.0, LEVELS)))
     if levels.size < 2:
         levels = np.array([levels[0] - 0.5, levels[0] + 0.5])
-    filled = axes.contourf(across, down, grid, levels=levels, cmap="viridis")
-    lines = axes.contour(across, down, grid, levels=levels[::4], colors="white", linewidths=0.5)
-    axes.clabel(lines, fontsize=7, fmt=lambda level: f"{10**level:.3g}")
-    bar = figure.colorbar(filled, ax=axes, label="cost (diverged: grey)")
+    # Every level gets the same share of the colours: those of a linear scale were all one purple.
+    filled = axes.contourf(across, down, grid, levels=levels, cmap="viridis_r", norm=BoundaryNorm(levels, 256))
+    lines = axes.contour(
+        across, down, grid, levels=_labelled(levels), colors="white", linewidths=0.7, linestyles="solid"
+    )
+    axes.clabel(lines, fontsize=8, fmt=lambda level: f"{float(f'{10**level:.2g}'):g}")
+    bar = figure.colorbar(filled, ax=axes, label="cost, equal shares of the grid (diverged: grey)")
     bar.set_ticks(levels[:: max(1, levels.size // 6)])
     bar.set_ticklabels([f"{10**level:.3g}" for level in levels[:: max(1, levels.size // 6)]])
     axes.set_facecolor(GREY)

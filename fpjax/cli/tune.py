@@ -7,7 +7,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..output.runfile import RunFile, write_json, write_whole
-from .common import add_out, finish, interruptible, running, start_jax, table
+from .common import add_out, finish, interruptible, running, say, start_jax, table
 from .cost import add_cost_arguments, cost_settings
 from .numbers import real, whole
 
@@ -77,8 +77,11 @@ def run(arguments: argparse.Namespace) -> int:
         best = min(whole, key=lambda result: result.cost)
         if len(results) > 1:
             print(compare(results), end="\n\n")
+        record.stage("check")
+        tuned = dataclasses.replace(model, loop=best.apply(model.loop))
+        runs = check(model, tuned, best, settings["duration"], record)
         record.stage("write")
-        _write(model, results, best, record, arguments)
+        _write(tuned, runs, results, best, record, arguments)
         finish(record)
     return 0
 
@@ -128,13 +131,49 @@ def _keep_finished(model: Any, results: list[Any], record: RunFile, arguments: a
         arguments.kept = f"what {names} found is kept in {record.folder}, its run marked interrupted"
 
 
-def _write(model: Any, results: list[Any], best: Any, record: RunFile, arguments: argparse.Namespace) -> None:
+ACCURATE = 0.03  # of the true value: an estimate of the tuned observer further off is said
+
+
+def check(model: Any, tuned: Any, best: Any, duration: float, record: RunFile) -> dict[str, Any]:
+    """The runs before and after, on the model's own reference; what the tuned estimates come to is printed and said."""
+    from .. import simulate
+    from ..parameters import set_parameters
+
+    position = model.units.reference == "position"
+    estimates = [f"estimates.{name}" for name in model.loop.observer.estimated]
+    record_these = ("reference", "position" if position else "velocity", *estimates)
+    begun = dataclasses.replace(model, loop=set_parameters(model.loop, best.start))
+    runs = {
+        name: simulate(one, duration=duration, record=record_these)
+        for name, one in (("before", begun), ("after", tuned))
+    }
+    rows, off = [], []
+    for name, value in runs["after"].settled.items():
+        true = model.nominal.get(name)
+        rows.append((name, runs["before"].settled[name], value, true if true else "unknown"))
+        if true and not abs(value / true - 1.0) <= ACCURATE:
+            off.append(f"{name} comes to {value:.4g} where it is {true:.4g} ({100.0 * (value / true - 1.0):+.3g} %)")
+    if rows:
+        print(table(rows, ("mean of the last quarter", "before", "tuned", "true")), end="\n\n")
+    if off:
+        say(
+            record,
+            f"with the tuned gains {', and '.join(off)}: this run is too short or too uniform for it; simulate longer "
+            f"(--duration), let the reference change its amplitude or frequency, or count later (--after).",
+        )
+    for name, side in best.at_bounds.items():
+        say(record, f"{name} ended at its {side} bound: these gains are no optimum, do not use them as they are.")
+    return runs
+
+
+def _write(
+    tuned: Any, runs: dict[str, Any], results: list[Any], best: Any, record: RunFile, arguments: argparse.Namespace
+) -> None:
     if record.folder is None:
         return
     from ..model_file import dump_model
 
     write_json(record.path("tune.json"), {"best": best.method, "results": [result.to_dict() for result in results]})
-    tuned = dataclasses.replace(model, loop=best.apply(model.loop))
     comments = {}
     for name, value in best.gains.items():
         section, _, key = name.rpartition(".")
@@ -143,4 +182,4 @@ def _write(model: Any, results: list[Any], best: Any, record: RunFile, arguments
     if not arguments.no_plots:
         from .pictures import draw_tuning
 
-        draw_tuning(model, tuned, results, record.path("tune.png"))
+        draw_tuning(tuned, runs, results, record.path("tune.png"))

@@ -50,8 +50,8 @@ def run_figure(time: np.ndarray, signals: Mapping[str, np.ndarray], about: About
     if motion in signals and "reference" in signals:
         panels.append(lambda axes: _error(axes, time, signals, motion, unit))
     if {"torque", "friction", "compensation", "control"} & set(signals):
-        word = "force" if about.linear else "torque"
-        panels.append(lambda axes: _torques(axes, time, signals, f"{word} [{torque}]"))
+        torques = f"{'force' if about.linear else 'torque'} [{torque}]"
+        panels.append(lambda axes: _torques(axes, time, signals, torques))
     truths = dict(about.truths)
     for name in (each for each in signals if each.startswith("estimates.")):
         word = name.removeprefix("estimates.")
