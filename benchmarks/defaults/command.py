@@ -69,9 +69,8 @@ def judge(machine: Drawn, starts: int) -> dict[str, Any]:
     off = {name: value / truths[name] - 1.0 for name, value in run.settled.items()}
     accurate = all(abs(each) <= ACCURATE for each in off.values())
     # `fpjax tune` compares the same numbers with the same limit, and says so where they are off.
-    words = (
-        "within 3 %" if accurate else "off and said: " + ", ".join(f"{k} {100.0 * v:+.3g} %" for k, v in off.items())
-    )
+    shown = ", ".join(f"{name} {100.0 * value:+.3g} %" for name, value in off.items())
+    words = "within 3 %" if accurate else f"off and said: {shown}"
     return {
         "name": machine.name,
         "cost": found.cost,
@@ -93,10 +92,11 @@ def judge(machine: Drawn, starts: int) -> dict[str, Any]:
 def summary(rows: list[dict[str, Any]], arguments: argparse.Namespace) -> dict[str, Any]:
     """The counts against their goals."""
     reached = float(np.mean([row["reached"] for row in rows]))
+    verdict = "met" if reached >= GOAL else "not met"
     return {
         "machines": len(rows),
         "seed": arguments.seed,
-        "reached within 10 %": f"{100.0 * reached:.0f} % (goal {100.0 * GOAL:.0f} %: {'met' if reached >= GOAL else 'not met'})",
+        "reached within 10 %": f"{100.0 * reached:.0f} % (goal {100.0 * GOAL:.0f} %: {verdict})",
         "bounds in silence": sum(row["silent_bound"] for row in rows),
         "at bounds, said": sum(bool(row["at_bounds"]) for row in rows),
         "diverged": sum(row["diverged"] for row in rows),

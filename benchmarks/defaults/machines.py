@@ -32,8 +32,8 @@ class Drawn:
 def draw(number: int, seed: int) -> Drawn:
     """Machine `number`: inertia 1e-5 to 100 kg m^2, Coulomb friction 1 to 60 % of the limit, period 0.2 to 4 ms.
 
-    The torque limit and the motion are drawn for the inertia: the reference needs a tenth to a half of the limit for its
-    acceleration, or less where friction leaves less, so that every machine can follow it.
+    The torque limit and the motion are drawn for the inertia: the reference needs a tenth to a half of the limit for
+    its acceleration, or less where friction leaves less, so that every machine can follow it.
 
     Args:
         number: of the machine.
