@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from benchmarks.withheld import second
 from benchmarks.withheld.identity import ON_RATE, ROTARY, Identity, identities
 from benchmarks.withheld.second import physics
-from benchmarks.withheld.second.cases import DT, build, missing_torque, run, sizes
+from benchmarks.withheld.second.cases import DT, VERSION, build, missing_torque, run, sizes
 from benchmarks.withheld.second.clutter import CLASHES
 from benchmarks.withheld.second.effects import EFFECTS
 from benchmarks.withheld.second.label import UNITS, columns_of, label_of, model_text
@@ -400,3 +400,14 @@ def test_the_labels_parameters_are_the_contracts_and_close_the_gap():
         moves = np.abs(middle[1]) > 0.05 * np.std(middle[1])
         before, after = (np.sqrt(np.mean(a[moves] ** 2)) for a in (missing, missing - told))
         assert after < 0.1 * before, (effect, before, after)
+
+
+def test_a_seed_draws_what_it_always_drew():
+    """Reported figures belong to logs that can be made again: whoever changes a draw raises VERSION."""
+    case = build(0, "pinned", "single", "both", "joint", ("unbalance",), 300, 1.0)
+    assert VERSION == 1
+    assert case.plan.nominal["inertia"] == pytest.approx(0.19831599234929173, rel=1e-9)
+    assert case.plan.parameters["unbalance"]["amplitude"] == pytest.approx(1.0298955401349392, rel=1e-9)
+    assert np.std(case.world.reference) == pytest.approx(0.06842823834841004, rel=1e-9)
+    assert case.clutter == ["constant_torque", "position_dependent_friction"]
+    assert case.world.seed == 1308984260

@@ -10,7 +10,7 @@ from effect_contract import CONTRACT
 
 from benchmarks.withheld import truth
 from benchmarks.withheld.cases import generate
-from benchmarks.withheld.first import DT, PREROLL, build, derived_velocity
+from benchmarks.withheld.first import DT, PREROLL, VERSION, build, derived_velocity
 from benchmarks.withheld.first import label_of as label_of_case
 from benchmarks.withheld.identity import Identity, identities, seeds_of, split
 from benchmarks.withheld.truth.check import refit, window_residual
@@ -394,3 +394,12 @@ def test_every_effect_stands_out_of_the_noise_and_only_nominal_errors_are_fitted
                 assert fitted[name] == pytest.approx(true, rel=tolerance), case.identity
         else:
             assert left > 1.5, case.identity
+
+
+def test_a_seed_draws_what_it_always_drew():
+    """Reported figures belong to logs that can be made again: whoever changes a draw raises VERSION."""
+    case = build(drawn(0, "single", "servo", ("unbalance",), 11), 60)
+    assert VERSION == 1
+    assert case.plan.nominal["inertia"] == pytest.approx(2.589800918813772e-4, rel=1e-9)
+    assert case.plan.parameters["unbalance"]["amplitude"] == pytest.approx(1.2611927101753963e-3, rel=1e-9)
+    assert np.std(case.machine.reference) == pytest.approx(0.18619770799917806, rel=1e-9)
