@@ -121,6 +121,7 @@ def _fill(
     bar = Stages(f"sweep of {total:,} candidates") if progress else None
     if bar is not None:
         bar.begin_at(finished / pieces)
+        bar.stage("compiling, then the first chunk")
     try:
         if scheduler is None:
             done = _local(problem, axes, total, chunk, missing)

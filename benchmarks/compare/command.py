@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
                 "settings": shown,
                 "seconds": spent,
                 "rows": rows,
-                "goals": None if args.quick else goals(rows),
+                "goals": goals(rows),
             }
             write_json(folder / "compare.json", content)
     except KeyboardInterrupt:

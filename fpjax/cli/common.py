@@ -70,9 +70,14 @@ def check_torque_unit(log: Any, model: Any) -> None:
 
 def start_jax(arguments: argparse.Namespace) -> None:
     """Double precision, and compiled programs kept for the next process unless --no-cache."""
-    import jax
+    from ..output.progress import Stages
 
-    jax.config.update("jax_enable_x64", True)
+    with Stages("fpjax") as stages:
+        stages.stage("starting jax")
+        import jax
+
+        jax.config.update("jax_enable_x64", True)
+        from .. import public as public  # the rest of what takes seconds to import
     if not arguments.no_cache:
         from ..compiled.native import enable_compilation_cache
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..output.progress import Stages
 from ..output.runfile import RunFile, whole_file, write_json
 from .common import (
     add_log_options,
@@ -99,11 +100,13 @@ def _simulate(model: Any, arguments: argparse.Namespace, record: RunFile) -> Non
     duration = arguments.duration if arguments.duration is not None else model.needed_duration()
     record.seeds["sensor noise"] = arguments.seed
     record.stage("simulate")
-    run = simulate(
-        model.loop, reference, dt=model.dt, duration=duration, solver=model.solver, stepping=model.stepping,
-        substeps=model.substeps, measures=measures_of(model), record=recorded_names(model),
-        key=jax.random.key(arguments.seed),
-    )  # fmt: skip
+    with Stages("simulate") as stages:
+        stages.stage("compiling, then running")
+        run = simulate(
+            model.loop, reference, dt=model.dt, duration=duration, solver=model.solver, stepping=model.stepping,
+            substeps=model.substeps, measures=measures_of(model), record=recorded_names(model),
+            key=jax.random.key(arguments.seed),
+        )  # fmt: skip
     signals = {"time": np.asarray(run.time), **{name: np.asarray(each) for name, each in run.signals.items()}}
     record.stage("write")
     if record.folder is not None:

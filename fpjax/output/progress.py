@@ -20,6 +20,8 @@ class Stages:
         self._name, self._share, self._count, self._drawn = "", None, 0, False
         self._begin = time.monotonic()
         self._before = 0.0
+        self._first: tuple[float, float] | None = None  # when the first share was told, and what it was
+        self._left: tuple[float, float] | None = None  # when the last one was, and the seconds that were left then
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         if sys.stderr.isatty():
@@ -31,6 +33,14 @@ class Stages:
         if name != self._name:
             self._count += 1
         self._name, self._share = name, share
+        if share is None:
+            return
+        now = time.monotonic()
+        if self._first is None or share < self._first[1]:
+            self._first = (now, share)
+        # What came before the first share was compiling, which does not come again: the pace counts from there.
+        since, begun = self._first
+        self._left = (now, (now - since) * (1.0 - share) / (share - begun)) if share > begun else None
 
     def begin_at(self, share: float) -> None:
         """So much of the whole was done before: the time left is reckoned from what is done now [1]."""
@@ -62,5 +72,8 @@ class Stages:
         which = f" {self._count}/{self.total}" if self.total else ""
         left = ""
         if self._share and self._share - self._before > 0.02:
-            left = f", about {spent * (1.0 - self._share) / (self._share - self._before):.0f} s left"
+            seconds = spent * (1.0 - self._share) / (self._share - self._before)
+            if self._left is not None:  # between two reports it counts down
+                seconds = max(self._left[1] - (self._begin + spent - self._left[0]), 0.0)
+            left = f", about {seconds:.0f} s left"
         return f"{self.title}{which}: {self._name}  {spent:.0f} s{left}"[:110]

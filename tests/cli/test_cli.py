@@ -584,6 +584,16 @@ def test_stages_name_what_is_under_way(monkeypatch):
     # Half of what was left is done after 10 s: 10 s more, not 10 / 3.
     assert "about 10 s left" in resumed._line(10.0)
     resumed.end()
+    clock = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    compiled = progress.Stages("tune")
+    for now, share in ((30.0, 0.1), (40.0, 0.3)):  # 30 s of compiling, then a tenth of the whole every 5 s
+        clock[0] = now
+        compiled.stage("steps", share)
+    assert "about 35 s left" in compiled._line(40.0)
+    assert "about 25 s left" in compiled._line(50.0)  # no report since: it counts down
+    compiled.end()
+    monkeypatch.undo()
     quiet = io.StringIO()
     monkeypatch.setattr(sys, "stderr", quiet)
     with progress.Stages("diagnose") as stages:
