@@ -22,7 +22,9 @@ LONGEST_FILLED = 10  # periods
 FEW_AT_START = 0.002  # of the rows: what stands before a start-up gap is dropped, not joined
 LATE = 5  # places that a row may have come late
 COARSE = 0.2  # share of repeated stamps from which they are a coarse clock, not repeated rows
-MOST_ROWS = 2e8  # of a uniform grid: more is a clock error
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-8, 1e4  # s
+LATEST = 1e13  # s: beyond it a float does not hold a millisecond
+MOST_FILLED = LONGEST_FILLED + 2  # periods a row: a finer grid would be made up
 
 
 @dataclass(frozen=True)
@@ -195,16 +197,20 @@ def read_clock(time: np.ndarray, name: str, dt: float | None = None) -> Clock:
     """
     steps = np.diff(time)
     period = float(np.median(steps)) if dt is None else dt
+    if not SHORTEST_PERIOD <= period <= LONGEST_PERIOD or np.abs(time[[0, -1]]).max() > LATEST:
+        raise InputError(
+            f"{name}: a row every {period:.3g} s from {time[0]:.6g} to {time[-1]:.6g} s is no control period: check "
+            f"the unit of time, as in --columns time=NAME:ms."
+        )
     counts = np.maximum(np.round(steps / period), 1.0)
     if dt is None:
         # Steps that alternate (10 and 12 ms) have their mean as period, and a median that is off.
         period = float(np.mean(steps[counts == 1.0]))
         counts = np.maximum(np.round(steps / period), 1.0)
-    if counts.sum() > MOST_ROWS:
-        worst = int(np.argmax(steps))
+    if counts.sum() > MOST_FILLED * time.size:
         raise InputError(
-            f"{name}: time jumps by {steps[worst]:.4g} s at t = {time[worst]:g} s, where a row is {period:.4g} s: cut "
-            f"the log there with --from or --to."
+            f"{name}: a row comes every {np.median(steps):.4g} s, which a period of {period:.4g} s cannot be made of: "
+            f"give dt as the log's own, or leave it out."
         )
     places = np.concatenate([[0.0], np.cumsum(counts)])
     spread = places - places.mean()

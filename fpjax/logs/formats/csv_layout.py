@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from ...errors import InputError
 from ..units import find_unit
 
-SEPARATORS: tuple[str | None, ...] = ("\t", ";", ",", None)  # None: any number of spaces
+SEPARATORS: tuple[str | None, ...] = ("\t", ";", "|", ",", None)  # None: any number of spaces
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def find_layout(lines: list[str], name: str) -> Layout:
             if best is None or share > best[0] + 1e-9:
                 best = (share, -rank, separator, place)
     if best is None:
-        if len(filled) == 1 or any(len(split(lines[filled[-1]], each)) > 1 for each in SEPARATORS[:3]):
+        if len(filled) == 1 or any(len(split(lines[filled[-1]], each)) > 1 for each in SEPARATORS[:4]):
             raise InputError(f"{name} has a header and no rows of numbers: record it again, or name another file.")
         raise InputError(f"{name} holds no table of numbers: give columns such as time,torque,velocity.")
     _, _, separator, first = best

@@ -17,7 +17,7 @@ def read(path: pathlib.Path, request: Request) -> Table:
     del request
     columns, text = {}, {}
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             for name in archive.files:
                 add_array(columns, text, name, archive[name])
     except Exception as error:  # zipfile, zlib, struct and numpy: whatever a damaged file makes them raise

@@ -111,4 +111,5 @@ def _fields(entry: _Entry) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
     values = np.frombuffer(b"".join(entry.values[k] for k in keep), dtype=entry.kind).reshape(-1, width)
     stamps = np.array([entry.stamps[k] for k in keep], dtype=np.float64) * 1e-6
     names = [f"{entry.name}.{index}" for index in range(width)] if entry.array else [entry.name]
-    return stamps, {name: values[:, k].astype(np.float64) for k, name in enumerate(names[:width])}
+    with np.errstate(invalid="ignore"):  # a NaN of any kind stays one
+        return stamps, {name: values[:, k].astype(np.float64) for k, name in enumerate(names[:width])}
