@@ -17,6 +17,7 @@ PAGE = (ROOT / "docs" / "tutorial.md").read_text()
 COMMANDS = re.findall(r"^\$ fpjax (.*)$", PAGE, flags=re.MULTILINE)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("default")
 def test_commands_in_order(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

@@ -25,7 +25,7 @@ def lanes_of(objective, **settings):
 
 
 @pytest.mark.parametrize("objective", [THESIS, tuning.Estimation(noise=0.01, noise_weight=0.1), tuning.Tracking()])
-@pytest.mark.parametrize("mode", ["forward", "reverse"])
+@pytest.mark.parametrize("mode", ["forward", pytest.param("reverse", marks=pytest.mark.long)])
 def test_gradients_are_finite_differences(objective, mode):
     lanes = lanes_of(objective)
     at = lanes.problem.space.coordinates(lanes.start)
@@ -125,6 +125,7 @@ def test_several_starts_and_references_side_by_side():
     assert both["a"].starts == 3
 
 
+@pytest.mark.long
 def test_joint_tuning_serves_all_and_reports_mean_and_worst():
     """One set of gains for both references and a population: never better than each reference's own."""
     plants = tuning.population(
@@ -175,7 +176,9 @@ def test_float32_tunes_too():
         assert result.cost < result.start_cost
 
 
-@pytest.mark.parametrize("method", ["levenberg_marquardt", "lbfgs", "adam"])
+@pytest.mark.parametrize(
+    "method", ["levenberg_marquardt", *(pytest.param(other, marks=pytest.mark.long) for other in ("lbfgs", "adam"))]
+)
 def test_all_compiling_of_a_search_is_on_the_clock(method, monkeypatch):
     """Else `run_seconds` holds compile time: 2.3 s of a run that takes 0.09 s the second time."""
     jax.clear_caches()
