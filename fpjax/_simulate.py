@@ -9,12 +9,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array
+from jaxtyping import Array, Float, Int
 
 from .blocks.controllers import TransferFunction
 from .blocks.references import AbstractReference
 from .compiled.native import native
-from .errors import InputError
+from .errors import DivergedError, InputError
 from .loop import ClosedLoop, LoopState
 from .metrics import AbstractMeasure
 from .output.run_picture import About
@@ -48,10 +48,10 @@ class Run(eqx.Module):
         about: units and true values for the picture (static).
     """
 
-    time: Array
-    signals: dict[str, Array]
-    measures: dict[str, Array]
-    status: Array
+    time: Float[Array, " samples"]
+    signals: dict[str, Float[Array, " samples"]]
+    measures: dict[str, Float[Array, "..."]]
+    status: Int[Array, ""]
     final_state: LoopState
     about: About | None = eqx.field(static=True, default=None)
 
@@ -167,7 +167,8 @@ def simulate(
         A `Run`.
 
     Raises:
-        InputError: for settings that cannot be, or with `throw` for a run that diverged.
+        InputError: for settings that cannot be.
+        DivergedError: with `throw`, for a run that diverged.
     """
     stepper = make_stepper(
         dt=dt, duration=duration, samples=samples, solver=solver, stepping=stepping, substeps=substeps
@@ -180,7 +181,7 @@ def simulate(
         loop, reference, stepper, measures or {}, (record,) if isinstance(record, str) else tuple(record), initial, key
     )
     if throw and run.diverged:
-        raise InputError(f"The run {run.message}.")
+        raise DivergedError(f"The run {run.message}.")
     return run
 
 
@@ -216,7 +217,7 @@ def _run(
     return Run(inputs.time, recorded, finals, run_status(finals, state), state)
 
 
-def run_status(finals: dict[str, Array], state: LoopState) -> Array:
+def run_status(finals: dict[str, Array], state: LoopState) -> Int[Array, ""]:
     """`Status` of a run from its measures and its final state: anything not finite, or past 1e15, is diverged."""
     leaves = [leaf for leaf in jax.tree.leaves(state) if eqx.is_inexact_array(leaf)]  # a counter cannot diverge
     healthy = jnp.array(True)

@@ -1,4 +1,4 @@
-"""The one exception that means "what you gave cannot be": its text is a sentence for the user."""
+"""What is raised and warned of: each text is one sentence for the user."""
 
 
 class InputError(ValueError):
@@ -10,3 +10,7 @@ class InputError(ValueError):
 
 class FpjaxWarning(UserWarning):
     """A result is given, but the user should know something about it (the sentence says what)."""
+
+
+class DivergedError(ArithmeticError):
+    """A run that left the range of finite numbers, where `throw` asked for it: a result, not a wrong input."""

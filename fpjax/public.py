@@ -74,6 +74,7 @@ from .blocks.signals import Measurement as Measurement
 from .blocks.signals import Motion as Motion
 from .blocks.signals import PlantOutput as PlantOutput
 from .blocks.signals import Signals as Signals
+from .errors import DivergedError as DivergedError
 from .errors import FpjaxWarning as FpjaxWarning
 from .errors import InputError as InputError
 from .export import ExportedC as ExportedC

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.core import Tracer
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from .blocks.block import as_parameter
 from .blocks.references import AbstractReference
@@ -33,7 +33,7 @@ class Stepper(eqx.Module):
         checkpoint: what reverse mode keeps, see `native.scan_loop` (static).
     """
 
-    dt: Array
+    dt: Float[Array, ""]
     samples: int = eqx.field(static=True)
     solver: AbstractPlantSolver = eqx.field(static=True)
     stepping: Stepping = eqx.field(static=True)
@@ -100,9 +100,9 @@ class Inputs(NamedTuple):
         noise: one table of standard normals per channel of the sensor, each of shape (samples,).
     """
 
-    time: Array
-    references: tuple[Array, ...]
-    noise: tuple[Array, ...]
+    time: Float[Array, " samples"]
+    references: tuple[Float[Array, " samples"], ...]
+    noise: tuple[Float[Array, " samples"], ...]
 
 
 def make_inputs(loop: ClosedLoop, reference: AbstractReference, stepper: Stepper, key: Array | None = None) -> Inputs:
@@ -136,7 +136,7 @@ def roll(
     measures: dict[str, AbstractMeasure],
     record: tuple[str, ...] = (),
     initial: LoopState | None = None,
-) -> tuple[dict[str, Array], dict[str, Array], LoopState]:
+) -> tuple[dict[str, Float[Array, "..."]], dict[str, Float[Array, " samples"]], LoopState]:
     """The scan. A pure function of arrays: jit, vmap and differentiate it at will; `simulate` does so for one run.
 
     Args:

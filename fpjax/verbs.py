@@ -80,7 +80,8 @@ def simulate(
         A `Run`: it prints its numbers, `plot`s itself and becomes a data frame.
 
     Raises:
-        InputError: for settings that cannot be, or with `throw` for a run that diverged.
+        InputError: for settings that cannot be.
+        DivergedError: with `throw`, for a run that diverged.
     """
     model = as_model(loop, "simulate")
     if model is not None:

@@ -58,13 +58,13 @@ class Estimation:
         passes: over the log; the traces are the last one's.
     """
 
-    time: np.ndarray
-    estimates: dict[str, np.ndarray]
+    time: Float[np.ndarray, " periods"]
+    estimates: dict[str, Float[np.ndarray, " periods"]]
     final: dict[str, float]
     spread: dict[str, float]
     average: float
     least_squares: dict[str, float]
-    velocity: np.ndarray
+    velocity: Float[np.ndarray, " periods"]
     excitation: Excitation | None
     differentiated: str
     name: str = "log"
@@ -208,8 +208,8 @@ def estimate(
 def observe(
     observer: AbstractObserver,
     torque: Float[Array, " periods"],
-    velocity: Float[Array, " samples"],
-    dt: Array,
+    velocity: Float[Array, " periods+1"],
+    dt: Float[Array, ""],
     passes: int = 1,
 ) -> dict[str, Float[Array, " periods"]]:
     """An observer over arrays: pure, so vmap it over gains or logs, jit it, differentiate it.
@@ -248,7 +248,7 @@ _observe_jit = eqx.filter_jit(observe)
 
 def measured_velocity(
     log: Log, *, differentiator: Differentiator = "zero_phase", cutoff: float | None = None
-) -> tuple[np.ndarray, str]:
+) -> tuple[Float[np.ndarray, " samples"], str]:
     """Velocity [rad/s] at the start of each period, shape (samples,), and how it came about in words.
 
     Args:
@@ -285,7 +285,9 @@ def measured_velocity(
     return np.asarray(signal.lfilter([1.0 - keep], [1.0, -keep], difference)), how
 
 
-def least_squares(torque: np.ndarray, velocity: np.ndarray, dt: float, inertia: float) -> dict[str, float]:
+def least_squares(
+    torque: Float[np.ndarray, " periods"], velocity: Float[np.ndarray, " periods+1"], dt: float, inertia: float
+) -> dict[str, float]:
     """Coulomb, viscous and offset torque by least squares on the pairs that the observer gets.
 
     Periods below 1 % of the largest speed, and those in which it changes its sign, are left out.

@@ -18,7 +18,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from ..blocks.observers import AbstractObserver
 from ..errors import InputError
@@ -45,12 +45,12 @@ class Excitation:
     """
 
     names: tuple[str, ...]
-    gram: np.ndarray
+    gram: Float[np.ndarray, "n n"]
     smallest_eigenvalue: float
-    averaged: np.ndarray
-    averaged_time_constants: np.ndarray
-    time_constants: np.ndarray
-    remaining: np.ndarray
+    averaged: Float[np.ndarray, "n n"]
+    averaged_time_constants: Float[np.ndarray, " n"]
+    time_constants: Float[np.ndarray, " n"]
+    remaining: Float[np.ndarray, " n"]
     duration: float
 
     @property

@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from ..blocks.references import AbstractReference
 from ..errors import InputError
@@ -53,7 +53,7 @@ class Identified:
     standard_errors: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     verdicts: dict[str, str]
-    correlation: np.ndarray
+    correlation: Float[np.ndarray, "n n"]
     residual_rms: dict[str, float]
     steps: int
     converged: bool
@@ -155,10 +155,10 @@ class _Problem(eqx.Module):
     tree: dict[str, Any]
     stepper: Stepper
     initial: LoopState | None
-    measured: dict[str, Array]
-    sigma: dict[str, Array]
-    low: Array
-    high: Array
+    measured: dict[str, Float[Array, " samples"]]
+    sigma: dict[str, Float[Array, ""]]
+    low: Float[Array, " n"]
+    high: Float[Array, " n"]
     paths: tuple[str, ...] = eqx.field(static=True)
 
 

@@ -53,7 +53,7 @@ def test_a_diverged_run_says_so_and_throws_on_demand():
     assert run.status == fp.Status.DIVERGED
     assert run.diverged
     assert "smaller" in run.message
-    with pytest.raises(fp.InputError, match="diverged"):
+    with pytest.raises(fp.DivergedError, match="diverged"):
         fp.simulate(blowing_up(1e5), fp.Sine(1.0, 1.0), dt=1e-3, duration=1.0, throw=True)
 
 
