@@ -66,14 +66,14 @@ def make_stepper(
         InputError: for a step or a duration that cannot be.
     """
     if not isinstance(dt, Tracer) and not float(dt) > 0.0:
-        raise InputError(f"dt = {float(dt):g} s cannot be: the step must be above zero; 1e-4 s is usual here.")
+        raise InputError(f"dt must be positive, got {float(dt):g} s; 1e-4 s is usual here.")
     if (duration is None) == (samples is None):
         raise InputError("Give either duration [s] or samples, not both and not neither.")
     if samples is None:
         assert duration is not None
         if not float(dt) <= duration < float("inf"):
             raise InputError(
-                f"duration = {duration:g} s cannot be: it must be finite and at least one step of dt = {float(dt):g} s."
+                f"duration must be finite and at least one step of dt = {float(dt):g} s, got {duration:g} s."
             )
         samples = round(duration / float(dt)) + 1
     if samples < 1 or substeps < 1:

@@ -49,8 +49,8 @@ def require_positive(owner: object, name: str, unit: str) -> None:
     value = _concrete(getattr(owner, name))
     if value is not None and not np.all(np.isfinite(value) & (value > 0)):
         raise InputError(
-            f"{type(owner).__name__}: {name} = {_show(value)} {unit} cannot be: it must be finite and above zero; "
-            f"check its sign and its unit ({unit})."
+            f"{type(owner).__name__}: {name} must be finite and above zero, got {_show(value)} {unit}; check its sign "
+            f"and its unit ({unit})."
         )
 
 
@@ -59,8 +59,8 @@ def require_not_negative(owner: object, name: str, unit: str) -> None:
     value = _concrete(getattr(owner, name))
     if value is not None and not np.all(np.isfinite(value) & (value >= 0)):
         raise InputError(
-            f"{type(owner).__name__}: {name} = {_show(value)} {unit} cannot be: it must be finite and not negative; "
-            f"check its sign and its unit ({unit})."
+            f"{type(owner).__name__}: {name} must be finite and not negative, got {_show(value)} {unit}; check its "
+            f"sign and its unit ({unit})."
         )
 
 
@@ -68,7 +68,7 @@ def require_below(owner: object, name: str, limit: float) -> None:
     """Raise `InputError` unless the concrete field `name` of `owner` is below `limit` [1]."""
     value = _concrete(getattr(owner, name))
     if value is not None and not np.all(value < limit):
-        raise InputError(f"{type(owner).__name__}: {name} = {_show(value)} cannot be: it must be below {limit:g}.")
+        raise InputError(f"{type(owner).__name__}: {name} must be below {limit:g}, got {_show(value)}.")
 
 
 def _show(value: np.ndarray) -> str:

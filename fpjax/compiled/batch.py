@@ -301,8 +301,8 @@ def _compiled(
 def _threaded(plan: _Plan, blocks: Any, shared: tuple[Any, ...], device: Any, size: int) -> Any:
     """Each thread runs one part.
 
-    XLA releases the interpreter while it computes; a second CPU device for `shard_map` could only
-    be had before jax starts.
+    XLA releases the interpreter while it computes; a second CPU device for `shard_map` could only be had before jax
+    starts.
     """
     each, own = plan.count // plan.threads, settings()
 

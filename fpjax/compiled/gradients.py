@@ -1,7 +1,7 @@
 """Value and gradient of a cost that holds a long loop, by the mode that was measured cheapest.
 
-Forward mode carries one more loop state per parameter and no memory; reverse mode costs the same
-for any number of parameters, and keeps its memory bounded by checkpoints (`native.scan_loop`).
+Forward mode carries one more loop state per parameter and no memory; reverse mode costs the same for any number of
+parameters, and keeps its memory bounded by checkpoints (`native.scan_loop`).
 """
 
 import math

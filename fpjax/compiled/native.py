@@ -1,12 +1,10 @@
 """One native loop on the CPU: the loop that every simulation, tuning and diagnosis runs in.
 
-XLA on the CPU compiles a `while` into one native function only while its body touches less than
-1 KB; above that every step is a chain of small kernel calls, ten times slower and more. `native`
-asks for the one function whatever the size, through the metadata that XLA itself puts on small
-loops. From jax 0.12 on XLA does so for the loop unasked; the rest of the program then joins it in the
-one kernel, and its pieces need not be handed to threads. `scan_loop` is
-`lax.scan` as the measurements want it: the carry kept whole between steps, the memory of reverse
-mode bounded.
+XLA on the CPU compiles a `while` into one native function only while its body touches less than 1 KB; above that every
+step is a chain of small kernel calls, ten times slower and more. `native` asks for the one function whatever the size,
+through the metadata that XLA itself puts on small loops. From jax 0.12 on XLA does so for the loop unasked; the rest of
+the program then joins it in the one kernel, and its pieces need not be handed to threads. `scan_loop` is `lax.scan` as
+the measurements want it: the carry kept whole between steps, the memory of reverse mode bounded.
 
 Both only change how fast a result comes, never what it is (beyond rounding).
 """
@@ -254,8 +252,8 @@ def _length(xs: Any, length: int | None) -> int:
 def _whole_carry(step: Callable[[C, X], tuple[C, Y]]) -> Callable[[C, X], tuple[C, Y]]:
     """`step` whose new carry is computed once.
 
-    Without the barrier XLA fuses the unrolled second step into the first, and recomputes the first
-    for every state of the second (jax 0.12: 40 % slower at 64 candidates).
+    Without the barrier XLA fuses the unrolled second step into the first, and recomputes the first for every state of
+    the second (jax 0.12: 40 % slower at 64 candidates).
     """
 
     def stepped(carry: C, x: X) -> tuple[C, Y]:

@@ -198,8 +198,15 @@ def test_set_and_duration_change_the_run(servo, tmp_path, capsys):
     refuse(capsys, "simulate", servo, "--set", "plant.inertia=1e39", match="too large")
     refuse(capsys, "simulate", servo, "--duration", "1_0", match="invalid number value: '1_0'")
     refuse(capsys, "tune", servo, "--starts", "1_0", match="invalid whole number value: '1_0'")
-    refuse(capsys, "simulate", servo, "--set", "plant.inertia=-3", match="inertia = -3 kg m^2 cannot be")
-    refuse(capsys, "simulate", servo, "--duration", "-1", match="duration = -1 s cannot be")
+    refuse(
+        capsys,
+        "simulate",
+        servo,
+        "--set",
+        "plant.inertia=-3",
+        match="inertia must be finite and above zero, got -3 kg m^2",
+    )
+    refuse(capsys, "simulate", servo, "--duration", "-1", match="got -1 s")
 
 
 def test_a_replay_of_the_models_own_log_is_exact(servo, log, tmp_path, capsys):

@@ -18,9 +18,8 @@ _SMALLEST = 1e-30
 class Bristles(AbstractFriction):
     """Pre-sliding: the share s of the law's level that acts (state, from -1 to 1) follows the travel.
 
-    ds = sign(w) (1 - s sign(w))^alpha |w| dt / deflection; friction = level (s + damping ds/dt) + drag. With alpha
-    = 1 it is
-    LuGre's z / z_ss (1.7) and Dahl's F / F_c (1.6); other exponents are Dahl's. The stiffness at rest is level /
+    ds = sign(w) (1 - s sign(w))^alpha |w| dt / deflection; friction = level (s + damping ds/dt) + drag. With alpha = 1
+    it is LuGre's z / z_ss (1.7) and Dahl's F / F_c (1.6); other exponents are Dahl's. The stiffness at rest is level /
     deflection.
 
     Attributes:

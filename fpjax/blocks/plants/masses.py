@@ -225,8 +225,8 @@ class SeriesTwoMassState(eqx.Module):
 class SeriesTwoMass(AbstractPlant):
     """The thesis' Fig 3.5: the torque passes P_HO (3.28), then friction and P_LO = 1 / ((J_m + J_l) s) (3.27).
 
-    Not the same as `TwoMass`: friction here does not feel the spring. The
-    thesis draws its chapter 3 so; where its compensation enters is discussed on the page that reproduces it.
+    Not the same as `TwoMass`: friction here does not feel the spring. The thesis draws its chapter 3 so; where its
+    compensation enters is discussed on the page that reproduces it.
 
     Attributes:
         motor_inertia: J_m [kg m^2].
