@@ -77,8 +77,11 @@ from .blocks.signals import Signals as Signals
 from .errors import DivergedError as DivergedError
 from .errors import FpjaxWarning as FpjaxWarning
 from .errors import InputError as InputError
+from .export import ExportedBody as ExportedBody
 from .export import ExportedC as ExportedC
 from .export import export_c as export_c
+from .export import export_mujoco as export_mujoco
+from .export import export_urdf as export_urdf
 from .linear import LinearLoop as LinearLoop
 from .linear import Margins as Margins
 from .linear import StateSpace as StateSpace

@@ -1,4 +1,4 @@
-"""`fpjax export`: the control law as C."""
+"""`fpjax export`: the control law as C, the body as MuJoCo or URDF."""
 
 import argparse
 import pathlib
@@ -6,12 +6,14 @@ from typing import Any
 
 from ..errors import InputError
 from ..output.runfile import RunFile, write_json
-from .common import add_out, finish, running, say, start_jax, table
+from .common import add_log_options, add_out, finish, running, say, start_jax, table
 
 EXAMPLES = """\
 examples:
   fpjax export tuned.toml --c drive --check              C99, compiled and compared with the simulation
   fpjax export tuned.toml --c drive --precision float    for a drive with a single-precision unit
+  fpjax export corrected.toml --mujoco sim --log run.csv     MJCF, replayed in MuJoCo against the log
+  fpjax export corrected.toml --urdf sim
 """
 
 
@@ -23,29 +25,85 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--precision", choices=("double", "float"), default="double", help="of the C (default double)")
     parser.add_argument("--name", metavar="WORD", help="prefix of the C's files and symbols (default: the file's)")
     parser.add_argument("--check", action="store_true", help="compile the C with cc, compare it with the simulation")
+    parser.add_argument("--mujoco", metavar="DIR", help="the body as MJCF, replayed in MuJoCo where that is installed")
+    parser.add_argument("--urdf", metavar="DIR", help="the body as URDF, replayed likewise")
+    parser.add_argument("--log", metavar="LOG", help="record to replay (default: the model's own reference, in fpjax)")
+    add_log_options(parser)
     parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter")
     add_out(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Write what is asked for."""
-    if not arguments.c:
-        raise InputError("nothing to export: give --c DIR.")
+    targets = [folder for folder in (arguments.c, arguments.mujoco, arguments.urdf) if folder]
+    if not targets:
+        raise InputError("nothing to export: give --c DIR, --mujoco DIR or --urdf DIR, or several.")
     if not arguments.out:
-        arguments.out = arguments.c
+        arguments.out = targets[0]
     with running(arguments) as record:
         record.stage("start")
         start_jax(arguments)
         from .simulate import open_model
 
         model = open_model(arguments.model, arguments.set, record)
+        content: dict[str, Any] = {}
         if arguments.c:
-            _export_c(model, arguments, record)
+            content["c"] = _export_c(model, arguments, record)
+        log = _log(model, arguments, record) if arguments.mujoco or arguments.urdf else None
+        for target in ("mujoco", "urdf"):
+            if getattr(arguments, target):
+                content[target] = _export_body(target, model, log, arguments, record)
+        write_json(record.path("export.json"), content)
         finish(record)
     return 0
 
 
-def _export_c(model: Any, arguments: argparse.Namespace, record: RunFile) -> None:
+def _log(model: Any, arguments: argparse.Namespace, record: RunFile) -> Any:
+    if not arguments.log:
+        return None
+    from ..logs import read_log
+
+    record.stage("read")
+    path = record.read(arguments.log, "log")
+    return read_log(
+        path, columns=arguments.columns, linear=model.linear, repair=arguments.repair, require=("torque", "reference")
+    )
+
+
+def _export_body(target: str, model: Any, log: Any, arguments: argparse.Namespace, record: RunFile) -> dict[str, Any]:
+    from ..export import export_mujoco, export_urdf
+    from ..export.c_code import unit_of
+
+    record.stage(target)
+    write = export_mujoco if target == "mujoco" else export_urdf
+    made = write(model, getattr(arguments, target), log=log)
+    for note in made.notes:
+        say(record, note)
+    name = "MuJoCo" if target == "mujoco" else "the URDF in MuJoCo"
+    print(f"\n{made.file.name}:" + ("" if made.errors else " written"))
+    if made.errors:
+        rows = [
+            (each, ours, theirs, size, unit_of(each, model.units)) for each, (ours, theirs, size) in made.errors.items()
+        ]
+        print(table(rows, (f"rms error against {made.against}", "fpjax", name, "rms of that", "unit")))
+    held = [left.name for left in made.body.leftovers]
+    unit = unit_of(made.tracked, model.units)
+    if made.costs:
+        print(f"\n  not held there, and what that adds to the rms error of the {made.tracked}:")
+        print(table([(left, cost, unit) for left, cost in made.costs.items()]))
+    elif held:
+        print(f"  not held there: {', '.join(held)}")
+    else:
+        print("  all of the model's body is held there")
+    same = pathlib.Path(arguments.out).resolve() == made.file.parent.resolve()
+    record.outputs.append(made.file.name if same else str(made.file))
+    errors = {
+        each: {"fpjax": ours, "target": theirs, "rms": size} for each, (ours, theirs, size) in made.errors.items()
+    }
+    return {"file": made.file.name, "against": made.against, "errors": errors, "not_held": made.costs or held}
+
+
+def _export_c(model: Any, arguments: argparse.Namespace, record: RunFile) -> dict[str, Any]:
     from ..export import export_c
     from ..export.c_code import unit_of
     from ..export.vectors import ULPS
@@ -72,4 +130,4 @@ def _export_c(model: Any, arguments: argparse.Namespace, record: RunFile) -> Non
         content["check"] = {**vars(found), "run_bounds": made.bounds}
     same = pathlib.Path(arguments.out).resolve() == made.folder.resolve()
     record.outputs.extend(name if same else str(made.folder / name) for name in made.files)
-    write_json(record.path("export.json"), {"c": content})
+    return content

@@ -1,0 +1,269 @@
+"""What of a machine another simulator can hold, and what it cannot: each left out on its own to see what it costs."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..blocks.actuators import Actuator, IdealActuator
+from ..blocks.friction import AbstractStaticFriction, Dahl, LuGre, NoFriction
+from ..blocks.friction.bristles import Bristles
+from ..blocks.loads import NoLoad, Unbalance
+from ..blocks.plants import OneMass, SeriesTwoMass, TwoMass
+from ..blocks.plants.transmission import Transmission
+from ..blocks.position_torque import ConstantTorque, Loads, PositionTorque
+from ..errors import InputError
+from ..loop import ClosedLoop
+from ..model_file.body import flat_loads
+
+Wave = tuple[float, float, float]  # amplitude [N m], periods [1/rev], phase [rad] of amplitude sin(periods q + phase)
+
+
+@dataclasses.dataclass(frozen=True)
+class Leftover:
+    """An effect that a target cannot hold.
+
+    Attributes:
+        name: of the effect.
+        without: the loop without it.
+    """
+
+    name: str
+    without: Callable[[ClosedLoop], ClosedLoop]
+
+
+@dataclasses.dataclass
+class Body:
+    """The numbers of a machine in the words of rigid-body simulators, with signs as fpjax has them.
+
+    Attributes:
+        inertia: of motor and load [kg m^2]; the load's is 0 for one mass.
+        coulomb: on motor and load [N m].
+        viscous: on motor and load [N m s/rad].
+        shaft: (stiffness [N m/rad], damping [N m s/rad], gap [rad]); None for one mass.
+        lugre: (bristle stiffness, bristle damping, coulomb, static, Stribeck velocity) on the load; None without.
+        gain: applied = gain x commanded [1].
+        limit: of the torque [N m]; None for none.
+        lag: [s].
+        delay: [s].
+        offset: constant torque that the actuator adds less the one that the load takes [N m].
+        waves: torques that repeat with the motor's position, driving it.
+        load_waves: likewise on the load.
+        leftovers: what is not in these numbers.
+    """
+
+    inertia: tuple[float, float]
+    coulomb: tuple[float, float] = (0.0, 0.0)
+    viscous: tuple[float, float] = (0.0, 0.0)
+    shaft: tuple[float, float, float] | None = None
+    lugre: tuple[float, float, float, float, float] | None = None
+    gain: float = 1.0
+    limit: float | None = None
+    lag: float = 0.0
+    delay: float = 0.0
+    offset: float = 0.0
+    waves: list[Wave] = dataclasses.field(default_factory=list)
+    load_waves: list[Wave] = dataclasses.field(default_factory=list)
+    leftovers: list[Leftover] = dataclasses.field(default_factory=list)
+
+
+def body_of(loop: ClosedLoop, *, shaft: bool, lugre: bool) -> Body:
+    """The body of a loop.
+
+    Args:
+        loop: its plant and actuator.
+        shaft: whether the target holds two masses with a spring; without, they are one, and that is a leftover.
+        lugre: whether the target holds LuGre friction.
+
+    Raises:
+        InputError: for a plant that is none of ours.
+    """
+    plant: Any = loop.plant
+    if isinstance(plant, OneMass):
+        body, share = Body((_number(plant.inertia), 0.0)), 0.0
+    elif isinstance(plant, TwoMass | Transmission | SeriesTwoMass):
+        share = _number(plant.friction_share) if isinstance(plant, Transmission) else 1.0
+        gap = _number(plant.gap) if isinstance(plant, Transmission) else 0.0
+        body = Body((_number(plant.motor_inertia), _number(plant.load_inertia)))
+        body.shaft = (_number(plant.stiffness), _number(plant.damping), gap)
+        if not shaft or isinstance(plant, SeriesTwoMass):
+            body, share = Body((sum(body.inertia), 0.0)), 0.0
+            body.leftovers.append(Leftover("two masses: spring, damper and backlash", _as_one_mass))
+    else:
+        raise InputError(
+            f"{type(plant).__name__} is no plant that another simulator has words for: export one mass, two masses or "
+            f"a transmission."
+        )
+    _friction(body, plant.friction, share, lugre)
+    _actuator(body, loop.actuator)
+    _load(body, plant.load)
+    return body
+
+
+def _friction(body: Body, law: Any, share: float, lugre: bool) -> None:
+    if isinstance(law, Bristles):
+        body.leftovers.append(Leftover("bristles (presliding)", lambda loop: _with_law(loop, lambda each: each.law)))
+        law = law.law
+    if isinstance(law, NoFriction):
+        return
+    if isinstance(law, LuGre | Dahl):
+        fits = _number(law.exponent) == (2.0 if isinstance(law, LuGre) else 1.0)
+        if isinstance(law, LuGre):
+            static, speed = _number(law.static), _number(law.stribeck_velocity)
+            found = (_number(law.bristle_stiffness), _number(law.bristle_damping), _number(law.coulomb), static, speed)
+        else:
+            found = (_number(law.stiffness), 0.0, _number(law.coulomb), _number(law.coulomb), 1.0)
+        viscous = _number(law.viscous)
+        body.viscous = ((1.0 - share) * viscous, share * viscous)
+        if lugre and fits:
+            body.lugre = found
+            return
+        body.coulomb = ((1.0 - share) * found[2], share * found[2])
+        name = "bristle friction (LuGre, Dahl)"
+        body.leftovers.append(Leftover(name, lambda loop: _with_law(loop, _plain)))
+        return
+    if not isinstance(law, AbstractStaticFriction):
+        raise InputError(f"{type(law).__name__} is no friction that another simulator has words for.")
+    general: Any = law.general()
+    coulomb, viscous = _number(general.coulomb), _number(general.viscous)
+    body.coulomb = ((1.0 - share) * coulomb, share * coulomb)
+    body.viscous = ((1.0 - share) * viscous, share * viscous)
+    terms = {
+        "friction by direction": ("coulomb_difference", "viscous_difference"),
+        "Stribeck friction": ("stribeck_torque",),
+        "friction by position": ("position_cosine", "position_sine"),
+        "friction that drifts with time": ("drift_amplitude",),
+        "friction that grows with the torque": ("load_coefficient",),
+        "drag by the square of the speed": ("drag_coefficient",),
+    }
+    for name, fields in terms.items():
+        if any(_there(getattr(general, field, None)) for field in fields):
+            body.leftovers.append(Leftover(name, lambda loop, fields=fields: _with_law(loop, _neutral(fields))))
+
+
+def _actuator(body: Body, actuator: Any) -> None:
+    if isinstance(actuator, IdealActuator):
+        return
+    if not isinstance(actuator, Actuator):
+        name = f"the actuator {type(actuator).__name__}"
+        body.leftovers.append(Leftover(name, lambda loop: _replaced(loop, "actuator", IdealActuator())))
+        return
+
+    def value(name: str, default: float) -> float:
+        found = getattr(actuator, name)
+        return default if found is None else _number(found)
+
+    body.gain, body.lag, body.delay = value("gain", 1.0), value("lag", 0.0), value("delay", 0.0)
+    body.limit = None if actuator.limit is None else _number(actuator.limit)
+    body.offset += value("offset", 0.0)
+    if value("cogging_amplitude", 0.0):
+        wave = (value("cogging_amplitude", 0.0), value("cogging_periods", 1.0), value("cogging_phase", 0.0))
+        body.waves.append(wave)
+    if value("dead_zone", 0.0):
+        body.leftovers.append(Leftover("the actuator's dead zone", without_actuator_field("dead_zone")))
+
+
+def _load(body: Body, load: Any) -> None:
+    for part in flat_loads(load):
+        if isinstance(part, Unbalance):
+            if _number(part.amplitude):
+                body.load_waves.append((-_number(part.amplitude), 1.0, _number(part.phase)))
+            body.offset -= _number(part.offset)
+        elif isinstance(part, ConstantTorque):
+            body.offset -= _number(part.torque)
+        elif isinstance(part, PositionTorque):
+            for place, (cosine, sine) in enumerate(zip(part.cosine, part.sine, strict=True), start=1):
+                size, phase = math.hypot(_number(cosine), _number(sine)), math.atan2(_number(cosine), _number(sine))
+                if size:
+                    body.load_waves.append((-size, place * _number(part.periods), phase))
+        elif not isinstance(part, NoLoad):
+            name = f"the load {type(part).__name__}"
+            body.leftovers.append(Leftover(name, lambda loop, part=part: _without_load(loop, type(part))))
+
+
+def without_waves(loop: ClosedLoop) -> ClosedLoop:
+    """The loop without torques that repeat with the position."""
+    loop = _without_load(loop, Unbalance | PositionTorque)
+    if isinstance(loop.actuator, Actuator) and loop.actuator.cogging_amplitude is not None:
+        loop = without_actuator_field("cogging_amplitude", "cogging_periods", "cogging_phase")(loop)
+    return loop
+
+
+def without_offset(loop: ClosedLoop) -> ClosedLoop:
+    """The loop without constant torques."""
+    parts = []
+    for part in flat_loads(loop.plant.load):
+        if isinstance(part, Unbalance):
+            part = Unbalance(part.amplitude, part.phase, 0.0)
+        if not isinstance(part, ConstantTorque):
+            parts.append(part)
+    loop = _replaced(loop, "plant", _replaced(loop.plant, "load", Loads(tuple(parts))))
+    if isinstance(loop.actuator, Actuator) and loop.actuator.offset is not None:
+        loop = without_actuator_field("offset")(loop)
+    return loop
+
+
+def _as_one_mass(loop: ClosedLoop) -> ClosedLoop:
+    plant: Any = loop.plant
+    return _replaced(loop, "plant", OneMass(plant.inertia, plant.friction, plant.load))
+
+
+def _plain(law: Any) -> Any:
+    from ..blocks.friction import CoulombViscous
+
+    return CoulombViscous(law.coulomb, law.viscous)
+
+
+def _neutral(fields: tuple[str, ...]) -> Callable[[Any], Any]:
+    def change(law: Any) -> Any:
+        if isinstance(law, Bristles):
+            return dataclasses.replace(law, law=change(law.law))
+        general = law.general()
+        empty = {"position_cosine": (), "position_sine": ()}
+        optional = {"stribeck_torque", "drift_amplitude", "load_coefficient"}
+        values = {
+            name: empty.get(name, None if name in optional else jnp.zeros_like(general.coulomb)) for name in fields
+        }
+        return dataclasses.replace(general, **values)
+
+    return change
+
+
+def _with_law(loop: ClosedLoop, change: Callable[[Any], Any]) -> ClosedLoop:
+    return _replaced(loop, "plant", _replaced(loop.plant, "friction", change(loop.plant.friction)))
+
+
+def without_actuator_field(*names: str) -> Callable[[ClosedLoop], ClosedLoop]:
+    """A function that gives the loop without some of its actuator's fields."""
+
+    def change(loop: ClosedLoop) -> ClosedLoop:
+        actuator = dataclasses.replace(loop.actuator, **dict.fromkeys(names))
+        return _replaced(loop, "actuator", actuator)
+
+    return change
+
+
+def _without_load(loop: ClosedLoop, kinds: Any) -> ClosedLoop:
+    parts = []
+    for part in flat_loads(loop.plant.load):
+        if not isinstance(part, kinds):
+            parts.append(part)
+        elif isinstance(part, Unbalance):
+            parts.append(ConstantTorque(part.offset))
+    return _replaced(loop, "plant", _replaced(loop.plant, "load", Loads(tuple(parts))))
+
+
+def _replaced(block: Any, name: str, value: Any) -> Any:
+    return dataclasses.replace(block, **{name: value})
+
+
+def _there(value: Any) -> bool:
+    return any(np.any(np.asarray(leaf) != 0.0) for leaf in jax.tree.leaves(value))
+
+
+def _number(value: Any) -> float:
+    return float(np.asarray(value))

@@ -1,0 +1,96 @@
+"""The exported body in the `mujoco` package, under the very control law, against a record."""
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..blocks.signals import PlantOutput
+from ..errors import InputError
+from ..loop import ClosedLoop
+
+
+def find_mujoco() -> Any:
+    """The mujoco package; None where it is not installed."""
+    try:
+        import mujoco
+    except ImportError:
+        return None
+    return mujoco
+
+
+def takes(mujoco: Any, actuator: str) -> bool:
+    """Whether this version of MuJoCo has an actuator element with such attributes."""
+    text = (
+        '<mujoco><worldbody><body><joint name="j"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'
+        f"</worldbody><actuator>{actuator}</actuator></mujoco>"
+    )
+    try:
+        mujoco.MjModel.from_xml_string(text)
+    except ValueError:
+        return False
+    return True
+
+
+def replay_mujoco(
+    mujoco: Any, text: str, loop: ClosedLoop, state: Any, reference: np.ndarray, dt: float, substeps: int,
+    limit: float | None,
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """Signals of the closed loop with MuJoCo as the plant.
+
+    Args:
+        mujoco: the package.
+        text: MJCF or URDF; without an actuator the torque is applied to the first joint.
+        loop: gives sensor and control law.
+        state: of the loop at the first sample.
+        reference: shape (samples,).
+        dt: control period [s].
+        substeps: MuJoCo's steps a period.
+        limit: of a torque that is applied to the joint itself [N m].
+
+    Returns:
+        "torque", "velocity", "position" as commanded and measured, each of shape (samples,).
+
+    Raises:
+        InputError: where MuJoCo refuses the text or diverges.
+    """
+    try:
+        model = mujoco.MjModel.from_xml_string(text)
+    except ValueError as error:
+        raise InputError(f"MuJoCo {mujoco.__version__} refuses the model: {str(error).splitlines()[0]}.") from error
+    model.opt.timestep = dt / substeps
+    data = mujoco.MjData(model)
+    plant: Any = state.plant
+    sides = ("motor_", "load_") if model.nv > 1 else ("",) if hasattr(plant, "position") else ("load_",)
+    for place, side in enumerate(sides):
+        data.qpos[place] = float(getattr(plant, f"{side}position"))
+        data.qvel[place] = float(getattr(plant, f"{side}velocity"))
+    motor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, "torque")
+    state = loop.sampled(state)
+    memory, sensor = (state.controller, state.observer, state.period), state.sensor
+    zero, period = jnp.zeros(()), jnp.asarray(dt)
+    silent = tuple(zero for _ in range(loop.sensor.noise_channels))
+
+    @jax.jit
+    def control(memory: Any, sensor: Any, velocity: Any, position: Any, asked: Any) -> Any:
+        output = PlantOutput(velocity[-1], position[-1], velocity[0], position[0], zero)
+        sensor, measurement = loop.sensor.step(sensor, output, silent, period)
+        made = loop.control_law(memory, asked, measurement, period)
+        return made.memory, sensor, (made.torque, measurement.velocity, measurement.position)
+
+    shown = np.empty((len(reference), 3))
+    for sample, asked in enumerate(reference):
+        memory, sensor, signals = control(memory, sensor, data.qvel.copy(), data.qpos.copy(), asked)
+        shown[sample] = [float(each) for each in signals]
+        torque = shown[sample, 0]
+        if motor >= 0:
+            data.ctrl[motor] = torque
+        else:
+            data.qfrc_applied[0] = torque if limit is None else min(max(torque, -limit), limit)
+        for _ in range(substeps):
+            mujoco.mj_step(model, data)
+        if not math.isfinite(torque) or abs(torque) > 1e15:
+            raise InputError(f"The loop diverges in MuJoCo at t = {sample * dt:g} s: use more [simulation] substeps.")
+    return dict(zip(("torque", "velocity", "position"), shown.T, strict=True))

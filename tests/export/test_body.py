@@ -1,0 +1,100 @@
+"""The exported body behaves in MuJoCo as in fpjax, and what it cannot hold is named with its cost."""
+
+import jax
+import numpy as np
+import pytest
+
+import fpjax as fp
+from fpjax.cli import main
+from fpjax.export import mujoco_replay
+
+mujoco = pytest.importorskip("mujoco")
+
+ONE = '[plant]\ntype = "one_mass"\ninertia = 10.0\n'
+TWO = '[plant]\ntype = "one_mass"\ninertia = 10.0\n[transmission]\nstiffness = 1e5\ndamping = 50.0\nbacklash = 2e-4\n'
+SIMPLE = '[friction]\ntype = "coulomb_viscous"\ncoulomb = 20.0\nviscous = 2.0\nsteepness = 500.0\n'
+LUGRE = (
+    '[friction]\ntype = "lugre"\ncoulomb = 20.0\nstatic = 25.0\nstribeck_velocity = 0.05\nbristle_stiffness = 2e4\n'
+    "bristle_damping = 1e3\nviscous = 2.0\n"
+)
+STRIBECK = SIMPLE.replace('"coulomb_viscous"', '"stribeck"\nstatic = 26.0\nstribeck_velocity = 0.05')
+ACTUATOR = (
+    "[actuator]\ngain = 0.9\nlag = 0.002\ndelay = 0.0024\nlimit = 60.0\noffset = 2.0\ncogging_amplitude = 3.0\n"
+    "cogging_periods = 7.0\ncogging_phase = 0.3\n"
+)
+UNBALANCE = '[load]\ntype = "unbalance"\namplitude = 5.0\nphase = 0.4\n'
+REST = (
+    '[controller]\ntype = "pi"\nkp = 300.0\nki = 1000.0\n[reference]\ntype = "sine"\namplitude = 1.0\nfrequency = 1.0\n'
+    '[simulation]\ndt = 1e-3\nduration = 1.0\nstepping = "sampled"\nsubsteps = 8\n'
+)
+MOTOR_SIDE = '[sensor]\ntype = "ideal"\nside = "motor"\n'
+
+
+@pytest.mark.parametrize(
+    "text",
+    [ONE + SIMPLE, ONE + SIMPLE + ACTUATOR, ONE + SIMPLE + UNBALANCE, TWO + SIMPLE + MOTOR_SIDE, ONE + LUGRE],
+    ids=["plain", "actuator", "unbalance", "transmission", "lugre"],
+)
+def test_mujoco_moves_as_fpjax_does_where_it_holds_everything(text, tmp_path):
+    made = fp.export_mujoco(fp.load_model(text + REST), tmp_path)
+    assert made.costs == {}
+    for name, share in (("velocity", 0.01), ("position", 0.01), ("torque", 0.05)):
+        ours, theirs, size = made.errors[name]
+        assert ours == 0.0, "compared with fpjax itself"
+        assert theirs < share * size, name
+
+
+def test_what_the_target_cannot_hold_is_named_with_its_cost(tmp_path):
+    model = fp.load_model(ONE + STRIBECK + ACTUATOR + UNBALANCE + REST)
+    found = fp.export_mujoco(model, tmp_path)
+    assert set(found.costs) == {"Stribeck friction"}
+    assert found.costs["Stribeck friction"] > 1e-4
+    plain = fp.export_urdf(model, tmp_path)
+    assert {"Stribeck friction", "the actuator's delay", "constant torques"} < set(plain.costs)
+    assert (
+        "two masses: spring, damper and backlash" in fp.export_urdf(fp.load_model(TWO + SIMPLE + REST), tmp_path).costs
+    )
+    loaded = mujoco.MjModel.from_xml_path(str(tmp_path / "servo.urdf"))
+    assert loaded.dof_frictionloss[0] == 20.0
+    assert loaded.dof_damping[0] == 2.0
+    assert loaded.dof_M0[0] == pytest.approx(10.0, rel=1e-6)
+
+
+def test_a_log_is_replayed_in_both_simulators(tmp_path, capsys):
+    (tmp_path / "servo.toml").write_text(ONE + STRIBECK + REST)
+    truth = fp.load_model(tmp_path / "servo.toml")
+    run = fp.simulate(
+        truth.loop, truth.reference, dt=1e-3, duration=1.0, stepping="sampled", substeps=8,
+        record=("reference", "torque", "velocity"), key=jax.random.key(0),
+    )  # fmt: skip
+    columns = np.column_stack([run.time, *(np.asarray(run.signals[n]) for n in ("torque", "velocity", "reference"))])
+    np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header="time,torque,velocity,reference", comments="")
+    words = [
+        "export",
+        str(tmp_path / "servo.toml"),
+        "--mujoco",
+        str(tmp_path / "sim"),
+        "--log",
+        str(tmp_path / "run.csv"),
+    ]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "rms error against run.csv" in said
+    assert "Stribeck friction" in said
+    assert (tmp_path / "sim" / "servo.xml").exists()
+    assert (tmp_path / "sim" / "export.json").exists()
+
+
+def test_without_mujoco_the_file_is_written_and_that_is_said(tmp_path, monkeypatch):
+    monkeypatch.setattr("fpjax.export.body_export.find_mujoco", lambda: None)
+    made = fp.export_mujoco(fp.load_model(ONE + SIMPLE + REST), tmp_path)
+    assert made.file.exists()
+    assert made.errors == {}
+    assert "not installed" in made.notes[0]
+    assert mujoco_replay.find_mujoco() is mujoco
+
+
+def test_nothing_asked_for_is_one_sentence(tmp_path, capsys):
+    (tmp_path / "servo.toml").write_text(ONE + SIMPLE + REST)
+    assert main(["export", str(tmp_path / "servo.toml")]) == 2
+    assert "nothing to export" in capsys.readouterr().err
