@@ -101,10 +101,19 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> tuple[
     log = read_log(path, linear=model.linear, **log_options(arguments))
     check_torque_unit(log, model)
     record.notes.extend(log.warnings)
-    for one in suspicions(log, Numbers(model.nominal["inertia"])):  # its friction is what is to be found
+    # its friction is what is to be found
+    for one in suspicions(log, Numbers(model.nominal["inertia"], load=_known_load(model))):
         print(f"warning: {one.sentence}", file=sys.stderr)
         record.notes.append(one.sentence)
     return model, log
+
+
+def _known_load(model: Any) -> Any:
+    """The model's load as the checks take it: torque [N m] by (velocity, position, time)."""
+    from ..blocks.signals import Motion
+
+    load = model.loop.plant.load
+    return lambda velocity, position, time: np.asarray(load.readout(Motion(velocity, position, time)), float)
 
 
 def default_observer(model: Any, log: Any, velocity: np.ndarray, record: RunFile) -> Any:

@@ -303,7 +303,7 @@ def velocity_origin(velocity: Values, position: Values) -> VelocityOrigin:
     steps = float(np.sqrt(np.mean(np.diff(rate) ** 2))) if rate.size > 1 else 0.0
     if size == 0.0 or rate.size != angle.size or rate.size < 8 * (LAGS + LEADS) or steps == 0.0 or np.ptp(angle) == 0.0:
         return VelocityOrigin(False, 1.0, 0.0)
-    count = min(rate.size, 20_000)
+    count = min(rate.size, 8_000)
     start = (rate.size - count) // 2
     rate, angle = rate[start : start + count], angle[start : start + count]
     # Without a step in sight, what is fast in a position may be motion: then only an exact derivative is believed.

@@ -1,5 +1,6 @@
 """What a suspicion is, and what a log is compared with."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -46,11 +47,13 @@ class Numbers:
         inertia: J [kg m^2].
         coulomb: k [N m]; 0 where it is not to be compared.
         viscous: b [N m s/rad]; 0 where it is not to be compared.
+        load: known torque that the motor must hold [N m] by (velocity, position, time); None without.
     """
 
     inertia: float
     coulomb: float = 0.0
     viscous: float = 0.0
+    load: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray] | None = None
 
 
 @dataclass(frozen=True)

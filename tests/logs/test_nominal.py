@@ -9,6 +9,7 @@ import pytest
 from fpjax.logs import Log, read_log
 from fpjax.logs.friction_curve import friction_curve
 from fpjax.logs.nominal import fit_nominal
+from fpjax.logs.suspicions import Numbers, suspicions
 
 DATA = pathlib.Path(__file__).parents[3] / "shared" / "data"
 INERTIA, COULOMB, VISCOUS = 0.01, 0.1, 0.01
@@ -114,3 +115,10 @@ def test_a_pendulum_whose_encoder_has_steps_of_3_mrad(name, inertia, amplitude):
     assert found.plausible
     assert found.inertia == pytest.approx(inertia, rel=0.05)
     assert found.amplitude == pytest.approx(amplitude, rel=0.05)
+
+
+def test_checks_take_a_sine_of_the_position_and_a_known_load_into_account():
+    log = machine(bits=14, unbalance=0.2)
+    known = Numbers(INERTIA, COULOMB, VISCOUS, load=lambda velocity, angle, time: 0.2 * np.sin(angle + 0.3))
+    assert suspicions(log, known) == []
+    assert suspicions(log, Numbers(INERTIA, COULOMB, VISCOUS)) == []
