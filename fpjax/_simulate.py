@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Int
 from .blocks.controllers import TransferFunction
 from .blocks.references import AbstractReference
 from .compiled.native import native
+from .compiled.programs import jit_by
 from .errors import DivergedError, InputError
 from .loop import ClosedLoop, LoopState
 from .metrics import AbstractMeasure
@@ -196,7 +197,15 @@ def _check_periods(loop: ClosedLoop, dt: float) -> None:
             )
 
 
-@eqx.filter_jit
+def _shape_of_run(
+    loop: ClosedLoop, reference: AbstractReference, stepper: Stepper, measures: dict[str, Any], record: tuple[str, ...],
+    initial: LoopState | None, key: Array | None,
+) -> tuple[Any, ...]:  # fmt: skip
+    del loop, reference, initial, key
+    return stepper.samples, stepper.stepping, stepper.substeps, type(stepper.solver), record, tuple(sorted(measures))
+
+
+@jit_by(_shape_of_run)
 def _run(
     loop: ClosedLoop,
     reference: AbstractReference,

@@ -14,13 +14,14 @@ import numpy as np
 
 from fpjax.compiled.gradients import FORWARD_UP_TO, SCRATCH, value_and_gradient
 from fpjax.compiled.native import native, native_enabled
+from fpjax.compiled.programs import Programs
 
 from .parameters import Space
 from .problem import Problem, lane_cost, lane_residuals, simulations_of
 
 REVERSE_COUNTS = 4  # simulations that a reverse-mode value and gradient counts for (docs/performance.md)
 
-_COMPILED: dict[Any, Any] = {}
+_PROGRAMS = Programs()
 
 
 @dataclasses.dataclass
@@ -33,17 +34,17 @@ class Clock:
     def call(self, fn: Callable[..., Any], *arguments: Any) -> Any:
         """`fn(*arguments)` as one compiled kernel, its result on the host; compiling is timed apart.
 
-        Compiled once for each `fn`, structure and shape.
+        Compiled once for each `fn`, structure and shape, as long as it is among the last that were used.
         """
         arguments = jax.tree.map(jnp.asarray, _on_device(arguments))
         leaves, structure = jax.tree.flatten(arguments)
         key = (fn, structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves), native_enabled())
-        if key not in _COMPILED:
-            begin = time.perf_counter()
-            _COMPILED[key] = jax.jit(native(fn)).lower(*arguments).compile()
+        begin = time.perf_counter()
+        program, made = _PROGRAMS.get(key, lambda: jax.jit(native(fn)).lower(*arguments).compile())
+        if made:
             self.compile_seconds += time.perf_counter() - begin
         begin = time.perf_counter()
-        result = jax.tree.map(np.asarray, _COMPILED[key](*arguments))
+        result = jax.tree.map(np.asarray, program(*arguments))
         self.run_seconds += time.perf_counter() - begin
         return result
 
@@ -56,13 +57,17 @@ class Clock:
         arrays, static = eqx.partition(arguments, eqx.is_array)
         leaves, structure = jax.tree.flatten(arrays)
         key = (fn, structure, str(static), tuple((leaf.shape, leaf.dtype) for leaf in leaves))
-        if key not in _COMPILED:
-            begin = time.perf_counter()
+
+        def make() -> Any:
             with jax.numpy_dtype_promotion("standard"):  # optax mixes counters with floats, and int32 with int64
-                _COMPILED[key] = eqx.filter_jit(fn).lower(*arguments).compile()
+                return eqx.filter_jit(fn).lower(*arguments).compile()
+
+        begin = time.perf_counter()
+        program, made = _PROGRAMS.get(key, make)
+        if made:
             self.compile_seconds += time.perf_counter() - begin
         begin = time.perf_counter()
-        result = _COMPILED[key](*arguments)
+        result = program(*arguments)
         self.run_seconds += time.perf_counter() - begin
         return result
 

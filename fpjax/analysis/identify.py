@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..blocks.references import AbstractReference
+from ..compiled.programs import jit_by
 from ..errors import InputError
 from ..loop import ClosedLoop, LoopState
 from ..parameters import get_parameters, set_parameters
@@ -182,8 +183,12 @@ def _residuals(at: Array, problem: _Problem) -> Array:
     return jnp.where(sound, jnp.clip(jnp.where(sound, joined, 0.0), -WORST, WORST), WORST)
 
 
-_residuals_jit = eqx.filter_jit(_residuals)
-_jacobian_jit = eqx.filter_jit(lambda at, problem: jax.jacfwd(_residuals)(at, problem))
+def _length(at: Array, problem: _Problem) -> tuple[int, ...]:
+    return problem.stepper.samples, *at.shape
+
+
+_residuals_jit = jit_by(_length)(_residuals)
+_jacobian_jit = jit_by(_length)(lambda at, problem: jax.jacfwd(_residuals)(at, problem))
 
 
 def _logarithmic(low: Any) -> Any:
