@@ -103,11 +103,6 @@ def _log(path: str, role: str, model: Any, arguments: argparse.Namespace, record
 
     log = read_log(record.read(path, role), linear=model.linear, **log_options(arguments))
     check_torque_unit(log, model)
-    if abs(log.dt / model.dt - 1.0) > 1e-3:
-        raise InputError(
-            f"{log.name} has a period of {log.dt:g} s and the model [simulation] dt = {model.dt:g} s: write the log's "
-            f"period there, dt = {log.dt:g}."
-        )
     record.notes.extend(log.warnings)
     return log
 

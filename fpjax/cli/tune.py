@@ -126,7 +126,9 @@ def _keep_finished(model: Any, results: list[Any], record: RunFile, arguments: a
     whole = [result for result in results if not result.diverged]
     if whole and record.folder is not None:
         arguments.no_plots = True  # a picture takes longer than one waits for after Ctrl-C
-        _write(model, results, min(whole, key=lambda result: result.cost), record, arguments)
+        best = min(whole, key=lambda result: result.cost)
+        tuned = dataclasses.replace(model, loop=best.apply(model.loop))
+        _write(tuned, {}, results, best, record, arguments)
         names = " and ".join(result.method for result in results)
         arguments.kept = f"what {names} found is kept in {record.folder}, its run marked interrupted"
 

@@ -170,13 +170,14 @@ def _with_features(law: GeneralFriction, features: tuple[Feature, ...]) -> Gener
         return neutral if feature in features and _absent(value) else value
 
     def fields(at: GeneralFriction) -> tuple[Any, ...]:
-        return at.stribeck_torque, at.drift_amplitude, at.position_cosine, at.position_sine
+        return at.stribeck_torque, at.drift_amplitude, at.position_cosine, at.position_sine, at.load_coefficient
 
     new = (
         either(law.stribeck_torque, "shape", jnp.zeros(())),
         either(law.drift_amplitude, "shape", jnp.zeros(())),
         either(law.position_cosine, "ripple", _zeros(3)),
         either(law.position_sine, "ripple", _zeros(3)),
+        either(law.load_coefficient, "shape", jnp.zeros(())),
     )
     return eqx.tree_at(fields, law, new, is_leaf=_absent)
 

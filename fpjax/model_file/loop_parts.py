@@ -134,13 +134,11 @@ _GAINS = (Key("gain_1", "1", "not negative"), Key("gain_2", "1", "not negative")
 
 def unwritten_gains(controller: Mapping[str, Any] | None, observer: Mapping[str, Any] | None) -> tuple[str, ...]:
     """Gains that the file leaves to pole placement: keys as "observer.gain_1"; one of a pair is a mistake."""
+    # As text: whatever stands there that is none is told where the part is built.
+    law, kind = str((controller or {}).get("type", "")), str((observer or {}).get("type", ""))
     wanted = {
-        "controller": {"pi": ("kp", "ki"), "p": ("kp",)}.get((controller or {}).get("type", ""), ()),
-        "observer": ("gain",)
-        if (observer or {}).get("type") in _SINGLE
-        else ("gain_1", "gain_2")
-        if (observer or {}).get("type") in _DOUBLE
-        else (),
+        "controller": {"pi": ("kp", "ki"), "p": ("kp",)}.get(law, ()),
+        "observer": ("gain",) if kind in _SINGLE else ("gain_1", "gain_2") if kind in _DOUBLE else (),
     }
     written = {"controller": controller or {}, "observer": observer or {}}
     return tuple(

@@ -465,10 +465,9 @@ def test_bad_logs_in_every_command_that_takes_one(servo, log, tmp_path, capsys):
     refuse(capsys, "simulate", servo, "--log", bad, match="has two columns")
 
 
-def test_a_period_that_is_not_the_models(servo, log, tmp_path, capsys):
+def test_a_period_that_is_not_the_models(servo, log, capsys):
     servo.write_text(SERVO.replace("dt = 1e-3", "dt = 2e-3"))
     refuse(capsys, "simulate", servo, "--log", log, match="[simulation] dt = 0.002 s: write dt = 0.001")
-    refuse(capsys, "diagnose", log, "--model", servo, "--out", tmp_path / "why", match="dt = 0.001")
 
 
 def test_suspicions_are_named(servo, log, tmp_path, capsys):

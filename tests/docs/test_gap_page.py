@@ -28,7 +28,7 @@ def told():
 
 def test_the_table_names_every_effect_once(told):
     names = [name for name, _ in table("The effects")]
-    assert len(names) == len(set(names)) == 24
+    assert len(names) == len(set(names)) == 25
     assert set(names) == {effect.name for effect in EFFECTS} | set(READ_FROM_THE_DATA)
 
 

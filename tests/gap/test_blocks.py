@@ -17,19 +17,20 @@ from fpjax.blocks.position_torque import PositionTorque
 from fpjax.blocks.servo_sensor import ServoSensor
 from fpjax.blocks.signals import Motion, PlantOutput
 from fpjax.errors import InputError
-from fpjax.gap.effect import Setting, free, neutral_vector
-from fpjax.gap.family import Nominal, key_for, make_family
+from fpjax.gap import EFFECTS, Setting
+from fpjax.gap.effects.effect import free
 from fpjax.gap.machine import FEATURES, nominal_machine
-from fpjax.gap.replay import assembled
-from fpjax.gap.vocabulary import EFFECTS
+from fpjax.gap.simulate.family import Nominal, key_for, make_family
+from fpjax.gap.simulate.replay import assembled
 
 
 def motion(velocity, position=0.3, time=0.7):
-    return Motion(jnp.asarray(velocity), jnp.asarray(position), jnp.asarray(time))
+    return Motion(jnp.asarray(velocity), jnp.asarray(position), jnp.asarray(time), jnp.asarray(0.5))
 
 
 def setting():
-    return Setting(0.5, 2.0, 0.3, 2.0, 3.0, 9.0, 4.0, 10.0, 1e-3, {"inertia": 0.5, "coulomb": 2.0, "viscous": 0.3})
+    nominal = {"inertia": 0.5, "coulomb": 2.0, "viscous": 0.3}
+    return Setting(0.5, 2.0, 0.3, 2.0, 3.0, 9.0, 4.0, 10.0, 1e-3, effort=12.0, nominal=nominal)
 
 
 @pytest.mark.parametrize("velocity", [-2.0, -1e-3, 0.0, 1e-3, 2.0])
@@ -185,7 +186,7 @@ def test_an_effect_at_its_neutral_value_is_exactly_not_there(effect):
         assert all(p.low(s) <= p.neutral(s) <= p.high(s) for p in effect.parameters)
         return
     for at in (0.0, 0.4, -2.0):
-        m = Motion(jnp.asarray([at]), jnp.asarray([0.3]), jnp.asarray([0.2]))
+        m = Motion(jnp.asarray([at]), jnp.asarray([0.3]), jnp.asarray([0.2]), jnp.asarray([0.5]))
         for law, other in ((changed.plant.friction, plain.plant.friction), (changed.plant.load, plain.plant.load)):
             if hasattr(law, "level"):
                 assert float(law.level(m)[0]) == float(jnp.ravel(other.level(m))[0])
@@ -198,11 +199,11 @@ def test_an_effect_at_its_neutral_value_is_exactly_not_there(effect):
 
 def test_every_effect_of_the_contract_is_there_with_its_parameters():
     names = {effect.name for effect in EFFECTS}
-    assert len(names) == 23  # the 24th, velocity_quantisation, is read from the data
+    assert len(names) == 24  # the 25th, velocity_quantisation, is read from the data
     parameters = free(EFFECTS)
     s = setting()
-    vector = neutral_vector(parameters, s)
-    for parameter, value in zip(parameters, vector, strict=True):
+    for parameter in parameters:
+        value = parameter.neutral(s)
         assert parameter.low(s) < parameter.high(s), parameter.name
         assert parameter.low(s) <= value or parameter.name == "limit", parameter.name
         assert parameter.scale(s) > 0, parameter.name

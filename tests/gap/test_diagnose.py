@@ -1,29 +1,24 @@
-"""A whole diagnosis, from a log to what is said of it; and, slowly, one of each kind of withheld case."""
+"""A whole diagnosis, from a log to what is said of it."""
 
 import dataclasses
 import hashlib
 import json
-import math
 import time
 
 import gap_machine
 import numpy as np
 import pytest
 
-from benchmarks.withheld.cases import generate, identities, read_labels
-from benchmarks.withheld.score import score_case
 from fpjax.blocks.friction import CoulombViscous
 from fpjax.blocks.plants import OneMass
 from fpjax.errors import InputError
 from fpjax.gap import EFFECTS, diagnose
-from fpjax.gap.diagnose import allowed_effects, make_search
+from fpjax.gap.answer.stages import StageClock
+from fpjax.gap.answer.tracking import Side, made_torque, tracking_error
+from fpjax.gap.data.record import make_records
+from fpjax.gap.diagnose import allowed_effects
 from fpjax.gap.machine import nominal_machine
 from fpjax.gap.precision import double_precision
-from fpjax.gap.record import make_record
-from fpjax.gap.signature import canonical_correlation
-from fpjax.gap.stages import StageClock
-from fpjax.gap.tracking import Side, made_torque, tracking_error
-from fpjax.logs import read_log
 from fpjax.model_file import load_model
 
 MODEL = """
@@ -64,6 +59,20 @@ def found(log, tmp_path_factory):
     return diagnosis, time.perf_counter() - began, stages, path
 
 
+@pytest.fixture(scope="module")
+def pushed():
+    """A diagnosis of a machine that something pushes twice, two effects allowed."""
+    log = gap_machine.record(
+        seconds=4.0, dt=2e-3, extra=lambda time, *at: 0.5 if 1.2 < time < 1.5 or 3.0 < time < 3.2 else 0.0
+    )
+    names = ("constant_torque", "quadratic_drag")
+    return diagnose(log, MODEL, effects=tuple(effect for effect in EFFECTS if effect.name in names))
+
+
+def make_record(log):
+    return make_records([log], [], 0.05)[0]
+
+
 def test_the_cause_its_value_and_the_gap(found):
     diagnosis, *_ = found
     assert diagnosis.verdict == "explained"
@@ -73,8 +82,15 @@ def test_the_cause_its_value_and_the_gap(found):
     assert torque.low < TORQUE < torque.high
     assert torque.value == pytest.approx(TORQUE, rel=0.02)
     assert first.indistinguishable_from == ("asymmetric_friction",)
-    assert diagnosis.gap.after < 1.1 * diagnosis.gap.noise_floor < 0.3 * diagnosis.gap.before
-    assert diagnosis.gap.closed > 0.97
+    assert diagnosis.gap.signal == "torque"
+    # at reversals the simulated friction turns early or late, which counts too
+    assert TORQUE < diagnosis.gap.before < 1.5 * TORQUE
+    low, high = diagnosis.gap.before_interval
+    assert low < diagnosis.gap.before < high
+    assert diagnosis.gap.after < 0.1 * diagnosis.gap.before
+    assert diagnosis.gap.closed > 0.95
+    assert [step.added for step in diagnosis.steps] == ["constant_torque"]
+    assert diagnosis.steps[0].gap_after == diagnosis.gap.after
     assert load_model(diagnosis.model).loop.plant.inertia == pytest.approx(0.05, rel=0.01)
     assert any("constant_torque" in sentence for sentence in diagnosis.same_as)
 
@@ -148,7 +164,7 @@ def test_a_controller_that_did_not_make_the_torque_predicts_nothing(log):
 
 
 def test_the_tracking_error_is_that_of_the_machine_simulated():
-    log = gap_machine.record(gap_machine.Machine(coulomb=0.9), seconds=3.0)
+    log = gap_machine.record(gap_machine.Machine(coulomb=0.9), seconds=8.0)
     model, record = load_model(MODEL), make_record(log)
     with double_precision():
         sides = [Side(nominal_machine(OneMass(0.05, CoulombViscous(level, 0.03)), None, None)) for level in (0.4, 0.9)]
@@ -167,25 +183,49 @@ def test_the_tracking_error_is_that_of_the_machine_simulated():
     assert "controller of the model leaves" in warnings[0]
 
 
-@pytest.mark.parametrize("sensors", [("velocity", "position"), ("position",)])
-def test_signatures_in_a_log(sensors):
-    log = gap_machine.record(seconds=4.0, extra=lambda *at: TORQUE, sensors=sensors)
-    search = make_search([log], [], load_model(MODEL), EFFECTS)
-    candidates = {}
-    for name in ("constant_torque", "asymmetric_friction", "inertia_error", "quadratic_drag"):
-        effect = next(e for e in EFFECTS if e.name == name)
-        candidate = search.candidate((effect,), {})
-        search.fit([candidate], search.train, 8)
-        (candidates[name],) = search.finish([candidate])
+def test_the_missing_torque_is_what_acted(found):
+    diagnosis, *_ = found
+    (compared,) = diagnosis.comparisons
+    missing = (compared.before - compared.measured)[np.isfinite(compared.before)]
+    # the filter takes off what might be noise, so it falls a little short
+    assert 0.8 * TORQUE < np.median(missing) < 1.05 * TORQUE
+    left = (compared.after - compared.measured)[np.isfinite(compared.after)]
+    assert np.sqrt(np.mean(left**2)) < 0.2 * TORQUE
 
-    def alike(first, second):
-        return canonical_correlation(search, candidates[first], first, candidates[second], second)
 
-    assert alike("constant_torque", "constant_torque") == pytest.approx(1.0)
-    assert alike("constant_torque", "asymmetric_friction") > 0.9999
-    assert alike("constant_torque", "inertia_error") < 0.7
-    assert alike("constant_torque", "quadratic_drag") < 0.7
-    assert alike("inertia_error", "constant_torque") < 0.7
+def test_pushes_that_nobody_recorded_are_located_and_not_explained_away(pushed):
+    assert pushed.verdict == "unexplained"
+    assert pushed.causes == ()
+    assert max(entry.probability for entry in pushed.ranking) < 0.2
+    assert "none of the 2 effects" in str(pushed)
+    inside = sum(
+        share.share
+        for share in pushed.where.time
+        if max(share.start, 1.0) < min(share.stop, 1.7) or max(share.start, 2.8) < min(share.stop, 3.4)
+    )
+    assert inside > 0.7
+    assert sum(share.share for share in pushed.where.time) < inside + 0.1
+    assert pushed.residual_where is not None
+    assert 0.9 < sum(pushed.where.regime.values()) < 1.001
+
+
+def test_every_way_tells_the_same_numbers(pushed, found, tmp_path):
+    for diagnosis in (pushed, found[0]):
+        answer = json.loads(json.dumps(diagnosis.to_dict()))
+        gap = diagnosis.gap
+        assert answer["gap"]["closed"] == pytest.approx(
+            min((gap.before - gap.after) / (gap.before - gap.noise_floor), 1.0)
+        )
+        assert f"{answer['gap']['before']:.4g}" in str(diagnosis)
+        source = diagnosis.report(tmp_path).read_text(encoding="utf-8")
+        assert f'value="{answer["gap"]["before"]!r}"' in source
+        assert f'value="{answer["gap"]["after"]!r}"' in source
+
+
+def test_a_log_that_is_too_short_is_said_in_one_sentence(log):
+    short = {name: column[:100] for name, column in log.columns().items()}
+    with pytest.raises(InputError, match="too few"):
+        diagnose(dataclasses.replace(log, **short), MODEL)
 
 
 def test_an_empty_vocabulary_is_refused_and_a_larger_one_is_not_restricted():
@@ -199,44 +239,10 @@ def test_an_empty_vocabulary_is_refused_and_a_larger_one_is_not_restricted():
 def test_a_stage_that_comes_again_is_added_to(monkeypatch):
     # read when a stage begins and when it ends
     now = iter([0.0, 1.0, 1.0, 3.0, 3.0, 6.0])
-    monkeypatch.setattr("fpjax.gap.stages.time.perf_counter", lambda: next(now))
+    monkeypatch.setattr("fpjax.gap.answer.stages.time.perf_counter", lambda: next(now))
     clock = StageClock()
     for name in ("fit", "look", "fit"):
         clock(name, 0.0)
     clock.end()
     clock.end()
     assert clock.seconds == {"fit": 4.0, "look": 2.0}
-
-
-# One of each kind of case that the withheld check draws, from its development seed, with the whole vocabulary.
-WITHHELD = [
-    ("single", "gimbal", ("unbalance",)),
-    ("pairs", "servo", ("inertia_error", "quadratic_drag")),
-    ("none", "gimbal", ()),
-    ("outside", "gimbal", ("disturbance_sine",)),
-]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("kind", "system", "effects"), WITHHELD)
-def test_a_withheld_case(kind, system, effects, tmp_path):
-    wanted = [one for one in identities(0, (kind,), (system,)) if one.effects == effects][:1]
-    generate(tmp_path, wanted)
-    (label,) = read_labels(tmp_path, wanted)
-    folder = tmp_path / "logs" / wanted[0].name
-    diagnosis = diagnose(read_log(folder / "log.csv"), folder / "servo.toml")
-    answer = json.loads(json.dumps(diagnosis.to_dict()))
-    score = score_case(answer, label)
-    assert sum(entry["probability"] for entry in answer["ranking"]) <= 1.0 + 1e-9
-    assert math.isfinite(diagnosis.gap.before)
-    if kind == "single":
-        assert score.top1
-        assert score.closed > 0.98
-    elif kind == "pairs":
-        assert score.both
-        assert all(entry["cause_probability"] > 0.9 for entry in answer["ranking"][:2])
-    elif kind == "none":
-        assert not score.false_alarm
-    else:
-        assert not score.wrongly_confident
-        assert "no effect of the vocabulary" in str(diagnosis)

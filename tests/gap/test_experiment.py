@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from fpjax.gap.experiment import FAMILIES, PAIRS, PLAINEST, SIGNATURE, TELLS, experiment_for, next_experiment
-from fpjax.gap.vocabulary import EFFECTS
+from fpjax.gap import EFFECTS
+from fpjax.gap.effects.experiments import FAMILIES, PAIRS, PLAINEST, SIGNATURE, TELLS, experiment_for, next_experiment
 
 NAMES = sorted({effect.name for effect in EFFECTS} | {"velocity_quantisation"})
 
@@ -14,7 +14,7 @@ NAMES = sorted({effect.name for effect in EFFECTS} | {"velocity_quantisation"})
 def test_every_effect_is_in_one_family():
     listed = [name for effects in FAMILIES.values() for name in effects]
     assert sorted(listed) == NAMES
-    assert len(NAMES) == 24
+    assert len(NAMES) == 25
     assert set(SIGNATURE) == set(TELLS) == set(FAMILIES) == set(PLAINEST)
     assert all(name in NAMES for pair in PAIRS for name in pair)
     assert all(len(pair) == 2 for pair in PAIRS)

@@ -8,9 +8,9 @@ import pytest
 from gap_machine import record
 from gap_search import search_of
 
-from fpjax.gap import family as families
-from fpjax.gap.family import window_fields
-from fpjax.gap.replay import LANES, as_rows, from_rows
+from fpjax.gap.simulate import family as families
+from fpjax.gap.simulate.family import window_fields
+from fpjax.gap.simulate.replay import LANES, as_rows, from_rows
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def test_threads_compute_what_one_does(search, runner, monkeypatch, count):
     for cores in (1, 2, 3):
         monkeypatch.setattr(families, "cores", lambda cores=cores: cores)
         found.append(runner.run(0, *given))
-    assert found[0][0].shape == (2, runner.length, count)
+    assert found[0][0].shape == (runner.channels, runner.samples, count)
     assert np.all(np.isfinite(found[0][0]))
     for other in found[1:]:
         np.testing.assert_array_equal(other[0], found[0][0])
@@ -59,7 +59,7 @@ def test_threads_compute_what_one_does(search, runner, monkeypatch, count):
 
 def test_no_lanes_are_no_lanes(search, runner):
     found, ends = runner.run(0, *lanes(search, 0))
-    assert found.shape == (2, runner.length, 0)
+    assert found.shape == (runner.channels, runner.samples, 0)
     assert ends.shape == (2, 0)
 
 

@@ -1,4 +1,4 @@
-"""Who shares probability with whom: sets of causes, exact twins, and signatures that are alike."""
+"""The verdict as a pure function, and who shares probability with whom."""
 
 import dataclasses
 from types import SimpleNamespace
@@ -6,76 +6,92 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fpjax.gap import Estimate, Ranked, Step
-from fpjax.gap.confusable import indistinguishable
-from fpjax.gap.posterior import Posterior, make_posterior
-from fpjax.gap.ranking import in_order, share_alike
-from fpjax.gap.signature import basis, without
-from fpjax.gap.twins import Log, Twin, exact_twins
+from fpjax.gap import Estimate, Ranked
+from fpjax.gap.answer.confusable import indistinguishable
+from fpjax.gap.answer.ranking import share_alike
+from fpjax.gap.effects.twins import Log, Twin, exact_twins
+from fpjax.gap.select.thresholds import THRESHOLDS
+from fpjax.gap.select.verdict import Seen, verdict
 
 NOMINAL = {"inertia": 2.0, "coulomb": 0.5, "viscous": 0.1}
 RATE_ONLY = Log(position=False, known_torque=False, known_turning=False, nominal=NOMINAL)
 BOTH = dataclasses.replace(RATE_ONLY, position=True)
 
 
-def fit(names, evidence):
-    return SimpleNamespace(names=tuple(names.split("+")), evidence=evidence)
-
-
 def estimate(value, half=0.01):
     return Estimate(value, value - half * abs(value), value + half * abs(value), "1")
 
 
-# --- probabilities of sets
+# --- the verdict
 
 
-def test_a_sure_pairs_main_cause_has_its_probability_and_each_of_it_is_sure():
-    rivals = [fit("stribeck+unbalance", 500.0), fit("stribeck+cogging", 300.0), fit("stribeck", 100.0)]
-    found = make_posterior(rivals, explained=True, gap=True, quantised=False, order=("unbalance", "stribeck"))
-    total = sum(share for _, share in found.sets)
-    assert total <= 1.0
-    assert found.share("unbalance") == pytest.approx(total)
-    assert found.share("stribeck") < 1e-9
-    assert found.cause("unbalance") == pytest.approx(total)
-    assert found.cause("stribeck") == pytest.approx(total)
-    assert found.share("cogging") < 1e-9
-    assert found.statement(("stribeck", "unbalance"), {}) == pytest.approx(total)
+def weighed(names, evidence, wide=()):
+    candidate = SimpleNamespace(structural=tuple(names.split("+")) if names else (), wide=frozenset(wide))
+    return SimpleNamespace(structural=candidate.structural, fit=SimpleNamespace(candidate=candidate), evidence=evidence)
 
 
-def test_the_cause_that_rivals_share_is_surer_than_its_companions():
-    rivals = [fit("stribeck+actuator_lag", 500.0), fit("velocity_lag+stribeck", 499.9), fit("cogging", 1.0)]
-    found = make_posterior(rivals, explained=True, gap=True, quantised=False)
-    assert found.cause("stribeck") > 0.98
-    assert 0.4 < found.cause("velocity_lag") < found.cause("actuator_lag") < 0.6
-    names = ("stribeck", "actuator_lag", "velocity_lag", "cogging")
-    assert sum(found.share(name) for name in names) == pytest.approx(sum(share for _, share in found.sets))
-    alone = found.statement(("stribeck", "actuator_lag"), {})
-    told = found.statement(("stribeck", "actuator_lag"), {"actuator_lag": ("velocity_lag",)})
-    assert told == pytest.approx(alone + found.cause("velocity_lag"))
+def judged(chosen, rivals, *, left=0.02, before=1.0, shares=None, readings=(), exact=0.0, allowed=()):
+    decision = SimpleNamespace(
+        exact=SimpleNamespace(evidence=exact),
+        nominal=weighed("cogging", -1e9),
+        singles=(),
+        chosen=chosen,
+        rivals=tuple(rivals),
+        shares=shares or dict.fromkeys(chosen.structural, 0.5),
+    )
+    return verdict(decision, Seen(before, left * before, 1e-3, 5.0, {}, tuple(readings), frozenset(allowed)))
 
 
-def test_a_set_counts_once_however_often_it_was_tried():
-    once = make_posterior([fit("a+b", 10.0), fit("c", 9.0)], True, True, False)
-    twice = make_posterior([fit("a+b", 10.0), fit("b+a", 8.0), fit("c", 9.0)], True, True, False)
-    assert once.sets == twice.sets
+def test_the_word_follows_what_is_left_and_how_sure_the_cause_is():
+    chosen, rival = weighed("stribeck", 500.0), weighed("presliding", 400.0)
+    assert judged(chosen, [rival]).word == "explained"
+    assert judged(chosen, [rival]).causes == ("stribeck",)
+    assert judged(chosen, [rival], left=0.4).word == "partly_explained"
+    assert judged(chosen, [weighed("presliding", 499.0)], left=0.4).word == "unexplained"
+    assert judged(chosen, [weighed("presliding", 499.0)], left=0.4).causes == ()
+    assert judged(chosen, [rival], left=0.95).word == "unexplained"
+    assert judged(chosen, [rival], before=0.01).word == "no_gap"
+    assert judged(weighed("stribeck", 3.0), [], before=0.1).word == "no_gap"
+    # a torque of importance that no effect follows is no agreement
+    assert judged(weighed("stribeck", 3.0), [], before=1.0, left=1.0).word == "unexplained"
 
 
-def test_a_rounded_reading_is_a_cause_beside_whatever_else_there_is():
-    beside = make_posterior([fit("velocity_bias", 10.0)], True, True, True)
-    assert beside.cause("velocity_quantisation") == pytest.approx(beside.cause("velocity_bias"))
-    alone = make_posterior([fit("velocity_bias", 10.0)], True, False, True)
-    assert alone.cause("velocity_quantisation") > 0.9
-    unexplained = make_posterior([fit("velocity_bias", 10.0)], False, True, True)
-    assert unexplained.cause("velocity_quantisation") > 0.9
-    assert unexplained.none() == pytest.approx(1.0 - unexplained.cause("velocity_bias"))
-    for found in (beside, alone, unexplained):
-        assert sum(share for _, share in found.sets) <= 1.0
+def test_a_share_of_a_sure_pair_is_the_main_cause_and_each_of_it_is_sure():
+    chosen = weighed("unbalance+stribeck", 500.0)
+    rivals = [weighed("stribeck+cogging", 300.0), weighed("stribeck", 100.0)]
+    found = judged(chosen, rivals, shares={"unbalance": 0.6, "stribeck": 0.3, "inertia_error": 0.001})
+    assert found.causes == ("unbalance", "stribeck")
+    assert found.main["unbalance"] > 0.95
+    assert found.main.get("stribeck", 0.0) < 1e-9
+    assert found.among["stribeck"] == pytest.approx(found.among["unbalance"])
+    assert sum(found.main.values()) <= 1.0
+    assert found.probability == pytest.approx(found.main["unbalance"])
+
+
+def test_nothing_is_sure_where_nothing_explains():
+    found = judged(weighed("stribeck", 500.0), [weighed("presliding", 100.0)], left=0.97)
+    assert max(found.main.values()) <= max(THRESHOLDS.right_unexplained) <= 0.5
+    assert (found.word, found.causes) == ("unexplained", ())
+    silent = judged(weighed("stribeck", 500.0), [], allowed=("backlash",))
+    assert silent.word == "unexplained"
+
+
+def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():
+    chosen = weighed("stribeck", 500.0)
+    beside = judged(chosen, [], readings=("velocity_quantisation",))
+    assert beside.causes == ("stribeck", "velocity_quantisation")
+    alone = judged(chosen, [], before=0.01, readings=("velocity_lag", "velocity_quantisation"))
+    assert (alone.word, alone.causes) == ("explained", ("velocity_lag", "velocity_quantisation"))
+    lost = judged(chosen, [], left=0.97, readings=("velocity_lag",))
+    assert (lost.word, lost.causes) == ("unexplained", ("velocity_lag",))
+    for found in (beside, alone, lost):
+        assert sum(found.main.values()) <= 1.0 + 1e-12
+        assert found.among[found.causes[-1]] > 0.9
 
 
 def test_evidence_that_is_not_finite_is_no_rival():
-    found = make_posterior([fit("a", 10.0), fit("b", -np.inf)], True, True, False)
-    assert found.share("b") < 1e-100
-    assert isinstance(found, Posterior)
+    found = judged(weighed("stribeck", 500.0), [weighed("backlash", -np.inf)])
+    assert found.main["backlash"] < 1e-100
 
 
 # --- exact twins
@@ -164,58 +180,26 @@ def test_twins_share_and_the_simpler_statement_keeps_its_probability():
     assert found["velocity_scale_error"].probability == 0.9
 
 
-# --- signatures
+# --- classes
 
 
-def test_what_a_nuisance_can_copy_is_taken_out_as_far_as_its_prior_allows():
-    random = np.random.default_rng(0)
-    nuisance = random.standard_normal((200, 2))
-    copied = nuisance @ np.array([[1.0], [-2.0]])
-    own = random.standard_normal((200, 1))
-    left = without(copied + own, nuisance, np.zeros((2, 2)))
-    assert np.max(np.abs(nuisance.T @ left)) < 1e-9
-    assert np.linalg.norm(without(copied, nuisance, np.zeros((2, 2)))) < 1e-9
-    tight = without(copied, nuisance, 1e12 * np.eye(2))
-    assert np.allclose(tight, copied)
-    assert np.array_equal(without(own, nuisance[:, :0], np.zeros((0, 0))), own)
+def classes(chosen, rivals, effect, twins=()):
+    return indistinguishable(SimpleNamespace(chosen=chosen, rivals=(chosen, *rivals)), effect, list(twins))
 
 
-def test_columns_that_change_nothing_span_nothing():
-    column = np.linspace(1.0, 2.0, 50)[:, None]
-    assert basis(np.concatenate([column, 0.0 * column, 3.0 * column], 1)).shape == (50, 1)
-    assert basis(0.0 * column).shape == (50, 0)
+def test_a_class_wants_close_evidence_in_the_same_place():
+    chosen = weighed("stribeck+actuator_lag", 100.0)
+    rivals = [weighed("velocity_lag+stribeck", 97.0), weighed("cogging+unbalance", 99.9), weighed("stribeck", 99.9)]
+    assert classes(chosen, rivals, "actuator_lag") == ("velocity_lag",)
+    assert classes(chosen, rivals, "stribeck") == ()
+    assert classes(chosen, [weighed("velocity_lag+stribeck", 95.0)], "actuator_lag") == ()
 
 
-def classes(monkeypatch, chosen, rivals, alike, twins=()):
-    monkeypatch.setattr("fpjax.gap.confusable.canonical_correlation", lambda *words: alike[words[-1]])
-    return indistinguishable(None, chosen, chosen.names[-1], [chosen, *rivals], list(twins))
-
-
-def test_a_class_wants_close_evidence_and_a_signature_that_is_alike(monkeypatch):
-    chosen = fit("stribeck+actuator_lag", 100.0)
-    rivals = [fit("velocity_lag+stribeck", 97.0), fit("stribeck+actuator_delay", 96.5), fit("cogging+unbalance", 99.9)]
-    alike = {"velocity_lag": 0.99, "actuator_delay": 0.5}
-    assert classes(monkeypatch, chosen, rivals, alike) == ("velocity_lag",)
-    alike["velocity_lag"] = 0.9
-    assert classes(monkeypatch, chosen, rivals, alike) == ()
-    far = [fit("velocity_lag+stribeck", 95.0)]
-    assert classes(monkeypatch, chosen, far, {"velocity_lag": 1.0}) == ()
-    toss = [fit("velocity_lag+stribeck", 99.5)]
-    assert classes(monkeypatch, chosen, toss, {"velocity_lag": 0.0}) == ("velocity_lag",)
-
-
-def test_a_class_holds_three_names_and_the_exact_twin_comes_first(monkeypatch):
-    chosen = fit("constant_torque", 100.0)
-    rivals = [fit("velocity_bias", 99.9), fit("unbalance", 99.8)]
-    alike = {"velocity_bias": 1.0, "unbalance": 1.0}
+def test_a_class_holds_three_names_and_the_exact_twin_comes_first():
+    chosen = weighed("constant_torque", 100.0)
+    rivals = [weighed("velocity_bias", 99.9), weighed("unbalance", 99.8)]
     twin = Twin(frozenset({"constant_torque"}), ("asymmetric_friction",))
-    assert classes(monkeypatch, chosen, rivals, alike, [twin]) == ("asymmetric_friction", "velocity_bias")
+    assert classes(chosen, rivals, "constant_torque", [twin]) == ("asymmetric_friction", "velocity_bias")
     several = Twin(frozenset({"constant_torque"}), ("a", "b"))
-    assert classes(monkeypatch, chosen, [], alike, [several]) == ("a", "b")
-    assert classes(monkeypatch, chosen, rivals[:1], alike, [several]) == ("velocity_bias",)
-
-
-def test_causes_are_told_in_the_order_of_the_ladder():
-    ladder = [Step(name, 0.1, (0.0, 0.2)) for name in ("quadratic_drag", "inertia_error")]
-    assert in_order(("inertia_error", "quadratic_drag"), ladder) == ["quadratic_drag", "inertia_error"]
-    assert in_order(("cogging", "inertia_error"), ladder) == ["inertia_error", "cogging"]
+    assert classes(chosen, [], "constant_torque", [several]) == ("a", "b")
+    assert classes(chosen, rivals[:1], "constant_torque", [several]) == ("velocity_bias",)

@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 from report_cases import CASES
 
 from fpjax.errors import InputError
-from fpjax.gap import Estimate, Identifiability, Ranked, Share, Where
+from fpjax.gap import EFFECTS, Estimate, Identifiability, Ranked, Share, Where
 from fpjax.gap.report import (
-    contents,
     digits,
     draw_overview,
     markup,
     model_text,
+    reading,
     record_picture,
     svg,
     text,
@@ -27,7 +27,6 @@ from fpjax.gap.report import (
     words,
     write_report,
 )
-from fpjax.gap.vocabulary import EFFECTS
 from fpjax.model_file import dump_model, load_model
 
 SECTIONS = ["record", "where", "ranking", "shrink", "apart", "identifiability", "model", "warnings", "provenance"]
@@ -35,6 +34,7 @@ PICTURES = {
     "explained": {"overview", "record", "where", "residual", "shrink"},
     "pair_with_twins": {"overview", "record", "where", "residual", "shrink"},
     "no_gap": {"overview", "record", "shrink"},
+    "partly_explained": {"overview", "record", "where", "residual", "shrink", "left"},
     "unexplained": {"overview", "record", "where", "residual", "shrink", "left"},
     "bare": {"overview", "where", "shrink"},
 }
@@ -184,7 +184,7 @@ def test_what_is_shown_is_the_number_rounded(report):
 
 
 def test_verdicts_have_fitting_sentences():
-    told = {name: contents.read(make()) for name, make in CASES.items()}
+    told = {name: make() for name, make in CASES.items()}
     sentences = {name: text.verdict_sentence(told[name]) for name in told}
     assert sentences["explained"].startswith("The simulation lacks Stribeck friction; with that put right")
     assert "cannot tell which" in sentences["pair_with_twins"]
@@ -198,8 +198,9 @@ def test_verdicts_have_fitting_sentences():
     assert "asymmetric friction (this log cannot tell which), and backlash; with both" in text.verdict_sentence(
         one_open
     )
-    partly = dataclasses.replace(told["unexplained"], causes=("backlash",))
-    assert "explains part of it" in text.verdict_sentence(partly)
+    partly = text.verdict_sentence(told["partly_explained"]).replace("\u202f", " ")
+    assert re.match(r"Stribeck friction explains \d+ % of the missing torque; \d+ % is left \(", partly)
+    assert not re.search(r"not|fail|but|only", partly)
     wrong = dataclasses.replace(told["explained"], causes=("inertia_error",))
     assert text.verdict_sentence(wrong).startswith("The simulation has a wrong inertia;")
     linear = dataclasses.replace(wrong, motion="linear")
@@ -209,7 +210,7 @@ def test_verdicts_have_fitting_sentences():
 def test_a_linear_axis_is_told_in_its_own_words(written):
     _, _, _, source = written("unexplained")
     shown = "".join(Page(source).text)
-    assert "force residual [N]" in shown
+    assert "missing force [N]" in shown
     assert "velocity [m/s]" in shown
     assert "near the force limit" in shown
     assert "rad/s" not in shown
@@ -220,7 +221,7 @@ def test_a_linear_axis_is_told_in_its_own_words(written):
 def test_classes_are_named_with_what_would_split_them(written):
     _, diagnosis, _, source = written("pair_with_twins")
     shown = "".join(Page(source).text)
-    assert contents.read(diagnosis).classes() == [
+    assert reading.classes(diagnosis) == [
         ("constant_torque", "asymmetric_friction"),
         ("actuator_delay", "velocity_delay"),
     ]
@@ -312,7 +313,7 @@ def test_logs_of_the_same_hours_are_laid_end_to_end():
     full = CASES["explained"]()
     for count, label in ((1, "time [s]"), (2, "withheld time, logs end to end [s]")):
         figure = Figure()
-        told = contents.read(dataclasses.replace(full, comparisons=full.comparisons * count))
+        told = dataclasses.replace(full, comparisons=full.comparisons * count)
         record_picture.draw_record(figure, told, narrow=True)
         assert figure.axes[1].get_xlabel() == label
 
@@ -321,7 +322,7 @@ def test_a_frequency_bin_that_begins_at_zero_is_in_the_picture():
     edges = [0.0, 0.1, 1.0, 10.0, 100.0]
     bins = tuple(Share(a, b, share) for a, b, share in zip(edges[:-1], edges[1:], (0.7, 0.1, 0.1, 0.1), strict=True))
     full = CASES["bare"]()
-    told = contents.read(dataclasses.replace(full, where=Where(maps={"frequency": bins}, frequency=bins[:1])))
+    told = dataclasses.replace(full, where=Where(maps={"frequency": bins}, frequency=bins[:1]))
     figure = Figure()
     where_picture.draw_where(figure, told, narrow=True)
     axes = figure.axes[0]
@@ -331,8 +332,7 @@ def test_a_frequency_bin_that_begins_at_zero_is_in_the_picture():
 
 
 def test_the_worst_place_is_where_the_nominal_model_is_most_wrong():
-    told = contents.read(CASES["unexplained"]())
-    series, first, last = record_picture.worst_place(list(told.series))
+    series, first, last = record_picture.worst_place(record_picture.series_of(CASES["unexplained"]()))
     error = np.abs(series.measured - series.before)
     assert first <= int(np.argmax(error)) <= last
     assert last - first < 0.3 * len(series.time)
@@ -351,7 +351,7 @@ def test_the_worst_place_is_where_the_nominal_model_is_most_wrong():
     ],
 )
 def test_digits_are_those_that_the_interval_earns(value, low, high, shown, interval):
-    assert digits.show_estimate(digits.Estimate(value, low, high)) == (shown, interval)
+    assert digits.show_estimate(Estimate(value, low, high)) == (shown, interval)
 
 
 def test_units_and_shares_are_spelled_for_people():
@@ -366,19 +366,8 @@ def test_units_and_shares_are_spelled_for_people():
     assert {share: digits.show_percent(share).translate(spaces) for share in shares} == shares
 
 
-def test_confidence_is_that_of_what_is_stated():
-    told = {name: contents.read(make()).confidence for name, make in CASES.items()}
-    assert told["explained"] == 0.962
-    assert told["no_gap"] == 0.97
-    silent = {
-        name: contents.read(dataclasses.replace(make(), probability=0.0)).confidence for name, make in CASES.items()
-    }
-    # a diagnosis that says nothing: two causes and their twins, the sum of what the four hold
-    assert silent["pair_with_twins"] == pytest.approx(0.24 + 0.23 + 0.22 + 0.21)
-    # or what the ranking leaves for "none of these"
-    assert silent["no_gap"] == pytest.approx(1.0 - 0.017)
-    nothing = dataclasses.replace(CASES["unexplained"](), ranking=(), probability=0.0)
-    assert math.isnan(contents.read(nothing).confidence)
+def test_confidence_is_that_of_the_diagnosis():
+    assert text.confidence_sentence(dataclasses.replace(CASES["explained"](), probability=0.0)) == ""
     assert [words.sure(p) for p in (0.99, 0.9, 0.6, 0.1)] == [
         "practically certain",
         "very likely",
@@ -388,15 +377,14 @@ def test_confidence_is_that_of_what_is_stated():
 
 
 def test_a_parameter_at_its_bound_has_no_interval():
-    full = CASES["bare"]()
     pinned, bound = (
         Identifiability("gap", 1e-3, deviation, "rad", verdict)
         for deviation, verdict in ((1e-5, "pinned"), (0.0, "at a bound"))
     )
-    told = contents.read(dataclasses.replace(full, identifiability=(pinned, bound))).identifiability
-    assert told[0].estimate.bounded
-    assert told[0].estimate.high == pytest.approx(1e-3 + 1.645e-5)
-    assert not told[1].estimate.bounded
+    told = [reading.fixed(found) for found in (pinned, bound)]
+    assert told[0].bounded
+    assert told[0].high == pytest.approx(1e-3 + 1.645e-5)
+    assert not told[1].bounded
     assert words.state_meaning("at a bound")
     assert words.state_meaning("traded off with viscous")
 

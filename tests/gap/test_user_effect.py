@@ -5,10 +5,9 @@ import numpy as np
 
 from fpjax.blocks.friction import CoulombViscous
 from fpjax.blocks.plants import OneMass
-from fpjax.gap import Effect, Parameter, place
-from fpjax.gap.effect import Setting
-from fpjax.gap.family import Nominal, make_family
-from fpjax.gap.replay import assembled
+from fpjax.gap import Effect, Parameter, Setting, place
+from fpjax.gap.simulate.family import Nominal, make_family
+from fpjax.gap.simulate.replay import assembled
 
 
 def spring() -> Effect:

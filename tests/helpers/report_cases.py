@@ -326,8 +326,19 @@ def bare():
     return Diagnosis("explained", ("backlash",), ranking, gap, (), where, (), "", ())
 
 
+def partly_explained():
+    """The same friction, and a share that it leaves."""
+    found = explained()
+    gap = dataclasses.replace(found.gap, after=0.4 * found.gap.before, closed=0.6, closed_interval=(0.5, 0.7))
+    step = Step("stribeck", gap.after, (0.9 * gap.after, 1.1 * gap.after))
+    return dataclasses.replace(
+        found, verdict="partly_explained", gap=gap, steps=(step,), residual_where=found.where, probability=0.93
+    )
+
+
 CASES = {
     "explained": explained,
+    "partly_explained": partly_explained,
     "pair_with_twins": pair_with_twins,
     "no_gap": no_gap,
     "unexplained": unexplained,

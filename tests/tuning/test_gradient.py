@@ -10,6 +10,7 @@ from tuning_loops import CONSTANT, DEGREE, GAINS, SETUP, SHORT, SINE, THESIS, ef
 
 import fpjax
 import tuning
+from fpjax.compiled.programs import Programs
 from fpjax.errors import InputError
 from tuning import lanes as lanes_module
 from tuning.lanes import Clock, Lanes
@@ -182,7 +183,7 @@ def test_float32_tunes_too():
 def test_all_compiling_of_a_search_is_on_the_clock(method, monkeypatch):
     """Else `run_seconds` holds compile time: 2.3 s of a run that takes 0.09 s the second time."""
     jax.clear_caches()
-    monkeypatch.setattr(lanes_module, "_COMPILED", {})
+    monkeypatch.setattr(lanes_module, "_PROGRAMS", Programs())
     where, elsewhere, on_the_clock = ["outside"], [], []
 
     def heard(event, seconds, **_):

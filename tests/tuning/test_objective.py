@@ -104,8 +104,8 @@ def test_nothing_recompiles_when_gains_references_plants_or_dt_change():
         each = Lanes(problem, np.asarray(start)[None], None)
         each.costs(np.asarray(start)[None, None])
         each.value_and_gradient(problem.space.coordinates(np.asarray(start)[None]), "auto")
-        before = len(lanes._COMPILED) if before is None else before
-    assert len(lanes._COMPILED) == before
+        before = len(lanes._PROGRAMS) if before is None else before
+    assert len(lanes._PROGRAMS) == before
 
 
 @pytest.mark.parametrize(

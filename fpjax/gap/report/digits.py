@@ -2,70 +2,13 @@
 
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+
+from ..effects.estimate import Estimate as Estimate
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _PREFIXED = {"s", "m", "m/s", "rad", "rad/s", "N m"}
 _NO_BREAK = "\u202f"
 _MINUS = "−"
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A number with its interval.
-
-    Attributes:
-        value: the number, in `unit`; NaN where there is none.
-        low: lower end of the interval; NaN where it is not known.
-        high: upper end of the interval; NaN where it is not known.
-        unit: the unit as the contract writes it (`N m s/rad`); "1" or "" for a pure number.
-    """
-
-    value: float
-    low: float = math.nan
-    high: float = math.nan
-    unit: str = ""
-
-    @property
-    def known(self) -> bool:
-        """Whether there is a finite value."""
-        return math.isfinite(self.value)
-
-    @property
-    def bounded(self) -> bool:
-        """Whether both ends of the interval are finite."""
-        return math.isfinite(self.low) and math.isfinite(self.high)
-
-
-def as_number(given: Any) -> float:
-    """A finite float, or NaN for None, text and anything else that is no number."""
-    if isinstance(given, bool) or given is None:
-        return math.nan
-    try:
-        return float(given)
-    except (TypeError, ValueError):
-        return math.nan
-
-
-def as_estimate(given: Any, unit: str = "", interval: Any = None) -> Estimate:
-    """An `Estimate` from what a diagnosis holds: a number, {value, low, high, unit}, or a number and [low, high].
-
-    Args:
-        given: a number, or a mapping with `value` and optionally `low`, `high`, `unit`.
-        unit: the unit where `given` has none.
-        interval: [low, high] in the same unit, or None.
-    """
-    if isinstance(given, Mapping):
-        low, high = as_number(given.get("low")), as_number(given.get("high"))
-        return Estimate(as_number(given.get("value")), low, high, str(given.get("unit") or unit))
-    low = high = math.nan
-    if isinstance(interval, Mapping):
-        low, high = as_number(interval.get("low")), as_number(interval.get("high"))
-    elif isinstance(interval, (list, tuple)) and len(interval) == 2:
-        low, high = as_number(interval[0]), as_number(interval[1])
-    return Estimate(as_number(given), low, high, unit)
 
 
 def show_unit(unit: str) -> str:

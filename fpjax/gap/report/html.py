@@ -4,13 +4,12 @@ from importlib.resources import files
 from pathlib import Path
 
 from ...errors import InputError
-from ..diagnosis import Diagnosis
+from ..answer.diagnosis import Diagnosis
 from . import sections
-from .contents import Contents, read
 from .markup import text
-from .pictures import overview_of, pictures_of
+from .pictures import draw_overview, draw_pictures
 from .svg import to_png, to_svg
-from .text import verdict_sentence, verdict_title
+from .text import TITLES, verdict_sentence, verdict_title
 from .theme import css_variables
 
 _NAVIGATION = (
@@ -44,8 +43,9 @@ def write_report(diagnosis: Diagnosis, out_dir: str | Path) -> Path:
     Raises:
         InputError: the folder cannot be written, or the diagnosis' verdict is none of the contract's.
     """
-    contents = read(diagnosis)
-    pictures = pictures_of(contents)
+    if diagnosis.verdict not in TITLES:
+        raise InputError(f"The diagnosis' verdict is {diagnosis.verdict!r}; a report knows {', '.join(TITLES)}.")
+    pictures = draw_pictures(diagnosis)
     drawn = {
         picture.name: (
             to_svg(picture.wide, f"{picture.name}-wide", picture.description),
@@ -56,10 +56,10 @@ def write_report(diagnosis: Diagnosis, out_dir: str | Path) -> Path:
     folder = Path(out_dir)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _write(folder / "overview.png", to_png(overview_of(contents)))
+        _write(folder / "overview.png", to_png(draw_overview(diagnosis)))
         for picture in pictures:
             _write(folder / f"{picture.name}.png", to_png(picture.wide))
-        _write(folder / "report.html", to_page(contents, drawn).encode())
+        _write(folder / "report.html", to_page(diagnosis, drawn).encode())
     except OSError as error:
         raise InputError(
             f"The report cannot be written to {folder} ({error.strerror}): give a folder that can be written to."
@@ -67,28 +67,28 @@ def write_report(diagnosis: Diagnosis, out_dir: str | Path) -> Path:
     return folder / "report.html"
 
 
-def to_page(contents: Contents, pictures: dict[str, tuple[str, str]]) -> str:
+def to_page(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
     """The page.
 
     Args:
-        contents: what is told.
+        diagnosis: what is told.
         pictures: wide and narrow SVG by name.
     """
     style = css_variables() + files("fpjax.gap.report").joinpath("report.css").read_text("utf-8")
     body = "\n".join(
         (
-            sections.record(contents, pictures),
-            sections.where(contents, pictures),
-            sections.ranking(contents),
-            sections.shrink(contents, pictures),
-            sections.apart(contents),
-            sections.identifiability(contents),
-            sections.model(contents),
-            sections.warnings(contents),
-            sections.provenance(contents),
+            sections.record(diagnosis, pictures),
+            sections.where(diagnosis, pictures),
+            sections.ranking(diagnosis),
+            sections.shrink(diagnosis, pictures),
+            sections.apart(diagnosis),
+            sections.identifiability(diagnosis),
+            sections.model(diagnosis),
+            sections.warnings(diagnosis),
+            sections.provenance(diagnosis),
         )
     )
-    description = text(verdict_sentence(contents))
+    description = text(verdict_sentence(diagnosis))
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -97,27 +97,27 @@ def to_page(contents: Contents, pictures: dict[str, tuple[str, str]]) -> str:
 <meta http-equiv="Content-Security-Policy" content="{_POLICY}">
 <meta name="generator" content="fpjax">
 <meta name="description" content="{description}">
-<title>{text(verdict_title(contents))}: sim-to-real gap</title>
+<title>{text(verdict_title(diagnosis))}: sim-to-real gap</title>
 <style>
 {style}</style>
 </head>
 <body>
-{sections.header(contents)}
+{sections.header(diagnosis)}
 <main>
-{_navigation(contents)}
+{_navigation(diagnosis)}
 {body}
 </main>
-<footer>{text(sections.units_note(contents))} Written by fpjax.</footer>
+<footer>{text(sections.units_note(diagnosis))} Written by fpjax.</footer>
 </body>
 </html>
 """
 
 
-def _navigation(contents: Contents) -> str:
+def _navigation(diagnosis: Diagnosis) -> str:
     links = []
     for name, title in _NAVIGATION:
-        if name == "warnings" and contents.warnings:
-            count = len(contents.warnings)
+        if name == "warnings" and diagnosis.warnings:
+            count = len(diagnosis.warnings)
             links.append(f'<a class="alert" href="#warnings">{count} warning{"s" if count > 1 else ""}</a>')
         else:
             links.append(f'<a href="#{name}">{text(title)}</a>')

@@ -1,34 +1,78 @@
 """Measured against simulated on withheld data: the whole record, the error, and the worst place enlarged."""
 
 import itertools
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from ...output.plotting import thin
-from .contents import Contents, Series
+from ..answer.diagnosis import Comparison, Diagnosis
 from .digits import show_unit
+from .reading import gap_scale
 from .theme import AFTER, BAND, BEFORE, FLOOR, INK, MUTED, SOFT
 from .words import clip
 
 
-def has_record(contents: Contents) -> bool:
+@dataclass(frozen=True)
+class Series:
+    """The withheld part of one log.
+
+    Attributes:
+        label: the log's name.
+        time: s, shape (samples,).
+        measured: the gap's signal as recorded, shape (samples,).
+        before: the same from the nominal model, or None.
+        after: the same from the corrected model, or None.
+        starts: indices at which a new window or block begins: no line is to cross them.
+    """
+
+    label: str
+    time: np.ndarray
+    measured: np.ndarray
+    before: np.ndarray | None
+    after: np.ndarray | None
+    starts: np.ndarray
+
+
+def series_of(diagnosis: Diagnosis) -> list[Series]:
+    """The withheld part of each log that speaks of the gap's signal."""
+    return [s for s in (_series(c, diagnosis.gap.signal) for c in diagnosis.comparisons) if s is not None]
+
+
+def _series(comparison: Comparison, signal: str) -> Series | None:
+    withheld = np.asarray(comparison.withheld, bool)
+    if comparison.signal != signal or np.count_nonzero(withheld) < 2:
+        return None
+    time = np.asarray(comparison.time, float)[withheld]
+    parts = [np.asarray(part, float)[withheld] for part in (comparison.measured, comparison.before, comparison.after)]
+    known = [part if np.isfinite(part).any() else None for part in parts]
+    if known[0] is None:
+        return None
+    # a line must not join what two windows, or two withheld blocks, have left
+    window = np.asarray(comparison.window)[withheld]
+    step = np.median(np.diff(time))
+    starts = np.flatnonzero((np.diff(window) != 0) | (np.diff(time) > 2.5 * step)) + 1
+    return Series(comparison.name, time, known[0], known[1], known[2], starts)
+
+
+def has_record(diagnosis: Diagnosis) -> bool:
     """Whether there is anything to draw."""
-    return any(series.before is not None for series in contents.series)
+    return any(series.before is not None for series in series_of(diagnosis))
 
 
-def model_names(contents: Contents) -> tuple[str, str]:
+def model_names(diagnosis: Diagnosis) -> tuple[str, str]:
     """What the two simulations are called in a legend."""
-    return "nominal model", "corrected model" if contents.causes else "best attempt"
+    return "nominal model", "corrected model" if diagnosis.causes else "best attempt"
 
 
-def draw_record(figure: Any, contents: Contents, *, narrow: bool) -> None:
+def draw_record(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
     """Draw on a figure or subfigure.
 
     Args:
         figure: to draw on.
-        contents: has at least one series with `before`.
+        diagnosis: has at least one series with `before`.
         narrow: panels below one another, for a phone.
     """
     if narrow:
@@ -38,12 +82,12 @@ def draw_record(figure: Any, contents: Contents, *, narrow: bool) -> None:
         signal_axes = figure.add_subplot(grid[0, 0])
         error_axes = figure.add_subplot(grid[1, 0])
         zoom_axes = figure.add_subplot(grid[:, 1])
-    unit = clip(show_unit(contents.unit))
-    factor, error_unit = contents.scale
-    shown = [s for s in contents.series if s.before is not None]
-    shown_after = contents.verdict != "no_gap"
-    names = model_names(contents)
-    logged = "commanded" if contents.signal == "torque" else "measured"
+    unit = clip(show_unit(diagnosis.gap.unit))
+    factor, error_unit = gap_scale(diagnosis)
+    shown = [s for s in series_of(diagnosis) if s.before is not None]
+    shown_after = diagnosis.verdict != "no_gap"
+    names = model_names(diagnosis)
+    logged = "commanded" if diagnosis.gap.signal == "torque" else "measured"
     worst, first, last = worst_place(shown)
     for series, shift in zip(shown, _shifts(shown), strict=True):
         moved = series.time + shift
@@ -57,11 +101,11 @@ def draw_record(figure: Any, contents: Contents, *, narrow: bool) -> None:
         if series is worst:
             for axes in (signal_axes, error_axes):
                 axes.axvspan(moved[first], moved[last], color=BAND, linewidth=0, zorder=0)
-    if contents.floor.known:
+    if np.isfinite(diagnosis.gap.noise_floor):
         # twice the rms: the band that holds 95 % of what is only noise
         error_axes.axhspan(
-            -2 * factor * contents.floor.value,
-            2 * factor * contents.floor.value,
+            -2 * factor * diagnosis.gap.noise_floor,
+            2 * factor * diagnosis.gap.noise_floor,
             color=SOFT,
             alpha=0.55,
             linewidth=0,
@@ -73,15 +117,15 @@ def draw_record(figure: Any, contents: Contents, *, narrow: bool) -> None:
         _name_holes(signal_axes, shown[0])
     moved_ends = len(shown) > 1 and any(_shifts(shown))
     signal_axes.set_title("Withheld data")
-    signal_axes.set_ylabel(f"{contents.signal} [{unit}]")
+    signal_axes.set_ylabel(f"{diagnosis.gap.signal} [{unit}]")
     signal_axes.tick_params(labelbottom=False)
-    error_axes.set_title("Commanded less needed" if contents.signal == "torque" else "Measured less simulated")
+    error_axes.set_title("Commanded less needed" if diagnosis.gap.signal == "torque" else "Measured less simulated")
     error_axes.set_ylabel(f"error [{clip(show_unit(error_unit))}]")
     error_axes.set_xlabel("withheld time, logs end to end [s]" if moved_ends else "time [s]")
     error_axes.sharex(signal_axes)
     _zoom(zoom_axes, worst, first, last, (logged, *names), with_after=shown_after)
     zoom_axes.set_title("The worst place, enlarged" if shown_after else "An enlarged stretch")
-    zoom_axes.set_ylabel(f"{contents.signal} [{unit}]")
+    zoom_axes.set_ylabel(f"{diagnosis.gap.signal} [{unit}]")
     zoom_axes.set_xlabel(f"time in {clip(worst.label)} [s]" if len(shown) > 1 else "time [s]")
 
 

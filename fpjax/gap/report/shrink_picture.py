@@ -3,35 +3,37 @@
 import math
 from typing import Any
 
-from .contents import Contents
-from .digits import Estimate, show, show_percent, show_unit
+from ..answer.diagnosis import Diagnosis
+from ..effects.estimate import Estimate
+from .digits import show, show_percent, show_unit
+from .reading import gap_scale, shown_gap, step_gap, twins_of
 from .theme import AFTER, BEFORE, FLOOR, INK, MUTED, PAPER, SOFT
 from .words import clip, effect_title
 
 
-def rows_of(contents: Contents) -> list[tuple[str, Estimate]]:
+def rows_of(diagnosis: Diagnosis) -> list[tuple[str, Estimate]]:
     """Names and gaps from top to bottom: the nominal model, each added cause, or the best attempt."""
-    rows = [("Nominal model", contents.before)]
-    for step in contents.steps:
+    rows = [("Nominal model", diagnosis.gap.estimate("before"))]
+    for step in diagnosis.steps:
         # the twin closes the gap just as well: the row must not sound surer than the ranking
-        twin = " (or twin)" if contents.twins_of(step.added) else ""
-        rows.append((f"+ {effect_title(step.added, contents.motion)}{twin}", step.gap))
-    if not contents.steps and contents.verdict != "no_gap" and contents.after.known:
-        rows.append(("Corrected model" if contents.causes else "Best attempt", contents.after))
+        twin = " (or twin)" if twins_of(diagnosis, step.added) else ""
+        rows.append((f"+ {effect_title(step.added, diagnosis.motion)}{twin}", step_gap(diagnosis, step)))
+    if not diagnosis.steps and diagnosis.verdict != "no_gap" and diagnosis.gap.estimate("after").known:
+        rows.append(("Corrected model" if diagnosis.causes else "Best attempt", diagnosis.gap.estimate("after")))
     return [(name, gap) for name, gap in rows if gap.known]
 
 
-def draw_shrink(figure: Any, contents: Contents, *, narrow: bool) -> None:
+def draw_shrink(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
     """Draw on a figure or subfigure.
 
     Args:
         figure: to draw on.
-        contents: has a gap before.
+        diagnosis: has a gap before.
         narrow: names above the bars instead of beside them, for a phone.
     """
     axes = figure.subplots()
-    rows = [(clip(name, 36), contents.readable(gap)) for name, gap in rows_of(contents)]
-    floor = contents.readable(contents.floor)
+    rows = [(clip(name, 36), shown_gap(diagnosis, gap)) for name, gap in rows_of(diagnosis)]
+    floor = shown_gap(diagnosis, diagnosis.gap.estimate("noise_floor"))
     largest = max(max(gap.value, gap.high if gap.bounded else 0.0) for _, gap in rows)
     previous = None
     for i, (name, gap) in enumerate(rows):
@@ -81,28 +83,30 @@ def draw_shrink(figure: Any, contents: Contents, *, narrow: bool) -> None:
     axes.spines["left"].set_visible(False)
     axes.grid(visible=True, axis="x")
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel(f"rms {contents.signal} error on withheld data [{clip(show_unit(contents.scale[1]))}]")
+    axes.set_xlabel(
+        f"missing {diagnosis.gap.signal}, rms on withheld data [{clip(show_unit(gap_scale(diagnosis)[1]))}]"
+    )
 
 
-def draw_ranking(figure: Any, contents: Contents) -> None:
+def draw_ranking(figure: Any, diagnosis: Diagnosis) -> None:
     """Draw the probabilities of the first few effects on a figure or subfigure.
 
     Args:
         figure: to draw on.
-        contents: has a ranking.
+        diagnosis: has a ranking.
     """
     axes = figure.subplots()
-    shown = [c for c in contents.ranking if math.isfinite(c.probability)][:5]
+    shown = [c for c in diagnosis.ranking if math.isfinite(c.probability)][:5]
     rows = [-i for i in range(len(shown))]
     shares = [c.probability for c in shown]
-    twins = set().union(*(contents.twins_of(cause) for cause in contents.causes))
-    colours = [AFTER if c.effect in contents.causes or c.effect in twins else SOFT for c in shown]
+    twins = set().union(*(twins_of(diagnosis, cause) for cause in diagnosis.causes))
+    colours = [AFTER if c.effect in diagnosis.causes or c.effect in twins else SOFT for c in shown]
     bars = axes.barh(rows, shares, height=0.5, color=colours, linewidth=0)
     for bar, candidate in zip(bars, shown, strict=True):
-        bar.set_alpha(0.5 if candidate.effect in twins - set(contents.causes) else 1.0)
+        bar.set_alpha(0.5 if candidate.effect in twins - set(diagnosis.causes) else 1.0)
     for row, share in zip(rows, shares, strict=True):
         axes.annotate(show_percent(share), (share, row), xytext=(5, 0), textcoords="offset points", va="center")
-    axes.set_yticks(rows, [clip(effect_title(c.effect, contents.motion)) for c in shown])
+    axes.set_yticks(rows, [clip(effect_title(c.effect, diagnosis.motion)) for c in shown])
     axes.tick_params(axis="y", length=0, labelcolor=INK, labelsize=8.5)
     axes.set_xlim(0.0, 1.2)
     axes.set_xticks([])

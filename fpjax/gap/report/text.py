@@ -3,107 +3,128 @@
 import math
 import re
 
-from ..told import nothing_closes
-from .contents import Contents, Place
+from ..answer.diagnosis import Diagnosis, Share
+from ..answer.told import MOSTLY, nothing_closes
 from .digits import readable, show_percent, show_unit, show_with_unit
+from .reading import AXES, classes, main_regime, places, shown_gap, tracking, twins_of
 from .words import EFFECTS, effect_name, is_wrong_value, join, motion_units, regime_name, sure
 
+TITLES = {
+    "no_gap": "No gap",
+    "explained": "Explained",
+    "partly_explained": "Partly explained",
+    "unexplained": "Unexplained",
+}
 
-def verdict_title(contents: Contents) -> str:
+
+def verdict_title(diagnosis: Diagnosis) -> str:
     """Two or three words: the answer before the sentence."""
-    return {"no_gap": "No gap", "explained": "Explained", "unexplained": "Unexplained"}[contents.verdict]
+    return TITLES[diagnosis.verdict]
 
 
-def verdict_sentence(contents: Contents) -> str:
+def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence, without the confidence."""
+    gap, effort = diagnosis.gap, _effort(diagnosis)
     before, after, floor = (
-        show_with_unit(contents.readable(e)) for e in (contents.before, contents.after, contents.floor)
+        show_with_unit(shown_gap(diagnosis, gap.estimate(name))) for name in ("before", "after", "noise_floor")
     )
-    over_floor = f", against a noise floor of {floor}" if contents.floor.known else ""
-    if contents.verdict == "no_gap":
+    over_floor = f", against a noise floor of {floor}" if math.isfinite(gap.noise_floor) else ""
+    if diagnosis.verdict == "no_gap":
         return (
-            f"The simulation agrees with the log: on withheld data the {contents.signal} differs by {before} rms"
-            f"{over_floor}, and no effect beats chance."
+            f"The simulation agrees with the log: the {effort} that it misses on withheld data is {before} rms"
+            f"{over_floor}, too little to matter."
         )
-    if contents.verdict == "explained" and contents.causes == ("velocity_quantisation",):
-        return f"{_lacks(contents)}: the {contents.signal} error on withheld data, {before} rms, is rounding alone."
-    if contents.verdict == "explained":
-        shrink = f"the {contents.signal} error on withheld data falls from {before} to {after} rms" + _of_closable(
-            contents
+    if diagnosis.verdict == "explained" and diagnosis.causes == ("velocity_quantisation",):
+        return f"{_lacks(diagnosis)}; beside it nothing is missing: {before} rms of {effort} on withheld data."
+    if diagnosis.verdict == "explained":
+        shrink = f"the missing {effort} on withheld data falls from {before} to {after} rms" + _of_closable(diagnosis)
+        return f"{_lacks(diagnosis)}; with {_it(diagnosis)} put right, {shrink}."
+    if diagnosis.verdict == "partly_explained":
+        share, regime = main_regime(diagnosis.residual_where)
+        where = f", mostly {regime_name(regime, diagnosis.motion)}" if share >= MOSTLY else ""
+        asserted = _asserted(diagnosis)
+        verb = "explains" if len(diagnosis.causes) == 1 else "explain"
+        return (
+            f"{asserted[:1].upper()}{asserted[1:]} {verb} {show_percent(gap.closed)} of the missing {effort}; "
+            f"{show_percent(1.0 - gap.closed)} is left ({after} of {before} rms on withheld data){where}."
         )
-        return f"{_lacks(contents)}; with {_it(contents)} put right, {shrink}."
-    differs = f"The simulation differs from the log by {before} rms in {contents.signal} on withheld data{over_floor}"
-    if contents.causes:
-        part = f"{_asserted(contents)} explains part of it"
-        if contents.causes == ("velocity_quantisation",):
-            part = f"{_asserted(contents)} is part of it"
-        return f"{differs}; {part}, and {_nothing_closes(contents, f'the {after} left')}."
-    attempt = contents.after.known and contents.before.known and contents.after.value < contents.before.value
-    rest = f"; the best attempt still leaves {after}" if attempt else ""
-    return f"{differs}, and {_nothing_closes(contents, 'this gap')}{rest}."
+    differs = f"The simulation misses {before} rms of {effort} on withheld data{over_floor}"
+    if diagnosis.causes:
+        return (
+            f"{differs}; {_asserted(diagnosis)} is part of it, and {_nothing_closes(diagnosis, f'the {after} left')}."
+        )
+    rest = f"; the best attempt still leaves {after}" if gap.after < gap.before else ""
+    return f"{differs}, and {_nothing_closes(diagnosis, 'this gap')}{rest}."
 
 
-def confidence_sentence(contents: Contents) -> str:
+def _effort(diagnosis: Diagnosis) -> str:
+    return "force" if diagnosis.motion == "linear" else "torque"
+
+
+def confidence_sentence(diagnosis: Diagnosis) -> str:
     """How sure the verdict is, in words and as a number; "" where it is not known."""
-    if not math.isfinite(contents.confidence):
+    if not diagnosis.probability > 0.0:
         return ""
-    words = sure(contents.confidence)
-    return f"{words[:1].upper()}{words[1:]} ({show_percent(contents.confidence)})."
+    words = sure(diagnosis.probability)
+    return f"{words[:1].upper()}{words[1:]} ({show_percent(diagnosis.probability)})."
 
 
-def where_sentence(contents: Contents) -> str:
+def where_sentence(diagnosis: Diagnosis) -> str:
     """Where most of the gap lies; "" where nothing stands out or there is no gap."""
-    if contents.verdict == "no_gap":
+    if diagnosis.verdict == "no_gap":
         return ""
-    units = motion_units(contents.motion)
+    units = motion_units(diagnosis.motion)
     parts = []
-    regimes = sorted(((s, r) for r, s in contents.regimes.items() if s > 0.0), reverse=True)
-    if regimes:
-        share, regime = regimes[0]
-        parts.append(f"{show_percent(share)} of the gap's energy lies {regime_name(regime, contents.motion)}")
+    share, regime = main_regime(diagnosis.where)
+    if regime:
+        parts.append(f"{show_percent(share)} of the gap's energy lies {regime_name(regime, diagnosis.motion)}")
     told = {
         "time": "from",
         "velocity": "at velocities of",
         "position": "at positions of",
         "frequency": "at frequencies of",
     }
-    for axis, before in told.items():
-        largest = max(contents.where.get(axis, ()), key=lambda place: place.share, default=None)
+    for axis in AXES:
+        largest = max(places(diagnosis.where, axis), key=lambda place: place.share, default=None)
         # what holds less than a fifth is on the map, and too little for a sentence
         if largest is not None and largest.share >= 0.2:
-            parts.append(f"{show_percent(largest.share)} {before} {show_range(largest, units[axis])}")
+            parts.append(f"{show_percent(largest.share)} {told[axis]} {show_range(largest, units[axis])}")
     if not parts:
         return ""
     text = join(parts)
-    return f"{text[:1].upper()}{text[1:]}." if regimes else f"Of the gap's energy, {text}."
+    return f"{text[:1].upper()}{text[1:]}." if regime else f"Of the gap's energy, {text}."
 
 
-def show_range(place: Place, unit: str) -> str:
+def show_range(place: Share, unit: str) -> str:
     """`2.4 to 2.8 s`, both ends with the digits that their distance earns."""
-    width = abs(place.high - place.low)
+    width = abs(place.stop - place.start)
     decimals = max(0, 1 - math.floor(math.log10(width))) if width > 0.0 else 2
-    low, high = (f"{end:.{min(decimals, 6)}f}".replace("-", "−") for end in (place.low, place.high))
+    low, high = (f"{end:.{min(decimals, 6)}f}".replace("-", "−") for end in (place.start, place.stop))
     return f"{low} to {high}\u202f{show_unit(unit)}"
 
 
-def twin_sentences(contents: Contents) -> list[str]:
+def twin_sentences(diagnosis: Diagnosis) -> list[str]:
     """One sentence per class of effects that this log cannot tell apart."""
     sentences = []
-    for group in contents.classes():
-        names = [effect_name(effect, contents.motion) for effect in group]
-        probability = sum(c.probability for c in contents.ranking if c.effect in group and math.isfinite(c.probability))
+    for group in classes(diagnosis):
+        names = [effect_name(effect, diagnosis.motion) for effect in group]
+        probability = sum(
+            c.probability for c in diagnosis.ranking if c.effect in group and math.isfinite(c.probability)
+        )
         names = join(names)
         share = f"; together they hold {show_percent(min(probability, 1.0))}" if probability > 0.0 else ""
         sentences.append(f"{names[:1].upper()}{names[1:]} leave the same trace in this log{share}.")
     return sentences
 
 
-def set_twin_sentences(contents: Contents) -> list[str]:
+def set_twin_sentences(diagnosis: Diagnosis) -> list[str]:
     """One sentence per set of several effects that together make the same log as what was found."""
     sentences = []
-    for sentence in contents.same_as:
+    for sentence in diagnosis.same_as:
         if " + " in sentence:  # one for one is told with the classes
-            told = re.sub(r"\w+", lambda word: _named(word.group(), contents.motion), sentence).replace(" + ", " with ")
+            told = re.sub(r"\w+", lambda word: _named(word.group(), diagnosis.motion), sentence).replace(
+                " + ", " with "
+            )
             sentences.append(f"{told[:1].upper()}{told[1:]}")
     return sentences
 
@@ -112,9 +133,9 @@ def _named(word: str, motion: str) -> str:
     return effect_name(word, motion) if word in EFFECTS else word
 
 
-def tracking_sentence(contents: Contents) -> str:
+def tracking_sentence(diagnosis: Diagnosis) -> str:
     """The closed loop's tracking error, predicted before and after, against the measured one; "" where not known."""
-    known = {name: readable(estimate) for name, estimate in contents.tracking.items() if estimate.known}
+    known = {name: readable(estimate) for name, estimate in tracking(diagnosis).items() if estimate.known}
     if "measured" not in known or not ({"before", "after"} & set(known)):
         return ""
     predicted = [
@@ -125,22 +146,22 @@ def tracking_sentence(contents: Contents) -> str:
     return f"Closed-loop tracking error on withheld data: {measured} rms measured; the simulator predicts {told}."
 
 
-def _alternatives(contents: Contents) -> list[str]:
+def _alternatives(diagnosis: Diagnosis) -> list[str]:
     """Each cause with those that it cannot be told from: `a constant torque or asymmetric friction`."""
     told: set[str] = set()
     names = []
-    for cause in contents.causes:
+    for cause in diagnosis.causes:
         if cause in told:
             continue
-        group = [cause, *(t for t in contents.twins_of(cause) if t not in contents.causes)]
+        group = [cause, *(t for t in twins_of(diagnosis, cause) if t not in diagnosis.causes)]
         told.update(group)
-        names.append(join([effect_name(effect, contents.motion) for effect in group], "or"))
+        names.append(join([effect_name(effect, diagnosis.motion) for effect in group], "or"))
     return names
 
 
-def _asserted(contents: Contents) -> str:
+def _asserted(diagnosis: Diagnosis) -> str:
     """The causes in one phrase, which says so where this log leaves a choice."""
-    names = _alternatives(contents)
+    names = _alternatives(diagnosis)
     open_ones = [i for i, name in enumerate(names) if " or " in name]
     if not open_ones:
         return join(names)
@@ -150,23 +171,23 @@ def _asserted(contents: Contents) -> str:
     return text if len(open_ones) == 1 else f"{text} (in each case this log cannot tell which)"
 
 
-def _nothing_closes(contents: Contents, it: str) -> str:
+def _nothing_closes(diagnosis: Diagnosis, it: str) -> str:
     """Who was tried and failed: the vocabulary, or what was allowed of it."""
-    return nothing_closes([effect_name(effect, contents.motion) for effect in contents.allowed], it)
+    return nothing_closes([effect_name(effect, diagnosis.motion) for effect in diagnosis.allowed], it)
 
 
-def _lacks(contents: Contents) -> str:
-    verb = "has" if contents.causes and all(map(is_wrong_value, contents.causes)) else "lacks"
-    if any(map(is_wrong_value, contents.causes)) and verb == "lacks":
-        return f"The gap comes from {_asserted(contents)}"
-    return f"The simulation {verb} {_asserted(contents)}"
+def _lacks(diagnosis: Diagnosis) -> str:
+    verb = "has" if diagnosis.causes and all(map(is_wrong_value, diagnosis.causes)) else "lacks"
+    if any(map(is_wrong_value, diagnosis.causes)) and verb == "lacks":
+        return f"The gap comes from {_asserted(diagnosis)}"
+    return f"The simulation {verb} {_asserted(diagnosis)}"
 
 
-def _it(contents: Contents) -> str:
-    return "that" if len(contents.causes) == 1 else "both" if len(contents.causes) == 2 else "all of them"
+def _it(diagnosis: Diagnosis) -> str:
+    return "that" if len(diagnosis.causes) == 1 else "both" if len(diagnosis.causes) == 2 else "all of them"
 
 
-def _of_closable(contents: Contents) -> str:
-    if not contents.closed.known:
+def _of_closable(diagnosis: Diagnosis) -> str:
+    if not math.isfinite(diagnosis.gap.closed):
         return ""
-    return f", {show_percent(contents.closed.value)} of what a perfect model would close"
+    return f", {show_percent(diagnosis.gap.closed)} of what a perfect model would close"

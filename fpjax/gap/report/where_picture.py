@@ -7,57 +7,58 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from .contents import AXES, Contents, Place
+from ..answer.diagnosis import Diagnosis, Share
 from .digits import show_percent, show_unit
-from .theme import BEFORE, INK, MUTED, SOFT
+from .reading import AXES, bins, places
+from .theme import AFTER, BEFORE, INK, MUTED, SOFT
 from .words import clip, motion_units, regime_name
 
 
-def axes_with_places(contents: Contents) -> list[str]:
+def axes_with_places(diagnosis: Diagnosis) -> list[str]:
     """The axes that have anything to show."""
     found = []
     for axis in AXES:
-        places = (*contents.maps.get(axis, ()), *contents.where.get(axis, ()))
+        shown = (*bins(diagnosis.where, axis), *places(diagnosis.where, axis))
         # a map of zeros is what is left where nothing stands above the noise
-        if any(place.share > 0.0 for place in places):
+        if any(place.share > 0.0 for place in shown):
             found.append(axis)
     return found
 
 
-def has_regimes(contents: Contents) -> bool:
+def has_regimes(diagnosis: Diagnosis) -> bool:
     """Whether any regime holds a share of the gap."""
-    return any(share > 0.0 for share in contents.regimes.values())
+    return any(share > 0.0 for share in diagnosis.where.regime.values())
 
 
-def has_where(contents: Contents) -> bool:
+def has_where(diagnosis: Diagnosis) -> bool:
     """Whether there is anything to draw."""
-    return bool(axes_with_places(contents)) or has_regimes(contents)
+    return bool(axes_with_places(diagnosis)) or has_regimes(diagnosis)
 
 
-def draw_where(figure: Any, contents: Contents, *, narrow: bool) -> None:
+def draw_where(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
     """Draw the maps on a figure or subfigure: what stands out in colour, the rest in grey.
 
     Args:
         figure: to draw on.
-        contents: has a map or a regime.
+        diagnosis: has a map or a regime.
         narrow: panels below one another, for a phone.
     """
-    panels = axes_with_places(contents)
-    units = motion_units(contents.motion)
-    names = [*(["regime"] if has_regimes(contents) else []), *panels]
+    panels = axes_with_places(diagnosis)
+    units = motion_units(diagnosis.motion)
+    names = [*(["regime"] if has_regimes(diagnosis) else []), *panels]
     spots = _stacked(figure, names) if narrow else _side_by_side(figure, names)
     for axis in panels:
-        _bars(spots[axis], contents.maps.get(axis) or (), contents.where.get(axis) or (), with_even=axis != "frequency")
+        _bars(spots[axis], bins(diagnosis.where, axis), places(diagnosis.where, axis), with_even=axis != "frequency")
         spots[axis].set_title(f"By {axis}")
         spots[axis].set_xlabel(f"{axis} [{show_unit(units[axis])}]")
         if axis == "frequency":
-            _frequency_scale(spots[axis], contents.maps.get(axis) or contents.where[axis])
+            _frequency_scale(spots[axis], bins(diagnosis.where, axis) or places(diagnosis.where, axis))
     for axis in panels:
         if spots[axis].get_legend_handles_labels()[1]:
             spots[axis].legend(loc="upper right", handlelength=1.8)
             break
-    if has_regimes(contents):
-        _regimes(spots["regime"], contents)
+    if has_regimes(diagnosis):
+        _regimes(spots["regime"], diagnosis)
         spots["regime"].set_title("By regime")
 
 
@@ -85,22 +86,22 @@ def _side_by_side(figure: Any, names: list[str]) -> dict[str, Axes]:
     return spots
 
 
-def _bars(axes: Axes, bins: tuple[Place, ...], standing_out: tuple[Place, ...], *, with_even: bool) -> None:
-    shown = bins or standing_out
-    out = [not bins or any(_overlap(place, other) > 0.5 for other in standing_out) for place in shown]
+def _bars(axes: Axes, every: tuple[Share, ...], standing_out: tuple[Share, ...], *, with_even: bool) -> None:
+    shown = every or standing_out
+    out = [not every or any(_overlap(place, other) > 0.5 for other in standing_out) for place in shown]
     axes.bar(
-        [place.low for place in shown],
+        [place.start for place in shown],
         [place.share for place in shown],
-        width=[place.high - place.low for place in shown],
+        width=[place.stop - place.start for place in shown],
         align="edge",
         color=[BEFORE if stands_out else SOFT for stands_out in out],
         linewidth=0,
         zorder=2,
     )
-    if with_even and bins and all(math.isfinite(p.even) for p in bins):
-        edges = [p.low for p in bins] + [bins[-1].high]
+    if with_even and every and any(p.expected > 0.0 for p in every):
+        edges = [p.start for p in every] + [every[-1].stop]
         axes.stairs(
-            [p.even for p in bins],
+            [p.expected for p in every],
             edges,
             baseline=None,
             color=MUTED,
@@ -108,7 +109,7 @@ def _bars(axes: Axes, bins: tuple[Place, ...], standing_out: tuple[Place, ...], 
             linestyle=(0, (3, 2)),
             label="if spread evenly",
         )
-    top = 1.18 * max(p.share for p in bins or standing_out) or 1.0
+    top = 1.18 * max(p.share for p in every or standing_out) or 1.0
     axes.set_ylim(0.0, top)
     # steps of 2.5 would round to labels that lie
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
@@ -116,35 +117,35 @@ def _bars(axes: Axes, bins: tuple[Place, ...], standing_out: tuple[Place, ...], 
     axes.margins(x=0.01)
 
 
-def _overlap(place: Place, other: Place) -> float:
+def _overlap(place: Share, other: Share) -> float:
     """The share of `place` that lies within `other`."""
-    width = place.high - place.low
-    return (min(place.high, other.high) - max(place.low, other.low)) / width if width > 0.0 else 0.0
+    width = place.stop - place.start
+    return (min(place.stop, other.stop) - max(place.start, other.start)) / width if width > 0.0 else 0.0
 
 
-def _frequency_scale(axes: Axes, bins: tuple[Place, ...]) -> None:
-    positive = [p for p in bins if p.low > 0.0]
-    if len(positive) > 2 and positive[-1].high > 20.0 * positive[0].low:
+def _frequency_scale(axes: Axes, every: tuple[Share, ...]) -> None:
+    positive = [p for p in every if p.start > 0.0]
+    if len(positive) > 2 and positive[-1].stop > 20.0 * positive[0].start:
         axes.set_xscale("log")
         # a first bin that begins at zero has no place on this axis: it gets half a decade
-        first = positive[0].low if bins[0].low > 0.0 else bins[0].high / 3.0
-        axes.set_xlim(first, positive[-1].high)
+        first = positive[0].start if every[0].start > 0.0 else every[0].stop / 3.0
+        axes.set_xlim(first, positive[-1].stop)
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
 
 
-def _regimes(axes: Axes, contents: Contents) -> None:
-    names = [r for r, share in contents.regimes.items() if math.isfinite(share)]
-    shares = [contents.regimes[name] for name in names]
+def _regimes(axes: Axes, diagnosis: Diagnosis) -> None:
+    names = [r for r, share in diagnosis.where.regime.items() if math.isfinite(share)]
+    shares = [diagnosis.where.regime[name] for name in names]
     largest = max(shares, default=0.0)
     rows = np.arange(len(names))[::-1]
-    stands_out = contents.verdict != "no_gap"
+    stands_out = diagnosis.verdict != "no_gap"
     colours = [BEFORE if s == largest and stands_out else SOFT for s in shares]
     axes.barh(rows, shares, height=0.62, color=colours, linewidth=0, zorder=2)
     for row, share in zip(rows, shares, strict=True):
         axes.annotate(
             show_percent(share), (share, row), xytext=(4, 0), textcoords="offset points", va="center", color=INK
         )
-    axes.set_yticks(rows, [clip(regime_name(name, contents.motion)) for name in names])
+    axes.set_yticks(rows, [clip(regime_name(name, diagnosis.motion)) for name in names])
     axes.tick_params(axis="y", length=0, labelcolor=INK, labelsize=8.5)
     axes.spines["bottom"].set_visible(False)
     axes.set_xlim(0.0, 1.25 * largest or 1.0)
@@ -152,44 +153,48 @@ def _regimes(axes: Axes, contents: Contents) -> None:
     axes.grid(visible=False)
 
 
-def residual_axes(contents: Contents) -> list[str]:
+def residual_axes(diagnosis: Diagnosis) -> list[str]:
     """The axes against which the residual can be drawn."""
-    if contents.residual is None or contents.verdict == "no_gap":
+    if diagnosis.where.residual is None or diagnosis.verdict == "no_gap":
         return []
-    samples = len(contents.residual)
+    samples = len(diagnosis.where.residual)
     return [
         axis
         for axis in ("velocity", "position", "time")
-        if (values := contents.residual_axes.get(axis)) is not None
+        if (values := diagnosis.where.axes.get(axis)) is not None
         and len(values) == samples
         and np.isfinite(values).any()
         and np.ptp(values[np.isfinite(values)]) > 0.0
     ]
 
 
-def draw_residual(figure: Any, contents: Contents, *, narrow: bool) -> None:
+def draw_residual(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
     """Draw what the nominal model cannot account for against motion: the median of each bin, and the middle 80 %.
 
     Args:
         figure: to draw on.
-        contents: has a residual.
+        diagnosis: has a residual.
         narrow: panels below one another, for a phone.
     """
-    panels = residual_axes(contents)
+    panels = residual_axes(diagnosis)
     drawn = figure.subplots(*((len(panels), 1) if narrow else (1, len(panels))), squeeze=False, sharey=True).ravel()
-    units = motion_units(contents.motion)
-    effort = ("force", "N") if contents.motion == "linear" else ("torque", "N·m")
-    residual = np.asarray(contents.residual, float)
+    units = motion_units(diagnosis.motion)
+    effort = ("force", "N") if diagnosis.motion == "linear" else ("torque", "N·m")
+    residual = np.asarray(diagnosis.where.residual, float)
+    left = diagnosis.residual_where if diagnosis.causes else None
     for axes, axis in zip(drawn, panels, strict=True):
-        centres, low, middle, high = _binned(np.asarray(contents.residual_axes[axis], float), residual)
+        centres, low, middle, high = _binned(np.asarray(diagnosis.where.axes[axis], float), residual)
         axes.axhline(0.0, color=MUTED, linewidth=0.8)
         axes.fill_between(centres, low, high, color=BEFORE, alpha=0.18, linewidth=0, label="middle 80 %")
         axes.plot(centres, middle, color=BEFORE, linewidth=1.6, label="median")
+        if left is not None and left.residual is not None and axis in left.axes:
+            centres, _, middle, _ = _binned(np.asarray(left.axes[axis], float), np.asarray(left.residual, float))
+            axes.plot(centres, middle, color=AFTER, linewidth=1.6, label="median with the causes in")
         axes.set_title(f"Against {axis}")
         axes.set_xlabel(f"{axis} [{show_unit(units[axis])}]")
         axes.margins(x=0.01)
     for axes in drawn if narrow else drawn[:1]:
-        axes.set_ylabel(f"{effort[0]} residual [{effort[1]}]")
+        axes.set_ylabel(f"missing {effort[0]} [{effort[1]}]")
     drawn[0].legend(loc="best")
 
 

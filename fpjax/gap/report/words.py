@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from ..answer.told import PLACES
+
 
 @dataclass(frozen=True)
 class EffectWords:
@@ -29,6 +31,9 @@ EFFECTS = {
         "position-dependent friction", "the Coulomb level varies with the angle"
     ),
     "friction_drift": EffectWords("friction drift", "friction falls as the machine warms up"),
+    "load_dependent_friction": EffectWords(
+        "load-dependent friction", "the Coulomb level grows with the torque through the gear"
+    ),
     "quadratic_drag": EffectWords("quadratic drag", "a torque that grows with the square of the speed"),
     "backlash": EffectWords("backlash", "play between motor and load"),
     "compliance": EffectWords("compliance", "an elastic transmission between motor and load"),
@@ -47,21 +52,13 @@ EFFECTS = {
     "velocity_quantisation": EffectWords("velocity quantisation", "the reading is rounded to a step"),
 }
 
-REGIMES = {
-    "reversal": "at reversals",
-    "low_speed": "at low speed",
-    "acceleration": "while accelerating",
-    "cruise": "at steady speed",
-    "limit": "near the torque limit",
-}
-
 # What to make of a parameter's state, by how the state begins.
 STATE_MEANINGS = {
     "pinned": "this log fixes it",
     "traded": "only their combination is fixed",
     "flat": "this log says next to nothing about it",
     "dead": "it changes nothing in this log",
-    "at a bound": "the fit ran into its limit: do not trust the value",
+    "at a bound": "the fit ran into a limit of the search: not a measurement",
 }
 
 _LINEAR = (
@@ -106,7 +103,7 @@ def is_wrong_value(effect: str) -> bool:
 
 def regime_name(regime: str, motion: str = "rotary") -> str:
     """Where a regime lies, in words."""
-    return _for_motion(REGIMES.get(regime, _spell(regime)), motion)
+    return _for_motion(PLACES.get(regime, _spell(regime)), motion)
 
 
 def parameter_name(parameter: str) -> str:

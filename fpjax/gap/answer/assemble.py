@@ -1,0 +1,182 @@
+"""Assemble: from what the fits led to, to a `Diagnosis`."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...logs.measures import is_derived
+from ...model_file import Model
+from ..data.record import Record
+from ..effects.estimate import Estimate
+from ..effects.experiments import Experiment, next_experiment
+from ..fit.candidate import Fit, nominal_sizes
+from ..fit.search import Search
+from ..select.decision import Decision
+from ..select.readings import readings
+from ..select.verdict import ROUNDING, Seen, Verdict, material, verdict
+from .corrected import corrected_model
+from .course import Course, course_of
+from .diagnosis import Comparison, Diagnosis, Gap, Learned, Ranked, Step
+from .intervals import covariance, identifiability, linear_unit, read_estimates
+from .learned import learn
+from .machines import machine_of, with_reading
+from .ranking import rank
+from .shrink import gap_of, noise_floor, steps_of
+from .stages import StageClock
+from .tracking import Side, tracking_error
+from .where import locate
+
+ROUNDED = 1.5  # steps of a reading that its noise must be below for its rounding to be a cause [standard deviations]
+
+
+def assemble(
+    search: Search, decision: Decision, model: Model, warnings: Sequence[str], allowed: tuple[str, ...],
+    clock: StageClock,
+) -> Diagnosis:  # fmt: skip
+    """The answer.
+
+    Args:
+        search: of the logs.
+        decision: what its fits led to.
+        model: the nominal one.
+        warnings: about the logs.
+        allowed: names of the effects, where not the whole vocabulary was tried.
+        clock: of the stages.
+    """
+    records, chosen = search.records, decision.chosen.fit
+    linear = records[0].linear
+    step = unknown_step(search)
+    torque = float(np.sqrt(np.mean(np.concatenate([record.torque for record in records]) ** 2)))
+    read = material(readings(records[0], search.setting.inertia), torque)
+    read = tuple(one for one in read if not allowed or one.effect in allowed)
+    wrong = (*(one.effect for one in read), *([ROUNDING] if step > 0.0 else []))
+    gap = gap_of(search, decision, linear_unit("N m", linear))
+    found = verdict(decision, _seen(search, decision, gap, torque=torque, wrong=wrong, allowed=allowed))
+    causes = [name for name in found.causes if name not in wrong]
+    steps = steps_of(search, decision, causes) if causes else ()
+    steps = (*steps, *(Step(name, gap.after, gap.after_interval) for name in wrong))
+    seen = {one.effect: read_estimates(one, linear=linear) for one in read}
+    if step > 0.0:
+        seen[ROUNDING] = {"step": Estimate(step, 0.9999 * step, 1.0001 * step, linear_unit("rad/s", linear))}
+    ranking = rank(search, decision, found, gap, steps, seen, allowed)
+    gapless = found.word == "no_gap" or (found.word == "explained" and not causes)
+    told = decision.exact if gapless else chosen
+    machine = with_reading(
+        machine_of(told.candidate), {name: value for one in read for name, value in one.values.items()}
+    )
+    text, missing = corrected_model(model, machine, step)
+    spread = covariance(search, chosen)
+    clock("where", 0.94)
+    before = [course_of(search, decision.exact, which) for which in range(len(records))]
+    after = [course_of(search, chosen, which) for which in range(len(records))]
+    graded = found.word in ("partly_explained", "unexplained")
+    clock("closed loop", 0.97)
+    said = [*_at_bounds(chosen, linear), *warnings]
+    sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
+    tracking = tracking_error(model, records, *sides, said)
+    return Diagnosis(
+        verdict=found.word,
+        causes=found.causes,
+        ranking=ranking.entries,
+        gap=gap,
+        steps=steps,
+        where=locate(records, before),
+        next_experiment=experiments(ranking.entries),
+        model=text,
+        model_missing=missing,
+        warnings=tuple(dict.fromkeys([*said, *([missing] if missing else [])])),
+        comparisons=_comparisons(search, before, after),
+        identifiability=identifiability(search, chosen, spread),
+        probability=min(found.probability + _alike(ranking.entries, found), 1.0),
+        residual_where=locate(records, after) if graded else None,
+        motion="linear" if linear else "rotary",
+        nominal=model.text,
+        tracking=tracking,
+        same_as=tuple(twin.sentence() for twin in ranking.twins),
+        allowed=allowed,
+        learned=_learned(search, chosen) if graded else (),
+    )
+
+
+def _alike(ranking: tuple[Ranked, ...], found: Verdict) -> float:
+    """Probability of the effects that no data can tell from the causes: the statement names them too."""
+    asserted = [entry for entry in ranking if entry.effect in found.causes]
+    others = {name for entry in asserted for name in entry.indistinguishable_from} - set(found.causes)
+    return sum(found.main.get(name, 0.0) for name in others)
+
+
+def _learned(search: Search, fit: Fit) -> tuple[Learned, ...]:
+    """What is left as laws of what was recorded, the largest share first."""
+    laws = [Learned(law.of, law.share, law.at, law.torque, law.low, law.high) for law in learn(search, fit).laws]
+    return tuple(sorted(laws, key=lambda law: -law.share))
+
+
+def experiments(ranking: tuple[Ranked, ...]) -> tuple[Experiment, ...]:
+    """For the effects that this log cannot tell apart."""
+    return next_experiment((entry.effect, other) for entry in ranking[:3] for other in entry.indistinguishable_from)
+
+
+def unknown_step(search: Search) -> float:
+    """Step that the rate reading is rounded to, where it is most of its noise and new to the model; else 0."""
+    steps = [_step(record) for record in search.records]
+    known = float(getattr(search.nominal.sensor, "step_size", None) or 0.0)
+    return 0.0 if known > 0.0 or min(steps) == 0.0 else max(steps)
+
+
+def _step(record: Record) -> float:
+    channel = record.reading
+    if record.velocity is None and channel is not None and record.position is not None:
+        # Derived by the drive: its steps are the encoder's, and no fault of a sensor.
+        channel = None if is_derived(channel.values, record.position.values) else channel
+    return channel.step if channel is not None and channel.step > ROUNDED * channel.noise else 0.0
+
+
+def _seen(
+    search: Search, decision: Decision, gap: Gap, *, torque: float, wrong: tuple[str, ...], allowed: tuple[str, ...]
+) -> Seen:
+    windows = [np.arange(len(record.starts)) for record in search.records]
+    before, after = (fit.missing_rms(windows) for fit in (decision.exact, decision.chosen.fit))
+    return Seen(
+        before=before,
+        after=max(after, (1.0 - gap.closed) * before),  # the word may not say more than the number beside it
+        floor=noise_floor(search, windows),
+        torque=torque,
+        sizes=nominal_sizes(search.setting),
+        readings=wrong,
+        allowed=frozenset(allowed),
+    )
+
+
+def _at_bounds(fit: Fit, linear: bool) -> list[str]:
+    """Warnings about parameters that ended at the end of what was allowed."""
+    c = fit.candidate
+    units = {p.name: linear_unit(p.unit, linear) for p in c.family.parameters}
+    return [
+        f"{name} ended at the end of what was allowed ({c.values()[name]:.4g} {units[name]}): its value is a limit of "
+        f"the search and not a measurement."
+        for name in c.at_bound()
+        if name in {p.name for effect in c.effects for p in effect.parameters} | c.wide
+    ]
+
+
+def _comparisons(search: Search, before: Sequence[Course], after: Sequence[Course]) -> tuple[Comparison, ...]:
+    """The commanded torque against what each model needs for the measured motion, one entry a log."""
+    found = []
+    for which, record in enumerate(search.records):
+        window = record.windows_of_samples()
+        withheld = np.concatenate([record.withheld, [False]])[window]
+        found.append(
+            Comparison(
+                name=record.name,
+                signal="torque",
+                unit=linear_unit("N m", record.linear),
+                time=record.time,
+                measured=record.torque,
+                before=record.torque + before[which].torque,
+                after=record.torque + after[which].torque,
+                withheld=withheld,
+                torque=record.torque,
+                window=window,
+            )
+        )
+    return tuple(found)

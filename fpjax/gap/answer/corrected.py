@@ -1,0 +1,35 @@
+"""Corrected: the model with the causes in, as servo.toml text."""
+
+import dataclasses
+from typing import Any
+
+from ...errors import InputError
+from ...loop import ClosedLoop
+from ...model_file import dump_model, simplified
+from ..machine import Machine
+
+
+def corrected_loop(model: Any, machine: Machine, step: float = 0.0) -> ClosedLoop:
+    """The model's loop around a fitted machine.
+
+    Args:
+        model: the nominal one.
+        machine: as fitted.
+        step: that the rate reading is rounded to [rad/s], where that is a cause; 0 for as fitted.
+    """
+    sensor = machine.sensor if step == 0 else dataclasses.replace(machine.sensor, step_size=step)
+    return dataclasses.replace(model.loop, plant=machine.plant, actuator=machine.actuator, sensor=sensor)
+
+
+def corrected_model(model: Any, machine: Machine, step: float = 0.0) -> tuple[str, str]:
+    """(servo.toml text of the corrected model, ""), or ("", why the file has no words for it).
+
+    Args:
+        model: the nominal one: stepping, units, controller and reference are kept.
+        machine: as fitted.
+        step: as for `corrected_loop`.
+    """
+    try:
+        return dump_model(simplified(model, corrected_loop(model, machine, step))), ""
+    except InputError as error:
+        return "", f"The corrected model has no words in servo.toml: {error}"

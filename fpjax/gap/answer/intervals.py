@@ -1,0 +1,133 @@
+"""Intervals: what a fit knows of its parameters, and of the contract's."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..effects.effect import Effect
+from ..effects.estimate import Estimate
+from ..fit.candidate import Candidate, Fit
+from ..fit.search import Search
+from ..select.readings import Reading
+from .diagnosis import Identifiability
+
+NINETY = 1.645  # standard deviations of a 90 % interval
+
+Values = np.ndarray
+
+
+def covariance(search: Search, fit: Fit) -> Values:
+    """Of the free parameters, in their own units, shape (free, free); parameters at a bound count as known.
+
+    The inverse curvature, with what the windows' own scatter says where that is more (the sandwich of White,
+    "Maximum likelihood estimation of misspecified models", 1982): a law of another form leaves windows that disagree.
+    """
+    c = fit.candidate
+    inside = ~at_bound(c)
+    found = np.zeros((len(c.free), len(c.free)))
+    index = np.flatnonzero(inside)
+    if not len(index):
+        return found
+    block = np.ix_(index, index)
+    unit = c.scale[index] / c.spread[index]
+    inverse = _inverse(c.normal[block] + np.diag(unit**2))
+    scores = _scores(search, c)[:, index]
+    meat = scores.T @ scores
+    sandwich = np.diag(inverse @ meat @ inverse)
+    variance = np.maximum(np.diag(inverse), 1e-300)
+    wider = np.sqrt(np.maximum(sandwich / variance, 1.0))
+    found[block] = inverse * wider[:, None] * wider * c.scale[index][:, None] * c.scale[index]
+    return found
+
+
+def at_bound(c: Candidate) -> Values:
+    """Which free parameters ended at a bound, shape (free,)."""
+    names = set(c.at_bound())
+    return np.array([c.family.parameters[i].name in names for i in c.free], bool)
+
+
+def estimates(search: Search, fit: Fit, effect: Effect, spread: Values | None) -> dict[str, Estimate]:
+    """The contract's parameters of one effect with 90 % intervals (delta method).
+
+    Args:
+        search: of the logs.
+        fit: with the effect in.
+        effect: which.
+        spread: covariance of the free parameters; None for no intervals.
+    """
+    c = fit.candidate
+    values, linear = c.values(), search.records[0].linear
+    center = effect.describe(values, search.setting)
+    if spread is None:
+        return {key: Estimate(value, unit=linear_unit(unit, linear)) for key, (value, unit) in center.items()}
+    names = [c.family.parameters[i].name for i in c.free]
+    gradients = {name: np.zeros(len(names)) for name in center}
+    for j, name in enumerate(names):
+        h = 1e-4 * c.scale[j]
+        moved = effect.describe(values | {name: values[name] + h}, search.setting)
+        for key in center:
+            gradients[key][j] = (moved[key][0] - center[key][0]) / h
+    bounded = at_bound(c)
+    result = {}
+    for key, (value, unit) in center.items():
+        half = NINETY * float(np.sqrt(max(gradients[key] @ spread @ gradients[key], 0.0)))
+        touches = bool(np.any(bounded & (gradients[key] != 0.0)))
+        half = half if half > 0.0 or not touches else float("nan")  # no interval is better than one of no width
+        result[key] = Estimate(value, value - half, value + half, linear_unit(unit, linear), touches)
+    return result
+
+
+def read_estimates(reading: Reading, *, linear: bool) -> dict[str, Estimate]:
+    """What the encoder tells of the velocity column, with 90 % intervals."""
+    return {
+        name: Estimate(value, value - NINETY * deviation, value + NINETY * deviation, linear_unit(unit, linear))
+        for name, (value, deviation, unit) in reading.values.items()
+    }
+
+
+def linear_unit(unit: str, linear: bool) -> str:
+    """The unit of a linear axis: metres and newtons in place of radians and newton metres."""
+    if not linear:
+        return unit
+    return unit.replace("kg m^2", "kg").replace("N m", "N").replace("rad", "m").replace("1/rev", "rad/m")
+
+
+def identifiability(search: Search, fit: Fit, spread: Values) -> tuple[Identifiability, ...]:
+    """What the fit knows about each free parameter."""
+    c = fit.candidate
+    deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
+    safe = np.where(deviation > 0, deviation, 1.0)
+    correlation = spread / safe[:, None] / safe
+    found = []
+    for j, index in enumerate(c.free):
+        parameter = c.family.parameters[index]
+        if deviation[j] == 0.0:
+            verdict = "at a bound"
+        elif deviation[j] > c.scale[j]:
+            verdict = "flat"
+        else:
+            others = np.abs(correlation[j]).copy()
+            others[j] = 0.0
+            other = int(np.argmax(others))
+            traded = others[other] > 0.95
+            verdict = f"traded off with {c.family.parameters[c.free[other]].name}" if traded else "pinned"
+        unit = linear_unit(parameter.unit, search.records[0].linear)
+        found.append(Identifiability(parameter.name, float(c.vector[index]), float(deviation[j]), unit, verdict))
+    return tuple(found)
+
+
+def _scores(search: Search, c: Candidate) -> Values:
+    """Gradient of half the cost of each fitted window in units of `scale`, start states eliminated, (windows, free)."""
+    fitter = search.fitters[c.family.key]
+    copy = replace(c)  # `reduced` notes its determinant in the candidate
+    rows = []
+    for part in fitter.linearise([c], search.train)[0]:
+        for i in range(len(part.windows)):
+            one = replace(part, windows=part.windows[i : i + 1], c=part.c[i : i + 1], slope=part.slope[i : i + 1])
+            rows.append(fitter.reduced(copy, [one], np.zeros(1))[1][0])
+    return np.array(rows).reshape(-1, len(c.free))
+
+
+def _inverse(matrix: Values) -> Values:
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
+    return np.linalg.pinv(matrix / size[:, None] / size, rcond=1e-12, hermitian=True) / size[:, None] / size

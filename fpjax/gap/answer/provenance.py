@@ -1,0 +1,75 @@
+"""Provenance: from what, with what and when a diagnosis was made, so that it can be traced and made again."""
+
+import datetime
+import hashlib
+from typing import Any
+
+from ...output.runfile import versions
+from ..data.record import Record
+from .shrink import SEED
+
+
+def provenance(
+    logs: list[Any], records: list[Record], model: Any, allowed: tuple[str, ...], started: datetime.datetime
+) -> dict[str, Any]:
+    """What `diagnosis.json` and the report say of a diagnosis' making.
+
+    Args:
+        logs: fitted ones first, then those that are only scored.
+        records: the same, made ready for the fit.
+        model: the nominal model.
+        allowed: names of the effects, where not the whole vocabulary was tried.
+        started: with a time zone.
+
+    Returns:
+        `command`, `arguments`, `inputs` (a list of {name, role: "fitted", "withheld" or "model", sha256, and of a log:
+        samples, windows_fitted, windows_withheld}), `windows` ({fitted, withheld, seconds}), `versions`, `started`
+        (ISO 8601), `seeds`.
+    """
+    inputs = [_log(log, record) for log, record in zip(logs, records, strict=True)]
+    windows = {side: sum(entry[f"windows_{side}"] for entry in inputs) for side in ("fitted", "withheld")}
+    name = "servo.toml" if model.path is None else model.path.name
+    return {
+        "command": "fpjax.gap.diagnose",
+        "arguments": {
+            "log": [entry["name"] for entry in inputs if entry["role"] == "fitted"],
+            "holdout": [entry["name"] for entry in inputs if entry["role"] == "withheld"],
+            "effects": list(allowed) if allowed else "all",
+        },
+        "inputs": [*inputs, {"name": name, "role": "model", "sha256": _model_hash(model)}],
+        "windows": {**windows, "seconds": records[0].samples * records[0].dt},
+        "versions": versions(),
+        "started": started.isoformat(timespec="seconds"),
+        "seeds": {"bootstrap": SEED},
+    }
+
+
+def _log(log: Any, record: Record) -> dict[str, Any]:
+    withheld = int(record.withheld.sum())
+    return {
+        "name": log.name,
+        "role": "withheld" if withheld == len(record.withheld) else "fitted",
+        "sha256": getattr(log, "sha256", "") or columns_hash(log),
+        "samples": len(log.time),
+        "windows_fitted": len(record.withheld) - withheld,
+        "windows_withheld": withheld,
+    }
+
+
+def columns_hash(log: Any) -> str:
+    """SHA-256 of a log that was no file: its columns as little-endian doubles, each after its name."""
+    digest = hashlib.sha256()
+    for name in ("time", "torque", "velocity", "position", "reference"):
+        column = getattr(log, name, None)
+        if column is not None:
+            digest.update(name.encode())
+            digest.update(column.astype("<f8").tobytes())
+    return digest.hexdigest()
+
+
+def _model_hash(model: Any) -> str:
+    """SHA-256 of the model's file, or of its text where it is none (any more)."""
+    content = model.text.encode()
+    if model.path is not None and model.path.is_file():
+        content = model.path.read_bytes()
+    return hashlib.sha256(content).hexdigest()

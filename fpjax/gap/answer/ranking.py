@@ -1,0 +1,130 @@
+"""Ranking: every effect with its probability, what it leaves, its parameters, and what it may be mistaken for."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+
+from ...blocks.signals import Motion
+from ..data.setting import turns_with_position
+from ..effects.effect import Effect
+from ..effects.estimate import Estimate
+from ..effects.twins import Log, Twin, exact_twins
+from ..effects.vocabulary import EFFECTS
+from ..fit.candidate import NOMINAL, Fit
+from ..fit.search import Search
+from ..select.decision import Decision
+from ..select.verdict import Verdict
+from .confusable import indistinguishable
+from .diagnosis import Gap, Ranked, Step
+from .intervals import covariance, estimates
+
+WITH_INTERVALS = 6  # entries whose intervals are computed
+
+ERRORS: dict[str, Effect] = {e.name: e for e in EFFECTS if e.name.removesuffix("_error") in NOMINAL}
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """What is known of each effect.
+
+    Attributes:
+        entries: the causes first, then by probability.
+        twins: exact twins of the causes.
+    """
+
+    entries: tuple[Ranked, ...]
+    twins: tuple[Twin, ...]
+
+
+def rank(
+    search: Search, decision: Decision, found: Verdict, gap: Gap, steps: Sequence[Step],
+    read: Mapping[str, dict[str, Estimate]], allowed: Sequence[str],
+) -> Ranking:  # fmt: skip
+    """Rank every effect.
+
+    Args:
+        search: the fits.
+        decision: what they led to.
+        found: the verdict on it.
+        gap: on withheld windows.
+        steps: the ladder.
+        read: parameters of the causes that the velocity column itself shows, by effect.
+        allowed: names of the effects that were tried; empty for the whole vocabulary.
+    """
+    chosen, exact = decision.chosen, decision.exact.evidence
+    causes = [name for name in found.causes if name not in read]
+    effects = {e.name: e for e in chosen.fit.candidate.effects} | ERRORS
+    entries: dict[str, Ranked] = {}
+    twins: list[Twin] = []
+    if causes:
+        spread = covariance(search, chosen.fit)
+        values = {name: estimates(search, chosen.fit, effects[name], spread) for name in causes}
+        twins = exact_twins(causes, values, log_of(search))
+        left = {s.added: s.gap_after for s in steps}
+        for name in causes:
+            same = indistinguishable(decision, name, twins)
+            entries[name] = Ranked(name, 0.0, left.get(name, gap.after), values[name], same, chosen.evidence - exact)
+    for name, known in read.items():
+        entries[name] = Ranked(name, 0.0, gap.after, known)
+    asserted = list(entries)
+    tried = [(w.fit, w.fit.candidate.effects[0], w.evidence) for w in decision.singles]
+    tried += [(decision.nominal.fit, effect, decision.nominal.evidence) for effect in ERRORS.values()]
+    tried.sort(key=lambda one: (-found.among.get(one[1].name, 0.0), -one[2]))
+    for fit, effect, evidence in tried:
+        if effect.name in entries or (allowed and effect.name not in allowed):
+            continue
+        spread = covariance(search, fit) if len(entries) < WITH_INTERVALS else None
+        values = estimates(search, fit, effect, spread)
+        entries[effect.name] = Ranked(effect.name, 0.0, _left(search, fit), values, (), evidence - exact)
+    entries = {
+        name: replace(
+            entry, probability=found.main.get(name, 0.0), cause_probability=found.among.get(name, 0.0)
+        )
+        for name, entry in entries.items()
+    }  # fmt: skip
+    for twin in twins:
+        share_alike(entries, twin)
+    _both_ways(entries, asserted)
+    rest = [entry for entry in entries.values() if entry.effect not in asserted]
+    rest.sort(key=lambda entry: (-entry.probability, -entry.evidence))
+    return Ranking((*(entries[name] for name in asserted), *rest), tuple(twins))
+
+
+def share_alike(entries: dict[str, Ranked], twin: Twin) -> None:
+    """Two sets of causes with one log hold the same probability, each divided among its causes; in place.
+
+    Unless the other set is larger: values that all happen to be wrong in one proportion are less likely than the one
+    cause that makes them so, and the simpler statement keeps its probability.
+    """
+    sides = (tuple(twin.causes), twin.instead)
+    if len(twin.instead) > len(twin.causes) or not {*twin.causes, *twin.instead} <= set(entries):
+        return
+    whole = sum(entries[name].probability for side in sides for name in side)
+    cause = min(sum(entries[name].cause_probability / len(side) for side in sides for name in side), 1.0)
+    for side in sides:
+        for name in side:
+            share = 0.5 * whole / len(side)
+            entries[name] = replace(entries[name], probability=share, cause_probability=0.5 * cause)
+
+
+def _both_ways(entries: dict[str, Ranked], asserted: Sequence[str]) -> None:
+    """What a cause cannot be told from cannot be told from the cause either; in place."""
+    for name in asserted:
+        for other in entries[name].indistinguishable_from:
+            if other in entries and other not in asserted:
+                same = tuple(dict.fromkeys((*entries[other].indistinguishable_from, name)))
+                entries[other] = replace(entries[other], indistinguishable_from=same)
+
+
+def _left(search: Search, fit: Fit) -> float:
+    return fit.missing_rms(search.withheld)
+
+
+def log_of(search: Search) -> Log:
+    """What decides about exact twins."""
+    load, actuator = search.nominal.plant.load, search.nominal.actuator
+    turning = turns_with_position(load)
+    still = Motion(jnp.zeros(1), jnp.zeros(1), jnp.zeros(1))
+    known = turning or bool(load.readout(still)[0]) or bool(getattr(actuator, "offset", None))
+    return Log(search.records[0].position is not None, known, turning, search.setting.nominal)

@@ -1,0 +1,115 @@
+"""Shrink: the missing torque before and after, and after each cause, on withheld windows, with intervals."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..fit.candidate import Fit
+from ..fit.search import Search
+from ..select.decision import Decision
+from .diagnosis import Gap, Step
+
+DRAWS = 2000  # of the bootstrap
+SEED = 0
+NINETY = (0.05, 0.95)
+
+Values = np.ndarray
+
+
+def gap_of(search: Search, decision: Decision, unit: str) -> Gap:
+    """How large the gap is before and after."""
+    before, after = (withheld(search, fit) for fit in (decision.exact, decision.chosen.fit))
+    floor = noise_floor(search)
+    draws = _draws(len(before))
+    many_before, many_after = _root(np.mean(before[draws], 1)), _root(np.mean(after[draws], 1))
+    small = float(_root(np.mean(before))), float(_root(np.mean(after)))
+    return Gap(
+        signal="torque",
+        unit=unit,
+        before=small[0],
+        after=small[1],
+        noise_floor=floor,
+        closed=float(closed(np.array(small[0]), np.array(small[1]), floor)),
+        before_interval=_interval(many_before),
+        after_interval=_interval(many_after),
+        noise_floor_interval=(floor, floor),
+        closed_interval=_interval(closed(many_before, many_after, floor)),
+    )
+
+
+def closed(before: Values, after: Values, floor: float) -> Values:
+    """(before - after) / (before - floor) [1], at most 1, and 0 where `before` is not above the noise."""
+    room = before - floor
+    return np.where(room > 0.0, np.minimum((before - after) / np.where(room > 0.0, room, 1.0), 1.0), 0.0)
+
+
+def steps_of(search: Search, decision: Decision, causes: Sequence[str]) -> tuple[Step, ...]:
+    """The ladder from the nominal model to the chosen one, one rung a cause."""
+    chosen = decision.chosen.fit
+    told: list[Step] = []
+    for fit in [
+        *(f for f in decision.path[1:] if set(f.candidate.structural) < set(chosen.candidate.structural)),
+        chosen,
+    ]:
+        added = [name for name in causes if name not in [s.added for s in told]]
+        if fit is not chosen:
+            added = [name for name in added if name in fit.candidate.structural]
+        if not added:
+            continue
+        numbers = [name for name in added if name not in fit.candidate.structural]
+        if fit is chosen and numbers and len(numbers) < len(added):
+            # The effects first, with the nominal numbers as they were given.
+            alone = search.refit(fit, ())
+            told += [_step(name, withheld(search, alone)) for name in added if name not in numbers]
+            added = numbers
+        told += [_step(name, withheld(search, fit)) for name in added]
+    return tuple(told)
+
+
+def withheld(search: Search, fit: Fit) -> Values:
+    """Mean square of the missing torque in the withheld windows [N^2 m^2], shape (windows,)."""
+    return np.concatenate([m[w] for m, w in zip(fit.missing, search.withheld, strict=True)])
+
+
+def noise_floor(search: Search, windows: Sequence[Values] | None = None) -> float:
+    """Missing torque that noise alone would show less often than once in twenty [N m].
+
+    A weighted sum of squares of standard normals, less its mean, by Satterthwaite's scaled chi-square.
+
+    Args:
+        search: of the logs.
+        windows: one array of indices a record; the withheld ones where not given.
+    """
+    from scipy.stats import chi2
+
+    modes, windows = search.modes, search.withheld if windows is None else windows
+    fitter = search.fitters[search.exact.family.key]
+    noise = search.real_noise * np.concatenate([n[w] for n, w in zip(fitter.noise, windows, strict=True)])
+    if not len(noise):
+        return float("nan")
+    alive = ~modes.sensor & (modes.gain > 0.0)
+    weight = search.band[alive] ** 2 / modes.gain[alive] / search.records[0].samples / len(noise)
+    mean = np.sum(weight) * np.sum(noise)
+    square = np.sum(weight**2) * np.sum(noise**2)
+    if not square > 0.0:
+        return 0.0
+    scale, degrees = square / mean, mean**2 / square
+    return float(np.sqrt(max(scale * chi2.ppf(0.95, degrees) - mean, 0.0)))
+
+
+def _step(name: str, squares: Values) -> Step:
+    return Step(name, float(_root(np.mean(squares))), _interval(_root(np.mean(squares[_draws(len(squares))], 1))))
+
+
+def _draws(count: int) -> Values:
+    return np.random.default_rng(SEED).integers(0, count, (DRAWS, count))
+
+
+def _root(values: Any) -> Values:
+    return np.sqrt(np.maximum(values, 0.0))
+
+
+def _interval(values: Values) -> tuple[float, float]:
+    low, high = np.quantile(values, NINETY)
+    return float(low), float(high)

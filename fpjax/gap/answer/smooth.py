@@ -1,0 +1,350 @@
+"""Smooth: a missing torque as penalised tables of what was recorded, fitted in the modes.
+
+The coefficients of a window are c = sqrt(lambda) V' d + S e + n, with d the missing torque of each period, S e what
+its start state adds, and n of the variance s^2 + q^2 lambda. A law d = Phi(x) beta is linear in beta, so that all of
+it is one weighted least squares problem. The tables are B-splines of degree one, whose coefficients are the torques at
+the points, penalised by second differences (Eilers, Marx, "Flexible smoothing with B-splines and penalties", 1996):
+what is fitted is what a `LearnedTorque` simulates.
+"""
+
+import functools
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ...blocks.signals import Motion
+from ..effects.effect import Effect, Parameter
+from ..fit.candidate import Candidate
+from ..fit.least_squares import Fitter, Linear
+from ..fit.modes import BURST_SCALE
+from ..fit.search import Search
+from ..machine import Machine
+from ..precision import double_precision
+from ..simulate.family import window_fields
+from ..simulate.replay import assembled
+from .smooth_tables import Table, resting
+
+Values = np.ndarray
+
+PENALTIES = np.geomspace(1e-4, 3.0, 10)  # departures from a straight line that are tried, of the friction's size
+FOLDS = 5
+BLOCK = 2  # windows in a row that are left out together
+PASSES = 2  # times that the level and the penalty are looked up again
+CENTRED = 1e-3  # of the friction: how well the mean of a table beside another one is held at zero
+
+
+# --- the windows
+
+
+@dataclass(frozen=True)
+class Windows:
+    """All windows of a fit as one linear problem.
+
+    Attributes:
+        fitter: of the fit.
+        candidate: the fit.
+        which: (record, its windows, place of the first) of each record.
+        c: coefficients at start states zero, shape (windows, modes).
+        start: change of c by the start states in prior units, shape (windows, modes, states).
+        noise: s^2 [1], shape (windows,).
+        fitted: bool, shape (windows,).
+        fold: of cross-validation, shape (windows,); -1 for withheld windows.
+    """
+
+    fitter: Fitter
+    candidate: Candidate
+    which: tuple[tuple[int, Values, int], ...]
+    c: Values
+    start: Values
+    noise: Values
+    fitted: Values
+    fold: Values
+
+    def design(self, table: Table) -> Values:
+        """Change of c by the torques at a table's points, shape (windows, modes, points)."""
+        modes, found = self.fitter.modes, []
+        way = modes.torque * np.sqrt(modes.gain)
+        for which, windows, _ in self.which:
+            record = self.fitter.records[which]
+            rows = record.starts[windows][:, None] + np.arange(record.samples)
+            columns = table.columns[which][rows.T].reshape(record.samples, -1)  # one product, not one a window
+            found.append((way.T @ columns).reshape(len(modes.gain), len(windows), -1).transpose(1, 0, 2))
+        return np.concatenate(found)
+
+
+def make_windows(search: Search, candidate: Candidate) -> Windows:
+    """The windows of a fit around where it stands; hidden states stay where they are."""
+    empty = np.zeros(0)
+    c = replace(
+        candidate, free=np.zeros(0, int), low=empty, high=empty, center=empty, spread=empty, scale=empty,
+        burst=[b.copy() for b in candidate.burst],
+    )  # fmt: skip
+    fitter = search.fitters[c.family.key]
+    windows = [np.arange(len(record.starts)) for record in search.records]
+    which, coefficients, starts, noise, fitted, fold = [], [], [], [], [], []
+    for part in fitter.linearise([c], windows, hidden=False)[0]:
+        deviation = fitter.deviations(c, part.which, hidden=False)
+        live = np.flatnonzero(deviation > 0)
+        states = c.states[part.which][live][:, part.windows].T
+        zero = part.c - (part.slope @ states[:, :, None])[:, :, 0] + _misread(search, c, part)
+        which.append((part.which, part.windows, sum(len(each) for each in coefficients)))
+        coefficients.append(zero)
+        starts.append(part.slope * deviation[live])
+        noise.append(fitter.noise[part.which][part.windows])
+        train = ~search.records[part.which].withheld[part.windows]
+        fitted.append(train)
+        block = np.cumsum(train) - 1
+        fold.append(np.where(train, block // BLOCK % FOLDS, -1))
+    return Windows(
+        fitter, c, tuple(which), np.concatenate(coefficients), np.concatenate(starts), np.concatenate(noise),
+        np.concatenate(fitted), np.concatenate(fold),
+    )  # fmt: skip
+
+
+def _misread(search: Search, c: Candidate, part: Linear) -> Values:
+    """What c lacks because the model's own torques are taken at the simulated motion, shape (windows, modes).
+
+    The simulation goes its own way from the measured motion until the window ends. The modes know no friction, so that
+    J r' = d - (F(simulated) - F(measured)): the difference is added, and what remains is the missing torque alone.
+    """
+    fitter, record = search.fitters[c.family.key], search.records[part.which]
+    vector = np.repeat(c.vector[:, None], len(part.windows), 1)
+    fields = window_fields(record, part.windows, c.hidden[part.which])
+    residual = fitter.runner.run(part.which, vector, c.states[part.which][:, part.windows], fields)[0][0].T
+    rows = record.starts[part.windows][:, None] + np.arange(record.samples)
+    if record.velocity is not None:
+        simulated = record.velocity.values[rows] + record.velocity.noise * residual
+    else:
+        assert record.position is not None
+        simulated = np.gradient(record.position.values[rows] + record.position.noise * residual, record.dt, axis=1)
+    measured, angle = record.speed[rows], record.angle[rows]
+    away = np.cumsum(simulated - measured, axis=1) * record.dt
+    family = fitter.family
+    padded = 1024
+    while padded < rows.size:
+        padded *= 2  # logs of similar length share one compiled function
+    times = record.time[rows] - record.time[0]
+    found = []
+    with double_precision():
+        for speed, position in ((simulated, angle + away), (measured, angle)):
+            columns = [np.resize(each, padded) for each in (speed, position, times, record.torque[rows])]
+            torque = _own_torque(
+                family.machine, family.effects, family.parameters, c.vector[:, None], Motion(*columns),  # type: ignore[arg-type]
+                resting(record),
+            )  # fmt: skip
+            found.append(np.asarray(torque)[: rows.size].reshape(rows.shape))
+    modes = fitter.modes
+    return (found[0] - found[1]) @ (modes.torque * np.sqrt(modes.gain))
+
+
+@functools.partial(jax.jit, static_argnums=(1, 2))
+def _own_torque(
+    nominal: Machine, effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], vector: Array, motion: Motion,
+    rest: float,
+) -> Array:  # fmt: skip
+    """Friction and load of a model [N m] along a motion; at rest, friction holds what it is given, up to its level."""
+    machine = assembled(nominal, effects, parameters, vector)
+    load = machine.plant.load.readout(motion)
+    most = machine.law.breakaway(motion)
+    assert motion.torque is not None
+    held = jnp.clip(motion.torque - load, -most, most)
+    moving = machine.law.readout((), motion, motion.torque)  # type: ignore[arg-type]
+    return load + jnp.where(jnp.abs(motion.velocity) > rest, moving, held)
+
+
+# --- the fit
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """Tables fitted together.
+
+    Attributes:
+        tables: in the order in which they were added.
+        penalties: of each [1 / (N m)^2].
+        torque: at all points, shape (points,) [N m].
+        precision: of the torques, their prior included [1 / (N m)^2].
+        robust: covariance of the torques from the windows' own scatter [N^2 m^2].
+        level: q by octave [N m].
+        burst: of each window [1].
+        cost: twice the negative log likelihood of each window, shape (windows,).
+        evidence: log evidence of the fitted windows and log likelihood of the withheld ones [1].
+        left: coefficients that are left, shape (windows, modes).
+        score: of cross-validation at the last table's penalty; lower is better.
+    """
+
+    tables: tuple[Table, ...]
+    penalties: tuple[float, ...]
+    torque: Values
+    precision: Values
+    robust: Values
+    level: Values
+    burst: Values
+    cost: Values
+    evidence: float
+    left: Values
+    score: float
+
+    def parts(self) -> list[slice]:
+        """Where each table's points lie in `torque`."""
+        ends = np.cumsum([0, *(len(t.at) for t in self.tables)])
+        return [slice(a, b) for a, b in itertools.pairwise(ends)]
+
+    def deviation(self) -> Values:
+        """Standard deviation of the torques [N m]: the model's, or the windows' scatter where that is larger."""
+        own = np.diag(np.linalg.inv(self.precision))
+        return np.sqrt(np.maximum(own, np.diag(self.robust)))
+
+
+class Smoother:
+    """Fits tables to windows.
+
+    Args:
+        windows: of a fit.
+        size: a torque to compare with [N m].
+        largest: that a table may hold, one standard deviation [N m].
+    """
+
+    def __init__(self, windows: Windows, size: float, largest: float):
+        self.windows, self.size, self.largest = windows, size, largest
+        self.designs: dict[int, Values] = {}
+
+    def base(self) -> Smooth:
+        """Without a table."""
+        start = self.windows.candidate
+        burst = np.concatenate([start.burst[which][chosen] for which, chosen, _ in self.windows.which])
+        zero = np.zeros(0)
+        empty = Smooth((), (), zero, np.zeros((0, 0)), np.zeros((0, 0)), start.level, burst, zero, 0.0, zero, 0.0)
+        return self._fit(empty, (), ())
+
+    def add(self, before: Smooth, table: Table) -> Smooth:
+        """One more table beside those of a fit; its penalty by cross-validation."""
+        return self._fit(before, (*before.tables, table), before.penalties)
+
+    def _fit(self, before: Smooth, tables: tuple[Table, ...], penalties: tuple[float, ...]) -> Smooth:
+        w = self.windows
+        design = [self._design(table) for table in tables]
+        x = np.concatenate([np.zeros((*w.c.shape, 0)), *design], axis=2)
+        level, burst, score = before.level, before.burst, 0.0
+        chosen, torque, prior = penalties, np.zeros(0), np.zeros((0, 0))
+        for _ in range(PASSES):
+            normal, _, _, _ = self._products(x, level, burst)
+            if len(tables) > len(penalties):
+                score, chosen = self._penalty(normal, tables, penalties)
+            prior = self._prior(tables, chosen)
+            torque = _solve(np.sum(normal[w.fitted], axis=0), prior)
+            level, burst = self._adapted(level, burst, self._left(x, torque, level, burst))
+        normal, determinant, pulls, _ = self._products(x, level, burst)
+        total = np.sum(normal[w.fitted], axis=0)
+        torque = _solve(total, prior)
+        beta = np.concatenate([[1.0], -torque])
+        cost = np.einsum("wij,i,j->w", normal, beta, beta) + determinant + pulls
+        precision = total[1:, 1:] + prior
+        occam = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior)[1] if len(tables) else 0.0
+        evidence = -0.5 * float(np.sum(cost) + torque @ prior @ torque + occam)
+        scores = normal[w.fitted][:, 1:] @ beta  # of each window, shape (windows, points)
+        inverse = np.linalg.inv(precision)
+        robust = inverse @ (scores.T @ scores) @ inverse
+        return Smooth(
+            tables, chosen, torque, precision, robust, level, burst, cost, evidence,
+            self._left(x, torque, level, burst), score,
+        )  # fmt: skip
+
+    def _design(self, table: Table) -> Values:
+        if id(table) not in self.designs:
+            self.designs[id(table)] = self.windows.design(table)
+        return self.designs[id(table)]
+
+    def _prior(self, tables: Sequence[Table], penalties: Sequence[float]) -> Values:
+        """Precision of the torques before the logs are seen."""
+        count = sum(len(t.at) for t in tables)
+        prior = np.eye(count) / self.largest**2
+        place = 0
+        for index, (table, penalty) in enumerate(zip(tables, penalties, strict=True)):
+            own = slice(place, place + len(table.at))
+            prior[own, own] += penalty * table.bend.T @ table.bend
+            if index and table.of in ("position", "time", "torque"):
+                # A constant torque belongs to one table: this one's mean along the logs is zero.
+                prior[own, own] += np.outer(table.mean, table.mean) / (CENTRED * self.size) ** 2
+            place = own.stop
+        return prior
+
+    def _penalty(
+        self, normal: Values, tables: tuple[Table, ...], penalties: tuple[float, ...]
+    ) -> tuple[float, tuple[float, ...]]:
+        """(error of what is predicted, penalties) with the last table's one chosen by cross-validation."""
+        w = self.windows
+        kinds = [k for k in np.unique(w.fold) if k >= 0]
+        tried = (self.size * PENALTIES) ** -2.0 if len(tables[-1].bend) else np.zeros(1)
+        if len(kinds) < 2:
+            return 0.0, (*penalties, float(tried[0]))
+        parts = [np.sum(normal[w.fold == k], axis=0) for k in kinds]
+        total = np.sum(parts, axis=0)
+        errors = []
+        for penalty in tried:
+            prior, error = self._prior(tables, (*penalties, penalty)), 0.0
+            for part in parts:
+                beta = np.concatenate([[1.0], -_solve(total - part, prior)])
+                error += float(beta @ part @ beta)
+            errors.append(error)
+        best = int(np.argmin(errors))
+        return errors[best], (*penalties, float(tried[best]))
+
+    def _weight(self, level: Values, burst: Values) -> Values:
+        return 1.0 / self.windows.fitter.modes.variance(level, self.windows.noise, burst)
+
+    def _inner(self, weight: Values) -> Values:
+        """Precision of the start states in prior units, shape (windows, states, states)."""
+        start = self.windows.start
+        return np.eye(start.shape[2]) + start.transpose(0, 2, 1) @ (start * weight[:, :, None])
+
+    def _products(self, x: Values, level: Values, burst: Values) -> tuple[Values, Values, Values, Values]:
+        """([c x]' P [c x], log determinants, cost of the bursts, P's weights) of each window.
+
+        P is the inverse of the covariance of c, the start states integrated out.
+        """
+        w = self.windows
+        weight = self._weight(level, burst)
+        both = np.concatenate([w.c[:, :, None], x], axis=2)
+        weighted = (both * weight[:, :, None]).transpose(0, 2, 1)
+        inner = self._inner(weight)
+        cross = weighted @ w.start
+        normal = weighted @ both - cross @ np.linalg.solve(inner, cross.transpose(0, 2, 1))
+        determinant = np.linalg.slogdet(inner)[1] - np.sum(np.log(weight), axis=1)
+        return normal, determinant, 2.0 / BURST_SCALE * np.abs(np.log(burst)), weight
+
+    def _left(self, x: Values, torque: Values, level: Values, burst: Values) -> Values:
+        """Coefficients without the tables' torque, at the most likely start states."""
+        w = self.windows
+        weight = self._weight(level, burst)
+        left = w.c - x @ torque
+        pull = w.start.transpose(0, 2, 1) @ (left * weight)[:, :, None]
+        return left - (w.start @ np.linalg.solve(self._inner(weight), pull))[:, :, 0]
+
+    def _adapted(self, level: Values, burst: Values, left: Values) -> tuple[Values, Values]:
+        """The most likely levels and bursts beside what is left: levels from fitted windows only."""
+        w = self.windows
+        c = replace(w.candidate, level=level, burst=[b.copy() for b in w.candidate.burst])
+        parts: list[list[Linear]] = [[], []]
+        for which, chosen, place in w.which:
+            rows = np.arange(place, place + len(chosen))
+            c.burst[which][chosen] = burst[rows]
+            for group, side in zip(parts, (w.fitted[rows], ~w.fitted[rows]), strict=True):
+                if np.any(side):
+                    group.append(Linear(which, chosen[side], left[rows[side]], np.zeros(0)))
+        w.fitter.adapt(c, parts[0], white=False)
+        if parts[1]:
+            w.fitter.adapt(c, parts[1], white=False, level=False)
+        return c.level, np.concatenate([c.burst[which][chosen] for which, chosen, _ in w.which])
+
+
+def _solve(normal: Values, prior: Values) -> Values:
+    """Torques that minimise [1 -t] normal [1 -t]' + t' prior t."""
+    if not len(prior):
+        return np.zeros(0)
+    return np.linalg.solve(normal[1:, 1:] + prior, normal[1:, 0])

@@ -1,0 +1,90 @@
+"""Told: a diagnosis in a few lines of plain text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .diagnosis import Diagnosis, Ranked
+
+PLACES = {
+    "reversal": "at reversals",
+    "low_speed": "at low speed",
+    "acceleration": "while accelerating",
+    "cruise": "at steady speed",
+    "limit": "near the torque limit",
+}
+SHOWN = 5  # entries of the ranking that are printed
+MOSTLY = 0.4  # share of what is left in one regime from which on it lies mostly there
+
+
+def verdict_sentence(diagnosis: Diagnosis) -> str:
+    """The verdict in one sentence."""
+    gap = diagnosis.gap
+    causes = " + ".join(diagnosis.causes)
+    rounding = diagnosis.causes == ("velocity_quantisation",)
+    if diagnosis.verdict == "no_gap":
+        return "No gap: the simulation misses no torque that matters."
+    if diagnosis.verdict == "explained" and rounding:
+        return f"Explained by {causes}: beside the reading's rounding, the simulation misses no torque that matters."
+    if diagnosis.verdict == "explained":
+        return f"Explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data."
+    if diagnosis.verdict == "partly_explained":
+        return (
+            f"Partly explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data, "
+            f"{1.0 - gap.closed:.1%} is left{_mostly(diagnosis)}."
+        )
+    beside = f" beside {causes}" if diagnosis.causes else ""
+    return f"Unexplained: there is a gap{beside}, and {nothing_closes(diagnosis.allowed)}."
+
+
+def _mostly(diagnosis: Diagnosis) -> str:
+    shares = {} if diagnosis.residual_where is None else diagnosis.residual_where.regime
+    name = max(shares, key=lambda regime: shares[regime], default="")
+    return f", mostly {PLACES[name]}" if name in PLACES and shares[name] >= MOSTLY else ""
+
+
+def nothing_closes(allowed: Sequence[str], it: str = "it") -> str:
+    """`no effect of the vocabulary closes it`, or which effects were tried where the vocabulary was restricted.
+
+    Args:
+        allowed: names of the effects that were tried; empty for the whole vocabulary.
+        it: what is not closed.
+    """
+    if not allowed:
+        return f"no effect of the vocabulary closes {it}"
+    if len(allowed) == 1:
+        return f"the one effect that was allowed ({allowed[0]}) does not close {it}"
+    return f"none of the {len(allowed)} effects that were allowed ({', '.join(allowed)}) closes {it}"
+
+
+def told(diagnosis: Diagnosis) -> str:
+    """The verdict, the gap, the head of the ranking, what has an exact twin, and the warnings."""
+    gap = diagnosis.gap
+    lines = [verdict_sentence(diagnosis)]
+    lines.append(
+        f"gap (missing {gap.signal}, rms, withheld): before {gap.before:.4g}, after {gap.after:.4g}, "
+        f"noise floor {gap.noise_floor:.4g} {gap.unit}"
+    )
+    if diagnosis.tracking is not None:
+        error = diagnosis.tracking
+        lines.append(
+            f"closed-loop tracking error ({error.signal}, rms, withheld): {error.measured:.4g} measured; predicted "
+            f"{error.before:.4g} before, {error.after:.4g} {error.unit} after the correction"
+        )
+    lines += [_entry(entry, entry.effect in diagnosis.causes) for entry in diagnosis.ranking[:SHOWN]]
+    lines += [f"learned: {law.share:.0%} of what is left follows the {law.of}" for law in diagnosis.learned]
+    lines += [f"note: {sentence}" for sentence in diagnosis.same_as]
+    lines += [f"warning: {warning}" for warning in diagnosis.warnings]
+    return "\n".join(lines)
+
+
+def _entry(entry: Ranked, asserted: bool) -> str:
+    values = ", ".join(
+        f"{name} {p.value:.4g} [{p.low:.4g}, {p.high:.4g}] {p.unit}" for name, p in entry.parameters.items()
+    )
+    same = f" (not told apart from {', '.join(entry.indistinguishable_from)})" if entry.indistinguishable_from else ""
+    # A companion may be certain without being the main cause.
+    probability = max(entry.probability, entry.cause_probability if asserted else 0.0)
+    return f"  {probability:6.1%}  {entry.effect:28s} gap {entry.gap_after:.4g}  {values}{same}"

@@ -1,0 +1,1 @@
+"""Data: logs cut into windows, with what their sensors resolve."""

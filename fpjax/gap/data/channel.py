@@ -1,0 +1,54 @@
+"""Channel: one sensor's column with its noise, its rounding step, and how many readings it really holds."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...logs.measures import noise_level, rounding_step
+
+Values = np.ndarray
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What one sensor's column is like.
+
+    Attributes:
+        values: float64, shape (samples,).
+        noise: standard deviation of one sample, rounding included, in the column's unit.
+        step: the column is rounded to multiples of it; 0 where no rounding is seen.
+    """
+
+    values: Values
+    noise: float
+    step: float
+
+    def runs(self, starts: Values, samples: int) -> Values:
+        """Samples per distinct reading in each window [1], shape (windows,).
+
+        Rounding is white noise only while the signal crosses about one count a sample. Below that a run of equal
+        readings is one reading: `n` samples of it hold what one holds, so that each has `n` times the variance.
+        """
+        if self.step == 0.0:
+            return np.ones(len(starts))
+        changed = np.concatenate([[0], np.cumsum(np.abs(np.diff(self.values)) > 0.5 * self.step)])
+        last = np.minimum(starts + samples - 1, len(changed) - 1)
+        distinct = changed[last] - changed[starts] + 1
+        # A reading of a sensor that is noisier than its step changes at every sample anyway.
+        return np.maximum(samples / distinct, 1.0)
+
+
+def make_channel(values: Values) -> Channel:
+    """The column as it is, shape (samples,)."""
+    values = np.asarray(values, float)
+    step = rounding_step(values)
+    return Channel(values, noise_level(values, step), step)
+
+
+def common_noise(channels: list[Channel | None]) -> list[Channel | None]:
+    """Channels of one sensor in several logs, each with the noise of the log in which it is largest.
+
+    Smoothing before storage makes a log quieter from sample to sample and adds no information.
+    """
+    noise = max((channel.noise for channel in channels if channel is not None), default=0.0)
+    return [None if channel is None else replace(channel, noise=noise) for channel in channels]

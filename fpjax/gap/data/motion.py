@@ -1,0 +1,56 @@
+"""Motion: speed, acceleration and angle of a log by local quadratics; start values of the windows, never a residual."""
+
+import numpy as np
+
+from ...logs.measures import local_polynomial
+from .channel import Channel
+
+Values = np.ndarray
+HALVES = (2, 3, 4, 6, 9, 13, 19, 28, 40)  # samples on either side of a local quadratic
+QUIET_SPEED = 0.01  # noise of the speed, of the top speed, from which a wider quadratic rounds more than it calms
+
+
+def motion(velocity: Channel | None, position: Channel | None, dt: float) -> tuple[Values, Values, Values, float]:
+    """(speed [rad/s], acceleration [rad/s^2], angle [rad], standard deviation of the speed), each (samples,).
+
+    Args:
+        velocity: the rate sensor's column, or None.
+        position: the encoder's, or None; without it the angle is the integral of the rate and starts at zero.
+        dt: control period [s].
+    """
+    if velocity is not None:
+        half = 5 if velocity.step == 0 else 10
+        speed, slope = smoothed(velocity.values, half)
+        deviation = velocity.noise
+    else:
+        assert position is not None
+        half = _half(position)
+        speed = smoothed(position.values, half)[1] / dt
+        slope = smoothed(speed, max(half, 5))[1]
+        deviation = _slope_noise(position, half) / dt
+    if position is not None:
+        angle = smoothed(position.values, 5)[0] if velocity is not None else smoothed(position.values, half)[0]
+    else:
+        assert velocity is not None
+        # The exact integral of a line between samples; it starts at zero because nothing says where it starts.
+        angle = np.concatenate([[0.0], np.cumsum(0.5 * dt * (velocity.values[1:] + velocity.values[:-1]))])
+    return speed, slope / dt, angle, deviation
+
+
+def smoothed(values: Values, half: int) -> tuple[Values, Values]:
+    """(value, slope per sample) of a local quadratic over 2 half + 1 samples; the ends repeat the nearest fit."""
+    half = min(half, (len(values) - 1) // 2)
+    return local_polynomial(values, half), local_polynomial(values, half, derivative=1)
+
+
+def _half(position: Channel) -> int:
+    """The narrowest quadratic whose slope is quiet beside the fastest travel: corners of reversals are to stay."""
+    for half in HALVES:
+        slope = smoothed(position.values, half)[1]
+        if _slope_noise(position, half) < QUIET_SPEED * float(np.quantile(np.abs(slope), 0.95)):
+            return half
+    return HALVES[-1]
+
+
+def _slope_noise(position: Channel, half: int) -> float:
+    return position.noise / float(np.sqrt(np.sum(np.arange(-half, half + 1.0) ** 2)))

@@ -1,0 +1,260 @@
+"""Record: a log made ready for the fit, cut into windows that are fitted or withheld."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+
+from ...errors import InputError
+from ...logs import Log
+from ...logs.measures import is_derived
+from .channel import Channel, common_noise, make_channel
+from .motion import motion
+from .tables import TAPS, Tables
+
+SECONDS = (0.5, 1.0)  # least and most of a window: about the time from one reversal to the next
+RESOLVED = 0.02  # of the torque's rms: the standard deviation of a constant torque over one window
+TURNING = 0.05  # of the top speed: slower than this has no direction
+SHORTEST, LONGEST = 64, (512, 1024)  # samples of a window; with and without a rate sensor
+FEWEST = 8  # windows that a log is cut into at least
+MOST = 48_000  # samples that are simulated; of a longer log, windows spread over all of it
+EDGE = 32  # samples kept after the last window, for a sensor's dead time
+LEAST = 3 * SHORTEST + EDGE  # samples of a log that can be diagnosed
+
+
+@dataclass(frozen=True)
+class Record:
+    """One log, its motion and its windows.
+
+    Attributes:
+        name: the log's.
+        time: [s].
+        torque: commanded [N m].
+        velocity: the rate sensor's column; None without one, or where it holds no more than the position.
+        position: the encoder's column; None without.
+        reading: the velocity column, fitted or not; None without.
+        reference: or None.
+        dt: [s].
+        linear: metres and newtons.
+        speed: smoothed rate [rad/s].
+        acceleration: its rate of change [rad/s^2].
+        angle: smoothed position [rad]: measured, or the integral of the rate.
+        speed_noise: standard deviation of `speed` [rad/s].
+        integrated: the angle's zero is not known: no sensor tells it.
+        starts: first sample of each window, shape (windows,).
+        samples: length of a window.
+        withheld: windows that are never fitted, shape (windows,), bool.
+        runs: variance of a sensor's noise in a window over that of white rounding [1], shape (windows,).
+    """
+
+    name: str
+    time: np.ndarray
+    torque: np.ndarray
+    velocity: Channel | None
+    position: Channel | None
+    reading: Channel | None
+    reference: np.ndarray | None
+    dt: float
+    linear: bool
+    speed: np.ndarray
+    acceleration: np.ndarray
+    angle: np.ndarray
+    speed_noise: float
+    integrated: bool
+    starts: np.ndarray
+    samples: int
+    withheld: np.ndarray
+    runs: np.ndarray
+
+    @property
+    def channels(self) -> tuple[bool, bool]:
+        """Whether (velocity, position) is fitted."""
+        return self.velocity is not None, self.position is not None
+
+    def windows_of_samples(self) -> np.ndarray:
+        """Index of the window of each sample, -1 for none, shape (samples,)."""
+        index = np.full(len(self.time), -1)
+        for window, start in enumerate(self.starts):
+            index[start : start + self.samples] = window
+        return index
+
+
+def make_records(logs: Sequence[Log], holdout: Sequence[Log], inertia: float) -> list[Record]:
+    """Logs of one machine as records with one window length and one noise a sensor.
+
+    Args:
+        logs: fitted; where nothing else is withheld, every fourth block of windows is.
+        holdout: never fitted.
+        inertia: nominal J [kg m^2], which says what a sensor resolves of a torque.
+
+    Raises:
+        InputError: for logs that are too short, or do not go together.
+    """
+    everything = [*logs, *holdout]
+    columns = [_columns(log, inertia) for log in everything]
+    _check_alike(everything, columns)
+    rates = common_noise([velocity for velocity, _, _ in columns])
+    angles = common_noise([position for _, position, _ in columns])
+    shortest = min(len(log.time) for log in everything)
+    samples = max(
+        _window(log, rate, angle, inertia, shortest) for log, rate, angle in zip(everything, rates, angles, strict=True)
+    )
+    count = sum(len(log.time) for log in everything)
+    sides = ["none" if holdout else "blocks"] * len(logs) + ["all"] * len(holdout)
+    return [
+        _record(log, rate, angle, summed, samples, side, count)
+        for log, rate, angle, (_, _, summed), side in zip(everything, rates, angles, columns, sides, strict=True)
+    ]
+
+
+def _columns(log: Log, inertia: float) -> tuple[Channel | None, Channel | None, bool]:
+    """(rate, position, whether the position is the sum of a rate) that a log really holds.
+
+    Where the encoder alone resolves the torques, the rate is left to `fpjax.gap.select.readings`: most drives make it
+    from the same encoder, filtered and late, and a reading must not decide what drives the machine.
+    """
+    if log.velocity is None and log.position is None:
+        raise InputError(f"{log.name} has neither a velocity nor a position column: the diagnosis needs one of them.")
+    if len(log.time) < LEAST:
+        raise InputError(
+            f"{log.name}: {len(log.time)} samples ({len(log.time) * log.dt:.3g} s) are too few: at least {LEAST} "
+            f"({LEAST * log.dt:.3g} s) are needed to fit some stretches and to withhold others; record for longer."
+        )
+    velocity = None if log.velocity is None else make_channel(log.velocity)
+    position = None if log.position is None else make_channel(log.position)
+    if velocity is not None and position is not None:
+        torque = float(np.sqrt(np.mean(np.square(log.torque))))
+        enough = _resolved(None, position, inertia, SECONDS[1], float(log.dt)) < RESOLVED * torque
+        if enough or is_derived(velocity.values, position.values):
+            velocity = None
+    return velocity, position, False
+
+
+def _check_alike(logs: Sequence[Log], columns: Sequence[tuple[Channel | None, Channel | None, bool]]) -> None:
+    first, (velocity, position, _) = logs[0], columns[0]
+    for log, (rate, angle, _) in zip(logs[1:], columns[1:], strict=True):
+        if (rate is None) != (velocity is None) or (angle is None) != (position is None):
+            raise InputError(
+                f"{log.name} and {first.name} do not have the same columns: give both velocity, or position, or both."
+            )
+        if abs(log.dt / first.dt - 1.0) > 1e-3:
+            raise InputError(
+                f"{log.name} has a period of {log.dt:g} s and {first.name} of {first.dt:g} s: logs of one machine need "
+                f"one period; diagnose them apart with --each."
+            )
+
+
+def _window(log: Log, velocity: Channel | None, position: Channel | None, inertia: float, shortest: int) -> int:
+    """Samples of a window.
+
+    A window that is free to start anywhere shows nothing slower than itself: it should reach from one reversal to the
+    next, and be long enough for the sensors to resolve a torque of a fiftieth of the commanded rms.
+    """
+    dt, torque = float(log.dt), float(np.sqrt(np.mean(np.square(log.torque))))
+    speed = motion(velocity, position, dt)[0]
+    fast = speed[np.abs(speed) > TURNING * np.quantile(np.abs(speed), 0.95)]
+    turns = int(np.sum(np.diff(np.sign(fast)) != 0))
+    seconds = float(np.clip(len(speed) * dt / (turns + 1), *SECONDS))
+    longest = min(LONGEST[velocity is None], max(SHORTEST, shortest // FEWEST))
+    samples = int(np.clip(round(seconds / dt), SHORTEST, longest))
+    while samples < longest and _resolved(velocity, position, inertia, samples * dt, dt) >= RESOLVED * torque:
+        samples = min(2 * samples, longest)
+    return samples
+
+
+def _resolved(velocity: Channel | None, position: Channel | None, inertia: float, length: float, dt: float) -> float:
+    """Standard deviation of a constant torque over a window of that length [N m]."""
+    samples, known = length / dt, [np.inf]
+    # Least squares of a parabola (angle) and of a line (rate) of unknown start through white noise.
+    if position is not None:
+        known.append(inertia * position.noise * np.sqrt(720.0 / samples) / length**2)
+    if velocity is not None:
+        known.append(inertia * velocity.noise * np.sqrt(12.0 / samples) / length)
+    return float(min(known))
+
+
+def _record(
+    log: Log, velocity: Channel | None, position: Channel | None, summed: bool, samples: int, side: str, total: int
+) -> Record:
+    dt = float(log.dt)
+    speed, acceleration, angle, speed_noise = motion(velocity, position, dt)
+    starts = np.arange(0, len(log.time) - samples - EDGE + 1, samples)
+    share = MOST / total
+    if share < 1.0:  # whole pairs of windows, spread evenly
+        pairs = np.arange(len(starts)) // 2
+        kept = np.floor((pairs + 1) * share) > np.floor(pairs * share)
+        starts = starts[kept]
+    withheld = np.full(len(starts), side == "all")
+    if side == "blocks":
+        # Whole blocks of two windows; every fourth, now and then moved by one so that they do not beat with laps.
+        block = np.arange(len(starts)) // (2 if len(starts) >= 16 else 1)
+        withheld = block % 4 == np.where(block // 4 % 4 == 0, 3, 2)
+        if not np.any(withheld):
+            withheld[-1] = True
+    main = velocity if velocity is not None else position
+    assert main is not None
+    runs = main.runs(starts, samples)
+    return Record(
+        log.name,
+        np.asarray(log.time, float),
+        np.asarray(log.torque, float),
+        velocity,
+        position,
+        velocity if velocity is not None or log.velocity is None else make_channel(log.velocity),
+        None if log.reference is None else np.asarray(log.reference, float),
+        dt,
+        bool(log.linear),
+        speed,
+        acceleration,
+        angle,
+        speed_noise,
+        position is None or summed,
+        starts,
+        samples,
+        withheld,
+        runs,
+    )
+
+
+def with_noise(records: list[Record], scale: float) -> list[Record]:
+    """The records with every sensor's noise scaled, as the fit found it."""
+
+    def scaled(channel: Channel | None) -> Channel | None:
+        return None if channel is None else replace(channel, noise=scale * channel.noise)
+
+    return [replace(r, velocity=scaled(r.velocity), position=scaled(r.position)) for r in records]
+
+
+def tables_of(record: Record) -> Tables:
+    """The record as the replay loop reads it, padded so that logs of similar length share one compiled loop."""
+    count = len(record.time)
+    padded = _padded(count + TAPS + 64)
+    torque = np.full(padded, record.torque[0])
+    torque[TAPS : TAPS + count] = record.torque
+    velocity, velocity_weight = _column(record.velocity, count, padded)
+    position, position_weight = _column(record.position, count, padded)
+    return Tables(
+        jnp.asarray(torque, float),
+        jnp.asarray(velocity, float),
+        jnp.asarray(velocity_weight, float),
+        jnp.asarray(position, float),
+        jnp.asarray(position_weight, float),
+        jnp.asarray(record.dt, float),
+    )
+
+
+def _column(channel: Channel | None, count: int, padded: int) -> tuple[np.ndarray, np.ndarray]:
+    values, weight = np.zeros(padded), np.zeros(padded)
+    if channel is not None:
+        values[TAPS : TAPS + count] = channel.values
+        values[TAPS + count :] = channel.values[-1]
+        weight[TAPS : TAPS + count] = 1.0 / channel.noise
+    return values, weight
+
+
+def _padded(count: int) -> int:
+    size = 4096
+    while size < count:
+        size *= 2
+    return size

@@ -1,0 +1,81 @@
+"""Setting: the sizes that bounds and starts are made from; all of the log and the nominal model, none of the truth."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...blocks.loads import AbstractLoad
+from ...blocks.signals import Motion
+from ...model_file import Model
+from .record import Record
+
+SMALL_FRICTION = 0.02  # of the largest torque: below it a nominal Coulomb level says nothing of the friction's size
+
+
+@dataclass(frozen=True)
+class Setting:
+    """The sizes that bounds and starts are made from.
+
+    Attributes:
+        inertia: J [kg m^2] of the nominal model.
+        coulomb: k [N m].
+        viscous: b [N m s/rad].
+        friction: a friction torque to compare with [N m]: k, or a share of the torque where k is small.
+        speed: 95 % quantile of the speed [rad/s].
+        torque: largest commanded torque [N m].
+        travel: range of the position [rad].
+        duration: of the log [s].
+        dt: control period [s].
+        window: length of a window [s].
+        effort: largest torque that can have acted [N m]: the commanded one and what the nominal mass was moved by.
+        nominal: parameters of the nominal model by name.
+        unknown_origin: a known load turns with a position that no sensor tells.
+        periods: per revolution [1/rev], at which "torque" and "friction" repeat with the position.
+    """
+
+    inertia: float
+    coulomb: float
+    viscous: float
+    friction: float
+    speed: float
+    torque: float
+    travel: float
+    duration: float
+    dt: float
+    window: float = 0.25
+    effort: float = 0.0
+    nominal: Mapping[str, float] = field(default_factory=dict)
+    unknown_origin: bool = False
+    periods: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+
+def make_setting(records: list[Record], model: Model) -> Setting:
+    """Sizes for bounds and starts, from the logs and the nominal model."""
+    values = model.nominal
+    longest = max(records, key=lambda record: len(record.time))
+    torque = max(float(np.max(np.abs(record.torque))) for record in records)
+    speed = max(float(np.quantile(np.abs(record.speed), 0.95)) for record in records)
+    coulomb, viscous = values.get("coulomb", 0.0), values.get("viscous", 0.0)
+    return Setting(
+        inertia=values["inertia"],
+        coulomb=coulomb,
+        viscous=viscous,
+        friction=max(coulomb, SMALL_FRICTION * torque),
+        speed=max(speed, 1e-12),
+        torque=torque,
+        travel=float(np.ptp(longest.angle)),
+        duration=float(longest.time[-1] - longest.time[0]),
+        dt=longest.dt,
+        window=longest.samples * longest.dt,
+        effort=torque + values["inertia"] * max(float(np.quantile(np.abs(r.acceleration), 0.99)) for r in records),
+        nominal={"inertia": values["inertia"], "coulomb": coulomb, "viscous": viscous},
+        unknown_origin=longest.integrated and turns_with_position(model.loop.plant.load),
+    )
+
+
+def turns_with_position(load: AbstractLoad) -> bool:
+    """Whether a known load depends on the position."""
+    at = [Motion(np.zeros(1), np.full(1, angle), np.zeros(1)) for angle in (0.0, 0.7, 1.9)]  # type: ignore[arg-type]
+    values = [float(np.asarray(load.readout(motion))[0]) for motion in at]
+    return max(values) - min(values) > 0.0

@@ -1,0 +1,1 @@
+"""Effects: the vocabulary, one record an effect."""

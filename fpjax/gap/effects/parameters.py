@@ -1,0 +1,243 @@
+"""Parameters: those that the effects of the vocabulary free, with units, bounds and sizes from the log."""
+
+from math import pi
+
+from ..data.setting import Setting
+from ..machine import NO_LIMIT
+from .effect import Parameter, Size
+
+HIGHEST_RATIO = 0.5  # of a shaft's or a contact's damping to its critical one
+
+
+def _constant(value: float) -> Size:
+    return lambda setting: value
+
+
+def _times(name: str, factor: float) -> Size:
+    return lambda setting: factor * getattr(setting, name)
+
+
+_ZERO = _constant(0.0)
+
+
+def fewest_periods(setting: Setting) -> float:
+    """Of a torque that repeats with the position [1/rev]: it must come back at least once within the travel."""
+    return 2.0 * pi / max(setting.travel, 1e-9)
+
+
+def most_periods(setting: Setting) -> float:
+    """Of such a torque [1/rev]: four hundred, or as many within the travel."""
+    return 400.0 * max(1.0, fewest_periods(setting))
+
+
+def lowest_frequency(setting: Setting) -> float:
+    """Of a resonance that a window shows [Hz]: one period."""
+    return 1.0 / setting.window
+
+
+def highest_frequency(setting: Setting) -> float:
+    """Of a resonance that the sampling shows [Hz]: a third of the Nyquist frequency."""
+    return 1.0 / (6.0 * setting.dt)
+
+
+def _amplitude(name: str, path: str) -> Parameter:
+    """A torque amplitude of either sign [N m], bounded by what the motor gave."""
+    return Parameter(name, "N m", _ZERO, _times("effort", -2), _times("effort", 2), _times("friction", 0.2), path)
+
+
+INERTIA = Parameter(
+    "inertia",
+    "kg m^2",
+    lambda s: s.inertia,
+    _times("inertia", 0.1),
+    _times("inertia", 10),
+    _times("inertia", 0.2),
+    "plant.inertia",
+)
+COULOMB = Parameter(
+    "coulomb", "N m", lambda s: s.coulomb, _ZERO, _times("torque", 1), _times("friction", 0.2), "law.coulomb"
+)
+VISCOUS = Parameter(
+    "viscous",
+    "N m s/rad",
+    lambda s: s.viscous,
+    _ZERO,
+    lambda s: 5 * s.viscous + s.torque / s.speed,
+    lambda s: 0.2 * s.viscous + 0.05 * s.friction / s.speed,
+    "law.viscous",
+)
+ORIGIN = Parameter("origin", "rad", _ZERO, _constant(-20.0), _constant(20.0), _constant(0.1), "origin")
+NOMINAL = (INERTIA, COULOMB, VISCOUS, ORIGIN)
+
+COULOMB_DIFFERENCE = _amplitude("coulomb_difference", "law.coulomb_difference")
+VISCOUS_DIFFERENCE = Parameter(
+    "viscous_difference",
+    "N m s/rad",
+    _ZERO,
+    lambda s: -5 * s.viscous - s.torque / s.speed,
+    lambda s: 5 * s.viscous + s.torque / s.speed,
+    lambda s: 0.2 * s.viscous + 0.05 * s.friction / s.speed,
+    "law.viscous_difference",
+)
+STRIBECK_TORQUE = Parameter(
+    "stribeck_torque",
+    "N m",
+    _ZERO,
+    _ZERO,
+    _times("torque", 1),
+    _times("friction", 0.2),
+    "law.stribeck_torque",
+)
+STRIBECK_VELOCITY = Parameter(
+    "stribeck_velocity",
+    "rad/s",
+    _times("speed", 0.05),
+    _times("speed", 0.002),
+    _times("speed", 0.5),
+    _times("speed", 0.02),
+    "law.stribeck_velocity",
+)
+STRIBECK_EXPONENT = Parameter(
+    "stribeck_exponent",
+    "1",
+    _constant(1.5),
+    _constant(0.4),
+    _constant(4.0),
+    _constant(0.5),
+    "law.stribeck_exponent",
+    lambda s: 1.0,
+)
+DEFLECTION = Parameter(
+    "bristle_deflection",
+    "rad",
+    _times("speed", 2e-3),
+    _times("speed", 1e-4),
+    _times("speed", 5e-2),
+    _times("speed", 1e-3),
+    "plant.friction.deflection",
+)
+BRISTLE_DAMPING = Parameter(
+    "bristle_damping",
+    "N m s/rad",
+    _ZERO,
+    _ZERO,
+    lambda s: 2 * (s.friction * s.inertia / (1e-3 * s.speed)) ** 0.5,
+    lambda s: 0.3 * (s.friction * s.inertia / (1e-3 * s.speed)) ** 0.5,
+    "plant.friction.damping",
+)
+BRISTLE_EXPONENT = Parameter(
+    "bristle_exponent",
+    "1",
+    _constant(1.0),
+    _constant(0.3),
+    _constant(3.0),
+    _constant(0.5),
+    "plant.friction.exponent",
+    lambda s: 1.0,
+)
+RIPPLE = tuple(
+    _amplitude(f"ripple_{part}_{order + 1}", f"law.position_{part}.{order}")
+    for order in range(3)
+    for part in ("cosine", "sine")
+)
+RIPPLE_PERIODS = Parameter(
+    "ripple_periods",
+    "1/rev",
+    lambda s: max(3.0, fewest_periods(s)),
+    lambda s: max(0.5, fewest_periods(s)),
+    lambda s: most_periods(s),
+    _constant(0.05),
+    "law.position_periods",
+)
+DRIFT = Parameter(
+    "drift_amplitude",
+    "N m",
+    _ZERO,
+    _ZERO,
+    _times("torque", 1),
+    _times("friction", 0.2),
+    "law.drift_amplitude",
+)
+DRIFT_TIME = Parameter(
+    "drift_time",
+    "s",
+    _times("duration", 0.25),
+    _times("duration", 0.01),
+    _times("duration", 2.0),
+    _times("duration", 0.1),
+    "law.drift_time",
+)
+LOAD_COEFFICIENT = Parameter(
+    "load_coefficient", "1", _ZERO, _ZERO, _constant(0.6), _constant(0.02), "law.load_coefficient"
+)
+DRAG = Parameter(
+    "drag_coefficient",
+    "N m s^2/rad^2",
+    _ZERO,
+    _ZERO,
+    lambda s: 2 * s.torque / s.speed**2,
+    lambda s: 0.2 * s.friction / s.speed**2,
+    "law.drag_coefficient",
+)
+UNBALANCE = tuple(_amplitude(f"unbalance_{part}", f"plant.load.parts.1.{part}.0") for part in ("cosine", "sine"))
+COGGING = tuple(
+    _amplitude(f"cogging_{part}_{order + 1}", f"plant.load.parts.2.{part}.{order}")
+    for order in range(2)
+    for part in ("cosine", "sine")
+)
+COGGING_PERIODS = Parameter(
+    "cogging_periods",
+    "1/rev",
+    lambda s: max(6.0, fewest_periods(s)),
+    lambda s: max(1.5, fewest_periods(s)),
+    lambda s: most_periods(s),
+    _constant(0.05),
+    "plant.load.parts.2.periods",
+)
+OFFSET = _amplitude("torque", "actuator.offset")
+GAIN = Parameter("gain", "1", _constant(1.0), _constant(0.2), _constant(5.0), _constant(0.1), "actuator.gain")
+
+
+def _time(name: str, path: str) -> Parameter:
+    return Parameter(name, "s", _ZERO, _ZERO, _times("dt", 30), _times("dt", 1), path)
+
+
+ACTUATOR_LAG = _time("actuator_lag", "actuator.lag")
+ACTUATOR_DELAY = _time("actuator_delay", "actuator.delay")
+VELOCITY_LAG = _time("velocity_lag", "sensor.lag")
+VELOCITY_DELAY = _time("velocity_delay", "sensor.delay")
+LIMIT = Parameter(
+    "limit",
+    "N m",
+    _constant(NO_LIMIT),
+    _times("torque", 0.1),
+    _times("torque", 0.999),
+    _times("torque", 0.1),
+    "actuator.limit",
+)
+DEAD_ZONE = Parameter(
+    "dead_zone", "N m", _ZERO, _ZERO, _times("torque", 0.8), _times("friction", 0.1), "actuator.dead_zone"
+)
+BIAS = Parameter(
+    "bias", "rad/s", _ZERO, _times("speed", -0.5), _times("speed", 0.5), _times("speed", 0.02), "sensor.bias"
+)
+SCALE = Parameter("scale", "1", _constant(1.0), _constant(0.2), _constant(5.0), _constant(0.1), "sensor.scale")
+GAP = Parameter("gap", "rad", _ZERO, _ZERO, _times("speed", 0.05), _times("speed", 1e-3), "plant.gap")
+# A resonance that the data can show: at least one period a window, and at most a third of half the sampling rate.
+FREQUENCY = Parameter(
+    "frequency",
+    "Hz",
+    lambda s: (lowest_frequency(s) * highest_frequency(s)) ** 0.5,
+    lambda s: lowest_frequency(s),
+    lambda s: highest_frequency(s),
+    lambda s: 0.05 * (lowest_frequency(s) * highest_frequency(s)) ** 0.5,
+)
+# A shaft or a tooth rings: were it overdamped, its free start would be a slow torque that explains anything.
+DAMPING_RATIO = Parameter("damping_ratio", "1", _constant(0.1), _ZERO, _constant(HIGHEST_RATIO), _constant(0.1))
+LOAD_SHARE = Parameter(
+    "load_share", "1", _constant(0.5), _constant(0.05), _constant(0.95), _constant(0.1), "plant.load_share"
+)
+FRICTION_SHARE = Parameter(
+    "friction_share", "1", _constant(0.5), _ZERO, _constant(1.0), _constant(0.2), "plant.friction_share"
+)
+LOAD_SIDE = Parameter("load_side", "1", _ZERO, _ZERO, _constant(1.0), _constant(1.0), "sensor.load_side")

@@ -1,0 +1,280 @@
+"""The effects of the contract, as changes of the simulator's blocks."""
+
+from collections.abc import Callable
+from math import pi
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..data.setting import Setting
+from ..machine import Feature, Machine
+from .effect import Effect, Parameter, Values, place
+from .parameters import (
+    ACTUATOR_DELAY,
+    ACTUATOR_LAG,
+    BIAS,
+    BRISTLE_DAMPING,
+    BRISTLE_EXPONENT,
+    COGGING,
+    COGGING_PERIODS,
+    COULOMB,
+    COULOMB_DIFFERENCE,
+    DAMPING_RATIO,
+    DEAD_ZONE,
+    DEFLECTION,
+    DRAG,
+    DRIFT,
+    DRIFT_TIME,
+    FREQUENCY,
+    FRICTION_SHARE,
+    GAIN,
+    GAP,
+    INERTIA,
+    LIMIT,
+    LOAD_COEFFICIENT,
+    LOAD_SHARE,
+    LOAD_SIDE,
+    OFFSET,
+    RIPPLE,
+    RIPPLE_PERIODS,
+    SCALE,
+    STRIBECK_EXPONENT,
+    STRIBECK_TORQUE,
+    STRIBECK_VELOCITY,
+    UNBALANCE,
+    VELOCITY_DELAY,
+    VELOCITY_LAG,
+    VISCOUS,
+    VISCOUS_DIFFERENCE,
+    fewest_periods,
+    highest_frequency,
+    lowest_frequency,
+)
+
+
+def _asymmetric(values: dict[str, float], setting: Setting) -> dict[str, tuple[float, str]]:
+    c, dc, b, db = (values[n] for n in ("coulomb", "coulomb_difference", "viscous", "viscous_difference"))
+    return {
+        "coulomb_positive": (c + dc, "N m"),
+        "coulomb_negative": (c - dc, "N m"),
+        "viscous_positive": (b + db, "N m s/rad"),
+        "viscous_negative": (b - db, "N m s/rad"),
+    }
+
+
+def _presliding(values: dict[str, float], setting: Setting) -> dict[str, tuple[float, str]]:
+    deflection = values["bristle_deflection"]
+    return {
+        "bristle_deflection": (deflection, "rad"),
+        "bristle_stiffness": (values["coulomb"] / deflection, "N m/rad"),
+    }
+
+
+def _compliance(values: dict[str, float], setting: Setting) -> dict[str, tuple[float, str]]:
+    return {"frequency": (values["frequency"], "Hz"), "stiffness": (float(stiffness_of(values)), "N m/rad")}
+
+
+def stiffness_of(values: Values) -> Any:
+    """Of the transmission [N m/rad], from its free-free resonance (3.15), the inertia and the load's share of it."""
+    share = values["load_share"]
+    return values["inertia"] * share * (1.0 - share) * (2.0 * pi * values["frequency"]) ** 2
+
+
+def _two_mass_start(
+    setting: Setting, frequency: float, share: float, ratio: float, side: float, **more: float
+) -> dict[str, float]:
+    start = {
+        "frequency": min(max(frequency, lowest_frequency(setting)), highest_frequency(setting)),
+        "damping_ratio": ratio,
+        "load_share": share,
+        "friction_share": 0.5,
+        "load_side": side,
+    }
+    return start | more
+
+
+def _compliance_starts(setting: Setting) -> list[dict[str, float]]:
+    low, high = 1.5 * lowest_frequency(setting), 0.8 * highest_frequency(setting)
+    count = int(np.clip(np.ceil(np.log(high / low) / np.log(1.8)), 2, 6))
+    frequencies = np.geomspace(low, high, count)
+    return [_two_mass_start(setting, float(f), 0.4, 0.05, side) for f in frequencies for side in (0.0, 1.0)]
+
+
+def _backlash_starts(setting: Setting) -> list[dict[str, float]]:
+    high = highest_frequency(setting)
+    return [
+        _two_mass_start(setting, f * high, share, 0.2, 0.0, gap=gap * setting.speed)
+        for gap in (1e-3, 2.5e-3, 6e-3)
+        for share in (0.35, 0.65)
+        for f in (0.7,)
+    ]
+
+
+def _joined(*more: Parameter) -> Callable[[Machine, Values], Machine]:
+    """A machine's transmission set by stiffness, damping ratio and shares, and what else has a path."""
+
+    def apply(machine: Machine, values: Values) -> Machine:
+        parameters = (LOAD_SHARE, FRICTION_SHARE, LOAD_SIDE, *more)
+        share, stiffness = values["load_share"], stiffness_of(values)
+        reduced = values["inertia"] * share * (1.0 - share)
+        damping = 2.0 * values["damping_ratio"] * jnp.sqrt(stiffness * reduced)
+        found = {p.path: values[p.name] for p in parameters}
+        return place(machine, found | {"plant.stiffness": stiffness, "plant.damping": damping})
+
+    return apply
+
+
+_JOINED, _JOINED_WITH_PLAY = _joined(), _joined(GAP)
+
+
+def _sines(names: tuple[str, ...], values: dict[str, float], periods: str | None) -> dict[str, tuple[float, str]]:
+    """Amplitude and periods of the largest harmonic; `names` are cosine and sine of each."""
+    sizes = [float(np.hypot(values[a], values[b])) for a, b in zip(names[::2], names[1::2], strict=True)]
+    largest = int(np.argmax(sizes))
+    result = {"amplitude": (sizes[largest], "N m")}
+    return result | ({"periods": ((largest + 1) * values[periods], "1/rev")} if periods else {})
+
+
+def _periods(setting: Setting, kind: str, usual: float) -> tuple[float, ...]:
+    """Periods a revolution to start from: where the missing torque repeats, else the usual one and twice it."""
+    fewest = fewest_periods(setting)
+    return setting.periods.get(kind, (max(usual, fewest), max(2.0 * usual, 2.0 * fewest)))
+
+
+def _names(parameters: tuple[Parameter, ...]) -> tuple[str, ...]:
+    return tuple(p.name for p in parameters)
+
+
+def _effect(name: str, parameters: tuple[Parameter, ...], **words: Any) -> Effect:
+    features: dict[str, tuple[Feature, ...]] = {
+        "stribeck": ("shape",),
+        "friction_drift": ("shape",),
+        "load_dependent_friction": ("shape",),
+        "position_dependent_friction": ("ripple",),
+        "unbalance": ("torque",),
+        "cogging": ("torque",),
+    }
+    return Effect(name, parameters, features=features.get(name, ()), **words)
+
+
+EFFECTS: tuple[Effect, ...] = (
+    _effect("coulomb_error", (COULOMB,), report=lambda v, s: {"coulomb": (v["coulomb"], "N m")}),
+    _effect("viscous_error", (VISCOUS,)),
+    _effect("inertia_error", (INERTIA,)),
+    _effect(
+        "stribeck",
+        (STRIBECK_TORQUE, STRIBECK_VELOCITY, STRIBECK_EXPONENT),
+        starts=lambda s: [
+            {"stribeck_torque": 0.3 * s.friction, "stribeck_velocity": factor * s.speed, "stribeck_exponent": 1.5}
+            for factor in (0.015, 0.06)
+        ],
+        report=lambda v, s: {
+            "stribeck_torque": (v["stribeck_torque"], "N m"),
+            "stribeck_velocity": (v["stribeck_velocity"], "rad/s"),
+        },
+    ),
+    _effect(
+        "presliding",
+        (DEFLECTION, BRISTLE_DAMPING, BRISTLE_EXPONENT),
+        starts=lambda s: [
+            {
+                "bristle_deflection": factor * s.speed,
+                "bristle_damping": 0.6 * float(np.sqrt(s.friction * s.inertia / (factor * s.speed))),
+            }
+            for factor in (7e-4, 2e-3, 6e-3)
+        ],
+        report=_presliding,
+        structure="bristles",
+    ),
+    _effect("asymmetric_friction", (COULOMB, COULOMB_DIFFERENCE, VISCOUS, VISCOUS_DIFFERENCE), report=_asymmetric),
+    _effect(
+        "position_dependent_friction",
+        (*RIPPLE, RIPPLE_PERIODS),
+        starts=lambda s: [{"ripple_periods": n} for n in _periods(s, "friction", 2.0)],
+        report=lambda v, s: _sines(_names(RIPPLE), v, "ripple_periods"),
+    ),
+    _effect(
+        "friction_drift",
+        (DRIFT, DRIFT_TIME),
+        starts=lambda s: [{"drift_amplitude": 0.2 * s.friction, "drift_time": f * s.duration} for f in (0.08, 0.35)],
+        report=lambda v, s: {"amplitude": (v["drift_amplitude"], "N m"), "time_constant": (v["drift_time"], "s")},
+    ),
+    _effect(
+        "load_dependent_friction",
+        (LOAD_COEFFICIENT,),
+        report=lambda v, s: {"coefficient": (v["load_coefficient"], "1")},
+    ),
+    _effect("quadratic_drag", (DRAG,), report=lambda v, s: {"coefficient": (v["drag_coefficient"], "N m s^2/rad^2")}),
+    _effect(
+        "backlash",
+        (GAP, FREQUENCY, DAMPING_RATIO, LOAD_SHARE, FRICTION_SHARE),
+        apply=_JOINED_WITH_PLAY,
+        starts=_backlash_starts,
+        report=lambda v, s: {"gap": (v["gap"], "rad")},
+        structure="transmission",
+        fixed=(LOAD_SIDE,),
+    ),
+    _effect(
+        "compliance",
+        (FREQUENCY, DAMPING_RATIO, LOAD_SHARE, FRICTION_SHARE),
+        apply=_JOINED,
+        starts=_compliance_starts,
+        report=_compliance,
+        structure="transmission",
+        fixed=(LOAD_SIDE,),
+    ),
+    _effect("unbalance", UNBALANCE, report=lambda v, s: _sines(_names(UNBALANCE), v, None)),
+    _effect(
+        "cogging",
+        (*COGGING, COGGING_PERIODS),
+        starts=lambda s: [{"cogging_periods": n} for n in _periods(s, "torque", 6.0)],
+        report=lambda v, s: _sines(_names(COGGING), v, "cogging_periods"),
+    ),
+    _effect("constant_torque", (OFFSET,)),
+    _effect("torque_gain_error", (GAIN,)),
+    _effect(
+        "actuator_lag",
+        (ACTUATOR_LAG,),
+        starts=lambda s: [{"actuator_lag": f * s.dt} for f in (1.0, 4.0)],
+        report=lambda v, s: {"time_constant": (v["actuator_lag"], "s")},
+    ),
+    _effect(
+        "velocity_lag",
+        (VELOCITY_LAG,),
+        starts=lambda s: [{"velocity_lag": f * s.dt} for f in (1.0, 4.0)],
+        report=lambda v, s: {"time_constant": (v["velocity_lag"], "s")},
+    ),
+    _effect(
+        "actuator_delay",
+        (ACTUATOR_DELAY,),
+        starts=lambda s: [{"actuator_delay": f * s.dt} for f in (0.8, 3.5)],
+        report=lambda v, s: {"delay": (v["actuator_delay"], "s")},
+    ),
+    _effect(
+        "velocity_delay",
+        (VELOCITY_DELAY,),
+        starts=lambda s: [{"velocity_delay": f * s.dt} for f in (0.8, 3.5)],
+        report=lambda v, s: {"delay": (v["velocity_delay"], "s")},
+    ),
+    _effect(
+        "torque_saturation",
+        (LIMIT,),
+        starts=lambda s: [{"limit": f * s.torque} for f in (0.97, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2)],
+    ),
+    _effect(
+        "torque_dead_zone",
+        (DEAD_ZONE,),
+        starts=lambda s: [{"dead_zone": 0.1 * s.friction}],
+        report=lambda v, s: {"width": (v["dead_zone"], "N m")},
+    ),
+    _effect("velocity_bias", (BIAS,)),
+    _effect("velocity_scale_error", (SCALE,)),
+)
+"""Every effect that changes the simulation; `velocity_quantisation` is read from the data (see `noise`)."""
+
+
+def on_rate_sensor(effect: Effect) -> bool:
+    """Whether an effect is of the rate sensor alone, and so is nothing in a log without one."""
+    sensor = (BIAS, SCALE, VELOCITY_LAG, VELOCITY_DELAY)
+    return bool(effect.parameters) and all(parameter in sensor for parameter in effect.parameters)

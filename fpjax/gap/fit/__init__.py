@@ -1,0 +1,1 @@
+"""Fit: multiple shooting with the missing torque integrated out."""

@@ -1,0 +1,314 @@
+"""Levenberg-Marquardt in the modes of the missing torque, start states eliminated, many candidates side by side.
+
+L = sum over windows and modes of c^2 / (s^2 + q^2 lambda) + log(s^2 + q^2 lambda), and the priors. q is set to its
+most likely value at the start of every iteration: far from the truth it is large and the problem is nearly a
+regression; it falls as the fit improves.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..data.record import Record
+from ..data.setting import Setting
+from ..effects.vocabulary import stiffness_of
+from ..simulate.family import Runner, window_fields
+from .candidate import Candidate
+from .modes import Modes
+
+DAMPINGS = (1e-6, 1e-2, 1.0, 100.0)  # tried at once, times the candidate's own damping
+LOADED = 0.05  # of the friction: how well the torque in a spring at a window's start is known beforehand
+BRISTLE = 0.1  # how well the bristles' share is known beforehand [1]
+MOVED = 0.02  # of the top speed: how well a speed from positions is known, beside its noise
+GAINED = 0.02  # fall of twice the negative log posterior below which a fit has converged
+
+Values = np.ndarray
+Windows = Sequence[Values]
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A record's windows around a candidate: coefficients and their Jacobian.
+
+    Attributes:
+        which: index of the record.
+        windows: indices, shape (windows,).
+        c: coefficients, (windows, modes).
+        slope: their Jacobian by free parameters, then free start states, (windows, modes, columns).
+    """
+
+    which: int
+    windows: Values
+    c: Values
+    slope: Values
+
+
+class Fitter:
+    """Fits candidates of one family on chosen windows.
+
+    Args:
+        runner: of the family.
+        setting: sizes.
+        modes: of a window.
+    """
+
+    def __init__(self, runner: Runner, setting: Setting, modes: Modes):
+        self.runner, self.family, self.setting, self.modes = runner, runner.family, setting, modes
+        self.records: list[Record] = runner.records
+        # Windows whose readings repeat have more noise; classes of a factor of two share one sum of squares.
+        self.classes = [np.round(np.log2(record.runs)).astype(int) for record in self.records]
+        self.noise = [2.0**each for each in self.classes]
+
+    def deviations(self, c: Candidate, which: int, *, hidden: bool = True) -> Values:
+        """Prior standard deviations of a window's start values, shape (states,); 0 where one is not free.
+
+        Args:
+            c: a candidate; the stiffness says what twist an unknown torque leaves.
+            which: record.
+            hidden: also of the states that no sensor sees.
+        """
+        record = self.records[which]
+        if record.velocity is not None:
+            rate = 10.0 * record.velocity.noise
+            angle = 0.0 if record.position is None else 10.0 * record.position.noise
+        else:
+            assert record.position is not None
+            rate = MOVED * self.setting.speed + 5.0 * record.speed_noise
+            angle = 50.0 * record.position.noise
+        found = [rate, angle]
+        structure = c.family.key[0]
+        if structure == "bristles":
+            found.append(BRISTLE if hidden else 0.0)
+        if structure == "transmission":
+            values = c.values()
+            twist = LOADED * self.setting.friction / float(stiffness_of(values))
+            found += [twist, twist * 2.0 * np.pi * values["frequency"]] if hidden else [0.0, 0.0]
+        return np.array(found)
+
+    # --- running
+
+    def coefficients(self, candidates: Sequence[Candidate], which: int, windows: Values) -> list[Values]:
+        """c of each candidate as it stands, each of shape (windows, modes)."""
+        vectors = [np.repeat(c.vector[:, None], len(windows), 1) for c in candidates]
+        states = [c.states[which][:, windows] for c in candidates]
+        fields = [window_fields(self.records[which], windows, c.hidden[which]) for c in candidates]
+        return [out.T for out in self._run(which, vectors, states, fields)]
+
+    def _run(self, which: int, vectors: list, states: list, fields: list) -> list[Values]:
+        merged = {name: np.concatenate([f[name] for f in fields], axis=-1) for name in fields[0]}
+        out, _ = self.runner.run(which, np.concatenate(vectors, 1), np.concatenate(states, 1), merged)
+        ends = np.cumsum([v.shape[1] for v in vectors])[:-1]
+        return np.split(self.modes.coefficients(out), ends, axis=1)
+
+    def ends(self, c: Candidate, which: int, windows: Values) -> Values:
+        """Hidden states at the ends of windows, as the candidate stands, shape (2, windows)."""
+        vector = np.repeat(c.vector[:, None], len(windows), 1)
+        fields = window_fields(self.records[which], windows, c.hidden[which])
+        return self.runner.run(which, vector, c.states[which][:, windows], fields)[1]
+
+    def linearise(
+        self, candidates: Sequence[Candidate], windows: Windows, *, hidden: bool = True
+    ) -> list[list[Linear]]:
+        """Of each candidate, one `Linear` a record with windows; Jacobians by differences, every change a lane."""
+        found: list[list[Linear]] = [[] for _ in candidates]
+        for which, chosen in enumerate(windows):
+            if not len(chosen):
+                continue
+            vectors, states, fields, steps = [], [], [], []
+            for c in candidates:
+                deviation = self.deviations(c, which, hidden=hidden)
+                live = np.flatnonzero(deviation > 0)
+                h = 1e-4 * c.scale
+                h = np.where(c.vector[c.free] + h > c.high, -h, h)
+                count = 1 + len(c.free) + len(live)
+                v = np.repeat(c.vector[:, None], count, 1)
+                v[c.free, 1 + np.arange(len(c.free))] += h
+                s = np.repeat(c.states[which][:, chosen][:, :, None], count, 2)
+                for place, row in enumerate(live):
+                    s[row, :, 1 + len(c.free) + place] += 1e-3 * deviation[row]
+                vectors.append(np.tile(v, (1, len(chosen))))
+                states.append(s.reshape(s.shape[0], -1))
+                field = window_fields(self.records[which], chosen, c.hidden[which])
+                fields.append({name: np.repeat(value, count, axis=-1) for name, value in field.items()})
+                steps.append(np.concatenate([h, 1e-3 * deviation[live]]))
+            blocks = self._run(which, vectors, states, fields)
+            for index, (block, size) in enumerate(zip(blocks, steps, strict=True)):
+                shaped = block.reshape(len(block), len(chosen), 1 + len(size)).transpose(1, 0, 2)
+                slope = (shaped[:, :, 1:] - shaped[:, :, :1]) / size
+                found[index].append(Linear(which, chosen, shaped[:, :, 0], slope))
+        return found
+
+    # --- levels and costs
+
+    def best_level(
+        self, parts: Sequence[tuple[int, Values, Values]], *, white: bool, c: Candidate | None = None
+    ) -> Values:
+        """The most likely q by octave for (record, windows, coefficients) of one candidate."""
+        if c is None:
+            return self.modes.best_level(*self._sums(parts), white=white)
+        return self.modes.best_level(*self._sums(parts, c.burst), white=white)
+
+    def adapt(self, c: Candidate, parts: Sequence[Linear], *, white: bool, level: bool = True) -> None:
+        """Set a candidate's level, and the bursts of the windows, to the most likely ones."""
+        if level:
+            # Windows by their own size: a burst counts as what it would be in an ordinary window.
+            c.level = self.best_level([(p.which, p.windows, p.c) for p in parts], white=white, c=c)
+        for p in parts:
+            c.burst[p.which] = c.burst[p.which].copy()
+            c.burst[p.which][p.windows] = self.modes.bursts(c.level, self.noise[p.which][p.windows], p.c)
+
+    def best_noise(self, parts: Sequence[tuple[int, Values, Values]]) -> float:
+        """The most likely factor on the sensors' noise, likewise."""
+        return self.modes.best_noise(*self._sums(parts))
+
+    def _sums(
+        self, parts: Sequence[tuple[int, Values, Values]], burst: Sequence[Values] | None = None
+    ) -> tuple[Values, Values, Values]:
+        """(sums of squares, windows, noise) by class of noise; a burst's window counts as one with less noise."""
+        classes = np.concatenate([self.classes[which][windows] for which, windows, _ in parts])
+        squares = np.concatenate([c**2 for _, _, c in parts])
+        if burst is not None:
+            factor = np.concatenate([burst[which][windows] for which, windows, _ in parts])
+            squares, classes = squares / factor[:, None], classes - np.round(np.log2(factor)).astype(int)
+        kinds = np.unique(classes)
+        sums = np.stack([np.sum(squares[classes == kind], axis=0) for kind in kinds])
+        return sums, np.array([np.sum(classes == kind) for kind in kinds], float), 2.0**kinds
+
+    def window_costs(self, c: Candidate, which: int, windows: Values, coefficients: Values) -> Values:
+        """Twice the negative log likelihood of windows with the prior of their start states, shape (windows,)."""
+        return self.modes.cost(c.level, self.noise[which][windows], c.burst[which][windows], coefficients)
+
+    def _state_prior(self, c: Candidate, which: int, windows: Values, *, hidden: bool) -> Values:
+        deviation = self.deviations(c, which, hidden=hidden)
+        live = deviation > 0
+        return np.sum((c.states[which][live][:, windows] / deviation[live][:, None]) ** 2, axis=0)
+
+    def _parameter_prior(self, c: Candidate) -> float:
+        return float(np.sum(((c.vector[c.free] - c.center) / c.spread) ** 2))
+
+    # --- the iteration
+
+    def go_on(
+        self, candidates: Sequence[Candidate], windows: Windows, iterations: int, *, white: bool, hidden: bool = True,
+        adapt: bool = True,
+    ) -> None:  # fmt: skip
+        """More steps from where the candidates stand, in place.
+
+        Args:
+            candidates: of this family.
+            windows: indices, one array a record.
+            iterations: at most.
+            white: one level of the missing torque for all octaves.
+            hidden: start values that no sensor sees are free too.
+            adapt: set the level; else it stays as it is.
+        """
+        for _ in range(iterations):
+            active = [c for c in candidates if not c.converged]
+            if not active:
+                return
+            self._iterate(active, windows, white=white, hidden=hidden, adapt=adapt)
+
+    def _iterate(self, active: list[Candidate], windows: Windows, *, white: bool, hidden: bool, adapt: bool) -> None:
+        trials: list[list[Candidate]] = []
+        for c, parts in zip(active, self.linearise(active, windows, hidden=hidden), strict=True):
+            self.adapt(c, parts, white=white, level=adapt)
+            c.cost = sum(float(np.sum(self.window_costs(c, p.which, p.windows, p.c))) for p in parts)
+            c.cost += sum(float(np.sum(self._state_prior(c, p.which, p.windows, hidden=hidden))) for p in parts)
+            c.cost += self._parameter_prior(c)
+            trials.append(self._steps(c, parts, c.damping * np.array(DAMPINGS), hidden=hidden))
+        everything = [trial for group in trials for trial in group]
+        costs = np.array([self._parameter_prior(c) for c in everything])
+        for which, chosen in enumerate(windows):
+            if len(chosen):
+                for index, out in enumerate(self.coefficients(everything, which, chosen)):
+                    trial = everything[index]
+                    costs[index] += np.sum(self.window_costs(trial, which, chosen, out))
+                    costs[index] += np.sum(self._state_prior(trial, which, chosen, hidden=hidden))
+        costs = np.where(np.isfinite(costs), costs, np.inf).reshape(len(active), -1)
+        for c, group, cost in zip(active, trials, costs, strict=True):
+            best = int(np.argmin(cost))
+            gain = c.cost - cost[best]
+            if not gain > 0:
+                c.damping *= 1e3
+                c.converged = c.damping > 1e5
+                continue
+            c.vector, c.states, c.cost = group[best].vector, group[best].states, float(cost[best])
+            c.damping = float(np.clip(group[best].damping, 1e-5, 1e4))
+            c.converged = gain < GAINED
+
+    def _steps(self, c: Candidate, parts: list[Linear], dampings: Values, *, hidden: bool) -> list[Candidate]:
+        """The candidate after one step for each damping; each window's start states are eliminated."""
+        count = len(c.free)
+        matrix, slope, kept = self.reduced(c, parts, dampings, hidden=hidden)
+        c.normal = matrix[-1]
+        unit = c.scale / c.spread
+        prior = np.diag(unit**2)
+        pull = (c.vector[c.free] - c.center) / c.spread * unit
+        stepped = []
+        for place, damping in enumerate(dampings):
+            step = _bounded(c, matrix[place] + prior, slope[place] + pull, damping) if count else np.zeros(0)
+            vector = c.vector.copy()
+            vector[c.free] = np.clip(vector[c.free] + step * c.scale, c.low, c.high)
+            step = (vector[c.free] - c.vector[c.free]) / c.scale
+            states = [value.copy() for value in c.states]
+            for part, live, solved, deviation in kept:
+                move = -solved[place, :, :, count] - solved[place, :, :, :count] @ step
+                states[part.which][np.ix_(live, part.windows)] += (move * deviation[live]).T
+            stepped.append(replace(c, vector=vector, states=states, damping=float(damping)))
+        return stepped
+
+    def reduced(self, c: Candidate, parts: list[Linear], dampings: Values, *, hidden: bool = True) -> tuple:
+        """(normal matrices, gradients) of the free parameters in units of `scale`, by damping; and what steps need."""
+        count = len(c.free)
+        matrix = np.zeros((len(dampings), count, count))
+        gradient = np.zeros((len(dampings), count))
+        kept = []
+        c.occam = 0.0
+        for part in parts:
+            products, pull, deviation, live = self._products(c, part, hidden=hidden)
+            own = products[:, count:, count:]
+            index = np.arange(len(live))
+            own[:, index, index] += 1.0
+            c.occam += float(np.sum(np.linalg.slogdet(own)[1]))
+            damped = np.repeat(own[None], len(dampings), 0)
+            damped[:, :, index, index] *= 1.0 + dampings[:, None, None]
+            cross = products[:, count:, :count]
+            solved = np.linalg.solve(damped, np.concatenate([cross, pull[:, count:, None]], 2)[None])
+            across = cross.transpose(0, 2, 1) @ solved
+            matrix += np.sum(products[:, :count, :count] - across[..., :count], 1)
+            gradient += np.sum(pull[:, :count] - across[..., count], 1)
+            kept.append((part, live, solved, deviation))
+        return matrix, gradient, kept
+
+    def _products(self, c: Candidate, part: Linear, *, hidden: bool) -> tuple[Values, Values, Values, Values]:
+        """(J' W J, J' W c with the start states' prior, their deviations, which are free), in scaled units."""
+        deviation = self.deviations(c, part.which, hidden=hidden)
+        live = np.flatnonzero(deviation > 0)
+        size = np.concatenate([c.scale, deviation[live]])
+        noise, burst = self.noise[part.which][part.windows], c.burst[part.which][part.windows]
+        weight = 1.0 / self.modes.variance(c.level, noise, burst)
+        slope = part.slope * size
+        weighted = slope * weight[:, :, None]
+        products = slope.transpose(0, 2, 1) @ weighted
+        pull = (weighted.transpose(0, 2, 1) @ part.c[:, :, None])[:, :, 0]
+        pull[:, len(c.free) :] += (c.states[part.which][live][:, part.windows] / deviation[live][:, None]).T
+        return products, pull, deviation, live
+
+
+def _bounded(c: Candidate, matrix: Values, slope: Values, damping: float) -> Values:
+    """Solve the damped normal equations; a parameter at its bound that wants out stays there."""
+    value, edge = c.vector[c.free], 1e-9 * c.scale
+    held, step = np.zeros(len(value), bool), np.zeros(len(value))
+    damped = matrix + np.diag(damping * np.diag(matrix) + 1e-12)
+    for _ in range(4):
+        go = ~held
+        step[:] = 0.0
+        if not np.any(go):
+            break
+        step[go] = np.linalg.lstsq(damped[np.ix_(go, go)], -slope[go], rcond=1e-13)[0]
+        out = ((value <= c.low + edge) & (step < 0)) | ((value >= c.high - edge) & (step > 0))
+        if not np.any(out & go):
+            break
+        held |= out
+    return step

@@ -1,0 +1,73 @@
+"""Periods: at how many periods a revolution the missing torque repeats with the position; starts of fits."""
+
+import numpy as np
+
+from ..data.record import Record
+from ..data.setting import Setting
+from ..effects.parameters import fewest_periods
+
+MOST = 3  # starts of each kind
+SAMPLES = 3000  # that are looked at
+HIGHEST = 200.0  # periods a revolution that are looked at, or as many within a shorter travel
+GRID = 1600  # periods that are tried at the most
+MOVING = 0.05  # of the top speed: below it the direction is not known
+
+Values = np.ndarray
+
+
+def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[str, tuple[float, ...]]:
+    """{"torque": periods, "friction": periods} [1/rev], the strongest first; nothing where too little turns.
+
+    Args:
+        course: the missing torque [N m], NaN where unknown, shape (samples,).
+        record: its motion.
+        setting: sizes.
+    """
+    travel = float(np.ptp(record.angle))
+    keep = np.flatnonzero(np.isfinite(course) & (np.abs(record.speed) > MOVING * setting.speed))
+    if travel <= 0.0 or len(keep) < 50:
+        return {}
+    keep = keep[:: max(1, len(keep) // SAMPLES)]
+    angle, speed, left = record.angle[keep], record.speed[keep], course[keep]
+    fewest = fewest_periods(setting)
+    highest = HIGHEST * max(1.0, fewest)
+    step = max(np.pi / (2.0 * travel), highest / GRID)
+    periods = np.arange(max(0.5, fewest, step), highest, step)
+    if len(periods) < 3:
+        return {}
+    common = np.stack([np.ones_like(speed), np.sign(speed), speed, record.acceleration[keep]], 1)
+    basis, _ = np.linalg.qr(common / np.maximum(np.linalg.norm(common, axis=0), 1e-30))
+    torque = _energy(left, angle, np.ones_like(speed), periods, basis)
+    friction = _energy(left, angle, np.sign(speed), periods, basis)
+    found = {
+        "torque": _peaks(periods, np.where(periods >= 1.5, torque, 0.0)),
+        "friction": _peaks(periods, friction),
+    }
+    if travel < 3.0 * np.pi:
+        # Little more than a period was seen: the peak is as wide as its place, and the fit wants starts around it.
+        around = {name: tuple(f * peaks[0] for f in (0.85, 1.2)) for name, peaks in found.items() if peaks}
+        found = {name: (*peaks, *(p for p in around[name] if p > fewest)) for name, peaks in found.items() if peaks}
+    return found
+
+
+def _energy(left: Values, angle: Values, factor: Values, periods: Values, basis: Values) -> Values:
+    """What a sine of each of the periods explains, beside the basis, shape (periods,)."""
+    left = left - basis @ (basis.T @ left)
+    phase = periods[:, None] * angle[None]
+    columns = np.stack([np.cos(phase) * factor, np.sin(phase) * factor], 1)  # (periods, 2, samples)
+    columns = columns - (columns @ basis) @ basis.T
+    gram = columns @ columns.transpose(0, 2, 1) + 1e-6 * len(angle) * np.eye(2)
+    right = columns @ left
+    return np.einsum("pi,pi->p", right, np.linalg.solve(gram, right[:, :, None])[:, :, 0])
+
+
+def _peaks(periods: Values, energy: Values) -> tuple[float, ...]:
+    """The highest ones that are further apart than the resolution."""
+    width = 2.5 * (periods[1] - periods[0])
+    found: list[float] = []
+    for index in np.argsort(-energy):
+        if energy[index] <= 0.0 or len(found) == MOST:
+            break
+        if all(abs(periods[index] - other) > width for other in found):
+            found.append(float(periods[index]))
+    return tuple(found)

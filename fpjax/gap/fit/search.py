@@ -1,0 +1,358 @@
+"""Search: every set of causes from all its starts, screened on a few windows, the leaders finished on all of them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..data.record import Record, tables_of, with_noise
+from ..data.setting import Setting
+from ..data.tables import Tables
+from ..effects.effect import Effect
+from ..precision import double_precision
+from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
+from ..simulate.hidden import Observer
+from .candidate import NOMINAL, Candidate, Fit, make_candidate
+from .least_squares import Fitter, Linear
+from .modes import Modes, make_modes
+from .periods import repeating_periods
+
+Values = np.ndarray
+
+SCREEN = 12  # windows that a start is screened on
+SCREEN_STEPS = 5
+STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # steps on all fitted windows, and how many sets go on before them
+HOPELESS = 2.0  # nats a sample: a set this far behind the best after the screening is not fitted on all windows
+COLOURED = 25  # steps with a level of the missing torque for each octave
+PROPER = 3  # steps for the start states of withheld windows
+BAND = 0.25  # of the Nyquist frequency: above it lie the drive's own sampling and rounding, and no cause of a gap
+
+QUIET = 0.3  # share of a mode's variance that is torque, below which it shows the noise
+FEW_QUIET = 30  # coefficients: fewer do not tell a variance
+
+
+@dataclass(frozen=True)
+class Start:
+    """A set of causes and the values that its fit starts from.
+
+    Attributes:
+        effects: in the model.
+        wide: nominal values that may be wrong.
+        values: that are not neutral, by name.
+    """
+
+    effects: tuple[Effect, ...]
+    wide: tuple[str, ...]
+    values: dict[str, float]
+
+
+class Search:
+    """Everything that is fitted on one machine's logs.
+
+    Args:
+        records: the logs.
+        nominal: the model.
+        effects: the vocabulary, the user's own effects included.
+        setting: sizes.
+        tick: called with the share done [1] of what is being fitted.
+    """
+
+    def __init__(
+        self, records: list[Record], nominal: Nominal, effects: tuple[Effect, ...], setting: Setting,
+        tick: Callable[[float], None] | None = None,
+    ):  # fmt: skip
+        self.nominal, self.effects, self.setting = nominal, effects, setting
+        self.tick = tick or (lambda share: None)
+        self._prepare(records, 0)
+        base = self._base(wide=NOMINAL)
+        scale = self._noise_scale(base)
+        if abs(np.log(scale)) > 0.1:
+            records = with_noise(records, scale)
+        self._prepare(records, self._material_modes())
+        base = self._base(wide=NOMINAL)
+        course = self.missing_course(base)
+        longest = max(range(len(records)), key=lambda which: len(records[which].time))
+        self.setting = replace(self.setting, periods=repeating_periods(course[longest], records[longest], self.setting))
+        self.exact = self._base(wide=None)
+        """The nominal model as it was given."""
+        self.band = self.modes.wiener(self.exact.level, np.ones(1))[0]
+        """Wiener filter of the nominal model's missing torque, by which every model's is told, shape (modes,)."""
+        self.real_noise = self._real_noise(base)
+        """Variance of modes that hold hardly any torque, over what the sensors' noise says [1], at most 1."""
+
+    def _prepare(self, records: list[Record], most: int) -> None:
+        self.records = records
+        with double_precision():
+            self.tables: list[Tables] = [tables_of(record) for record in records]
+        self.train = [np.flatnonzero(~record.withheld) for record in records]
+        self.withheld = [np.flatnonzero(record.withheld) for record in records]
+        first = records[0]
+        rate = 0.0 if first.velocity is None else first.velocity.noise
+        angle = 0.0 if first.position is None else first.position.noise
+        self.modes: Modes = make_modes(first.samples, first.dt, self.setting.inertia, rate, angle, most)
+        self.fitters: dict[Key, Fitter] = {}
+        self.observers: dict[Key, Observer] = {}
+        self._screen: list[Values] = []
+
+    # --- families
+
+    def fitter(self, key: Key) -> Fitter:
+        """The fitter of a family, made when it is first needed."""
+        if key not in self.fitters:
+            family = make_family(key, self.nominal, self.effects, self.setting)
+            if family.key not in self.fitters:
+                runner = Runner(family, self.records, self.tables)
+                self.fitters[family.key] = Fitter(runner, self.setting, self.modes)
+                if family.key[0] != "rigid":
+                    self.observers[family.key] = Observer(family, self.records, self.tables)
+            self.fitters[key] = self.fitters[family.key]
+        return self.fitters[key]
+
+    def family(self, effects: Sequence[Effect]) -> Family:
+        """The smallest family that holds the effects."""
+        return self.fitter(key_for(tuple(effects))).family
+
+    def candidate(self, start: Start, *, exact: bool = False) -> Candidate:
+        """A candidate at its start."""
+        family = self.family(start.effects)
+        return make_candidate(start.effects, start.wide, family, self.setting, self.records, start.values, exact=exact)
+
+    # --- the nominal model
+
+    def _base(self, wide: tuple[str, ...] | None) -> Candidate:
+        """The nominal model with some of its values free; None for exactly as it was given."""
+        base = self.candidate(Start((), wide or (), {}), exact=wide is None)
+        self.go_on([base], self.train, 25, white=True)
+        base.converged = False
+        self.go_on([base], self.train, COLOURED, white=False)
+        return base
+
+    def _noise_scale(self, base: Candidate) -> float:
+        """By what the sensors' noise is larger than its differences say [1]."""
+        fitter = self.fitters[base.family.key]
+        used = [(which, chosen) for which, chosen in enumerate(self.train) if len(chosen)]
+        return fitter.best_noise([(which, w, fitter.coefficients([base], which, w)[0]) for which, w in used])
+
+    def _real_noise(self, base: Candidate) -> float:
+        """At most 1: rounding of slow motion is less than a sample's variance says, and must not be taken off twice."""
+        fitter, ratios = self.fitters[base.family.key], [np.zeros(0)]
+        for which, chosen in enumerate(self.train):
+            if len(chosen):
+                noise = fitter.noise[which][chosen]
+                quiet = self.modes.wiener(base.level, noise) < QUIET
+                squares = fitter.coefficients([base], which, chosen)[0] ** 2 / noise[:, None]
+                ratios.append(squares[quiet & ~self.modes.sensor])
+        found = np.concatenate(ratios)
+        # The median of a chi-square of one degree of freedom: a few modes with a torque in them do not count.
+        return float(min(np.median(found) / 0.4549, 1.0)) if len(found) > FEW_QUIET else 1.0
+
+    def _material_modes(self) -> int:
+        """Modes with torque up to a share of the Nyquist frequency."""
+        return max(16, int(np.sum(~self.modes.sensor & (self.modes.frequency < BAND * 0.5 / self.setting.dt))))
+
+    def missing_course(self, c: Candidate) -> list[Values]:
+        """The most likely missing torque [N m] along each record, shape (samples,); NaN outside the fitted windows."""
+        fitter, found = self.fitters[c.family.key], []
+        reach = np.where(self.modes.sensor, 0.0, 1.0 / np.sqrt(np.where(self.modes.sensor, 1.0, self.modes.gain)))
+        for which, record in enumerate(self.records):
+            course, chosen = np.full(len(record.time), np.nan), self.train[which]
+            if len(chosen):
+                share = self.modes.wiener(c.level, fitter.noise[which][chosen])
+                out = -(share * fitter.coefficients([c], which, chosen)[0] * reach) @ self.modes.torque.T
+                for row, window in zip(out, chosen, strict=True):
+                    course[record.starts[window] : record.starts[window] + record.samples] = row
+            found.append(course)
+        return found
+
+    # --- fitting
+
+    def go_on(self, candidates: Sequence[Candidate], windows: Sequence[Values], steps: int, *, white: bool) -> None:
+        """More steps for candidates of any families; hidden states are looked up again every third."""
+        for key in dict.fromkeys(c.family.key for c in candidates):
+            group = [c for c in candidates if c.family.key == key]
+            fitter = self.fitters[key]
+            if key not in self.observers:
+                fitter.go_on(group, windows, steps, white=white)
+                continue
+            done = 0
+            while done < steps and (active := [c for c in group if not c.converged]):
+                self._observe(active, windows)
+                fitter.go_on(active, windows, min(3, steps - done), white=white)
+                done += 3
+
+    def _observe(self, candidates: Sequence[Candidate], windows: Sequence[Values]) -> None:
+        """Hidden states at the windows' starts: the observer's, the end of the window before, a face of the backlash;
+        in every window the one that fits best.
+        """
+        key = candidates[0].family.key
+        observer, fitter = self.observers[key], self.fitters[key]
+        gap = any(p.name == "gap" for e in candidates[0].effects for p in e.parameters)
+        for which, chosen in enumerate(windows):
+            if not len(chosen):
+                continue
+            count = len(chosen)
+            vectors = np.concatenate([np.repeat(c.vector[:, None], count, 1) for c in candidates], 1)
+            centers = observer.centers(vectors, which, np.tile(chosen, len(candidates)))
+            options = [[centers[:, i * count : (i + 1) * count] for i in range(len(candidates))]]
+            options.append([self._continued(c, which, chosen) for c in candidates])
+            if gap:
+                halves = [0.5 * c.values()["gap"] for c in candidates]
+                for side in (1.0, -1.0):
+                    options.append([np.stack([np.full(count, side * h), np.zeros(count)]) for h in halves])
+            best = self._stand(fitter, candidates, which, chosen)
+            for option in options:
+                kept = [(c.hidden[which].copy(), c.states[which].copy()) for c in candidates]
+                for c, at in zip(candidates, option, strict=True):
+                    c.hidden[which][:, chosen] = at
+                    c.states[which][2:, chosen] = 0.0
+                after = self._stand(fitter, candidates, which, chosen)
+                for i, (c, (hidden, states)) in enumerate(zip(candidates, kept, strict=True)):
+                    worse = chosen[~(after[i] < best[i])]
+                    c.hidden[which][:, worse], c.states[which][:, worse] = hidden[:, worse], states[:, worse]
+                    best[i] = np.minimum(best[i], after[i])
+
+    def _continued(self, c: Candidate, which: int, chosen: Values) -> Values:
+        """Where the window before ends, (2, windows); where none is before, as it stands."""
+        record, found = self.records[which], c.hidden[which][:, chosen].copy()
+        before = chosen - 1
+        follows = (before >= 0) & (record.starts[chosen] - record.starts[np.maximum(before, 0)] == record.samples)
+        if np.any(follows):
+            found[:, follows] = self.fitters[c.family.key].ends(c, which, before[follows])
+        return np.where(np.isfinite(found), found, 0.0)
+
+    def _stand(self, fitter: Fitter, candidates: Sequence[Candidate], which: int, chosen: Values) -> list[Values]:
+        """Costs of windows as the candidates stand; those without a level yet count squares."""
+        found = []
+        for c, out in zip(candidates, fitter.coefficients(candidates, which, chosen), strict=True):
+            if not len(c.level):
+                c.level = fitter.best_level([(which, chosen, out)], white=True)
+            cost = fitter.window_costs(c, which, chosen, out) + fitter._state_prior(c, which, chosen, hidden=True)
+            found.append(np.where(np.isfinite(cost), cost, np.inf))
+        return found
+
+    def screening(self) -> list[Values]:
+        """A few fitted windows: spread over the logs, and those where the nominal model is worst."""
+        if self._screen:
+            return self._screen
+        fitter = self.fitters[self.exact.family.key]
+        for which, train in enumerate(self.train):
+            if not len(train):
+                self._screen.append(train)
+                continue
+            few = max(2, SCREEN // len(self.train))
+            index = np.unique(np.linspace(0, len(train) - 1, max(few - 3, 1)).round().astype(int))
+            worst = np.argsort(-np.sum((fitter.coefficients([self.exact], which, train)[0] * self.band) ** 2, axis=1))
+            extra = [i for i in worst if i not in index][: few - len(index)]
+            self._screen.append(train[np.unique(np.concatenate([index, np.array(extra, int)]))])
+        return self._screen
+
+    def explore(self, starts: Sequence[Start], keep: Sequence[int] = ()) -> list[Fit]:
+        """Every set of causes from all its starts; the best start of each, the leading sets finished.
+
+        Args:
+            starts: sets and starts.
+            keep: how many sets go on to each stage; as `STAGES` has it unless given.
+        """
+        candidates = [self.candidate(start) for start in starts]
+        self.go_on(candidates, self.screening(), SCREEN_STEPS, white=True)
+        self.tick(0.3)
+        best: dict[tuple[str, ...], list[Candidate]] = {}
+        for c in sorted(candidates, key=lambda c: c.cost):
+            group = best.setdefault(c.names, [])
+            if len(group) < (2 if c.family.key[0] == "transmission" else 1):
+                group.append(c)
+        going = [c for group in best.values() for c in group]
+        left: dict[tuple[str, ...], Candidate] = {}  # behind after some steps on all windows
+        for stage, (steps, most) in enumerate(STAGES):
+            most = keep[stage] if stage < len(keep) else most
+            going = sorted(going, key=lambda c: c.cost)
+            sets = list(dict.fromkeys(c.names for c in going))
+            sets = [*sets[:most], *(names for names in sets[most:] if not self._structural(names))]
+            if stage == 0:
+                going = [c for c in going if c.names in sets]
+                for c in going:
+                    c.converged, c.damping, c.level = False, min(c.damping, 1.0), np.zeros(0)
+            for c in going:
+                if c.names not in sets:
+                    left.setdefault(c.names, c)
+            going = [c for c in going if c.names in sets]
+            self.go_on(going, self.train, steps, white=True)
+            self.tick(0.3 + 0.15 * (stage + 1))
+        finished: dict[tuple[str, ...], Candidate] = {}
+        for c in sorted(going, key=lambda c: c.cost):
+            finished.setdefault(c.names, c)
+        found = self.finish(list(finished.values())) + self.finish(list(left.values()), 0)
+        self.tick(1.0)
+        return found
+
+    def _structural(self, names: tuple[str, ...]) -> bool:
+        return any(name.removesuffix("_error") not in NOMINAL for name in names)
+
+    def fitted(self, starts: Sequence[Start]) -> list[Fit]:
+        """Each start fitted on all windows, one by one comparable."""
+        candidates = [self.candidate(start) for start in starts]
+        self.go_on(candidates, self.train, 12, white=True)
+        return self.finish(candidates)
+
+    def refit(self, fit: Fit, wide: Sequence[str]) -> Fit:
+        """The same effects with other nominal values free, from where the fit stands."""
+        old = fit.candidate
+        c = self.candidate(Start(old.effects, tuple(wide), old.values()))
+        c.states, c.hidden = [s.copy() for s in old.states], [h.copy() for h in old.hidden]
+        self.go_on([c], self.train, 12, white=True)
+        return self.finish([c])[0]
+
+    # --- scores
+
+    def finish(self, candidates: Sequence[Candidate], steps: int = COLOURED) -> list[Fit]:
+        """Levels by octave, evidence, and the missing torque of every window."""
+        for c in candidates:
+            c.converged, c.damping = False, min(c.damping, 1.0)
+        self.go_on(candidates, self.train, steps, white=False)
+        return [self._score(c) for c in candidates]
+
+    def _score(self, c: Candidate) -> Fit:
+        fitter = self.fitters[c.family.key]
+        parts = fitter.linearise([c], self.train)[0]
+        fitter.adapt(c, parts, white=False)
+        evidence = self._log_evidence(c, fitter, parts)
+        fixed = replace(
+            c, free=np.zeros(0, int), low=np.zeros(0), high=np.zeros(0), center=np.zeros(0), spread=np.ones(0),
+            scale=np.zeros(0), states=[s.copy() for s in c.states], hidden=[h.copy() for h in c.hidden],
+            burst=[b.copy() for b in c.burst],
+            converged=False, damping=1e-3,
+        )  # fmt: skip
+        for s, chosen in zip(fixed.states, self.withheld, strict=True):
+            s[:, chosen] = 0.0
+        if c.family.key in self.observers:
+            self._observe([fixed], self.withheld)
+            for s, chosen in zip(fixed.states, self.withheld, strict=True):
+                s[2:, chosen] = 0.0
+        fitter.go_on([fixed], self.withheld, PROPER, white=False, hidden=False, adapt=False)
+        if any(len(chosen) for chosen in self.withheld):
+            withheld = fitter.linearise([fixed], self.withheld, hidden=False)[0]
+            fitter.adapt(fixed, withheld, white=False, level=False)
+            evidence += self._log_evidence(fixed, fitter, withheld, hidden=False)
+            parts = [*parts, *withheld]
+        c.states, c.hidden, c.burst = fixed.states, fixed.hidden, fixed.burst
+        return Fit(c, evidence, self._missing(parts, fitter), self.modes.mean_level(c.level, self.band))
+
+    def _log_evidence(self, c: Candidate, fitter: Fitter, parts: list[Linear], *, hidden: bool = True) -> float:
+        cost = fitter._parameter_prior(c)
+        for p in parts:
+            cost += float(np.sum(fitter.window_costs(c, p.which, p.windows, p.c)))
+            cost += float(np.sum(fitter._state_prior(c, p.which, p.windows, hidden=hidden)))
+        matrix, _, _ = fitter.reduced(c, parts, np.zeros(1), hidden=hidden)
+        unit = c.spread / c.scale if len(c.free) else np.zeros(0)
+        c.normal = matrix[0]
+        precision = np.eye(len(unit)) + matrix[0] * unit[:, None] * unit
+        return -0.5 * (cost + c.occam + float(np.linalg.slogdet(precision)[1]))
+
+    def _missing(self, parts: list[Linear], fitter: Fitter) -> tuple[Values, ...]:
+        """Mean square of the missing torque in each window [N^2 m^2], noise's share taken out."""
+        found = [np.full(len(record.starts), np.nan) for record in self.records]
+        weight = np.where(self.modes.sensor, 0.0, self.band**2 / np.where(self.modes.sensor, 1.0, self.modes.gain))
+        for p in parts:
+            noise = self.real_noise * fitter.noise[p.which][p.windows]
+            found[p.which][p.windows] = (p.c**2 - noise[:, None]) @ weight / self.records[p.which].samples
+        return tuple(found)

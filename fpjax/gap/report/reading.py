@@ -1,0 +1,98 @@
+"""Reading: what a report asks a diagnosis for, beside its own fields."""
+
+import math
+
+from ..answer.diagnosis import Diagnosis, Identifiability, Ranked, Share, Step, Where
+from ..effects.estimate import Estimate
+from .digits import scale_for, scaled
+
+AXES = ("time", "velocity", "position", "frequency")
+NEGLIGIBLE = 0.005  # probability below which an effect is folded away
+
+
+def gap_scale(diagnosis: Diagnosis) -> tuple[float, str]:
+    """Factor and unit in which gaps are shown: that in which the nominal model's reads best."""
+    return scale_for(diagnosis.gap.before, diagnosis.gap.unit)
+
+
+def shown_gap(diagnosis: Diagnosis, gap: Estimate) -> Estimate:
+    """A gap in the one unit that suits them all."""
+    return scaled(gap, *gap_scale(diagnosis))
+
+
+def step_gap(diagnosis: Diagnosis, step: Step) -> Estimate:
+    """What is left of the gap at a rung of the ladder."""
+    return Estimate(step.gap_after, *step.interval, diagnosis.gap.unit)
+
+
+def entry_gap(diagnosis: Diagnosis, entry: Ranked) -> Estimate:
+    """What an effect of the ranking leaves of the gap."""
+    return Estimate(entry.gap_after, unit=diagnosis.gap.unit)
+
+
+def at_bound(entry: Ranked) -> tuple[str, ...]:
+    """Parameters whose fit ended at the end of what was allowed."""
+    return tuple(name for name, estimate in entry.parameters.items() if estimate.at_bound)
+
+
+def places(where: Where, axis: str) -> tuple[Share, ...]:
+    """The places of an axis that stand out, in its order."""
+    return _drawable(getattr(where, axis))
+
+
+def bins(where: Where, axis: str) -> tuple[Share, ...]:
+    """Every place of an axis, in its order."""
+    return _drawable(where.maps.get(axis, ()))
+
+
+def _drawable(shares: tuple[Share, ...]) -> tuple[Share, ...]:
+    known = [s for s in shares if all(map(math.isfinite, (s.start, s.stop, s.share)))]
+    return tuple(sorted(known, key=lambda share: share.start))
+
+
+def main_regime(where: Where | None) -> tuple[float, str]:
+    """(share, name) of the regime that holds most; (0, "") where none does."""
+    shares = [] if where is None else [(s, r) for r, s in where.regime.items() if math.isfinite(s) and s > 0.0]
+    return max(shares, default=(0.0, ""))
+
+
+def twins_of(diagnosis: Diagnosis, effect: str) -> tuple[str, ...]:
+    """Effects that this log cannot tell from the given one."""
+    return next((entry.indistinguishable_from for entry in diagnosis.ranking if entry.effect == effect), ())
+
+
+def classes(diagnosis: Diagnosis) -> list[tuple[str, ...]]:
+    """The classes of effects that this log cannot tell apart, the most probable first.
+
+    "Cannot tell apart" is followed from effect to effect: what is joined by a chain is one class. Classes whose
+    probability is negligible are left out, unless a cause is in them.
+    """
+    groups: list[set[str]] = []
+    for entry in diagnosis.ranking:
+        twins = entry.indistinguishable_from
+        if not twins or (entry.probability < NEGLIGIBLE and entry.effect not in diagnosis.causes):
+            continue
+        joined = {entry.effect, *twins}
+        for group in [g for g in groups if g & joined]:
+            joined |= group
+            groups.remove(group)
+        groups.append(joined)
+    order = {entry.effect: i for i, entry in enumerate(diagnosis.ranking)}
+    found = [tuple(sorted(g, key=lambda e: (order.get(e, len(order)), e))) for g in groups]
+    return sorted(found, key=lambda group: order.get(group[0], len(order)))
+
+
+def fixed(found: Identifiability) -> Estimate:
+    """A parameter with the 90 % interval of its standard deviation; none at a bound, where it counts as known."""
+    deviation = found.standard_deviation
+    half = 1.645 * deviation if math.isfinite(deviation) and deviation > 0.0 else math.nan
+    return Estimate(found.value, found.value - half, found.value + half, found.unit)
+
+
+def tracking(diagnosis: Diagnosis) -> dict[str, Estimate]:
+    """The tracking error `measured`, `before` and `after`; empty where not known."""
+    found = diagnosis.tracking
+    if found is None:
+        return {}
+    pairs = (("measured", found.measured), ("before", found.before), ("after", found.after))
+    return {name: Estimate(value, unit=found.unit) for name, value in pairs if math.isfinite(value)}

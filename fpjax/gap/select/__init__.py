@@ -1,0 +1,1 @@
+"""Select: pure decisions from frozen fits and one table of thresholds."""

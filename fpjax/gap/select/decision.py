@@ -1,0 +1,263 @@
+"""Decision: which causes, from fits that no longer change, and the order in which they were tried."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..effects.effect import Effect
+from ..fit.candidate import NOMINAL, Fit, nominal_sizes
+from ..fit.search import Search, Start
+from .nominal_errors import wrong_numbers
+from .thresholds import THRESHOLDS, Thresholds
+
+IMPOSSIBLE = ({"presliding", "compliance"}, {"presliding", "backlash"}, {"compliance", "backlash"})
+SIMPLER = {
+    "asymmetric_friction": ("constant_torque",),
+    "unbalance": ("constant_torque",),
+    "cogging": ("unbalance",),
+    "backlash": ("compliance",),
+}
+"""What an effect holds as a special case, or is in a short travel, with fewer parameters."""
+FACTORS = ("torque_gain_error", "velocity_scale_error")
+"""One factor that makes several nominal numbers wrong in proportion."""
+PAIR_KEEP = (24, 10, 5, 4)  # sets of causes that go on to each stage where causes are added
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A fit with the nominal numbers that it takes for wrong.
+
+    Attributes:
+        fit: with those numbers wide.
+        evidence: with the prior odds of the numbers [1].
+    """
+
+    fit: Fit
+    evidence: float
+
+    @property
+    def structural(self) -> tuple[str, ...]:
+        """The effects, without wrong nominal numbers."""
+        return self.fit.candidate.structural
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What the fits led to.
+
+    Attributes:
+        exact: the nominal model as given.
+        nominal: the nominal model with the numbers that are wrong.
+        singles: every effect alone, the most likely first.
+        chosen: the model that is told.
+        rivals: models with as many effects as the chosen one, the most likely first.
+        path: the ladder from `exact` to `chosen`.
+        shares: of the nominal model's missing energy, what would come back without each cause of `chosen` [1], the
+            largest first.
+    """
+
+    exact: Fit
+    nominal: Weighed
+    singles: tuple[Weighed, ...]
+    chosen: Weighed
+    rivals: tuple[Weighed, ...]
+    path: tuple[Fit, ...]
+    shares: dict[str, float]
+
+
+def decide(search: Search, stage: Callable[[str, float], None], thresholds: Thresholds = THRESHOLDS) -> Decision:
+    """Fit effects alone, then together while more than one is needed.
+
+    Args:
+        search: of the logs.
+        stage: told (name of the stage, share done [1]).
+        thresholds: of what is worth a further cause.
+    """
+    stage("effects alone", 0.1)
+    exact = search.finish([search.exact])[0]
+    fits = search.explore(_alone(search))
+    weighed = _weigh(search, fits)
+    nominal = next(w for w in weighed if not w.structural)
+    singles = [w for w in weighed if w.structural]
+    chosen = _settled(search, weighed[0])
+    rivals, path = weighed, [exact]
+    for size in range(2, thresholds.most_causes + 1):
+        if not _worth_more(search, exact, chosen.fit, thresholds):
+            break
+        stage(f"effects together ({size})", 0.3 + 0.2 * (size - 2))
+        bases = [w for w in weighed if w.structural][: thresholds.bases] if size == 2 else [chosen]
+        found = _weigh(search, search.explore(_beside(search, bases), PAIR_KEEP))
+        if not found:
+            break
+        best = _settled(search, found[0])
+        if not _better(search, exact, chosen, best, thresholds):
+            break
+        path.append(chosen.fit)
+        chosen, rivals = best, found
+    chosen = _pruned(search, exact, chosen, thresholds)
+    stage("simpler causes", 0.7)
+    chosen = _simpler(search, exact, chosen, thresholds)
+    stage("what each cause takes", 0.8)
+    shares = _shares(search, exact, chosen.fit)
+    return Decision(exact, nominal, tuple(singles), chosen, tuple(rivals), (*path, chosen.fit), shares)
+
+
+def _shares(search: Search, exact: Fit, fit: Fit) -> dict[str, float]:
+    """What would come back of the nominal model's missing energy without each cause [1], the largest first."""
+    whole, now = _left(search, exact) ** 2, _left(search, fit) ** 2
+    c, found = fit.candidate, {}
+    starts, names = [], []
+    for effect in c.effects:
+        rest = tuple(e for e in c.effects if e is not effect)
+        starts.append(Start(rest, tuple(c.wide), _without(fit, effect, rest)))
+        names.append(effect.name)
+    for number in c.wide:
+        values = {k: v for k, v in c.values().items() if k != number}
+        starts.append(Start(c.effects, tuple(c.wide - {number}), values))
+        names.append(f"{number}_error")
+    for name, without in zip(names, search.fitted(starts), strict=True):
+        found[name] = max(_left(search, without) ** 2 - now, 0.0) / max(whole, 1e-300)
+    return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def _alone(search: Search) -> list[Start]:
+    starts = [Start((), NOMINAL, {})]
+    for effect in search.effects:
+        if effect.name.removesuffix("_error") in NOMINAL:
+            continue  # every fit asks for them
+        for values in effect.starts(search.setting):
+            starts += [Start((effect,), wide, values) for wide in _nominal_for(effect)]
+    return starts
+
+
+def _nominal_for(effect: Effect) -> list[tuple[str, ...]]:
+    """Which nominal numbers are free beside an effect: all, and none where it is a twin of all of them together."""
+    return [NOMINAL, ()] if effect.name in ("torque_gain_error", "velocity_scale_error") else [NOMINAL]
+
+
+def _beside(search: Search, bases: Sequence[Weighed]) -> list[Start]:
+    """Every effect beside those of the bases, from its own starts and the base's fit."""
+    starts = []
+    for base in bases:
+        values = base.fit.candidate.values()
+        held = {p.name for e in base.fit.candidate.effects for p in e.parameters}
+        for effect in search.effects:
+            names = {*base.structural, effect.name}
+            if effect.name in base.structural or effect.name.removesuffix("_error") in NOMINAL:
+                continue
+            if any(pair <= names for pair in IMPOSSIBLE) or {p.name for p in effect.parameters} <= held:
+                continue
+            for start in effect.starts(search.setting):
+                for wide in _nominal_for(effect):
+                    # A twin of the nominal numbers starts from the numbers as they were given.
+                    kept = values if wide else {k: v for k, v in values.items() if k not in NOMINAL}
+                    starts.append(Start((*base.fit.candidate.effects, effect), wide, kept | start))
+    return starts
+
+
+def _weigh(search: Search, fits: Sequence[Fit]) -> list[Weighed]:
+    """The fits by evidence, each with the nominal numbers that it needs."""
+    sizes = nominal_sizes(search.setting)
+    found = [Weighed(fit, wrong_numbers(fit, sizes)[0]) for fit in fits]
+    plain = max((w.evidence for w in found if not w.structural), default=-np.inf)
+    found = [w if _resolved(w.fit) else Weighed(w.fit, min(w.evidence, plain - 1.0)) for w in found]
+    found = sorted(found, key=lambda w: -w.evidence)
+    best: dict[tuple[str, ...], Weighed] = {}  # of the same effects with more and with fewer wrong numbers
+    for weighed in found:
+        best.setdefault(weighed.structural, weighed)
+    return list(best.values())
+
+
+def _resolved(fit: Fit) -> bool:
+    """Whether a spring is one: at the end of what the data can show, or overdamped, it only absorbs what is left."""
+    spring = "compliance" in fit.candidate.structural
+    return not (spring and {"frequency", "damping_ratio"} & set(fit.candidate.at_bound()))
+
+
+def _settled(search: Search, weighed: Weighed) -> Weighed:
+    """The same effects fitted once more with only those nominal numbers wide that are wrong."""
+    evidence, wrong = wrong_numbers(weighed.fit, nominal_sizes(search.setting))
+    if set(wrong) == set(weighed.fit.candidate.wide):
+        return weighed
+    fit = search.refit(weighed.fit, wrong)
+    return Weighed(fit, max(evidence, fit.evidence - len(wrong)))
+
+
+def _left(search: Search, fit: Fit) -> float:
+    """Missing torque on all windows [N m]."""
+    return fit.missing_rms([np.arange(len(record.starts)) for record in search.records])
+
+
+def _worth_more(search: Search, exact: Fit, fit: Fit, t: Thresholds) -> bool:
+    return _left(search, fit) > t.immaterial * _left(search, exact)
+
+
+def _better(search: Search, exact: Fit, chosen: Weighed, best: Weighed, t: Thresholds) -> bool:
+    """Whether a further cause is sure, and takes a share of what is left that matters."""
+    before, after = _left(search, chosen.fit), _left(search, best.fit)
+    removed = 1.0 - (after / before) ** 2
+    return best.evidence - chosen.evidence > t.decisive and removed > t.removes
+
+
+def _pruned(search: Search, exact: Fit, chosen: Weighed, t: Thresholds) -> Weighed:
+    """Without the effects that the rest of a larger model can do without."""
+    while len(chosen.structural) > 1:
+        options = []
+        for effect in chosen.fit.candidate.effects:
+            rest = tuple(e for e in chosen.fit.candidate.effects if e is not effect)
+            values = _without(chosen.fit, effect, rest)
+            options.append(Start(rest, NOMINAL, values))
+        found = _weigh(search, search.explore(options))
+        best = _settled(search, found[0])
+        if _better(search, exact, best, chosen, t):
+            return chosen
+        chosen = best
+    return chosen
+
+
+def _simpler(search: Search, exact: Fit, chosen: Weighed, t: Thresholds) -> Weighed:
+    """Fewer or simpler causes in the place of others, where no torque that matters would be missing for it.
+
+    A flexible cause takes some clutter along and so wins by evidence; what it is asked for here is torque.
+    """
+    by_name = {effect.name: effect for effect in search.effects}
+    whole = _left(search, exact) ** 2
+    while True:
+        starts = list(_instead(chosen.fit, by_name))
+        if not starts:
+            return chosen
+        now = _left(search, chosen.fit) ** 2
+        options = [(fit, _left(search, fit) ** 2 - now) for fit in search.fitted(starts)]
+        gained = max(chosen.fit.evidence - exact.evidence, 0.0)
+        near = []
+        for fit, more in options:
+            lost = (chosen.fit.evidence - fit.evidence) / max(gained, 1e-300)
+            one_factor = set(fit.candidate.structural) > set(chosen.structural)
+            if more < t.matters * whole and lost < (t.factor if one_factor else t.simpler):
+                near.append((fit, more))
+        if not near:
+            return chosen
+        best = min(near, key=lambda pair: pair[1])[0]
+        chosen = Weighed(best, best.evidence - len(best.candidate.wide))
+
+
+def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[Start]:
+    c = fit.candidate
+    for effect in c.effects:
+        rest = tuple(e for e in c.effects if e is not effect)
+        for name in SIMPLER.get(effect.name, ()):
+            if name in by_name and name not in c.structural:
+                # What the simpler one does not hold of friction may still be wrong in the nominal numbers.
+                wide = tuple(c.wide | {"coulomb", "viscous"}) if effect.name == "asymmetric_friction" else tuple(c.wide)
+                yield Start((*rest, by_name[name]), wide, _without(fit, effect, rest))
+    for name in FACTORS:
+        if len(c.wide) > 1 and name in by_name and name not in c.structural:
+            values = {k: v for k, v in c.values().items() if k not in NOMINAL}
+            yield Start((*c.effects, by_name[name]), (), values)
+
+
+def _without(fit: Fit, effect: Effect, rest: Sequence[Effect]) -> dict[str, float]:
+    shared = {p.name for other in rest for p in other.parameters}
+    gone = {p.name for p in effect.parameters} - shared
+    return {name: value for name, value in fit.candidate.values().items() if name not in gone}

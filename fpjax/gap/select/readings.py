@@ -1,0 +1,146 @@
+"""Readings: what is wrong with a velocity column, told by the encoder beside it and not by any model of the machine.
+
+Where the encoder alone resolves the torques, the machine is judged by the encoder. The velocity reading is then
+compared with the encoder's own rate: scale x rate(t - delay) through a lag, + bias. Both sides pass the same
+differentiator (the reading is summed to an angle first), so that its bandwidth does not count.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from ...logs.measures import is_derived, local_polynomial
+from ..data.record import Record
+
+HALF_WIDTHS = (4, 8, 16, 32, 64)  # samples on either side of the differentiator, narrowest first
+QUIET = 0.02  # noise of the encoder's rate, of its rms, that a wider differentiator is taken to get below
+LATEST = 30.0  # periods: the longest lag or delay that is tried
+GRID = 121  # lags and delays that are tried
+
+Values = np.ndarray
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One thing that is wrong with a velocity column.
+
+    Attributes:
+        effect: name of the vocabulary.
+        values: {name: (value, standard deviation, unit)}.
+        size: rms of what it changes in the reading, of the rate's rms [1].
+        torque: rms of the torque [N m] that would make the nominal mass move by what it changes.
+        evidence: log likelihood that it brings [nats], independent samples only.
+    """
+
+    effect: str
+    values: dict[str, tuple[float, float, str]]
+    size: float
+    torque: float
+    evidence: float
+
+
+def readings(record: Record, inertia: float) -> list[Reading]:
+    """What is wrong with a record's velocity column, the largest first; nothing without an encoder beside it.
+
+    Args:
+        record: with `reading` and `position`.
+        inertia: nominal J [kg m^2].
+    """
+    if record.reading is None or record.position is None or record.velocity is not None:
+        return []
+    if is_derived(record.reading.values, record.position.values):
+        return []  # its filter is how it was made, and not a fault of a sensor
+    dt = record.dt
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (record.reading.values[1:] + record.reading.values[:-1])) * dt])
+    half = _half(record)
+    true = local_polynomial(record.position.values, half, dt=dt, degree=2, derivative=1)
+    read = local_polynomial(angle, half, dt=dt, degree=2, derivative=1)
+    inside = slice(2 * half + int(LATEST) + 1, -(half + 1))
+    count = len(true[inside]) / (2 * half + 1)
+    if count < 20 or np.std(true[inside]) == 0.0:
+        return []
+    late = np.linspace(0.0, LATEST * dt, GRID)
+    fits = {
+        "velocity_lag": [_line(_lagged(true, t, dt)[inside], read[inside]) for t in late],
+        "velocity_delay": [_line(_delayed(true, t, dt)[inside], read[inside]) for t in late],
+    }
+    errors = {name: np.array([fit[2] for fit in some]) for name, some in fits.items()}
+    name = min(errors, key=lambda key: float(np.min(errors[key])))
+    place = int(np.argmin(errors[name]))
+    scale, bias, least = fits[name][place]
+    size = float(np.sqrt(np.mean(true[inside] ** 2)))
+    spread = float(np.sqrt(least / count))
+    time = _refined(late, errors[name], place)
+    shape = _lagged(true, time, dt) if name == "velocity_lag" else _delayed(true, time, dt)
+    slope = float(np.sqrt(np.mean(np.gradient(true[inside], dt) ** 2)))
+    found = []
+    gained = 0.5 * count * float(np.log(errors[name][0] / least)) if least > 0.0 else np.inf
+    change = shape - true
+    key = "time_constant" if name == "velocity_lag" else "delay"
+    found.append(
+        _reading(name, {key: (time, spread / max(slope, 1e-300), "s")}, change, inside, size, inertia, dt, gained)
+    )
+    deviation = spread / max(float(np.std(true[inside])), 1e-300)
+    gained = 0.5 * ((scale - 1.0) / max(deviation, 1e-12)) ** 2
+    change = (scale - 1.0) * shape
+    found.append(
+        _reading("velocity_scale_error", {"scale": (scale, deviation, "1")}, change, inside, size, inertia, dt, gained)
+    )
+    gained = 0.5 * (bias / max(spread, 1e-300)) ** 2
+    found.append(Reading("velocity_bias", {"bias": (bias, spread, "rad/s")}, abs(bias) / size, 0.0, float(gained)))
+    return sorted(found, key=lambda reading: -reading.size)
+
+
+def _reading(
+    name: str, values: dict[str, tuple[float, float, str]], change: Values, inside: slice, size: float, inertia: float,
+    dt: float, evidence: float,
+) -> Reading:  # fmt: skip
+    rms = float(np.sqrt(np.mean(change[inside] ** 2)))
+    torque = inertia * float(np.sqrt(np.mean(np.gradient(change[inside], dt) ** 2)))
+    return Reading(name, values, rms / size, torque, float(evidence))
+
+
+def _half(record: Record) -> int:
+    """The narrowest differentiator whose noise is small beside the rate."""
+    assert record.position is not None
+    rate = float(np.sqrt(np.mean(record.speed**2)))
+    for half in HALF_WIDTHS:
+        noise = record.position.noise / record.dt / np.sqrt(np.sum(np.arange(-half, half + 1.0) ** 2))
+        if noise < QUIET * rate or 40 * half > len(record.time):
+            return half
+    return HALF_WIDTHS[-1]
+
+
+def _line(x: Values, y: Values) -> tuple[float, float, float]:
+    """(scale, bias, mean square left) of y = scale x + bias."""
+    mean_x, mean_y = float(np.mean(x)), float(np.mean(y))
+    spread = float(np.mean((x - mean_x) ** 2))
+    scale = float(np.mean((x - mean_x) * (y - mean_y))) / max(spread, 1e-300)
+    bias = mean_y - scale * mean_x
+    return scale, bias, float(np.mean((y - scale * x - bias) ** 2))
+
+
+def _lagged(values: Values, time: float, dt: float) -> Values:
+    """Through a first-order lag, exact for a line between samples."""
+    if time <= 1e-3 * dt:
+        return values
+    decay = np.exp(-dt / time)
+    gain = time / dt * (1.0 - decay)
+    out, _ = lfilter([1.0 - gain, gain - decay], [1.0, -decay], values, zi=[values[0] * (1.0 - (1.0 - gain))])
+    return out
+
+
+def _delayed(values: Values, time: float, dt: float) -> Values:
+    index = np.arange(len(values)) - time / dt
+    return np.interp(index, np.arange(len(values)), values)
+
+
+def _refined(grid: Values, errors: Values, place: int) -> float:
+    """The bottom of the parabola through a minimum and its neighbours."""
+    if not 0 < place < len(grid) - 1:
+        return float(grid[place])
+    a, b, c = errors[place - 1 : place + 2]
+    curve = a - 2.0 * b + c
+    shift = 0.5 * (a - c) / curve if curve > 0.0 else 0.0
+    return float(grid[place] + shift * (grid[1] - grid[0]))

@@ -1,0 +1,219 @@
+"""Verdict: what is asserted, and how probable it is; a pure function of a decision, of sizes and of thresholds."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..fit.candidate import NOMINAL
+from .decision import Decision, Weighed
+from .nominal_errors import wrong_numbers
+from .readings import Reading
+from .thresholds import THRESHOLDS, Thresholds
+
+Word = Literal["no_gap", "explained", "partly_explained", "unexplained"]
+ROUNDING = "velocity_quantisation"
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Sizes that a verdict hangs on.
+
+    Attributes:
+        before: missing torque of the nominal model as given, rms over all windows [N m].
+        after: likewise of the chosen model.
+        floor: what noise alone would show of it [N m].
+        torque: rms of the commanded torque [N m].
+        sizes: of the nominal numbers (`fpjax.gap.fit.candidate.nominal_sizes`).
+        readings: what is wrong with the velocity column beside any model of the machine, the most important first:
+            its rounding (`velocity_quantisation`), and what the encoder tells (`fpjax.gap.select.readings`).
+        allowed: effects that may be asserted; empty for all.
+    """
+
+    before: float
+    after: float
+    floor: float
+    torque: float
+    sizes: dict[str, float]
+    readings: tuple[str, ...] = ()
+    allowed: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is asserted.
+
+    Attributes:
+        word: of the contract.
+        causes: effects, the most important first.
+        probability: that the verdict is right [1].
+        main: probability by effect that it is the main cause [1]; sums to at most 1.
+        among: probability by effect that it is among the causes [1].
+        margin: evidence of the chosen model over the best one without its leading cause [nats].
+    """
+
+    word: Word
+    causes: tuple[str, ...]
+    probability: float
+    main: Mapping[str, float]
+    among: Mapping[str, float]
+    margin: float
+
+
+@dataclass(frozen=True)
+class _Set:
+    names: tuple[str, ...]  # the leading cause first
+    evidence: float
+
+
+def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS) -> Verdict:
+    """The word, the causes and the probabilities.
+
+    Args:
+        decision: of the fits.
+        seen: sizes.
+        thresholds: every number that decides.
+    """
+    chosen = _Set(_chosen_names(decision, seen, thresholds), decision.chosen.evidence)
+    sets = _sets(decision, chosen, seen)
+    margin = _margin(sets, chosen, decision.exact.evidence)
+    lead = _lead(decision, chosen, margin)
+    word = _word(decision, seen, chosen, margin, thresholds)
+    asserted = chosen.names if word in ("explained", "partly_explained") else ()
+    shares = _shares(sets, _top(word, lead, thresholds), thresholds.temper)
+    main, among = _by_effect(shares)
+    if seen.readings:
+        return _with_readings(word, asserted, seen.readings, main, among, margin, thresholds)
+    right = _right(word, asserted, shares, main)
+    return Verdict(word, asserted, right, main, among, margin)
+
+
+def material(readings: Sequence[Reading], torque: float, t: Thresholds = THRESHOLDS) -> tuple[Reading, ...]:
+    """The readings' errors that are sure and large enough to be causes.
+
+    Args:
+        readings: of a record, the largest first.
+        torque: rms of the commanded torque [N m].
+        t: thresholds.
+    """
+    sure = [one for one in readings if one.evidence > t.decisive and one.size > t.reading]
+    return tuple(one for one in sure if one.torque > t.slight * torque or one.size > t.slight)
+
+
+def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, ...]:
+    """The causes of the chosen model without which a share that matters would come back, the largest first."""
+    weight = {n: s * (t.number if n.removesuffix("_error") in NOMINAL else 1.0) for n, s in decision.shares.items()}
+    names = [n for n in sorted(weight, key=lambda n: -weight[n]) if decision.shares[n] > t.matters]
+    names = names or list(decision.chosen.structural[:1])
+    return tuple(n for n in names if not seen.allowed or n in seen.allowed)
+
+
+def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
+    """Every set of causes that was tried, once, with its best evidence; the chosen one as it is asserted."""
+    best: dict[tuple[str, ...], _Set] = {}
+    for w in (decision.nominal, *decision.singles, *decision.rivals):
+        if set(w.structural) == set(decision.chosen.structural):
+            continue
+        own = _Set(_names(w, seen), w.evidence)
+        if own.names and (own.names not in best or best[own.names].evidence < own.evidence):
+            best[own.names] = own
+    return ([chosen] if chosen.names else []) + list(best.values())
+
+
+def _names(w: Weighed, seen: Seen) -> tuple[str, ...]:
+    if w.structural:
+        return w.structural
+    return tuple(f"{n}_error" for n in wrong_numbers(w.fit, seen.sizes)[1])
+
+
+def _margin(sets: Sequence[_Set], chosen: _Set, exact: float) -> float:
+    if not chosen.names:
+        return 0.0
+    return chosen.evidence - max([exact, *(s.evidence for s in sets if chosen.names[0] not in s.names)])
+
+
+def _word(decision: Decision, seen: Seen, chosen: _Set, margin: float, t: Thresholds) -> Word:
+    gained = decision.chosen.evidence - decision.exact.evidence
+    immaterial = max(t.nothing * seen.torque, seen.floor)
+    if seen.before < immaterial or (gained < t.chance and seen.before < t.slight * seen.torque):
+        return "no_gap"
+    left = seen.after / seen.before
+    sure = bool(chosen.names) and (margin > t.sure or _is_number(chosen.names[0]))
+    if sure and (left < t.closes or seen.after < t.nothing * seen.torque):
+        return "explained"
+    return "partly_explained" if sure and left < t.part else "unexplained"
+
+
+def _is_number(name: str) -> bool:
+    return name.endswith("_error") and name.removesuffix("_error") in NOMINAL
+
+
+def _lead(decision: Decision, chosen: _Set, margin: float) -> float:
+    """How far the leading cause is beyond the others' reach [1].
+
+    Every model frees the nominal numbers, so that a wrong one is beside any effect: it leads by what would come back
+    without it.
+    """
+    if not chosen.names:
+        return 0.0
+    if _is_number(chosen.names[0]):
+        return decision.shares.get(chosen.names[0], 0.0)
+    return margin / max(decision.chosen.evidence - decision.exact.evidence, 1e-300)
+
+
+def _top(word: Word, lead: float, t: Thresholds) -> float:
+    """Probability that any of the sets tried is right."""
+    if word == "no_gap":
+        return t.right_no_gap
+    table = {
+        "explained": t.right_explained, "partly_explained": t.right_partly, "unexplained": t.right_unexplained,
+    }  # fmt: skip
+    return table[word][0 if lead >= t.clear else 2 if lead < t.contested else 1]
+
+
+def _shares(sets: Sequence[_Set], top: float, temper: float) -> list[tuple[_Set, float]]:
+    if not sets:
+        return []
+    evidence = np.array([s.evidence if np.isfinite(s.evidence) else -1e30 for s in sets])
+    odds = np.exp(np.maximum((evidence - np.max(evidence)) / temper, -700.0))
+    return list(zip(sets, (top * odds / np.sum(odds)).tolist(), strict=True))
+
+
+def _by_effect(shares: Sequence[tuple[_Set, float]]) -> tuple[dict[str, float], dict[str, float]]:
+    main: dict[str, float] = {}
+    among: dict[str, float] = {}
+    for found, share in shares:
+        main[found.names[0]] = main.get(found.names[0], 0.0) + share
+        for name in found.names:
+            among[name] = among.get(name, 0.0) + share
+    return main, among
+
+
+def _right(
+    word: Word, asserted: Sequence[str], shares: Sequence[tuple[_Set, float]], main: Mapping[str, float]
+) -> float:
+    if asserted:
+        return sum(share for found, share in shares if set(found.names) == set(asserted))
+    del word
+    return max(1.0 - sum(main.values()), 0.0)
+
+
+def _with_readings(
+    word: Word,
+    asserted: tuple[str, ...],
+    readings: tuple[str, ...],
+    main: dict[str, float],
+    among: dict[str, float],
+    margin: float,
+    t: Thresholds,
+) -> Verdict:
+    """A wrong reading makes no torque: it is a cause beside the others, or alone where there is no gap."""
+    among = among | dict.fromkeys(readings, t.right_read)
+    first, names = readings[0], (*asserted, *(name for name in readings if name not in asserted))
+    if word == "no_gap":
+        main = {name: min(share, 1.0 - t.right_read) for name, share in main.items()} | {first: t.right_read}
+        return Verdict("explained", names, t.right_read, main, among, margin)
+    main = main | {first: max(t.right_read - sum(main.values()), 0.0)}
+    right = sum(main[name] for name in asserted[:1]) if asserted else max(1.0 - sum(main.values()), 0.0)
+    return Verdict(word, names, right, main, among, margin)

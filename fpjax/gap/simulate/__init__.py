@@ -1,0 +1,1 @@
+"""Simulate: lanes of windows through the blocks."""

@@ -1,0 +1,199 @@
+"""Family: one compiled super-model, and the batches of lanes that run through it."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...blocks.plants import AbstractPlant
+from ...compiled.batch import cores
+from ...compiled.threads import on_threads, settings, under
+from ..data.record import Record
+from ..data.setting import Setting
+from ..data.tables import TAPS, Tables
+from ..effects.effect import Effect, Parameter, free, leaf
+from ..effects.parameters import NOMINAL
+from ..machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
+from ..precision import double_precision
+from .replay import LANES, STATES, as_rows, residual_kernel
+
+Key = tuple[Structure, tuple[str, ...]]
+CHUNKS = 2  # of lanes that a thread should have at least: to ask it takes about a tenth of one
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """The model that the log is compared with.
+
+    Attributes:
+        plant: of the model.
+        actuator: of the model, or None.
+        sensor: of the model, or None.
+    """
+
+    plant: AbstractPlant
+    actuator: Any = None
+    sensor: Any = None
+
+
+@dataclass(frozen=True)
+class Family:
+    """All effects that one structure and one set of terms can hold.
+
+    Attributes:
+        key: structure and features.
+        machine: the nominal machine with every effect neutral.
+        effects: those that it can hold.
+        parameters: theirs, the nominal ones first.
+        known: parameters of effects that the nominal model has already, by name.
+    """
+
+    key: Key
+    machine: Machine
+    effects: tuple[Effect, ...]
+    parameters: tuple[Parameter, ...]
+    known: dict[str, float]
+
+    @property
+    def states(self) -> int:
+        """Number of start values of a window."""
+        return STATES[self.key[0]]
+
+    def index(self, name: str) -> int:
+        """Place of a parameter in the vector."""
+        return [p.name for p in self.parameters].index(name)
+
+    def neutral_values(self, setting: Setting) -> dict[str, float]:
+        """The nominal model's parameters by name."""
+        return {p.name: float(v) for p, v in zip(self.parameters, self.neutral(setting), strict=True)}
+
+    def neutral(self, setting: Setting) -> np.ndarray:
+        """The nominal model's vector, shape (parameters,): what it knows itself, and neutral values."""
+        known = {**setting.nominal, **self.known}
+        return np.array([known.get(p.name, p.neutral(setting)) for p in self.parameters])
+
+
+def make_family(key: Key, nominal: Nominal, effects: tuple[Effect, ...], setting: Setting) -> Family:
+    """The family of a structure and features; effects that need more are left out."""
+    structure = key[0]
+    features: tuple[Feature, ...] = tuple(feature for feature in FEATURES if feature in key[1])
+    machine = nominal_machine(nominal.plant, nominal.actuator, nominal.sensor, features)
+    machine = with_structure(machine, structure, 0.1 / setting.dt, 2e-3 * setting.speed)
+    structure = structure_of(machine)
+    fitting = tuple(e for e in effects if e.structure in ("rigid", structure) and set(e.features) <= set(features))
+    named = {p.name: p for p in NOMINAL}
+    for parameter in free(fitting):
+        named.setdefault(parameter.name, parameter)
+    known: dict[str, float] = {}
+    for effect in fitting:
+        known |= _known(effect, machine, setting)
+    return Family((structure, features), machine, (_BASE, *fitting), tuple(named.values()), known)
+
+
+def _known(effect: Effect, machine: Machine, setting: Setting) -> dict[str, float]:
+    """An effect's parameters in a machine that has it already; none in one that does not."""
+    leaves = {p: value for p in effect.parameters if p.path and (value := leaf(machine, p.path)) is not None}
+    switches = {p: value for p, value in leaves.items() if p.name not in _SHAPES}
+    if all(value == p.neutral(setting) for p, value in switches.items() if p not in NOMINAL):
+        return {}
+    return {p.name: value for p, value in leaves.items() if p not in NOMINAL}
+
+
+# They shape an effect whose size is another parameter, and mean nothing where that is zero.
+_SHAPES = frozenset(
+    {"stribeck_velocity", "stribeck_exponent", "bristle_exponent", "ripple_periods", "cogging_periods", "drift_time"}
+)
+
+
+_BASE = Effect("nominal", NOMINAL, features=())
+
+
+def key_for(effects: tuple[Effect, ...]) -> Key:
+    """What a machine must have to hold these effects together, and no more: what is left out costs no time."""
+    structures = {e.structure for e in effects} - {"rigid"}
+    structure: Structure = "transmission" if "transmission" in structures else "bristles" if structures else "rigid"
+    wanted = {feature for e in effects for feature in e.features}
+    return structure, tuple(f for f in FEATURES if f in wanted)
+
+
+class Runner:
+    """Runs lanes through a family's compiled loop.
+
+    The loop is compiled once for a family, a window length and the log's channels.
+
+    Args:
+        family: whose loop it is.
+        records: the logs.
+        tables: the same, as the loop reads them.
+        fine: in shorter steps, to see how much a step of finite length blurs.
+    """
+
+    def __init__(self, family: Family, records: list[Record], tables: list[Tables], *, fine: bool = False):
+        self.family, self.records = family, records
+        first = records[0]
+        self.samples, self.channels = first.samples, sum(first.channels)
+        with double_precision():
+            nominal = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), family.machine)
+        self.fixed = [jax.tree.leaves((nominal, table)) for table in tables]
+        structure = jax.tree.structure((nominal, tables[0]))
+        self.kernel = residual_kernel(family.effects, family.parameters, first.samples, first.channels, fine, structure)
+
+    def run(
+        self, which: int, vector: np.ndarray, states: np.ndarray, windows: dict[str, np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Simulated less measured, and what no sensor sees at the windows' ends.
+
+        Args:
+            which: index of the record.
+            vector: (parameters, lanes).
+            states: (states, lanes).
+            windows: the fields of `Windows`, each of shape (lanes,) (`hidden` (2, lanes)).
+
+        Returns:
+            (residuals in standard deviations, shape (channels, samples, lanes); hidden states, (2, lanes)).
+        """
+        count = vector.shape[1]
+        chunks = -(-count // LANES)
+        padded = np.minimum(np.arange(chunks * LANES), count - 1).reshape(chunks, LANES)
+        rows = np.moveaxis(as_rows(vector, states, windows)[:, padded], 1, 0).copy()
+        starts = windows["start"][padded]
+        result, ends = np.empty((self.channels, self.samples, count)), np.zeros((2, count))
+        own, fixed = settings(), self.fixed[which]
+        (device,) = jnp.zeros(()).devices()
+        threads = max(1, min(cores(), chunks // CHUNKS)) if device.platform == "cpu" else 1
+
+        def part(number: int) -> None:
+            with under(own), double_precision(), jax.default_device(device):
+                for chunk in range(number, chunks, threads):
+                    _store(result, ends, chunk * LANES, self.kernel(fixed, rows[chunk], starts[chunk]))
+
+        on_threads(part, threads)
+        return result, ends
+
+
+def _store(result: np.ndarray, ends: np.ndarray, first: int, out: Any) -> None:
+    last = min(first + LANES, result.shape[2])
+    result[:, :, first:last] = np.asarray(out[0])[:, :, : last - first]
+    ends[:, first:last] = np.asarray(out[1])[:, : last - first]
+
+
+def window_fields(record: Record, windows: np.ndarray, hidden: np.ndarray) -> dict[str, Any]:
+    """The fields of `Windows` for some windows of a record, each of shape (windows,).
+
+    Args:
+        record: the log.
+        windows: indices into its `starts`.
+        hidden: centre of the hidden states, shape (2, all windows).
+    """
+    starts = record.starts[windows]
+    return {
+        "start": (starts + TAPS).astype(np.int32),
+        "time": record.time[starts] - record.time[0],
+        "velocity": record.speed[starts],
+        "slope": record.acceleration[starts],
+        "position": record.angle[starts],
+        "hidden": hidden[:, windows],
+        "integrated": np.full(len(starts), 1.0 if record.integrated else 0.0),
+    }

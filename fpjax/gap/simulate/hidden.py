@@ -1,0 +1,136 @@
+"""Hidden states from what was measured: the motion is imposed, and only what no sensor sees is integrated.
+
+A window that starts with the wrong bristle or the wrong side of the play is a window lost; the recorded past says
+which it is.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ...blocks.friction import AbstractStaticFriction
+from ...blocks.friction.bristles import Bristles
+from ...blocks.plants.sticking import mean_shaft, turn
+from ...blocks.plants.transmission import Transmission
+from ...blocks.signals import Motion
+from ..data.record import Record
+from ..data.tables import TAPS, Tables
+from ..effects.effect import Effect, Parameter
+from ..machine import Machine, Structure
+from ..precision import double_precision
+from .family import Family
+from .replay import LANES, SUBSTEPS, assembled, command_at, lane_kernel
+
+PAST = 384  # periods of the past that a hidden state is integrated over
+
+
+class Observer:
+    """Integrates the hidden states of a family up to the start of each window."""
+
+    def __init__(self, family: Family, records: list[Record], tables: list[Any]):
+        self.family, self.records, self.tables = family, records, tables
+        with double_precision():
+            nominal = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), family.machine)
+        self.fixed = [jax.tree.leaves((nominal, at)) for at in tables]
+        structure = jax.tree.structure((nominal, tables[0]))
+        self.run = _kernel(family.key[0], family.effects, family.parameters, structure)
+
+    def centers(self, vectors: np.ndarray, which: int, windows: np.ndarray) -> np.ndarray:
+        """Hidden states at the start of windows, shape (2, lanes).
+
+        Args:
+            vectors: parameters of the lanes, (parameters, lanes).
+            which: index of the record.
+            windows: of the lanes, (lanes,).
+        """
+        record = self.records[which]
+        starts = record.starts[windows]
+        count = len(starts)
+        past = np.maximum(starts[None, :] - PAST + np.arange(PAST + 1)[:, None], 0)
+        angle, speed = record.angle[past], record.speed[past]
+        found = np.empty((2, count))
+        with double_precision():
+            for first in range(0, count, LANES):
+                lanes = np.minimum(np.arange(first, first + LANES), count - 1)
+                out = self.run(
+                    self.fixed[which],
+                    vectors[:, lanes],
+                    angle[:, lanes],
+                    speed[:, lanes],
+                    past[:, lanes].astype(np.int32),
+                )
+                last = min(first + LANES, count)
+                found[:, first:last] = np.stack([np.asarray(o) for o in out])[:, : last - first]
+        return np.where(np.isfinite(found), found, 0.0)
+
+
+@functools.lru_cache(maxsize=16)
+def _kernel(
+    structure: Structure, effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], fixed: Any
+) -> Callable[..., tuple[Array, Array]]:
+    observe = _bristles if structure == "bristles" else _transmission
+
+    def run(fixed: tuple[Machine, Tables], vector: Array, angle: Array, speed: Array, past: Array) -> Any:
+        nominal, tables = fixed
+        return observe(assembled(nominal, effects, parameters, vector), angle, speed, past, tables)
+
+    return lane_kernel(run, fixed)
+
+
+def _bristles(machine: Machine, angle: Array, speed: Array, past: Array, tables: Any) -> tuple[Array, Array]:
+    bristles = machine.plant.friction
+    assert isinstance(bristles, Bristles)
+
+    def step(share: Array, travel: Array) -> tuple[Array, None]:
+        return bristles.advance(share, travel), None
+
+    scaled = jnp.diff(angle, axis=0) / machine.sensor.scale[None]
+    share, _ = jax.lax.scan(step, jnp.zeros_like(angle[0]), scaled)
+    return share, jnp.zeros_like(share)
+
+
+def _transmission(machine: Machine, angle: Array, speed: Array, past: Array, tables: Any) -> tuple[Array, Array]:
+    """Twist [rad] and relative speed [rad/s], motor less load."""
+    plant = machine.plant
+    assert isinstance(plant, Transmission)
+    law, on_load = plant.friction, machine.sensor.load_side > 0.5
+    substeps = SUBSTEPS["transmission"]
+    h = tables.dt / substeps
+    inertia = jnp.where(on_load, plant.motor_inertia, plant.load_inertia)
+    share = jnp.where(on_load, 1.0 - plant.friction_share, plant.friction_share)
+    half = 0.5 * plant.gap
+    actuator = machine.actuator
+    assert actuator.gain is not None
+    assert actuator.delay is not None
+    assert actuator.offset is not None
+    assert isinstance(law, AbstractStaticFriction)
+    gain, delay, offset = actuator.gain, actuator.delay, actuator.offset
+
+    def period(carry: tuple[Array, Array], row: tuple[Array, ...]) -> tuple[tuple[Array, Array], None]:
+        position, velocity = carry  # of the hidden mass
+        seen, after, rate, rate_after, index = row
+        command = command_at(tables, index, delay)
+        plain = jnp.where(on_load, gain * command + offset, 0.0)
+        for k in range(substeps):
+            middle = (k + 0.5) / substeps
+            place, moving = seen + middle * (after - seen), rate + middle * (rate_after - rate)
+            position = position + 0.5 * h * velocity
+            sign = jnp.where(on_load, 1.0, -1.0)
+            twist = sign * (position - place)
+            relative = sign * (velocity - moving)
+            shaft = mean_shaft(plant, twist, relative, plain / inertia, 1.0 / inertia, h)
+            free = jnp.where(on_load, plain - shaft, shaft)
+            velocity = turn(law, Motion(velocity, position, jnp.zeros_like(position), free), free, inertia, share, h)
+            position = position + 0.5 * h * velocity
+        return (position, velocity), None
+
+    rows = (angle[:-1], angle[1:], speed[:-1], speed[1:], past[:-1] + TAPS)
+    side = jnp.sign(speed[0]) * jnp.where(on_load, 1.0, -1.0) * half
+    (position, velocity), _ = jax.lax.scan(period, (angle[0] + side, speed[0]), rows)
+    sign = jnp.where(on_load, 1.0, -1.0)
+    return sign * (position - angle[-1]), sign * (velocity - speed[-1])

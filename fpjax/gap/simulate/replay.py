@@ -1,0 +1,290 @@
+"""Replay: a recorded torque through the blocks, in windows, with the sensitivities that a fit needs.
+
+All windows of all candidates, and every small change of a parameter that a Jacobian needs, are lanes of one
+compiled loop:
+a lane has its own parameters and its own window, `LANES` of them run at once in double precision. (Forward-mode
+tangents of
+the super-model were measured: 1.6 times slower than a lane for each change, and five times longer to compile.)
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ...blocks.actuators import ActuatorState
+from ...blocks.plants import OneMassState, TwoMassState
+from ...blocks.plants.sticking import advance_exact
+from ...blocks.signals import Motion, PlantOutput
+from ..data.tables import TAPS, Tables
+from ..effects.effect import Effect, Parameter
+from ..machine import Machine, Structure, lanes, structure_of
+
+LANES = 64
+STATES: dict[Structure, int] = {"rigid": 2, "bristles": 3, "transmission": 4}
+SUBSTEPS: dict[Structure, int] = {"rigid": 1, "bristles": 2, "transmission": 4}
+FINER = 3  # times as many, to see how much a step of finite length blurs
+WORST = 1e8  # a residual of more standard deviations counts as this many: a diverged lane must not overflow
+
+
+class Windows(eqx.Module):
+    """Where the lanes' windows lie, and what is known of the machine's state there; every field of shape (lanes,).
+
+    Attributes:
+        start: index of the first sample in `Tables`.
+        time: of it [s].
+        velocity: smoothed reading [rad/s].
+        slope: its rate of change [rad/s^2].
+        position: of the start [rad]; measured or integrated.
+        hidden: centre of the hidden states (share of the bristles; twist [rad] and relative speed [rad/s]), two of
+            them.
+        integrated: 1 where the position is the integral of the velocity reading, 0 where it is measured.
+
+    Lanes reach a kernel as one array of rows: an argument costs as much as a hundred lane-steps.
+    """
+
+    start: Array
+    time: Array
+    velocity: Array
+    slope: Array
+    position: Array
+    hidden: tuple[Array, Array]
+    integrated: Array
+
+    # The fields of one row each, in the order of `as_rows`.
+    ROWS: ClassVar[tuple[str, ...]] = ("time", "velocity", "slope", "position", "integrated")
+
+
+def as_rows(vector: np.ndarray, states: np.ndarray, fields: dict[str, Any]) -> np.ndarray:
+    """Everything of the lanes but their `start`, shape (rows, lanes).
+
+    Args:
+        vector: (parameters, lanes).
+        states: (states, lanes).
+        fields: of `Windows`, each of shape (lanes,), but `hidden` of (2, lanes).
+    """
+    return np.concatenate([vector, states, fields["hidden"], *(fields[name][None] for name in Windows.ROWS)])
+
+
+def from_rows(rows: Array, start: Array, parameters: int) -> tuple[Array, Array, Windows]:
+    """(vector, states, windows) of `as_rows`.
+
+    Args:
+        rows: (rows, lanes).
+        start: index of the windows' first samples in `Tables`, (lanes,).
+        parameters: how many rows are the vector's.
+    """
+    last = rows.shape[0] - len(Windows.ROWS)
+    windows = Windows(
+        start=start, hidden=(rows[last - 2], rows[last - 1]), **dict(zip(Windows.ROWS, rows[last:], strict=True))
+    )
+    return rows[:parameters], rows[parameters : last - 2], windows
+
+
+def lane_kernel(run: Callable[..., Any], fixed: Any) -> Callable[..., Any]:
+    """`run(fixed, *lanes)`, compiled for `LANES` lanes at once.
+
+    Args:
+        run: a function of what stays from call to call, a pytree, and of the lanes.
+        fixed: the structure of what stays. It is passed as its leaves: taking blocks apart takes as long as a window.
+
+    A step has so much to compute that one kernel (`fpjax.native`) is no faster here; wide vectors are, by a fifth.
+    """
+
+    def flat(leaves: list[Array], *lanes: Array) -> Any:
+        return run(jax.tree.unflatten(fixed, leaves), *lanes)
+
+    options = {"xla_cpu_prefer_vector_width": "512"} if jax.default_backend() == "cpu" else None
+    return jax.jit(flat, compiler_options=options)
+
+
+def assembled(
+    nominal: Machine, effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], vector: Array
+) -> Machine:
+    """The nominal machine with every effect in, from a parameter vector of shape (parameters, lanes)."""
+    values = {p.name: vector[index] for index, p in enumerate(parameters)}
+    machine = lanes(nominal, vector.shape[1])
+    for effect in effects:
+        machine = effect.change(machine, values)
+    return machine
+
+
+def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -> tuple[Any, Array, Array, Array]:
+    """(plant's state, lagged torque, lagged rate, rate one period before) at the start of the windows.
+
+    Args:
+        machine: of the lanes.
+        windows: of the lanes.
+        states: what is free, as deviations from what is known: reading [rad/s], position [rad], hidden ones;
+            (states, lanes).
+        tables: the log.
+    """
+    sensor, actuator = machine.sensor, machine.actuator
+    late = sensor.lag + sensor.delay
+    rate = (windows.velocity + states[0] + late * windows.slope - sensor.bias) / sensor.scale
+    drift = windows.integrated * ((windows.position - sensor.bias * windows.time) / sensor.scale - windows.position)
+    position = windows.position + drift + windows.integrated * machine.origin + states[1]
+    structure = structure_of(machine)
+    if structure == "transmission":
+        side = sensor.load_side
+        twist, relative = windows.hidden[0] + states[2], windows.hidden[1] + states[3]
+        motor_rate, motor_position = rate + side * relative, position + side * twist
+        plant: Any = TwoMassState(motor_rate, motor_position, motor_rate - relative, motor_position - twist, ())
+    elif structure == "bristles":
+        plant = OneMassState(rate, position, jnp.clip(windows.hidden[0] + states[2], -1.0, 1.0))
+    else:
+        plant = OneMassState(rate, position, ())
+    assert actuator.lag is not None  # a machine of the diagnosis has every part
+    assert actuator.delay is not None
+    delay = actuator.delay
+    decay = jnp.exp(-tables.dt / jnp.maximum(actuator.lag, 1e-6 * tables.dt))
+    plain = eqx.tree_at(lambda at: (at.lag, at.delay), actuator, (None, None), is_leaf=lambda leaf: leaf is None)
+    still = Motion(jnp.zeros_like(rate), jnp.zeros_like(rate), jnp.zeros_like(rate))
+
+    def tap(carry: tuple[Array, Array], back: Array) -> tuple[tuple[Array, Array], None]:
+        lagged, weight = carry
+        command = command_at(tables, windows.start - 1 - back, delay)
+        return (lagged + weight * plain.readout(ActuatorState(None, ()), command, still), weight * decay), None
+
+    # A loop, not 128 copies: the copies were most of what there was to compile.
+    taps = jnp.arange(TAPS, dtype=windows.start.dtype)
+    (lagged, _), _ = jax.lax.scan(tap, (jnp.zeros_like(rate), 1.0 - decay), taps)
+    offset = jnp.zeros_like(rate) if actuator.offset is None else actuator.offset
+    reading = (windows.velocity + states[0] - sensor.bias) / sensor.scale + sensor.delay * windows.slope
+    return plant, lagged - offset, reading, rate - tables.dt * windows.slope / sensor.scale
+
+
+def command_at(tables: Tables, index: Array, delay: Array) -> Array:
+    """The mean command [N m] over the period of that index after a dead time [s]; exact for a held command."""
+    periods = delay / tables.dt
+    whole = jax.lax.stop_gradient(jnp.floor(periods))
+    first = jnp.maximum(index - whole.astype(index.dtype), 0)
+    fraction = periods - whole
+    return tables.torque[first] + fraction * (tables.torque[jnp.maximum(first - 1, 0)] - tables.torque[first])
+
+
+class Carry(eqx.Module):
+    """State of a lane: the plant's, the lagged torque [N m], the lagged rate now and one period ago, the rate one
+    period ago.
+    """
+
+    plant: Any
+    torque: Array
+    lagged: Array
+    lagged_before: Array
+    rate_before: Array
+
+
+def begin(machine: Machine, windows: Windows, states: Array, tables: Tables) -> Carry:
+    """The carry before the first sample."""
+    plant, torque, reading, before = initial(machine, windows, states, tables)
+    return Carry(plant, torque, reading, reading - tables.dt * windows.slope / machine.sensor.scale, before)
+
+
+def advance(
+    machine: Machine, carry: Carry, windows: Windows, tables: Tables, index: Array, fine: bool = False
+) -> tuple[Carry, tuple[Array, Array]]:
+    """One control period: (next carry, (predicted reading [rad/s], predicted position [rad]))."""
+    structure = structure_of(machine)
+    substeps = (FINER if fine else 1) * SUBSTEPS[structure]
+    at = windows.start + index
+    time = windows.time + index.astype(tables.dt.dtype) * tables.dt
+    state = carry.plant
+    sensor = machine.sensor
+    output = output_of(state)
+    rate, angle = sensor.seen(output)
+    late = carry.lagged + _fraction(sensor.delay, tables.dt) * (carry.lagged_before - carry.lagged)
+    predicted = (sensor.reading(late), angle)
+    assert machine.actuator.delay is not None
+    command = command_at(tables, at, machine.actuator.delay)
+    half = 0.5 * tables.dt
+    motion = Motion(output.motor_velocity, output.motor_position + half * output.motor_velocity, time + half)
+    actuator = eqx.tree_at(lambda block: block.delay, machine.actuator, None, is_leaf=lambda leaf: leaf is None)
+    after, applied = actuator.step(ActuatorState(carry.torque, ()), command, motion, tables.dt)
+    following = advance_exact(machine.plant, state, applied, time, tables.dt, substeps)
+    rate_after, _ = sensor.seen(output_of(following))
+    lagged = sensor.follow(carry.lagged, rate, rate_after, tables.dt)
+    torque = carry.torque if after.lagged is None else after.lagged
+    return Carry(following, torque, lagged, carry.lagged, rate), predicted
+
+
+def residuals(
+    predicted: tuple[Array, Array], machine: Machine, windows: Windows, tables: Tables, index: Array
+) -> tuple[Array, Array]:
+    """What was predicted less what was read, in standard deviations; a dead time of the sensor reads later samples."""
+    at = windows.start + index
+    whole = jax.lax.stop_gradient(jnp.floor(machine.sensor.delay / tables.dt)).astype(at.dtype)
+    later = jnp.minimum(at + whole, tables.velocity.shape[0] - 1)
+    velocity = (predicted[0] - tables.velocity[later]) * tables.velocity_weight[later]
+    position = (predicted[1] - tables.position[at]) * tables.position_weight[at]
+    return jnp.clip(velocity, -WORST, WORST), jnp.clip(position, -WORST, WORST)
+
+
+@functools.lru_cache(maxsize=64)
+def residual_kernel(
+    effects: tuple[Effect, ...],
+    parameters: tuple[Parameter, ...],
+    samples: int,
+    channels: tuple[bool, bool],
+    fine: bool,
+    fixed: Any,
+) -> Callable[[list[Array], Array, Array], tuple[Array, Array]]:
+    """The compiled loop: (leaves, rows, start) -> residuals; the same one for every log and model alike.
+
+    Args:
+        effects: all effects of the super-model.
+        parameters: their parameters, in the order of the vector.
+        samples: length of a window.
+        channels: whether (velocity, position) is in the log.
+        fine: with shorter steps.
+        fixed: structure of (nominal machine, tables).
+
+    Returns:
+        A function of the leaves of (nominal machine, tables) and the lanes as `as_rows` has them, with their `start`.
+        It gives what was predicted less what was read, in standard deviations, shape (channels, samples, LANES):
+        velocity, then position; and the hidden states after the last sample, shape (2, LANES).
+    """
+
+    def run(fixed: tuple[Machine, Tables], rows: Array, start: Array) -> tuple[Array, Array]:
+        nominal, tables = fixed
+        vector, states, windows = from_rows(rows, start, len(parameters))
+        machine = assembled(nominal, effects, parameters, vector)
+
+        def step(carry: Carry, index: Array) -> tuple[Carry, tuple[Array, ...]]:
+            following, predicted = advance(machine, carry, windows, tables, index, fine)
+            both = residuals(predicted, machine, windows, tables, index)
+            return following, tuple(r for r, there in zip(both, channels, strict=True) if there)
+
+        carry = begin(machine, windows, states, tables)
+        last, found = jax.lax.scan(step, carry, jnp.arange(samples, dtype=jnp.int32))
+        return jnp.stack(found), hidden_of(last.plant)
+
+    return lane_kernel(run, fixed)
+
+
+def hidden_of(state: Any) -> Array:
+    """What no sensor sees of a plant's state, as `Windows.hidden` has it: shape (2, lanes), else zero."""
+    if isinstance(state, TwoMassState):
+        return jnp.stack([state.motor_position - state.load_position, state.motor_velocity - state.load_velocity])
+    nothing = jnp.zeros_like(state.velocity)
+    bristles = not isinstance(state.friction, tuple)
+    return jnp.stack([state.friction if bristles else nothing, nothing])
+
+
+def output_of(state: Any) -> PlantOutput:
+    """Both sides' velocities and positions; those of one mass are the same."""
+    if isinstance(state, TwoMassState):
+        return PlantOutput(
+            state.load_velocity, state.load_position, state.motor_velocity, state.motor_position, state.load_velocity
+        )
+    return PlantOutput(state.velocity, state.position, state.velocity, state.position, state.velocity)
+
+
+def _fraction(delay: Array, dt: Array) -> Array:
+    periods = delay / dt
+    return periods - jax.lax.stop_gradient(jnp.floor(periods))

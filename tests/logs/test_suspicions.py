@@ -1,0 +1,192 @@
+"""Suspicions: each is named on a log that has it, and a sound log raises none."""
+
+import dataclasses
+import pathlib
+
+import numpy as np
+import pytest
+from gap_machine import record
+
+from fpjax.logs import Log
+from fpjax.logs.suspicions import Numbers, suspicions
+
+BODY = Numbers(0.05, 0.4, 0.03)
+EMPS = pathlib.Path(__file__).parents[3] / "shared" / "data" / "emps"
+DEGREES = 180.0 / np.pi
+
+
+@pytest.fixture(scope="module")
+def log():
+    return record()
+
+
+def without_position(log):
+    return dataclasses.replace(log, position=None)
+
+
+def kinds(log, body: Numbers | None = BODY):
+    return [(s.severity, s.kind) for s in suspicions(log, body)]
+
+
+@pytest.mark.parametrize("sensors", [("velocity",), ("position",), ("velocity", "position")])
+@pytest.mark.parametrize(
+    "extra",
+    [
+        lambda t, v, q, u: 0.0,
+        lambda t, v, q, u: -0.3 * np.sign(v) * np.exp(-abs(v) / 0.2),
+        lambda t, v, q, u: np.clip(u, -1.4, 1.4) - u,
+        lambda t, v, q, u: -0.25 * u,
+        lambda t, v, q, u: 0.15 * np.sin(6 * q),
+        lambda t, v, q, u: 0.2,
+    ],
+)
+def test_a_sound_log_raises_none_whatever_the_gap(sensors, extra):
+    assert suspicions(record(extra=extra, sensors=sensors), BODY) == []
+
+
+def test_degrees_a_second_are_named_with_the_factor(log):
+    found = suspicions(dataclasses.replace(log, velocity=DEGREES * log.velocity), BODY)
+    assert found[0].severity == "warn"
+    assert "velocity looks like deg/s: 57.3 x" in found[0].sentence
+    assert "--columns velocity=velocity:deg/s" in found[0].sentence
+
+
+def test_degrees_in_all_columns_are_seen_by_the_torque(log):
+    bent = dataclasses.replace(log, velocity=DEGREES * log.velocity, position=DEGREES * log.position)
+    found = suspicions(bent, BODY)
+    assert (found[0].severity, found[0].kind) == ("warn", "unit")
+    assert "deg/s" in found[0].sentence
+    assert "deg" in suspicions(dataclasses.replace(bent, velocity=None), BODY)[0].sentence
+
+
+def test_a_position_in_degrees(log):
+    found = suspicions(dataclasses.replace(log, position=DEGREES * log.position), BODY)
+    assert "position looks like deg:" in found[0].sentence
+
+
+@pytest.mark.parametrize("with_position", [True, False])
+def test_rpm(log, with_position):
+    bent = dataclasses.replace(log, velocity=30.0 / np.pi * log.velocity)
+    bent = bent if with_position else without_position(bent)
+    assert "looks like rpm" in suspicions(bent, BODY)[0].sentence
+
+
+@pytest.mark.parametrize("sensors", [("velocity",), ("position",), ("velocity", "position")])
+def test_a_torque_of_the_wrong_sign(sensors):
+    made = record(sensors=sensors)
+    assert kinds(dataclasses.replace(made, torque=-made.torque)) == [("warn", "sign")]
+    assert kinds(dataclasses.replace(made, torque=-made.torque), None) == [("warn", "sign")]
+
+
+def test_a_velocity_of_the_wrong_sign(log):
+    assert kinds(dataclasses.replace(log, velocity=-log.velocity)) == [("warn", "sign")]
+
+
+@pytest.mark.parametrize("with_position", [True, False])
+def test_torque_and_velocity_swapped(log, with_position):
+    bent = dataclasses.replace(log, torque=log.velocity, velocity=log.torque)
+    assert kinds(bent if with_position else without_position(bent))[0] == ("warn", "swapped")
+
+
+@pytest.mark.parametrize("factor", [0.1, 10.0])
+def test_a_model_ten_times_off(log, factor):
+    body = Numbers(factor * 0.05, factor * 0.4, factor * 0.03)
+    found = suspicions(log, body)
+    assert (found[0].severity, found[0].kind) == ("warn", "nominal")
+    assert "10" in found[0].sentence or "9.9" in found[0].sentence
+
+
+def test_a_friction_ten_times_off_is_a_warning(log):
+    found = suspicions(log, Numbers(0.05, 4.0, 0.03))
+    assert [(s.severity, s.kind) for s in found] == [("warn", "nominal")]
+    assert "coulomb" in found[0].sentence
+
+
+def test_a_constant_column(log):
+    for name in ("torque", "velocity", "position"):
+        still = dataclasses.replace(log, **{name: np.full(len(log), 0.3)})
+        assert kinds(still)[0] == ("warn", "still")
+    nothing = dataclasses.replace(log, velocity=np.full(len(log), 0.3), position=None)
+    assert kinds(nothing)[0] == ("stop", "still")
+
+
+def test_a_machine_at_rest(log):
+    noise = np.random.default_rng(0).standard_normal((2, len(log)))
+    rest = dataclasses.replace(log, velocity=2e-3 * noise[0], position=1e-5 * noise[1])
+    assert kinds(rest)[0] == ("warn", "still")
+
+
+def test_motion_one_way():
+    made = record(reference=3.0 + np.sin(2 * np.pi * 0.5 * np.arange(8000) * 1e-3))
+    assert kinds(made) == [("warn", "one_way")]
+
+
+def test_not_a_number(log):
+    torque = log.torque.copy()
+    torque[7] = np.nan
+    found = suspicions(dataclasses.replace(log, torque=torque), BODY)
+    assert found[0].kind == "missing"
+    assert "row 7" in found[0].sentence
+
+
+def test_repeated_readings(log):
+    velocity = log.velocity.copy()
+    held = np.flatnonzero(np.random.default_rng(1).random(len(velocity)) < 0.03)
+    for k in held[held > 0]:
+        velocity[k] = velocity[k - 1]
+    assert kinds(dataclasses.replace(log, velocity=velocity)) == [("warn", "repeated")]
+
+
+def test_dropped_samples(log):
+    keep = np.delete(np.arange(len(log)), [1000, 1001, 5000])
+    cut = {name: getattr(log, name)[keep] for name in ("time", "torque", "velocity", "position", "reference")}
+    found = suspicions(dataclasses.replace(log, **cut), BODY)
+    assert ("warn", "clock") in [(s.severity, s.kind) for s in found]
+    assert any("3 samples are missing" in s.sentence for s in found)
+
+
+def test_a_clock_that_runs_backwards(log):
+    time = log.time.copy()
+    time[4000:] -= 1.0
+    assert ("stop", "clock") in kinds(dataclasses.replace(log, time=time))
+
+
+def test_a_clipped_torque(log):
+    largest = 0.7 * np.max(np.abs(log.torque))
+    found = suspicions(dataclasses.replace(log, torque=np.clip(log.torque, -largest, largest)), BODY)
+    assert {s.kind for s in found} == {"clipped"}
+    assert found[0].severity == "warn"
+
+
+def test_a_velocity_of_another_axis(log):
+    other = 3.0 * np.sin(2 * np.pi * 1.7 * log.time + 1.0) + 2e-3 * np.random.default_rng(4).standard_normal(len(log))
+    found = suspicions(dataclasses.replace(log, position=np.cumsum(other) * 1e-3), BODY)
+    assert [s.kind for s in found] == ["inconsistent"]
+
+
+@pytest.mark.skipif(not EMPS.exists(), reason="the EMPS records are not bundled")
+@pytest.mark.parametrize("name", ["DATA_EMPS", "DATA_EMPS_PULSES"])
+def test_a_real_axis(name):
+    from scipy.io import loadmat
+
+    data = {key: values.ravel() for key, values in loadmat(EMPS / f"{name}.mat").items() if key[0] != "_"}
+    body = Numbers(95.11, 20.39, 203.5)
+    log = Log(data["t"], 35.15 * data["vir"], None, data["qm"], data["qg"], 1e-3, name, True)
+    assert suspicions(log, body) == []
+    assert "mm" in suspicions(dataclasses.replace(log, position=1e3 * log.position), body)[0].sentence
+    assert kinds(dataclasses.replace(log, torque=-log.torque), body) == [("warn", "sign")]
+    assert kinds(dataclasses.replace(log, torque=data["vir"]), body) == [("warn", "nominal")]
+
+
+def test_a_velocity_is_held_against_its_reference_where_there_is_no_position(log):
+    bent = dataclasses.replace(without_position(log), velocity=DEGREES * log.velocity)
+    found = suspicions(bent, None)
+    assert (found[0].severity, found[0].kind) == ("warn", "unit")
+    assert "looks like deg/s" in found[0].sentence
+    assert "x the reference" in found[0].sentence
+
+
+def test_a_compensation_that_the_torque_column_leaves_out(log):
+    less = log.torque - 0.8 * np.sign(log.velocity)
+    found = suspicions(dataclasses.replace(log, torque=less), None)
+    assert [(s.severity, s.kind) for s in found] == [("warn", "compensated")]
