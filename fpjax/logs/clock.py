@@ -25,6 +25,9 @@ COARSE = 0.2  # share of repeated stamps from which they are a coarse clock, not
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-8, 1e4  # s
 LATEST = 1e13  # s: beyond it a float does not hold a millisecond
 MOST_FILLED = LONGEST_FILLED + 2  # periods a row: a finer grid would be made up
+USUAL = (1e-5, 0.05)  # s: control periods of drives and of what logs them
+SLOW = 0.2  # s: no servo is controlled this slowly, so its stamps are rather in another unit
+TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # s
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,19 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> R
     return Rows(chosen, time)
 
 
+def likely_unit(period: float) -> str | None:
+    """The unit in which stamps this far apart [s, as read] are a control period; None where they are one as read.
+
+    Args:
+        period: between two rows, taken as seconds.
+    """
+    if period <= SLOW:
+        return None
+    fitting = {unit: period * size for unit, size in TIME_UNITS.items() if USUAL[0] <= period * size <= USUAL[1]}
+    # Of two that fit, the one nearest to 1 kHz, in which most drives and their logs run.
+    return min(fitting, key=lambda unit: abs(np.log(fitting[unit] / 1e-3)), default=None)
+
+
 def _spread(time: np.ndarray) -> np.ndarray:
     """Rows with one coarse stamp, spread between it and the next."""
     first = np.flatnonzero(np.concatenate([[True], np.diff(time) > 0.0]))
@@ -200,7 +216,7 @@ def read_clock(time: np.ndarray, name: str, dt: float | None = None) -> Clock:
     if not SHORTEST_PERIOD <= period <= LONGEST_PERIOD or np.abs(time[[0, -1]]).max() > LATEST:
         raise InputError(
             f"{name}: a row every {period:.3g} s from {time[0]:.6g} to {time[-1]:.6g} s is no control period: check "
-            f"the unit of time, as in --columns time=NAME:ms."
+            f"the unit of time, as in --columns time=NAME:{likely_unit(period) or 'ms'}."
         )
     counts = np.maximum(np.round(steps / period), 1.0)
     if dt is None:

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
+from .clock import TIME_UNITS, likely_unit
 from .measures import local_polynomial, noise_level, rounding_step
+from .suspicion import LIKE, unit_of
 from .suspicion import Expected as Expected
 from .suspicion import Numbers as Numbers
 from .suspicion import Suspicion as Suspicion
-from .suspicion import unit_of
 from .torque_suspicions import swapped, torque_against_motion
 
 Values = np.ndarray
@@ -22,6 +23,7 @@ Values = np.ndarray
 SHORTEST = 64  # samples: below it nothing is compared
 ONE_WAY = 0.01  # share of the samples
 CLIPPED = 0.005
+FEW_LEVELS = 8  # values that a column takes: a relay's, or steps that were commanded, and no limit
 REPEATED = 0.002
 MOST_ROWS = 400_000  # a longer log is judged by its middle
 
@@ -44,6 +46,7 @@ def suspicions(log: Any, model: Expected | None = None) -> list[Suspicion]:
         found += [*_clock(log, present), *_repeated(log, present), *_clipped(log, present), *_one_way(log, present)]
         # the first of these that is seen explains the others
         for look in (
+            _unit_of_time(log, present),
             swapped(log, present),
             _position_against_velocity(log, present),
             torque_against_motion(log, present, model),
@@ -149,7 +152,7 @@ def _repeated(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
 def _clipped(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
     for name in ("torque", "velocity"):
         values = columns.get(name)
-        if values is None or rounding_step(values) > 0.05 * np.ptp(values):
+        if values is None or rounding_step(values) > 0.05 * np.ptp(values) or _few_levels(values):
             continue
         for end, word in ((np.max(values), "highest"), (np.min(values), "lowest")):
             at = values == end
@@ -163,6 +166,31 @@ def _clipped(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
                     "warn",
                     "clipped",
                 )
+
+
+def _few_levels(values: Values) -> bool:
+    """Whether nearly all samples are at a few values, reached from one to the next without a course between."""
+    return np.unique(values).size <= FEW_LEVELS
+
+
+def _unit_of_time(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
+    """Stamps in milliseconds that were read as seconds; a second sensor can confirm it or speak against it."""
+    unit = likely_unit(log.dt)
+    if unit is None:
+        return
+    velocity, position = columns.get("velocity"), columns.get("position")
+    if velocity is not None and position is not None:
+        ratio, together = travelled(velocity, position, log.dt)
+        if together > 0.5 and 0.5 < abs(ratio) < 2.0:
+            return  # the velocity is the position's change in these very seconds
+        named = [name for name, size in TIME_UNITS.items() if abs(abs(ratio) * size - 1.0) < LIKE]
+        unit = named[0] if named and together > 0.5 else unit
+    yield Suspicion(
+        f"{log.name}: its rows are {log.dt:.4g} s apart, which is slow for a control period: is its time in {unit}? "
+        f"Then say so with --columns time=time:{unit}.",
+        "warn",
+        "clock",
+    )
 
 
 def _position_against_velocity(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:

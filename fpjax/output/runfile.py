@@ -57,15 +57,15 @@ class RunFile:
         """
         path = pathlib.Path(path)
         refuse_unfinished(path)
-        if not path.is_file():  # a pipe or a device would be read without an end
-            return path
         try:
+            if not path.is_file():  # a pipe or a device would be read without an end
+                return path
             digest, size = hashlib.sha256(), 0
             with path.open("rb") as stream:
                 while block := stream.read(1 << 20):
                     digest.update(block)
                     size += len(block)
-        except OSError:
+        except (OSError, ValueError):  # a name too long, a zero byte in it
             return path
         self.inputs.append({"role": role, "name": path.name, "sha256": digest.hexdigest(), "bytes": size})
         return path

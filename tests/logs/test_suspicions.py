@@ -190,3 +190,25 @@ def test_a_compensation_that_the_torque_column_leaves_out(log):
     less = log.torque - 0.8 * np.sign(log.velocity)
     found = suspicions(dataclasses.replace(log, torque=less), None)
     assert [(s.severity, s.kind) for s in found] == [("warn", "compensated")]
+
+
+@pytest.mark.parametrize("lacking", ["", "velocity", "position"])
+@pytest.mark.parametrize(("unit", "size"), [("ms", 1e-3), ("us", 1e-6)])
+def test_a_time_in_milliseconds_is_not_blamed_on_the_velocity(log, lacking, unit, size):
+    bent = dataclasses.replace(log, time=log.time / size, dt=log.dt / size, **({lacking: None} if lacking else {}))
+    found = suspicions(bent, BODY)
+    assert [one.kind for one in found] == ["clock"]
+    assert f"is its time in {unit}? Then say so with --columns time=time:{unit}." in found[0].sentence
+
+
+def test_a_slow_log_whose_sensors_agree_with_its_clock_is_believed(log):
+    """An hour of a slow axis: velocity is the position's change in these very seconds."""
+    slow = dataclasses.replace(log, time=1e3 * log.time, dt=1e3 * log.dt, velocity=1e-3 * log.velocity)
+    assert not [one for one in suspicions(slow) if one.kind == "clock"]
+
+
+def test_two_levels_of_torque_are_no_limit(log):
+    bang = dataclasses.replace(log, torque=0.5 * np.sign(np.sin(9.0 * log.time)))
+    assert not [one for one in suspicions(bang) if one.kind == "clipped"]
+    clipped = dataclasses.replace(log, torque=np.clip(log.torque, -0.3, 0.3))
+    assert [one.kind for one in suspicions(clipped)].count("clipped") == 2
