@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fpjax.errors import InputError
+from fpjax.output.runfile import write_whole
 
 from ..run_command import fpjax_command
 from .check import Check, asserted, check_all, probability
@@ -53,7 +54,7 @@ def run_real(
             results.append(found)
             show(found)
     out.mkdir(parents=True, exist_ok=True)
-    (out / "results.json").write_text(json.dumps(results, indent=1) + "\n")
+    write_whole(out / "results.json", json.dumps(results, indent=1) + "\n")
     write_gallery(out, results)
     right = sum(one["right"] for one in results)
     sure = sum(one["wrongly_sure"] for one in results)

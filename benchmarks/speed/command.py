@@ -9,6 +9,7 @@ import time
 from typing import Any
 
 from fpjax.errors import InputError
+from fpjax.output.runfile import write_whole
 
 PARTS = ("values", "flat", "gradients", "growth", "scaling", "memory", "functions", "first_call")
 SIZES = (1, 5, 64, 1024, 16384, 131072)
@@ -93,8 +94,8 @@ def run(arguments: argparse.Namespace) -> int:
     text = "\n\n".join([rows_table(results), goals.table(results["goals"])])
     if arguments.quick:
         text += "\n--quick: 200 steps are mostly overhead; these figures say that it works, not how fast it is"
-    (out / "speed.json").write_text(json.dumps(results, indent=1) + "\n")
-    (out / "speed.txt").write_text(text + "\n")
+    write_whole(out / "speed.json", json.dumps(results, indent=1) + "\n")
+    write_whole(out / "speed.txt", text + "\n")
     picture.draw(results, out / "speed.png")
     print(text)
     return 0

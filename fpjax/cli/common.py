@@ -96,7 +96,8 @@ def running(arguments: argparse.Namespace) -> Iterator[RunFile]:
     try:
         yield record
     except KeyboardInterrupt:
-        record.write("interrupted")
+        with contextlib.suppress(InputError):  # a full disk is no reason to hide the interrupt
+            record.write("interrupted")
         raise
     except InputError as error:
         record.notes.append(str(error))

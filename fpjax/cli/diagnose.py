@@ -12,7 +12,7 @@ from typing import Any
 from ..errors import InputError
 from ..output.folder_names import folder_names
 from ..output.progress import Stages
-from ..output.runfile import RunFile, versions, write_json, write_whole
+from ..output.runfile import FINISHED, RunFile, versions, write_json, write_whole
 from .common import (
     add_log_options,
     add_out,
@@ -34,7 +34,7 @@ examples:
   fpjax simulate why/corrected.toml                       the corrected model runs, and can be tuned again
 """
 
-FINISHED = "finished.json"  # in a log's folder, written last: what its diagnosis depended on
+DIAGNOSIS = "diagnosis.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,7 +66,10 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.resume and not arguments.each:
             raise InputError("--resume goes on with the logs of --each: one diagnosis cannot be resumed; leave it out.")
         if not arguments.each:
-            arguments.kept = "a diagnosis keeps nothing on the way; run it again"
+            arguments.kept = (
+                "one diagnosis keeps nothing on the way but its compiled programs, so the same command starts again"
+                f"{_earlier(record.folder)}"
+            )
             _one(model, logs, holdout, record.folder, record, arguments)
         else:
             names = folder_names([log.name for log in logs])
@@ -78,13 +81,13 @@ def run(arguments: argparse.Namespace) -> int:
                 if place:
                     print()
                 key, finished = _key(place, record, arguments), record.folder / name / FINISHED
-                if arguments.resume and _finished(finished) == key:
+                if arguments.resume and _is_finished(finished, key):
                     say(record, f"{log.name} was diagnosed before, in {record.folder / name}")
-                    record.path(f"{name}/diagnosis.json")
+                    record.path(f"{name}/{DIAGNOSIS}")
                     continue
                 finished.unlink(missing_ok=True)
                 _one(model, [log], holdout, record.folder / name, record, arguments)
-                write_json(finished, {"key": key})
+                write_json(finished, {"key": key, "diagnosis": _digest(finished.with_name(DIAGNOSIS))})
         arguments.kept = ""
         finish(record)
     return 0
@@ -107,11 +110,22 @@ def _log(path: str, role: str, model: Any, arguments: argparse.Namespace, record
     return log
 
 
-def _finished(path: pathlib.Path) -> str | None:
+def _earlier(folder: pathlib.Path) -> str:
+    """What is said of a diagnosis that was in the folder before."""
+    return f"; {folder / DIAGNOSIS} is the earlier one" if (folder / DIAGNOSIS).exists() else ""
+
+
+def _is_finished(path: pathlib.Path, key: str) -> bool:
+    """Whether a log's folder holds its diagnosis, whole, from the same inputs."""
     try:
-        return json.loads(path.read_text())["key"]
+        found = json.loads(path.read_text())
+        return found["key"] == key and found["diagnosis"] == _digest(path.with_name(DIAGNOSIS))
     except (OSError, ValueError, KeyError, TypeError):
-        return None
+        return False
+
+
+def _digest(path: pathlib.Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _one(
@@ -132,7 +146,7 @@ def _one(
     record.stage("write")
     prefix = "" if folder == record.folder else f"{folder.name}/"
     folder.mkdir(parents=True, exist_ok=True)
-    write_json(record.path(f"{prefix}diagnosis.json"), found.to_dict())
+    write_json(record.path(f"{prefix}{DIAGNOSIS}"), found.to_dict())
     if found.model:
         write_whole(record.path(f"{prefix}corrected.toml"), found.model)
     if not arguments.no_report:

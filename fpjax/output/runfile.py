@@ -22,6 +22,7 @@ from .._version import __version__
 from ..errors import InputError
 
 RUN, MARK = "run.json", "run.unfinished"
+FINISHED = "finished.json"  # written last into a folder within the run's own that is whole by itself
 _PACKAGES = ("jax", "jaxlib", "numpy", "scipy", "equinox", "optax", "optimistix", "matplotlib")
 
 
@@ -113,13 +114,15 @@ class RunFile:
         """Leave run.json; nothing without a folder.
 
         A run that ends before its first output leaves an earlier complete run as it is; one that ends after it, and not
-        as "completed", leaves the folder marked.
+        as "completed", leaves the folder marked. An interrupted one marks it in any case: someone waited for it.
         """
         self._end_stage()
         if self.folder is None:
             return
         if status != "completed" and not self._marked and (_read(self.folder / RUN) or {}).get("status") == "completed":
             return
+        if status == "interrupted" and not self._marked:
+            self.mark()
         content = {
             "command": self.command,
             "status": status,
@@ -146,14 +149,23 @@ def refuse_unfinished(path: pathlib.Path) -> None:
     Raises:
         InputError: where it is one.
     """
-    mark = _read(path.parent / MARK)
-    if mark is None or mark.get("process") == os.getpid() or path.name not in _names(mark, "outputs", "earlier"):
-        return
+    for folder in (path.parent, path.parent.parent):  # a run of several logs has a folder for each within its own
+        mark = _read(folder / MARK)
+        if mark is None or mark.get("process") == os.getpid():
+            continue
+        if folder != path.parent and (path.parent / FINISHED).exists():
+            continue
+        name = path.name if folder == path.parent else f"{path.parent.name}/{path.name}"
+        if name in _names(mark, "outputs", "earlier"):
+            raise InputError(_unfinished(path, folder / MARK, mark))
+
+
+def _unfinished(path: pathlib.Path, marked: pathlib.Path, mark: dict[str, Any]) -> str:
     command = mark.get("command")
     typed = " ".join(map(str, command)) if isinstance(command, list) else "fpjax"
-    raise InputError(
+    return (
         f"{path} is an output of a run that has not finished ({typed[:200]}, begun {mark.get('started')}): run that "
-        f"again, or delete {path.parent / MARK} to use the file as it is."
+        f"again, or delete {marked} to use the file as it is."
     )
 
 
@@ -172,6 +184,9 @@ def read_run(folder: str | os.PathLike[str]) -> dict[str, Any]:
     content = _read(folder / RUN)
     if content is None:
         raise InputError(f"{folder} has no {RUN} that can be read: give the --out of a finished run.")
+    if content.get("status") != "completed":
+        ended = str(content.get("status"))[:40]
+        raise InputError(f"{folder} holds a run that was not completed ({ended}): run its command again.")
     return content
 
 

@@ -1,6 +1,11 @@
 """`fpjax diagnose` as its user meets it."""
 
+import dataclasses
 import json
+import signal
+import threading
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -108,3 +113,101 @@ def test_folders_of_separate_machines_have_names_of_their_own():
 
 def test_an_estimate_of_nothing_has_digits():
     assert show_estimate(Estimate(0.0, 0.0, 0.0, "rad"))[0] == "0"
+
+
+@pytest.fixture
+def three(made, tmp_path):
+    """Three logs, two of them of one name."""
+    lines = (made / "log.csv").read_text().splitlines()
+    for name, rows in (("run.csv", 900), ("run.txt", 1000), ("last.csv", 1100)):
+        (tmp_path / name).write_text("\n".join(lines[:rows]) + "\n")
+    return [str(tmp_path / name) for name in ("run.csv", "run.txt", "last.csv")]
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """A diagnosis that takes no time: which logs it was asked for; the n-th call can be made to do something first."""
+    from report_cases import bare
+
+    asked, before = [], {}
+
+    def diagnose(logs, model, **_):
+        asked.append([log.name for log in logs])
+        before.pop(len(asked), lambda: None)()
+        return dataclasses.replace(bare(), model=NOMINAL, warnings=tuple(log.name for log in logs))
+
+    monkeypatch.setattr("fpjax.gap.diagnose", diagnose)
+    return asked, before
+
+
+def interrupt():
+    """Ctrl-C while the diagnosis is in a call that hears no signal."""
+    released = threading.Event()
+    threading.Timer(0.1, signal.raise_signal, [signal.SIGINT]).start()
+    released.wait(120.0)
+
+
+def test_each_goes_on_where_it_was_interrupted(made, three, quick, tmp_path, capsys):
+    asked, before = quick
+    before[2] = interrupt
+    out = tmp_path / "why"
+    words = ["diagnose", *three, "--each", "--model", str(made / "nominal.toml"), "--out", str(out), "--no-report"]
+    begin = time.monotonic()
+    assert main([*words, "--no-cache"]) == 130
+    assert time.monotonic() - begin < 60.0
+    error = capsys.readouterr().err
+    assert f"interrupted: 1 of 3 logs are diagnosed in {out}; add --resume to the same command to go on" in error
+    assert (out / "run.unfinished").exists()
+    assert json.loads((out / "run.json").read_text())["status"] == "interrupted"
+    assert main([*words, "--resume", "--no-cache"]) == 0
+    assert "run.csv was diagnosed before" in capsys.readouterr().err
+    assert asked == [["run.csv"], ["run.txt"], ["run.txt"], ["last.csv"]]
+    assert not (out / "run.unfinished").exists()
+    record = json.loads((out / "run.json").read_text())
+    for name, log in (("run-1", "run.csv"), ("run-2", "run.txt"), ("last", "last.csv")):
+        assert json.loads((out / name / "diagnosis.json").read_text())["warnings"] == [log]
+        assert f"{name}/diagnosis.json" in record["outputs"]
+    # Nothing is left to do, until a log, the model or an option is another one.
+    assert main([*words, "--resume", "--no-cache"]) == 0
+    assert len(asked) == 4
+    Path(three[1]).write_text("\n".join(Path(three[1]).read_text().splitlines()[:-50]) + "\n")
+    assert main([*words, "--resume", "--no-cache"]) == 0
+    assert asked[4:] == [["run.txt"]]
+    assert main([*words, "--resume", "--every", "2", "--no-cache"]) == 0
+    assert len(asked) == 8
+    # A diagnosis that was damaged since is made again.
+    (out / "last" / "diagnosis.json").write_text("{")
+    (out / "run-2" / "finished.json").unlink()
+    assert main([*words, "--resume", "--every", "2", "--no-cache"]) == 0
+    assert asked[8:] == [["run.txt"], ["last.csv"]]
+
+
+def test_an_interrupted_diagnosis_leaves_a_marked_folder_and_says_how_to_go_on(made, quick, tmp_path, capsys):
+    asked, before = quick
+    before[1] = before[3] = interrupt
+    out = tmp_path / "why"
+    words = ["diagnose", str(made / "log.csv"), "--model", str(made / "nominal.toml"), "--out", str(out), "--no-report"]
+    assert main([*words, "--no-cache"]) == 130
+    error = capsys.readouterr().err
+    assert "the same command starts again" in error
+    assert (out / "run.unfinished").exists()
+    assert not (out / "diagnosis.json").exists()
+    assert main([*words, "--no-cache"]) == 0
+    assert not (out / "run.unfinished").exists()
+    # One that was finished stays so: the interrupted one had written nothing over it.
+    assert main([*words, "--no-cache"]) == 130
+    assert f"{out / 'diagnosis.json'} is the earlier one" in capsys.readouterr().err
+    assert not (out / "run.unfinished").exists()
+    assert len(asked) == 3
+    refuse(capsys, *words, "--resume", match="--resume goes on with the logs of --each")
+
+
+@pytest.mark.parametrize("name", ["...csv", "..csv"])
+def test_a_log_of_any_name_stays_within_out(made, quick, tmp_path, name):
+    (tmp_path / name).write_bytes((made / "log.csv").read_bytes())
+    out = tmp_path / "sub" / "inner"
+    words = ["diagnose", str(tmp_path / name), "--each", "--model", str(made / "nominal.toml"), "--out", str(out)]
+    assert main([*words, "--no-report", "--no-cache"]) == 0
+    assert {path.name for path in (tmp_path / "sub").iterdir()} == {"inner"}
+    assert len(list(out.glob("*/diagnosis.json"))) == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([name, "sub"])

@@ -63,6 +63,38 @@ def test_an_interrupted_run_stays_marked(tmp_path):
         RunFile(None, []).read(tmp_path / "a.json", "model")
 
 
+def test_an_interrupt_before_the_first_output_marks_a_folder_without_a_finished_run(tmp_path):
+    RunFile(tmp_path, ["fpjax", "diagnose"]).write("interrupted")
+    assert json.loads((tmp_path / "run.json").read_text())["status"] == "interrupted"
+    assert (tmp_path / MARK).exists()
+    begun(tmp_path, ["a.json"]).write()
+    before = (tmp_path / "run.json").read_bytes()
+    RunFile(tmp_path, ["fpjax", "diagnose"]).write("interrupted")  # the finished one is still that
+    assert (tmp_path / "run.json").read_bytes() == before
+    assert not (tmp_path / MARK).exists()
+
+
+def test_a_run_that_ended_badly_is_not_read_as_a_finished_one(tmp_path):
+    RunFile(tmp_path, ["fpjax", "tune"]).write("bad input")
+    with pytest.raises(InputError, match=r"not completed \(bad input\): run its command again"):
+        read_run(tmp_path)
+
+
+def test_folders_within_an_unfinished_one(tmp_path):
+    """A folder for each log: what is whole may be used, what is not may not."""
+    record = RunFile(tmp_path, ["fpjax", "diagnose", "--each"])
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        write_json(record.path(f"{name}/diagnosis.json"), {})
+    write_json(tmp_path / "a" / runfile.FINISHED, {})
+    mark = json.loads((tmp_path / MARK).read_text())
+    write_json(tmp_path / MARK, mark | OTHER)
+    refuse_unfinished(tmp_path / "a" / "diagnosis.json")
+    with pytest.raises(InputError, match="has not finished"):
+        refuse_unfinished(tmp_path / "b" / "diagnosis.json")
+    refuse_unfinished(tmp_path / "b" / "servo.toml")
+
+
 def test_a_mark_that_cannot_be_read_still_counts(tmp_path):
     begun(tmp_path, ["a.json"]).write()
     (tmp_path / MARK).write_text("{")
