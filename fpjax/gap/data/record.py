@@ -18,7 +18,7 @@ RESOLVED = 0.02  # of the torque's rms: the standard deviation of a constant tor
 TURNING = 0.05  # of the top speed: slower than this has no direction
 SHORTEST, LONGEST = 64, (512, 1024)  # samples of a window; with and without a rate sensor
 FEWEST = 8  # windows that a log is cut into at least
-MOST = 48_000  # samples that are simulated; of a longer log, windows spread over all of it
+MOST = 48_000  # samples that are simulated; of a longer log, windows spread over all that moves
 EDGE = 32  # samples kept after the last window, for a sensor's dead time
 LEAST = 3 * SHORTEST + EDGE  # samples of a log that can be diagnosed
 
@@ -180,11 +180,8 @@ def _record(
     dt = float(log.dt)
     speed, acceleration, angle, speed_noise = motion(velocity, position, dt)
     starts = np.arange(0, len(log.time) - samples - EDGE + 1, samples)
-    share = MOST / total
-    if share < 1.0:  # whole pairs of windows, spread evenly
-        pairs = np.arange(len(starts)) // 2
-        kept = np.floor((pairs + 1) * share) > np.floor(pairs * share)
-        starts = starts[kept]
+    if total > MOST:
+        starts = starts[_chosen(speed, len(starts), samples, MOST / total)]
     withheld = np.full(len(starts), side == "all")
     if side == "blocks":
         # Whole blocks of two windows; every fourth, now and then moved by one so that they do not beat with laps.
@@ -215,6 +212,46 @@ def _record(
         withheld,
         runs,
     )
+
+
+def _chosen(speed: np.ndarray, count: int, samples: int, share: float) -> np.ndarray:
+    """Which windows of a long log are simulated, shape (count,), bool.
+
+    Whole pairs of them, spread evenly over those in which the machine moves: most of a long log may be rest, which
+    shows nothing. Nothing else is asked of a window, so that what is chosen is like what is left out.
+
+    Args:
+        speed: smoothed rate [rad/s], shape (samples of the log,).
+        count: windows that there are, one after the other.
+        samples: of a window.
+        share: of the windows that is wanted [1].
+    """
+    size = np.sqrt(np.mean(np.square(speed[: count * samples].reshape(count, samples)), axis=1))
+    moves = size > TURNING * np.max(size, initial=0.0)
+    pair = np.arange(count) // 2
+    alive = np.bincount(pair, moves) > 0.0
+    alive |= not alive.any()
+    place = np.cumsum(alive) - 1
+    least = max(FEWEST, round(share * count)) / 2.0  # pairs
+    taken = min(1.0, least / max(int(alive.sum()), 1))
+    kept = alive & (np.floor((place + 1) * taken + 1e-9) > np.floor(place * taken + 1e-9))
+    return kept[pair]
+
+
+def about_windows(records: Sequence[Record]) -> list[str]:
+    """What should be known of the windows of logs that are too long to be simulated as a whole, a sentence each."""
+    said = []
+    for record in records:
+        used, there = len(record.starts) * record.samples, len(record.time)
+        if used > there - 2 * record.samples - EDGE:  # no more than what does not fill a window
+            continue
+        first, last = record.time[record.starts[0]], record.time[record.starts[-1] + record.samples - 1]
+        said.append(
+            f"{record.name} is long: of its {there} samples {used} are simulated, {len(record.starts)} windows of "
+            f"{record.samples * record.dt:.3g} s between {first:.6g} and {last:.6g} s, spread evenly over what moves; "
+            "for a part of the log give --from and --to."
+        )
+    return said
 
 
 def with_noise(records: list[Record], scale: float) -> list[Record]:
