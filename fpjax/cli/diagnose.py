@@ -149,6 +149,8 @@ def _one(
     write_json(record.path(f"{prefix}{DIAGNOSIS}"), found.to_dict())
     if found.model:
         write_whole(record.path(f"{prefix}corrected.toml"), found.model)
+    if found.learned_model:
+        write_whole(record.path(f"{prefix}learned.toml"), found.learned_model)
     if not arguments.no_report:
         record.path(f"{prefix}report.html")
         found.report(folder)

@@ -180,7 +180,7 @@ def test_the_tracking_error_is_that_of_the_machine_simulated():
     assert warnings == []
     other = load_model(MODEL.replace("kp = 3.03 ", "kp = 6.0 "))
     assert tracking_error(other, [record], *sides, warnings) is None
-    assert "controller of the model leaves" in warnings[0]
+    assert "do not give the torque" in warnings[0]
 
 
 def test_the_missing_torque_is_what_acted(found):

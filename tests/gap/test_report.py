@@ -1,7 +1,9 @@
 """The report: self-contained, well formed, complete, safe with hostile names, and its numbers are the diagnosis'."""
 
+import base64
 import dataclasses
 import functools
+import hashlib
 import html.parser
 import json
 import math
@@ -36,8 +38,28 @@ PICTURES = {
     "no_gap": {"overview", "record", "shrink"},
     "partly_explained": {"overview", "record", "where", "residual", "shrink", "left"},
     "unexplained": {"overview", "record", "where", "residual", "shrink", "left"},
+    "learned": {"overview", "record", "where", "residual", "shrink", "left", "learned"},
     "bare": {"overview", "where", "shrink"},
 }
+EXAMPLE = """[plant]
+type = "one_mass"
+inertia = 0.05
+[friction]
+type = "coulomb_viscous"
+coulomb = 0.4
+viscous = 0.03
+[controller]
+type = "pi"
+kp = 2.0
+ki = 12.0
+[reference]
+type = "sine"
+amplitude = 2.0
+frequency = 1.0
+[simulation]
+dt = 1e-3
+duration = 0.6
+"""
 VOID = {"meta", "br", "link", "img", "input", "hr"}
 
 
@@ -74,7 +96,7 @@ class Page(html.parser.HTMLParser):
         self.open.pop()
 
     def handle_data(self, data):
-        if "style" not in self.open:
+        if "style" not in self.open and "script" not in self.open:
             self.text.append(data)
         if self.open and self.open[-1] == "data":
             self.data[-1][1] += data
@@ -119,10 +141,46 @@ def test_page_loads_nothing_from_anywhere(report):
         (tag, name, value) for tag, attributes in page.tags for name, value in attributes.items() if name in loading
     ]
     assert all(value.startswith(("#", "data:")) for _, _, value in addresses), addresses
-    assert not {"script", "link", "iframe", "object", "embed", "base"} & {tag for tag, _ in page.tags}
+    assert not {"link", "iframe", "object", "embed", "base"} & {tag for tag, _ in page.tags}
     assert not re.findall(r"@import|url\(\s*['\"]?(?!#)", source)
-    assert "http://" not in source
-    assert "https://" not in source
+    without_namespace = source.replace("http://www.w3.org/2000/svg", "")  # a name, not an address
+    assert "http://" not in without_namespace
+    assert "https://" not in without_namespace
+
+
+def scripts(source):
+    """Every script's text."""
+    return re.findall(r"<script[^>]*>(.*?)</script>", source, flags=re.DOTALL)
+
+
+def test_one_script_runs_and_no_other_may(report):
+    _, _, _, source = report
+    page = Page(source)
+    assert [attributes for tag, attributes in page.tags if tag == "script"] == [{}]
+    (script,) = scripts(source)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    policy = next(a["content"] for t, a in page.tags if a.get("http-equiv") == "Content-Security-Policy")
+    assert policy == f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-{digest}'"
+    assert not re.search(r"fetch|XMLHttpRequest|import\(|eval|innerHTML|localStorage|cookie", script)
+
+
+def test_every_panel_knows_where_it_lies_and_what_it_shows(report):
+    """The numbers under the pointer: each panel's place within the picture, and its limits."""
+    _, _, _, source = report
+    for _, attributes in (found for found in Page(source).tags if found[0] == "svg"):
+        _, _, width, height = map(float, attributes["viewbox"].split())
+        panels = json.loads(attributes["data-axes"])
+        assert panels
+        for panel in panels:
+            left, top, right, bottom = panel["box"]
+            assert 0.0 <= left < right <= width
+            assert 0.0 <= top < bottom <= height
+            for side in set(panel) - {"box"}:
+                first, last, low, high, log, label = panel[side]
+                assert first < last if side == "x" else first > last
+                assert low < high
+                assert low > 0.0 or not log
+                assert isinstance(label, str)
 
 
 def test_page_reads_on_a_phone_in_the_dark_and_on_paper(report):
@@ -153,6 +211,7 @@ def test_numbers_in_the_page_are_those_of_the_contract(report):
     if answer["verdict"] != "no_gap":
         wanted += [answer["gap"]["after"], answer["gap"]["closed"], *(s["gap_after"] for s in answer["steps"][1:])]
     wanted.append(answer["gap"]["noise_floor"])
+    wanted += [answer["gap"]["learned"], *(law["share"] for law in answer["learned"])]
     for entry in answer["ranking"]:
         wanted += [entry["probability"], entry["gap_after"]]
         wanted += [p[k] for p in entry["parameters"].values() for k in ("value", "low", "high")]
@@ -210,12 +269,40 @@ def test_verdicts_have_fitting_sentences():
 def test_a_linear_axis_is_told_in_its_own_words(written):
     _, _, _, source = written("unexplained")
     shown = "".join(Page(source).text)
-    assert "missing force [N]" in shown
+    assert "commanded less needed [N]" in shown
     assert "velocity [m/s]" in shown
     assert "near the force limit" in shown
     assert "rad/s" not in shown
     assert "torque" not in shown
     assert shown.count("at the end of what was allowed") == 1
+
+
+def test_what_was_learned_is_told_beside_the_effects_and_never_as_one(written):
+    _, diagnosis, _, source = written("learned")
+    shown = "".join(Page(source).text).replace("\u202f", " ")
+    assert "Learned law of velocity" in shown
+    assert "30 % follows the velocity and 70 % nothing that was recorded" in shown
+    assert "measured, not a named effect" in shown
+    assert all(entry.effect in {effect.name for effect in EFFECTS} for entry in diagnosis.ranking)
+    assert 'download="learned.toml"' in source
+    rows = text.learned_name(diagnosis), text.learned_sentence(diagnosis)
+    assert rows[0] == "learned law of velocity"
+    two = dataclasses.replace(diagnosis, learned=diagnosis.learned * 2)
+    assert text.learned_name(two).startswith("learned laws of")
+
+
+def test_a_model_is_said_to_run_only_where_it_does(written):
+    """`fpjax simulate ... take this file` stands there only where reading the file back has shown it."""
+    complete = dump_model(load_model(EXAMPLE))
+    assert "simulate and fpjax tune take" in model_text.use_sentence(complete)
+    for missing, word in (("[reference]", "reference"), ("[controller]", "unknown")):
+        start = complete.index(missing)
+        cut = complete[:start] + complete[complete.find("\n[", start) + 1 :]
+        told = model_text.use_sentence(cut + '[controller]\ntype = "unknown"\n' if word == "unknown" else cut)
+        assert "take this file" not in told
+        assert word in told
+    for name in ("explained", "partly_explained"):
+        assert "take this file" not in "".join(Page(written(name)[3]).text)  # no controller, no reference
 
 
 def test_classes_are_named_with_what_would_split_them(written):
@@ -258,7 +345,8 @@ def test_hostile_names_are_only_text(tmp_path):
     )
     source = write_report(diagnosis, tmp_path).read_text(encoding="utf-8")
     page = Page(source)
-    assert "script" not in {tag for tag, _ in page.tags}
+    assert len(scripts(source)) == 1
+    assert "alert" not in scripts(source)[0]
     assert not [a for _, a in page.tags if any(name.startswith("on") for name in a)]
     assert page.sections == SECTIONS
     assert bad in "".join(page.text)

@@ -9,7 +9,19 @@ import math
 
 from report_machine import Machine, compare, gap_of, record, where_of
 
-from fpjax.gap import Diagnosis, Estimate, Experiment, Gap, Identifiability, Ranked, Share, Step, Tracking, Where
+from fpjax.gap import (
+    Diagnosis,
+    Estimate,
+    Experiment,
+    Gap,
+    Identifiability,
+    Learned,
+    Ranked,
+    Share,
+    Step,
+    Tracking,
+    Where,
+)
 
 NOMINAL = """[units]
 sensors = "both"
@@ -336,11 +348,23 @@ def partly_explained():
     )
 
 
+def learned():
+    """A part that no effect says and that follows the velocity."""
+    found = partly_explained()
+    gap = dataclasses.replace(
+        found.gap, learned=0.8 * found.gap.after, learned_interval=(0.7 * found.gap.after, 0.9 * found.gap.after)
+    )
+    at, torque = (-2.0, -0.5, 0.0, 0.0, 0.5, 2.0), (-0.02, -0.05, -0.01, 0.01, 0.05, 0.02)
+    law = Learned("velocity", 0.3, at, torque, tuple(t - 0.004 for t in torque), tuple(t + 0.004 for t in torque))
+    return dataclasses.replace(found, gap=gap, learned=(law,), learned_model=found.model + "# with tables")
+
+
 CASES = {
     "explained": explained,
     "partly_explained": partly_explained,
     "pair_with_twins": pair_with_twins,
     "no_gap": no_gap,
     "unexplained": unexplained,
+    "learned": learned,
     "bare": bare,
 }

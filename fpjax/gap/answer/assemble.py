@@ -1,6 +1,7 @@
 """Assemble: from what the fits led to, to a `Diagnosis`."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,12 +17,12 @@ from ..select.readings import readings
 from ..select.verdict import ROUNDING, Seen, Verdict, material, verdict
 from .corrected import corrected_model
 from .course import Course, course_of
-from .diagnosis import Comparison, Diagnosis, Gap, Learned, Ranked, Step
+from .diagnosis import Comparison, Diagnosis, Gap, Ranked, Step
 from .intervals import covariance, identifiability, linear_unit, read_estimates
 from .learned import learn
 from .machines import machine_of, with_reading
 from .ranking import rank
-from .shrink import gap_of, noise_floor, steps_of
+from .shrink import gap_of, noise_floor, rms_of, steps_of, withheld
 from .stages import StageClock
 from .tracking import Side, tracking_error
 from .where import locate
@@ -61,15 +62,21 @@ def assemble(
     ranking = rank(search, decision, found, gap, steps, seen, allowed)
     gapless = found.word == "no_gap" or (found.word == "explained" and not causes)
     told = decision.exact if gapless else chosen
-    machine = with_reading(
-        machine_of(told.candidate), {name: value for one in read for name, value in one.values.items()}
-    )
+    read_values = {name: value for one in read for name, value in one.values.items()}
+    machine = with_reading(machine_of(told.candidate), read_values)
     text, missing = corrected_model(model, machine, step)
     spread = covariance(search, chosen)
     clock("where", 0.94)
+    graded = found.word in ("partly_explained", "unexplained")
+    clock("learned law", 0.93)
+    laws = learn(search, chosen) if graded else None
+    learned_text = ""
+    if laws is not None:
+        size, spread_of_it = rms_of(withheld(search, laws.fit))
+        gap = replace(gap, learned=size, learned_interval=spread_of_it)
+        learned_text, _ = corrected_model(model, with_reading(machine_of(laws.fit.candidate), read_values), step)
     before = [course_of(search, decision.exact, which) for which in range(len(records))]
     after = [course_of(search, chosen, which) for which in range(len(records))]
-    graded = found.word in ("partly_explained", "unexplained")
     clock("closed loop", 0.97)
     said = [*_at_bounds(chosen, linear), *warnings]
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
@@ -94,7 +101,8 @@ def assemble(
         tracking=tracking,
         same_as=tuple(twin.sentence() for twin in ranking.twins),
         allowed=allowed,
-        learned=_learned(search, chosen) if graded else (),
+        learned=() if laws is None else laws.laws,
+        learned_model=learned_text,
     )
 
 
@@ -103,12 +111,6 @@ def _alike(ranking: tuple[Ranked, ...], found: Verdict) -> float:
     asserted = [entry for entry in ranking if entry.effect in found.causes]
     others = {name for entry in asserted for name in entry.indistinguishable_from} - set(found.causes)
     return sum(found.main.get(name, 0.0) for name in others)
-
-
-def _learned(search: Search, fit: Fit) -> tuple[Learned, ...]:
-    """What is left as laws of what was recorded, the largest share first."""
-    laws = [Learned(law.of, law.share, law.at, law.torque, law.low, law.high) for law in learn(search, fit).laws]
-    return tuple(sorted(laws, key=lambda law: -law.share))
 
 
 def experiments(ranking: tuple[Ranked, ...]) -> tuple[Experiment, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -67,6 +68,8 @@ class Gap:
         after_interval: likewise.
         noise_floor_interval: both ends are the floor: it is computed, not measured.
         closed_interval: by the same bootstrap.
+        learned: with the learned laws beside the causes; NaN where none was learned.
+        learned_interval: by the same bootstrap.
     """
 
     signal: str
@@ -79,29 +82,21 @@ class Gap:
     after_interval: tuple[float, float]
     noise_floor_interval: tuple[float, float]
     closed_interval: tuple[float, float]
+    learned: float = math.nan
+    learned_interval: tuple[float, float] = (math.nan, math.nan)
 
     def estimate(self, name: str) -> Estimate:
-        """`before`, `after`, `noise_floor` or `closed` with its interval."""
+        """`before`, `after`, `learned`, `noise_floor` or `closed` with its interval."""
         unit = "" if name == "closed" else self.unit
         low, high = getattr(self, f"{name}_interval")
         return Estimate(getattr(self, name), low, high, unit)
 
     def to_dict(self) -> dict[str, Any]:
-        """The contract's keys, and the intervals."""
-        return {
-            "signal": self.signal,
-            "unit": self.unit,
-            "before": self.before,
-            "after": self.after,
-            "noise_floor": self.noise_floor,
-            "closed": self.closed,
-            "interval": {
-                "before": list(self.before_interval),
-                "after": list(self.after_interval),
-                "noise_floor": list(self.noise_floor_interval),
-                "closed": list(self.closed_interval),
-            },
-        }
+        """The contract's keys, `learned`, and the intervals."""
+        names = ("before", "after", "learned", "noise_floor", "closed")
+        numbers = {name: getattr(self, name) for name in names}
+        interval = {name: list(getattr(self, f"{name}_interval")) for name in names}
+        return {"signal": self.signal, "unit": self.unit, **numbers, "interval": interval}
 
 
 @dataclass(frozen=True)
@@ -254,28 +249,30 @@ class Tracking:
 
 @dataclass(frozen=True)
 class Learned:
-    """A law that was learned from what is left.
+    """A law that was learned from what is left: a torque that opposes, as friction does, as a table of one variable.
 
     Attributes:
         of: "velocity", "position", "torque" or "time".
-        share: of the energy of what is left [1].
-        at: where the curve is given, in the unit of `of`.
-        torque: the missing torque there [N m].
+        share: of the energy of what is left on withheld windows that it takes [1].
+        at: points, in the unit of `of`, increasing; a velocity has 0 twice, once for each direction.
+        torque: at each point [N m]; between them straight lines.
         low: lower end of the 90 % band [N m].
         high: upper end of the 90 % band [N m].
+        period: of the variable, in its unit; None where nothing repeats.
     """
 
-    of: str
+    of: Literal["velocity", "position", "torque", "time"]
     share: float
     at: tuple[float, ...]
     torque: tuple[float, ...]
     low: tuple[float, ...]
     high: tuple[float, ...]
+    period: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The contract's keys."""
         curve = {name: list(getattr(self, name)) for name in ("at", "torque", "low", "high")}
-        return {"of": self.of, "share": self.share, "curve": curve}
+        return {"of": self.of, "share": self.share, "curve": curve | {"period": self.period}}
 
 
 @dataclass(frozen=True)
@@ -307,6 +304,7 @@ class Diagnosis:
         model_missing: why there is no corrected model as text; "" where there is one.
         same_as: exact twins of the causes, a sentence each.
         learned: what is left as laws of what was recorded, the largest share first; () where none could be learned.
+        learned_model: the corrected model with the learned laws beside the causes, as `servo.toml` text; "" without.
     """
 
     verdict: Word
@@ -331,6 +329,7 @@ class Diagnosis:
     model_missing: str = ""
     same_as: tuple[str, ...] = ()
     learned: tuple[Learned, ...] = ()
+    learned_model: str = ""
 
     def plot(self) -> Figure:
         """One page: the verdict, measured against simulated, where, and how far the gap shrinks."""
@@ -368,6 +367,7 @@ class Diagnosis:
             "probability": self.probability,
             "same_as": list(self.same_as),
             "learned": [law.to_dict() for law in self.learned],
+            "learned_model": self.learned_model,
             "model_missing": self.model_missing,
             "tracking": None if self.tracking is None else self.tracking.to_dict(),
             "allowed_effects": list(self.allowed) if self.allowed else "all",

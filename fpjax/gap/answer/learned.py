@@ -1,18 +1,24 @@
-"""Learned: what no named effect says, as tables over what was recorded, and what follows none of it.
+"""Learned: what no named effect says, as tables over what was recorded, measured by simulating with them.
 
-Tables are added while they predict windows that no fit has seen. That is an honest "where": of what is left, this
-share follows the velocity, that one the position, the rest nothing that was recorded. It is also a guard for named
-effects: a cause that a table of another variable explains as well is not sure.
+Tables are added while they predict windows that no fit has seen. What is told is what a simulation gains by them: the
+tables become blocks of the machine, and what is then missing on withheld windows is measured as for every other model.
+A law that does not lower it there, interval and all, is not told.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
+import equinox as eqx
 import numpy as np
 
 from ...blocks.learned import LearnedTorque, split_jump
+from ...errors import InputError
+from ...model_file.learned import join_load
 from ..fit.candidate import Fit
-from ..fit.search import Search
+from ..fit.search import Search, Start
+from .diagnosis import Learned
+from .shrink import draws, interval, withheld
 from .smooth import Smooth, Smoother, make_windows
 from .smooth_tables import Table, Variable, make_tables
 
@@ -27,138 +33,90 @@ Values = np.ndarray
 
 
 @dataclass(frozen=True)
-class LearnedLaw:
-    """A torque that opposes, as friction does, as a table of one variable.
+class Simulated:
+    """Learned laws in the machine.
 
     Attributes:
-        of: "velocity" [rad/s], "position" [rad], "torque" [N m], "load" [N m] or "time" [s]. A load is the size of
-            the commanded torque; its torque has the direction of the motion.
-        at: points, in the variable's unit, increasing; a velocity has 0 twice, once for each direction.
-        torque: at each point [N m].
-        low: lower end of the 90 % band [N m].
-        high: upper end of it [N m].
-        period: of the variable, in its unit; None where nothing repeats.
-        share: of the missing torque's energy on withheld windows that it takes [1], 0 to 1.
+        laws: the largest share first; the shares are of the energy that is missing on withheld windows without them.
+        fit: the model with the laws beside its causes, of which nothing was fitted again.
     """
 
-    of: Variable
-    at: tuple[float, ...]
-    torque: tuple[float, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    period: float | None
-    share: float
-
-    def curve(self, x: Values) -> tuple[Values, Values, Values]:
-        """(torque, low, high) [N m] at x in the variable's unit, each of x's shape.
-
-        Args:
-            x: where; at a velocity of exactly zero the mean of both directions.
-        """
-        lines = np.stack([self.torque, self.low, self.high])
-        at = np.asarray(self.at)
-        x = np.asarray(x, float)
-        if self.period is not None:
-            at, lines = np.append(at, at[0] + self.period), np.concatenate([lines, lines[:, :1]], axis=1)
-            x = at[0] + np.mod(x - at[0], self.period)
-        twice = np.flatnonzero(np.diff(at) == 0.0)
-        if not len(twice):
-            torque, low, high = (np.interp(x, at, line) for line in lines)
-            return torque, low, high
-        cut = int(twice[0]) + 1
-        found = []
-        for line in lines:
-            below, above = np.interp(x, at[:cut], line[:cut]), np.interp(x, at[cut:], line[cut:])
-            found.append(np.where(x < 0.0, below, np.where(x > 0.0, above, 0.5 * (below + above))))
-        return found[0], found[1], found[2]
+    laws: tuple[Learned, ...]
+    fit: Fit
 
 
-@dataclass(frozen=True)
-class LearnedBlocks:
-    """What the corrected model takes of the learned laws.
-
-    Attributes:
-        tables: loads without a jump, to be put beside the known one.
-        coulomb: to be added to the friction law's Coulomb level [N m]: the jump at zero velocity, which sticks.
-        load_coefficient: to be added to that of the friction law [1].
-    """
-
-    tables: tuple[LearnedTorque, ...]
-    coulomb: float
-    load_coefficient: float
-
-
-@dataclass(frozen=True)
-class Learned:
-    """The laws that a fit's missing torque follows.
-
-    Attributes:
-        laws: in the order in which they were found.
-        nothing: share of the missing torque's energy on withheld windows that follows nothing recorded [1]; 1 where
-            nothing was learned.
-        before: missing torque on withheld windows [N m], rms, as the fit leaves it.
-        after: as the fit and the laws leave it [N m].
-        gain: evidence [nats] that the laws add to the fit.
-        gains: evidence [nats] that the best law of each variable adds alone.
-        level: q of all octaves together beside the laws, as `Fit.level` [N m].
-    """
-
-    laws: tuple[LearnedLaw, ...]
-    nothing: float
-    before: float
-    after: float
-    gain: float
-    gains: Mapping[Variable, float]
-    level: float
-
-    def gain_of(self, variable: Variable) -> float:
-        """Evidence [nats] that the best law of a variable adds alone, comparable with differences of `Fit.evidence`.
-
-        Returns:
-            0 for a variable that the logs do not show.
-        """
-        return self.gains.get(variable, 0.0)
-
-    def law(self, variable: Variable) -> LearnedLaw | None:
-        """The law of a variable, or None."""
-        return next((law for law in self.laws if law.of == variable), None)
-
-    def blocks(self) -> LearnedBlocks:
-        """The laws for a simulation."""
-        tables, coulomb, load = [], 0.0, 0.0
-        for law in self.laws:
-            if law.of == "load":
-                load += law.torque[-1] / law.at[-1]
-                continue
-            at, torque, jump = split_jump(law.at, law.torque) if law.of == "velocity" else (law.at, law.torque, 0.0)
-            coulomb += jump
-            tables.append(LearnedTorque(law.of, at, torque, law.period))
-        return LearnedBlocks(tuple(tables), coulomb, load)
-
-
-def learn(search: Search, fit: Fit) -> Learned:
-    """What a fit's missing torque follows of what was recorded.
+def learn(search: Search, fit: Fit) -> Simulated | None:
+    """What a fit's missing torque follows of what was recorded; None where no law lowers it on withheld windows.
 
     Args:
         search: that the fit is from.
         fit: a finished one; it is not changed.
+    """
+    laws = proposed(search, fit)
+    for count in dict.fromkeys((len(laws), 1)):
+        if not laws[:count]:
+            return None
+        try:
+            beside = simulated(search, fit, laws[:count])
+        except InputError:  # less than no friction would be left
+            continue
+        taken = _taken(withheld(search, fit), withheld(search, beside))
+        if taken[1] > LEAST:
+            whole = sum(law.share for law in laws[:count])
+            shares = [replace(law, share=taken[0] * law.share / whole) for law in laws[:count]]
+            return Simulated(tuple(sorted(shares, key=lambda law: -law.share)), beside)
+    return None
 
-    Returns:
-        Laws that predict withheld windows, fitted on the other ones; none where nothing is sure.
+
+def _taken(before: Values, after: Values) -> tuple[float, float]:
+    """(share of the energy that is gone [1], lower end of its 90 % interval), of the same windows before and after."""
+    which = draws(len(before))
+    many = 1.0 - np.mean(np.maximum(after, 0.0)[which], 1) / np.maximum(np.mean(before[which], 1), 1e-300)
+    return float(1.0 - np.mean(np.maximum(after, 0.0)) / max(np.mean(before), 1e-300)), interval(many)[0]
+
+
+def simulated(search: Search, fit: Fit, laws: Sequence[Learned]) -> Fit:
+    """A fit with laws in its machine; only the windows' start states are looked up again.
+
+    Raises:
+        InputError: where a jump at zero velocity leaves less than no Coulomb friction.
+    """
+    tables, coulomb = blocks(laws)
+    values = fit.candidate.values()
+    values["coulomb"] += coulomb
+    if values["coulomb"] < 0.0:
+        raise InputError(f"The learned law leaves a Coulomb friction of {values['coulomb']:.3g} N m: it would push.")
+    other, plant = copy.copy(search), search.nominal.plant
+    other.nominal = replace(search.nominal, plant=eqx.tree_at(lambda p: p.load, plant, join_load(plant.load, tables)))
+    other.fitters, other.observers = {}, {}
+    c = other.candidate(Start(fit.candidate.effects, (), values), exact=True)
+    for own, was in ((c.states, fit.candidate.states), (c.hidden, fit.candidate.hidden)):
+        own[:] = [each.copy() for each in was]
+    return other.finish([c])[0]
+
+
+def blocks(laws: Sequence[Learned]) -> tuple[tuple[LearnedTorque, ...], float]:
+    """(loads without a jump; the jump at zero velocity, which sticks and belongs in the Coulomb level [N m])."""
+    tables, coulomb = [], 0.0
+    for law in laws:
+        at, torque, jump = split_jump(law.at, law.torque) if law.of == "velocity" else (law.at, law.torque, 0.0)
+        coulomb += jump
+        tables.append(LearnedTorque(law.of, at, torque, law.period))  # type: ignore[arg-type]
+    return tuple(tables), coulomb
+
+
+def proposed(search: Search, fit: Fit) -> tuple[Learned, ...]:
+    """Laws that seem to predict withheld windows, fitted on the other ones, in the order in which they were found.
+
+    Their shares are what each takes of the energy, the others before it in, as the linear model has it.
     """
     setting = search.setting
     smoother = Smoother(make_windows(search, fit.candidate), setting.friction, max(setting.effort, setting.torque))
     tables = make_tables(search.records, setting.periods.get("torque", ())[:1])
-    base = current = smoother.base()
-    energies = [_energy(search, smoother, base)]
-    gains: dict[Variable, float] = {}
-    names: list[Variable] = list(tables)
-    while names:
-        found: dict[Variable, Smooth] = {
-            name: one for name in names if (one := _best(smoother, current, tables[name])) is not None
-        }
-        if current is base:
-            gains = {name: found[name].evidence - base.evidence for name in found}
+    current = smoother.base()
+    energies = [_energy(search, smoother, current)]
+    while tables:
+        found: dict[Variable, Smooth] = {name: _best(smoother, current, some) for name, some in tables.items() if some}
         sure: list[Variable] = [name for name in found if _sure(smoother, current, found[name])]
         if not sure:
             break
@@ -168,19 +126,13 @@ def learn(search: Search, fit: Fit) -> Learned:
             break
         current = found[best]
         energies.append(energy)
-        names.remove(best)
-    shares, nothing = _shares(energies)
-    level = smoother.windows.fitter.modes.mean_level(current.level, search.band)
-    return Learned(
-        _laws(current, shares), nothing, _rms(energies[0]), _rms(energies[-1]), current.evidence - base.evidence, gains,
-        level,
-    )  # fmt: skip
+        del tables[best]
+    return _laws(current, np.maximum(-np.diff(energies), 0.0) / max(energies[0], 1e-300))
 
 
-def _best(smoother: Smoother, current: Smooth, tables: Sequence[Table]) -> Smooth | None:
+def _best(smoother: Smoother, current: Smooth, tables: Sequence[Table]) -> Smooth:
     """The best of a variable's tables by the evidence."""
-    fits = [smoother.add(current, table) for table in tables]
-    return max(fits, key=lambda f: f.evidence, default=None)
+    return max((smoother.add(current, table) for table in tables), key=lambda fit: fit.evidence)
 
 
 def _sure(smoother: Smoother, before: Smooth, after: Smooth) -> bool:
@@ -197,35 +149,17 @@ def _energy(search: Search, smoother: Smoother, fit: Smooth) -> float:
     modes, w = smoother.windows.fitter.modes, smoother.windows
     weight = np.where(modes.sensor, 0.0, search.band**2 / np.where(modes.sensor, 1.0, np.maximum(modes.gain, 1e-300)))
     square = (fit.left**2 - w.noise[:, None])[~w.fitted] @ weight
-    return float(np.mean(square)) / search.records[0].samples if len(square) else float("nan")
+    return float(np.mean(square)) / search.records[0].samples if len(square) else 0.0
 
 
-def _rms(energy: float) -> float:
-    return float(np.sqrt(max(energy, 0.0))) if np.isfinite(energy) else float("nan")
-
-
-def _shares(energies: Sequence[float]) -> tuple[list[float], float]:
-    """(share of each law, share of nothing), which sum to one."""
-    taken = np.maximum(-np.diff(energies), 0.0)
-    left = max(energies[-1], 0.0) if np.isfinite(energies[-1]) else 0.0
-    total = float(np.sum(taken)) + left
-    if len(taken) == 0 or not total > 0.0:
-        return [0.0] * len(taken), 1.0
-    return [float(t / total) for t in taken], float(left / total)
-
-
-def _laws(fit: Smooth, shares: Sequence[float]) -> tuple[LearnedLaw, ...]:
-    if not fit.tables:
-        return ()
-    deviation = fit.deviation()
+def _laws(fit: Smooth, shares: Values) -> tuple[Learned, ...]:
+    deviation = fit.deviation() if fit.tables else np.zeros(0)
     found = []
     for table, part, share in zip(fit.tables, fit.parts(), shares, strict=True):
-        at, torque = table.at, fit.torque[part]
+        torque = fit.torque[part]
         # A smooth curve lies off the straight lines that stand for it.
         half = BAND * deviation[part] + CHORD * table.departures(torque)
-        if table.of == "load":  # through zero
-            at, torque, half = (np.concatenate([[0.0], each]) for each in (at, torque, half))
-        columns = (at, torque, torque - half, torque + half)
-        a, t, low, high = (tuple(float(x) for x in column) for column in columns)
-        found.append(LearnedLaw(table.of, a, t, low, high, table.period, share))
+        columns = (table.at, torque, torque - half, torque + half)
+        at, middle, low, high = (tuple(float(x) for x in column) for column in columns)
+        found.append(Learned(table.of, float(share), at, middle, low, high, table.period))
     return tuple(found)

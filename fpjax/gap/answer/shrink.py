@@ -21,8 +21,8 @@ def gap_of(search: Search, decision: Decision, unit: str) -> Gap:
     """How large the gap is before and after."""
     before, after = (withheld(search, fit) for fit in (decision.exact, decision.chosen.fit))
     floor = noise_floor(search)
-    draws = _draws(len(before))
-    many_before, many_after = _root(np.mean(before[draws], 1)), _root(np.mean(after[draws], 1))
+    which = draws(len(before))
+    many_before, many_after = _root(np.mean(before[which], 1)), _root(np.mean(after[which], 1))
     small = float(_root(np.mean(before))), float(_root(np.mean(after)))
     return Gap(
         signal="torque",
@@ -31,10 +31,10 @@ def gap_of(search: Search, decision: Decision, unit: str) -> Gap:
         after=small[1],
         noise_floor=floor,
         closed=float(closed(np.array(small[0]), np.array(small[1]), floor)),
-        before_interval=_interval(many_before),
-        after_interval=_interval(many_after),
+        before_interval=interval(many_before),
+        after_interval=interval(many_after),
         noise_floor_interval=(floor, floor),
-        closed_interval=_interval(closed(many_before, many_after, floor)),
+        closed_interval=interval(closed(many_before, many_after, floor)),
     )
 
 
@@ -99,10 +99,16 @@ def noise_floor(search: Search, windows: Sequence[Values] | None = None) -> floa
 
 
 def _step(name: str, squares: Values) -> Step:
-    return Step(name, float(_root(np.mean(squares))), _interval(_root(np.mean(squares[_draws(len(squares))], 1))))
+    return Step(name, *rms_of(squares))
 
 
-def _draws(count: int) -> Values:
+def rms_of(squares: Values) -> tuple[float, tuple[float, float]]:
+    """(root of the mean, its 90 % interval by a bootstrap over windows) of mean squares, shape (windows,)."""
+    return float(_root(np.mean(squares))), interval(_root(np.mean(squares[draws(len(squares))], 1)))
+
+
+def draws(count: int) -> Values:
+    """Which windows each draw of the bootstrap takes, shape (draws, windows); the same for every model of a log."""
     return np.random.default_rng(SEED).integers(0, count, (DRAWS, count))
 
 
@@ -110,6 +116,7 @@ def _root(values: Any) -> Values:
     return np.sqrt(np.maximum(values, 0.0))
 
 
-def _interval(values: Values) -> tuple[float, float]:
+def interval(values: Values) -> tuple[float, float]:
+    """The middle 90 % of the bootstrap's values, shape (draws,)."""
     low, high = np.quantile(values, NINETY)
     return float(low), float(high)

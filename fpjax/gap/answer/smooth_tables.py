@@ -14,7 +14,7 @@ import numpy as np
 
 from ..data.record import Record
 
-Variable = Literal["velocity", "position", "torque", "load", "time"]
+Variable = Literal["velocity", "position", "torque", "time"]
 Values = np.ndarray
 
 SPEEDS = 14  # points for each direction, the closer the slower: friction bends near rest
@@ -82,13 +82,6 @@ def make_tables(records: Sequence[Record], periods: Sequence[float] = ()) -> dic
     torques = [r.torque for r in records]
     if (spread := _range(torques)) is not None:
         found["torque"] = [_table("torque", np.linspace(*spread, TORQUES), torques)]
-        most = max(abs(spread[0]), abs(spread[1]))
-        loads = [
-            np.where(np.abs(v) > rest, np.sign(v) * np.abs(u) / most, 0.0)
-            for u, v, rest in zip(torques, speeds, rests, strict=True)
-        ]
-        columns = tuple(x[:, None] for x in loads)
-        found["load"] = [Table("load", np.array([most]), None, columns, np.zeros((0, 1)))]
     times = [r.time - r.time[0] for r in records]
     found["time"] = [_table("time", np.linspace(0.0, max(t[-1] for t in times), TIMES), times)]
     return found

@@ -74,7 +74,11 @@ def told(diagnosis: Diagnosis) -> str:
             f"{error.before:.4g} before, {error.after:.4g} {error.unit} after the correction"
         )
     lines += [_entry(entry, entry.effect in diagnosis.causes) for entry in diagnosis.ranking[:SHOWN]]
-    lines += [f"learned: {law.share:.0%} of what is left follows the {law.of}" for law in diagnosis.learned]
+    if diagnosis.learned:
+        follows = " and ".join(f"{law.share:.0%} of its energy the {law.of}" for law in diagnosis.learned)
+        lines.append(
+            f"learned: what is left follows {follows}; with that learned the gap is {gap.learned:.4g} {gap.unit}"
+        )
     lines += [f"note: {sentence}" for sentence in diagnosis.same_as]
     lines += [f"warning: {warning}" for warning in diagnosis.warnings]
     return "\n".join(lines)

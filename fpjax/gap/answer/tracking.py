@@ -65,10 +65,7 @@ def tracking_error(
         found = [made_torque(model, record) for record in logs]
         worst = max(error for error, _ in found)
         if worst > REPRODUCED:
-            warnings.append(
-                f"The controller of the model leaves {worst:.1%} of the torque column unexplained (something else adds "
-                f"to it, or its gains are others), so the closed loop's tracking error was not predicted."
-            )
+            warnings.append(f"{_other_torque(worst)}, so the closed loop's tracking error was not predicted.")
             return None
         rows: dict[str, list[np.ndarray]] = {"measured": [], "before": [], "after": []}
         for record, (_, start) in zip(logs, found, strict=True):
@@ -84,6 +81,14 @@ def tracking_error(
             warnings.append(f"The closed loop around the {machine} machine is not stable in simulation.")
     unit = model.units.name("rad" if position else "rad/s")
     return Tracking(unit, signal=signal, controller_error=worst, **values)
+
+
+def _other_torque(error: float) -> str:
+    """What a torque column says that the model's controller would not have made; the error is of its rms [1]."""
+    told = "The model's controller and observer, run over the recorded reference and readings, do not give the torque"
+    if error > 1.0:
+        return f"{told} at all: another controller made it, or one without the model's observer"
+    return f"{told}: {error:.1%} of its rms is missing (something adds to the command, or the gains are others)"
 
 
 def made_torque(model: Any, record: Record) -> tuple[float, Any]:

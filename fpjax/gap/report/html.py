@@ -1,9 +1,13 @@
 """report.html: one file that needs nothing from anywhere, and every picture as PNG beside it."""
 
+import base64
+import functools
+import hashlib
 from importlib.resources import files
 from pathlib import Path
 
 from ...errors import InputError
+from ...output.runfile import write_whole
 from ..answer.diagnosis import Diagnosis
 from . import sections
 from .markup import text
@@ -23,9 +27,6 @@ _NAVIGATION = (
     ("warnings", "Warnings"),
     ("provenance", "Provenance"),
 )
-
-# A browser that is asked to load anything at all for this page refuses.
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
 def write_report(diagnosis: Diagnosis, out_dir: str | Path) -> Path:
@@ -56,10 +57,10 @@ def write_report(diagnosis: Diagnosis, out_dir: str | Path) -> Path:
     folder = Path(out_dir)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _write(folder / "overview.png", to_png(draw_overview(diagnosis)))
+        write_whole(folder / "overview.png", to_png(draw_overview(diagnosis)))
         for picture in pictures:
-            _write(folder / f"{picture.name}.png", to_png(picture.wide))
-        _write(folder / "report.html", to_page(diagnosis, drawn).encode())
+            write_whole(folder / f"{picture.name}.png", to_png(picture.wide))
+        write_whole(folder / "report.html", to_page(diagnosis, drawn))
     except OSError as error:
         raise InputError(
             f"The report cannot be written to {folder} ({error.strerror}): give a folder that can be written to."
@@ -79,7 +80,7 @@ def to_page(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
         (
             sections.record(diagnosis, pictures),
             sections.where(diagnosis, pictures),
-            sections.ranking(diagnosis),
+            sections.ranking(diagnosis, pictures),
             sections.shrink(diagnosis, pictures),
             sections.apart(diagnosis),
             sections.identifiability(diagnosis),
@@ -94,7 +95,7 @@ def to_page(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="{_POLICY}">
+<meta http-equiv="Content-Security-Policy" content="{_policy()}">
 <meta name="generator" content="fpjax">
 <meta name="description" content="{description}">
 <title>{text(verdict_title(diagnosis))}: sim-to-real gap</title>
@@ -108,6 +109,7 @@ def to_page(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
 {body}
 </main>
 <footer>{text(sections.units_note(diagnosis))} Written by fpjax.</footer>
+<script>{_script()}</script>
 </body>
 </html>
 """
@@ -124,11 +126,13 @@ def _navigation(diagnosis: Diagnosis) -> str:
     return f'<nav aria-label="Sections">{"".join(links)}</nav>'
 
 
-def _write(path: Path, content: bytes) -> None:
-    """Whole or not at all: a reader never sees half a report."""
-    partial = path.with_name(f".{path.name}.partial")
-    try:
-        partial.write_bytes(content)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+@functools.cache
+def _script() -> str:
+    """What makes the pictures zoom."""
+    return "\n" + files("fpjax.gap.report").joinpath("zoom.js").read_text("utf-8")
+
+
+def _policy() -> str:
+    """A browser that is asked to load anything at all for this page, or to run any other script, refuses."""
+    digest = base64.b64encode(hashlib.sha256(_script().encode()).digest()).decode()
+    return f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-{digest}'"

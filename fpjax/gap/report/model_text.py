@@ -63,11 +63,31 @@ def to_html(nominal: str, corrected: str) -> str:
         was = f'<span class="was">was {text(line.was)}</span>' if line.was else ""
         kind = f"line {line.change}".strip()
         shown.append(f'<span class="{kind}">{text(line.text)}{was}</span>')
-    encoded = base64.b64encode(corrected.encode()).decode()
-    address = f"data:text/plain;charset=utf-8;base64,{encoded}"
-    link = f'<p><a download="corrected.toml" href="{address}">Save as corrected.toml</a></p>'
     lost = f'<p class="quiet">No longer in the model: {text(", ".join(gone))}.</p>' if gone else ""
-    return f"<pre><code>{''.join(shown)}</code></pre>\n{lost}\n{link}"
+    return f"<pre><code>{''.join(shown)}</code></pre>\n{lost}\n{save_link(corrected, 'corrected.toml')}"
+
+
+def save_link(model: str, name: str) -> str:
+    """A link that saves a model's text as a file of that name."""
+    address = f"data:text/plain;charset=utf-8;base64,{base64.b64encode(model.encode()).decode()}"
+    return f'<p><a download="{name}" href="{address}">Save as {name}</a></p>'
+
+
+def use_sentence(model: str) -> str:
+    """What the corrected model can be used for, as reading it back has just shown."""
+    from tuning.parameters import default_parameters  # the tuning is a package of its own
+
+    try:
+        read = load_model(model)
+        for needed in (read.needed_controller, read.needed_reference, read.needed_duration):
+            needed()
+    except InputError as error:
+        return f"The machine is whole; to simulate a loop around it, the file needs more. {error}"
+    try:
+        default_parameters(read.loop)
+    except InputError:
+        return "fpjax simulate runs this file as it is."
+    return "fpjax simulate and fpjax tune take this file as it is."
 
 
 def count_changes(nominal: str, corrected: str) -> int:

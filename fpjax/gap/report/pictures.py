@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..answer.diagnosis import Diagnosis
+from .learned_picture import draw_learned, laws_of
 from .record_picture import draw_record, has_record
 from .shrink_picture import draw_ranking, draw_shrink, rows_of
 from .text import confidence_sentence, verdict_sentence, verdict_title, where_sentence
@@ -36,7 +37,8 @@ class Picture:
 
 
 def draw_pictures(diagnosis: Diagnosis) -> list[Picture]:
-    """Every picture that the diagnosis has the data for: `record`, `where`, `residual`, `left`, `shrink`.
+    """Every picture that the diagnosis has the data for: `record`, `where`, `residual`, `left`, `learned`,
+    `shrink`.
 
     Args:
         diagnosis: what `fpjax.gap.diagnose` found.
@@ -54,6 +56,11 @@ def draw_pictures(diagnosis: Diagnosis) -> list[Picture]:
     if panels:
         description = "What the nominal model cannot account for, against " + ", ".join(residual_axes(diagnosis)) + "."
         found.append(_picture("residual", description, draw_residual, diagnosis, 2.9, 2.1 * panels + 0.3))
+    if laws := laws_of(diagnosis):
+        description = (
+            "Learned laws: " + ", ".join(f"of {law.of}, {law.share:.0%} of what is left" for law in laws) + "."
+        )
+        found.append(_picture("learned", description, draw_learned, diagnosis, 3.0, 2.5 * len(laws) + 0.3))
     rows = len(rows_of(diagnosis))
     if rows:
         description = "The gap: " + ", ".join(f"{name} {gap.value:.3g}" for name, gap in rows_of(diagnosis)) + "."

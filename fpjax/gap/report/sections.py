@@ -17,11 +17,14 @@ from .markup import (
     table,
     text,
 )
-from .model_text import count_changes, to_html
+from .model_text import count_changes, save_link, to_html, use_sentence
 from .reading import NEGLIGIBLE, at_bound, entry_gap, fixed, gap_scale, shown_gap, step_gap, twins_of
 from .record_picture import series_of
 from .text import (
     confidence_sentence,
+    effort_of,
+    learned_name,
+    learned_sentence,
     set_twin_sentences,
     tracking_sentence,
     twin_sentences,
@@ -46,7 +49,7 @@ def header(diagnosis: Diagnosis) -> str:
     return (
         f'<header class="{diagnosis.verdict}">\n<p class="origin">{text(origin)}</p>\n'
         f'<div class="verdict">{badge}{confidence}</div>\n<h1>{_sentence(diagnosis)}</h1>\n'
-        f"{_caution(diagnosis)}{_facts(diagnosis)}\n</header>"
+        f"{_facts(diagnosis)}{_caution(diagnosis)}{paragraph(learned_sentence(diagnosis))}\n</header>"
     )
 
 
@@ -63,10 +66,6 @@ def _sentence(diagnosis: Diagnosis) -> str:
     return out
 
 
-def _effort(diagnosis: Diagnosis) -> str:
-    return "force" if diagnosis.motion == "linear" else "torque"
-
-
 def _caution(diagnosis: Diagnosis) -> str:
     """Parameters of the causes that ended at a limit of the search, said in the head."""
     told = [entry for entry in diagnosis.ranking if entry.effect in diagnosis.causes and at_bound(entry)]
@@ -81,13 +80,10 @@ def _facts(diagnosis: Diagnosis) -> str:
         ("before", "Difference" if diagnosis.verdict == "no_gap" else "Gap before", diagnosis.gap.estimate("before"))
     ]
     if diagnosis.verdict != "no_gap":
-        tiles.append(
-            (
-                "after",
-                "Gap after" if diagnosis.causes else "Gap after the best attempt",
-                diagnosis.gap.estimate("after"),
-            )
-        )
+        title = "Gap after" if diagnosis.causes else "Gap after the best attempt"
+        tiles.append(("after", title, diagnosis.gap.estimate("after")))
+    if diagnosis.learned:
+        tiles.append(("after", "With what was learned", diagnosis.gap.estimate("learned")))
     tiles.append(("floor", "Noise floor", diagnosis.gap.estimate("noise_floor")))
     cells = []
     for kind, title, size in tiles:
@@ -114,7 +110,7 @@ def record(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
     restarted = any(series.starts.size for series in series_of(diagnosis))
     how = "None of these samples was used for the fit."
     if in_torque:
-        effort = _effort(diagnosis)
+        effort = effort_of(diagnosis)
         how += f" Each model says what {effort} the motion needed; what lacks to the command is its missing {effort}."
     elif restarted:
         how += (
@@ -133,14 +129,17 @@ def where(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
     """The maps of where the gap lies."""
     parts = [paragraph(where_sentence(diagnosis))]
     if "where" in pictures:
-        caption = f"Shares of the energy of the missing {_effort(diagnosis)}; in colour, what stands out."
+        caption = f"Shares of the energy of the missing {effort_of(diagnosis)}; in colour, what stands out."
         if diagnosis.verdict == "no_gap":
             caption = "Shares of the energy of the residual, which here is noise."
         parts.append(figure("where", *pictures["where"], caption))
     if "residual" in pictures:
-        effort = _effort(diagnosis)
+        effort = effort_of(diagnosis)
         parts.append(f"<h3>The {effort} that the nominal model misses</h3>")
-        caption = "A model that is right leaves a flat band around zero; the median's shape is the missing law."
+        caption = (
+            f"Commanded less needed {effort}: a model that is right leaves a flat band around zero; the median's "
+            f"shape is the missing law, its sign that of a friction."
+        )
         parts.append(figure("residual", *pictures["residual"], caption))
     if "left" in pictures:
         leaves = "the causes leave" if diagnosis.causes else "the best attempt leaves"
@@ -152,7 +151,7 @@ def where(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
     return section("where", "Where the gap lies", *parts)
 
 
-def ranking(diagnosis: Diagnosis) -> str:
+def ranking(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
     """Every effect with its probability, what it leaves, and its parameters."""
     if not diagnosis.ranking:
         return section("ranking", "Which effect", paragraph("No effect was fitted."))
@@ -165,15 +164,23 @@ def ranking(diagnosis: Diagnosis) -> str:
     rest = "Effects that this log cannot tell apart share their probability."
     if none >= 0.005:
         rest += f" {show_percent(none)} is left for none of these."
-    out = [paragraph(rest + " Brackets hold 90 % intervals."), _ranking_table(diagnosis, shown)]
+    out = [paragraph(rest + " Brackets hold 90 % intervals."), _ranking_table(diagnosis, shown, learned=True)]
     if folded:
         noun = "effect" if len(folded) == 1 else "effects"
         summary = f"<summary>{len(folded)} more {noun}, each less likely</summary>"
         out.append(f"<details>{summary}\n{_ranking_table(diagnosis, folded)}</details>")
+    if "learned" in pictures:
+        out.append("<h3>What no named effect says</h3>")
+        caption = (
+            f"What is left, learned as a {effort_of(diagnosis)} beside the causes, in the sign of a friction. It is no "
+            f"effect of the vocabulary and has no probability: it is in the table for what it takes, measured by "
+            f"simulating with it."
+        )
+        out.append(figure("learned", *pictures["learned"], caption))
     return section("ranking", "Which effect", *out)
 
 
-def _ranking_table(diagnosis: Diagnosis, candidates: list[Ranked]) -> str:
+def _ranking_table(diagnosis: Diagnosis, candidates: list[Ranked], *, learned: bool = False) -> str:
     twins = set().union(*(twins_of(diagnosis, cause) for cause in diagnosis.causes)) - set(diagnosis.causes)
     headings = ["Effect", "Probability", "Gap after", "Parameters found", "Not told apart from"]
     if not any(c.indistinguishable_from for c in candidates):
@@ -189,7 +196,26 @@ def _ranking_table(diagnosis: Diagnosis, candidates: list[Ranked]) -> str:
         if len(headings) == 5:
             cells.append(text(join([effect_name(t, diagnosis.motion) for t in candidate.indistinguishable_from])))
         rows.append((kind, cells))
+    if learned and diagnosis.learned:
+        # Beside the causes, before what is not asserted: it is measured, as they are.
+        rows.insert(
+            sum(c.effect in diagnosis.causes for c in candidates), ("", _learned_cells(diagnosis, len(headings)))
+        )
     return table(headings, rows)
+
+
+def _learned_cells(diagnosis: Diagnosis, count: int) -> list[str]:
+    """The learned laws as a row of the ranking's table."""
+    name = learned_name(diagnosis)
+    gap = diagnosis.gap.estimate("learned")
+    taken = "".join(f"<li>{text(law.of)}<br>{percent(law.share)} of what is left</li>" for law in diagnosis.learned)
+    return [
+        f'<span class="name">{text(name[:1].upper() + name[1:])}</span><small>beside the causes; drawn below</small>',
+        '<span class="quiet">measured, not a named effect</span>',
+        gap_number(gap, shown_gap(diagnosis, gap)),
+        f'<ul class="found">{taken}</ul>',
+        "",
+    ][:count]
 
 
 def _effect_cell(diagnosis: Diagnosis, candidate: Ranked) -> str:
@@ -238,6 +264,10 @@ def shrink(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
         names = [effect_title(step.added, diagnosis.motion)]
         names += [effect_name(twin, diagnosis.motion) for twin in twins_of(diagnosis, step.added)]
         rows.append(("", [f"+ {text(join(names, 'or'))}", gap_number(gap, shown), interval or "not known"]))
+    if diagnosis.learned:
+        gap = diagnosis.gap.estimate("learned")
+        shown = shown_gap(diagnosis, gap)
+        rows.append(("", [f"+ {text(learned_name(diagnosis))}", gap_number(gap, shown), gap_interval(gap, shown)]))
     steps = table(["Added", "Gap after", "90 % interval"], rows) if len(rows) > 1 else ""
     return section("shrink", "How far the gap shrinks", paragraph(lead), drawn, steps)
 
@@ -292,10 +322,9 @@ def model(diagnosis: Diagnosis) -> str:
             "The corrected model",
             paragraph(diagnosis.model_missing or "The diagnosis holds no corrected model."),
         )
-    use = "fpjax simulate and fpjax tune take this file as it is: gains can be tuned again in a simulator that fits."
+    use = use_sentence(diagnosis.model)
     if diagnosis.verdict == "partly_explained":
-        left = show_percent(1.0 - diagnosis.gap.closed)
-        use = f"fpjax simulate and fpjax tune take this file as it is; tune with a margin for the {left} that is left."
+        use += f" Tune with a margin for the {show_percent(1.0 - diagnosis.gap.closed)} that is left."
     if diagnosis.verdict == "unexplained":
         use = "This is the best attempt, and it does not fit: do not tune gains in it."
     if not diagnosis.nominal.strip():
@@ -307,7 +336,14 @@ def model(diagnosis: Diagnosis) -> str:
         else:
             values = "one value differs" if changes == 1 else f"{changes} values differ"
             lead = f"Marked: {values} from the nominal model. {use}"
-    return section("model", "The corrected model", paragraph(lead), to_html(diagnosis.nominal, diagnosis.model))
+    parts = [paragraph(lead), to_html(diagnosis.nominal, diagnosis.model)]
+    if diagnosis.learned_model:
+        told = (
+            f"The same with the {learned_name(diagnosis)} as tables ([[learned]]): an interpolation of this log that "
+            f"has no name, for a simulator that fits better, within the speeds and positions of the log."
+        )
+        parts += [paragraph(told), save_link(diagnosis.learned_model, "learned.toml")]
+    return section("model", "The corrected model", *parts)
 
 
 def warnings(diagnosis: Diagnosis) -> str:
@@ -368,6 +404,6 @@ def units_note(diagnosis: Diagnosis) -> str:
     """What "gap" means here, for the footer."""
     unit = show_unit(gap_scale(diagnosis)[1])
     return (
-        f"The gap is the {_effort(diagnosis)} that a model misses at the command, rms on withheld data with the "
+        f"The gap is the {effort_of(diagnosis)} that a model misses at the command, rms on withheld data with the "
         f"noise's share taken out{f', in {unit}' if unit else ''}."
     )

@@ -7,6 +7,7 @@ from ..answer.diagnosis import Diagnosis
 from ..effects.estimate import Estimate
 from .digits import show, show_percent, show_unit
 from .reading import gap_scale, shown_gap, step_gap, twins_of
+from .text import learned_name
 from .theme import AFTER, BEFORE, FLOOR, INK, MUTED, PAPER, SOFT
 from .words import clip, effect_title
 
@@ -20,6 +21,8 @@ def rows_of(diagnosis: Diagnosis) -> list[tuple[str, Estimate]]:
         rows.append((f"+ {effect_title(step.added, diagnosis.motion)}{twin}", step_gap(diagnosis, step)))
     if not diagnosis.steps and diagnosis.verdict != "no_gap" and diagnosis.gap.estimate("after").known:
         rows.append(("Corrected model" if diagnosis.causes else "Best attempt", diagnosis.gap.estimate("after")))
+    if diagnosis.learned:
+        rows.append((f"+ {learned_name(diagnosis)}", diagnosis.gap.estimate("learned")))
     return [(name, gap) for name, gap in rows if gap.known]
 
 

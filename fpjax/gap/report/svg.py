@@ -1,8 +1,10 @@
 """A figure as inline SVG that follows the page: its colours are the page's variables, its text the page's font."""
 
 import io
+import json
 import re
 from html import escape
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -32,10 +34,10 @@ def to_svg(figure: Figure, name: str, description: str) -> str:
     text = re.sub(r'xlink:href="#', f'href="#{name}-', text)
     # the root keeps its viewBox only: the page says how wide it is; namespaces are HTML's own
     box = re.search(r'viewBox="[^"]*"', text)
-    label = escape(description, quote=True)
+    label, axes = escape(description, quote=True), escape(json.dumps(_axes(figure)), quote=True)
     text = re.sub(
         r"<svg[^>]*>",
-        lambda _: f'<svg {box.group() if box else ""} role="img" aria-label="{label}" focusable="false">',
+        lambda _: f'<svg {box.group() if box else ""} role="img" aria-label="{label}" data-axes="{axes}">',
         text,
         count=1,
     )
@@ -43,6 +45,30 @@ def to_svg(figure: Figure, name: str, description: str) -> str:
     text = re.sub(r'(?<= d=")[^"]*', lambda found: _shorten(found.group()), text)
     text = re.sub(r"(font(?:-family)?): [^;\"]*?('[^;\"]*|sans-serif)(?=[;\"])", _inherit_font, text)
     return re.sub(r"\n\s*", "\n", text).strip()
+
+
+def _axes(figure: Figure) -> list[dict[str, Any]]:
+    """Where each panel lies in the picture, and between which values: for the numbers under a reader's pointer."""
+    found = []
+    points, height = 72.0 / figure.dpi, 72.0 * figure.get_figheight()
+    for axes in figure.axes:
+        box = axes.get_window_extent()
+        sides = {"x": (box.x0, box.x1), "y": (box.y0, box.y1)}
+        panel: dict[str, Any] = {}
+        for side, (low, high) in sides.items():
+            axis = getattr(axes, f"{side}axis")
+            if axis.get_major_formatter().__class__.__name__ == "FixedFormatter" or not len(axis.get_ticklocs()):
+                continue  # names, not numbers
+            ends = [points * low, points * high] if side == "x" else [height - points * low, height - points * high]
+            limits = [float(end) for end in axis.get_view_interval()]
+            label = axis.get_label().get_text()
+            panel[side] = [*(round(float(end), 2) for end in ends), *limits, axis.get_scale() == "log", label]
+        panel["box"] = [
+            round(float(v), 2)
+            for v in (points * box.x0, height - points * box.y1, points * box.x1, height - points * box.y0)
+        ]
+        found.append(panel)
+    return found
 
 
 def to_png(figure: Figure, dots_per_inch: int = 150) -> bytes:

@@ -24,7 +24,7 @@ def verdict_title(diagnosis: Diagnosis) -> str:
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence, without the confidence."""
-    gap, effort = diagnosis.gap, _effort(diagnosis)
+    gap, effort = diagnosis.gap, effort_of(diagnosis)
     before, after, floor = (
         show_with_unit(shown_gap(diagnosis, gap.estimate(name))) for name in ("before", "after", "noise_floor")
     )
@@ -53,11 +53,37 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         return (
             f"{differs}; {_asserted(diagnosis)} is part of it, and {_nothing_closes(diagnosis, f'the {after} left')}."
         )
-    rest = f"; the best attempt still leaves {after}" if gap.after < gap.before else ""
-    return f"{differs}, and {_nothing_closes(diagnosis, 'this gap')}{rest}."
+    rest = f"; the best attempt leaves {after}" if gap.after < gap.before else ""
+    share, regime = main_regime(diagnosis.where)
+    place = f" Most of it lies {regime_name(regime, diagnosis.motion)}." if share >= MOSTLY else ""
+    return f"{differs}, and {_nothing_closes(diagnosis, 'this gap')}{rest}.{place}"
 
 
-def _effort(diagnosis: Diagnosis) -> str:
+def learned_name(diagnosis: Diagnosis) -> str:
+    """What the learned laws are called: `learned law of velocity`, `learned laws of velocity and position`."""
+    effort = effort_of(diagnosis)
+    names = [effort if law.of == "torque" else law.of for law in diagnosis.learned]
+    return f"learned law{'s' if len(names) > 1 else ''} of {join(names)}"
+
+
+def learned_sentence(diagnosis: Diagnosis) -> str:
+    """What of the rest follows what was recorded, and what nothing; "" where no law was learned."""
+    if not diagnosis.learned:
+        return ""
+    effort = effort_of(diagnosis)
+    parts = [
+        f"{show_percent(law.share)} follows the {effort if law.of == 'torque' else law.of}" for law in diagnosis.learned
+    ]
+    nothing = max(1.0 - sum(law.share for law in diagnosis.learned), 0.0)
+    after = show_with_unit(shown_gap(diagnosis, diagnosis.gap.estimate("learned")))
+    return (
+        f"Of the energy of what is left, {join([*parts, f'{show_percent(nothing)} nothing that was recorded'])}: "
+        f"simulated with the {learned_name(diagnosis)}, {after} rms is missing on withheld data."
+    )
+
+
+def effort_of(diagnosis: Diagnosis) -> str:
+    """`torque`, or `force` of a linear axis."""
     return "force" if diagnosis.motion == "linear" else "torque"
 
 

@@ -171,6 +171,8 @@ def residual_axes(diagnosis: Diagnosis) -> list[str]:
 def draw_residual(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
     """Draw what the nominal model cannot account for against motion: the median of each bin, and the middle 80 %.
 
+    The sign is that of commanded less needed, as in the record: what the motor delivers beside the model.
+
     Args:
         figure: to draw on.
         diagnosis: has a residual.
@@ -180,25 +182,25 @@ def draw_residual(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
     drawn = figure.subplots(*((len(panels), 1) if narrow else (1, len(panels))), squeeze=False, sharey=True).ravel()
     units = motion_units(diagnosis.motion)
     effort = ("force", "N") if diagnosis.motion == "linear" else ("torque", "N·m")
-    residual = np.asarray(diagnosis.where.residual, float)
+    residual = -np.asarray(diagnosis.where.residual, float)
     left = diagnosis.residual_where if diagnosis.causes else None
     for axes, axis in zip(drawn, panels, strict=True):
-        centres, low, middle, high = _binned(np.asarray(diagnosis.where.axes[axis], float), residual)
+        centres, low, middle, high = binned(np.asarray(diagnosis.where.axes[axis], float), residual)
         axes.axhline(0.0, color=MUTED, linewidth=0.8)
         axes.fill_between(centres, low, high, color=BEFORE, alpha=0.18, linewidth=0, label="middle 80 %")
         axes.plot(centres, middle, color=BEFORE, linewidth=1.6, label="median")
         if left is not None and left.residual is not None and axis in left.axes:
-            centres, _, middle, _ = _binned(np.asarray(left.axes[axis], float), np.asarray(left.residual, float))
+            centres, _, middle, _ = binned(np.asarray(left.axes[axis], float), -np.asarray(left.residual, float))
             axes.plot(centres, middle, color=AFTER, linewidth=1.6, label="median with the causes in")
         axes.set_title(f"Against {axis}")
         axes.set_xlabel(f"{axis} [{show_unit(units[axis])}]")
         axes.margins(x=0.01)
     for axes in drawn if narrow else drawn[:1]:
-        axes.set_ylabel(f"missing {effort[0]} [{effort[1]}]")
+        axes.set_ylabel(f"commanded less needed [{effort[1]}]")
     drawn[0].legend(loc="best")
 
 
-def _binned(axis: np.ndarray, values: np.ndarray, bins: int = 60) -> tuple[np.ndarray, ...]:
+def binned(axis: np.ndarray, values: np.ndarray, bins: int = 60) -> tuple[np.ndarray, ...]:
     """Centres, 10 %, 50 % and 90 % of the values in each bin; NaN where a bin holds too few to say."""
     known = np.isfinite(axis) & np.isfinite(values)
     axis, values = axis[known], values[known]

@@ -1,0 +1,51 @@
+"""The learned laws, each over its variable with its band, and what is left that they were learned from."""
+
+from typing import Any
+
+import numpy as np
+
+from ..answer.diagnosis import Diagnosis, Learned
+from .digits import show_percent, show_unit
+from .theme import AFTER, BEFORE, MUTED
+from .where_picture import binned
+from .words import motion_units
+
+MOST = 3  # panels
+
+
+def laws_of(diagnosis: Diagnosis) -> tuple[Learned, ...]:
+    """The laws that are drawn."""
+    return diagnosis.learned[:MOST]
+
+
+def draw_learned(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
+    """Draw on a figure or subfigure.
+
+    Args:
+        figure: to draw on.
+        diagnosis: has a learned law.
+        narrow: panels below one another, for a phone.
+    """
+    laws = laws_of(diagnosis)
+    linear = diagnosis.motion == "linear"
+    units = motion_units(diagnosis.motion) | {"torque": "N" if linear else "N m"}
+    shape = (len(laws), 1) if narrow else (1, len(laws))
+    left = diagnosis.residual_where
+    for axes, law in zip(figure.subplots(*shape, squeeze=False).ravel(), laws, strict=True):
+        at, torque, low, high = (np.asarray(each) for each in (law.at, law.torque, law.low, law.high))
+        axes.axhline(0.0, color=MUTED, linewidth=0.8)
+        if left is not None and left.residual is not None and law.of in left.axes and law.period is None:
+            # What the model misses acts on the machine; the law opposes, as friction does.
+            centres, _, middle, _ = binned(np.asarray(left.axes[law.of], float), -np.asarray(left.residual, float))
+            axes.plot(
+                centres, middle, color=BEFORE, linestyle="", marker=".", markersize=3.5, label="left by the causes"
+            )
+        axes.fill_between(at, low, high, color=AFTER, alpha=0.22, linewidth=0, label="90 % band")
+        axes.plot(at, torque, color=AFTER, linewidth=1.6, label="learned law")
+        repeats = f", every {law.period:.3g} {show_unit(units[law.of])}" if law.period is not None else ""
+        name = ("force" if linear else "torque") if law.of == "torque" else law.of
+        axes.set_title(f"{show_percent(law.share)} of what is left: a law of {name}{repeats}")
+        axes.set_xlabel(f"{name} [{show_unit(units[law.of])}]")
+        axes.margins(x=0.01)
+        axes.set_ylabel(f"{'force' if linear else 'torque'} [{'N' if linear else 'N·m'}]")
+        axes.legend(loc="best")
