@@ -1,16 +1,20 @@
 """A whole diagnosis, from a log to what is said of it."""
 
 import dataclasses
+import functools
 import hashlib
 import json
 import time
 
 import gap_machine
+import jax
 import numpy as np
 import pytest
 
+import fpjax.gap
 from fpjax.blocks.friction import CoulombViscous
 from fpjax.blocks.plants import OneMass
+from fpjax.cli import main
 from fpjax.errors import InputError
 from fpjax.gap import EFFECTS, diagnose
 from fpjax.gap.answer.stages import StageClock
@@ -20,6 +24,7 @@ from fpjax.gap.diagnose import allowed_effects
 from fpjax.gap.machine import nominal_machine
 from fpjax.gap.precision import double_precision
 from fpjax.model_file import load_model
+from fpjax.output.runfile import plain
 
 MODEL = """
 [plant]
@@ -209,17 +214,89 @@ def test_pushes_that_nobody_recorded_are_located_and_not_explained_away(pushed):
     assert 0.9 < sum(pushed.where.regime.values()) < 1.001
 
 
-def test_every_way_tells_the_same_numbers(pushed, found, tmp_path):
+def told_numbers(diagnosis):
+    """`diagnosis.json` without what differs from run to run."""
+    answer = json.loads(json.dumps(plain(diagnosis.to_dict())))
+    return {name: part for name, part in answer.items() if name not in ("seconds", "provenance")}
+
+
+def test_report_and_json_hold_the_same_numbers(pushed, found, tmp_path):
     for diagnosis in (pushed, found[0]):
-        answer = json.loads(json.dumps(diagnosis.to_dict()))
-        gap = diagnosis.gap
+        answer, gap = told_numbers(diagnosis), diagnosis.gap
         assert answer["gap"]["closed"] == pytest.approx(
             min((gap.before - gap.after) / (gap.before - gap.noise_floor), 1.0)
         )
-        assert f"{answer['gap']['before']:.4g}" in str(diagnosis)
         source = diagnosis.report(tmp_path).read_text(encoding="utf-8")
-        assert f'value="{answer["gap"]["before"]!r}"' in source
-        assert f'value="{answer["gap"]["after"]!r}"' in source
+        for name in ("before", "after", "noise_floor"):
+            assert f"{answer['gap'][name]:.4g}" in str(diagnosis)
+            assert f'value="{answer["gap"][name]!r}"' in source
+            assert all(
+                f'value="{end!r}"' in source for end in answer["gap"]["interval"][name] if end != gap.noise_floor
+            )
+
+
+@pytest.fixture
+def few_effects(monkeypatch):
+    """The command line, with three effects in place of all: whole diagnoses in seconds."""
+    monkeypatch.setattr(fpjax.gap, "diagnose", functools.partial(diagnose, effects=TRIED))
+
+
+def test_the_command_line_and_python_agree_to_the_last_digit(found, few_effects, tmp_path, capsys):
+    diagnosis, *_, path = found
+    (tmp_path / "servo.toml").write_text(MODEL)
+    words = [
+        "diagnose",
+        str(path),
+        "--model",
+        str(tmp_path / "servo.toml"),
+        "--out",
+        str(tmp_path / "why"),
+        "--no-cache",
+    ]
+    assert main([*words, "--no-report"]) == 0
+    assert json.loads((tmp_path / "why" / "diagnosis.json").read_text()).items() >= told_numbers(diagnosis).items()
+    assert (tmp_path / "why" / "corrected.toml").read_text() == diagnosis.model
+    assert str(diagnosis) in capsys.readouterr().out
+
+
+def test_the_precision_of_the_process_changes_nothing(found, log):
+    """Python is in single precision unless told otherwise, the command line in double."""
+    with jax.enable_x64(False):
+        assert told_numbers(diagnose(found[3], MODEL, effects=TRIED)) == told_numbers(found[0])
+
+
+def test_separate_logs_are_resumed_where_they_ended(log, few_effects, tmp_path, capsys, monkeypatch):
+    columns = log.columns()
+    for name in ("a", "b"):
+        rows = np.column_stack(list(columns.values()))
+        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header=",".join(columns), comments="")
+    (tmp_path / "servo.toml").write_text(MODEL)
+    logs = [str(tmp_path / f"{name}.csv") for name in ("a", "b")]
+    out = tmp_path / "why"
+    words = ["diagnose", *logs, "--each", "--model", str(tmp_path / "servo.toml"), "--no-report", "--no-cache"]
+    whole, allowed = fpjax.gap.diagnose, [1]
+
+    def once(*args, **kwargs):
+        """Interrupted in the second log."""
+        if not allowed:
+            raise KeyboardInterrupt
+        allowed.pop()
+        return whole(*args, **kwargs)
+
+    monkeypatch.setattr(fpjax.gap, "diagnose", once)
+    assert main([*words, "--out", str(out)]) == 130
+    assert "1 of 2 logs are diagnosed" in capsys.readouterr().err
+    first = (out / "a" / "diagnosis.json").read_bytes()
+    assert not (out / "b" / "diagnosis.json").exists()
+    allowed[:] = [1]  # one more may run: the first is not diagnosed again
+    assert main([*words, "--out", str(out), "--resume"]) == 0
+    told = capsys.readouterr()
+    assert "a.csv was diagnosed before" in told.err
+    assert (out / "a" / "diagnosis.json").read_bytes() == first
+    answers = [json.loads((out / name / "diagnosis.json").read_text()) for name in ("a", "b")]
+    for answer in answers:
+        answer.pop("seconds"), answer.pop("provenance")
+    assert answers[0] == answers[1]
 
 
 def test_a_log_that_is_too_short_is_said_in_one_sentence(log):

@@ -68,7 +68,7 @@ def assemble(
     spread = covariance(search, chosen)
     clock("where", 0.94)
     graded = found.word in ("partly_explained", "unexplained")
-    clock("learned law", 0.93)
+    clock("learned law", 0.95)
     laws = learn(search, chosen) if graded else None
     learned_text = ""
     if laws is not None:
