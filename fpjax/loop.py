@@ -1,6 +1,7 @@
 """ClosedLoop: the blocks joined; its derivative and its step."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -15,13 +16,6 @@ from .blocks.sensors import AbstractSensor, IdealSensor
 from .blocks.signals import Measurement, Motion, Signals
 from .compiled.native import alike_on_devices
 from .solvers import AbstractPlantSolver, AbstractSolver
-
-if TYPE_CHECKING:
-    pass
-
-if TYPE_CHECKING:
-    from .linear import LinearLoop
-    from .scan import Stepping
 
 UNROLLED_SUBSTEPS = 4  # more of them go into an inner loop, so that compiling stays short
 
@@ -87,6 +81,7 @@ class ClosedLoop(eqx.Module):
         observer: estimates friction and compensates it.
         actuator: from commanded to applied torque.
         sensor: from the plant's output to a measurement.
+        linearise: `fpjax.linearise` as a method; `fpjax.linear`, which stands above the loop, puts it here.
     """
 
     plant: AbstractPlant
@@ -94,6 +89,7 @@ class ClosedLoop(eqx.Module):
     observer: AbstractObserver = NoObserver()
     actuator: AbstractActuator = IdealActuator()
     sensor: AbstractSensor = IdealSensor()
+    linearise: ClassVar[Callable[..., Any]]
 
     def init(self) -> LoopState:
         """Every block at rest."""
@@ -192,30 +188,6 @@ class ClosedLoop(eqx.Module):
         )  # fmt: skip
         controller, observer, period = command.memory
         return LoopState(plant, controller, observer, actuator, sensor, period), now
-
-    def linearise(
-        self,
-        at: "float | LoopState" = 1.0,
-        *,
-        dt: float,
-        stepping: "Stepping" = "sampled",
-        solver: str | AbstractPlantSolver = "rk4",
-        substeps: int = 1,
-        reference: float | None = None,
-    ) -> "LinearLoop":
-        """The loop linearised about a steady motion: state space, margins, step response.
-
-        Args:
-            at: speed of the motion [rad/s], or a state.
-            dt: control period [s]; in continuous time the step of the settling simulation.
-            stepping: "sampled" or "continuous".
-            solver: of the plant.
-            substeps: solver steps a period when sampled.
-            reference: r at a given state [rad/s or rad].
-        """
-        from .linear import linearise  # stands above the loop: only the method's name is here
-
-        return linearise(self, at, dt=dt, stepping=stepping, solver=solver, substeps=substeps, reference=reference)
 
     def control_law(
         self, memory: tuple[Any, Any, Any], reference: Array, measurement: Measurement, dt: Array

@@ -19,6 +19,7 @@ from fpjax.errors import InputError
 
 from .axis import Axis
 from .problem import Problem
+from .sweep_chunk import evaluate_chunk
 from .sweep_store import SweepStore, is_folder_of, write_chunk
 
 RETRIES = 10  # workers that may die at one chunk before it is given up
@@ -89,8 +90,6 @@ def on_cluster(
 
 def _compute(payload: bytes, piece: int, folder: str | None, identity: str) -> tuple[int, np.ndarray | None]:
     """On a worker: compute one chunk, and write it where the sweep's folder is to be seen."""
-    from .sweep import evaluate_chunk
-
     problem, axes, chunk, total = _unpacked(payload)
     costs = evaluate_chunk(problem, axes, piece, chunk, total, workers=1)
     if folder is not None and is_folder_of(Path(folder), identity):

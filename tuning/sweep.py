@@ -5,34 +5,26 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Unpack
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
 from fpjax import ClosedLoop
-from fpjax.compiled.batch import chunk_for, cores, map_chunks
-from fpjax.compiled.threads import on_threads, settings, under
 from fpjax.errors import InputError
 from fpjax.output.progress import Stages
 from fpjax.parameters import get_parameter
 
 from .axis import Axis
+from .cluster import on_cluster
 from .parameters import Parameter
-from .problem import Problem, References, case_costs, make_problem
+from .problem import Problem, References, make_problem
 from .result import versions
 from .setup import Setup, SetupWords, settled
+from .sweep_chunk import evaluate_chunk
 from .sweep_result import SweepResult
 from .sweep_store import SweepStore, fingerprint
 
 CHUNK = 4096  # candidates of one chunk: of one file, of one task of a cluster
 LARGEST = 10**10  # candidates; more is a slip of a count, not a sweep
-CALLS = 32  # of one chunk, at least, where it has so many kernels: more cores than that share no chunk
-MOST_KNOWN = 1000  # programs that are remembered as compiled
 STEPS_A_SECOND = 1e8  # of one machine, to say how long; an estimate
-KERNEL_CASES = 64  # simulations in one kernel (fpjax.compiled.batch)
-
-_compiled_for: set[int] = set()
 
 
 def sweep(
@@ -126,8 +118,6 @@ def _fill(
         if scheduler is None:
             done = _local(problem, axes, total, chunk, missing)
         else:
-            from .cluster import on_cluster
-
             done = on_cluster(scheduler, problem, axes, total, chunk, missing, store)
         for piece, costs in done:
             if costs is not None:
@@ -140,94 +130,11 @@ def _fill(
             bar.end()
 
 
-def candidates(axes: Sequence[Axis], first: int, size: int) -> np.ndarray:
-    """Candidates `first` to `first + size` of the grid, shape (size, axes); past the end the last one is repeated."""
-    total = int(np.prod([int(axis.count) for axis in axes], dtype=object))
-    index = np.minimum(np.arange(first, first + size, dtype=np.int64), total - 1)
-    places = np.unravel_index(index, tuple(axis.count for axis in axes))
-    return np.stack([axis.values[place] for axis, place in zip(axes, places, strict=True)], axis=1)
-
-
-def evaluate_chunk(
-    problem: Problem, axes: Sequence[Axis], piece: int, chunk: int, total: int, workers: int | None = None
-) -> np.ndarray:
-    """Costs of one chunk, shape (candidates, references); every chunk has the same shape inside, so nothing recompiles.
-
-    The costs are the same to the last bit on any number of cores and devices of one kind.
-
-    Args:
-        problem: from `make_problem`.
-        axes: of the grid.
-        piece: which chunk.
-        chunk: candidates in a chunk.
-        total: candidates of the sweep.
-        workers: threads; None for one a core.
-    """
-    size = min(chunk, total)
-    values = candidates(axes, piece * chunk, size).astype(problem.dtype)
-    _, plants, seeds = problem.shape
-    if jax.default_backend() != "cpu":
-        costs = map_chunks(_reference_costs, values, (problem,), batched=True, workers=workers)
-    else:
-        kernel = chunk_for(values, size)
-        if plants * seeds > 1:
-            kernel = max(1, min(kernel, size, KERNEL_CASES // (plants * seeds)))
-        costs = _kernel_by_kernel(values, problem, kernel, workers or cores())
-    return np.asarray(costs)[: min(total, (piece + 1) * chunk) - piece * chunk]
-
-
-def _kernel_by_kernel(values: np.ndarray, problem: Problem, kernel: int, workers: int) -> np.ndarray:
-    """Costs of candidates by calls of one program, whose shape does not follow the number of cores.
-
-    A loop over the kernels of each core, as `map_chunks` compiles it, is another program for another number of cores,
-    and its last bits are others.
-    """
-    block_size = kernel * max(1, len(values) // (kernel * CALLS))
-    count = -(-len(values) // block_size)
-    missing = count * block_size - len(values)
-    padded = np.concatenate([values, np.broadcast_to(values[-1:], (missing, values.shape[1]))])
-    threads, own = min(workers, count), settings()
-    device = jax.local_devices()[:1]
-    results: list[np.ndarray] = [values] * count
-
-    def part(number: int) -> None:
-        with under(own):
-            for place in range(number, count, threads):
-                block = padded[place * block_size : (place + 1) * block_size]
-                one = map_chunks(
-                    _reference_costs, block, (problem,), chunk=kernel, batched=True, devices=device, workers=1
-                )
-                results[place] = np.asarray(one)
-
-    leaves = [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(problem) if isinstance(leaf, jax.Array)]
-    known = hash((block_size, own, jax.tree.structure(problem), tuple(leaves)))
-    on_threads(part, threads, first_alone=known not in _compiled_for)  # or each thread would compile the same
-    if len(_compiled_for) >= MOST_KNOWN:
-        _compiled_for.clear()
-    _compiled_for.add(known)
-    return np.concatenate(results)
-
-
 def _local(
     problem: Problem, axes: Sequence[Axis], total: int, chunk: int, missing: Iterable[int]
 ) -> Iterator[tuple[int, np.ndarray]]:
     for piece in missing:
         yield piece, evaluate_chunk(problem, axes, piece, chunk, total)
-
-
-def _reference_costs(values: Any, problem: Problem) -> Any:
-    """Costs of one kernel's candidates, shape (candidates, references).
-
-    One reference after the other: candidates side by side are one long vector to XLA, candidates by references are not
-    (half the speed with 8 references).
-    """
-
-    def of_reference(index: Any) -> Any:
-        return jax.vmap(lambda candidate: case_costs(candidate, index, problem)[0])(values)
-
-    costs = lax.map(of_reference, jnp.arange(problem.shape[0]))
-    cost = jnp.mean(costs, axis=(2, 3)) if problem.aggregate == "mean" else jnp.max(costs, axis=(2, 3))
-    return jnp.where(jnp.isfinite(cost), cost, jnp.inf).T
 
 
 def _prepare(

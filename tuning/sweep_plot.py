@@ -1,5 +1,6 @@
 """The picture of a sweep: contours over two axes, or a line over one."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,31 +10,36 @@ from matplotlib.colors import BoundaryNorm
 
 from fpjax.output.plotting import BLACK, BLUE, GREY, STYLE, new_figure, save
 
-from .sweep_result import SweepResult
+from .axis import Axis
 
 LEVELS = 24
 MOST_POINTS = 400  # drawn along an axis; a denser grid is thinned for the picture
 
 
-def draw(result: SweepResult, path: Path, reference: str | None = None) -> Path:
-    """Draw and save; see `SweepResult.plot`."""
+def draw(named: Sequence[Axis], cost: np.ndarray, title: str, path: Path) -> Path:
+    """Draw and save.
+
+    Args:
+        named: axes of the grid.
+        cost: at its points, shape (*counts); past two axes the others stay at their best values.
+        title: of the picture.
+        path: of its file.
+    """
     with rc_context(STYLE):
-        return _draw(result, path, reference)
+        return _draw(named, np.asarray(cost, dtype=float), title, path)
 
 
-def _draw(result: SweepResult, path: Path, reference: str | None) -> Path:
+def _draw(named: Sequence[Axis], cost: np.ndarray, title: str, path: Path) -> Path:
     figure, panels = new_figure(size=(6.6, 4.6))
     axes = panels[0, 0]
-    cost = np.asarray(result.cost(reference), dtype=float)
-    gains, least = result.best(reference)
     best = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    least = float(cost[best])
+    gains = {axis.name: float(axis.values[i]) for axis, i in zip(named, best, strict=True)}
     others = ""
-    if len(result.axes) > 2:
+    if len(named) > 2:
         cost = cost[(slice(None), slice(None), *best[2:])]
-        others = ", ".join(f"{axis.name} = {gains[axis.name]:.4g}" for axis in result.axes[2:])
-    title = f"{result.objective} cost on {reference or ', '.join(result.references)}"
+        others = ", ".join(f"{axis.name} = {gains[axis.name]:.4g}" for axis in named[2:])
     axes.set_title(title + (f"  ({others})" if others else ""))
-    named = list(result.axes)
     first = named[0]
     if len(named) == 1:
         axes.plot(first.values, np.where(np.isfinite(cost), cost, np.nan), color=BLUE)

@@ -112,7 +112,8 @@ class SweepResult:
         """
         from .sweep_plot import draw
 
-        return draw(self, Path(path), reference)
+        title = f"{self.objective} cost on {reference or ', '.join(self.references)}"
+        return draw(self.axes, self.cost(reference), title, Path(path))
 
     def __str__(self) -> str:
         lines = [f"sweep of {self.simulations:,} simulations ({self.objective}), {self.run_seconds:.1f} s"]

@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..logs import Log
 from ..loop import ClosedLoop
 from ..model_file import Model
+from ..model_file.initial_state import initial_state
 from ..output.runfile import write_whole
 from .body import Body, Leftover, body_of
 from .mjcf import mjcf, urdf
@@ -121,8 +122,6 @@ def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, targe
 def _record(model: Model, log: Log | None) -> tuple[dict[str, np.ndarray], np.ndarray, Any, str]:
     """(what is compared with, the reference, the first state, whose it is)."""
     if log is not None:
-        from ..cli.replay import initial_state
-
         if log.reference is None:
             raise InputError(f"{log.name} has no column reference, so nothing can be replayed: leave --log away.")
         if abs(log.dt / model.dt - 1.0) > 1e-3:
@@ -159,12 +158,7 @@ def _cost(
 ) -> float:  # fmt: skip
     """What leaving one effect out adds to fpjax's own error of the tracked motion."""
     loop = left.without(model.loop)
-    if log is None:
-        state = loop.init()
-    else:
-        from ..cli.replay import initial_state
-
-        state = initial_state(dataclasses.replace(model, loop=loop), log)
+    state = loop.init() if log is None else initial_state(dataclasses.replace(model, loop=loop), log)
     name = tracked if tracked in record else "torque"
     found = _simulated(model, loop, reference, state)[name]
     return _rms(found - record[name]) - _rms(ours[name] - record[name])

@@ -1,7 +1,6 @@
 """A closed loop linearised at a point by jax: the whole of it, cut at the torque that the drive commands."""
 
-import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,19 +9,18 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
+from .._simulate import simulate
 from ..blocks.actuators import AbstractActuator
 from ..blocks.block import as_parameter
 from ..blocks.controllers import PositionLoop
 from ..blocks.references import AbstractReference, Constant, Recorded
 from ..blocks.signals import Motion
 from ..errors import InputError
+from ..loop import ClosedLoop, LoopState
 from ..scan import Stepping
 from ..solvers import AbstractPlantSolver, get_solver
-from .margins import Margins, margins
+from .linear_loop import LinearLoop
 from .state_space import StateSpace
-
-if TYPE_CHECKING:
-    from ..loop import ClosedLoop, LoopState
 
 CHUNK = 2000  # samples between two looks at whether the loop rests
 CHUNKS = 50
@@ -48,80 +46,9 @@ class _Disturbed(AbstractActuator):
         return self.actuator.step(state, torque + self.added, motion, dt)
 
 
-@dataclasses.dataclass(frozen=True)
-class LinearLoop:
-    """A loop near a point of operation.
-
-    Attributes:
-        closed: the closed loop from "reference" and "disturbance" (a torque added to the command) to "velocity" and
-            "position" as measured, and "torque" as commanded.
-        ratio: the return ratio L at the commanded torque, closed with negative feedback: all that the loop makes of a
-            torque, sign turned; observer, actuator, sensor and hold included.
-        tracked: "velocity" or "position": what the reference is of.
-        speed: velocity at the point [rad/s].
-    """
-
-    closed: StateSpace
-    ratio: StateSpace
-    tracked: str
-    speed: float
-
-    @property
-    def dt(self) -> float | None:
-        """Control period [s]; None in continuous time."""
-        return self.closed.dt
-
-    def margins(self) -> Margins:
-        """Gain, phase, delay and modulus margin of `ratio`."""
-        return margins(self.ratio)
-
-    def tracking(self) -> StateSpace:
-        """The closed loop from reference to what is tracked."""
-        return self.closed.channel(self.tracked, "reference")
-
-    def bandwidth(self) -> float:
-        """Frequency [rad/s] above which |tracking| stays below 1 / sqrt 2; NaN where it never reaches that."""
-        from .margins import frequency_grid
-
-        system = self.tracking()
-        grid = frequency_grid(self.ratio)
-        follows = np.flatnonzero(np.abs(system.response(grid)[:, 0, 0]) >= np.sqrt(0.5))
-        return float(grid[follows[-1]]) if follows.size else float("nan")
-
-    def step_response(self, duration: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """(time [s], what is tracked after a unit step of the reference), about the point.
-
-        Args:
-            duration: [s]; None for about thirty times the inverse of the bandwidth.
-        """
-        if duration is None:
-            bandwidth = self.bandwidth()
-            duration = 30.0 / bandwidth if np.isfinite(bandwidth) and bandwidth > 0.0 else 1.0
-        if self.dt is not None:
-            duration = max(duration, 20.0 * self.dt)
-        return self.tracking().step(duration)
-
-    def to_control(self) -> Any:
-        """`closed` as `control.StateSpace` of python-control."""
-        return self.closed.to_control()
-
-    def plot(self, path: Any = None) -> Any:
-        """Bode diagram of `ratio` with its margins, and the step response.
-
-        Args:
-            path: file to write; None for none.
-
-        Returns:
-            The matplotlib figure.
-        """
-        from .pictures import draw_linear
-
-        return draw_linear(self, path)
-
-
 def linearise(
-    loop: "ClosedLoop",
-    at: "float | LoopState" = 1.0,
+    loop: ClosedLoop,
+    at: float | LoopState = 1.0,
     *,
     dt: float,
     stepping: Stepping = "sampled",
@@ -198,12 +125,10 @@ def linearise(
 
 
 def _settled(
-    loop: "ClosedLoop", speed: float, dt: float, stepping: Stepping, solver: AbstractPlantSolver, substeps: int,
+    loop: ClosedLoop, speed: float, dt: float, stepping: Stepping, solver: AbstractPlantSolver, substeps: int,
     position: bool,
-) -> tuple["LoopState", float]:  # fmt: skip
+) -> tuple[LoopState, float]:  # fmt: skip
     """The state of the steady motion at a speed, and the reference there."""
-    from .._simulate import simulate
-
     state: Any = None
     tail = CHUNK // 10
     for chunk in range(CHUNKS):
@@ -230,3 +155,7 @@ def _settled(
 
 def _ramp(speed: float, start: float, dt: float) -> AbstractReference:
     return Recorded(speed * (start + dt * np.arange(CHUNK + 1)), dt, hold=False)
+
+
+# As a method too: a loop imports nothing of what stands above it.
+ClosedLoop.linearise = linearise

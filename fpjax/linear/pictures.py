@@ -1,30 +1,36 @@
 """The picture of a linear loop: Bode diagram with margins, step response."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ..output.plotting import BLUE, GREY, RED, new_figure, save, style
-from .margins import frequency_grid
-
-if TYPE_CHECKING:
-    from .linearise import LinearLoop
+from .margins import Margins, frequency_grid
+from .state_space import StateSpace
 
 
-def draw_linear(linear: "LinearLoop", path: Any = None) -> Figure:
+def draw_linear(
+    ratio: StateSpace,
+    found: Margins,
+    response: tuple[np.ndarray, np.ndarray],
+    tracked: str,
+    path: str | Path | None = None,
+) -> Figure:
     """Magnitude and phase of the return ratio, and the closed loop's step response.
 
     Args:
-        linear: from `linearise`.
+        ratio: the return ratio L.
+        found: its margins.
+        response: (time [s], what is tracked), each of shape (samples,).
+        tracked: its name.
         path: file to write; None for none.
     """
-    found = linear.margins()
     centre = found.gain_crossing if math.isfinite(found.gain_crossing) else found.modulus_frequency
-    grid = frequency_grid(linear.ratio)
+    grid = frequency_grid(ratio)
     grid = grid[(grid > 1e-3 * centre) & (grid < 1e3 * centre)]
-    values = linear.ratio.response(grid)[:, 0, 0]
+    values = ratio.response(grid)[:, 0, 0]
     hertz = grid / (2.0 * math.pi)
     with style():
         figure, axes = new_figure(3, 1, size=(7.0, 7.4))
@@ -49,18 +55,17 @@ def draw_linear(linear: "LinearLoop", path: Any = None) -> Figure:
             at, level = found.phase_crossing / (2.0 * math.pi), 1.0 / found.gain_margin
             magnitude.plot([at, at], [level, 1.0], color=RED, linewidth=2.0, label=f"x {found.gain_margin:.3g}")
             magnitude.legend(loc="best")
-        time, values = linear.step_response()
-        if linear.dt is None:
-            step.plot(time, values, color=BLUE)
+        if ratio.dt is None:
+            step.plot(*response, color=BLUE)
         else:
-            step.step(time, values, where="post", color=BLUE)
+            step.step(*response, where="post", color=BLUE)
         step.axhline(1.0, color=GREY, linewidth=0.8, linestyle="--")
-        step.set(xlabel="time [s]", ylabel=f"{linear.tracked}, unit step")
+        step.set(xlabel="time [s]", ylabel=f"{tracked}, unit step")
     if path is not None:
         save(figure, path)
     return figure
 
 
-def _title(found: Any) -> str:
+def _title(found: Margins) -> str:
     stable = "stable" if found.stable else "UNSTABLE"
     return f"return ratio at the commanded torque: {stable}, modulus margin {found.modulus_margin:.2f}"

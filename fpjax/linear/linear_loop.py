@@ -1,0 +1,82 @@
+"""What a linearised loop tells: margins, bandwidth, step response, Bode diagram."""
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .margins import Margins, frequency_grid, margins
+from .state_space import StateSpace
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclasses.dataclass(frozen=True)
+class LinearLoop:
+    """A loop near a point of operation.
+
+    Attributes:
+        closed: the closed loop from "reference" and "disturbance" (a torque added to the command) to "velocity" and
+            "position" as measured, and "torque" as commanded.
+        ratio: the return ratio L at the commanded torque, closed with negative feedback: all that the loop makes of a
+            torque, sign turned; observer, actuator, sensor and hold included.
+        tracked: "velocity" or "position": what the reference is of.
+        speed: velocity at the point [rad/s].
+    """
+
+    closed: StateSpace
+    ratio: StateSpace
+    tracked: str
+    speed: float
+
+    @property
+    def dt(self) -> float | None:
+        """Control period [s]; None in continuous time."""
+        return self.closed.dt
+
+    def margins(self) -> Margins:
+        """Gain, phase, delay and modulus margin of `ratio`."""
+        return margins(self.ratio)
+
+    def tracking(self) -> StateSpace:
+        """The closed loop from reference to what is tracked."""
+        return self.closed.channel(self.tracked, "reference")
+
+    def bandwidth(self) -> float:
+        """Frequency [rad/s] above which |tracking| stays below 1 / sqrt 2; NaN where it never reaches that."""
+        system = self.tracking()
+        grid = frequency_grid(self.ratio)
+        follows = np.flatnonzero(np.abs(system.response(grid)[:, 0, 0]) >= np.sqrt(0.5))
+        return float(grid[follows[-1]]) if follows.size else float("nan")
+
+    def step_response(self, duration: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """(time [s], what is tracked after a unit step of the reference), about the point.
+
+        Args:
+            duration: [s]; None for about thirty times the inverse of the bandwidth.
+        """
+        if duration is None:
+            bandwidth = self.bandwidth()
+            duration = 30.0 / bandwidth if np.isfinite(bandwidth) and bandwidth > 0.0 else 1.0
+        if self.dt is not None:
+            duration = max(duration, 20.0 * self.dt)
+        return self.tracking().step(duration)
+
+    def to_control(self) -> Any:
+        """`closed` as `control.StateSpace` of python-control."""
+        return self.closed.to_control()
+
+    def plot(self, path: str | Path | None = None) -> "Figure":
+        """Bode diagram of `ratio` with its margins, and the step response.
+
+        Args:
+            path: file to write; None for none.
+
+        Returns:
+            The matplotlib figure.
+        """
+        from .pictures import draw_linear
+
+        return draw_linear(self.ratio, self.margins(), self.step_response(), self.tracked, path)
