@@ -12,7 +12,7 @@ import numpy as np
 
 from . import servo
 
-FLAGS = ("-O3", "-march=native", "-mprefer-vector-width=512", "-ffast-math", "-fopenmp-simd", "-std=c++17", "-shared")
+FLAGS = ("-O3", "-march=native", "-mprefer-vector-width=512", "-ffast-math", "-fopenmp-simd", "-std=c++17", "-fPIC")
 WIDTHS = (1, 2, 4, 5, 8, 16, 32, 64)
 
 
@@ -24,15 +24,19 @@ def build() -> Any | str:
     source = pathlib.Path(__file__).with_name("loop.cpp")
     folder = tempfile.mkdtemp(prefix="fpjax-speed-")
     try:
-        target = pathlib.Path(folder) / "loop.so"
+        compiled, target = pathlib.Path(folder) / "loop.o", pathlib.Path(folder) / "loop.so"
         flags = list(FLAGS)
         for attempt in (flags, [flag for flag in flags if not flag.startswith("-mprefer")]):
             done = subprocess.run(
-                [compiler, *attempt, "-fPIC", str(source), "-o", str(target)], capture_output=True, text=True
+                [compiler, *attempt, "-c", str(source), "-o", str(compiled)], capture_output=True, text=True
             )
+            # Linked without -ffast-math: with it, loading the library would flush subnormal numbers in all of Python.
             if done.returncode == 0:
-                library = ctypes.CDLL(str(target))
-                return library
+                done = subprocess.run(
+                    [compiler, "-shared", str(compiled), "-o", str(target)], capture_output=True, text=True
+                )
+            if done.returncode == 0:
+                return ctypes.CDLL(str(target))
         return "g++ failed: " + (done.stderr.strip().splitlines() or ["no message"])[0]
     finally:
         shutil.rmtree(folder, ignore_errors=True)

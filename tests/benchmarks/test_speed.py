@@ -67,6 +67,12 @@ def test_library_loop_is_the_equations():
     np.testing.assert_allclose(value, total / steps, rtol=1e-13)
 
 
+def test_the_fast_loop_leaves_the_arithmetic_of_python_alone():
+    """Linked with -ffast-math, it would set the processor to flush subnormal numbers for whoever runs after it."""
+    cpp.build()
+    assert np.finfo(np.float64).tiny / np.float64(2.0) > 0.0
+
+
 def test_missing_compiler_is_said(monkeypatch):
     monkeypatch.setattr(cpp.shutil, "which", lambda name: None)
     assert cpp.build() == "no g++ on this machine"
