@@ -1,5 +1,6 @@
 """Finite gradients at rest: every measure on every block of the catalogue, where nothing moves and no error is left."""
 
+import inspect
 import warnings
 
 import equinox as eqx
@@ -27,7 +28,12 @@ def measures_of(loop):
         "gradient": fp.GradientRootMeanSquare(),
         "effort": fp.control_effort(),
         "torque": fp.CoulombTorqueError(20.0),
+        "after": squared_after(0),
+        "bins": squared_after(3),
     }
+    if loop.observer.estimated:
+        scales = tuple(jnp.ones(()) for _ in loop.observer.estimated)
+        found["noise"] = tuning.measures.NoiseGain(loop.observer, scales, jnp.asarray(1e-3))
     for name in loop.observer.estimated:
         found |= {
             f"{name} error": fp.EstimateError(name, 20.0),
@@ -35,6 +41,11 @@ def measures_of(loop):
             f"{name} peak": fp.EstimatePeak(name),
         }
     return found
+
+
+def squared_after(bins):
+    one = jnp.ones(())
+    return tuning.measures.SquaredAfter(fp.velocity_error, None, 0.0 * one, one, 0.0 * one, one * STEPS * DT, bins)
 
 
 def at_rest(loop, stepping):
@@ -52,7 +63,7 @@ def at_rest(loop, stepping):
         else:
             state, signals = loop.advance_sampled(state, zero, time, dt, noise, solver, 1)
         totals = {name: measure.update(totals[name], signals) for name, measure in measures.items()}
-    return sum(measure.final(totals[name], STEPS) for name, measure in measures.items())
+    return sum(jnp.sum(measure.final(totals[name], STEPS)) for name, measure in measures.items())
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
@@ -64,6 +75,21 @@ def test_gradients_at_rest_are_finite(case):
     assert np.isfinite(value)
     for path, slope in jax.tree_util.tree_leaves_with_path(slopes):
         assert np.all(np.isfinite(slope)), jax.tree_util.keystr(path)
+
+
+def test_no_measure_is_left_out():
+    """A settling time is infinite where nothing settles, and no gradient is taken of it."""
+    known = {
+        each
+        for module in (fp.metrics, tuning.measures)
+        for each in vars(module).values()
+        if isinstance(each, type) and issubclass(each, fp.AbstractMeasure) and not inspect.isabstract(each)
+    }
+    observed = fp.ClosedLoop(
+        fp.OneMass(10.0, fp.CoulombViscous(20.0, 2.0, steepness=200.0)), fp.Proportional(500.0),
+        fp.ClassicalFriedlandPark(10.0, fp.Absolute(1.0)),
+    )  # fmt: skip
+    assert known - {type(measure) for measure in measures_of(observed).values()} == {fp.SettlingTime}
 
 
 @pytest.mark.parametrize("kind", [fp.RootMeanSquare, fp.GradientRootMeanSquare, fp.StandardDeviation, None])
