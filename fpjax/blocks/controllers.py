@@ -272,9 +272,13 @@ class TransferFunction(AbstractController):
                 f"TransferFunction: {numerator.tolist()} / {denominator.tolist()} is not proper: the denominator "
                 f"needs a leading coefficient other than zero and at least the numerator's order."
             )
-        a, b, c, d = signal.tf2ss(numerator, denominator)
-        if denominator.size == 1:  # a pure gain: scipy returns a dummy state
-            a, b, c = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0))
+        # The controllable form. scipy's tf2ss drops small leading coefficients of the numerator, with a warning.
+        poles = denominator[1:] / denominator[0]
+        zeros = np.concatenate([np.zeros(denominator.size - numerator.size), numerator / denominator[0]])
+        order = poles.size
+        a, b = np.zeros((order, order)), np.zeros((order, 1))
+        a[:1], a[1:, :-1], b[:1] = -poles, np.eye(order)[:-1, :-1], 1.0
+        c, d = (zeros[1:] - zeros[0] * poles)[None, :], zeros[0]
         self.transition, self.drive = as_parameter(a), as_parameter(b[:, 0])
         self.output, self.through = as_parameter(c[0]), as_parameter(np.asarray(d).reshape(()))
         self.period = period

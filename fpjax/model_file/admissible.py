@@ -4,16 +4,28 @@ The one place of these rules. A refusal is an `InputError`; what is possible but
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
-from ..blocks.controllers import AbstractController, Limited, PositionLoop, Proportional, ProportionalIntegral
-from ..blocks.friction import AbstractFriction
+from ..blocks.actuators import AbstractActuator, Actuator
+from ..blocks.controllers import (
+    AbstractController,
+    Lead,
+    Limited,
+    PositionLoop,
+    Proportional,
+    ProportionalIntegral,
+    TransferFunction,
+)
+from ..blocks.friction import AbstractFriction, AbstractStaticFriction
 from ..blocks.friction.bristles import Bristles
 from ..blocks.friction.general import GeneralFriction
+from ..blocks.learned import LearnedTorque
 from ..blocks.references import AbstractReference, Chirp, Multisine, Sine, Square, Triangle
+from ..blocks.signals import Motion
 from ..errors import InputError
 
 # Magnitudes of a number that is not zero, (smallest, largest). Single precision ends at 1e-38 and 3e38, and the
@@ -30,6 +42,7 @@ BY_KEY = {
     ("sensor", "position_step"): (1e-15, 2.0 * math.pi),
     ("sensor", "step rad"): (1e-15, 2.0 * math.pi),
     ("sensor", "step rad/s"): (1e-15, 1e6),
+    ("transmission", "backlash"): (1e-15, 2.0 * math.pi),  # a gear that is free for a turn is none
 }
 NYQUIST = 0.5  # of the sample rate: above it a sine is another, slower one
 FOLLOWED = 0.1  # of the sample rate: a held signal has lost 18 degrees there
@@ -104,14 +117,56 @@ def check_friction(law: AbstractFriction, name: Any) -> list[str]:
     if sum(parts.values()) > level * (1.0 + 1e-9):
         named = " and ".join(part for part, value in parts.items() if value)
         said.append(
-            f"[friction] {named} take more than coulomb = {level:g} {name('N m')} away: the level is cut off at zero "
-            "there, since less would drive the machine."
+            f"[friction] coulomb = {level:g} {name('N m')} is less than what {named} can take from it: the level is "
+            "cut off at zero there, since less would drive the machine."
         )
     return said
 
 
+def check_learned(parts: Sequence[LearnedTorque], law: AbstractFriction, name: Any) -> list[str]:
+    """A sentence on a learned law of the velocity that gives the machine more energy than its friction takes.
+
+    Args:
+        parts: from [[learned]].
+        law: from [friction].
+        name: a rotary unit -> the machine's.
+    """
+    if isinstance(law, Bristles):
+        law = law.law
+    if not isinstance(law, AbstractStaticFriction):
+        return []
+    for part in parts:
+        if part.of != "velocity":
+            continue
+        for velocity in (float(point) for point in part.at):
+            if velocity == 0.0:
+                continue
+            motion = Motion(*(jnp.asarray(value) for value in (velocity, 0.0, 0.0, 0.0)))
+            whole = float(jnp.sign(velocity) * law.level(motion) + law.drag(motion) + part.value(jnp.asarray(velocity)))
+            if whole * velocity < -1e-9 * abs(velocity):
+                return [
+                    f"[learned] the table of the velocity drives the machine: at {velocity:g} {name('rad/s')} it and "
+                    f"the friction together are {whole:.3g} {name('N m')}, with the motion; check its sign."
+                ]
+    return []
+
+
+def check_actuator(actuator: AbstractActuator) -> list[str]:
+    """A sentence on an actuator that lets nothing through.
+
+    Args:
+        actuator: from [actuator].
+    """
+    if not isinstance(actuator, Actuator) or actuator.limit is None or actuator.dead_zone is None:
+        return []
+    zone, limit = float(actuator.dead_zone), float(actuator.limit)
+    if zone < limit:
+        return []
+    return [f"[actuator] dead_zone = {zone:g} is no less than limit = {limit:g}: no torque passes; check both."]
+
+
 def check_controller(controller: AbstractController | None, reference: str) -> list[str]:
-    """Refuse a controller that cannot follow what it is asked to; sentences on one that does nothing.
+    """Refuse a controller that cannot follow what it is asked to; sentences on one that does nothing, or harm.
 
     Args:
         controller: from [controller]; None where it is unknown.
@@ -130,13 +185,51 @@ def check_controller(controller: AbstractController | None, reference: str) -> l
             '[units] reference = "position" needs a controller that follows a position: write [controller] type = '
             '"position_cascade" with kp and kv, or reference = "velocity".'
         )
-    gains = {
-        Proportional: ("kp",),
-        ProportionalIntegral: ("kp", "ki"),
+    said, velocity_gain = [], "kp"
+    if isinstance(inner, PositionLoop):
+        velocity_gain = "kv"
+        if reference == "velocity":
+            said.append(
+                '[controller] type = "position_cascade" follows a position, so the reference is taken as one: write '
+                '[units] reference = "position".'
+            )
+        if not float(inner.kp):
+            said.append(f"[controller] kp = 0: {NOTHING}")
+            return said
+        inner = inner.velocity_controller
+    names = {
+        Proportional: ((velocity_gain, "kp"),),
+        ProportionalIntegral: ((velocity_gain, "kp"), ("ki", "ki")),
+        Lead: (("gain", "gain"),),
     }.get(type(inner), ())
-    if gains and not any(float(getattr(inner, gain)) for gain in gains):
-        return [f"[controller] {' and '.join(gains)} = 0: the controller does nothing, so the machine is not driven."]
-    return []
+    if names and not any(float(getattr(inner, field)) for _, field in names):
+        return [*said, f"[controller] {' and '.join(word for word, _ in names)} = 0: {NOTHING}"]
+    if isinstance(inner, Lead) and min(float(inner.gain), float(inner.gain) * float(inner.zero)) < 0.0:
+        said.append(f"[controller] gain = {float(inner.gain):g} and zero = {float(inner.zero):g} {AGAINST}")
+    return [*said, *(_about_transfer(inner) if isinstance(inner, TransferFunction) else ())]
+
+
+NOTHING = "the controller does nothing, so the machine is not driven."
+AGAINST = "turn the controller against its error, so the loop runs away: check their signs."
+
+
+def _about_transfer(controller: TransferFunction) -> list[str]:
+    """Sentences on a transfer function that does nothing, has the wrong sign, or runs away by itself."""
+    drive, output = np.asarray(controller.drive), np.asarray(controller.output)
+    poles = np.linalg.eigvals(np.asarray(controller.transition))
+    through = float(controller.through)
+    if not np.any(output) and not through:
+        return [f"[controller] numerator = 0: {NOTHING}"]
+    said = []
+    # Far above its poles a transfer function has the sign of its leading coefficients.
+    high = 1e6 * (1.0 + float(np.max(np.abs(poles), initial=0.0)))
+    reply = through + float(output @ np.linalg.solve(high * np.eye(drive.size) - controller.transition, drive))
+    if reply < 0.0:
+        said.append(f"[controller] the leading numerator and denominator {AGAINST}")
+    worst = float(np.max(np.real(poles), initial=0.0))
+    if worst > 1e-9 * float(np.max(np.abs(poles), initial=0.0)):
+        said.append(f"[controller] has a pole at +{worst:.3g} rad/s: it runs away by itself; check the denominator.")
+    return said
 
 
 def check_reference(reference: AbstractReference | None, dt: float) -> list[str]:
@@ -185,6 +278,8 @@ def check_all(
     reference: AbstractReference | None,
     dt: float,
     units: Any,
+    learned: Sequence[LearnedTorque] = (),
+    actuator: AbstractActuator | None = None,
 ) -> list[str]:
     """Every rule that needs more than one number; sentences for the user.
 
@@ -194,14 +289,18 @@ def check_all(
         reference: from [reference]; None without one.
         dt: step, or control period when sampled [s].
         units: of the machine.
+        learned: from [[learned]].
+        actuator: from [actuator]; None without one.
 
     Raises:
         InputError: for what cannot be.
     """
     return [
         *check_friction(law, units.name),
+        *check_learned(learned, law, units.name),
         *check_controller(controller, units.reference),
         *check_reference(reference, dt),
+        *(check_actuator(actuator) if actuator is not None else ()),
     ]
 
 

@@ -237,7 +237,7 @@ def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) ->
     reference = loop_parts.build_reference(
         sections.get("reference"), units, path.parent if path else None, units.motion == "linear", time["duration"]
     )
-    notes += check_all(friction, controller, reference, dt, units)
+    notes += check_all(friction, controller, reference, dt, units, learned, loop.actuator)
     loop = with_placed_gains(loop, missing_gains, reference, time, {k: v for k, v in known.items() if v}, notes)
     return Model(
         loop=loop,

@@ -32,7 +32,7 @@ def test_the_corpus(path):
 
 
 def test_the_corpus_is_there():
-    assert len(CORPUS) >= 19
+    assert len(CORPUS) >= 30
 
 
 @pytest.mark.parametrize(
@@ -44,6 +44,17 @@ def test_the_corpus_is_there():
         ("frequency = 250.0", "frequency = 100.0"),
         ("dt = 1e-3", "dt = 1e-6"),
         ("inertia = 0.1", "inertia = 1e-9"),
+        ('type = "pi"\nkp = 10.0\nki = 50.0', 'type = "lead"\ngain = 3.0\nzero = 5.0\npole = 50.0'),
+        (
+            'type = "pi"\nkp = 10.0\nki = 50.0',
+            'type = "transfer_function"\nnumerator = [3.0, 1.0]\ndenominator = [1.0, 0.0]',  # a pole at zero is a PI's
+        ),
+        # less friction than the nominal, and still friction
+        (
+            "[controller]",
+            '[[learned]]\nof = "velocity"\nat = [-1.0, 0.0, 1.0]\ntorque = [0.3, 0.0, -0.3]\n[controller]',
+        ),
+        ("[controller]", "[actuator]\nlimit = 5.0\ndead_zone = 0.1\n[controller]"),
     ],
 )
 def test_what_a_machine_can_be_is_taken_without_a_word(change):
