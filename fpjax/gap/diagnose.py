@@ -68,11 +68,12 @@ def diagnose(
     logs, withheld = read_logs(log), read_logs(holdout)
     if not logs:
         raise InputError("No log was given: pass a path, a Log or a mapping of arrays.")
-    nominal = read_model(model)
     found = []
-    for group in [[one] for one in logs] if each else [logs]:
-        found.append(_diagnose(group, withheld, nominal, effects, allowed, clock))
-        clock = StageClock(progress)
+    with double_precision():  # the model too: rounded to single precision it would be another one
+        nominal = read_model(model)
+        for group in [[one] for one in logs] if each else [logs]:
+            found.append(_diagnose(group, withheld, nominal, effects, allowed, clock))
+            clock = StageClock(progress)
     return tuple(found) if each else found[0]
 
 
@@ -91,8 +92,7 @@ def _diagnose(
     warnings += about_windows(search.records)
     decision = decide(search, clock)
     clock("intervals and curves", 0.9)
-    with double_precision():
-        found = assemble(search, decision, model, warnings, allowed, clock)
+    found = assemble(search, decision, model, warnings, allowed, clock)
     made = provenance(everything, search.records, model, allowed, started)
     clock.done()
     return dataclasses.replace(found, seconds=clock.seconds, provenance=made)

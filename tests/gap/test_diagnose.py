@@ -265,40 +265,6 @@ def test_the_precision_of_the_process_changes_nothing(found, log):
         assert told_numbers(diagnose(found[3], MODEL, effects=TRIED)) == told_numbers(found[0])
 
 
-def test_separate_logs_are_resumed_where_they_ended(log, few_effects, tmp_path, capsys, monkeypatch):
-    columns = log.columns()
-    for name in ("a", "b"):
-        rows = np.column_stack(list(columns.values()))
-        np.savetxt(tmp_path / f"{name}.csv", rows, delimiter=",", header=",".join(columns), comments="")
-    (tmp_path / "servo.toml").write_text(MODEL)
-    logs = [str(tmp_path / f"{name}.csv") for name in ("a", "b")]
-    out = tmp_path / "why"
-    words = ["diagnose", *logs, "--each", "--model", str(tmp_path / "servo.toml"), "--no-report", "--no-cache"]
-    whole, allowed = fpjax.gap.diagnose, [1]
-
-    def once(*args, **kwargs):
-        """Interrupted in the second log."""
-        if not allowed:
-            raise KeyboardInterrupt
-        allowed.pop()
-        return whole(*args, **kwargs)
-
-    monkeypatch.setattr(fpjax.gap, "diagnose", once)
-    assert main([*words, "--out", str(out)]) == 130
-    assert "1 of 2 logs are diagnosed" in capsys.readouterr().err
-    first = (out / "a" / "diagnosis.json").read_bytes()
-    assert not (out / "b" / "diagnosis.json").exists()
-    allowed[:] = [1]  # one more may run: the first is not diagnosed again
-    assert main([*words, "--out", str(out), "--resume"]) == 0
-    told = capsys.readouterr()
-    assert "a.csv was diagnosed before" in told.err
-    assert (out / "a" / "diagnosis.json").read_bytes() == first
-    answers = [json.loads((out / name / "diagnosis.json").read_text()) for name in ("a", "b")]
-    for answer in answers:
-        answer.pop("seconds"), answer.pop("provenance")
-    assert answers[0] == answers[1]
-
-
 def test_a_log_that_is_too_short_is_said_in_one_sentence(log):
     short = {name: column[:100] for name, column in log.columns().items()}
     with pytest.raises(InputError, match="too few"):

@@ -75,10 +75,8 @@ def told(diagnosis: Diagnosis) -> str:
         )
     lines += [_entry(entry, entry.effect in diagnosis.causes) for entry in diagnosis.ranking[:SHOWN]]
     if diagnosis.learned:
-        follows = " and ".join(f"{law.share:.0%} of its energy the {law.of}" for law in diagnosis.learned)
-        lines.append(
-            f"learned: what is left follows {follows}; with that learned the gap is {gap.learned:.4g} {gap.unit}"
-        )
+        follows = ", ".join(f"{law.share:.0%} follows the {law.of}" for law in diagnosis.learned)
+        lines.append(f"learned: of the energy of what is left {follows}; with that gap {gap.learned:.4g} {gap.unit}")
     lines += [f"note: {sentence}" for sentence in diagnosis.same_as]
     lines += [f"warning: {warning}" for warning in diagnosis.warnings]
     return "\n".join(lines)

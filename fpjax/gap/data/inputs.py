@@ -8,7 +8,6 @@ from ...errors import InputError
 from ...logs import Log, read_log
 from ...logs.suspicions import Numbers, suspicions
 from ...model_file import Model, load_model
-from ..precision import double_precision
 from .setting import turns_with_position
 
 SAME_PERIOD = 1e-3  # relative
@@ -24,8 +23,7 @@ def read_logs(logs: Any) -> list[Log]:
 
 def read_model(model: Any) -> Model:
     """A `Model`, or the path or text of one."""
-    with double_precision():  # or the same file would be another model by the command line
-        return model if isinstance(model, Model) else load_model(model)
+    return model if isinstance(model, Model) else load_model(model)
 
 
 def look_at(logs: Sequence[Log], model: Model) -> list[str]:

@@ -17,7 +17,7 @@ from .text import TITLES, verdict_sentence, verdict_title
 from .theme import css_variables
 
 _NAVIGATION = (
-    ("record", "Simulation"),
+    ("record", "Record"),
     ("where", "Where"),
     ("ranking", "Which effect"),
     ("shrink", "How far"),

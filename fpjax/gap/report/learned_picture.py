@@ -37,9 +37,7 @@ def draw_learned(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
         if left is not None and left.residual is not None and law.of in left.axes and law.period is None:
             # What the model misses acts on the machine; the law opposes, as friction does.
             centres, _, middle, _ = binned(np.asarray(left.axes[law.of], float), -np.asarray(left.residual, float))
-            axes.plot(
-                centres, middle, color=BEFORE, linestyle="", marker=".", markersize=3.5, label="left by the causes"
-            )
+            axes.plot(centres, middle, color=BEFORE, linestyle="", marker=".", markersize=3.5, label="what is left")
         axes.fill_between(at, low, high, color=AFTER, alpha=0.22, linewidth=0, label="90 % band")
         axes.plot(at, torque, color=AFTER, linewidth=1.6, label="learned law")
         repeats = f", every {law.period:.3g} {show_unit(units[law.of])}" if law.period is not None else ""

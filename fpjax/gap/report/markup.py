@@ -36,7 +36,7 @@ def gap_number(raw: Estimate, shown: Estimate) -> str:
 
 def gap_interval(raw: Estimate, shown: Estimate) -> str:
     """The interval of a gap, "" where it is not known."""
-    if not raw.bounded:
+    if not raw.bounded or raw.low == raw.high:
         return ""
     return f"{data(raw.low, show(shown.low))} to {data(raw.high, show(shown.high))}"
 

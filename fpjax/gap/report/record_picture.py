@@ -11,6 +11,7 @@ from ...output.plotting import thin
 from ..answer.diagnosis import Comparison, Diagnosis
 from .digits import show_unit
 from .reading import gap_scale
+from .text import signal_of
 from .theme import AFTER, BAND, BEFORE, FLOOR, INK, MUTED, SOFT
 from .words import clip
 
@@ -117,7 +118,7 @@ def draw_record(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
         _name_holes(signal_axes, shown[0])
     moved_ends = len(shown) > 1 and any(_shifts(shown))
     signal_axes.set_title("Withheld data")
-    signal_axes.set_ylabel(f"{diagnosis.gap.signal} [{unit}]")
+    signal_axes.set_ylabel(f"{signal_of(diagnosis)} [{unit}]")
     signal_axes.tick_params(labelbottom=False)
     error_axes.set_title("Commanded less needed" if diagnosis.gap.signal == "torque" else "Measured less simulated")
     error_axes.set_ylabel(f"error [{clip(show_unit(error_unit))}]")
@@ -125,7 +126,7 @@ def draw_record(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
     error_axes.sharex(signal_axes)
     _zoom(zoom_axes, worst, first, last, (logged, *names), with_after=shown_after)
     zoom_axes.set_title("The worst place, enlarged" if shown_after else "An enlarged stretch")
-    zoom_axes.set_ylabel(f"{diagnosis.gap.signal} [{unit}]")
+    zoom_axes.set_ylabel(f"{signal_of(diagnosis)} [{unit}]")
     zoom_axes.set_xlabel(f"time in {clip(worst.label)} [s]" if len(shown) > 1 else "time [s]")
 
 

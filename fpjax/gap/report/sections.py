@@ -172,7 +172,7 @@ def ranking(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
     if "learned" in pictures:
         out.append("<h3>What no named effect says</h3>")
         caption = (
-            f"What is left, learned as a {effort_of(diagnosis)} beside the causes, in the sign of a friction. It is no "
+            f"What is left, learned as a {effort_of(diagnosis)} in the sign of a friction. It is no "
             f"effect of the vocabulary and has no probability: it is in the table for what it takes, measured by "
             f"simulating with it."
         )
@@ -206,11 +206,11 @@ def _ranking_table(diagnosis: Diagnosis, candidates: list[Ranked], *, learned: b
 
 def _learned_cells(diagnosis: Diagnosis, count: int) -> list[str]:
     """The learned laws as a row of the ranking's table."""
-    name = learned_name(diagnosis)
+    name, beside = learned_name(diagnosis), "the causes" if diagnosis.causes else "the best attempt"
     gap = diagnosis.gap.estimate("learned")
     taken = "".join(f"<li>{text(law.of)}<br>{percent(law.share)} of what is left</li>" for law in diagnosis.learned)
     return [
-        f'<span class="name">{text(name[:1].upper() + name[1:])}</span><small>beside the causes; drawn below</small>',
+        f'<span class="name">{text(name[:1].upper() + name[1:])}</span><small>beside {beside}; drawn below</small>',
         '<span class="quiet">measured, not a named effect</span>',
         gap_number(gap, shown_gap(diagnosis, gap)),
         f'<ul class="found">{taken}</ul>',

@@ -61,7 +61,9 @@ def _axes(figure: Figure) -> list[dict[str, Any]]:
                 continue  # names, not numbers
             ends = [points * low, points * high] if side == "x" else [height - points * low, height - points * high]
             limits = [float(end) for end in axis.get_view_interval()]
-            label = axis.get_label().get_text()
+            together = getattr(axes, f"get_shared_{side}_axes")().get_siblings(axes)  # one of them has the label
+            labels = (getattr(each, f"{side}axis").get_label().get_text() for each in (axes, *together))
+            label = next(filter(None, labels), "")
             panel[side] = [*(round(float(end), 2) for end in ends), *limits, axis.get_scale() == "log", label]
         panel["box"] = [
             round(float(v), 2)

@@ -87,6 +87,11 @@ def effort_of(diagnosis: Diagnosis) -> str:
     return "force" if diagnosis.motion == "linear" else "torque"
 
 
+def signal_of(diagnosis: Diagnosis) -> str:
+    """What the gap is told in, in the axis' own word."""
+    return effort_of(diagnosis) if diagnosis.gap.signal == "torque" else diagnosis.gap.signal
+
+
 def confidence_sentence(diagnosis: Diagnosis) -> str:
     """How sure the verdict is, in words and as a number; "" where it is not known."""
     if not diagnosis.probability > 0.0:
