@@ -117,6 +117,8 @@ from .parameters import get_parameter as get_parameter
 from .parameters import get_parameters as get_parameters
 from .parameters import parameter_names as parameter_names
 from .parameters import set_parameters as set_parameters
+from .planning import Plan as Plan
+from .planning import plan as plan
 from .scan import Inputs as Inputs
 from .scan import Stepper as Stepper
 from .scan import astype as astype

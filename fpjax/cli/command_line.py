@@ -22,6 +22,7 @@ COMMANDS = {
     "estimate": "run an observer over a log: friction estimates against least squares",
     "inspect": "what is in a log, what it can show, and a starter servo.toml",
     "diagnose": "where simulation and log differ, which effect causes it, how far the gap shrinks",
+    "plan": "which run to record next: one that shows every effect, or decides between what a diagnosis left open",
     "export": "the control law as C for a drive, the body as MuJoCo or URDF, both checked",
     "demo": "simulate, tune and compare on an embedded example, in a minute",
 }

@@ -1,0 +1,94 @@
+"""`fpjax plan`: which run to record next, as a reference table with a picture and a sentence a pair of rivals."""
+
+import argparse
+
+from ..errors import InputError
+from ..output.progress import Stages
+from ..output.runfile import write_json
+from .command_line import INTERRUPTED
+from .common import add_log_options, add_out, check_torque_unit, finish, log_options, running, say, start_jax
+from .numbers import real, whole
+from .simulate import open_model
+
+EXAMPLES = """\
+examples:
+  fpjax plan --model servo.toml --speed 2 --torque 40 --travel 6 --out next        show every effect
+  fpjax plan --model servo.toml --diagnosis why --travel 6 --out next              decide what why/ left open
+  fpjax plan --model servo.toml --log run.csv --out next                           diagnose run.csv first
+  fpjax diagnose run.csv next_run.csv --model servo.toml --out why2                with the run that was recorded then
+
+next/reference.csv is what the drive is to follow; in servo.toml: [reference] type = "recorded", file = "reference.csv"
+"""
+LIMITS = (
+    ("speed", "rad/s", "largest speed"),
+    ("acceleration", "rad/s^2", "largest acceleration (default: what the torque leaves)"),
+    ("torque", "N m", "largest commanded torque (default: the model's limit, or a fifth above the log's)"),
+    ("travel", "rad", "from one end of the motion to the other"),
+    ("duration", "s", "of the run"),
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's words."""
+    parser.epilog = EXAMPLES
+    parser.add_argument("--model", metavar="MODEL", required=True, help="servo.toml of the nominal simulator")
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument("--log", metavar="LOG", help="a run that was recorded before: it is diagnosed first")
+    source.add_argument(
+        "--diagnosis", metavar="DIR", help="the --out of fpjax diagnose, whose rivals are to be decided"
+    )
+    for name, unit, words in LIMITS:
+        parser.add_argument(f"--{name}", type=real, metavar="X", help=f"{words} [{unit}]")
+    parser.add_argument("--missing", type=real, metavar="X", help="torque that every model is taken to miss [N m]")
+    parser.add_argument("--velocity-noise", type=real, metavar="X", help="of a rate reading [rad/s]")
+    parser.add_argument("--position-noise", type=real, metavar="X", help="of a position reading [rad]")
+    parser.add_argument(
+        "--seconds", type=real, default=45.0, metavar="S", help="processor time of the design (default 45)"
+    )
+    parser.add_argument("--seed", type=whole, default=0, help="of the random motions tried first (default 0)")
+    parser.add_argument("--no-plots", action="store_true", help="no picture")
+    add_log_options(parser)
+    add_out(parser, required=True)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Plan a run."""
+    with running(arguments) as record:
+        record.stage("start")
+        start_jax(arguments)
+        model = open_model(arguments.model, [], record)
+        log = None
+        if arguments.log:
+            from ..logs import read_log
+
+            log = read_log(record.read(arguments.log, "log"), linear=model.linear, **log_options(arguments))
+            check_torque_unit(log, model)
+            record.notes.extend(log.warnings)
+        if arguments.diagnosis:
+            record.read(f"{arguments.diagnosis}/diagnosis.json", "diagnosis")
+        if arguments.seconds <= 0.0:
+            raise InputError(f"--seconds must be above zero, got {arguments.seconds:g}.")
+        record.seeds["starts"] = arguments.seed
+        record.stage("plan")
+        arguments.kept = "no run was found yet; nothing was written"
+        from ..planning import plan
+
+        with Stages("plan") as stages:
+            found = plan(
+                model, log=log, diagnosis=arguments.diagnosis, speed=arguments.speed, torque=arguments.torque,
+                acceleration=arguments.acceleration, travel=arguments.travel, duration=arguments.duration,
+                missing=arguments.missing, velocity_noise=arguments.velocity_noise,
+                position_noise=arguments.position_noise, seconds=arguments.seconds, seed=arguments.seed,
+                progress=stages.stage,
+            )  # fmt: skip
+        arguments.kept = ""
+        for note in found.notes:
+            say(record, note)
+        print(found)
+        record.stage("write")
+        found.write_reference(record.path("reference.csv"))
+        write_json(record.path("plan.json"), found.to_dict())
+        if not arguments.no_plots:
+            found.plot(record.path("plan.png"))
+        finish(record)
+    return INTERRUPTED if found.ended == "interrupted" else 0

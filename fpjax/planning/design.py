@@ -1,0 +1,132 @@
+"""Design: the best motion found in a given processor time, by gradients through the simulated loop."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from .trajectory import Shape
+from .trial import Seen, Trial
+
+STARTS = 6  # shapes that are tried before the best of them is improved
+STEPS = 60  # of Adam at most
+RATE = 0.12  # of Adam: the numbers are of order one
+PATIENCE = 25  # steps without a better one, after which it ends
+BETTER = 1e-3  # of the cost, to count as better
+SMALLER, LEAST_SHARE = 0.85, 0.2  # a motion that needs too much torque is made smaller by this, until it is this small
+CALMER = 0.5  # of the rate, where a step left the finite numbers
+
+
+@dataclass(frozen=True)
+class Designed:
+    """Where a design ended.
+
+    Attributes:
+        shape: the best one.
+        share: of its motion that keeps the limits as simulated [1].
+        seen: what it brings.
+        first: what the best start brought.
+        evaluations: shapes that were tried, each with its gradient.
+        ended: why: "converged", "time" or "interrupted".
+        history: cost of each.
+    """
+
+    shape: Shape
+    share: float
+    seen: Seen
+    first: Seen
+    evaluations: int
+    ended: str
+    history: tuple[float, ...]
+
+
+def design(
+    trial: Trial, wanted: np.ndarray, *, seconds: float, seed: int, progress: Callable[[str, float], None]
+) -> Designed | None:
+    """Improve the best of some starts until the time is spent; an interrupt keeps the best so far.
+
+    Args:
+        trial: what a shape brings.
+        wanted: weight of every comparison.
+        seconds: of processor time for all of it, compiling included.
+        seed: of the random starts.
+        progress: told (stage, share done [1]).
+
+    Returns:
+        None where every start diverged.
+
+    Raises:
+        KeyboardInterrupt: where nothing was found yet.
+    """
+    begun = time.process_time()
+    weights, whole = jnp.asarray(wanted, float), jnp.ones(())
+    evaluate = jax.jit(jax.value_and_grad(trial.cost, has_aux=True))
+    best: tuple[float, Shape, Seen] | None = None
+    first: Seen | None = None
+    history: list[float] = []
+    slope: Shape | None = None
+    ended = "converged"
+
+    def spent() -> float:
+        return (time.process_time() - begun) / seconds
+
+    def tried(shape: Shape) -> tuple[float, Seen, Shape]:
+        (cost, seen), slopes = jax.block_until_ready(evaluate(shape, weights, whole))
+        history.append(float(cost))
+        return float(cost), seen, slopes
+
+    try:
+        progress("compiling the trial", 0.0)
+        starts = trial.course.starts(seed, STARTS)
+        for number, start in enumerate(starts):
+            cost, seen, slopes = tried(start)
+            progress("trying starts", min(0.1 + 0.2 * number / len(starts), 1.0))
+            if np.isfinite(cost) and (best is None or cost < best[0]):
+                best, slope = (cost, start, seen), slopes
+            if spent() > 0.6 and best is not None:
+                break
+        if best is None or slope is None:
+            return None
+        first = best[2]
+        optimiser = optax.adam(RATE)
+        shape, state, stale = best[1], optimiser.init(best[1]), 0
+        for _ in range(STEPS):
+            if spent() > 1.0:
+                ended = "time"
+                break
+            progress("improving by gradients", min(0.3 + 0.7 * spent(), 1.0))
+            moves, state = optimiser.update(_finite(slope), state)
+            shape = Shape(*optax.apply_updates(shape, moves))  # pyright: ignore[reportGeneralTypeIssues]
+            cost, seen, slope = tried(shape)
+            if not np.isfinite(cost):
+                shape, state = _between(shape, best[1]), optimiser.init(best[1])
+                continue
+            stale = 0 if cost < best[0] - BETTER * abs(best[0]) else stale + 1
+            if cost < best[0]:
+                best = (cost, shape, seen)
+            if stale >= PATIENCE:
+                break
+    except KeyboardInterrupt:
+        if best is None:
+            raise
+        ended = "interrupted"
+    share, seen = 1.0, best[2]
+    while trial.beyond(seen) and share > LEAST_SHARE:
+        share *= SMALLER
+        (_, seen), _ = evaluate(best[1], weights, jnp.asarray(share))
+    return Designed(best[1], share, seen, best[2] if first is None else first, len(history), ended, tuple(history))
+
+
+def _finite(slope: Shape) -> Shape:
+    """A gradient of length at most one, zero where it is no number: a stick-slip event has no slope."""
+    clean = Shape(*(jnp.where(jnp.isfinite(part), part, 0.0) for part in slope))
+    size = jnp.sqrt(sum(jnp.sum(part**2) for part in clean))
+    return Shape(*(part / jnp.maximum(size, 1.0) for part in clean))
+
+
+def _between(shape: Shape, best: Shape) -> Shape:
+    return Shape(*(b + CALMER * (a - b) for a, b in zip(shape, best, strict=True)))

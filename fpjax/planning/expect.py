@@ -1,0 +1,267 @@
+"""Expect: the evidence that a run would bring, computed as the diagnosis computes it, and differentiable.
+
+The readings of one machine on the run are replayed, window by window, through another machine, by the loop that the
+diagnosis fits with (`fpjax.gap.simulate.replay`). What a small change of the other's own parameters, of the nominal
+numbers and of a window's start could take away is projected out under the diagnosis' own priors; what is left, against
+sensor noise and missing torque, is the evidence that tells the two apart. The diagnosis sets the level of the missing
+torque for every model by octaves, so a misfit r^2 of an octave of n modes costs n/2 log(1 + r^2/n) and not r^2/2.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..gap.data.tables import TAPS, Tables
+from ..gap.simulate.family import Family
+from ..gap.simulate.replay import STATES, Windows, advance, assembled, begin, residuals
+from .machines import Shop, Variant
+from .sight import Sight
+
+RIDGE = 1e-9  # beside a prior of one: keeps a solve regular
+SPEED_STEP, ANGLE_STEP = 1e-4, 1e-4  # of the start states' priors, for their tangents
+SHARE_DEVIATION = 0.5  # of bristles at a window's start, which no sensor tells [1]
+
+
+class Readings(NamedTuple):
+    """What logs hold, several runs behind one another: each of shape (runs, samples).
+
+    Attributes:
+        torque: commanded [N m].
+        rate: read [rad/s].
+        angle: read [rad].
+    """
+
+    torque: Float[Array, "runs samples"]
+    rate: Float[Array, "runs samples"]
+    angle: Float[Array, "runs samples"]
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """What is replayed of some variants of one family: themselves, and small changes.
+
+    Attributes:
+        family: of the variants.
+        vectors: shape (parameters, lanes).
+        states: start states' deviations, shape (states, lanes).
+        owner: index of the variant of each lane, shape (lanes,).
+        base: lane of each variant itself.
+        tangents: of each variant, by parameter: (lane, step in prior deviations).
+        shifts: likewise of a start state.
+    """
+
+    family: Family
+    vectors: np.ndarray
+    states: np.ndarray
+    owner: np.ndarray
+    base: tuple[int, ...]
+    tangents: tuple[dict[str, tuple[int, float]], ...]
+    shifts: tuple[tuple[tuple[int, float], ...], ...]
+
+
+def make_lanes(shop: Shop, variants: Sequence[Variant], names: Sequence[tuple[str, ...]]) -> Lanes:
+    """The lanes of variants of one structure.
+
+    Args:
+        shop: makes their machines.
+        variants: of one structure.
+        names: of each: parameters that may move.
+    """
+    family = shop.family(variants[0].structure)
+    count = STATES[family.key[0]]
+    vectors: list[np.ndarray] = []
+    states: list[np.ndarray] = []
+    owner: list[int] = []
+    base, tangents, shifts = [], [], []
+
+    def add(vector: np.ndarray, state: np.ndarray, variant: int) -> int:
+        vectors.append(vector)
+        states.append(state)
+        owner.append(variant)
+        return len(vectors) - 1
+
+    for index, (variant, moving) in enumerate(zip(variants, names, strict=True)):
+        vector, still = shop.vector(variant), np.zeros(count)
+        base.append(add(vector, still, index))
+        spreads, steps = shop.spreads(family, moving), shop.steps(family, moving)
+        own: dict[str, tuple[int, float]] = {}
+        for name, spread, step in zip(moving, spreads, steps, strict=True):
+            parameter = family.parameters[family.index(name)]
+            moved = vector.copy()
+            sign = 1.0 if moved[family.index(name)] + step <= parameter.high(shop.setting) else -1.0
+            moved[family.index(name)] += sign * step
+            own[name] = add(moved, still, index), sign * step / spread
+        tangents.append(own)
+        shifted = []
+        for place, deviation in enumerate(_state_deviations(shop, family, variant)):
+            moved = still.copy()
+            moved[place] = SPEED_STEP * deviation
+            shifted.append((add(vector, moved, index), SPEED_STEP))
+        shifts.append(tuple(shifted))
+    return Lanes(
+        family, np.stack(vectors, axis=1), np.stack(states, axis=1), np.array(owner), tuple(base), tuple(tangents),
+        tuple(shifts),
+    )  # fmt: skip
+
+
+def _state_deviations(shop: Shop, family: Family, variant: Variant) -> list[float]:
+    """Priors of a window's start: what the reading leaves open, and the hidden states."""
+    setting = shop.setting
+    found = [0.05 * setting.speed, 0.05 * setting.speed * setting.window]
+    if family.key[0] == "bristles":
+        found.append(SHARE_DEVIATION)
+    if family.key[0] == "transmission":
+        values = family.neutral_values(setting) | dict(variant.values)
+        stiffness = _stiffness(values)
+        found += [0.3 * (setting.friction + setting.torque) / stiffness + 0.3 * values["gap"], 0.02 * setting.speed]
+    return found
+
+
+def _stiffness(values: dict[str, float]) -> float:
+    share = values["load_share"]
+    return values["inertia"] * share * (1.0 - share) * (2.0 * np.pi * values["frequency"]) ** 2
+
+
+def coefficients(
+    shop: Shop, sight: Sight, lanes: Lanes, readings: Readings
+) -> Float[Array, "modes lanes runs windows"]:
+    """What is left of the readings by each lane, in the diagnosis' modes."""
+    tables, starts = _tables(sight, readings)
+    runs, windows, count = starts.shape[0], starts.shape[1], lanes.vectors.shape[1]
+    spots = starts.reshape(-1)
+    fields = _fields(sight, readings, spots.shape[0])
+    hidden = _hidden(shop, lanes, fields)  # (2, lanes, spots)
+    many = spots.shape[0]
+
+    def spread(each: Array) -> Array:  # of a window, to all lanes
+        return jnp.tile(each, count)
+
+    at = Windows(
+        start=jnp.asarray(np.tile(spots, count), jnp.int32),
+        time=spread(jnp.asarray(np.tile(sight.starts * sight.dt, runs))),
+        velocity=spread(fields["velocity"]),
+        slope=spread(fields["slope"]),
+        position=spread(fields["position"]),
+        hidden=(hidden[0].reshape(-1), hidden[1].reshape(-1)),
+        integrated=jnp.full(count * many, 0.0 if sight.channels[1] else 1.0),
+    )
+    family = lanes.family
+    machine = assembled(family.machine, family.effects, family.parameters, jnp.repeat(lanes.vectors, many, axis=1))
+    states = jnp.repeat(jnp.asarray(lanes.states), many, axis=1)
+
+    def step(carry: object, index: Array) -> tuple[object, Array]:
+        following, predicted = advance(machine, carry, at, tables, index)  # pyright: ignore[reportArgumentType]
+        both = residuals(predicted, machine, at, tables, index)
+        return following, jnp.stack([r for r, there in zip(both, sight.channels, strict=True) if there])
+
+    carry = begin(machine, at, states, tables)
+    _, out = jax.lax.scan(jax.checkpoint(step), carry, jnp.arange(sight.samples, dtype=jnp.int32))
+    flat = jnp.moveaxis(out, 1, 0).reshape(-1, count * many)  # (channels x samples, lanes x spots)
+    return (sight.modes.basis.T @ flat).reshape(-1, count, runs, windows)
+
+
+def _tables(sight: Sight, readings: Readings) -> tuple[Tables, np.ndarray]:
+    """All runs behind one another, and the windows' starts in them, shape (runs, windows)."""
+    runs, samples = readings.torque.shape
+    length = TAPS + samples
+
+    def line(values: Array) -> Array:
+        return jnp.concatenate([jnp.repeat(values[:, :1], TAPS, axis=1), values], axis=1).reshape(-1)
+
+    def weight(there: bool, noise: float) -> Array:
+        return jnp.full(runs * length, 1.0 / noise if there else 0.0)
+
+    tables = Tables(
+        line(readings.torque), line(readings.rate), weight(sight.channels[0], sight.rate_noise),
+        line(readings.angle), weight(sight.channels[1], sight.angle_noise), jnp.asarray(sight.dt),
+    )  # fmt: skip
+    return tables, sight.starts[None, :] + TAPS + length * np.arange(runs)[:, None]
+
+
+def _fields(sight: Sight, readings: Readings, count: int) -> dict[str, Array]:
+    """Motion at the windows' starts as the reading tells it, each of shape (runs x windows,)."""
+    rate = readings.rate if sight.channels[0] else jnp.gradient(readings.angle, sight.dt, axis=1)
+    slope = jnp.gradient(rate, sight.dt, axis=1)
+    angle = readings.angle if sight.channels[1] else jnp.cumsum(rate, axis=1) * sight.dt
+    at = {"velocity": rate, "slope": slope, "position": angle}
+    found = {name: values[:, sight.starts].reshape(-1) for name, values in at.items()}
+    assert found["velocity"].shape[0] == count
+    return found
+
+
+def _hidden(shop: Shop, lanes: Lanes, fields: dict[str, Array]) -> Float[Array, "2 lanes spots"]:
+    """What no sensor sees at the windows' starts, as a steady motion would have it."""
+    setting, family = shop.setting, lanes.family
+    speed, slope = fields["velocity"], fields["slope"]
+    side = jnp.tanh(speed / (0.02 * setting.speed))
+    nothing = jnp.zeros((lanes.vectors.shape[1], speed.shape[0]))
+    if family.key[0] == "bristles":
+        return jnp.stack([nothing + side, nothing])
+    if family.key[0] != "transmission":
+        return jnp.stack([nothing, nothing])
+
+    def of(name: str) -> Array:
+        return jnp.asarray(lanes.vectors[family.index(name)])[:, None]
+
+    share = of("load_share")
+    friction = of("coulomb") * side + of("viscous") * speed
+    shaft = share * of("inertia") * slope + of("friction_share") * friction
+    stiffness = of("inertia") * share * (1.0 - share) * (2.0 * jnp.pi * of("frequency")) ** 2
+    face = 0.5 * of("gap") * jnp.tanh(shaft / (0.1 * setting.friction))
+    return jnp.stack([shaft / stiffness + face, nothing])
+
+
+class Told(NamedTuple):
+    """Expected evidence between what was recorded and a model.
+
+    Attributes:
+        nats: evidence that the model lacks.
+        left: misfit that it cannot take away, in deviations, shape (modes, windows).
+    """
+
+    nats: Float[Array, ""]
+    left: Float[Array, "modes windows"]
+
+
+def told_apart(
+    sight: Sight,
+    misfit: Float[Array, "modes windows"],
+    tangents: Float[Array, "parameters modes windows"],
+    shifts: Float[Array, "states modes windows"],
+) -> Told:
+    """The evidence that a model lacks by a misfit, once everything that may move has moved.
+
+    Args:
+        sight: noise and missing torque.
+        misfit: of the model.
+        tangents: what one prior deviation of a parameter does to it.
+        shifts: what one prior deviation of a window's start state does to it.
+    """
+    weight = 1.0 / jnp.sqrt(jnp.asarray(sight.variance))[:, None]
+    c, t, x = misfit * weight, tangents * weight, shifts * weight
+    inner = jnp.einsum("smw,rmw->wsr", x, x) + jnp.eye(x.shape[0])
+
+    def projected(each: Array) -> Array:  # (..., modes, windows)
+        along = jnp.einsum("smw,...mw->...ws", x, each)
+        solved = jnp.linalg.solve(inner, along[..., None])[..., 0]
+        return each - jnp.einsum("smw,...ws->...mw", x, solved)
+
+    c = projected(c)
+    if t.shape[0]:
+        free = projected(t)
+        normal = jnp.einsum("pmw,qmw->pq", t, free) + (1.0 / sight.weight + RIDGE) * jnp.eye(t.shape[0])
+        move = jnp.linalg.solve(normal, jnp.einsum("pmw,mw->p", free, c * 1.0))
+        c = c - jnp.einsum("p,pmw->mw", move, free)
+    squares = jnp.sum(c**2, axis=1)
+    band, total = sight.modes.band, jnp.zeros(())
+    for number in range(sight.modes.bands):
+        which = np.flatnonzero(band == number)
+        if len(which):
+            count = len(which) * c.shape[1]
+            total = total + 0.5 * count * jnp.log1p(jnp.sum(squares[which]) / count)
+    return Told(sight.weight * total, c)

@@ -1,0 +1,225 @@
+"""Machines: the nominal model, every effect at the size that counts as detectable, and the rivals of a diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import isfinite, nan
+from typing import Any
+
+import numpy as np
+
+from ..gap.data.setting import SMALL_FRICTION, Setting, turns_with_position
+from ..gap.effects.effect import Effect
+from ..gap.effects.estimate import Estimate
+from ..gap.effects.twins import Log as Facts
+from ..gap.effects.vocabulary import EFFECTS, on_rate_sensor
+from ..gap.fit.candidate import NOMINAL, SLAB, nominal_sizes
+from ..gap.machine import FEATURES, Structure
+from ..gap.simulate.family import Family, Nominal, make_family
+from ..model_file import Model
+from .limits import Limits
+
+Values = dict[str, float]
+OFFSET = "torque"  # the parameter of a constant torque
+START = {"torque_saturation": 1, "actuator_lag": 1, "velocity_lag": 1, "actuator_delay": 0, "velocity_delay": 0}
+"""Which of an effect's starts is its detectable size; the middle one of the others."""
+WITHOUT_OFFSET = ("constant_torque", "asymmetric_friction")  # an unknown offset beside them would be one of them
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One machine: the nominal one with effects at values.
+
+    Attributes:
+        name: of the effect.
+        effect: of the vocabulary; None for the nominal machine.
+        structure: that the machine needs.
+        values: that are not the nominal ones, by parameter.
+    """
+
+    name: str
+    effect: Effect | None
+    structure: Structure
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Shop:
+    """Makes machines of variants.
+
+    Attributes:
+        model: the nominal one.
+        setting: sizes for bounds and detectable values.
+        families: one a structure that is needed.
+    """
+
+    model: Model
+    setting: Setting
+    families: dict[Structure, Family]
+
+    def family(self, structure: Structure) -> Family:
+        """The family of a structure, made when it is first needed; a nominal spring makes every one a transmission."""
+        if structure not in self.families:
+            loop = self.model.loop
+            nominal = Nominal(loop.plant, loop.actuator, loop.sensor)
+            self.families[structure] = make_family((structure, FEATURES), nominal, EFFECTS, self.setting)
+        return self.families[structure]
+
+    def vector(self, variant: Variant) -> np.ndarray:
+        """All parameters of a variant's family, shape (parameters,)."""
+        family = self.family(variant.structure)
+        vector = family.neutral(self.setting)
+        for name, value in variant.values.items():
+            vector[family.index(name)] = value
+        return vector
+
+    def nuisances(self, effect: Effect | None) -> tuple[str, ...]:
+        """Parameters of the nominal model that may be wrong beside an effect."""
+        own = set() if effect is None else {p.name for p in effect.parameters}
+        offset = () if effect is not None and effect.name in WITHOUT_OFFSET else (OFFSET,)
+        return tuple(name for name in (*NOMINAL, *offset) if name not in own)
+
+    def spreads(self, family: Family, names: tuple[str, ...]) -> np.ndarray:
+        """Standard deviation of the prior of parameters, as the diagnosis has it, shape (names,)."""
+        sizes, found = nominal_sizes(self.setting), []
+        for name in names:
+            parameter = family.parameters[family.index(name)]
+            width = parameter.high(self.setting) - parameter.low(self.setting)
+            found.append(SLAB * sizes[name] if name in sizes else 0.25 * width)
+        return np.array(found)
+
+    def steps(self, family: Family, names: tuple[str, ...]) -> np.ndarray:
+        """Small changes of parameters for their tangents, shape (names,)."""
+        return np.array([1e-3 * family.parameters[family.index(name)].scale(self.setting) for name in names])
+
+    def effects(self) -> tuple[Effect, ...]:
+        """The vocabulary, without what only a rate sensor has where there is none."""
+        rate = self.model.sensors != "position"
+        return tuple(effect for effect in EFFECTS if rate or not on_rate_sensor(effect))
+
+    def facts(self) -> Facts:
+        """What decides about exact twins in a log of this machine."""
+        load, actuator = self.model.loop.plant.load, self.model.loop.actuator
+        turning = turns_with_position(load)
+        known = turning or bool(self.model.nominal["offset"]) or bool(getattr(actuator, "offset", None))
+        return Facts(self.model.sensors != "velocity", known, turning, self.setting.nominal)
+
+
+def make_shop(model: Model, limits: Limits, torque: float, window: float) -> Shop:
+    """Sizes from the limits: what the diagnosis will take from the log of a run that uses them.
+
+    Args:
+        model: the nominal one.
+        limits: of the run.
+        torque: largest that the run commands [N m].
+        window: length of a window [s].
+    """
+    nominal = model.nominal
+    setting = Setting(
+        inertia=nominal["inertia"],
+        coulomb=nominal["coulomb"],
+        viscous=nominal["viscous"],
+        friction=max(nominal["coulomb"], SMALL_FRICTION * torque),
+        speed=limits.speed,
+        torque=torque,
+        travel=limits.travel,
+        duration=limits.duration,
+        dt=model.dt,
+        window=window,
+        effort=torque + nominal["inertia"] * limits.acceleration,
+        nominal={name: nominal[name] for name in NOMINAL},
+        unknown_origin=False,
+    )
+    return Shop(model, setting, {})
+
+
+NOMINAL_VARIANT = Variant("nominal", None, "rigid", {})
+
+
+def detectable(shop: Shop, effect: Effect) -> Variant:
+    """An effect at the size that a plan must show: a usual start of its fit, or a tenth to a fifth of the friction."""
+    setting = shop.setting
+    starts = effect.starts(setting)
+    values = dict(starts[START.get(effect.name, len(starts) // 2)])
+    sized = [p for p in effect.parameters if not p.name.endswith(("periods", "exponent", "time"))]
+    if not any(p.name in values and values[p.name] != p.neutral(setting) for p in sized):
+        chosen = next((p for p in sized if p.name.endswith("_difference")), sized[0])
+        values[chosen.name] = chosen.neutral(setting) + chosen.scale(setting)
+    return Variant(effect.name, effect, effect.structure, values)
+
+
+def reported(variant: Variant, shop: Shop) -> dict[str, Estimate]:
+    """A variant's parameters by the names of `diagnosis.json`."""
+    assert variant.effect is not None
+    family = shop.family(variant.structure)
+    values = family.neutral_values(shop.setting) | dict(variant.values)
+    found = variant.effect.describe(values, shop.setting)
+    return {name: Estimate(value, value, value, unit) for name, (value, unit) in found.items()}
+
+
+def rival(shop: Shop, name: str, told: Mapping[str, float]) -> Variant | None:
+    """A machine from the parameters that a diagnosis reports of an effect; None for an effect of the user's own.
+
+    What is not reported (a phase, a bristle's damping) is as in `detectable`.
+
+    Args:
+        shop: of the nominal model.
+        name: of the effect.
+        told: its reported parameters; NaN for what is not known.
+    """
+    effect = next((one for one in EFFECTS if one.name == name), None)
+    if effect is None:
+        return None
+    usual = detectable(shop, effect)
+    known = {key: value for key, value in told.items() if isfinite(value)}
+    values = dict(usual.values) | _values(effect, known, shop)
+    clipped = {
+        p.name: float(np.clip(values[p.name], p.low(shop.setting), p.high(shop.setting)))
+        for p in (*effect.parameters, *effect.fixed)
+        if p.name in values
+    }
+    return Variant(name, effect, effect.structure, clipped)
+
+
+RENAMED = {
+    "friction_drift": {"amplitude": "drift_amplitude", "time_constant": "drift_time"},
+    "load_dependent_friction": {"coefficient": "load_coefficient"},
+    "quadratic_drag": {"coefficient": "drag_coefficient"},
+    "position_dependent_friction": {"amplitude": "ripple_cosine_1", "periods": "ripple_periods"},
+    "cogging": {"amplitude": "cogging_cosine_1", "periods": "cogging_periods"},
+    "unbalance": {"amplitude": "unbalance_cosine"},
+    "actuator_lag": {"time_constant": "actuator_lag"},
+    "velocity_lag": {"time_constant": "velocity_lag"},
+    "actuator_delay": {"delay": "actuator_delay"},
+    "velocity_delay": {"delay": "velocity_delay"},
+    "torque_dead_zone": {"width": "dead_zone"},
+    "presliding": {"bristle_deflection": "bristle_deflection"},
+    "compliance": {"frequency": "frequency"},
+    "backlash": {"gap": "gap"},
+}
+
+
+def _values(effect: Effect, told: Mapping[str, float], shop: Shop) -> Values:
+    """The effect's own parameters of those that the contract names."""
+    if effect.name == "asymmetric_friction":
+        nominal: Mapping[str, Any] = shop.setting.nominal
+        found: Values = {}
+        for number in ("coulomb", "viscous"):
+            up, down = (told.get(f"{number}_{side}", nominal[number]) for side in ("positive", "negative"))
+            found |= {number: 0.5 * (up + down), f"{number}_difference": 0.5 * (up - down)}
+        return found
+    names = {p.name for p in (*effect.parameters, *effect.fixed)}
+    renamed = {RENAMED.get(effect.name, {}).get(name, name): value for name, value in told.items()}
+    found = {name: value for name, value in renamed.items() if name in names}
+    if effect.name == "compliance" and "stiffness" in told:
+        found |= _load_share(found, told["stiffness"], shop.setting.inertia)
+    return found
+
+
+def _load_share(found: Values, stiffness: float, inertia: float) -> Values:
+    """Of stiffness = J s (1 - s) (2 pi f)^2: the smaller root; two masses in halves where there is none."""
+    product = stiffness / (inertia * (2.0 * np.pi * found.get("frequency", nan)) ** 2)
+    if not isfinite(product):
+        return {}
+    return {"load_share": 0.5 - float(np.sqrt(max(0.25 - product, 0.0)))}

@@ -1,0 +1,74 @@
+"""Picture: the planned run, the torque it needs, and the evidence it is expected to bring."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..output.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, RED, new_figure, style, thin
+from .result import NEEDED, Plan
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LEAST = 1e-2  # nats: the left end of the axis
+
+
+def draw(plan: Plan) -> Figure:
+    """One page: speed, position and torque over time with their limits, and a bar an effect or pair."""
+    bars = _bars(plan)
+    height = 5.0 + 0.19 * len(bars)
+    title = "Planned run: " + ("all effects visible" if plan.aim == "effects" else "rivals told apart")
+    figure, axes = new_figure(
+        4, 1, size=(7.6, height), title=title, height_ratios=[1.4, 1.0, 1.0, 0.5 + 0.19 * len(bars)]
+    )
+    angle = "m" if plan.linear else "rad"
+    with style():
+        rows = (
+            (plan.motion["speed"], plan.limits.speed, f"speed [{angle}/s]", BLUE),
+            (plan.motion["position"], float("inf"), f"position [{angle}]", GREEN),
+            (plan.torque, plan.limits.torque, f"torque [{plan.torque_unit}]", ORANGE),
+        )
+        for axis, (values, limit, label, colour) in zip(axes[:3, 0], rows, strict=True):
+            _course(axis, plan.time, values, limit, label, colour)
+        axes[0, 0].sharex(axes[2, 0])
+        axes[1, 0].sharex(axes[2, 0])
+        axes[2, 0].set_xlabel("time [s]")
+        _evidence(axes[3, 0], bars)
+    return figure
+
+
+def _course(axis: Axes, time: np.ndarray, values: np.ndarray, limit: float, label: str, colour: str) -> None:
+    axis.plot(*thin(time, values), color=colour)
+    axis.set_ylabel(label)
+    axis.margins(x=0.0)
+    if np.isfinite(limit):
+        for side in (limit, -limit):
+            axis.axhline(side, color=GREY, linestyle="--", linewidth=0.9)
+        axis.annotate("limit", (1.0, limit), xycoords=("axes fraction", "data"), ha="right", va="top", color=GREY)
+        axis.set_ylim(-1.12 * limit, 1.12 * limit)
+
+
+def _bars(plan: Plan) -> list[tuple[str, float]]:
+    if plan.aim == "rivals":
+        return [(" / ".join(one.between), float("nan") if one.twins else one.nats) for one in plan.separations]
+    return [(one.effect, float("nan") if one.twin else one.nats) for one in plan.visible]
+
+
+def _evidence(axis: Axes, bars: list[tuple[str, float]]) -> None:
+    place = np.arange(len(bars))[::-1]
+    sizes = np.array([max(nats, LEAST) if np.isfinite(nats) else LEAST for _, nats in bars])
+    colours = [GREY if not np.isfinite(n) else BLUE if n >= NEEDED else RED for _, n in bars]
+    axis.barh(place, sizes - LEAST, left=LEAST, color=colours, height=0.72)
+    for at, size, (_, nats) in zip(place, sizes, bars, strict=True):
+        told = f"{nats:.3g}" if np.isfinite(nats) else "exact twins: no run separates them"
+        axis.text(size * 1.15, at, told, va="center", fontsize=7.5, color=BLACK)
+    axis.axvline(NEEDED, color=BLACK, linestyle="--", linewidth=0.9)
+    axis.set_xscale("log")
+    axis.set_xlim(LEAST, 60.0 * max(float(np.max(sizes)), NEEDED))
+    axis.set_ylim(-0.7, len(bars) - 0.3)
+    axis.set_yticks(place, [name.replace("_", " ") for name, _ in bars])
+    axis.grid(axis="y", visible=False)
+    axis.set_xlabel(f"expected log evidence [nats]; dashed: the {NEEDED:g} that the diagnosis needs")

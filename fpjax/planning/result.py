@@ -1,0 +1,239 @@
+"""Plan: the run to record next, what it will show, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from ..gap.select.thresholds import THRESHOLDS
+from .limits import Limits
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NEEDED = THRESHOLDS.sure  # nats by which the diagnosis wants a cause to lead before it asserts it
+
+
+@dataclass(frozen=True)
+class Visible:
+    """An effect and the evidence that the run would bring of it, were it there.
+
+    Attributes:
+        effect: name of the vocabulary.
+        size: the parameters at which it is asked for, by name: (value, unit).
+        nats: expected log evidence over the nominal model with its numbers and an offset free; NaN for a twin.
+        twin: why no run shows it as itself; "" where one does.
+    """
+
+    effect: str
+    size: dict[str, tuple[float, str]]
+    nats: float
+    twin: str = ""
+
+    @property
+    def shown(self) -> bool:
+        """Whether the run is expected to show it."""
+        return not self.twin and self.nats >= NEEDED
+
+    def to_dict(self) -> dict[str, Any]:
+        """By name; `nats` is None for a twin."""
+        size = {name: {"value": value, "unit": unit} for name, (value, unit) in self.size.items()}
+        nats = None if self.twin else self.nats
+        return {"effect": self.effect, "size": size, "nats": nats, "shown": self.shown, "twin": self.twin}
+
+
+@dataclass(frozen=True)
+class Separation:
+    """Two rivals and the evidence between them that the run would bring.
+
+    Attributes:
+        between: their names.
+        nats: expected log evidence between them, the smaller of the two directions; NaN for exact twins.
+        twins: no run with these sensors tells them apart.
+        where: what most of the evidence comes from.
+        experiment: what a person could do beside this run.
+        sentence: all of it, for the reader.
+    """
+
+    between: tuple[str, str]
+    nats: float
+    twins: bool
+    where: str
+    experiment: str
+    sentence: str
+
+    @property
+    def separated(self) -> bool:
+        """Whether the run is expected to decide between them."""
+        return not self.twins and self.nats >= NEEDED
+
+    def to_dict(self) -> dict[str, Any]:
+        """By name; `nats` is None for twins."""
+        nats = None if self.twins else self.nats
+        return {
+            "between": list(self.between), "nats": nats, "needed": NEEDED, "twins": self.twins,
+            "separated": self.separated, "where": self.where, "experiment": self.experiment, "sentence": self.sentence,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A run under the machine's limits.
+
+    Attributes:
+        aim: "effects": make all of the vocabulary visible; "rivals": decide between what a diagnosis left open.
+        time: [s], shape (samples,).
+        reference: what the drive is to follow [rad/s], or [rad] from where it stands, shape (samples,).
+        motion: the planned "speed" [rad/s], "acceleration" [rad/s^2] and "position" [rad], each of shape (samples,).
+        torque: that the nominal machine needs for it [N m], shape (samples,).
+        limits: that were kept.
+        visible: the vocabulary, the least visible first; () where rivals are told apart.
+        separations: pairs of rivals, the nearest first; () where there are none.
+        rivals: names of the rivals.
+        missing: level of the missing torque that was assumed [N m].
+        noise: standard deviations by sensor: "velocity" [rad/s], "position" [rad].
+        position: the reference is a position.
+        linear: metres and newtons.
+        torque_unit: of the torque.
+        model: name of the nominal model's file.
+        evaluations: motions that were tried, each with its gradient.
+        gained: the worst evidence, of the best start and of the plan [nats].
+        ended: "converged", "time" or "interrupted".
+        notes: what was chosen for the user, a sentence each.
+        seconds: processor time by stage [s].
+    """
+
+    aim: Literal["effects", "rivals"]
+    time: np.ndarray
+    reference: np.ndarray
+    motion: dict[str, np.ndarray]
+    torque: np.ndarray
+    limits: Limits
+    visible: tuple[Visible, ...]
+    separations: tuple[Separation, ...]
+    rivals: tuple[str, ...]
+    missing: float
+    noise: dict[str, float]
+    position: bool
+    linear: bool
+    torque_unit: str
+    model: str
+    evaluations: int
+    gained: tuple[float, float]
+    ended: str
+    notes: tuple[str, ...] = ()
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def used(self) -> dict[str, float]:
+        """Share of every limit that the motion uses [1]; a torque without a limit is left out."""
+        limits = self.limits
+        found = {
+            "speed": float(np.max(np.abs(self.motion["speed"]))) / limits.speed,
+            "acceleration": float(np.max(np.abs(self.motion["acceleration"]))) / limits.acceleration,
+            "travel": float(np.ptp(self.motion["position"])) / limits.travel,
+        }
+        if np.isfinite(limits.torque):
+            found["torque"] = float(np.max(np.abs(self.torque))) / limits.torque
+        return found
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """The run, its torque, and what it shows or separates.
+
+        Args:
+            path: picture file to write; None to write none.
+
+        Raises:
+            InputError: where the file cannot be written.
+        """
+        from ..output.plotting import save
+        from .picture import draw
+
+        figure = draw(self)
+        if path is not None:
+            save(figure, path)
+        return figure
+
+    def write(self, folder: str | Path) -> dict[str, Path]:
+        """Leave plan.json, reference.csv and plan.png in a folder.
+
+        Args:
+            folder: it is made.
+
+        Returns:
+            Their paths by name.
+
+        Raises:
+            InputError: where they cannot be written.
+        """
+        from ..output.runfile import open_folder, write_json
+
+        place = open_folder(folder)
+        assert place is not None
+        paths = {name: place / name for name in ("reference.csv", "plan.json", "plan.png")}
+        self.write_reference(paths["reference.csv"])
+        write_json(paths["plan.json"], self.to_dict())
+        self.plot(paths["plan.png"])
+        return paths
+
+    def write_reference(self, path: Path) -> None:
+        """The table for `[reference] type = "recorded"` and for a drive: time, reference, and what it makes of them.
+
+        Columns: time [s], reference [rad/s or rad], and the planned speed, acceleration and position.
+        """
+        from ..output.runfile import whole_file
+
+        columns = [self.time, self.reference, *(self.motion[name] for name in ("speed", "acceleration", "position"))]
+        header = "time,reference,planned_speed,planned_acceleration,planned_position"
+        with whole_file(path) as file:
+            np.savetxt(file, np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.9g")
+
+    def to_dict(self) -> dict[str, Any]:
+        """`plan.json`: numbers, strings, lists and dictionaries; the motion itself is in reference.csv."""
+        return {
+            "aim": self.aim,
+            "model": self.model,
+            "rivals": list(self.rivals),
+            "limits": self.limits.to_dict(),
+            "used": self.used,
+            "reference": "position" if self.position else "velocity",
+            "samples": len(self.time),
+            "dt": float(self.time[1] - self.time[0]),
+            "needed": NEEDED,
+            "missing_torque": self.missing,
+            "noise": self.noise,
+            "visible": [one.to_dict() for one in self.visible],
+            "separations": [one.to_dict() for one in self.separations],
+            "evaluations": self.evaluations,
+            "worst_nats": {"start": self.gained[0], "plan": self.gained[1]},
+            "ended": self.ended,
+            "notes": list(self.notes),
+            "seconds": {stage: round(spent, 3) for stage, spent in self.seconds.items()},
+        }
+
+    def sentence(self) -> str:
+        """What the run is expected to do, in one sentence."""
+        if self.aim == "rivals":
+            done = sum(one.separated for one in self.separations)
+            twins = sum(one.twins for one in self.separations)
+            more = f"; {twins} are exact twins, which no run with these sensors separates" if twins else ""
+            return f"The run is expected to separate {done} of {len(self.separations)} pairs of rivals{more}."
+        can = [one for one in self.visible if not one.twin]
+        shown = sum(one.shown for one in can)
+        return (
+            f"The run is expected to show {shown} of {len(can)} effects at the sizes in plan.json; least visible is "
+            f"{can[0].effect} with {can[0].nats:.3g} nats, {NEEDED:g} needed."
+        )
+
+    def __str__(self) -> str:
+        lines = [self.sentence()]
+        lines += [f"  {one.sentence}" for one in self.separations]
+        if self.visible:
+            lines += [f"  {one.effect:<28}{one.nats:10.3g} nats" for one in self.visible if not one.twin]
+            lines += [f"  {one.effect:<28}{'':>10} {one.twin}" for one in self.visible if one.twin]
+        use = ", ".join(f"{name} {share:.0%}" for name, share in self.used.items())
+        lines.append(f"  used of the limits: {use}")
+        return "\n".join(lines)

@@ -1,0 +1,262 @@
+"""Trial: what a shape of the run would bring: the closed loop follows it, and the models are held against the logs."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..blocks.controllers import AbstractController, PositionLoop, ProportionalIntegral
+from ..blocks.observers import NoObserver
+from ..gap.machine import Machine, Structure
+from ..gap.simulate.family import Family
+from ..gap.simulate.replay import SUBSTEPS, assembled
+from ..loop import ClosedLoop
+from ..model_file import Model
+from ..scan import Inputs, make_stepper, roll
+from .expect import Lanes, Readings, Told, coefficients, make_lanes, told_apart
+from .machines import NOMINAL_VARIANT, Shop, Variant
+from .sight import Sight
+from .trajectory import Course, Shape
+
+STAND_IN = 0.1  # of the control rate: bandwidth of the loop that stands in for an unknown controller
+SHARP = 4.0  # of the soft minimum over what is to be seen: the worst counts most
+LEAST = 1e-3  # nats: below it there is nothing to grow
+OVERSHOOT = 1.1  # of the speed limit: what a loop may swing beyond its reference
+TOLERANCE = 1.01
+RECORD = ("torque", "measured_velocity", "measured_position")
+
+
+class Seen(NamedTuple):
+    """What a shape brings.
+
+    Attributes:
+        nats: of every comparison, shape (comparisons,).
+        left: what of the misfit stays, a share of it by window, shape (comparisons, windows).
+        bands: likewise by octave, shape (comparisons, bands).
+        torque: largest |command| of the machines that were simulated [N m].
+        speed: largest |reading| of theirs [rad/s].
+        readings: of the machines that were simulated, shape (runs, samples) each.
+    """
+
+    nats: Float[Array, " comparisons"]
+    left: Float[Array, "comparisons windows"]
+    bands: Float[Array, "comparisons bands"]
+    torque: Float[Array, ""]
+    speed: Float[Array, ""]
+    readings: Readings
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A log of one machine held against another model.
+
+    Attributes:
+        log: index of the variant that is simulated.
+        model: index of the variant that is replayed.
+        moving: the model's parameters that may move.
+    """
+
+    log: int
+    model: int
+    moving: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A function from a shape to what it brings.
+
+    Attributes:
+        shop: makes the machines.
+        sight: of the diagnosis.
+        course: from shapes to motions.
+        simulated: variants that run in closed loop.
+        models: variants that are replayed.
+        comparisons: what is to be told apart.
+        lanes: of the models, and the place of each among them, by structure.
+    """
+
+    shop: Shop
+    sight: Sight
+    course: Course
+    simulated: tuple[Variant, ...]
+    models: tuple[Variant, ...]
+    comparisons: tuple[Comparison, ...]
+    lanes: Mapping[Structure, tuple[Lanes, Mapping[int, int]]]
+
+    def seen(self, shape: Shape, share: Array | float = 1.0) -> Seen:
+        """What a shape, or a share of its motion [1], brings; differentiable."""
+        motion = self.course.motion(shape, share)
+        position = self.shop.model.units.reference == "position"
+        readings = self.simulate(motion.position if position else motion.speed)
+        told: dict[int, Told] = {}
+        for structure in dict.fromkeys(v.structure for v in self.models):
+            told |= self._structure(structure, readings)
+        nats = jnp.stack([told[i].nats for i in range(len(self.comparisons))])
+        squares = jnp.stack([told[i].left for i in range(len(self.comparisons))]) ** 2
+        total = jnp.maximum(jnp.sum(squares, axis=(1, 2)), 1e-300)[:, None]
+        band = self.sight.modes.band
+        bands = jnp.stack(
+            [jnp.sum(squares[:, np.flatnonzero(band == b)], axis=(1, 2)) for b in range(self.sight.modes.bands)], axis=1
+        )
+        largest, fastest = jnp.max(jnp.abs(readings.torque)), jnp.max(jnp.abs(readings.rate))
+        return Seen(nats, jnp.sum(squares, axis=1) / total, bands / total, largest, fastest, readings)
+
+    def cost(self, shape: Shape, wanted: Array, share: Array) -> tuple[Array, Seen]:
+        """Less the soft minimum of the logarithms of the evidence, and what goes beyond the limits all the same.
+
+        Args:
+            shape: of the motion.
+            wanted: weight of every comparison; 0 leaves it out.
+            share: of the motion [1].
+        """
+        seen = self.seen(shape, share)
+        worth = jnp.log(jnp.maximum(seen.nats, LEAST))
+        soft = -jax.nn.logsumexp(-SHARP * worth, b=wanted) / SHARP + jnp.log(jnp.sum(wanted)) / SHARP
+        mean = jnp.sum(wanted * worth) / jnp.sum(wanted)
+        limits = self.course.limits
+        over = jnp.maximum(seen.speed / limits.speed - OVERSHOOT, 0.0)
+        if np.isfinite(limits.torque):
+            over = over + jnp.maximum(seen.torque / limits.torque - 1.0, 0.0)
+        return -(soft + 0.2 * mean) + 20.0 * jnp.log1p(over), seen
+
+    def beyond(self, seen: Seen) -> bool:
+        """Whether a simulated machine left its limits: the torque, or the speed by more than an overshoot."""
+        limits = self.course.limits
+        fine = seen.torque <= TOLERANCE * limits.torque and seen.speed <= TOLERANCE * OVERSHOOT * limits.speed
+        return not bool(fine)
+
+    def _periods(self, family: Family, vectors: np.ndarray, side: str) -> int:
+        """Whole periods that a dead time of the actuator or the rate sensor reaches back."""
+        return int(np.ceil(np.max(vectors[family.index(f"{side}_delay")]) / self.sight.dt))
+
+    def simulate(self, reference: Float[Array, " samples"]) -> Readings:
+        """The logs of the simulated variants."""
+        found: dict[int, tuple[Array, Array, Array]] = {}
+        for structure in dict.fromkeys(v.structure for v in self.simulated):
+            which = [i for i, v in enumerate(self.simulated) if v.structure == structure]
+            family = self.shop.family(structure)
+            vectors = np.stack([self.shop.vector(self.simulated[i]) for i in which], axis=1)
+            machines = quiet(assembled(family.machine, family.effects, family.parameters, vectors))
+            machines = short(machines, *(self._periods(family, vectors, side) for side in ("actuator", "velocity")))
+            stepper = make_stepper(
+                dt=self.sight.dt, samples=len(self.course.time), solver="exact", stepping="sampled",
+                substeps=SUBSTEPS[family.key[0]],
+            )  # fmt: skip
+            silence = tuple(jnp.zeros(len(self.course.time)) for _ in range(machines.sensor.noise_channels))
+            inputs = Inputs(jnp.asarray(self.course.time), (reference,), silence)
+
+            def one(machine: Machine, inputs: Inputs = inputs, stepper: Any = stepper) -> tuple[Array, Array, Array]:
+                _, recorded, _ = roll(loop_of(self.shop.model, machine), inputs, stepper, {}, RECORD)
+                return recorded["torque"], recorded["measured_velocity"], recorded["measured_position"]
+
+            out = eqx.filter_vmap(one)(machines)
+            for row, index in enumerate(which):
+                found[index] = (out[0][row], out[1][row], out[2][row])
+        rows = [jnp.stack([found[i][part] for i in range(len(self.simulated))]) for part in range(3)]
+        return Readings(*rows)
+
+    def _structure(self, structure: Structure, readings: Readings) -> dict[int, Told]:
+        """The comparisons whose model has a structure: of each, what tells it apart."""
+        lanes, places = self.lanes[structure]
+        out = coefficients(self.shop, self.sight, lanes, readings)
+        which = [i for i, c in enumerate(self.comparisons) if self.models[c.model].structure == structure]
+        bases, tangents, shifts = [], [], []
+        most = max(len(self.comparisons[i].moving) for i in which)
+        for index in which:
+            comparison = self.comparisons[index]
+            place = places[comparison.model]
+            base = out[:, lanes.base[place], comparison.log]
+
+            def slope(pair: tuple[int, float], log: int = comparison.log, base: Array = base) -> Array:
+                return (out[:, pair[0], log] - base) / pair[1]
+
+            moved = [slope(lanes.tangents[place][name]) for name in comparison.moving]
+            moved += [jnp.zeros_like(base)] * (most - len(moved))
+            bases.append(base)
+            tangents.append(jnp.stack(moved) if moved else jnp.zeros((0, *base.shape)))
+            shifts.append(jnp.stack([slope(pair) for pair in lanes.shifts[place]]))
+        told = jax.vmap(functools.partial(told_apart, self.sight))(
+            jnp.stack(bases), jnp.stack(tangents), jnp.stack(shifts)
+        )  # fmt: skip
+        return {index: Told(told.nats[row], told.left[row]) for row, index in enumerate(which)}
+
+
+def loop_of(model: Model, machine: Any) -> ClosedLoop:
+    """The model's loop around a machine; where its controller is unknown, a stiff one stands in, so that the machine
+    makes the planned motion and the torque is what that motion needs.
+    """
+    controller: AbstractController = model.loop.controller
+    observer: Any = model.loop.observer
+    if not model.controller_known:
+        bandwidth = STAND_IN / model.dt
+        gain = model.nominal["inertia"] * bandwidth
+        controller, observer = ProportionalIntegral(gain, 0.2 * gain * bandwidth), NoObserver()
+        if model.units.reference == "position":
+            controller = PositionLoop(0.2 * bandwidth, controller)
+    return ClosedLoop(machine.plant, controller, observer, machine.actuator, machine.sensor)
+
+
+def quiet(machine: Machine) -> Machine:
+    """The machine with sensors that neither round nor hiss: noise is in the expected evidence."""
+    nothing = jnp.zeros_like(machine.sensor.noise)
+    names = ("noise", "step_size", "position_noise", "position_step")
+    return eqx.tree_at(
+        lambda at: tuple(getattr(at.sensor, name) for name in names), machine, (nothing,) * len(names)
+    )  # fmt: skip
+
+
+def short(machine: Machine, actuator: int, sensor: int) -> Machine:
+    """The machine with no longer memories than its dead times [periods]: they are most of what there is to compile."""
+    parts = dataclasses.replace(machine.actuator, longest_delay=actuator + 1)
+    if actuator == 0:
+        parts = eqx.tree_at(lambda at: at.delay, parts, None)
+    reading = dataclasses.replace(machine.sensor, longest_delay=max(sensor, 1))
+    return eqx.tree_at(lambda at: (at.actuator, at.sensor), machine, (parts, reading))
+
+
+def effects_trial(shop: Shop, sight: Sight, course: Course, variants: Sequence[Variant]) -> Trial:
+    """The nominal machine's log against every effect at its detectable size, the nominal numbers and an offset free."""
+    comparisons = tuple(Comparison(0, i, shop.nuisances(v.effect)) for i, v in enumerate(variants))
+    return _trial(shop, sight, course, (NOMINAL_VARIANT,), tuple(variants), comparisons)
+
+
+def rivals_trial(shop: Shop, sight: Sight, course: Course, rivals: Sequence[Variant]) -> Trial:
+    """Every rival's log against every other rival's model, its own parameters and the nominal numbers free."""
+    comparisons = []
+    for log in range(len(rivals)):
+        for model, rival in enumerate(rivals):
+            if model == log:
+                continue
+            assert rival.effect is not None
+            # What is wrong in the log's machine by its own name must not be the model's to correct.
+            wrong = rivals[log].name.removesuffix("_error")
+            own = tuple(p.name for p in rival.effect.parameters)
+            nominal = tuple(n for n in shop.nuisances(rival.effect) if n not in ("torque", wrong))
+            comparisons.append(Comparison(log, model, (*nominal, *own)))
+    return _trial(shop, sight, course, tuple(rivals), tuple(rivals), tuple(comparisons))
+
+
+def _trial(
+    shop: Shop, sight: Sight, course: Course, simulated: tuple[Variant, ...], models: tuple[Variant, ...],
+    comparisons: tuple[Comparison, ...],
+) -> Trial:  # fmt: skip
+    moving: dict[int, tuple[str, ...]] = {}  # of each model: what may move in any of its comparisons
+    for one in comparisons:
+        moving[one.model] = tuple(dict.fromkeys((*moving.get(one.model, ()), *one.moving)))
+    lanes: dict[Structure, tuple[Lanes, dict[int, int]]] = {}
+    for structure in dict.fromkeys(v.structure for v in models):
+        which = [i for i, v in enumerate(models) if v.structure == structure]
+        made = make_lanes(shop, [models[i] for i in which], [moving[i] for i in which])
+        lanes[structure] = made, {index: place for place, index in enumerate(which)}
+    for variant in simulated:
+        shop.family(variant.structure)  # made here: the trace of a trial cannot
+    return Trial(shop, sight, course, simulated, models, comparisons, lanes)

@@ -1,0 +1,265 @@
+"""plan: from a model, and what a diagnosis left open, to the run to record next."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..gap import diagnose
+from ..gap.diagnose import Diagnosis
+from ..logs import Log, read_log
+from ..model_file import Model
+from ..verbs import as_model, double_precision
+from .design import Designed, design
+from .explain import kinds_of_windows, separations, where_from
+from .limits import Limits, make_limits
+from .machines import Shop, detectable, make_shop, reported
+from .result import NEEDED, Plan, Separation, Visible
+from .rivals import hidden_by_twin, level_of, machines_of, read_diagnosis, rivals_of, twins_of
+from .sight import Sight, make_sight
+from .trajectory import make_course
+from .trial import Trial, effects_trial, rivals_trial
+
+SECONDS = 45.0  # processor time of the design; the rest of a minute is for what is around it
+RISE = 0.02  # s: knots of the speed need not be nearer than what a loop follows
+TOO_FAST = 3.0  # of the speed limit: a loop that swings so far beyond its reference is unstable
+
+Progress = Callable[[str, float], None]
+
+
+class _Clock:
+    """Processor seconds by stage."""
+
+    def __init__(self, told: Progress | None) -> None:
+        self.told, self.seconds, self._stage, self._begun = told, dict[str, float](), "", 0.0
+
+    def __call__(self, stage: str, share: float) -> None:
+        now = time.process_time()
+        if self._stage:
+            self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._begun
+        self._stage, self._begun = stage, now
+        if self.told is not None:
+            self.told(stage, share)
+
+
+def plan(
+    model: Model | str | os.PathLike[str],
+    *,
+    log: Log | str | os.PathLike[str] | None = None,
+    diagnosis: Diagnosis | Mapping[str, Any] | str | os.PathLike[str] | None = None,
+    speed: float | None = None,
+    acceleration: float | None = None,
+    torque: float | None = None,
+    travel: float | None = None,
+    duration: float | None = None,
+    missing: float | None = None,
+    velocity_noise: float | None = None,
+    position_noise: float | None = None,
+    seconds: float = SECONDS,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Plan:
+    """Which run to record next.
+
+    From a model alone: a reference that makes every effect of the vocabulary visible, the least visible one as much as
+    can be. With a log it is diagnosed first; from a diagnosis that could not decide: the reference that separates its
+    rivals best. The closed loop is simulated where the controller is known; else a stiff loop stands in for it, and the
+    motion itself is planned. Runs in double precision. After an interrupt the best run so far is returned, and
+    `Plan.ended` says so.
+
+    Args:
+        model: the nominal model, or the path or text of a servo.toml.
+        log: a run that was recorded before; it is diagnosed, and its extent is what the limits default to.
+        diagnosis: of it, where there is one already: a `Diagnosis`, the folder or the dictionary of a diagnosis.json.
+        speed: largest [rad/s].
+        acceleration: largest [rad/s^2].
+        torque: largest commanded [N m].
+        travel: from one end of the motion to the other [rad].
+        duration: of the run [s].
+        missing: torque that every model is taken to miss [N m]; None for what the diagnosis left, or 2 % of the
+            friction.
+        velocity_noise: standard deviation of a rate reading [rad/s]; None for the log's or the model's.
+        position_noise: of a position reading [rad]; likewise.
+        seconds: processor time of the design [s].
+        seed: of the random motions that are tried first.
+        progress: called with (name of the stage, share done [1]).
+
+    Returns:
+        A `Plan`: it prints its sentences, plots itself and writes plan.json, reference.csv and plan.png.
+
+    Raises:
+        InputError: for limits that contradict each other, a machine that cannot move within them, a diagnosis without
+            rivals, or a loop that is unstable.
+    """
+    known = as_model(model, "plan", "a Model")
+    if known is None:
+        raise InputError("plan needs a Model (fpjax.load_model) or the path of a servo.toml.")
+    if not 0.0 < seconds < float("inf"):
+        raise InputError(f"seconds must be above zero, got {seconds:g} s; {SECONDS:g} s is usual.")
+    for name, value in (("missing", missing), ("velocity_noise", velocity_noise), ("position_noise", position_noise)):
+        if value is not None and not 0.0 < value < float("inf"):
+            raise InputError(f"{name} must be a number above zero, got {value:g}.")
+    clock, notes = _Clock(progress), list[str]()
+    clock("reading", 0.0)
+    record = log if isinstance(log, Log) or log is None else read_log(log, linear=known.linear)
+    if record is not None and diagnosis is None:
+        clock("diagnosing the log", 0.02)
+        diagnosis = diagnose(record, known)
+        notes.append(f"the log: {diagnosis.sentence()}")
+    told = None if diagnosis is None else read_diagnosis(diagnosis)
+    with double_precision():
+        clock("limits", 0.4 if record is not None else 0.02)
+        given = {
+            "speed": speed, "acceleration": acceleration, "torque": torque, "travel": travel, "duration": duration,
+        }  # fmt: skip
+        limits = make_limits(known, record, given, notes)
+        level = missing if missing is not None or told is None else level_of(told)
+        noise = {"velocity": velocity_noise, "position": position_noise}
+        sight = make_sight(known, limits, record, level, noise, notes)
+        course = make_course(limits, known.dt, RISE)
+        shop = make_shop(known, limits, _largest_torque(known, limits), sight.samples * sight.dt)
+        if not known.controller_known:
+            notes.append(
+                "[controller] is unknown: the motion itself is planned, and a stiff loop stands in for the drive's."
+            )
+        clock("machines", 0.05)
+        trial, twins, wanted = _trial(shop, sight, course, told)
+        found = design(trial, wanted, seconds=seconds, seed=seed, progress=clock)
+        clock("writing it down", 1.0)
+        if found is None:
+            raise InputError(_unstable(known))
+        return _plan(known, limits, trial, twins, wanted, found, notes, clock)
+
+
+def _largest_torque(model: Model, limits: Limits) -> float:
+    """That the run can command [N m]: the limit, or what the largest acceleration at the top speed takes."""
+    nominal = model.nominal
+    needed = nominal["inertia"] * limits.acceleration + nominal["coulomb"] + nominal["viscous"] * limits.speed
+    return float(min(limits.torque, needed + abs(nominal["offset"])))
+
+
+def _trial(
+    shop: Shop, sight: Sight, course: Any, told: dict[str, Any] | None
+) -> tuple[Trial, dict[frozenset[str], str], np.ndarray]:
+    """What is to be seen, the sentences on what no run shows, and the weight of every comparison."""
+    if told is None:
+        variants = [detectable(shop, effect) for effect in shop.effects()]
+        hidden = {v.name: hidden_by_twin(shop, v) for v in variants}
+        trial = effects_trial(shop, sight, course, variants)
+        wanted = np.array([0.0 if hidden[v.name] else 1.0 for v in variants])
+        return trial, {frozenset((name,)): why for name, why in hidden.items() if why}, wanted
+    variants = machines_of(shop, rivals_of(told))
+    if len(variants) < 2:
+        raise InputError(
+            "The diagnosis left no rivals that this machine's sensors can have: leave --diagnosis out for a run that "
+            "makes all effects visible."
+        )
+    twins = twins_of(shop, variants)
+    trial = rivals_trial(shop, sight, course, variants)
+    names = [v.name for v in variants]
+    wanted = np.array([0.0 if frozenset((names[c.log], names[c.model])) in twins else 1.0 for c in trial.comparisons])
+    if not wanted.any():
+        pair = " and ".join(name.replace("_", " ") for name in names)
+        why = " ".join(dict.fromkeys(twins.values()))
+        from .explain import beside
+
+        raise InputError(
+            f"The rivals {pair} are exact twins, inseparable by any run with these sensors ({why.rstrip('.')}): record "
+            f"{beside((names[0], names[1]))} instead."
+        )
+    return trial, twins, wanted
+
+
+def _unstable(model: Model) -> str:
+    if model.controller_known:
+        return (
+            "The closed loop blows up on every motion that was tried: check it with fpjax simulate --margins, use "
+            'smaller gains or a smaller [simulation] dt, or write [controller] type = "unknown" to plan the motion.'
+        )
+    return (
+        "The machine leaves the range of finite numbers on every motion that was tried: check [plant] and [friction]."
+    )
+
+
+def _plan(
+    model: Model, limits: Limits, trial: Trial, twins: dict[frozenset[str], str], wanted: np.ndarray, found: Designed,
+    notes: list[str], clock: _Clock,
+) -> Plan:  # fmt: skip
+    seen, course = found.seen, trial.course
+    if not float(seen.speed) < TOO_FAST * limits.speed:
+        raise InputError(_unstable(model))
+    if trial.beyond(seen):
+        notes.append(
+            f"the simulated machine needs {float(seen.torque):.4g} {model.units.name('N m')} at most, above the limit: "
+            "the drive will clip it there."
+        )
+    elif found.share < 1.0:
+        notes.append(f"the motion was made {found.share:.2f} of its size, so that the torque limit holds as simulated.")
+    if found.ended == "interrupted":
+        notes.append(f"interrupted after {found.evaluations} motions: the best of them is kept.")
+    motion = {name: np.asarray(values) for name, values in course.motion(found.shape, found.share)._asdict().items()}
+    position = model.units.reference == "position"
+    nats = np.asarray(seen.nats, float)
+    live = nats[wanted > 0.0]
+    visible, separated = tuple[Visible, ...](), tuple[Separation, ...]()
+    aim = "effects" if len(trial.simulated) == 1 else "rivals"
+    if aim == "effects":
+        visible = _visible(trial, nats, twins)
+    else:
+        top = float(np.max(np.abs(motion["speed"]))), float(np.max(np.abs(motion["acceleration"])))
+        kinds = kinds_of_windows(trial.sight, motion["speed"], motion["acceleration"], top)
+        modes = trial.sight.modes
+        lowest = np.array([np.min(modes.frequency[modes.band == band], initial=np.inf) for band in range(modes.bands)])
+        wheres = [
+            where_from(kinds, windows, bands, lowest)
+            for windows, bands in zip(np.asarray(seen.left), np.asarray(seen.bands), strict=True)
+        ]
+        names = [v.name for v in trial.models]
+        separated = separations(names, trial.comparisons, nats, wheres, twins)
+    clock("done", 1.0)
+    return Plan(
+        aim=aim,
+        time=course.time,
+        reference=motion["position" if position else "speed"],
+        motion=motion,
+        torque=np.asarray(seen.readings.torque[0]),
+        limits=limits,
+        visible=visible,
+        separations=separated,
+        rivals=tuple(v.name for v in trial.simulated) if aim == "rivals" else (),
+        missing=trial.sight.missing,
+        noise={
+            name: size
+            for name, size, there in zip(
+                ("velocity", "position"), (trial.sight.rate_noise, trial.sight.angle_noise), trial.sight.channels,
+                strict=True,
+            )
+            if there
+        },
+        position=position,
+        linear=model.linear,
+        torque_unit=model.units.name("N m"),
+        model="the model" if model.path is None else model.path.name,
+        evaluations=found.evaluations,
+        gained=(float(np.min(np.asarray(found.first.nats)[wanted > 0.0])), float(np.min(live))),
+        ended=found.ended,
+        notes=tuple(notes),
+        seconds=clock.seconds,
+    )  # fmt: skip
+
+
+def _visible(trial: Trial, nats: np.ndarray, twins: dict[frozenset[str], str]) -> tuple[Visible, ...]:
+    found = []
+    for variant, size in zip(trial.models, nats, strict=True):
+        values = {name: (one.value, one.unit) for name, one in reported(variant, trial.shop).items()}
+        why = twins.get(frozenset((variant.name,)), "")
+        found.append(Visible(variant.name, values, float("nan") if why else float(size), why))
+    return tuple(sorted(found, key=lambda one: (bool(one.twin), one.nats)))
+
+
+__all__ = ["NEEDED", "plan"]
