@@ -12,6 +12,7 @@ NAMES = {
     "defaults": "what tune finds from an untouched file, against the best of many starts",
     "speed": "fpjax against a C++ loop and its peers, with the goals' table",
     "withheld": "the diagnosis on simulated logs whose effect is withheld, by two generators",
+    "plan": "whether a planned run decides what an ambiguous log left open, against a generic one",
     "real": "the diagnosis on records of real machines whose cause is documented",
 }
 

@@ -87,7 +87,7 @@ def design(
             progress("trying starts", min(0.1 + 0.2 * number / len(starts), 1.0))
             if np.isfinite(cost) and (best is None or cost < best[0]):
                 best, slope = (cost, start, seen), slopes
-            if spent() > 0.6 and best is not None:
+            if spent() > 0.8 and best is not None:
                 break
         if best is None or slope is None:
             return None
@@ -99,8 +99,9 @@ def design(
                 ended = "time"
                 break
             progress("improving by gradients", min(0.3 + 0.7 * spent(), 1.0))
-            moves, state = optimiser.update(_finite(slope), state)
-            shape = Shape(*optax.apply_updates(shape, moves))  # pyright: ignore[reportGeneralTypeIssues]
+            with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats of its own
+                moves, state = optimiser.update(_finite(slope), state)
+                shape = Shape(*optax.apply_updates(shape, moves))  # pyright: ignore[reportGeneralTypeIssues]
             cost, seen, slope = tried(shape)
             if not np.isfinite(cost):
                 shape, state = _between(shape, best[1]), optimiser.init(best[1])

@@ -197,9 +197,9 @@ def _fields(sight: Sight, readings: Readings, count: int) -> dict[str, Array]:
 def _hidden(shop: Shop, lanes: Lanes, fields: dict[str, Array]) -> Float[Array, "2 lanes spots"]:
     """What no sensor sees at the windows' starts, as a steady motion would have it."""
     setting, family = shop.setting, lanes.family
-    speed, slope = fields["velocity"], fields["slope"]
+    speed, slope = fields["velocity"][None, :], fields["slope"][None, :]
     side = jnp.tanh(speed / (0.02 * setting.speed))
-    nothing = jnp.zeros((lanes.vectors.shape[1], speed.shape[0]))
+    nothing = jnp.zeros((lanes.vectors.shape[1], speed.shape[1]))
     if family.key[0] == "bristles":
         return jnp.stack([nothing + side, nothing])
     if family.key[0] != "transmission":
@@ -243,19 +243,20 @@ def told_apart(
         shifts: what one prior deviation of a window's start state does to it.
     """
     weight = 1.0 / jnp.sqrt(jnp.asarray(sight.variance))[:, None]
-    c, t, x = misfit * weight, tangents * weight, shifts * weight
-    inner = jnp.einsum("smw,rmw->wsr", x, x) + jnp.eye(x.shape[0])
+    c, t, x = misfit * weight, tangents * weight[None], shifts * weight[None]
+    inner = jnp.einsum("smw,rmw->wsr", x, x) + jnp.eye(x.shape[0])[None]
+
+    inverse = jnp.linalg.inv(inner)
 
     def projected(each: Array) -> Array:  # (..., modes, windows)
         along = jnp.einsum("smw,...mw->...ws", x, each)
-        solved = jnp.linalg.solve(inner, along[..., None])[..., 0]
-        return each - jnp.einsum("smw,...ws->...mw", x, solved)
+        return each - jnp.einsum("smw,wsr,...wr->...mw", x, inverse, along)
 
     c = projected(c)
     if t.shape[0]:
         free = projected(t)
         normal = jnp.einsum("pmw,qmw->pq", t, free) + (1.0 / sight.weight + RIDGE) * jnp.eye(t.shape[0])
-        move = jnp.linalg.solve(normal, jnp.einsum("pmw,mw->p", free, c * 1.0))
+        move = jnp.linalg.solve(normal, jnp.einsum("pmw,mw->p", free, c))
         c = c - jnp.einsum("p,pmw->mw", move, free)
     squares = jnp.sum(c**2, axis=1)
     band, total = sight.modes.band, jnp.zeros(())

@@ -9,9 +9,8 @@ from .result import NEEDED, Separation
 from .sight import Sight
 from .trial import Comparison
 
-SLOW, FAST = 0.2, 0.6  # of the top speed
+REST, FAST = 0.1, 0.5  # of the top speed
 HARD = 0.5  # of the largest acceleration
-HIGH = 0.5  # of the evidence above a frequency, to say so
 
 BESIDE = {
     "gain": "a known torque: a weight on a lever, or a known mass or inertia added",
@@ -25,49 +24,44 @@ BESIDE = {
 """What tells exact twins apart where no run does, by the family of either."""
 
 
-def kinds_of_windows(
-    sight: Sight, speed: np.ndarray, acceleration: np.ndarray, limits: tuple[float, float]
-) -> list[str]:
-    """What each window is like.
+def kinds_of_samples(sight: Sight, speed: np.ndarray, acceleration: np.ndarray, unit: str) -> np.ndarray:
+    """What the motion is like at each sample of the windows, in words, shape (samples, windows).
 
     Args:
         sight: where the windows lie.
-        speed: of the motion [rad/s], shape (samples,).
-        acceleration: [rad/s^2], shape (samples,).
-        limits: largest (speed, acceleration) of the motion.
+        speed: of the motion [rad/s], shape (samples of the run,).
+        acceleration: [rad/s^2], likewise.
+        unit: of the speed.
     """
-    found = []
-    for start in sight.starts:
-        here = slice(start, start + sight.samples)
-        v, a = np.abs(speed[here]) / limits[0], np.abs(acceleration[here]) / limits[1]
-        turns = bool(np.any(np.diff(np.sign(speed[here])) != 0))
-        if np.quantile(v, 0.9) < SLOW:
-            found.append("slow reversals" if turns else "slow motion")
-        elif turns:
-            found.append("reversals")
-        elif np.quantile(a, 0.75) > HARD:
-            found.append("hard acceleration")
-        else:
-            found.append("fast motion" if np.median(v) > FAST else "steady motion")
-    return found
+    top, hard = float(np.max(np.abs(speed))), float(np.max(np.abs(acceleration)))
+    at = sight.starts[None, :] + np.arange(sight.samples)[:, None]
+    v, a = np.abs(speed[at]) / top, np.abs(acceleration[at]) / hard
+    kinds = np.full(at.shape, f"speeds from {REST * top:.2g} to {FAST * top:.2g} {unit}", dtype=object)
+    kinds[a > HARD] = "hard acceleration"
+    kinds[v > FAST] = f"speeds above {FAST * top:.2g} {unit}"
+    kinds[v < REST] = f"reversals, below {REST * top:.2g} {unit}"
+    return kinds
 
 
-def where_from(kinds: Sequence[str], windows: np.ndarray, bands: np.ndarray, frequencies: np.ndarray) -> str:
+def where_from(sight: Sight, kinds: np.ndarray, left: np.ndarray) -> str:
     """The part of the run that most of the evidence comes from, in words.
 
     Args:
-        kinds: of the windows.
-        windows: share of the evidence by window, shape (windows,).
-        bands: by octave, shape (bands,).
-        frequencies: lowest of each octave [Hz], shape (bands,).
+        sight: its modes.
+        kinds: from `kinds_of_samples`.
+        left: what of a misfit stays, in deviations, shape (modes, windows).
     """
-    shares: dict[str, float] = {}
-    for kind, share in zip(kinds, windows, strict=True):
-        shares[kind] = shares.get(kind, 0.0) + float(share)
+    modes = sight.modes
+    if np.sum(left[modes.sensor] ** 2) > 0.5 * np.sum(left**2):
+        return "most of it from the two sensors' disagreement"
+    torque = np.where(modes.sensor[:, None], 0.0, left)
+    course = (modes.torque @ torque) ** 2  # of the torque that is missed, over its own deviation
+    total = max(float(np.sum(course)), 1e-300)
+    shares = {kind: float(np.sum(course[kinds == kind])) / total for kind in np.unique(kinds)}
     largest = max(shares, key=lambda kind: shares[kind])
-    high = np.flatnonzero(np.cumsum(bands[::-1])[::-1] > HIGH)
-    above = f", mostly above {frequencies[high[-1]]:.2g} Hz" if len(high) and high[-1] > 1 else ""
-    return f"{100 * shares[largest]:.0f} % of it from {largest}{above}"
+    energy = np.cumsum(np.sum(torque**2, axis=1)) / max(float(np.sum(torque**2)), 1e-300)
+    middle = float(modes.frequency[~modes.sensor][np.searchsorted(energy[~modes.sensor], 0.5)])
+    return f"{100 * shares[largest]:.0f} % of it from {largest}, half of it above {middle:.2g} Hz"
 
 
 def separations(

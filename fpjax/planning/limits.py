@@ -120,8 +120,10 @@ def make_limits(model: Model, log: Log | None, given: dict[str, float | None], n
         )
         acceleration = by_torque
     travel = chosen("travel", TURNS * 2.0 * np.pi, "one revolution: neither model nor log tells the travel")
-    duration = chosen("duration", DURATION, "the usual length of a record")
     least = max(SHORTEST, FEWEST * model.dt)
+    if "duration" in shown and shown["duration"][0] < least:
+        shown["duration"] = (least, "the shortest that can be diagnosed")
+    duration = chosen("duration", max(DURATION, least), "the usual length of a record")
     if duration < least:
         raise InputError(
             f"--duration {duration:g} s is too short for a diagnosis at dt = {model.dt:g} s: give {least:.3g} s."

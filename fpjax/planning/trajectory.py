@@ -74,12 +74,12 @@ class Course:
     def motion(self, shape: Shape, share: Array | float = 1.0) -> Motion:
         """The motion of a shape, in full or a share of it [1]; differentiable."""
         limits = self.limits
-        angle = 2.0 * jnp.pi * self.frequencies * self.time[:, None] + shape.phases
+        angle = 2.0 * jnp.pi * self.frequencies * self.time[:, None] + shape.phases[None, :]
         gate = jnp.clip(self.envelope @ (1.0 / (1.0 + jnp.exp(-shape.gates))), 0.0, 1.0)
         speed = self.spline @ jnp.tanh(shape.knots) + gate * (jnp.sin(angle) @ jnp.exp(shape.sizes))
         speed = speed - jnp.mean(speed * self.ramp) / np.mean(self.ramp)  # back to where it began
         speed = limits.speed * self.ramp * speed
-        acceleration = jnp.gradient(speed, self.dt)
+        acceleration = jnp.asarray(jnp.gradient(speed, self.dt))
         position = jnp.concatenate([jnp.zeros(1), jnp.cumsum(0.5 * self.dt * (speed[1:] + speed[:-1]))])
         over = jnp.stack([
             jnp.max(jnp.abs(speed)) / limits.speed,

@@ -40,16 +40,14 @@ class Seen(NamedTuple):
 
     Attributes:
         nats: of every comparison, shape (comparisons,).
-        left: what of the misfit stays, a share of it by window, shape (comparisons, windows).
-        bands: likewise by octave, shape (comparisons, bands).
+        left: what of the misfit stays, in deviations, shape (comparisons, modes, windows).
         torque: largest |command| of the machines that were simulated [N m].
         speed: largest |reading| of theirs [rad/s].
         readings: of the machines that were simulated, shape (runs, samples) each.
     """
 
     nats: Float[Array, " comparisons"]
-    left: Float[Array, "comparisons windows"]
-    bands: Float[Array, "comparisons bands"]
+    left: Float[Array, "comparisons modes windows"]
     torque: Float[Array, ""]
     speed: Float[Array, ""]
     readings: Readings
@@ -82,6 +80,8 @@ class Trial:
         models: variants that are replayed.
         comparisons: what is to be told apart.
         lanes: of the models, and the place of each among them, by structure.
+        steered: structures of models whose gradients are taken; the others count where motions are compared. They are
+            most of what there is to compile.
     """
 
     shop: Shop
@@ -91,6 +91,7 @@ class Trial:
     models: tuple[Variant, ...]
     comparisons: tuple[Comparison, ...]
     lanes: Mapping[Structure, tuple[Lanes, Mapping[int, int]]]
+    steered: frozenset[Structure]
 
     def seen(self, shape: Shape, share: Array | float = 1.0) -> Seen:
         """What a shape, or a share of its motion [1], brings; differentiable."""
@@ -98,17 +99,13 @@ class Trial:
         position = self.shop.model.units.reference == "position"
         readings = self.simulate(motion.position if position else motion.speed)
         told: dict[int, Told] = {}
-        for structure in dict.fromkeys(v.structure for v in self.models):
-            told |= self._structure(structure, readings)
+        for structure in _structures(self.models):
+            still = readings if structure in self.steered else jax.lax.stop_gradient(readings)
+            told |= self._structure(structure, still)
         nats = jnp.stack([told[i].nats for i in range(len(self.comparisons))])
-        squares = jnp.stack([told[i].left for i in range(len(self.comparisons))]) ** 2
-        total = jnp.maximum(jnp.sum(squares, axis=(1, 2)), 1e-300)[:, None]
-        band = self.sight.modes.band
-        bands = jnp.stack(
-            [jnp.sum(squares[:, np.flatnonzero(band == b)], axis=(1, 2)) for b in range(self.sight.modes.bands)], axis=1
-        )
+        left = jnp.stack([told[i].left for i in range(len(self.comparisons))])
         largest, fastest = jnp.max(jnp.abs(readings.torque)), jnp.max(jnp.abs(readings.rate))
-        return Seen(nats, jnp.sum(squares, axis=1) / total, bands / total, largest, fastest, readings)
+        return Seen(nats, left, largest, fastest, readings)
 
     def cost(self, shape: Shape, wanted: Array, share: Array) -> tuple[Array, Seen]:
         """Less the soft minimum of the logarithms of the evidence, and what goes beyond the limits all the same.
@@ -141,11 +138,11 @@ class Trial:
     def simulate(self, reference: Float[Array, " samples"]) -> Readings:
         """The logs of the simulated variants."""
         found: dict[int, tuple[Array, Array, Array]] = {}
-        for structure in dict.fromkeys(v.structure for v in self.simulated):
+        for structure in _structures(self.simulated):
             which = [i for i, v in enumerate(self.simulated) if v.structure == structure]
             family = self.shop.family(structure)
             vectors = np.stack([self.shop.vector(self.simulated[i]) for i in which], axis=1)
-            machines = quiet(assembled(family.machine, family.effects, family.parameters, vectors))
+            machines = quiet(assembled(family.machine, family.effects, family.parameters, jnp.asarray(vectors)))
             machines = short(machines, *(self._periods(family, vectors, side) for side in ("actuator", "velocity")))
             stepper = make_stepper(
                 dt=self.sight.dt, samples=len(self.course.time), solver="exact", stepping="sampled",
@@ -190,6 +187,11 @@ class Trial:
         return {index: Told(told.nats[row], told.left[row]) for row, index in enumerate(which)}
 
 
+def _structures(variants: Sequence[Variant]) -> tuple[Structure, ...]:
+    """Of some variants, each once."""
+    return tuple(dict.fromkeys(variant.structure for variant in variants))
+
+
 def loop_of(model: Model, machine: Any) -> ClosedLoop:
     """The model's loop around a machine; where its controller is unknown, a stiff one stands in, so that the machine
     makes the planned motion and the torque is what that motion needs.
@@ -226,7 +228,9 @@ def short(machine: Machine, actuator: int, sensor: int) -> Machine:
 def effects_trial(shop: Shop, sight: Sight, course: Course, variants: Sequence[Variant]) -> Trial:
     """The nominal machine's log against every effect at its detectable size, the nominal numbers and an offset free."""
     comparisons = tuple(Comparison(0, i, shop.nuisances(v.effect)) for i, v in enumerate(variants))
-    return _trial(shop, sight, course, (NOMINAL_VARIANT,), tuple(variants), comparisons)
+    return _trial(
+        shop, sight, course, (NOMINAL_VARIANT,), tuple(variants), comparisons, frozenset[Structure](("rigid",))
+    )
 
 
 def rivals_trial(shop: Shop, sight: Sight, course: Course, rivals: Sequence[Variant]) -> Trial:
@@ -242,21 +246,22 @@ def rivals_trial(shop: Shop, sight: Sight, course: Course, rivals: Sequence[Vari
             own = tuple(p.name for p in rival.effect.parameters)
             nominal = tuple(n for n in shop.nuisances(rival.effect) if n not in ("torque", wrong))
             comparisons.append(Comparison(log, model, (*nominal, *own)))
-    return _trial(shop, sight, course, tuple(rivals), tuple(rivals), tuple(comparisons))
+    steered = frozenset(_structures(rivals))
+    return _trial(shop, sight, course, tuple(rivals), tuple(rivals), tuple(comparisons), steered)
 
 
 def _trial(
     shop: Shop, sight: Sight, course: Course, simulated: tuple[Variant, ...], models: tuple[Variant, ...],
-    comparisons: tuple[Comparison, ...],
+    comparisons: tuple[Comparison, ...], steered: frozenset[Structure],
 ) -> Trial:  # fmt: skip
     moving: dict[int, tuple[str, ...]] = {}  # of each model: what may move in any of its comparisons
     for one in comparisons:
         moving[one.model] = tuple(dict.fromkeys((*moving.get(one.model, ()), *one.moving)))
     lanes: dict[Structure, tuple[Lanes, dict[int, int]]] = {}
-    for structure in dict.fromkeys(v.structure for v in models):
+    for structure in _structures(models):
         which = [i for i, v in enumerate(models) if v.structure == structure]
         made = make_lanes(shop, [models[i] for i in which], [moving[i] for i in which])
         lanes[structure] = made, {index: place for place, index in enumerate(which)}
     for variant in simulated:
         shop.family(variant.structure)  # made here: the trace of a trial cannot
-    return Trial(shop, sight, course, simulated, models, comparisons, lanes)
+    return Trial(shop, sight, course, simulated, models, comparisons, lanes, steered)

@@ -16,7 +16,7 @@ from ..logs import Log, read_log
 from ..model_file import Model
 from ..verbs import as_model, double_precision
 from .design import Designed, design
-from .explain import kinds_of_windows, separations, where_from
+from .explain import kinds_of_samples, separations, where_from
 from .limits import Limits, make_limits
 from .machines import Shop, detectable, make_shop, reported
 from .result import NEEDED, Plan, Separation, Visible
@@ -211,14 +211,8 @@ def _plan(
     if aim == "effects":
         visible = _visible(trial, nats, twins)
     else:
-        top = float(np.max(np.abs(motion["speed"]))), float(np.max(np.abs(motion["acceleration"])))
-        kinds = kinds_of_windows(trial.sight, motion["speed"], motion["acceleration"], top)
-        modes = trial.sight.modes
-        lowest = np.array([np.min(modes.frequency[modes.band == band], initial=np.inf) for band in range(modes.bands)])
-        wheres = [
-            where_from(kinds, windows, bands, lowest)
-            for windows, bands in zip(np.asarray(seen.left), np.asarray(seen.bands), strict=True)
-        ]
+        kinds = kinds_of_samples(trial.sight, motion["speed"], motion["acceleration"], model.units.name("rad/s"))
+        wheres = [where_from(trial.sight, kinds, left) for left in np.asarray(seen.left)]
         names = [v.name for v in trial.models]
         separated = separations(names, trial.comparisons, nats, wheres, twins)
     clock("done", 1.0)

@@ -1,0 +1,1 @@
+"""Whether a planned run decides what an ambiguous log left open, on simulated machines whose cause is withheld."""

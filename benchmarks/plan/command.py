@@ -1,0 +1,146 @@
+"""`python -m benchmarks plan`: an ambiguous log, then a planned run against a generic one, on withheld machines."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fpjax.errors import InputError
+
+from ..run_command import fpjax_command
+from ..withheld import first
+from ..withheld.progress import Progress
+from ..withheld.score import score_case
+from . import machines
+
+SURE = 0.8  # probability from which on a statement counts as sure
+RUNS = ("planned", "generic")
+GOAL = 0.9
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options of the command."""
+    parser.add_argument(
+        "--out", type=Path, required=True, help="folder of logs, plans and results; what is there stays"
+    )
+    parser.add_argument("--count", type=int, default=6, metavar="N", help="machines (default 6)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the machines: even, of development")
+    parser.add_argument("--seconds", type=float, default=45.0, metavar="S", help="processor time of a design")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate, diagnose, plan, simulate, diagnose, score; every finished step is kept."""
+    if args.seed < 0 or args.seed % 2:
+        raise InputError(f"--seed must be even (development), got {args.seed}.")
+    if not 1 <= args.count <= len(machines.EFFECTS):
+        raise InputError(f"--count must be from 1 to {len(machines.EFFECTS)}, got {args.count}.")
+    cases = [first.build(one) for one in machines.chosen(args.count, args.seed)]
+    places = [args.out / case.identity.name for case in cases]
+    progress = Progress("plan")
+    _simulated(cases, places, "first", [machines.first_reference(case) for case in cases], 2)
+    for number, (case, place) in enumerate(zip(cases, places, strict=True)):
+        progress.share(0.4 * number / len(cases), f"first log {number + 1}/{len(cases)}")
+        _diagnosed(place, ("first",), "why_first")
+        _planned(case, place, args.seconds)
+    open_ones = [i for i, place in enumerate(places) if not _score(place, "why_first")["decided"]]
+    some, there = [cases[i] for i in open_ones], [places[i] for i in open_ones]
+    _simulated(some, there, "generic", [machines.generic_reference(case) for case in some], 3)
+    _simulated(some, there, "planned", [_table(place) for place in there], 4)
+    for number, place in enumerate(there):
+        for kind in RUNS:
+            progress.share(0.4 + 0.6 * number / len(there), f"{kind} run {number + 1}/{len(there)}")
+            _diagnosed(place, ("first", kind), f"why_{kind}")
+    progress.end("")
+    _report(args, cases, places, open_ones)
+    return 0
+
+
+def _simulated(
+    cases: list[first.Case], places: list[Path], name: str, references: list[np.ndarray], purpose: int
+) -> None:
+    """The logs that are not there yet, all machines side by side."""
+    missing = [i for i, place in enumerate(places) if not (place / name / "log.csv").exists()]
+    records = machines.run([cases[i] for i in missing], [references[i] for i in missing], purpose) if missing else []
+    for i, record in zip(missing, records, strict=True):
+        (places[i] / name).mkdir(parents=True, exist_ok=True)
+        label = places[i] / "label.json"
+        if not label.exists():
+            label.write_text(json.dumps(machines.label_of(cases[i], record), indent=1) + "\n")
+        machines.write(places[i] / name, cases[i], record)
+
+
+def _diagnosed(place: Path, logs: tuple[str, ...], out: str) -> None:
+    if (place / out / "run.json").exists():
+        return
+    words = [str(place / name / "log.csv") for name in logs]
+    model = str(place / "first" / "servo.toml")
+    fpjax_command(["diagnose", *words, "--model", model, "--out", str(place / out), "--no-report"])
+
+
+def _planned(case: first.Case, place: Path, seconds: float) -> None:
+    """From the rivals of the first diagnosis; where it left none, a run that shows every effect."""
+    if (place / "plan" / "run.json").exists():
+        return
+    words = ["plan", "--model", str(place / "first" / "servo.toml"), "--out", str(place / "plan")]
+    for name, value in machines.limits_of(case).items():
+        words += [f"--{name}", f"{value:.6g}"]
+    words += ["--seconds", f"{seconds:g}"]
+    try:
+        fpjax_command([*words, "--diagnosis", str(place / "why_first")])
+    except RuntimeError as error:
+        if "rivals" not in str(error):
+            raise
+        fpjax_command(words)
+
+
+def _table(place: Path) -> np.ndarray:
+    return np.loadtxt(place / "plan" / "reference.csv", delimiter=",", skiprows=1)[:, 1]
+
+
+def _score(place: Path, why: str) -> dict[str, Any]:
+    diagnosis = json.loads((place / why / "diagnosis.json").read_text())
+    score = score_case(diagnosis, json.loads((place / "label.json").read_text()), None, True)
+    sure = (score.probability or 0.0) >= SURE and score.verdict in ("explained", "partly_explained")
+    return {
+        "verdict": score.verdict, "first": diagnosis["ranking"][0]["effect"], "probability": score.probability,
+        "right": bool(score.name), "decided": bool(score.name) and sure, "wrongly_sure": bool(score.wrongly_sure),
+    }  # fmt: skip
+
+
+def _report(args: argparse.Namespace, cases: list[first.Case], places: list[Path], open_ones: list[int]) -> None:
+    rows = []
+    for i, (case, place) in enumerate(zip(cases, places, strict=True)):
+        row: dict[str, Any] = {"effect": case.identity.effects[0], "system": case.identity.system}
+        row["first"] = _score(place, "why_first")
+        if i in open_ones:
+            row |= {kind: _score(place, f"why_{kind}") for kind in RUNS}
+            plan = json.loads((place / "plan" / "plan.json").read_text())
+            row["plan"] = {"aim": plan["aim"], "rivals": plan["rivals"], "worst_nats": plan["worst_nats"]["plan"]}
+        rows.append(row)
+    counts = {kind: sum(row[kind]["decided"] for row in rows if kind in row) for kind in RUNS}
+    total = len(open_ones)
+    print(
+        f"{len(cases)} machines, development seed {args.seed}; {len(cases) - total} were decided by their first log\n"
+    )
+    print(f"  {'effect':<28}{'machine':<9}{'first log':<34}{'planned':<34}generic")
+    for row in rows:
+        told = [_told(row.get(kind)) for kind in ("first", *RUNS)]
+        print(f"  {row['effect']:<28}{row['system']:<9}{told[0]:<34}{told[1]:<34}{told[2]}")
+    print()
+    for kind in RUNS:
+        goal = f", goal {GOAL:.0%}" if kind == "planned" else ""
+        print(
+            f"  right cause first and sure (probability {SURE:g}) after the {kind} run: {counts[kind]} of {total}{goal}"
+        )
+    content = {"seed": args.seed, "sure": SURE, "ambiguous": total, "counts": counts, "rows": rows}
+    (args.out / "plan_check.json").write_text(json.dumps(content, indent=1) + "\n")
+
+
+def _told(score: dict[str, Any] | None) -> str:
+    if score is None:
+        return ""
+    probability = 0.0 if score["probability"] is None else score["probability"]
+    mark = "+" if score["decided"] else "-"
+    return f"{mark} {score['first']} {probability:.2f}"

@@ -1,0 +1,104 @@
+"""Machines whose first log is ambiguous: a short travel, one speed, an encoder only; and a generic second run."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..withheld import first
+from ..withheld.identity import Identity, identities
+from ..withheld.truth.integrate import simulate
+from ..withheld.truth.machine import Record
+from ..withheld.truth.systems import KINDS
+
+PERIODS = first.PERIODS
+SHARE, TURNS = 0.3, 1.0  # of the top speed, and reversals a second [Hz], of the first log
+EFFECTS = (
+    "quadratic_drag", "stribeck", "cogging", "viscous_error", "position_dependent_friction", "unbalance",
+    "presliding", "actuator_lag", "compliance", "torque_dead_zone", "friction_drift", "constant_torque",
+)  # fmt: skip
+TRAVEL = 2.0 * np.pi  # rad: of every machine
+HEADROOM = 1.3  # of the torque that the withheld check's own reference needs
+
+
+def chosen(count: int, seed: int) -> list[Identity]:
+    """One machine an effect, the kinds of machines in turn.
+
+    Args:
+        count: how many.
+        seed: of their draws.
+    """
+    alone = [one for one in identities(seed, 1) if one.set == "single" and one.sensors == "encoder"]
+    systems, found = list(KINDS), []
+    for number, effect in enumerate(EFFECTS[:count]):
+        wanted = systems[number % len(systems)]
+        found += [one for one in alone if one.effects == (effect,) and one.system == wanted]
+    return found
+
+
+def limits_of(case: first.Case) -> dict[str, float]:
+    """What the machine may be asked for: --speed, --torque, --travel, --duration."""
+    duration = (PERIODS - 1) * first.DT
+    kind = KINDS[case.identity.system]
+    return {"speed": kind.speed, "torque": HEADROOM * case.plan.peak, "travel": TRAVEL, "duration": duration}
+
+
+def first_reference(case: first.Case) -> np.ndarray:
+    """To and fro at one speed within a short travel [rad/s], shape (PERIODS,)."""
+    time = np.arange(PERIODS) * first.DT
+    return SHARE * KINDS[case.identity.system].speed * np.tanh(4.0 * np.sin(2.0 * np.pi * TURNS * time))
+
+
+def generic_reference(case: first.Case) -> np.ndarray:
+    """A sine sweep up to the machine's highest frequency, as large as the same limits let it be [rad/s]."""
+    kind, limits, time = KINDS[case.identity.system], limits_of(case), np.arange(PERIODS) * first.DT
+    low, high = 0.2, kind.highest
+    wave = np.sin(2.0 * np.pi * (low * time + (high - low) * time**2 / (2.0 * time[-1])))
+    nominal = case.plan.nominal
+    most = (0.9 * limits["torque"] - nominal["coulomb"] - nominal["viscous"] * kind.speed) / nominal["inertia"]
+    over = (
+        np.max(np.abs(np.gradient(wave, first.DT))) * kind.speed / most,
+        np.ptp(np.cumsum(wave)) * first.DT * kind.speed / limits["travel"],
+        1.0,
+    )
+    return kind.speed * wave / max(over)
+
+
+def run(cases: list[first.Case], references: list[np.ndarray], purpose: int) -> list[Record]:
+    """The true machines on references that begin with the log; they stand still before.
+
+    Args:
+        cases: of the machines.
+        references: of each [rad/s], shape (PERIODS,).
+        purpose: of the noise's draw.
+    """
+    machines = []
+    for case, reference in zip(cases, references, strict=True):
+        rng = first.generator(case.identity, purpose)
+        total = first.PREROLL + len(reference)
+        whole = np.concatenate([np.zeros(first.PREROLL), reference])
+        machines.append(
+            dataclasses.replace(
+                case.machine, reference=whole, velocity_normal=rng.normal(size=total),
+                position_normal=rng.normal(size=total), disturbance=None, held_reading=None, held_command=None,
+            )
+        )  # fmt: skip
+    return simulate(machines)
+
+
+def write(place: Path, case: first.Case, record: Record) -> None:
+    """log.csv and servo.toml; the log last, so that a folder with one is whole."""
+    first.write(place / "partial", case, record)
+    (place / "partial" / "servo.toml").replace(place / "servo.toml")
+    (place / "partial" / "log.csv").replace(place / "log.csv")
+    (place / "partial").rmdir()
+
+
+def label_of(case: first.Case, record: Record) -> dict[str, Any]:
+    """What the scorer is told."""
+    one = case.identity
+    return first.label_of(case, record) | {
+        "case": one.name, "truth": 1, "seed": one.seed, "half": "development", "set": one.set, "group": one.group,
+        "sensors": one.sensors, "system": one.system, "effects": list(one.effects), "outside": None, "linear": False,
+    }  # fmt: skip
