@@ -162,7 +162,7 @@ def coefficients(
     carry = begin(machine, at, states, tables)
     _, out = jax.lax.scan(jax.checkpoint(step), carry, jnp.arange(sight.samples, dtype=jnp.int32))
     flat = jnp.moveaxis(out, 1, 0).reshape(-1, count * many)  # (channels x samples, lanes x spots)
-    return (sight.modes.basis.T @ flat).reshape(-1, count, runs, windows)
+    return (jnp.asarray(sight.modes.basis.T) @ flat).reshape(-1, count, runs, windows)
 
 
 def _tables(sight: Sight, readings: Readings) -> tuple[Tables, np.ndarray]:
@@ -185,8 +185,8 @@ def _tables(sight: Sight, readings: Readings) -> tuple[Tables, np.ndarray]:
 
 def _fields(sight: Sight, readings: Readings, count: int) -> dict[str, Array]:
     """Motion at the windows' starts as the reading tells it, each of shape (runs x windows,)."""
-    rate = readings.rate if sight.channels[0] else jnp.gradient(readings.angle, sight.dt, axis=1)
-    slope = jnp.gradient(rate, sight.dt, axis=1)
+    rate = readings.rate if sight.channels[0] else jnp.asarray(jnp.gradient(readings.angle, sight.dt, axis=1))
+    slope = jnp.asarray(jnp.gradient(rate, sight.dt, axis=1))
     angle = readings.angle if sight.channels[1] else jnp.cumsum(rate, axis=1) * sight.dt
     at = {"velocity": rate, "slope": slope, "position": angle}
     found = {name: values[:, sight.starts].reshape(-1) for name, values in at.items()}
