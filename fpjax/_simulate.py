@@ -1,5 +1,6 @@
 """One run of a closed loop, from its settings to a `Run`; `fpjax.simulate` (`verbs`) takes models and files too."""
 
+import os
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from .output.run_picture import About
 from .scan import Stepper, Stepping, make_inputs, make_stepper, roll
 from .solvers import AbstractPlantSolver
 from .stability import warn_if_stiff
+
+BYTES, INPUTS = 8, 4  # of a number; tables that every run has: the time, and the reference at a solver's nodes
 
 
 class Status(IntEnum):
@@ -174,16 +177,30 @@ def simulate(
     stepper = make_stepper(
         dt=dt, duration=duration, samples=samples, solver=solver, stepping=stepping, substeps=substeps
     )
+    names = (record,) if isinstance(record, str) else tuple(record)
+    _check_memory(stepper.samples, len(names))
     if not isinstance(dt, Tracer):
         if stepping == "sampled":
             _check_periods(loop, float(dt))
         warn_if_stiff(loop, float(dt) / (substeps if stepping == "sampled" else 1), stepper.solver)
-    run = _run(
-        loop, reference, stepper, measures or {}, (record,) if isinstance(record, str) else tuple(record), initial, key
-    )
+    run = _run(loop, reference, stepper, measures or {}, names, initial, key)
     if throw and run.diverged:
         raise DivergedError(f"The run {run.message}.")
     return run
+
+
+def _check_memory(samples: int, recorded: int) -> None:
+    """Refuse a run whose signals no memory holds: a system that lends more than it has just ends the process."""
+    try:
+        there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):  # not every system tells
+        return
+    needed = BYTES * samples * (INPUTS + recorded)
+    if needed > there:
+        raise InputError(
+            f"{samples} samples with {recorded} signals recorded need {needed / 1e9:.3g} GB, and this machine has "
+            f"{there / 1e9:.3g} GB: shorten the run, take a larger dt, or record less."
+        )
 
 
 def _check_periods(loop: ClosedLoop, dt: float) -> None:

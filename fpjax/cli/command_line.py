@@ -146,9 +146,9 @@ def _run(argv: list[str]) -> int:
     except BrokenPipeError:  # a reader such as `head` has had enough
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (for the interpreter's own flush at exit)
         return 0
-    except MemoryError:
-        return _fail(name, "the memory is full: use fewer candidates, a shorter run or a larger step.", 2)
     except Exception as error:
+        if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):  # numpy's, and jax's
+            return _fail(name, "the memory is full: use fewer candidates, a shorter run or a larger step.", 2)
         if os.environ.get("FPJAX_TRACEBACK"):
             raise
         first = (str(error).splitlines() or [""])[0][:200]

@@ -509,6 +509,19 @@ def test_a_defect_is_said_without_a_traceback(servo, monkeypatch, capsys):
     refuse(capsys, "simulate", servo, match="defect of fpjax (ZeroDivisionError", code=1)
 
 
+@pytest.mark.parametrize("error", [MemoryError(), RuntimeError("RESOURCE_EXHAUSTED: Out of memory.")])
+def test_a_full_memory_is_one_sentence(servo, monkeypatch, capsys, error):
+    def full(*_):
+        raise error
+
+    monkeypatch.setattr("fpjax.cli.simulate.open_model", full)
+    refuse(capsys, "simulate", servo, match="the memory is full: use fewer candidates")
+
+
+def test_a_run_that_no_memory_holds_is_refused_before_it_begins(servo, capsys):
+    refuse(capsys, "simulate", servo, "--duration", "1e12", match="record")
+
+
 def test_ctrl_c_is_130(servo, monkeypatch, capsys):
     def interrupt(*_):
         raise KeyboardInterrupt
