@@ -6,7 +6,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..output.runfile import RunFile, write_json
-from .common import add_log_options, add_out, finish, running, say, start_jax, table
+from .common import add_log_options, add_out, check_torque_unit, finish, log_options, running, say, start_jax, table
 
 EXAMPLES = """\
 examples:
@@ -65,9 +65,10 @@ def _log(model: Any, arguments: argparse.Namespace, record: RunFile) -> Any:
 
     record.stage("read")
     path = record.read(arguments.log, "log")
-    return read_log(
-        path, columns=arguments.columns, linear=model.linear, repair=arguments.repair, require=("torque", "reference")
-    )
+    log = read_log(path, linear=model.linear, require=("torque", "reference"), **log_options(arguments))
+    check_torque_unit(log, model)
+    record.notes.extend(log.warnings)
+    return log
 
 
 def _export_body(target: str, model: Any, log: Any, arguments: argparse.Namespace, record: RunFile) -> dict[str, Any]:

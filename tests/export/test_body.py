@@ -83,6 +83,10 @@ def test_a_log_is_replayed_in_both_simulators(tmp_path, capsys):
     assert "Stribeck friction" in said
     assert (tmp_path / "sim" / "servo.xml").exists()
     assert (tmp_path / "sim" / "export.json").exists()
+    assert main([*words, "--from", "0.99"]) == 2  # the options of a log are heeded
+    assert "--from and --to leave" in capsys.readouterr().err
+    assert main([*words, "--columns", "torque=torque:A"]) == 2
+    assert "its torque is in A" in capsys.readouterr().err
 
 
 def test_without_mujoco_the_file_is_written_and_that_is_said(tmp_path, monkeypatch):
