@@ -171,7 +171,7 @@ def simulate(
         A `Run`.
 
     Raises:
-        InputError: for settings that cannot be.
+        InputError: for invalid settings.
         DivergedError: with `throw`, for a run that diverged.
     """
     stepper = make_stepper(

@@ -30,7 +30,7 @@ def _shortened(text: str, most: int) -> str:
 
 
 class InputError(ValueError):
-    """Bad input, said in one sentence: what was given, why it cannot be, what to do.
+    """Bad input, said in one sentence: what it must be, what was given, what to do.
 
     The command line prints the sentence and exits with code 2; from Python it is a `ValueError`.
     """

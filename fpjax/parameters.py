@@ -67,7 +67,7 @@ def set_parameters(tree: Any, values: Mapping[str, Any]) -> Any:
             leading batch axes.
 
     Raises:
-        InputError: for a name that is not there (the nearest one is named), a wrong shape, or a value that cannot be.
+        InputError: for a name that is not there (the nearest one is named), a wrong shape, or an invalid value.
     """
     names = tuple(values)
     old = get_parameters(tree, names)

@@ -63,7 +63,7 @@ def make_stepper(
         checkpoint: see `Stepper`.
 
     Raises:
-        InputError: for a step or a duration that cannot be.
+        InputError: for an invalid step or duration.
     """
     if not isinstance(dt, Tracer) and not float(dt) > 0.0:
         raise InputError(f"dt must be positive, got {float(dt):g} s; 1e-4 s is usual here.")

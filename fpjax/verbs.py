@@ -80,7 +80,7 @@ def simulate(
         A `Run`: it prints its numbers, `plot`s itself and becomes a data frame.
 
     Raises:
-        InputError: for settings that cannot be.
+        InputError: for invalid settings.
         DivergedError: with `throw`, for a run that diverged.
     """
     model = as_model(loop, "simulate")

@@ -35,7 +35,7 @@ class Axis:
         return np.linspace(self.low, self.high, self.count)
 
     def check(self) -> None:
-        """Raise `InputError` for an axis that cannot be."""
+        """Raise `InputError` for an invalid axis."""
         if self.scale not in ("log", "linear"):
             raise InputError(f"{self.name}: scale = {self.scale!r} is not known: choose 'log' or 'linear'.")
         if self.count < 1:
@@ -44,7 +44,7 @@ class Axis:
             raise InputError(f"{self.name}: from {self.low:g} to {self.high:g} is not finite: give two numbers.")
         if self.scale == "log" and not self.low > 0.0:
             raise InputError(
-                f"{self.name}: low = {self.low:g} cannot be on a log scale: give one above zero, or scale='linear'."
+                f"{self.name}: low must be above zero on a log scale, got {self.low:g} (or scale='linear')."
             )
         if not (self.low < self.high or (self.count == 1 and self.low == self.high)):
             raise InputError(

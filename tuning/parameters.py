@@ -140,7 +140,7 @@ def make_space(loop: Any, parameters: Sequence[str | Parameter], dtype: Any) -> 
         dtype: of the arrays.
 
     Raises:
-        InputError: for a name, a start or bounds that cannot be.
+        InputError: for an invalid name, start or bounds.
     """
     full = [Parameter(one) if isinstance(one, str) else one for one in parameters]
     if not full:
@@ -176,7 +176,7 @@ def _row(loop: Any, one: Parameter) -> tuple[float, float, float, float]:
         low = start * 10.0**-DECADES if low is None else low
         high = start * 10.0**DECADES if high is None else high
         if not low > 0.0:
-            raise InputError(f"{one.name}: low = {low:g} cannot be on a log scale: it must be above zero.")
+            raise InputError(f"{one.name}: low must be above zero on a log scale, got {low:g}.")
     if low is None or high is None:
         raise InputError(f"{one.name} on a linear scale needs both low and high.")
     if not (np.isfinite(low) and np.isfinite(high) and low < high):

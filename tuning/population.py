@@ -28,13 +28,13 @@ def population(
         Values by parameter name, each of shape (plants,), as `tune(plants=...)` takes them.
 
     Raises:
-        InputError: for a spread that cannot be.
+        InputError: for an invalid spread.
     """
     if not spread:
         raise InputError("population needs at least one parameter to vary, as {'plant.inertia': 0.2}.")
     for name, share in spread.items():
         if not 0.0 < share < 1.0:
-            raise InputError(f"{name}: a spread of {share:g} cannot be: give a fraction between 0 and 1, as 0.2.")
+            raise InputError(f"{name}: a spread must be a fraction between 0 and 1, as 0.2, got {share:g}.")
     if count is None:
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(spread))))
     else:

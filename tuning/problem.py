@@ -83,7 +83,7 @@ def make_problem(
     """(problem, start of shape (n,), labels of the references); the arguments are those of `tuning.tune`.
 
     Raises:
-        InputError: for settings that cannot be.
+        InputError: for invalid settings.
     """
     stepper = fpjax.make_stepper(
         dt=dt, duration=duration, samples=samples, solver=solver, stepping=stepping, substeps=substeps

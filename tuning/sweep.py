@@ -61,7 +61,7 @@ def sweep(
         The grid of costs; a diverged candidate costs infinity.
 
     Raises:
-        InputError: for what cannot be, with what to do.
+        InputError: for invalid input, with what to do.
         KeyboardInterrupt: on Ctrl-C; the chunks finished by then stay in `out`.
     """
     judged = settled(setup, words)
@@ -69,7 +69,7 @@ def sweep(
         raise InputError("sweep needs dt, the step [s].")
     problem, labels, axes = _prepare(loop, references, axes, judged.words())
     if chunk < 1:
-        raise InputError(f"chunk = {chunk} cannot be: give at least 1 candidate.")
+        raise InputError(f"chunk must be at least 1 candidate, got {chunk}.")
     shape = tuple(axis.count for axis in axes)
     total, columns = int(np.prod([int(count) for count in shape], dtype=object)), problem.shape[0]
     if total > LARGEST:

@@ -84,7 +84,7 @@ def tune(
         The best of all starts.
 
     Raises:
-        InputError: for what cannot be, with what to do.
+        InputError: for invalid input, with what to do.
     """
     judged = settled(setup, words)
     model = None if isinstance(loop, ClosedLoop) else as_model(loop, "tune")
@@ -191,7 +191,7 @@ def tune_each(
         Results by label. Their `run_seconds` and `compile_seconds` are those of all references together.
 
     Raises:
-        InputError: for what cannot be, with what to do.
+        InputError: for invalid input, with what to do.
     """
     judged = settled(setup, words)
     if judged.dt is None:
@@ -231,7 +231,7 @@ def _settings(method: str | Method, loop: ClosedLoop, solver: AbstractPlantSolve
 
 def _draw_starts(problem: Any, start: np.ndarray, starts: int, spread: float, seed: int) -> np.ndarray:
     if starts < 1:
-        raise InputError(f"starts = {starts} cannot be: give at least 1.")
+        raise InputError(f"starts must be at least 1, got {starts}.")
     draws = np.random.default_rng(seed).uniform(-spread, spread, (starts - 1, start.size))
     space = problem.space
     middle, half = np.asarray(space.middle, float), np.asarray(space.half, float)

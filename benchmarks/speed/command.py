@@ -28,14 +28,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Measure everything, write speed.json, speed.txt and speed.png, print the tables."""
     if arguments.repeats < 1:
-        raise InputError(f"--repeats {arguments.repeats} cannot be: give at least 1.")
+        raise InputError(f"--repeats must be at least 1, got {arguments.repeats}.")
     if arguments.sizes is not None and min(arguments.sizes) < 1:
-        raise InputError(f"--sizes {arguments.sizes} cannot be: a batch has at least one candidate.")
+        raise InputError(f"--sizes must be whole numbers of at least 1 candidate, got {arguments.sizes}.")
     out = pathlib.Path(arguments.out)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"--out {out} cannot be a folder ({error.strerror}): give another.") from error
+        raise InputError(
+            f"--out must be a folder that can be made, got {out} ({error.strerror}): give another."
+        ) from error
 
     import jax
 

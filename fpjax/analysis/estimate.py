@@ -177,7 +177,7 @@ def estimate(
     middle = 0.5 * (velocity[1:] + velocity[:-1])
     torque = log.torque[:-1] - _load(load or NoLoad(), log, velocity)
     if passes < 1:
-        raise InputError(f"passes = {passes} cannot be: go over the log at least once.")
+        raise InputError(f"passes must be at least 1, got {passes}: the observer goes over the log once.")
     traces = _observe_jit(observer, jnp.asarray(torque), jnp.asarray(velocity), jnp.asarray(log.dt), passes)
     estimates = {name: np.asarray(trace) for name, trace in traces.items()}
     for name, trace in estimates.items():
@@ -186,7 +186,7 @@ def estimate(
             raise InputError(f"{name} left the finite range at {when:.3g} s: use smaller gains for this log.")
     span = 0.25 * log.duration if average is None else float(average)
     if not 0.0 < span <= log.duration:
-        raise InputError(f"average = {span:g} s cannot be: the log is {log.duration:g} s long.")
+        raise InputError(f"average must be positive and at most the log's {log.duration:g} s, got {span:g} s.")
     last = slice(-max(round(span / log.dt), 1), None)
     fitted = least_squares(torque, velocity, log.dt, float(observer.inertia))
     return Estimation(
@@ -257,7 +257,7 @@ def measured_velocity(
         cutoff: of the low-pass on a differentiated position [Hz]; None for a tenth of the control rate.
 
     Raises:
-        InputError: for a log without motion, and for a cutoff that cannot be.
+        InputError: for a log without motion, and for an invalid cutoff.
     """
     if log.velocity is not None:
         return np.asarray(log.velocity, dtype=float), "as logged"
@@ -265,7 +265,7 @@ def measured_velocity(
         raise InputError(f"{log.name} has neither velocity nor position: an observer needs the motion.")
     frequency = CUTOFF * log.rate if cutoff is None else float(cutoff)
     if not 0.0 < frequency < 0.5 * log.rate:
-        raise InputError(f"cutoff = {frequency:g} Hz cannot be: it must lie between 0 and {0.5 * log.rate:g} Hz.")
+        raise InputError(f"cutoff must lie between 0 and {0.5 * log.rate:g} Hz, got {frequency:g} Hz.")
     position = np.asarray(log.position, dtype=float)
     if differentiator == "zero_phase":
         from scipy import signal

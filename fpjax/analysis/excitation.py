@@ -97,7 +97,7 @@ def assess_excitation(
         duration: of the run that is judged [s], made of repeated windows; None for one window.
 
     Raises:
-        InputError: for an observer that estimates nothing, a missing parameter or a velocity that cannot be.
+        InputError: for an observer that estimates nothing, a missing parameter or an invalid velocity.
     """
     names = tuple(observer.estimated)
     if not names:

@@ -105,7 +105,7 @@ def identify(
         max_steps: of Levenberg-Marquardt.
 
     Raises:
-        InputError: for names, bounds or measurements that cannot be.
+        InputError: for invalid names, bounds or measurements.
     """
     import optimistix
 
@@ -113,7 +113,7 @@ def identify(
     names = tuple(parameters)
     paths = tuple(name if name.startswith("reference.") else f"loop.{name}" for name in names)
     if not names or len(set(names)) != len(names):
-        raise InputError(f"parameters = {list(names)} cannot be: name at least one, each once.")
+        raise InputError(f"parameters must name at least one, each once, got {list(names)}.")
     start = _scalars(tree, paths)
     low, high = _limits(names, np.asarray(list(start.values())), bounds or {})
     table = _measured(measured)

@@ -204,11 +204,11 @@ def design_lead(plant: Callable[[complex], complex], crossover: float, phase_lea
     """
     if not 0.0 < phase_lead < math.pi / 2.0:
         raise InputError(
-            f"phase_lead = {phase_lead:g} rad cannot be: one lead adds more than 0 and less than pi/2 rad; "
+            f"phase_lead must lie between 0 and pi/2 rad, which is what one lead adds, got {phase_lead:g} rad: "
             f"ask for less, or put two leads in series."
         )
     if not crossover > 0.0:
-        raise InputError(f"crossover = {crossover:g} Hz cannot be: give a frequency above zero.")
+        raise InputError(f"crossover must be positive, got {crossover:g} Hz.")
     ratio = (1.0 + math.sin(phase_lead)) / (1.0 - math.sin(phase_lead))  # (3.20)
     omega = 2.0 * math.pi * crossover
     zero = omega / math.sqrt(ratio)  # (3.22), (3.24)

@@ -45,7 +45,7 @@ def cost_settings(arguments: argparse.Namespace, record: RunFile) -> tuple[Any, 
     """(model, references, keyword arguments of `tune` and `sweep`).
 
     Raises:
-        InputError: for what cannot be.
+        InputError: for invalid input.
     """
     from tuning import population
     from tuning.objective import Estimation, Thesis, Tracking
@@ -54,7 +54,7 @@ def cost_settings(arguments: argparse.Namespace, record: RunFile) -> tuple[Any, 
     model.needed_controller()
     duration = arguments.duration if arguments.duration is not None else model.needed_duration()
     if not 0.0 <= arguments.after < duration:
-        raise InputError(f"--after {arguments.after:g} s cannot be: it must lie within the run of {duration:g} s.")
+        raise InputError(f"--after must lie within the run of {duration:g} s, got {arguments.after:g} s.")
     observed = bool(model.loop.observer.estimated)
     chosen = arguments.objective or ("estimation" if observed else "tracking")
     objective: Any = {
@@ -71,7 +71,7 @@ def cost_settings(arguments: argparse.Namespace, record: RunFile) -> tuple[Any, 
     if spread:
         plants = {name: list(values) for name, values in population(model.loop, spread).items()}
     if arguments.noise_seeds < 0:
-        raise InputError(f"--noise-seeds {arguments.noise_seeds} cannot be: give zero or more.")
+        raise InputError(f"--noise-seeds must be zero or more, got {arguments.noise_seeds}.")
     record.seeds["sensor noise"] = arguments.noise_seeds
     if chosen == "tracking" and not arguments.noise_seeds:
         say(

@@ -82,7 +82,7 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> tuple[
     """The model and the log of a command, checked against each other.
 
     Raises:
-        InputError: for what cannot be in one of them.
+        InputError: for what is invalid in one of them.
     """
     from ..logs import read_log
     from ..logs.suspicions import Numbers, suspicions

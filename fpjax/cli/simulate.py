@@ -72,7 +72,7 @@ def open_model(path: str, changes: list[str], record: RunFile) -> Any:
     """The model of a command, its notes said, with `--set` applied.
 
     Raises:
-        InputError: for what cannot be in the file or in the changes.
+        InputError: for invalid content of the file or of the changes.
     """
     from ..model_file import load_model
     from ..model_file.admissible import check_changes

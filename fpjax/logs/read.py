@@ -75,7 +75,7 @@ def read_log(
         A `Log`; each entry of its `warnings` was also given as an `FpjaxWarning`.
 
     Raises:
-        InputError: one sentence on the first thing that cannot be.
+        InputError: one sentence on the first thing that is wrong.
     """
     del repair
     mapping = parse_columns(columns)

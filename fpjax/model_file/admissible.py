@@ -293,7 +293,7 @@ def check_all(
         actuator: from [actuator]; None without one.
 
     Raises:
-        InputError: for what cannot be.
+        InputError: for invalid input.
     """
     return [
         *check_friction(law, units.name),
@@ -313,7 +313,7 @@ def check_changes(loop: Any, changes: Mapping[str, float], units: Any) -> list[s
         units: of the machine.
 
     Raises:
-        InputError: for what cannot be.
+        InputError: for invalid input.
     """
     for path, number in changes.items():
         section, _, name = path.rpartition(".")

@@ -86,7 +86,7 @@ def build_plant(
     """The plant of [plant] and [transmission].
 
     Raises:
-        InputError: for keys or values that cannot be.
+        InputError: for invalid keys or values.
     """
     name = form_of("plant", plant, PLANTS)
     body = pick(PLANTS, name).build("plant", plant, units, friction=friction, load=load)
@@ -106,8 +106,8 @@ def build_plant(
     values = read_values("transmission", transmission, TRANSMISSION, units)
     if not values["load_share"] < 1.0:
         raise InputError(
-            f"[transmission] load_share = {values['load_share']:g} cannot be: it is the load's part of the inertia, "
-            f"below 1."
+            f"[transmission] load_share must be below 1, got {values['load_share']:g}: it is the load's part of the "
+            f"inertia."
         )
     return Transmission(
         inertia=body.inertia,
@@ -140,7 +140,7 @@ def build_load(tables: Any, offset: float, units: Units) -> AbstractLoad:
     """The load of [load] (or of several [[load]]) with the known offset of [friction].
 
     Raises:
-        InputError: for keys or values that cannot be.
+        InputError: for invalid keys or values.
     """
     tables = tables if isinstance(tables, list) else [] if tables is None else [tables]
     parts: list[AbstractLoad] = []
@@ -219,7 +219,7 @@ def build_actuator(table: Mapping[str, Any] | None, units: Units, dt: float) -> 
     """The actuator of [actuator].
 
     Raises:
-        InputError: for keys or values that cannot be.
+        InputError: for invalid keys or values.
     """
     if not table:
         return IdealActuator()
@@ -257,7 +257,7 @@ def build_sensor(table: Mapping[str, Any] | None, units: Units, dt: float) -> Ab
     """The sensor of [sensor]; without a type it is the servo's: side, bias, scale, lag, delay, step, noise.
 
     Raises:
-        InputError: for keys or values that cannot be.
+        InputError: for invalid keys or values.
     """
     if not table:
         return IdealSensor()

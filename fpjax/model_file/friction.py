@@ -125,7 +125,7 @@ def build_friction(table: Mapping[str, Any], units: Units, steepness: "Steepness
         steepness: chooses one where none is written.
 
     Raises:
-        InputError: for keys or values that cannot be.
+        InputError: for invalid keys or values.
     """
     table = {key: value for key, value in table.items() if key != "offset"}
     name = form_of(SECTION, table, FORMS)

@@ -1,4 +1,4 @@
-"""Keys of servo.toml: their units, what values they may have, and the sentences for those that cannot be."""
+"""Keys of servo.toml: their units, what values they may have, and the sentences for those that are wrong."""
 
 import difflib
 import math
@@ -124,7 +124,7 @@ def read_number(section: str, key: Key, value: Any, units: Units) -> float:
     """A number that the key may have.
 
     Raises:
-        InputError: saying what was written, why it cannot be, and what to check.
+        InputError: saying what it must be, what was written, and what to check.
     """
     unit = units.name(key.unit)
     shown = "" if unit == "1" else f" {unit}"
@@ -148,9 +148,7 @@ def read_number(section: str, key: Key, value: Any, units: Units) -> float:
     if not good:
         why = "finite" if not math.isfinite(number) else MUST[key.sign]
         check = "its unit" if key.sign == "any" else "its sign and its unit"
-        raise InputError(
-            f"[{section}] {key.name} = {number:g}{shown} cannot be: it must be {why}; check {check} ({unit})."
-        )
+        raise InputError(f"[{section}] {key.name} must be {why}, got {number:g}{shown}; check {check} ({unit}).")
     check_range(section, key.name, key.unit, unit, number, divides=key.sign == "positive")
     return number
 
@@ -159,7 +157,7 @@ def read_values(section: str, table: Mapping[str, Any], keys: Iterable[Key], uni
     """The values of a section's keys by the name of the key; a default where nothing is written.
 
     Raises:
-        InputError: for a key that is missing or a value that cannot be.
+        InputError: for a missing key or an invalid value.
     """
     values: dict[str, Any] = {}
     for key in keys:

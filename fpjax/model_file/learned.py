@@ -20,7 +20,7 @@ def build_learned(tables: Any, units: Units) -> tuple[tuple[LearnedTorque, ...],
     """The tables of [[learned]], and the Coulomb level [N m] that their jumps at zero velocity are.
 
     Raises:
-        InputError: for keys or values that cannot be.
+        InputError: for invalid keys or values.
     """
     tables = tables if isinstance(tables, list) else [] if tables is None else [tables]
     blocks, coulomb = [], 0.0

@@ -55,7 +55,7 @@ def build_controller(table: Mapping[str, Any], units: Units, dt: float) -> Abstr
     """The controller of [controller]; None where it is "unknown".
 
     Raises:
-        InputError: for keys or values that cannot be.
+        InputError: for invalid keys or values.
     """
     name = form_of("controller", table, CONTROLLERS, _OTHERS)
     if name == "unknown":
@@ -187,7 +187,7 @@ def build_observer(
             section does not write its own.
 
     Raises:
-        InputError: for keys or values that cannot be.
+        InputError: for invalid keys or values.
     """
     if table is None:
         return NoObserver()
@@ -311,7 +311,7 @@ def build_reference(
         duration: of the simulation [s], for a chirp without its own.
 
     Raises:
-        InputError: for keys or values that cannot be, or a record that cannot be read.
+        InputError: for invalid keys or values, or a record that cannot be read.
     """
     if table is None:
         return None

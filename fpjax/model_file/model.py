@@ -172,7 +172,7 @@ def load_model(source: str | os.PathLike[str]) -> Model:
         A `Model`.
 
     Raises:
-        InputError: one sentence on the first thing that cannot be, naming section and key.
+        InputError: one sentence on the first thing that is wrong, naming section and key.
     """
     text, path = toml_text.read_source(source)
     name = path.name if path else "the model"
@@ -285,7 +285,7 @@ def _read_simulation(table: Mapping[str, Any], units: Units) -> dict[str, Any]:
         )
     substeps = table.get("substeps", 1)
     if isinstance(substeps, bool) or not isinstance(substeps, int) or not 1 <= substeps <= 100_000:
-        raise InputError(f"[simulation] substeps = {substeps!r} cannot be: write a whole number from 1 to 100000.")
+        raise InputError(f"[simulation] substeps must be a whole number from 1 to 100000, got {substeps!r}.")
     solver = choose("simulation", "solver", table.get("solver", "rk4"), SOLVERS)
     stepping = (
         choose("simulation", "stepping", table["stepping"], ("continuous", "sampled")) if "stepping" in table else ""
