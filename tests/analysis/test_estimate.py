@@ -153,8 +153,8 @@ LOG = record(duration=0.5)
         (LOG, fp.NoObserver(), {}, "estimates nothing"),
         (dataclasses.replace(LOG, velocity=None), EFP, {}, "neither velocity nor position"),
         (dataclasses.replace(LOG, time=LOG.time[:9], torque=LOG.torque[:9]), EFP, {}, "at least 16"),
-        (LOG, EFP, {"average": 9.0}, "0.501 s long"),
-        (LOG, EFP, {"passes": 0}, "at least once"),
+        (LOG, EFP, {"average": 9.0}, "at most the log.s 0.501 s, got 9 s"),
+        (LOG, EFP, {"passes": 0}, "at least 1, got 0"),
         (LOG, fp.ExtendedFriedlandPark(INERTIA, 1e12, 1e12), {}, "smaller gains"),
         (dataclasses.replace(LOG, velocity=None, position=LOG.time), EFP, {"cutoff": 900.0}, "between 0 and 500 Hz"),
         (

@@ -43,7 +43,7 @@ def model(stiffness, damping):
     return fp.ClosedLoop(plant, fp.ProportionalIntegral(150.0, 200.0), sensor=fp.IdealSensor("motor"))
 
 
-@pytest.mark.parametrize(("stiffness", "damping"), [(6e4, 10.0), (2.5e4, 100.0)])
+@pytest.mark.parametrize(("stiffness", "damping"), [(6e4, 10.0), pytest.param(2.5e4, 100.0, marks=pytest.mark.long)])
 def test_two_mass_stiffness_and_damping_within_one_per_cent(record, stiffness, damping):
     names = ["plant.stiffness", "plant.damping"]
     measured = {"motor_velocity": record[0], "torque": record[1]}

@@ -248,6 +248,7 @@ def short(effect: str, system: str, seed: int, periods: int = 160) -> Machine:
     return machine
 
 
+@pytest.mark.long
 def test_fifty_substeps_are_converged_for_every_effect():
     effects = [*EFFECTS, *OUTSIDE]
     machines = [short(effect, system, 0) for system in ("servo", "drive") for effect in effects]
@@ -361,6 +362,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.long
 def test_the_labels_parameters_close_the_gap():
     """Nominal model + the label's parameters (and hidden phases) leaves noise, in every case."""
     cases = [build(drawn(2, "single", "drive", (effect,), list(EFFECTS).index(effect)), 1500) for effect in MEMORYLESS]
@@ -375,6 +377,7 @@ def test_the_labels_parameters_close_the_gap():
         assert nominal > 1.5, effect
 
 
+@pytest.mark.long
 def test_every_effect_stands_out_of_the_noise_and_only_nominal_errors_are_fitted_away():
     # the fourth nominal-like effect: a gain divides all three by itself
     nominal_like = {"coulomb_error", "viscous_error", "inertia_error", "torque_gain_error"}

@@ -12,12 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import tolerances
-from catalogue import CASES
+from catalogue import CASES, one_of_each_kind
 
 import fpjax
 import fpjax as fp
 
 ids = pytest.mark.parametrize("case", CASES, ids=str)
+compiled = pytest.mark.parametrize("case", one_of_each_kind(), ids=str)  # what compiles several programs a case
 
 
 def flat(tree):
@@ -92,7 +93,7 @@ def test_every_block_of_the_package_is_in_the_catalogue():
     assert not missing, f"not in tests/catalogue.py: {sorted(missing)}"
 
 
-@ids
+@compiled
 def test_jit_is_eager_and_vmap_is_a_loop(case):
     block = case.build()
     outputs, count = scaled(case, block)
@@ -103,11 +104,11 @@ def test_jit_is_eager_and_vmap_is_a_loop(case):
         traces += 1
         return outputs(xi, point)
 
-    compiled = jax.jit(counted)
+    quick = jax.jit(counted)
     generator = np.random.default_rng(1)
     xis = jnp.asarray(0.05 * generator.uniform(-1, 1, (len(case.points), count)))
     places = jnp.stack(points(case))
-    rows = [compiled(xi, place) for xi, place in zip(xis, places, strict=True)]
+    rows = [quick(xi, place) for xi, place in zip(xis, places, strict=True)]
     assert traces == 1, "another parameter or input value traced the block again"
     size = max([1e-30, *(float(jnp.max(jnp.abs(row), initial=0.0)) for row in rows)])
     eager = [outputs(xi, place) for xi, place in zip(xis, places, strict=True)]
@@ -118,7 +119,7 @@ def test_jit_is_eager_and_vmap_is_a_loop(case):
     close(batch, jnp.stack(rows), tolerances.VMAP_IS_LOOP, size)
 
 
-@ids
+@compiled
 def test_gradients_are_finite_and_reverse_is_forward_is_finite_differences(case):
     block = case.build()
     outputs, count = scaled(case, block)

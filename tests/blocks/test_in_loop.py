@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import tolerances
-from catalogue import CASES, DT, SENSORS
+from catalogue import DT, SENSORS, one_of_each_kind
 
 import fpjax as fp
 from fpjax.compiled.gradients import value_and_gradient
@@ -13,27 +13,7 @@ from fpjax.compiled.gradients import value_and_gradient
 SAMPLES = 40
 
 
-def _tried():
-    """All cases; those whose loop holds no kind of block that an earlier case has not held are `long`."""
-    seen, tried = set(), []
-    for case in CASES:
-        kinds = {type(part) for part in _parts(case.build())}
-        kind = (case.kind, case.stepping, frozenset(kinds))
-        tried.append(pytest.param(case, marks=pytest.mark.long) if kind in seen else case)
-        seen.add(kind)
-    return tried
-
-
-def _parts(tree):
-    """The block and every block within it."""
-    is_block = lambda at: isinstance(at, fp.Block) and at is not tree  # noqa: E731
-    for part in jax.tree.leaves(tree, is_leaf=is_block):
-        if isinstance(part, fp.Block):
-            yield from _parts(part)
-    yield tree
-
-
-ids = pytest.mark.parametrize("case", _tried(), ids=str)
+ids = pytest.mark.parametrize("case", one_of_each_kind(), ids=str)
 
 
 def measures():

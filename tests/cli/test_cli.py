@@ -311,7 +311,7 @@ def test_an_interrupted_tuning_ends_at_once_and_keeps_the_finished_methods(servo
     ("axis", "match"),
     [
         ("observer.gain_1=10:1:5", "the range from 10 to 1 is empty"),
-        ("observer.gain_1=0:10:5", "cannot be on a log scale"),
+        ("observer.gain_1=0:10:5", "must be above zero on a log scale"),
         ("observer.gain_1=1:10:0", "leaves nothing to sweep"),
         ("observer.gain_1=1:inf:5", "is not NAME=LOW:HIGH:COUNT"),
         ("observer.gain_1=1:10", "is not NAME=LOW:HIGH:COUNT"),
@@ -352,7 +352,7 @@ def test_tune_refuses_what_cannot_be(servo, tmp_path, capsys):
     refuse(capsys, "tune", servo, "--references", "sine,cosine", match="'cosine' is not known")
     refuse(capsys, "tune", servo, "--plants", "plant.inertia", match="is not NAME=A,B")
     refuse(capsys, "tune", servo, "--after", "5", match="must lie within the run")
-    refuse(capsys, "tune", servo, "--starts", "0", match="starts = 0 cannot be")
+    refuse(capsys, "tune", servo, "--starts", "0", match="starts must be at least 1, got 0")
 
 
 # -------------------------------------------------------------------------------- estimate and inspect
@@ -427,7 +427,7 @@ def test_missing_and_broken_files(servo, tmp_path, capsys):
 
 def test_a_bad_model_is_one_sentence(servo, capsys):
     servo.write_text(SERVO.replace("inertia = 10.0", "inertia = -10.0"))
-    refuse(capsys, "simulate", servo, match="[plant] inertia = -10 kg m^2 cannot be: it must be above zero")
+    refuse(capsys, "simulate", servo, match="[plant] inertia must be above zero, got -10 kg m^2")
     servo.write_text(SERVO.replace("inertia = 10.0", "inertai = 10.0"))
     refuse(capsys, "tune", servo, match="[plant] inertai is not known: did you mean 'inertia'")
 

@@ -168,7 +168,7 @@ ALLOWED = {
 
 
 @pytest.mark.parametrize("name", ALLOWED)
-@pytest.mark.parametrize("batch", [None, 3, 300])
+@pytest.mark.parametrize("batch", [None, pytest.param(3, marks=pytest.mark.long), 300])
 def test_what_is_allowed_compiles_in_one_kernel(name, batch):
     def run(x):
         return scan_loop(lambda carry, _: (0.5 * ALLOWED[name](carry), None), x, None, length=5)[0]
@@ -273,7 +273,7 @@ def test_the_switch(monkeypatch):
     assert native_enabled()
 
 
-@pytest.mark.parametrize("steps", [1, 2, 3, 5, 9, 50, 51, 299])
+@pytest.mark.parametrize("steps", [1, 5, 51, *(pytest.param(n, marks=pytest.mark.long) for n in (2, 3, 9, 50, 299))])
 @pytest.mark.parametrize("checkpoint", ["step", "nested", "deeper"])
 def test_checkpoints_change_no_number(steps, checkpoint):
     def run(gain, checkpoint):

@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import fpjax as fp
 from fpjax.blocks.friction.bristles import Bristles
@@ -443,3 +444,22 @@ REFERENCES = [
 
 # One of each block and of each path through it.
 CASES = [*FRICTION, *LOADS, *PLANTS, *OBSERVERS, *CONTROLLERS, *ACTUATORS, *SENSORS, *REFERENCES]
+
+
+def one_of_each_kind():
+    """All cases for `parametrize`; one that holds no kind of block that an earlier one has not held is `long`."""
+    seen, tried = set(), []
+    for case in CASES:
+        kind = (case.kind, case.stepping, frozenset(type(part) for part in _parts(case.build())))
+        tried.append(pytest.param(case, marks=pytest.mark.long) if kind in seen else case)
+        seen.add(kind)
+    return tried
+
+
+def _parts(tree):
+    """The block and every block within it."""
+    is_block = lambda at: isinstance(at, fp.Block) and at is not tree  # noqa: E731
+    for part in jax.tree.leaves(tree, is_leaf=is_block):
+        if isinstance(part, fp.Block):
+            yield from _parts(part)
+    yield tree

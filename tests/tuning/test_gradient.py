@@ -39,6 +39,7 @@ def test_gradients_are_finite_differences(objective, mode):
         np.testing.assert_allclose(slope[:, place], (above - below) / 2e-5, rtol=1e-5, atol=1e-8 * np.max(cost))
 
 
+@pytest.mark.long  # its Jacobian alone compiles for ten seconds
 def test_residuals_and_their_jacobian_give_cost_and_gradient():
     lanes = lanes_of(tuning.Estimation())
     at = lanes.problem.space.coordinates(lanes.start)
@@ -162,12 +163,13 @@ def test_sign_is_not_differentiated_and_what_is_not_known_is_said():
         tuning.tune(rough, SINE, parameters=["observer.nonlinearity.gain"], objective=THESIS, method="adam", **SHORT)
     with pytest.raises(InputError, match="method = 'newton'"):
         tuning.tune(efp(150.0), SINE, parameters=GAINS, method="newton", **SHORT)
-    with pytest.raises(InputError, match="starts = 0"):
+    with pytest.raises(InputError, match="starts must be at least 1, got 0"):
         tuning.tune(efp(150.0), SINE, parameters=GAINS, starts=0, **SHORT)
     with pytest.raises(InputError, match="worst case"):
         tuning.tune(efp(150.0), SINE, parameters=GAINS, aggregate="worst", **SHORT)
 
 
+@pytest.mark.long
 def test_float32_tunes_too():
     loop, reference = (fpjax.astype(tree, jnp.float32) for tree in (efp(150.0), SINE))
     for method in ("levenberg_marquardt", "lbfgs", "adam", "grid_repaired"):

@@ -1,5 +1,6 @@
 """Objectives: what they say of a run, and how they add up over cases."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -8,8 +9,14 @@ from tuning_loops import CONSTANT, DEGREE, GAINS, SHORT, SINE, THESIS, efp
 import fpjax
 import tuning
 from fpjax.errors import InputError
+from tuning import problem as problem_module
 from tuning.lanes import Lanes
-from tuning.problem import case_costs, lane_cost, lane_residuals, make_problem
+from tuning.problem import make_problem
+
+# Compiled by structure and shapes: called as they are, each call would compile its scan anew.
+case_costs = eqx.filter_jit(problem_module.case_costs)
+lane_cost = eqx.filter_jit(problem_module.lane_cost)
+lane_residuals = eqx.filter_jit(problem_module.lane_residuals)
 
 
 def test_the_thesis_cost_is_the_final_error_in_the_thesis_units():

@@ -208,7 +208,7 @@ def test_chunks_of_other_versions_are_another_sweep(tmp_path, monkeypatch):
 def test_other_bad_input(tmp_path):
     with pytest.raises(InputError, match="out=FOLDER"):
         tuning.sweep(efp(150.0), SINE, resume=True, **COMMON)
-    with pytest.raises(InputError, match="chunk = 0"):
+    with pytest.raises(InputError, match="chunk must be at least 1 candidate, got 0"):
         tuning.sweep(efp(150.0), SINE, chunk=0, **COMMON)
     (tmp_path / "file").write_text("not a folder")
     with pytest.raises(InputError, match="can be written"):

@@ -134,7 +134,9 @@ def test_a_sentence_is_said_once(tmp_path):
 
 
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
-@pytest.mark.parametrize("size", [8, 100, 200, 500])
+@pytest.mark.parametrize(
+    "size", [8, pytest.param(100, marks=pytest.mark.long), pytest.param(200, marks=pytest.mark.long), 500]
+)
 def test_the_costs_are_bit_equal_on_any_number_of_cores(size, dtype):
     axes = (Axis("observer.gain_1", 1.0, 1e3, 50), Axis("observer.gain_2", 5.0, 25.0, 10, "linear"))
     settings = {"objective": THESIS, "dt": 1e-4, "samples": 800}
