@@ -13,7 +13,7 @@ from .answer.diagnosis import Diagnosis
 from .answer.provenance import provenance
 from .answer.stages import StageClock
 from .data.inputs import look_at, read_logs, read_model
-from .data.record import about_windows, make_records
+from .data.record import about_stretches, make_records
 from .data.setting import make_setting
 from .effects.effect import Effect
 from .effects.vocabulary import EFFECTS, on_rate_sensor
@@ -89,7 +89,7 @@ def _diagnose(
     warnings = [sentence for one in logs for sentence in one.warnings]
     warnings += look_at(everything, model)
     search = make_search(logs, withheld, model, effects)
-    warnings += about_windows(search.records)
+    warnings += about_stretches(search.records)
     decision = decide(search, clock)
     clock("intervals and curves", 0.9)
     found = assemble(search, decision, model, warnings, allowed, clock)

@@ -19,7 +19,7 @@ def faults(text: str) -> list[str]:
         found.append("Python's own words")
     words = [word for word in re.findall(r"[\w.\[\]'-]+", text.lower()) if not re.fullmatch(r"[\d.e'-]+", word)]
     runs = [tuple(words[at : at + REPEATED]) for at in range(len(words) - REPEATED + 1)]
-    twice = {" ".join(run) for run in runs if runs.count(run) > 1}
+    twice = {" ".join(run) for run in runs if runs.count(run) > 1 and len(set(run)) > 2}
     if twice:
         found.append(f"said twice: {sorted(twice)[0]}")
     return found

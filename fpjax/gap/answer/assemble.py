@@ -7,7 +7,7 @@ import numpy as np
 
 from ...logs.measures import is_derived
 from ...model_file import Model
-from ..data.record import Record
+from ..data.record import Record, in_one_piece
 from ..effects.estimate import Estimate
 from ..effects.experiments import Experiment, next_experiment
 from ..fit.candidate import Fit, nominal_sizes
@@ -48,7 +48,7 @@ def assemble(
     linear = records[0].linear
     step = unknown_step(search)
     torque = float(np.sqrt(np.mean(np.concatenate([record.torque for record in records]) ** 2)))
-    read = material(readings(records[0], search.setting.inertia), torque)
+    read = material(readings(in_one_piece(records[0]), search.setting.inertia), torque)
     read = tuple(one for one in read if not allowed or one.effect in allowed)
     wrong = (*(one.effect for one in read), *([ROUNDING] if step > 0.0 else []))
     gap = gap_of(search, decision, linear_unit("N m", linear))
@@ -80,7 +80,7 @@ def assemble(
     clock("closed loop", 0.97)
     said = [*_at_bounds(chosen, linear), *warnings]
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
-    tracking = tracking_error(model, records, *sides, said)
+    tracking = tracking_error(model, [in_one_piece(record) for record in records], *sides, said)
     return Diagnosis(
         verdict=found.word,
         causes=found.causes,

@@ -1,5 +1,6 @@
 """Record: a log made ready for the fit, cut into windows that are fitted or withheld."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,7 +19,10 @@ RESOLVED = 0.02  # of the torque's rms: the standard deviation of a constant tor
 TURNING = 0.05  # of the top speed: slower than this has no direction
 SHORTEST, LONGEST = 64, (512, 1024)  # samples of a window; with and without a rate sensor
 FEWEST = 8  # windows that a log is cut into at least
-MOST = 48_000  # samples that are simulated; of a longer log, windows spread over all that moves
+MOST = 48_000  # samples that are simulated; of a longer log, stretches spread over what moves
+STRETCHES = 8  # of a longer log: a few seconds each at 1 kHz, long enough for the memory of friction and for a loop
+LEAD = 512  # samples kept before the first window of a stretch: the past of lags (`TAPS`) and of hidden states
+LONG = 4  # times lead and edge: in a shorter log pairs of windows are left out instead
 EDGE = 32  # samples kept after the last window, for a sensor's dead time
 LEAST = 3 * SHORTEST + EDGE  # samples of a log that can be diagnosed
 
@@ -46,6 +50,7 @@ class Record:
         samples: length of a window.
         withheld: windows that are never fitted, shape (windows,), bool.
         runs: variance of a sensor's noise in a window over that of white rounding [1], shape (windows,).
+        recorded: samples of the whole log; of a long one only stretches are here, and `time` jumps between them.
     """
 
     name: str
@@ -66,6 +71,7 @@ class Record:
     samples: int
     withheld: np.ndarray
     runs: np.ndarray
+    recorded: int
 
     @property
     def channels(self) -> tuple[bool, bool]:
@@ -180,8 +186,12 @@ def _record(
     dt = float(log.dt)
     speed, acceleration, angle, speed_noise = motion(velocity, position, dt)
     starts = np.arange(0, len(log.time) - samples - EDGE + 1, samples)
-    if total > MOST:
-        starts = starts[_chosen(speed, len(starts), samples, MOST / total)]
+    kept: np.ndarray | slice = slice(None)
+    if total > MOST and len(log.time) > LONG * (LEAD + EDGE) + FEWEST * samples:
+        kept, starts = _stretches(speed, samples, MOST / total)
+    elif total > MOST:  # whole pairs of windows, spread evenly
+        pairs = np.arange(len(starts)) // 2
+        starts = starts[np.floor((pairs + 1) * MOST / total) > np.floor(pairs * MOST / total)]
     withheld = np.full(len(starts), side == "all")
     if side == "blocks":
         # Whole blocks of two windows; every fourth, now and then moved by one so that they do not beat with laps.
@@ -189,67 +199,107 @@ def _record(
         withheld = block % 4 == np.where(block // 4 % 4 == 0, 3, 2)
         if not np.any(withheld):
             withheld[-1] = True
+    reading = velocity if velocity is not None or log.velocity is None else make_channel(log.velocity)
+    velocity, position, reading = (_part(channel, kept) for channel in (velocity, position, reading))
     main = velocity if velocity is not None else position
     assert main is not None
-    runs = main.runs(starts, samples)
     return Record(
         log.name,
-        np.asarray(log.time, float),
-        np.asarray(log.torque, float),
+        np.asarray(log.time, float)[kept],
+        np.asarray(log.torque, float)[kept],
         velocity,
         position,
-        velocity if velocity is not None or log.velocity is None else make_channel(log.velocity),
-        None if log.reference is None else np.asarray(log.reference, float),
+        reading,
+        None if log.reference is None else np.asarray(log.reference, float)[kept],
         dt,
         bool(log.linear),
-        speed,
-        acceleration,
-        angle,
+        speed[kept],
+        acceleration[kept],
+        angle[kept],
         speed_noise,
         position is None or summed,
         starts,
         samples,
         withheld,
-        runs,
+        main.runs(starts, samples),
+        len(log.time),
     )
 
 
-def _chosen(speed: np.ndarray, count: int, samples: int, share: float) -> np.ndarray:
-    """Which windows of a long log are simulated, shape (count,), bool.
+def _part(channel: Channel | None, kept: np.ndarray | slice) -> Channel | None:
+    """Some samples of a channel, with the noise of all of it."""
+    return None if channel is None else replace(channel, values=channel.values[kept])
 
-    Whole pairs of them, spread evenly over those in which the machine moves: most of a long log may be rest, which
-    shows nothing. Nothing else is asked of a window, so that what is chosen is like what is left out.
+
+def _stretches(speed: np.ndarray, samples: int, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """(samples of a long log that are kept, first sample of each window among them).
+
+    Some stretches of whole windows, spread evenly over those in which the machine moves most of the time: much of a
+    long log may be rest, which shows nothing. Nothing else is asked of them, so that they are like what is left out.
 
     Args:
         speed: smoothed rate [rad/s], shape (samples of the log,).
-        count: windows that there are, one after the other.
         samples: of a window.
-        share: of the windows that is wanted [1].
+        share: of the samples that is wanted [1].
     """
-    size = np.sqrt(np.mean(np.square(speed[: count * samples].reshape(count, samples)), axis=1))
-    moves = size > TURNING * np.max(size, initial=0.0)
-    pair = np.arange(count) // 2
-    alive = np.bincount(pair, moves) > 0.0
-    alive |= not alive.any()
-    place = np.cumsum(alive) - 1
-    least = max(FEWEST, round(share * count)) / 2.0  # pairs
-    taken = min(1.0, least / max(int(alive.sum()), 1))
-    kept = alive & (np.floor((place + 1) * taken + 1e-9) > np.floor(place * taken + 1e-9))
-    return kept[pair]
+    wanted = max(FEWEST, round(share * len(speed) / samples))  # windows
+    number = min(STRETCHES, max(1, wanted // FEWEST))
+    windows = max(1, min(round(wanted / number), (len(speed) - LEAD - EDGE) // samples))
+    length = LEAD + windows * samples + EDGE
+    blocks = len(speed) // length
+    size = np.square(speed[: blocks * length]).reshape(blocks, length)[:, LEAD : LEAD + windows * samples]
+    size = np.sqrt(np.mean(size.reshape(blocks, windows, samples), axis=2))
+    moving = np.mean(size > TURNING * np.max(size), axis=1)
+    alive = np.flatnonzero(moving >= 0.5 * np.max(moving))
+    if len(alive) < number:
+        alive = np.sort(np.argsort(-moving, kind="stable")[:number])
+    parts = [part for part in np.array_split(alive, number) if part.size]
+    chosen = np.array([part[np.argmax(moving[part])] for part in parts])
+    kept = (chosen[:, None] * length + np.arange(length)).ravel()
+    starts = np.arange(len(chosen))[:, None] * length + LEAD + np.arange(windows) * samples
+    return kept, starts.ravel()
 
 
-def about_windows(records: Sequence[Record]) -> list[str]:
-    """What should be known of the windows of logs that are too long to be simulated as a whole, a sentence each."""
+def joints(record: Record) -> np.ndarray:
+    """First sample of each stretch of a record, and its number of samples: two entries and more."""
+    return np.concatenate([[0], np.flatnonzero(np.diff(record.time) > 1.5 * record.dt) + 1, [len(record.time)]])
+
+
+def in_one_piece(record: Record) -> Record:
+    """The first stretch of a record, for what runs from sample to sample; the record itself where it is whole."""
+    edges = joints(record)
+    if len(edges) == 2:
+        return record
+    part, inside = slice(0, int(edges[1])), record.starts < edges[1]
+    return replace(
+        record,
+        time=record.time[part],
+        torque=record.torque[part],
+        velocity=_part(record.velocity, part),
+        position=_part(record.position, part),
+        reading=_part(record.reading, part),
+        reference=None if record.reference is None else record.reference[part],
+        speed=record.speed[part],
+        acceleration=record.acceleration[part],
+        angle=record.angle[part],
+        starts=record.starts[inside],
+        withheld=record.withheld[inside],
+        runs=record.runs[inside],
+    )
+
+
+def about_stretches(records: Sequence[Record]) -> list[str]:
+    """What should be known of logs that are too long to be simulated as a whole, a sentence each."""
     said = []
     for record in records:
-        used, there = len(record.starts) * record.samples, len(record.time)
-        if used > there - 2 * record.samples - EDGE:  # no more than what does not fill a window
+        edges = joints(record)
+        if record.recorded == len(record.time):
             continue
-        first, last = record.time[record.starts[0]], record.time[record.starts[-1] + record.samples - 1]
+        ends = [(record.time[a], record.time[b - 1]) for a, b in itertools.pairwise(edges)]
+        spans = ", ".join(f"{begin:.6g} to {end:.6g}" for begin, end in ends)
         said.append(
-            f"{record.name} is long: of its {there} samples {used} are simulated, {len(record.starts)} windows of "
-            f"{record.samples * record.dt:.3g} s between {first:.6g} and {last:.6g} s, spread evenly over what moves; "
-            "for a part of the log give --from and --to."
+            f"{record.name} is long: of its {record.recorded} samples {len(record.time)} are simulated, in stretches "
+            f"that show motion ({spans} s); for another part of it give --from and --to."
         )
     return said
 
