@@ -87,7 +87,7 @@ def test_the_cause_its_value_and_the_gap(found):
     assert torque.low < TORQUE < torque.high
     assert torque.value == pytest.approx(TORQUE, rel=0.02)
     assert first.indistinguishable_from == ("asymmetric_friction",)
-    assert diagnosis.gap.signal == "torque"
+    assert diagnosis.to_dict()["gap"]["signal"] == "torque"
     # at reversals the simulated friction turns early or late, which counts too
     assert TORQUE < diagnosis.gap.before < 1.5 * TORQUE
     low, high = diagnosis.gap.before_interval
@@ -191,10 +191,10 @@ def test_the_tracking_error_is_that_of_the_machine_simulated():
 def test_the_missing_torque_is_what_acted(found):
     diagnosis, *_ = found
     (compared,) = diagnosis.comparisons
-    missing = (compared.before - compared.measured)[np.isfinite(compared.before)]
+    missing = (compared.before - compared.torque)[np.isfinite(compared.before)]
     # the filter takes off what might be noise, so it falls a little short
     assert 0.8 * TORQUE < np.median(missing) < 1.05 * TORQUE
-    left = (compared.after - compared.measured)[np.isfinite(compared.after)]
+    left = (compared.after - compared.torque)[np.isfinite(compared.after)]
     assert np.sqrt(np.mean(left**2)) < 0.2 * TORQUE
 
 

@@ -250,7 +250,7 @@ def test_verdicts_have_fitting_sentences():
     assert "a constant torque or asymmetric friction" in sentences["pair_with_twins"]
     assert "agrees" in sentences["no_gap"]
     assert "no effect of the vocabulary closes" in sentences["unexplained"]
-    assert "µm" in sentences["unexplained"]
+    assert re.search(r"misses [\d.]+\u202fN rms of force", sentences["unexplained"])
     assert text.confidence_sentence(told["explained"]).replace("\u202f", " ") == "Very likely (96 %)."
     assert all(sentence.count(".\n") == 0 and sentence.endswith(".") for sentence in sentences.values())
     one_open = dataclasses.replace(told["pair_with_twins"], causes=("constant_torque", "backlash"))
@@ -421,7 +421,7 @@ def test_a_frequency_bin_that_begins_at_zero_is_in_the_picture():
 
 def test_the_worst_place_is_where_the_nominal_model_is_most_wrong():
     series, first, last = record_picture.worst_place(record_picture.series_of(CASES["unexplained"]()))
-    error = np.abs(series.measured - series.before)
+    error = np.abs(series.commanded - series.before)
     assert first <= int(np.argmax(error)) <= last
     assert last - first < 0.3 * len(series.time)
 

@@ -264,11 +264,10 @@ def unexplained():
         signal="position",
         noise=2e-4,
         disturbance=push,
-        scale=0.01,
+        scale=100.0,
     )
-    comparison = dataclasses.replace(comparison, unit="m")
     _, torque, _, velocity, position = record(truth, 8.0, push)
-    gap = dataclasses.replace(gap_of(comparison, 2.0e-6), unit="m")
+    gap = dataclasses.replace(gap_of(comparison, 0.02), unit="N")
     where = where_of(comparison, velocity, position, torque, Machine(), scale=0.01)
     ranking = (
         Ranked("coulomb_error", 0.03, gap.after, {"coulomb": Estimate(38.5, 34.2, 42.8, "N")}),
@@ -332,7 +331,7 @@ dt = 0.001
 def bare():
     """The least that a diagnosis can hold: no series, no maps, no intervals, no provenance."""
     nan2 = (math.nan, math.nan)
-    gap = Gap("velocity", "rad/s", 0.0523, 0.0101, math.nan, math.nan, nan2, nan2, nan2, nan2)
+    gap = Gap("N m", 0.0523, 0.0101, math.nan, math.nan, nan2, nan2, nan2, nan2)
     where = Where(time=(Share(1.2, 1.5, 0.4),), regime={"reversal": 0.7, "cruise": 0.3})
     ranking = (Ranked("backlash", 0.8, 0.0101, {"gap": Estimate(1.02e-3, math.nan, math.nan, "rad")}),)
     return Diagnosis("explained", ("backlash",), ranking, gap, (), where, (), "", ())

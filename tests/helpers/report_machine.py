@@ -61,6 +61,7 @@ def record(machine, seconds, disturbance=None):
 
 
 def compare(name, machine, before, after, *, seconds=8.0, signal="velocity", noise=2e-3, disturbance=None, scale=1.0):
+    """A record and what two models say, of any signal: a report draws it as torque."""
     time, torque, _, velocity, position = record(machine, seconds, disturbance)
     random = np.random.default_rng(7)
     true = velocity if signal == "velocity" else position
@@ -76,10 +77,7 @@ def compare(name, machine, before, after, *, seconds=8.0, signal="velocity", noi
                 found[at] = v if signal == "velocity" else p
         simulated.append(found)
     withheld = (time % 4.0) >= 2.75
-    unit = {"velocity": "rad/s", "position": "rad"}[signal]
-    return Comparison(
-        name, signal, unit, time, measured * scale, simulated[0] * scale, simulated[1] * scale, withheld, torque, window
-    )
+    return Comparison(name, time, measured * scale, simulated[0] * scale, simulated[1] * scale, withheld, window)
 
 
 def rms(values):
@@ -95,7 +93,7 @@ def interval(errors, blocks=20, seed=1):
 
 
 def gap_of(comparison, floor):
-    measured = comparison.measured[comparison.withheld]
+    measured = comparison.torque[comparison.withheld]
     before, after = measured - comparison.before[comparison.withheld], measured - comparison.after[comparison.withheld]
     if not np.isfinite(after).any():
         after = before
@@ -104,8 +102,7 @@ def gap_of(comparison, floor):
     closable = rms(before) - floor
     closed = [(rms(before) - x) / closable for x in (rms(after), high_after, low_after)]
     return Gap(
-        comparison.signal,
-        comparison.unit,
+        "N m",
         rms(before),
         rms(after),
         floor,

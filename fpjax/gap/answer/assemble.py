@@ -167,18 +167,6 @@ def _comparisons(search: Search, before: Sequence[Course], after: Sequence[Cours
     for which, record in enumerate(search.records):
         window = record.windows_of_samples()
         withheld = np.concatenate([record.withheld, [False]])[window]
-        found.append(
-            Comparison(
-                name=record.name,
-                signal="torque",
-                unit=linear_unit("N m", record.linear),
-                time=record.time,
-                measured=record.torque,
-                before=record.torque + before[which].torque,
-                after=record.torque + after[which].torque,
-                withheld=withheld,
-                torque=record.torque,
-                window=window,
-            )
-        )
+        first, then = (record.torque + courses[which].torque for courses in (before, after))
+        found.append(Comparison(record.name, record.time, record.torque, first, then, withheld, window))
     return tuple(found)

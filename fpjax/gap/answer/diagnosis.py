@@ -58,7 +58,6 @@ class Gap:
     """The missing torque at the command, rms over withheld windows, the noise's share taken out; 90 % intervals.
 
     Attributes:
-        signal: always "torque".
         unit: of before, after and noise_floor: N m, or N of a linear axis.
         before: with the nominal model as it was given.
         after: with the causes in.
@@ -72,7 +71,6 @@ class Gap:
         learned_interval: by the same bootstrap.
     """
 
-    signal: str
     unit: str
     before: float
     after: float
@@ -96,7 +94,7 @@ class Gap:
         names = ("before", "after", "learned", "noise_floor", "closed")
         numbers = {name: getattr(self, name) for name in names}
         interval = {name: list(getattr(self, f"{name}_interval")) for name in names}
-        return {"signal": self.signal, "unit": self.unit, **numbers, "interval": interval}
+        return {"signal": "torque", "unit": self.unit, **numbers, "interval": interval}
 
 
 @dataclass(frozen=True)
@@ -177,26 +175,20 @@ class Comparison:
 
     Attributes:
         name: the log's.
-        signal: always "torque".
-        unit: of measured, before and after.
         time: [s], shape (samples,).
-        measured: commanded torque, shape (samples,).
-        before: the nominal model, shape (samples,).
-        after: the corrected model, shape (samples,).
-        withheld: True where the sample was not fitted, shape (samples,).
         torque: commanded [N m], shape (samples,).
+        before: that the nominal model needs [N m], shape (samples,).
+        after: that the corrected model needs [N m], shape (samples,).
+        withheld: True where the sample was not fitted, shape (samples,).
         window: index of the window of each sample, -1 for none, shape (samples,).
     """
 
     name: str
-    signal: str
-    unit: str
     time: np.ndarray
-    measured: np.ndarray
+    torque: np.ndarray
     before: np.ndarray
     after: np.ndarray
     withheld: np.ndarray
-    torque: np.ndarray
     window: np.ndarray
 
 

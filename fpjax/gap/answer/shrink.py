@@ -25,7 +25,6 @@ def gap_of(search: Search, decision: Decision, unit: str) -> Gap:
     many_before, many_after = _root(np.mean(before[which], 1)), _root(np.mean(after[which], 1))
     small = float(_root(np.mean(before))), float(_root(np.mean(after)))
     return Gap(
-        signal="torque",
         unit=unit,
         before=small[0],
         after=small[1],

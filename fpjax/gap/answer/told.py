@@ -16,7 +16,7 @@ PLACES = {
     "limit": "near the torque limit",
 }
 SHOWN = 5  # entries of the ranking that are printed
-MOSTLY = 0.4  # share of what is left in one regime from which on it lies mostly there
+MUCH = 0.4  # share of the energy in one regime from which on the place is said
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
@@ -33,16 +33,16 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "partly_explained":
         return (
             f"Partly explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data, "
-            f"{1.0 - gap.closed:.1%} is left{_mostly(diagnosis)}."
+            f"{1.0 - gap.closed:.1%} is left{_place(diagnosis)}."
         )
     beside = f" beside {causes}" if diagnosis.causes else ""
     return f"Unexplained: there is a gap{beside}, and {nothing_closes(diagnosis.allowed)}."
 
 
-def _mostly(diagnosis: Diagnosis) -> str:
+def _place(diagnosis: Diagnosis) -> str:
     shares = {} if diagnosis.residual_where is None else diagnosis.residual_where.regime
     name = max(shares, key=lambda regime: shares[regime], default="")
-    return f", mostly {PLACES[name]}" if name in PLACES and shares[name] >= MOSTLY else ""
+    return f", {shares[name]:.0%} of its energy {PLACES[name]}" if name in PLACES and shares[name] >= MUCH else ""
 
 
 def nothing_closes(allowed: Sequence[str], it: str = "it") -> str:
@@ -64,7 +64,7 @@ def told(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     lines = [verdict_sentence(diagnosis)]
     lines.append(
-        f"gap (missing {gap.signal}, rms, withheld): before {gap.before:.4g}, after {gap.after:.4g}, "
+        f"gap (missing torque, rms, withheld): before {gap.before:.4g}, after {gap.after:.4g}, "
         f"noise floor {gap.noise_floor:.4g} {gap.unit}"
     )
     if diagnosis.tracking is not None:

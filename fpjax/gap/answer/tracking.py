@@ -88,7 +88,7 @@ def _other_torque(error: float) -> str:
     told = "The model's controller and observer, run over the recorded reference and readings, do not give the torque"
     if error > 1.0:
         return f"{told} at all: another controller made it, or one without the model's observer"
-    return f"{told}: {error:.1%} of its rms is missing (something adds to the command, or the gains are others)"
+    return f"{told}: they differ by {error:.1%} of its rms (something adds to the command, or the gains are others)"
 
 
 def made_torque(model: Any, record: Record) -> tuple[float, Any]:

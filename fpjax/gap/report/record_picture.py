@@ -1,4 +1,4 @@
-"""Measured against simulated on withheld data: the whole record, the error, and the worst place enlarged."""
+"""Commanded torque against what each model needs, on withheld data: the record, the error, and the worst place."""
 
 import itertools
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from ...output.plotting import thin
 from ..answer.diagnosis import Comparison, Diagnosis
 from .digits import show_unit
 from .reading import gap_scale
-from .text import signal_of
+from .text import effort_of
 from .theme import AFTER, BAND, BEFORE, FLOOR, INK, MUTED, SOFT
 from .words import clip
 
@@ -23,31 +23,31 @@ class Series:
     Attributes:
         label: the log's name.
         time: s, shape (samples,).
-        measured: the gap's signal as recorded, shape (samples,).
-        before: the same from the nominal model, or None.
-        after: the same from the corrected model, or None.
+        commanded: torque [N m], shape (samples,).
+        before: what the nominal model needs [N m], or None.
+        after: what the corrected model needs [N m], or None.
         starts: indices at which a new window or block begins: no line is to cross them.
     """
 
     label: str
     time: np.ndarray
-    measured: np.ndarray
+    commanded: np.ndarray
     before: np.ndarray | None
     after: np.ndarray | None
     starts: np.ndarray
 
 
 def series_of(diagnosis: Diagnosis) -> list[Series]:
-    """The withheld part of each log that speaks of the gap's signal."""
-    return [s for s in (_series(c, diagnosis.gap.signal) for c in diagnosis.comparisons) if s is not None]
+    """The withheld part of each log."""
+    return [s for s in map(_series, diagnosis.comparisons) if s is not None]
 
 
-def _series(comparison: Comparison, signal: str) -> Series | None:
+def _series(comparison: Comparison) -> Series | None:
     withheld = np.asarray(comparison.withheld, bool)
-    if comparison.signal != signal or np.count_nonzero(withheld) < 2:
+    if np.count_nonzero(withheld) < 2:
         return None
     time = np.asarray(comparison.time, float)[withheld]
-    parts = [np.asarray(part, float)[withheld] for part in (comparison.measured, comparison.before, comparison.after)]
+    parts = [np.asarray(part, float)[withheld] for part in (comparison.torque, comparison.before, comparison.after)]
     known = [part if np.isfinite(part).any() else None for part in parts]
     if known[0] is None:
         return None
@@ -64,7 +64,7 @@ def has_record(diagnosis: Diagnosis) -> bool:
 
 
 def model_names(diagnosis: Diagnosis) -> tuple[str, str]:
-    """What the two simulations are called in a legend."""
+    """What the two models are called in a legend."""
     return "nominal model", "corrected model" if diagnosis.causes else "best attempt"
 
 
@@ -88,11 +88,10 @@ def draw_record(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
     shown = [s for s in series_of(diagnosis) if s.before is not None]
     shown_after = diagnosis.verdict != "no_gap"
     names = model_names(diagnosis)
-    logged = "commanded" if diagnosis.gap.signal == "torque" else "measured"
     worst, first, last = worst_place(shown)
     for series, shift in zip(shown, _shifts(shown), strict=True):
         moved = series.time + shift
-        _lines(signal_axes, series, moved, INK, series.measured, logged, width=2.4, alpha=0.28)
+        _lines(signal_axes, series, moved, INK, series.commanded, "commanded", width=2.4, alpha=0.28)
         _lines(error_axes, series, moved, BEFORE, factor * _error(series, series.before), "")
         if series.before is not None:
             _lines(signal_axes, series, moved, BEFORE, series.before, names[0], width=1.0)
@@ -118,15 +117,15 @@ def draw_record(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
         _name_holes(signal_axes, shown[0])
     moved_ends = len(shown) > 1 and any(_shifts(shown))
     signal_axes.set_title("Withheld data")
-    signal_axes.set_ylabel(f"{signal_of(diagnosis)} [{unit}]")
+    signal_axes.set_ylabel(f"{effort_of(diagnosis)} [{unit}]")
     signal_axes.tick_params(labelbottom=False)
-    error_axes.set_title("Commanded less needed" if diagnosis.gap.signal == "torque" else "Measured less simulated")
+    error_axes.set_title("Commanded less needed")
     error_axes.set_ylabel(f"error [{clip(show_unit(error_unit))}]")
     error_axes.set_xlabel("withheld time, logs end to end [s]" if moved_ends else "time [s]")
     error_axes.sharex(signal_axes)
-    _zoom(zoom_axes, worst, first, last, (logged, *names), with_after=shown_after)
+    _zoom(zoom_axes, worst, first, last, ("commanded", *names), with_after=shown_after)
     zoom_axes.set_title("The worst place, enlarged" if shown_after else "An enlarged stretch")
-    zoom_axes.set_ylabel(f"{signal_of(diagnosis)} [{unit}]")
+    zoom_axes.set_ylabel(f"{effort_of(diagnosis)} [{unit}]")
     zoom_axes.set_xlabel(f"time in {clip(worst.label)} [s]" if len(shown) > 1 else "time [s]")
 
 
@@ -148,8 +147,8 @@ def _zoom(axes: Axes, series: Series, first: int, last: int, names: tuple[str, s
     part = slice(first, last + 1)
     time = series.time[part]
     starts = series.starts[(series.starts > first) & (series.starts <= last)] - first
-    near = Series(series.label, time, series.measured[part], series.before, series.after, starts)
-    _lines(axes, near, time, INK, series.measured[part], names[0], width=3.2, alpha=0.28)
+    near = Series(series.label, time, series.commanded[part], series.before, series.after, starts)
+    _lines(axes, near, time, INK, series.commanded[part], names[0], width=3.2, alpha=0.28)
     if series.before is not None:
         _lines(axes, near, time, BEFORE, series.before[part], names[1], width=1.5, style=(0, (5, 1.6)))
     if series.after is not None and with_after:
@@ -207,7 +206,7 @@ def _lines(
 
 
 def _error(series: Series, simulated: np.ndarray | None) -> np.ndarray:
-    return np.full(len(series.time), np.nan) if simulated is None else series.measured - simulated
+    return np.full(len(series.time), np.nan) if simulated is None else series.commanded - simulated
 
 
 def _windows(series: Series) -> list[tuple[int, int]]:

@@ -19,7 +19,6 @@ from .markup import (
 )
 from .model_text import count_changes, save_link, to_html, use_sentence
 from .reading import NEGLIGIBLE, at_bound, entry_gap, fixed, gap_scale, shown_gap, step_gap, twins_of
-from .record_picture import series_of
 from .text import (
     confidence_sentence,
     effort_of,
@@ -101,21 +100,16 @@ def _facts(diagnosis: Diagnosis) -> str:
 
 
 def record(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
-    """Measured against simulated on the withheld part; or commanded against needed, where the gap is told in torque."""
-    in_torque = diagnosis.gap.signal == "torque"
-    title = "Commanded against needed" if in_torque else "Measured against simulated"
+    """Commanded against needed torque on the withheld part."""
+    title = "Commanded against needed"
     if "record" not in pictures:
         note = "The diagnosis holds no withheld series to draw."
         return section("record", title, paragraph(note))
-    restarted = any(series.starts.size for series in series_of(diagnosis))
-    how = "None of these samples was used for the fit."
-    if in_torque:
-        effort = effort_of(diagnosis)
-        how += f" Each model says what {effort} the motion needed; what lacks to the command is its missing {effort}."
-    elif restarted:
-        how += (
-            " The simulation is driven by the recorded command, in windows; each starts where it fits its window best."
-        )
+    effort = effort_of(diagnosis)
+    how = (
+        f"None of these samples was used for the fit. Each model says what {effort} the motion needed; what lacks to "
+        f"the command is its missing {effort}."
+    )
     return section(
         "record",
         title,

@@ -7,7 +7,7 @@ from ..answer.diagnosis import Diagnosis
 from ..effects.estimate import Estimate
 from .digits import show, show_percent, show_unit
 from .reading import gap_scale, shown_gap, step_gap, twins_of
-from .text import learned_name, signal_of
+from .text import effort_of, learned_name
 from .theme import AFTER, BEFORE, FLOOR, INK, MUTED, PAPER, SOFT
 from .words import clip, effect_title
 
@@ -87,7 +87,7 @@ def draw_shrink(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
     axes.grid(visible=True, axis="x")
     axes.grid(visible=False, axis="y")
     axes.set_xlabel(
-        f"missing {signal_of(diagnosis)}, rms on withheld data [{clip(show_unit(gap_scale(diagnosis)[1]))}]"
+        f"missing {effort_of(diagnosis)}, rms on withheld data [{clip(show_unit(gap_scale(diagnosis)[1]))}]"
     )
 
 

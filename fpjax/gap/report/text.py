@@ -4,7 +4,7 @@ import math
 import re
 
 from ..answer.diagnosis import Diagnosis, Share
-from ..answer.told import MOSTLY, nothing_closes
+from ..answer.told import MUCH, nothing_closes
 from .digits import readable, show_percent, show_unit, show_with_unit
 from .reading import AXES, classes, main_regime, places, shown_gap, tracking, twins_of
 from .words import EFFECTS, effect_name, is_wrong_value, join, motion_units, regime_name, sure
@@ -41,7 +41,8 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         return f"{_lacks(diagnosis)}; with {_it(diagnosis)} put right, {shrink}."
     if diagnosis.verdict == "partly_explained":
         share, regime = main_regime(diagnosis.residual_where)
-        where = f", mostly {regime_name(regime, diagnosis.motion)}" if share >= MOSTLY else ""
+        place = regime_name(regime, diagnosis.motion)
+        where = f", {show_percent(share)} of its energy {place}" if share >= MUCH else ""
         asserted = _asserted(diagnosis)
         verb = "explains" if len(diagnosis.causes) == 1 else "explain"
         return (
@@ -55,7 +56,9 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         )
     rest = f"; the best attempt leaves {after}" if gap.after < gap.before else ""
     share, regime = main_regime(diagnosis.where)
-    place = f" Most of it lies {regime_name(regime, diagnosis.motion)}." if share >= MOSTLY else ""
+    place = (
+        f" {show_percent(share)} of its energy lies {regime_name(regime, diagnosis.motion)}." if share >= MUCH else ""
+    )
     return f"{differs}, and {_nothing_closes(diagnosis, 'this gap')}{rest}.{place}"
 
 
@@ -85,11 +88,6 @@ def learned_sentence(diagnosis: Diagnosis) -> str:
 def effort_of(diagnosis: Diagnosis) -> str:
     """`torque`, or `force` of a linear axis."""
     return "force" if diagnosis.motion == "linear" else "torque"
-
-
-def signal_of(diagnosis: Diagnosis) -> str:
-    """What the gap is told in, in the axis' own word."""
-    return effort_of(diagnosis) if diagnosis.gap.signal == "torque" else diagnosis.gap.signal
 
 
 def confidence_sentence(diagnosis: Diagnosis) -> str:
