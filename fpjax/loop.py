@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .blocks.actuators import AbstractActuator, IdealActuator
+from .blocks.block import with_arrays
 from .blocks.controllers import AbstractController
 from .blocks.observers import AbstractObserver, NoObserver
 from .blocks.plants import AbstractPlant
@@ -75,6 +76,8 @@ class Command(eqx.Module):
 class ClosedLoop(eqx.Module):
     """Plant, controller, and what stands between them.
 
+    Plain numbers in a block of your own become array leaves here, so that gradients, sweeps and names reach them.
+
     Attributes:
         plant: the body and its friction.
         controller: from reference and measurement to control.
@@ -84,11 +87,11 @@ class ClosedLoop(eqx.Module):
         linearise: `fpjax.linearise` as a method; `fpjax.linear`, which stands above the loop, puts it here.
     """
 
-    plant: AbstractPlant
-    controller: AbstractController
-    observer: AbstractObserver = NoObserver()
-    actuator: AbstractActuator = IdealActuator()
-    sensor: AbstractSensor = IdealSensor()
+    plant: AbstractPlant = eqx.field(converter=with_arrays)
+    controller: AbstractController = eqx.field(converter=with_arrays)
+    observer: AbstractObserver = eqx.field(converter=with_arrays, default=NoObserver())
+    actuator: AbstractActuator = eqx.field(converter=with_arrays, default=IdealActuator())
+    sensor: AbstractSensor = eqx.field(converter=with_arrays, default=IdealSensor())
     linearise: ClassVar[Callable[..., Any]]
 
     def init(self) -> LoopState:

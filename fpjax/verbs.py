@@ -18,7 +18,7 @@ from ._simulate import Run
 from ._simulate import simulate as simulate_loop
 from .analysis.estimate import Differentiator, Estimation
 from .analysis.estimate import estimate as estimate_with
-from .blocks.block import as_parameter
+from .blocks.block import with_arrays
 from .blocks.loads import AbstractLoad
 from .blocks.observers import AbstractObserver
 from .blocks.references import AbstractReference
@@ -196,7 +196,7 @@ def as_model(source: Any, verb: str, also: str = "a ClosedLoop") -> Model | None
 
 
 def checked_loop(loop: Any, verb: str) -> ClosedLoop:
-    """The loop with every plain number in it as an array.
+    """The loop, its plain numbers as arrays (one that was built under another precision, or by `tree_at`).
 
     Raises:
         InputError: for what is no loop.
@@ -216,16 +216,6 @@ def checked_reference(reference: Any) -> AbstractReference:
         hint = "fp.Constant(...)" if isinstance(reference, int | float) else "fp.Sine(amplitude=1.0, frequency=1.0)"
         raise InputError(f"The reference is {_shown(reference)}: give one of the blocks, for instance {hint}.")
     return with_arrays(reference)
-
-
-def with_arrays(tree: Any) -> Any:
-    """The blocks with plain numbers as arrays: a law of one's own need not convert its fields."""
-
-    def one(leaf: Any) -> Any:
-        number = isinstance(leaf, int | float) and not isinstance(leaf, bool)
-        return as_parameter(float(leaf)) if number else leaf
-
-    return jax.tree.map(one, tree)
 
 
 @contextlib.contextmanager

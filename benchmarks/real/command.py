@@ -13,6 +13,7 @@ from fpjax.output.runfile import write_whole
 from ..run_command import fpjax_command
 from .check import Check, asserted, check_all, probability
 from .gallery import write_gallery
+from .page import write_page
 from .prepare import PREPARE, Stretch
 from .records import RealCase, Records, find_records
 
@@ -25,18 +26,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder of results.json, the gallery and the reports")
     parser.add_argument("--data", type=Path, help="folder of the records' folders (default ../shared/data)")
     parser.add_argument("--only", nargs="+", metavar="CASE", help="these cases only")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="also a page of the documentation (Markdown)")
     parser.add_argument("--afresh", action="store_true", help="diagnose again what is there already")
 
 
 def run(args: argparse.Namespace) -> int:
     """Diagnose what is missing, print and write what was found; 1 where a check fails."""
-    return run_real(SHARED if args.data is None else args.data, args.out, args.only, args.afresh)
+    return run_real(SHARED if args.data is None else args.data, args.out, args.only, args.afresh, page=args.page)
 
 
 def run_real(
-    data: Path, out: Path, only: list[str] | None = None, afresh: bool = False, tool: Tool = fpjax_command
-) -> int:
-    """The same from Python; `tool` runs the words of a command."""
+    data: Path, out: Path, only: list[str] | None = None, afresh: bool = False, tool: Tool = fpjax_command,
+    page: Path | None = None,
+) -> int:  # fmt: skip
+    """The same from Python; `tool` runs the words of a command, `page` is a page of the documentation to write."""
     records = find_records(data)
     known = [case.name for some in records for case in some.cases]
     if len(set(known)) != len(known):
@@ -56,6 +59,8 @@ def run_real(
     out.mkdir(parents=True, exist_ok=True)
     write_whole(out / "results.json", json.dumps(results, indent=1) + "\n")
     write_gallery(out, results)
+    if page is not None:
+        write_page(page, out, results, made_with(out, results))
     right = sum(one["right"] for one in results)
     sure = sum(one["wrongly_sure"] for one in results)
     print(f"\n{right} of {len(results)} right, {sure} wrongly sure; written: {out / 'results.json'}, index.html")
@@ -121,6 +126,17 @@ def told(
         "seconds": spent,
         "error": error,
     }
+
+
+def made_with(out: Path, results: list[dict[str, Any]]) -> dict[str, str]:
+    """Date and versions of the oldest diagnosis."""
+    told = [json.loads(path.read_text()) for one in results if (path := out / one["case"] / "diagnosis.json").exists()]
+    said = [one["provenance"] for one in told if one.get("provenance")]
+    if not said:
+        return {}
+    oldest = min(said, key=lambda one: str(one.get("started")))
+    versions = oldest.get("versions", {})
+    return {name: versions[name] for name in ("fpjax", "jax") if name in versions} | {"of": str(oldest["started"])[:10]}
 
 
 def show(found: dict[str, Any]) -> None:

@@ -36,6 +36,16 @@ def as_optional(value: Any) -> Any:
     return None if value is None else as_parameter(value)
 
 
+def with_arrays(tree: Any) -> Any:
+    """The blocks with every plain number in them as an array leaf: a block of one's own need not convert its fields."""
+
+    def one(leaf: Any) -> Any:
+        number = isinstance(leaf, int | float) and not isinstance(leaf, bool)
+        return as_parameter(float(leaf)) if number else leaf
+
+    return jax.tree.map(one, tree)
+
+
 def _concrete(value: Any) -> np.ndarray | None:
     if value is None or isinstance(value, Tracer):
         return None

@@ -94,6 +94,27 @@ def test_a_folder_of_ones_own_is_diagnosed_by_the_command_and_compared(mine, tmp
     capsys.readouterr()
 
 
+def test_the_page_of_the_documentation_holds_every_figure_and_the_picture(mine, tmp_path, capsys):
+    from PIL import Image
+
+    def tool(words):
+        writing(answer(provenance={"started": "2026-01-02T03:04", "versions": {"jax": "1.2.3"}}), [])(words)
+        Image.new("RGB", (2000, 1000), "white").save(Path(words[words.index("--out") + 1]) / "overview.png")
+
+    page = tmp_path / "pages" / "gallery.md"
+    assert run_real(mine, tmp_path / "out", tool=tool, page=page) == 0
+    text = page.read_text()
+    assert "1 of 1 as documented, 0 wrongly sure (jax 1.2.3, of 2026-01-02)." in text
+    assert "**partly explained**: asymmetric friction." in text
+    assert "| asymmetric friction | 97.0 % | viscous positive 165 N s/m (160 to 170) |" in text
+    assert "| withheld, at most 1.6 N left | yes | 2.1 -> 1.5 N |" in text
+    assert "](gallery/mine.png)" in text
+    with Image.open(tmp_path / "pages" / "gallery" / "mine.png") as picture:
+        assert picture.size == (1000, 500)
+    assert str(tmp_path) not in text  # no path of the machine that made it
+    capsys.readouterr()
+
+
 def test_a_record_that_the_tool_refuses_is_a_result(mine, tmp_path, capsys):
     assert run_real(mine, tmp_path / "out", tool=writing(RuntimeError("no motion"), [])) == 1
     [found] = json.loads((tmp_path / "out" / "results.json").read_text())

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 ROOT = pathlib.Path(__file__).parents[2]
-LONG = {"04_tune_for_estimation", "05_diagnose", "06_own_effect", "emps_estimate"}  # ten seconds and more
+LONG = {"02_tune", "04_tune_for_estimation", "05_diagnose", "06_own_effect", "emps_estimate"}  # ten seconds and more
 EXAMPLES = [
     pytest.param(path, id=path.stem, marks=[pytest.mark.long] if path.stem in LONG else [])
     for path in sorted((ROOT / "examples").glob("*.py"))

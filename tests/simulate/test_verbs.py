@@ -2,6 +2,7 @@
 
 import pathlib
 
+import jax
 import numpy as np
 import pytest
 
@@ -84,6 +85,19 @@ def test_an_own_law_with_plain_numbers_runs_and_is_tunable_by_name():
     packaged = fp.ClosedLoop(fp.OneMass(1.0, fp.CoulombViscous(3.0, 0.1, 100.0)), fp.ProportionalIntegral(10.0, 10.0))
     same = fp.simulate(packaged, fp.Sine(1.0, 1.0), dt=1e-3, duration=1.0, record=("velocity",))
     np.testing.assert_allclose(run.signals["velocity"], same.signals["velocity"], rtol=1e-12)
+
+
+def test_plain_numbers_of_an_own_law_have_names_and_gradients():
+    loop = fp.ClosedLoop(fp.OneMass(1.0, OwnLaw()), fp.ProportionalIntegral(10.0, 10.0))
+    assert {"plant.friction.coulomb", "plant.friction.steepness"} <= set(fp.parameter_names(loop))
+
+    def loss(coulomb):
+        changed = fp.set_parameters(loop, {"plant.friction.coulomb": coulomb})
+        measures = {"error": fp.MeanSquare()}
+        return fp.simulate(changed, fp.Sine(1.0, 1.0), dt=1e-3, duration=0.2, measures=measures).measures["error"]
+
+    difference = float(loss(3.01) - loss(2.99)) / 0.02
+    assert float(jax.grad(loss)(3.0)) == pytest.approx(difference, rel=1e-3)
 
 
 LOOP = fp.ClosedLoop(fp.OneMass(1.0, fp.NoFriction()), fp.Proportional(1.0))
