@@ -148,7 +148,7 @@ def _energy(search: Search, smoother: Smoother, fit: Smooth) -> float:
     """Mean square of the missing torque on withheld windows [N^2 m^2], in the nominal model's band, without noise's."""
     modes, w = smoother.windows.fitter.modes, smoother.windows
     weight = np.where(modes.sensor, 0.0, search.band**2 / np.where(modes.sensor, 1.0, np.maximum(modes.gain, 1e-300)))
-    square = (fit.left**2 - w.noise[:, None])[~w.fitted] @ weight
+    square = (modes.plain(fit.left) ** 2 - w.noise[:, None])[~w.fitted] @ weight
     return float(np.mean(square)) / search.records[0].samples if len(square) else 0.0
 
 

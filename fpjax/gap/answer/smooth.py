@@ -21,7 +21,6 @@ from ...blocks.signals import Motion
 from ..effects.effect import Effect, Parameter
 from ..fit.candidate import Candidate
 from ..fit.least_squares import Fitter, Linear
-from ..fit.modes import BURST_SCALE
 from ..fit.search import Search
 from ..machine import Machine
 from ..precision import double_precision
@@ -68,7 +67,7 @@ class Windows:
     def design(self, table: Table) -> Values:
         """Change of c by the torques at a table's points, shape (windows, modes, points)."""
         modes, found = self.fitter.modes, []
-        way = modes.torque * np.sqrt(modes.gain)
+        way = (modes.torque * np.sqrt(modes.gain)) @ modes.turn
         for which, windows, _ in self.which:
             record = self.fitter.records[which]
             rows = record.starts[windows][:, None] + np.arange(record.samples)
@@ -80,10 +79,7 @@ class Windows:
 def make_windows(search: Search, candidate: Candidate) -> Windows:
     """The windows of a fit around where it stands; hidden states stay where they are."""
     empty = np.zeros(0)
-    c = replace(
-        candidate, free=np.zeros(0, int), low=empty, high=empty, center=empty, spread=empty, scale=empty,
-        burst=[b.copy() for b in candidate.burst],
-    )  # fmt: skip
+    c = replace(candidate, free=np.zeros(0, int), low=empty, high=empty, center=empty, spread=empty, scale=empty)
     fitter = search.fitters[c.family.key]
     windows = [np.arange(len(record.starts)) for record in search.records]
     which, coefficients, starts, noise, fitted, fold = [], [], [], [], [], []
@@ -139,7 +135,7 @@ def _misread(search: Search, c: Candidate, part: Linear) -> Values:
             )  # fmt: skip
             found.append(np.asarray(torque)[: rows.size].reshape(rows.shape))
     modes = fitter.modes
-    return (found[0] - found[1]) @ (modes.torque * np.sqrt(modes.gain))
+    return (found[0] - found[1]) @ (modes.torque * np.sqrt(modes.gain)) @ modes.turn
 
 
 @functools.partial(jax.jit, static_argnums=(1, 2))
@@ -171,7 +167,7 @@ class Smooth:
         precision: of the torques, their prior included [1 / (N m)^2].
         robust: covariance of the torques from the windows' own scatter [N^2 m^2].
         level: q by octave [N m].
-        burst: of each window [1].
+        weight: 1 / variance of each coefficient, shape (windows, modes).
         cost: twice the negative log likelihood of each window, shape (windows,).
         evidence: log evidence of the fitted windows and log likelihood of the withheld ones [1].
         left: coefficients that are left, shape (windows, modes).
@@ -184,7 +180,7 @@ class Smooth:
     precision: Values
     robust: Values
     level: Values
-    burst: Values
+    weight: Values
     cost: Values
     evidence: float
     left: Values
@@ -217,9 +213,9 @@ class Smoother:
     def base(self) -> Smooth:
         """Without a table."""
         start = self.windows.candidate
-        burst = np.concatenate([start.burst[which][chosen] for which, chosen, _ in self.windows.which])
+        weight = self._weight(start.level, self.windows.c)
         zero = np.zeros(0)
-        empty = Smooth((), (), zero, np.zeros((0, 0)), np.zeros((0, 0)), start.level, burst, zero, 0.0, zero, 0.0)
+        empty = Smooth((), (), zero, np.zeros((0, 0)), np.zeros((0, 0)), start.level, weight, zero, 0.0, zero, 0.0)
         return self._fit(empty, (), ())
 
     def add(self, before: Smooth, table: Table) -> Smooth:
@@ -230,30 +226,32 @@ class Smoother:
         w = self.windows
         design = [self._design(table) for table in tables]
         x = np.concatenate([np.zeros((*w.c.shape, 0)), *design], axis=2)
-        level, burst, score = before.level, before.burst, 0.0
+        level, weight, score = before.level, before.weight, 0.0
         chosen, torque, prior = penalties, np.zeros(0), np.zeros((0, 0))
         for _ in range(PASSES):
-            normal, _, _, _ = self._products(x, level, burst)
+            normal, _ = self._products(x, weight)
             if len(tables) > len(penalties):
                 score, chosen = self._penalty(normal, tables, penalties)
             prior = self._prior(tables, chosen)
             torque = _solve(np.sum(normal[w.fitted], axis=0), prior)
-            level, burst = self._adapted(level, burst, self._left(x, torque, level, burst))
-        normal, determinant, pulls, _ = self._products(x, level, burst)
+            left = self._left(x, torque, weight)
+            level = w.fitter.modes.best_level(w.noise[w.fitted], left[w.fitted], white=False)
+            weight = self._weight(level, left)
+        normal, determinant = self._products(x, weight)
         total = np.sum(normal[w.fitted], axis=0)
         torque = _solve(total, prior)
         beta = np.concatenate([[1.0], -torque])
-        cost = np.einsum("wij,i,j->w", normal, beta, beta) + determinant + pulls
+        left = self._left(x, torque, weight)
+        # The weights are those of normal laws; what heavy tails change is added.
+        tails = w.fitter.modes.cost(level, w.noise, left, white=False) - np.sum(weight * left**2, axis=1)
+        cost = np.einsum("wij,i,j->w", normal, beta, beta) + determinant + tails
         precision = total[1:, 1:] + prior
         occam = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior)[1] if len(tables) else 0.0
         evidence = -0.5 * float(np.sum(cost) + torque @ prior @ torque + occam)
         scores = normal[w.fitted][:, 1:] @ beta  # of each window, shape (windows, points)
         inverse = np.linalg.inv(precision)
         robust = inverse @ (scores.T @ scores) @ inverse
-        return Smooth(
-            tables, chosen, torque, precision, robust, level, burst, cost, evidence,
-            self._left(x, torque, level, burst), score,
-        )  # fmt: skip
+        return Smooth(tables, chosen, torque, precision, robust, level, weight, cost, evidence, left, score)
 
     def _design(self, table: Table) -> Values:
         if id(table) not in self.designs:
@@ -295,52 +293,33 @@ class Smoother:
         best = int(np.argmin(errors))
         return errors[best], (*penalties, float(tried[best]))
 
-    def _weight(self, level: Values, burst: Values) -> Values:
-        return 1.0 / self.windows.fitter.modes.variance(level, self.windows.noise, burst)
+    def _weight(self, level: Values, left: Values) -> Values:
+        return self.windows.fitter.modes.precision(level, self.windows.noise, left, white=False)
 
     def _inner(self, weight: Values) -> Values:
         """Precision of the start states in prior units, shape (windows, states, states)."""
         start = self.windows.start
         return np.eye(start.shape[2]) + start.transpose(0, 2, 1) @ (start * weight[:, :, None])
 
-    def _products(self, x: Values, level: Values, burst: Values) -> tuple[Values, Values, Values, Values]:
-        """([c x]' P [c x], log determinants, cost of the bursts, P's weights) of each window.
+    def _products(self, x: Values, weight: Values) -> tuple[Values, Values]:
+        """([c x]' P [c x], log determinants of the start states' precision) of each window.
 
         P is the inverse of the covariance of c, the start states integrated out.
         """
         w = self.windows
-        weight = self._weight(level, burst)
         both = np.concatenate([w.c[:, :, None], x], axis=2)
         weighted = (both * weight[:, :, None]).transpose(0, 2, 1)
         inner = self._inner(weight)
         cross = weighted @ w.start
         normal = weighted @ both - cross @ np.linalg.solve(inner, cross.transpose(0, 2, 1))
-        determinant = np.linalg.slogdet(inner)[1] - np.sum(np.log(weight), axis=1)
-        return normal, determinant, 2.0 / BURST_SCALE * np.abs(np.log(burst)), weight
+        return normal, np.linalg.slogdet(inner)[1]
 
-    def _left(self, x: Values, torque: Values, level: Values, burst: Values) -> Values:
+    def _left(self, x: Values, torque: Values, weight: Values) -> Values:
         """Coefficients without the tables' torque, at the most likely start states."""
         w = self.windows
-        weight = self._weight(level, burst)
         left = w.c - x @ torque
         pull = w.start.transpose(0, 2, 1) @ (left * weight)[:, :, None]
         return left - (w.start @ np.linalg.solve(self._inner(weight), pull))[:, :, 0]
-
-    def _adapted(self, level: Values, burst: Values, left: Values) -> tuple[Values, Values]:
-        """The most likely levels and bursts beside what is left: levels from fitted windows only."""
-        w = self.windows
-        c = replace(w.candidate, level=level, burst=[b.copy() for b in w.candidate.burst])
-        parts: list[list[Linear]] = [[], []]
-        for which, chosen, place in w.which:
-            rows = np.arange(place, place + len(chosen))
-            c.burst[which][chosen] = burst[rows]
-            for group, side in zip(parts, (w.fitted[rows], ~w.fitted[rows]), strict=True):
-                if np.any(side):
-                    group.append(Linear(which, chosen[side], left[rows[side]], np.zeros(0)))
-        w.fitter.adapt(c, parts[0], white=False)
-        if parts[1]:
-            w.fitter.adapt(c, parts[1], white=False, level=False)
-        return c.level, np.concatenate([c.burst[which][chosen] for which, chosen, _ in w.which])
 
 
 def _solve(normal: Values, prior: Values) -> Values:

@@ -38,7 +38,7 @@ class Candidate:
         states: start values of all windows of all records, a list of arrays (states, windows), as deviations.
         hidden: centre of the hidden states, a list of arrays (2, windows).
         level: q of the missing torque by octave [N m], shape (bands,).
-        burst: factor on q^2 of each window [1], a list of arrays (windows,).
+        white: whether all octaves have one level, and a window one burst.
         cost: twice the negative log posterior on the fitted windows, at `level`.
         normal: of the free parameters in prior units, start states eliminated, without the prior.
         occam: log determinant of the start states' posterior precision over their prior's, fitted windows.
@@ -58,8 +58,8 @@ class Candidate:
     scale: Values
     states: list[Values]
     hidden: list[Values]
-    burst: list[Values]
     level: Values = field(default_factory=lambda: np.zeros(0))
+    white: bool = True
     cost: float = np.inf
     normal: Values = field(default_factory=lambda: np.zeros((0, 0)))
     occam: float = 0.0
@@ -149,7 +149,7 @@ def make_candidate(
     hidden = [np.zeros((2, len(record.starts))) for record in records]
     return Candidate(
         tuple(effects), frozenset(wide) - set(own), family, vector, free, low, high, center, spread, scale, states,
-        hidden, [np.ones(len(record.starts)) for record in records],
+        hidden,
     )  # fmt: skip
 
 

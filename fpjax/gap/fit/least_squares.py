@@ -56,9 +56,8 @@ class Fitter:
     def __init__(self, runner: Runner, setting: Setting, modes: Modes):
         self.runner, self.family, self.setting, self.modes = runner, runner.family, setting, modes
         self.records: list[Record] = runner.records
-        # Windows whose readings repeat have more noise; classes of a factor of two share one sum of squares.
-        self.classes = [np.round(np.log2(record.runs)).astype(int) for record in self.records]
-        self.noise = [2.0**each for each in self.classes]
+        # Windows whose readings repeat have more noise.
+        self.noise = [2.0 ** np.round(np.log2(record.runs)) for record in self.records]
 
     def deviations(self, c: Candidate, which: int, *, hidden: bool = True) -> Values:
         """Prior standard deviations of a window's start values, shape (states,); 0 where one is not free.
@@ -141,43 +140,22 @@ class Fitter:
 
     # --- levels and costs
 
-    def best_level(
-        self, parts: Sequence[tuple[int, Values, Values]], *, white: bool, c: Candidate | None = None
-    ) -> Values:
+    def best_level(self, parts: Sequence[tuple[int, Values, Values]], *, white: bool) -> Values:
         """The most likely q by octave for (record, windows, coefficients) of one candidate."""
-        if c is None:
-            return self.modes.best_level(*self._sums(parts), white=white)
-        return self.modes.best_level(*self._sums(parts, c.burst), white=white)
-
-    def adapt(self, c: Candidate, parts: Sequence[Linear], *, white: bool, level: bool = True) -> None:
-        """Set a candidate's level, and the bursts of the windows, to the most likely ones."""
-        if level:
-            # Windows by their own size: a burst counts as what it would be in an ordinary window.
-            c.level = self.best_level([(p.which, p.windows, p.c) for p in parts], white=white, c=c)
-        for p in parts:
-            c.burst[p.which] = c.burst[p.which].copy()
-            c.burst[p.which][p.windows] = self.modes.bursts(c.level, self.noise[p.which][p.windows], p.c)
+        return self.modes.best_level(*self._together(parts), white=white)
 
     def best_noise(self, parts: Sequence[tuple[int, Values, Values]]) -> float:
         """The most likely factor on the sensors' noise, likewise."""
-        return self.modes.best_noise(*self._sums(parts))
+        return self.modes.best_noise(*self._together(parts))
 
-    def _sums(
-        self, parts: Sequence[tuple[int, Values, Values]], burst: Sequence[Values] | None = None
-    ) -> tuple[Values, Values, Values]:
-        """(sums of squares, windows, noise) by class of noise; a burst's window counts as one with less noise."""
-        classes = np.concatenate([self.classes[which][windows] for which, windows, _ in parts])
-        squares = np.concatenate([c**2 for _, _, c in parts])
-        if burst is not None:
-            factor = np.concatenate([burst[which][windows] for which, windows, _ in parts])
-            squares, classes = squares / factor[:, None], classes - np.round(np.log2(factor)).astype(int)
-        kinds = np.unique(classes)
-        sums = np.stack([np.sum(squares[classes == kind], axis=0) for kind in kinds])
-        return sums, np.array([np.sum(classes == kind) for kind in kinds], float), 2.0**kinds
+    def _together(self, parts: Sequence[tuple[int, Values, Values]]) -> tuple[Values, Values]:
+        """(noise, coefficients) of all windows."""
+        noise = np.concatenate([self.noise[which][windows] for which, windows, _ in parts])
+        return noise, np.concatenate([c for _, _, c in parts])
 
     def window_costs(self, c: Candidate, which: int, windows: Values, coefficients: Values) -> Values:
-        """Twice the negative log likelihood of windows with the prior of their start states, shape (windows,)."""
-        return self.modes.cost(c.level, self.noise[which][windows], c.burst[which][windows], coefficients)
+        """Twice the negative log likelihood of windows, shape (windows,)."""
+        return self.modes.cost(c.level, self.noise[which][windows], coefficients, white=c.white)
 
     def _state_prior(self, c: Candidate, which: int, windows: Values, *, hidden: bool) -> Values:
         deviation = self.deviations(c, which, hidden=hidden)
@@ -199,7 +177,7 @@ class Fitter:
             candidates: of this family.
             windows: indices, one array a record.
             iterations: at most.
-            white: one level of the missing torque for all octaves.
+            white: one level of the missing torque, and one burst, for all octaves.
             hidden: start values that no sensor sees are free too.
             adapt: set the level; else it stays as it is.
         """
@@ -212,7 +190,9 @@ class Fitter:
     def _iterate(self, active: list[Candidate], windows: Windows, *, white: bool, hidden: bool, adapt: bool) -> None:
         trials: list[list[Candidate]] = []
         for c, parts in zip(active, self.linearise(active, windows, hidden=hidden), strict=True):
-            self.adapt(c, parts, white=white, level=adapt)
+            if adapt:
+                c.white = white
+                c.level = self.best_level([(p.which, p.windows, p.c) for p in parts], white=white)
             c.cost = sum(float(np.sum(self.window_costs(c, p.which, p.windows, p.c))) for p in parts)
             c.cost += sum(float(np.sum(self._state_prior(c, p.which, p.windows, hidden=hidden))) for p in parts)
             c.cost += self._parameter_prior(c)
@@ -286,8 +266,7 @@ class Fitter:
         deviation = self.deviations(c, part.which, hidden=hidden)
         live = np.flatnonzero(deviation > 0)
         size = np.concatenate([c.scale, deviation[live]])
-        noise, burst = self.noise[part.which][part.windows], c.burst[part.which][part.windows]
-        weight = 1.0 / self.modes.variance(c.level, noise, burst)
+        weight = self.modes.precision(c.level, self.noise[part.which][part.windows], part.c, white=c.white)
         slope = part.slope * size
         weighted = slope * weight[:, :, None]
         products = slope.transpose(0, 2, 1) @ weighted

@@ -9,19 +9,27 @@ calibration of computer models", 2001, have the same idea for static models).
 
 q is estimated for every model: at zero it is output error, at infinity the torque residual. It may depend on frequency,
 in octaves: a real machine's unknown torque is not white, and a white one would count its slow part as many
-independent observations.
+independent observations. And it is not stationary: a push that nobody recorded, a stretch in which something rattles,
+a reversal whose details no law holds. So the coefficients of half an octave are turned into such as are local in time,
+and every few neighbours (a tile of time and frequency) have a factor of their own on q, their burst, that is integrated
+out too: a scale mixture of normal laws, heavy-tailed as Student's. A few events then cannot decide over the rest of a
+log, and quiet stretches count for what they show.
 """
 
 import functools
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+TILE = 4  # coefficients that share a burst
+PLAIN = 8  # modes of the lowest octaves, which are not turned: they are as long as the window
 FIRST_BAND = 4  # modes of the lowest octave: two of them are taken by a window's start states
-LEVELS = 80  # values of a level that are tried
+PER_OCTAVE = 3  # levels that are tried to a factor of two
 NOISES = np.geomspace(0.5, 32.0, 49)  # factors on the sensors' noise that are tried
-BURSTS = 4.0 ** np.arange(-3, 7)  # factors on a window's q^2 that are tried
-BURST_SCALE = 1.0  # of the Laplace law of a burst's logarithm [1]
+BURSTS = np.array([*range(-5, 7), 8, 10, 13, 16, 20])  # log2 of the factors on a tile's q
+BURST_SCALE = 0.5  # of the Laplace law of the natural logarithm of a burst [1]
 FINEST, COARSEST = 0.03, 1e7  # of the smallest level that a mode can show at all
 
 Values = np.ndarray
@@ -35,16 +43,24 @@ class Modes:
     there has a level of its own, or a sensor that is not as it should be would pass for a torque.
 
     Attributes:
-        basis: U, shape (rows, modes); rows are the samples of the rate, then of the position.
+        basis: U, turned half an octave at a time into vectors that are local in time, shape (rows, modes); rows are the
+            samples of the rate, then of the position.
+        turn: that turn, orthonormal, shape (modes, modes): U is basis @ turn.T.
+        flat: lambda of the turned coefficients [1 / (N m)^2], one value for each half octave, shape (modes,).
+        tile: number of the tile that each turned coefficient is in, ascending, shape (modes,).
         gain: lambda [1 / (N m)^2], descending, then 1 for modes that hold no torque [1], shape (modes,).
         torque: V, the course of a mode's torque, orthonormal, shape (samples, modes); zero where it holds none.
-        band: octave of each mode, shape (modes,); the last one is that of the modes without torque, if there are any.
+        band: octave of each mode, ascending, shape (modes,); the last one is that of the modes without torque, if there
+            are any.
         frequency: of each mode's torque [Hz], shape (modes,).
         levels: values of q to try [N m], and of the disagreement [standard deviations], shape (levels, bands).
         sensor: whether a mode holds no torque, shape (modes,).
     """
 
     basis: Values
+    turn: Values
+    flat: Values
+    tile: Values
     gain: Values
     torque: Values
     band: Values
@@ -58,7 +74,7 @@ class Modes:
         return self.levels.shape[1]
 
     def coefficients(self, residuals: Values) -> Values:
-        """c = U' r.
+        """The turned coefficients of residuals.
 
         Args:
             residuals: (channels, samples, lanes), in standard deviations.
@@ -68,82 +84,160 @@ class Modes:
         """
         return self.basis.T @ residuals.reshape(self.basis.shape[0], -1)
 
-    def variance(self, level: Values, noise: Values, burst: Values) -> Values:
-        """s^2 + q^2 lambda, shape (windows, modes).
-
-        Args:
-            level: q by octave [N m], shape (bands,).
-            noise: s^2 of each window [1], shape (windows,).
-            burst: factor on q^2 of each window [1], shape (windows,).
-        """
-        return noise[:, None] + burst[:, None] * (level[self.band] ** 2 * self.gain)
-
     def wiener(self, level: Values, noise: Values) -> Values:
         """Share of a coefficient that is torque and not noise, shape (windows, modes); 0 for modes without torque."""
         signal = np.where(self.sensor, 0.0, level[self.band] ** 2 * self.gain)
         return signal / (noise[:, None] + signal)
 
-    def bursts(self, level: Values, noise: Values, coefficients: Values) -> Values:
-        """The most likely factor on q^2 of each window [1], shape (windows,).
+    def plain(self, coefficients: Values) -> Values:
+        """c = U' r of turned coefficients; both of shape (windows, modes)."""
+        return coefficients @ self.turn.T
 
-        A push that nobody recorded, a stretch in which something rattles: most of an unknown torque may lie in a few
-        windows, which then must not decide over the others (a scale mixture of normal laws, heavy-tailed as Student's).
+    def cost(self, level: Values, noise: Values, coefficients: Values, *, white: bool) -> Values:
+        """Twice the negative log likelihood of each window, its bursts integrated out, shape (windows,).
 
         Args:
             level: q by octave [N m], shape (bands,).
             noise: s^2 of each window [1], shape (windows,).
-            coefficients: shape (windows, modes).
+            coefficients: turned, shape (windows, modes).
+            white: one burst for all tiles of a window.
         """
-        costs = np.stack([
-            self.cost(level, noise, np.full(len(noise), factor), coefficients) for factor in BURSTS
-        ])  # fmt: skip
-        return BURSTS[np.argmin(costs, axis=0)]
+        return np.sum(_mixed(self._by_burst(level, noise, coefficients, white)), axis=1)
 
-    def cost(self, level: Values, noise: Values, burst: Values, coefficients: Values) -> Values:
-        """Twice the negative log likelihood of each window, with the prior of its burst, shape (windows,)."""
-        variance = self.variance(level, noise, burst)
-        rare = 2.0 / BURST_SCALE * np.abs(np.log(burst))
-        return np.sum(coefficients**2 / variance + np.log(variance), axis=1) + rare
+    def precision(self, level: Values, noise: Values, coefficients: Values, *, white: bool) -> Values:
+        """Mean of 1 / (s^2 + q^2 lambda) over what the bursts may be, shape (windows, modes).
 
-    def best_level(self, squares: Values, counts: Values, noise: Values, *, white: bool) -> Values:
-        """The levels that make coefficients most likely, shape (bands,).
-
-        Args:
-            squares: sum of c^2 over the windows of one class of noise, shape (classes, modes).
-            counts: windows of each class, shape (classes,).
-            noise: s^2 of each class [1], shape (classes,).
-            white: one level of the torque for all octaves.
+        With these weights a least-squares step lowers the cost (expectation and maximisation). Arguments as of `cost`.
         """
-        by_band = self._costs(squares, counts, noise)
-        best = np.argmin(by_band, axis=0)
+        by_burst = self._by_burst(level, noise, coefficients, white)
+        share = _LAW * np.exp(-0.5 * (by_burst - np.min(by_burst, axis=2, keepdims=True)))
+        share /= np.sum(share, axis=2, keepdims=True)
+        share = share[:, self._sides if white else self.tile]
+        out = np.empty_like(coefficients)
+        for rows, total in self._by_noise(self._signal(level), noise):
+            out[rows] = np.sum(share[rows] / total, axis=2)
+        return out
+
+    def best_level(self, noise: Values, coefficients: Values, *, white: bool) -> Values:
+        """The levels that make coefficients most likely, bursts integrated out, shape (bands,).
+
+        Arguments as of `cost`; white: also one level of the torque for all octaves.
+        """
+        # A burst is a whole number of coarse steps, so that what one level is with a burst, another is without.
+        coarse = np.concatenate([np.zeros((1 + _BELOW, self.bands)), self.levels[1::PER_OCTAVE]])
+        coarse = np.concatenate([coarse, coarse[-1] * 2.0 ** np.arange(1, BURSTS[-1] + 1)[:, None]])
+        costs = self._at(coarse, noise, coefficients, white)
+        count = len(coarse) - _BELOW - BURSTS[-1]
+        least = np.min(costs, axis=2, keepdims=True)
+        likely = np.exp(-0.5 * (costs - least))
+        mixed = sum(p * likely[..., _BELOW + j : _BELOW + j + count] for p, j in zip(_LAW, BURSTS, strict=True))
+        # A level at which a tile is impossible costs that tile a thousand nats, and not everything.
+        best = self._best(-2.0 * np.log(np.maximum(mixed, 1e-300)) + least, white)
+        middle = np.where(best > 0, (best - 1) * PER_OCTAVE + 1, 0)
+        around = np.clip(middle[None] + np.arange(1 - PER_OCTAVE, PER_OCTAVE)[:, None], 0, len(self.levels) - 1)
+        tries = self.levels[around, np.arange(self.bands)]
+        best = self._best(np.stack([_mixed(self._by_burst(t, noise, coefficients, white)) for t in tries], 2), white)
+        return tries[best, np.arange(self.bands)]
+
+    def _best(self, costs: Values, white: bool) -> Values:
+        """Place of the best level of each octave, from costs of shape (windows, tiles or sides, levels)."""
+        total = np.sum(costs, axis=0)
         if white:
-            torque = np.unique(self.band[~self.sensor])
-            best[torque] = np.argmin(np.sum(by_band[:, torque], axis=1))
-        return self.levels[best, np.arange(self.bands)]
+            return np.argmin(total, axis=1)[self._side]
+        return np.argmin(np.add.reduceat(total, self._first_tiles, axis=0), axis=1)
 
-    def best_noise(self, squares: Values, counts: Values, noise: Values) -> float:
+    def best_noise(self, noise: Values, coefficients: Values) -> float:
         """The factor on the sensors' standard deviation [1] that makes coefficients most likely beside a white torque.
 
         White sensor noise falls with frequency in a mode's torque and a white torque does not: the two are told apart
-        by their spectra, however large the torque is.
+        by their spectra, however large the torque is. Without bursts: they would take the noise of a few windows.
         """
-        torque = np.unique(self.band[~self.sensor])
-        costs = [np.min(np.sum(self._costs(squares, counts, noise * s**2)[:, torque], axis=1)) for s in NOISES]
+        torque, squares = ~self.sensor, coefficients**2
+        signal = self.levels[:, self.band[torque]] ** 2 * self.flat[torque]  # (levels, modes)
+        costs = []
+        for factor in NOISES:
+            cost = np.zeros(len(signal))
+            for kind in np.unique(noise):
+                rows = noise == kind
+                total = kind * factor**2 + signal
+                cost += np.sum(np.sum(squares[np.ix_(rows, torque)], axis=0) / total, axis=1)
+                cost += np.sum(rows) * np.sum(np.log(total), axis=1)
+            costs.append(np.min(cost))
         return float(NOISES[int(np.argmin(costs))])
 
-    def _costs(self, squares: Values, counts: Values, noise: Values) -> Values:
-        """Twice the negative log likelihood of each level, shape (levels, bands)."""
-        signal = self.levels[:, self.band] ** 2 * self.gain  # (levels, modes)
-        cost = np.zeros_like(signal)
-        for square, count, floor in zip(squares, counts, noise, strict=True):
-            total = floor + signal
-            cost += square / total + count * np.log(total)
-        return np.stack([np.sum(cost[:, self.band == b], axis=1) for b in range(self.bands)], axis=1)
+    def _by_burst(self, level: Values, noise: Values, coefficients: Values, white: bool) -> Values:
+        """Twice the negative log likelihood by window, tile (or side, if white) and burst."""
+        return self._at(level * 2.0 ** BURSTS[:, None], noise, coefficients, white)
+
+    def _at(self, levels: Values, noise: Values, coefficients: Values, white: bool) -> Values:
+        """Twice the negative log likelihood by window, tile (or side, if white) and level, given as (values, bands)."""
+        edges = self._first_modes_of_sides if white else self._first_modes
+        found = np.empty((len(noise), len(edges), len(levels)))
+        signal = levels[:, self.band].T ** 2 * self.flat[:, None]
+        for kind in np.unique(noise):
+            rows, total = noise == kind, kind + signal
+            logs = np.add.reduceat(np.log(total), edges, axis=0)
+            found[rows] = np.add.reduceat(coefficients[rows][:, :, None] ** 2 / total, edges, axis=1) + logs
+        return found
+
+    def _signal(self, level: Values) -> Values:
+        """q^2 lambda by turned coefficient and burst, shape (modes, bursts)."""
+        return (level[self.band] ** 2 * self.flat)[:, None] * 4.0**BURSTS
+
+    @staticmethod
+    def _by_noise(signal: Values, noise: Values) -> Iterator[tuple[Values, Values]]:
+        for kind in np.unique(noise):
+            yield noise == kind, kind + signal
+
+    @functools.cached_property
+    def _first_modes(self) -> Values:
+        """Of each tile."""
+        return np.flatnonzero(np.diff(self.tile, prepend=-1))
+
+    @functools.cached_property
+    def _first_tiles(self) -> Values:
+        """Of each octave."""
+        return np.flatnonzero(np.diff(self.band[self._first_modes], prepend=-1))
+
+    @functools.cached_property
+    def _sides(self) -> Values:
+        """Of each mode: 0 where it holds torque, then that of the modes without."""
+        return np.cumsum(np.diff(self.sensor.astype(int), prepend=int(self.sensor[0])))
+
+    @functools.cached_property
+    def _side(self) -> Values:
+        """Likewise, of each octave."""
+        return self._sides[self._first_modes[self._first_tiles]]
+
+    @functools.cached_property
+    def _first_modes_of_sides(self) -> Values:
+        return np.flatnonzero(np.diff(self._sides, prepend=-1))
 
     def mean_level(self, level: Values, weight: Values) -> float:
         """q of all octaves together [N m], rms over the modes by a weight of shape (modes,)."""
         weight = np.where(self.sensor, 0.0, weight)
         return float(np.sqrt(np.sum(weight * level[self.band] ** 2) / np.sum(weight)))
+
+
+_LAW = np.exp(-np.abs(BURSTS) * math.log(2.0) / BURST_SCALE) * np.gradient(BURSTS.astype(float))
+_LAW = _LAW / np.sum(_LAW)
+
+
+def _mixed(by_burst: Values) -> Values:
+    """-2 log of the mean likelihood over the bursts' law, along the last axis."""
+    least = np.min(by_burst, axis=-1, keepdims=True)
+    return least[..., 0] - 2.0 * np.log(np.exp(-0.5 * (by_burst - least)) @ _LAW)
+
+
+_BELOW = -int(BURSTS[0])
+_LAW = np.exp(-np.abs(BURSTS) * math.log(2.0) / BURST_SCALE) * np.gradient(BURSTS.astype(float))
+_LAW = _LAW / np.sum(_LAW)
+
+
+def _mixed(by_burst: Values) -> Values:
+    """-2 log of the mean likelihood over the bursts' law, along the last axis."""
+    least = np.min(by_burst, axis=-1, keepdims=True)
+    return least[..., 0] - 2.0 * np.log(np.exp(-0.5 * (by_burst - least)) @ _LAW)
 
 
 @functools.lru_cache(maxsize=16)
@@ -184,14 +278,41 @@ def make_modes(samples: int, dt: float, inertia: float, rate_noise: float, angle
     keep = keep | (alive & (place < (most or count)))
     # With one sensor, a mode that shows no torque is noise: it has the last octave's level and no gain.
     gain = np.where(alive, gain, 1.0 if both else 0.0)
-    grid = np.concatenate([[0.0], np.geomspace(FINEST, COARSEST, LEVELS)])
+    grid = np.concatenate(
+        [[0.0], FINEST * 2.0 ** (np.arange(PER_OCTAVE * math.ceil(math.log2(COARSEST / FINEST))) / PER_OCTAVE)]
+    )
     torques = int(np.max(band[keep & alive])) + 1
     band = np.where(alive, band, torques if both else last)
     levels = np.repeat(grid[:, None] / np.sqrt(gain[0]), torques, axis=1)
     if both:
         levels = np.concatenate([levels, np.minimum(grid, 1e5)[:, None]], axis=1)
     frequency = (place + 0.5) / (2.0 * samples * dt)
+    kept = np.flatnonzero(keep)
+    turn, flat, tile = _turned(place[kept], alive[kept], gain[kept], torque[:, kept])
     return Modes(
-        np.ascontiguousarray(basis[:, keep]), gain[keep], torque[:, keep], band[keep], frequency[keep], levels,
-        (~alive)[keep],
+        np.ascontiguousarray(basis[:, kept] @ turn), turn, flat, tile, gain[kept], torque[:, kept], band[kept],
+        frequency[kept], levels, (~alive)[kept],
     )  # fmt: skip
+
+
+def _turned(place: Values, alive: Values, gain: Values, torque: Values) -> tuple[Values, Values, Values]:
+    """(turn, lambda and tile of the turned coefficients) of the modes that are kept."""
+    time = np.linspace(-1.0, 1.0, len(torque))[:, None]
+    turn, flat, tile = np.eye(len(place)), gain.copy(), np.zeros(len(place), int)
+    half = np.floor(2.0 * np.log2(np.maximum(place, 1) / PLAIN)).astype(int)
+    octave = np.floor(np.log2(np.maximum(place / FIRST_BAND, 0.5))).astype(int)
+    group = np.where(~alive, 10**6, np.where(place < PLAIN, octave - 10**3, half))
+    count = 0
+    for one in np.unique(group):
+        inside = np.flatnonzero(group == one)
+        tiles = 1
+        if place[inside[0]] >= PLAIN and alive[inside[0]] and len(inside) > TILE:
+            # The vectors of a band that are most local in time are those of the time itself, seen in the band.
+            course = torque[:, inside]
+            turn[np.ix_(inside, inside)] = np.linalg.eigh(course.T @ (time * course))[1]
+            flat[inside] = np.mean(gain[inside])
+            tiles = round(len(inside) / TILE)
+        for some in np.array_split(inside, tiles):
+            tile[some] = count
+            count += 1
+    return turn, flat, tile

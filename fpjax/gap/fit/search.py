@@ -39,11 +39,13 @@ class Start:
         effects: in the model.
         wide: nominal values that may be wrong.
         values: that are not neutral, by name.
+        like: a fit whose windows' start states are taken over.
     """
 
     effects: tuple[Effect, ...]
     wide: tuple[str, ...]
     values: dict[str, float]
+    like: Candidate | None = None
 
 
 class Search:
@@ -70,6 +72,8 @@ class Search:
             records = with_noise(records, scale)
         self._prepare(records, self._material_modes())
         base = self._base(wide=NOMINAL)
+        self.base = base
+        """The nominal model with its numbers free."""
         course = self.missing_course(base)
         longest = max(range(len(records)), key=lambda which: len(records[which].time))
         self.setting = replace(self.setting, periods=repeating_periods(course[longest], records[longest], self.setting))
@@ -115,7 +119,15 @@ class Search:
     def candidate(self, start: Start, *, exact: bool = False) -> Candidate:
         """A candidate at its start."""
         family = self.family(start.effects)
-        return make_candidate(start.effects, start.wide, family, self.setting, self.records, start.values, exact=exact)
+        c = make_candidate(start.effects, start.wide, family, self.setting, self.records, start.values, exact=exact)
+        if start.like is not None:
+            same = start.like.family.key[0] == family.key[0]
+            for own, other in zip(c.states, start.like.states, strict=True):
+                rows = min(len(own), len(other)) if same else 2  # rate and angle
+                own[:rows] = other[:rows]
+            if same:
+                c.hidden = [h.copy() for h in start.like.hidden]
+        return c
 
     # --- the nominal model
 
@@ -140,7 +152,7 @@ class Search:
             if len(chosen):
                 noise = fitter.noise[which][chosen]
                 quiet = self.modes.wiener(base.level, noise) < QUIET
-                squares = fitter.coefficients([base], which, chosen)[0] ** 2 / noise[:, None]
+                squares = self.modes.plain(fitter.coefficients([base], which, chosen)[0]) ** 2 / noise[:, None]
                 ratios.append(squares[quiet & ~self.modes.sensor])
         found = np.concatenate(ratios)
         # The median of a chi-square of one degree of freedom: a few modes with a torque in them do not count.
@@ -158,7 +170,8 @@ class Search:
             course, chosen = np.full(len(record.time), np.nan), self.train[which]
             if len(chosen):
                 share = self.modes.wiener(c.level, fitter.noise[which][chosen])
-                out = -(share * fitter.coefficients([c], which, chosen)[0] * reach) @ self.modes.torque.T
+                plain = self.modes.plain(fitter.coefficients([c], which, chosen)[0])
+                out = -(share * plain * reach) @ self.modes.torque.T
                 for row, window in zip(out, chosen, strict=True):
                     course[record.starts[window] : record.starts[window] + record.samples] = row
             found.append(course)
@@ -225,7 +238,7 @@ class Search:
         found = []
         for c, out in zip(candidates, fitter.coefficients(candidates, which, chosen), strict=True):
             if not len(c.level):
-                c.level = fitter.best_level([(which, chosen, out)], white=True)
+                c.level, c.white = fitter.best_level([(which, chosen, out)], white=True), True
             cost = fitter.window_costs(c, which, chosen, out) + fitter._state_prior(c, which, chosen, hidden=True)
             found.append(np.where(np.isfinite(cost), cost, np.inf))
         return found
@@ -241,20 +254,23 @@ class Search:
                 continue
             few = max(2, SCREEN // len(self.train))
             index = np.unique(np.linspace(0, len(train) - 1, max(few - 3, 1)).round().astype(int))
-            worst = np.argsort(-np.sum((fitter.coefficients([self.exact], which, train)[0] * self.band) ** 2, axis=1))
+            plain = self.modes.plain(fitter.coefficients([self.exact], which, train)[0])
+            worst = np.argsort(-np.sum((plain * self.band) ** 2, axis=1))
             extra = [i for i in worst if i not in index][: few - len(index)]
             self._screen.append(train[np.unique(np.concatenate([index, np.array(extra, int)]))])
         return self._screen
 
-    def explore(self, starts: Sequence[Start], keep: Sequence[int] = ()) -> list[Fit]:
+    def explore(self, starts: Sequence[Start], keep: Sequence[int] = (), *, white: bool = True) -> list[Fit]:
         """Every set of causes from all its starts; the best start of each, the leading sets finished.
 
         Args:
             starts: sets and starts.
             keep: how many sets go on to each stage; as `STAGES` has it unless given.
+            white: one level of the missing torque for all octaves until the last steps: far from the truth, a level for
+                each would lead astray; what starts from a fit has left the far field.
         """
         candidates = [self.candidate(start) for start in starts]
-        self.go_on(candidates, self.screening(), SCREEN_STEPS, white=True)
+        self.go_on(candidates, self.screening(), SCREEN_STEPS, white=white)
         self.tick(0.3)
         best: dict[tuple[str, ...], list[Candidate]] = {}
         for c in sorted(candidates, key=lambda c: c.cost):
@@ -276,7 +292,7 @@ class Search:
                 if c.names not in sets:
                     left.setdefault(c.names, c)
             going = [c for c in going if c.names in sets]
-            self.go_on(going, self.train, steps, white=True)
+            self.go_on(going, self.train, steps, white=white)
             self.tick(0.3 + 0.15 * (stage + 1))
         finished: dict[tuple[str, ...], Candidate] = {}
         for c in sorted(going, key=lambda c: c.cost):
@@ -291,15 +307,13 @@ class Search:
     def fitted(self, starts: Sequence[Start]) -> list[Fit]:
         """Each start fitted on all windows, one by one comparable."""
         candidates = [self.candidate(start) for start in starts]
-        self.go_on(candidates, self.train, 12, white=True)
+        self.go_on(candidates, self.train, 12, white=all(start.like is None for start in starts))
         return self.finish(candidates)
 
     def refit(self, fit: Fit, wide: Sequence[str]) -> Fit:
         """The same effects with other nominal values free, from where the fit stands."""
         old = fit.candidate
-        c = self.candidate(Start(old.effects, tuple(wide), old.values()))
-        c.states, c.hidden = [s.copy() for s in old.states], [h.copy() for h in old.hidden]
-        self.go_on([c], self.train, 12, white=True)
+        c = self.candidate(Start(old.effects, tuple(wide), old.values(), old))
         return self.finish([c])[0]
 
     # --- scores
@@ -314,12 +328,11 @@ class Search:
     def _score(self, c: Candidate) -> Fit:
         fitter = self.fitters[c.family.key]
         parts = fitter.linearise([c], self.train)[0]
-        fitter.adapt(c, parts, white=False)
+        c.level, c.white = fitter.best_level([(p.which, p.windows, p.c) for p in parts], white=False), False
         evidence = self._log_evidence(c, fitter, parts)
         fixed = replace(
             c, free=np.zeros(0, int), low=np.zeros(0), high=np.zeros(0), center=np.zeros(0), spread=np.ones(0),
             scale=np.zeros(0), states=[s.copy() for s in c.states], hidden=[h.copy() for h in c.hidden],
-            burst=[b.copy() for b in c.burst],
             converged=False, damping=1e-3,
         )  # fmt: skip
         for s, chosen in zip(fixed.states, self.withheld, strict=True):
@@ -331,10 +344,9 @@ class Search:
         fitter.go_on([fixed], self.withheld, PROPER, white=False, hidden=False, adapt=False)
         if any(len(chosen) for chosen in self.withheld):
             withheld = fitter.linearise([fixed], self.withheld, hidden=False)[0]
-            fitter.adapt(fixed, withheld, white=False, level=False)
             evidence += self._log_evidence(fixed, fitter, withheld, hidden=False)
             parts = [*parts, *withheld]
-        c.states, c.hidden, c.burst = fixed.states, fixed.hidden, fixed.burst
+        c.states, c.hidden = fixed.states, fixed.hidden
         return Fit(c, evidence, self._missing(parts, fitter), self.modes.mean_level(c.level, self.band))
 
     def _log_evidence(self, c: Candidate, fitter: Fitter, parts: list[Linear], *, hidden: bool = True) -> float:
@@ -354,5 +366,7 @@ class Search:
         weight = np.where(self.modes.sensor, 0.0, self.band**2 / np.where(self.modes.sensor, 1.0, self.modes.gain))
         for p in parts:
             noise = self.real_noise * fitter.noise[p.which][p.windows]
-            found[p.which][p.windows] = (p.c**2 - noise[:, None]) @ weight / self.records[p.which].samples
+            found[p.which][p.windows] = (
+                (self.modes.plain(p.c) ** 2 - noise[:, None]) @ weight / self.records[p.which].samples
+            )
         return tuple(found)

@@ -87,7 +87,7 @@ def decide(search: Search, stage: Callable[[str, float], None], thresholds: Thre
             break
         stage(f"effects together ({size})", 0.3 + 0.2 * (size - 2))
         bases = [w for w in weighed if w.structural][: thresholds.bases] if size == 2 else [chosen]
-        found = _weigh(search, search.explore(_beside(search, bases), PAIR_KEEP))
+        found = _weigh(search, search.explore(_beside(search, bases), PAIR_KEEP, white=False))
         if not found:
             break
         best = _settled(search, found[0])
@@ -110,11 +110,11 @@ def _shares(search: Search, exact: Fit, fit: Fit) -> dict[str, float]:
     starts, names = [], []
     for effect in c.effects:
         rest = tuple(e for e in c.effects if e is not effect)
-        starts.append(Start(rest, tuple(c.wide), _without(fit, effect, rest)))
+        starts.append(Start(rest, tuple(c.wide), _without(fit, effect, rest), c))
         names.append(effect.name)
     for number in c.wide:
         values = {k: v for k, v in c.values().items() if k != number}
-        starts.append(Start(c.effects, tuple(c.wide - {number}), values))
+        starts.append(Start(c.effects, tuple(c.wide - {number}), values, c))
         names.append(f"{number}_error")
     for name, without in zip(names, search.fitted(starts), strict=True):
         found[name] = max(_left(search, without) ** 2 - now, 0.0) / max(whole, 1e-300)
@@ -122,12 +122,15 @@ def _shares(search: Search, exact: Fit, fit: Fit) -> dict[str, float]:
 
 
 def _alone(search: Search) -> list[Start]:
-    starts = [Start((), NOMINAL, {})]
+    base, starts = search.base, [Start((), NOMINAL, {})]
     for effect in search.effects:
         if effect.name.removesuffix("_error") in NOMINAL:
             continue  # every fit asks for them
         for values in effect.starts(search.setting):
-            starts += [Start((effect,), wide, values) for wide in _nominal_for(effect)]
+            for wide in _nominal_for(effect):
+                # From the nominal numbers as given, and as they are best without any effect.
+                kept = base.values() if wide else {k: v for k, v in base.values().items() if k not in NOMINAL}
+                starts += [Start((effect,), wide, values), Start((effect,), wide, kept | values, base)]
     return starts
 
 
@@ -152,7 +155,7 @@ def _beside(search: Search, bases: Sequence[Weighed]) -> list[Start]:
                 for wide in _nominal_for(effect):
                     # A twin of the nominal numbers starts from the numbers as they were given.
                     kept = values if wide else {k: v for k, v in values.items() if k not in NOMINAL}
-                    starts.append(Start((*base.fit.candidate.effects, effect), wide, kept | start))
+                    starts.append(Start((*base.fit.candidate.effects, effect), wide, kept | start, base.fit.candidate))
     return starts
 
 
@@ -207,8 +210,8 @@ def _pruned(search: Search, exact: Fit, chosen: Weighed, t: Thresholds) -> Weigh
         for effect in chosen.fit.candidate.effects:
             rest = tuple(e for e in chosen.fit.candidate.effects if e is not effect)
             values = _without(chosen.fit, effect, rest)
-            options.append(Start(rest, NOMINAL, values))
-        found = _weigh(search, search.explore(options))
+            options.append(Start(rest, NOMINAL, values, chosen.fit.candidate))
+        found = _weigh(search, search.explore(options, white=False))
         best = _settled(search, found[0])
         if _better(search, exact, best, chosen, t):
             return chosen

@@ -1,7 +1,7 @@
 """Verdict: what is asserted, and how probable it is; a pure function of a decision, of sizes and of thresholds."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -51,6 +51,7 @@ class Verdict:
         main: probability by effect that it is the main cause [1]; sums to at most 1.
         among: probability by effect that it is among the causes [1].
         margin: evidence of the chosen model over the best one without its leading cause [nats].
+        ahead: how far the leading cause is beyond the others' reach [1]; 0 where nothing leads.
     """
 
     word: Word
@@ -59,6 +60,7 @@ class Verdict:
     main: Mapping[str, float]
     among: Mapping[str, float]
     margin: float
+    ahead: float
 
 
 @dataclass(frozen=True)
@@ -84,9 +86,9 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     shares = _shares(sets, _top(word, lead, thresholds), thresholds.temper)
     main, among = _by_effect(shares)
     if seen.readings:
-        return _with_readings(word, asserted, seen.readings, main, among, margin, thresholds)
+        return _with_readings(Verdict(word, asserted, 0.0, main, among, margin, lead), seen.readings, thresholds)
     right = _right(word, asserted, shares, main)
-    return Verdict(word, asserted, right, main, among, margin)
+    return Verdict(word, asserted, right, main, among, margin, lead)
 
 
 def material(readings: Sequence[Reading], torque: float, t: Thresholds = THRESHOLDS) -> tuple[Reading, ...]:
@@ -199,21 +201,15 @@ def _right(
     return max(1.0 - sum(main.values()), 0.0)
 
 
-def _with_readings(
-    word: Word,
-    asserted: tuple[str, ...],
-    readings: tuple[str, ...],
-    main: dict[str, float],
-    among: dict[str, float],
-    margin: float,
-    t: Thresholds,
-) -> Verdict:
+def _with_readings(found: Verdict, readings: tuple[str, ...], t: Thresholds) -> Verdict:
     """A wrong reading makes no torque: it is a cause beside the others, or alone where there is no gap."""
-    among = among | dict.fromkeys(readings, t.right_read)
+    word, main, asserted = found.word, dict(found.main), found.causes
+    among = dict(found.among) | dict.fromkeys(readings, t.right_read)
     first, names = readings[0], (*asserted, *(name for name in readings if name not in asserted))
     if word == "no_gap":
+        word, right = "explained", t.right_read
         main = {name: min(share, 1.0 - t.right_read) for name, share in main.items()} | {first: t.right_read}
-        return Verdict("explained", names, t.right_read, main, among, margin)
-    main = main | {first: max(t.right_read - sum(main.values()), 0.0)}
-    right = sum(main[name] for name in asserted[:1]) if asserted else max(1.0 - sum(main.values()), 0.0)
-    return Verdict(word, names, right, main, among, margin)
+    else:
+        main = main | {first: max(t.right_read - sum(main.values()), 0.0)}
+        right = sum(main[name] for name in asserted[:1]) if asserted else max(1.0 - sum(main.values()), 0.0)
+    return replace(found, word=word, causes=names, probability=right, main=main, among=among)
