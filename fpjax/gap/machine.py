@@ -13,17 +13,7 @@ from ..blocks.actuators import Actuator
 from ..blocks.block import as_parameter
 from ..blocks.friction import AbstractFriction
 from ..blocks.friction.bristles import Bristles
-from ..blocks.friction.dynamic import Dahl, LuGre
 from ..blocks.friction.general import GeneralFriction
-from ..blocks.friction.static import (
-    AsymmetricCoulombViscous,
-    Coulomb,
-    CoulombViscous,
-    NoFriction,
-    SmoothCoulomb,
-    Stribeck,
-    Viscous,
-)
 from ..blocks.loads import AbstractLoad, Unbalance
 from ..blocks.plants import AbstractPlant, OneMass, TwoMass
 from ..blocks.plants.transmission import Transmission
@@ -128,39 +118,17 @@ def with_structure(machine: Machine, structure: Structure, frequency: float, def
 
 
 def general_law(law: AbstractFriction) -> tuple[GeneralFriction, Bristles | None]:
-    """Any law of the package as `GeneralFriction`, under `Bristles` where it has memory."""
-    if isinstance(law, Bristles):
-        inner, _ = general_law(law.law)
-        return inner, law
-    if isinstance(law, GeneralFriction):
-        return eqx.tree_at(lambda at: at.steepness, law, None, is_leaf=lambda leaf: leaf is None), None
-    if isinstance(law, NoFriction):
-        return GeneralFriction(0.0, 0.0), None
-    if isinstance(law, (CoulombViscous, SmoothCoulomb, Coulomb, Viscous)):
-        return GeneralFriction(getattr(law, "coulomb", 0.0), getattr(law, "viscous", 0.0)), None
-    if isinstance(law, AsymmetricCoulombViscous):
-        coulomb, viscous = law.coulomb_positive + law.coulomb_negative, law.viscous_positive + law.viscous_negative
-        return GeneralFriction(
-            0.5 * coulomb,
-            0.5 * viscous,
-            0.5 * (law.coulomb_positive - law.coulomb_negative),
-            0.5 * (law.viscous_positive - law.viscous_negative),
-        ), None
-    if isinstance(law, (Stribeck, LuGre)):
-        inner = GeneralFriction(
-            law.coulomb,
-            law.viscous,
-            stribeck_torque=law.static - law.coulomb,
-            stribeck_velocity=law.stribeck_velocity,
-            stribeck_exponent=law.exponent,
-        )
-        if isinstance(law, LuGre):
-            return inner, Bristles(inner, law.coulomb / law.bristle_stiffness, law.bristle_damping)
-        return inner, None
-    if isinstance(law, Dahl):
-        inner = GeneralFriction(law.coulomb, law.viscous)
-        return inner, Bristles(inner, law.coulomb / law.stiffness, 0.0, law.exponent)
-    raise InputError(f"The friction law {type(law).__name__} cannot be the nominal one of a diagnosis.")
+    """(the law's general form without a steepness, its bristles or None).
+
+    Raises:
+        InputError: for a law that has no such form.
+    """
+    general = law.general()
+    bristles = general if isinstance(general, Bristles) else None
+    inner = general.law if isinstance(general, Bristles) else general
+    assert isinstance(inner, GeneralFriction)
+    # The diagnosis' solver sticks exactly.
+    return eqx.tree_at(lambda at: at.steepness, inner, None, is_leaf=lambda leaf: leaf is None), bristles
 
 
 def _with_features(law: GeneralFriction, features: tuple[Feature, ...]) -> GeneralFriction:

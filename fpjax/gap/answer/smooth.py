@@ -226,17 +226,25 @@ class Smoother:
         w = self.windows
         design = [self._design(table) for table in tables]
         x = np.concatenate([np.zeros((*w.c.shape, 0)), *design], axis=2)
-        level, weight, score = before.level, before.weight, 0.0
-        chosen, torque, prior = penalties, np.zeros(0), np.zeros((0, 0))
+        weight, found = before.weight, []
         for _ in range(PASSES):
-            normal, _ = self._products(x, weight)
+            score, chosen, normal = 0.0, penalties, self._products(x, weight)[0]
             if len(tables) > len(penalties):
                 score, chosen = self._penalty(normal, tables, penalties)
             prior = self._prior(tables, chosen)
-            torque = _solve(np.sum(normal[w.fitted], axis=0), prior)
-            left = self._left(x, torque, weight)
+            left = self._left(x, _solve(np.sum(normal[w.fitted], axis=0), prior), weight)
             level = w.fitter.modes.best_level(w.noise[w.fitted], left[w.fitted], white=False)
             weight = self._weight(level, left)
+            found.append(self._weighed(x, tables, chosen, level, weight, score))
+        # A penalty that was chosen at a lower level may leave whole windows to the heavy tails.
+        return max(found, key=lambda fit: fit.evidence)
+
+    def _weighed(
+        self, x: Values, tables: tuple[Table, ...], penalties: tuple[float, ...], level: Values, weight: Values,
+        score: float,
+    ) -> Smooth:  # fmt: skip
+        """The tables at given weights and penalties."""
+        w, prior = self.windows, self._prior(tables, penalties)
         normal, determinant = self._products(x, weight)
         total = np.sum(normal[w.fitted], axis=0)
         torque = _solve(total, prior)
@@ -246,12 +254,14 @@ class Smoother:
         tails = w.fitter.modes.cost(level, w.noise, left, white=False) - np.sum(weight * left**2, axis=1)
         cost = np.einsum("wij,i,j->w", normal, beta, beta) + determinant + tails
         precision = total[1:, 1:] + prior
+        for row in np.flatnonzero(~w.fitted):
+            cost[row] += _predicted(normal[row], torque, precision)
         occam = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior)[1] if len(tables) else 0.0
         evidence = -0.5 * float(np.sum(cost) + torque @ prior @ torque + occam)
         scores = normal[w.fitted][:, 1:] @ beta  # of each window, shape (windows, points)
         inverse = np.linalg.inv(precision)
         robust = inverse @ (scores.T @ scores) @ inverse
-        return Smooth(tables, chosen, torque, precision, robust, level, weight, cost, evidence, left, score)
+        return Smooth(tables, penalties, torque, precision, robust, level, weight, cost, evidence, left, score)
 
     def _design(self, table: Table) -> Values:
         if id(table) not in self.designs:
@@ -320,6 +330,16 @@ class Smoother:
         left = w.c - x @ torque
         pull = w.start.transpose(0, 2, 1) @ (left * weight)[:, :, None]
         return left - (w.start @ np.linalg.solve(self._inner(weight), pull))[:, :, 0]
+
+
+def _predicted(normal: Values, torque: Values, precision: Values) -> float:
+    """What a window that was not fitted costs more or less, its torques being known as well as `precision` says."""
+    if not len(torque):
+        return 0.0
+    pull = normal[1:, 0] - normal[1:, 1:] @ torque  # at the torques that were fitted
+    moved = np.linalg.solve(precision + normal[1:, 1:], pull)
+    wider = np.linalg.slogdet(precision + normal[1:, 1:])[1] - np.linalg.slogdet(precision)[1]
+    return float(wider - pull @ moved)
 
 
 def _solve(normal: Values, prior: Values) -> Values:
