@@ -5,6 +5,8 @@ import datetime
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, overload
 
+import numpy as np
+
 from ..errors import InputError
 from ..logs import Log
 from ..model_file import Model
@@ -88,11 +90,18 @@ def _diagnose(
     everything = [*logs, *withheld]
     warnings = [sentence for one in logs for sentence in one.warnings]
     warnings += look_at(everything, model)
-    search = make_search(logs, withheld, model, effects)
-    warnings += about_stretches(search.records)
-    decision = decide(search, clock)
-    clock("intervals and curves", 0.9)
-    found = assemble(search, decision, model, warnings, allowed, clock)
+    try:
+        search = make_search(logs, withheld, model, effects)
+        warnings += about_stretches(search.records)
+        decision = decide(search, clock)
+        clock("intervals and curves", 0.9)
+        found = assemble(search, decision, model, warnings, allowed, clock)
+    except np.linalg.LinAlgError as error:
+        names = ", ".join(log.name for log in everything[:3])
+        raise InputError(
+            f"{names}: no model can be fitted to what is recorded ({error}): the motion is too uniform, a column is "
+            "not what it says, or the model is far off; look at it with fpjax inspect, and record a run with reversals."
+        ) from error
     made = provenance(everything, search.records, model, allowed, started)
     clock.done()
     return dataclasses.replace(found, seconds=clock.seconds, provenance=made)

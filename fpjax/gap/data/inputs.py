@@ -1,16 +1,22 @@
 """Inputs: logs and model as they are given, read and looked at before anything is fitted."""
 
+import dataclasses
 import os
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from ...errors import InputError
 from ...logs import Log, read_log
+from ...logs.nominal import speed_of
 from ...logs.suspicions import Numbers, suspicions
 from ...model_file import Model, load_model
 from .setting import turns_with_position
 
 SAME_PERIOD = 1e-3  # relative
+UNIFORM = 0.02  # of the speed: a machine whose speed varies by less shows no effect apart from another
+MOST_ROWS = 400_000  # a longer log is judged by its middle
 
 
 def read_logs(logs: Any) -> list[Log]:
@@ -41,6 +47,8 @@ def look_at(logs: Sequence[Log], model: Model) -> list[str]:
     for one in found:
         if one.severity == "stop":
             raise InputError(one.sentence)
+    for log in logs:
+        _check_drive(log, "m/s" if model.linear else "rad/s")
     late = [
         f"{log.name} has a period of {log.dt:g} s and the model [simulation] dt = {model.dt:g} s: the corrected model "
         f"keeps the model's; write dt = {log.dt:g} there to simulate the loop as it ran."
@@ -48,3 +56,27 @@ def look_at(logs: Sequence[Log], model: Model) -> list[str]:
         if abs(log.dt / model.dt - 1.0) > SAME_PERIOD
     ]
     return [*(one.sentence for one in found), *late]
+
+
+def _check_drive(log: Log, unit: str) -> None:
+    """Refuse a log that drives no simulation, or in which one speed is all that there is.
+
+    Raises:
+        InputError: in one sentence.
+    """
+    if not np.any(log.torque):
+        raise InputError(
+            f"{log.name}: its torque is zero throughout, and the torque is what a diagnosis simulates from: was the "
+            "right column mapped?"
+        )
+    first = max(0, (log.samples - MOST_ROWS) // 2)
+    part = slice(first, first + MOST_ROWS)
+    columns = (None if column is None else column[part] for column in (log.velocity, log.position))
+    speed = speed_of(dataclasses.replace(log, **dict(zip(("velocity", "position"), columns, strict=True))))
+    size, spread = float(np.sqrt(np.mean(speed**2))), float(np.std(speed))
+    if spread < UNIFORM * size:
+        mean, within = float(np.mean(speed)), 100.0 * spread / size
+        raise InputError(
+            f"{log.name}: its speed stays at {mean:.4g} {unit} (within {within:.2g} %), at which friction, load and "
+            "inertia look alike: record a run with reversals and several speeds."
+        )

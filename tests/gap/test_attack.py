@@ -1,0 +1,63 @@
+"""Logs that once ended a diagnosis in a traceback: each is refused in one sentence, before anything is fitted."""
+
+import sys
+
+import numpy as np
+import pytest
+from sentences import faults
+
+from fpjax.errors import InputError
+from fpjax.gap import diagnose
+
+MODEL = """
+[plant]
+type = "one_mass"
+inertia = 10.0
+[friction]
+type = "coulomb_viscous"
+coulomb = 20.0
+viscous = 2.0
+[simulation]
+dt = 1e-3
+stepping = "sampled"
+"""
+ROWS = 4000
+TIME = 1e-3 * np.arange(ROWS)
+RANDOM = np.random.default_rng(0)
+SPEED = 0.5 * np.sin(4.0 * TIME) + 1e-3 * RANDOM.normal(size=ROWS)
+STEADY = 0.5 + 1e-3 * RANDOM.normal(size=ROWS)
+
+
+def log(**changes):
+    table = {"time": TIME, "torque": 20.0 * np.cos(4.0 * TIME), "velocity": SPEED, "position": np.cumsum(SPEED) * 1e-3}
+    return {name: values for name, values in (table | changes).items() if values is not None}
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [
+        (log(torque=0.0 * TIME), "torque is zero throughout"),
+        (log(velocity=STEADY, position=0.5 * TIME, torque=21.0 + 0.0 * TIME), "its speed stays at 0.5 rad/s"),
+        (log(velocity=STEADY, position=None, torque=21.0 + 0.1 * RANDOM.normal(size=ROWS)), "its speed stays at 0.5"),
+        (log(velocity=None, position=0.5 * TIME), "its speed stays at 0.5"),
+        (log(velocity=0.0 * TIME, position=0.0 * TIME), "velocity is constant"),
+        (log(velocity=0.0 * TIME + 1.0, position=0.0 * TIME + 1.0, torque=0.0 * TIME + 1.0), "is constant"),
+        ({name: values[:64] for name, values in log().items()}, "too few"),
+        (log(velocity=np.where(TIME < 3.9, np.nan, SPEED), position=None), "too few"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")
+def test_what_cannot_be_diagnosed_is_refused_in_a_sentence(given, match):
+    with pytest.raises(InputError, match=match) as refused:
+        diagnose(given, MODEL)
+    assert not faults(str(refused.value)), str(refused.value)
+
+
+def test_equations_without_a_solution_are_a_sentence(monkeypatch):
+    def singular(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(sys.modules["fpjax.gap.diagnose"], "make_search", singular)  # the name is the function
+    with pytest.raises(InputError, match=r"no model can be fitted to what is recorded \(Singular matrix\)") as refused:
+        diagnose(log(), MODEL)
+    assert not faults(str(refused.value))
