@@ -21,6 +21,7 @@ from .blocks.controllers import TorqueInput as TorqueInput
 from .blocks.controllers import TransferFunction as TransferFunction
 from .blocks.controllers import design_lead as design_lead
 from .blocks.controllers import phase_lead_for_margin as phase_lead_for_margin
+from .blocks.feedforward import Feedforward as Feedforward
 from .blocks.friction import AbstractFriction as AbstractFriction
 from .blocks.friction import AbstractStaticFriction as AbstractStaticFriction
 from .blocks.friction import AsymmetricCoulombViscous as AsymmetricCoulombViscous
@@ -82,6 +83,8 @@ from .export import ExportedC as ExportedC
 from .export import export_c as export_c
 from .export import export_mujoco as export_mujoco
 from .export import export_urdf as export_urdf
+from .improvement import Improvement as Improvement
+from .improvement import improve as improve
 from .linear import LinearLoop as LinearLoop
 from .linear import Margins as Margins
 from .linear import StateSpace as StateSpace

@@ -23,6 +23,7 @@ COMMANDS = {
     "inspect": "what is in a log, what it can show, and a starter servo.toml",
     "diagnose": "where simulation and log differ, which effect causes it, how far the gap shrinks",
     "plan": "which run to record next: one that shows every effect, or decides between what a diagnosis left open",
+    "improve": "from a log to gains that hold around every machine that it leaves possible",
     "export": "the control law as C for a drive, the body as MuJoCo or URDF, both checked",
     "demo": "simulate, tune and compare on an embedded example, in a minute",
 }
@@ -33,6 +34,7 @@ a first hour:
   fpjax inspect run.csv --out look                     what a log holds, and look/servo.toml to start from
   fpjax estimate run.csv --model look/servo.toml       Coulomb and viscous friction over time
   fpjax diagnose run.csv --model look/servo.toml --out why
+  fpjax improve run.csv --model servo.toml --diagnosis why --out better    gains for the machine that it found
 
 exit codes: 0 done, 2 bad input (one sentence on stderr), 130 interrupted, 143 terminated (what is finished is kept)
 """

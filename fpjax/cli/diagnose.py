@@ -151,6 +151,8 @@ def _one(
         write_whole(record.path(f"{prefix}corrected.toml"), found.model)
     if found.learned_model:
         write_whole(record.path(f"{prefix}learned.toml"), found.learned_model)
+    if found.posterior is not None:
+        found.posterior.save(record.path(f"{prefix}posterior.npz"))
     if not arguments.no_report:
         record.path(f"{prefix}report.html")
         found.report(folder)

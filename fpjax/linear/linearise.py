@@ -27,22 +27,31 @@ CHUNKS = 50
 RESTS = 1e-7  # relative change of velocity and torque within the last tenth of a chunk
 
 
-class _Disturbed(AbstractActuator):
-    """An actuator with a torque added to its command: where the loop is cut."""
+class Disturbed(AbstractActuator):
+    """An actuator with a torque added to its command: where the loop is cut.
+
+    Attributes:
+        actuator: that is driven.
+        added: to its command [N m].
+    """
 
     actuator: AbstractActuator
     added: Array = eqx.field(converter=as_parameter)
 
     def init(self) -> Any:
+        """At rest."""
         return self.actuator.init()
 
     def derivative(self, state: Any, torque: Array) -> Any:
+        """Of the actuator under both torques."""
         return self.actuator.derivative(state, torque + self.added)
 
     def readout(self, state: Any, torque: Array, motion: Motion) -> Array:
+        """Applied torque [N m]."""
         return self.actuator.readout(state, torque + self.added, motion)
 
     def step(self, state: Any, torque: Array, motion: Motion, dt: Array) -> tuple[Any, Array]:
+        """(next state, mean applied torque [N m] over the period)."""
         return self.actuator.step(state, torque + self.added, motion, dt)
 
 
@@ -96,7 +105,7 @@ def linearise(
     point, rebuild = ravel_pytree(state)
 
     def moved(values: Array, inputs: Array) -> tuple[Array, Array]:
-        cut = eqx.tree_at(lambda each: each.actuator, loop, _Disturbed(loop.actuator, inputs[1]))
+        cut = eqx.tree_at(lambda each: each.actuator, loop, Disturbed(loop.actuator, inputs[1]))
         now, zero = rebuild(values), jnp.zeros_like(inputs[0])
         if stepping == "sampled":
             silent = tuple(zero for _ in range(loop.sensor.noise_channels))

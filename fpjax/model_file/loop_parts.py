@@ -15,6 +15,7 @@ from ..blocks.controllers import (
     ProportionalIntegral,
     TransferFunction,
 )
+from ..blocks.feedforward import Feedforward
 from ..blocks.observers import (
     Absolute,
     AbstractNonlinearity,
@@ -95,6 +96,8 @@ def describe_controller(controller: AbstractController | None, written: Mapping[
     """
     if controller is None:
         return {"type": "unknown"}
+    if isinstance(controller, Feedforward):
+        return describe_controller(controller.controller, written)
     if isinstance(controller, Limited):
         return describe_controller(controller.controller, written) | {"limit": number(controller.limit, "limit")}
     if isinstance(controller, TransferFunction):
@@ -110,6 +113,59 @@ def describe_controller(controller: AbstractController | None, written: Mapping[
             return table | own
         raise InputError(f"servo.toml has no words for {type(inner).__name__} inside a position cascade.")
     return form_for(controller, CONTROLLERS, "controller").describe(controller)
+
+
+# ------------------------------------------------------------------------------------------- feed-forward
+
+FEEDFORWARD = "feedforward"
+_FORWARD = (
+    Key("inertia", "kg m^2", "not negative", 0.0),
+    Key("coulomb", "N m", "not negative", 0.0),
+    Key("viscous", "N m s/rad", "not negative", 0.0),
+    Key("speed", "rad/s", "positive", None),
+    Key("lag", "s", "positive", None),
+)
+
+
+def with_feedforward(
+    controller: AbstractController | None, table: Mapping[str, Any] | None, units: Units, dt: float
+) -> AbstractController | None:
+    """The controller with the [feedforward] section around it.
+
+    Args:
+        controller: of [controller]; None where it is unknown.
+        table: the section; None without one.
+        units: of the machine.
+        dt: control period [s], which the lag is where none is written.
+
+    Raises:
+        InputError: for keys or values that cannot be, or a controller that has no velocity reference.
+    """
+    if table is None:
+        return controller
+    check_keys(FEEDFORWARD, table, [key.name for key in _FORWARD])
+    values = read_values(FEEDFORWARD, table, _FORWARD, units)
+    if controller is None:
+        raise InputError(f"[{FEEDFORWARD}] needs a controller that is known: write [controller] type, or drop it.")
+    inner = controller.controller if isinstance(controller, Limited) else controller
+    if isinstance(inner, PositionLoop) or units.reference == "position":
+        raise InputError(
+            f"[{FEEDFORWARD}] follows a velocity reference, and this loop has one of position: drop [{FEEDFORWARD}]."
+        )
+    if values["speed"] is None:
+        if values["coulomb"]:
+            raise InputError(
+                f"[{FEEDFORWARD}] speed is missing: write the reference [{units.name('rad/s')}] at which three "
+                f"quarters of coulomb are given, for instance 2 % of the largest."
+            )
+        values["speed"] = 1.0
+    values["lag"] = dt if values["lag"] is None else values["lag"]
+    return Feedforward(controller, **values)
+
+
+def describe_feedforward(controller: AbstractController | None) -> dict[str, Any]:
+    """The [feedforward] section; empty without one."""
+    return numbers(controller, _FORWARD) if isinstance(controller, Feedforward) else {}
 
 
 def _polynomials(controller: TransferFunction, written: Mapping[str, Any]) -> dict[str, list[float]]:

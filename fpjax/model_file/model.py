@@ -21,6 +21,7 @@ from ..solvers import SOLVERS, get_solver
 from ..stability import safe_steepness
 from . import body, loop_parts
 from .admissible import check_all
+from .bounds import Bounds, describe_bounds, read_bounds
 from .friction import OFFSET, SECTION, Steepness, build_friction, describe_friction
 from .keys import Key, Units, check_keys, choose, missing, nearest, read_values
 from .learned import build_learned, describe_learned, join_load, more_coulomb
@@ -28,7 +29,7 @@ from .placed import with_placed_gains
 
 SECTIONS = (
     "units", "plant", "transmission", "friction", "load", "learned", "actuator", "sensor",
-    "controller", "observer", "reference", "simulation",
+    "controller", "feedforward", "observer", "reference", "simulation", "bounds",
 )  # fmt: skip
 _DT = Key("dt", "s", "positive")
 _DURATION = Key("duration", "s", "positive", None)
@@ -60,6 +61,7 @@ class Model:
         text: the file's text.
         path: the file; None for text.
         notes: what was chosen for the user, a sentence each.
+        bounds: (lowest, highest) of gains by the file's words, as "controller.kp".
     """
 
     loop: ClosedLoop
@@ -75,6 +77,7 @@ class Model:
     text: str = ""
     path: pathlib.Path | None = None
     notes: tuple[str, ...] = ()
+    bounds: Bounds = field(default_factory=dict)
 
     @property
     def linear(self) -> bool:
@@ -239,6 +242,10 @@ def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) ->
     )
     notes += check_all(friction, controller, reference, dt, units, learned, loop.actuator)
     loop = with_placed_gains(loop, missing_gains, reference, time, {k: v for k, v in known.items() if v}, notes)
+    around = loop_parts.with_feedforward(
+        None if controller is None else loop.controller, sections.get(loop_parts.FEEDFORWARD), units, dt
+    )
+    loop = loop if around is None else dataclasses.replace(loop, controller=around)
     return Model(
         loop=loop,
         reference=reference,
@@ -253,6 +260,7 @@ def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) ->
         text=text,
         path=path,
         notes=tuple(notes),
+        bounds=read_bounds(sections.get("bounds"), loop, units),
     )
 
 
@@ -395,9 +403,11 @@ def dump_model(model: Model, *, comments: Mapping[tuple[str, str], str] | None =
         "actuator": actuator,
         "sensor": body.describe_sensor(loop.sensor),
         "controller": loop_parts.describe_controller(controller, written.get("controller", {})),
+        "feedforward": loop_parts.describe_feedforward(controller),
         "observer": loop_parts.describe_observer(loop.observer),
         "reference": loop_parts.describe_reference(model.reference, written.get("reference", {})),
         "simulation": simulation,
+        "bounds": describe_bounds(model.bounds),
     }
     return toml_text.write({name: table for name, table in sections.items() if table}, comments)
 

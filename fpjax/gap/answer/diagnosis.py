@@ -17,6 +17,8 @@ from .told import told, verdict_sentence
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from .posterior import Posterior
+
 
 @dataclass(frozen=True)
 class Ranked:
@@ -297,6 +299,7 @@ class Diagnosis:
         same_as: exact twins of the causes, a sentence each.
         learned: what is left as laws of what was recorded, the largest share first; () where none could be learned.
         learned_model: the corrected model with the learned laws beside the causes, as `servo.toml` text; "" without.
+        posterior: what is known of the machine, with its correlations, for drawing machines from; None where unknown.
     """
 
     verdict: Word
@@ -322,6 +325,7 @@ class Diagnosis:
     same_as: tuple[str, ...] = ()
     learned: tuple[Learned, ...] = ()
     learned_model: str = ""
+    posterior: Posterior | None = None
 
     def plot(self) -> Figure:
         """One page: the verdict, measured against simulated, where, and how far the gap shrinks."""

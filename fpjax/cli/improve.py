@@ -1,0 +1,177 @@
+"""`fpjax improve`: from a log to gains that hold around every machine it leaves possible."""
+
+import argparse
+import dataclasses
+import hashlib
+import json
+import pathlib
+import sys
+from typing import Any
+
+from ..errors import InputError
+from ..output.progress import Stages
+from ..output.runfile import RunFile, versions, write_json, write_whole
+from .common import (
+    add_log_options,
+    add_out,
+    check_torque_unit,
+    finish,
+    interruptible,
+    log_options,
+    running,
+    say,
+    start_jax,
+)
+from .numbers import whole
+from .simulate import open_model
+
+EXAMPLES = """\
+examples:
+  fpjax improve run.csv --model servo.toml --out better
+  fpjax improve run.csv --model servo.toml --free controller --free feedforward --out better
+  fpjax improve run.csv --model servo.toml --free controller.kp=1:5 --out better
+  fpjax improve run.csv --model servo.toml --diagnosis why --out better       after fpjax diagnose ... --out why
+  fpjax simulate better/tuned.toml                                            the corrected model with the new gains
+  fpjax export --c drive better/tuned.toml                                    the control law for the drive
+
+An interrupt keeps the finished diagnosis and search; the same command goes on from there.
+"""
+DIAGNOSIS, SEARCH = "diagnosed.json", "searched.json"  # what is finished, and what it depended on
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The command's words."""
+    parser.epilog = EXAMPLES
+    parser.add_argument("log", metavar="LOG", help="the machine at work, with its reference")
+    parser.add_argument(
+        "--model", metavar="MODEL", required=True, help="servo.toml of the nominal simulator, with its controller"
+    )
+    parser.add_argument(
+        "--free", metavar="GAIN", action="append", default=[],
+        help="what may change beside the observer's and the feed-forward's gains: controller, feedforward (added where "
+        "there is none), or a gain as the file has it, controller.kp, or with bounds, controller.kp=1:5",
+    )  # fmt: skip
+    parser.add_argument("--diagnosis", metavar="DIR", help="--out of a finished fpjax diagnose of this log and model")
+    parser.add_argument(
+        "--reference", choices=("log", "model"), default="log", help="what the gains are judged on (default log)"
+    )
+    parser.add_argument("--seed", type=whole, default=0, help="of the drawn machines and of the search (default 0)")
+    parser.add_argument("--no-report", action="store_true", help="improve.json and tuned.toml only")
+    add_log_options(parser)
+    add_out(parser, required=True)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Improve."""
+    with running(arguments) as record:
+        record.stage("start")
+        start_jax(arguments)
+        model = open_model(arguments.model, [], record)
+        model.needed_controller()
+        from ..improvement import improve
+        from ..logs import read_log
+
+        record.stage("read")
+        path = record.read(arguments.log, "log")
+        log = read_log(path, linear=model.linear, **log_options(arguments))
+        check_torque_unit(log, model)
+        record.notes.extend(log.warnings)
+        folder = record.folder
+        assert folder is not None
+        record.seeds["machines, search"] = arguments.seed
+        store = _Store(folder, record, arguments)
+        arguments.kept = "nothing is finished yet; run it again"
+        diagnosis = arguments.diagnosis or store.diagnosis()
+        if diagnosis is not None and arguments.diagnosis is None:
+            say(record, f"the diagnosis of {log.name} was finished before, in {folder}")
+        record.stage("improve")
+        with Stages("improve") as stages:
+            found = interruptible(
+                lambda: improve(
+                    log, model, free=arguments.free, diagnosis=diagnosis, reference=arguments.reference,
+                    seed=arguments.seed, progress=stages.stage, keep=store.keep, kept=store.search(),
+                )
+            )  # fmt: skip
+        print(found)
+        record.stage("write")
+        _write(found, record, arguments)
+        arguments.kept = ""
+        sys.stdout.flush()
+        finish(record)
+    return 0
+
+
+def _write(found: Any, record: RunFile, arguments: argparse.Namespace) -> None:
+    record.notes.extend(found.notes)
+    write_json(record.path("improve.json"), found.to_dict())
+    tuned = record.path("tuned.toml")
+    if found.model:
+        write_whole(tuned, found.model)
+    else:
+        tuned.unlink(missing_ok=True)  # of an earlier run: nothing is proposed now
+        record.outputs.remove("tuned.toml")
+    if not arguments.no_report:
+        for name in ("improve.html", "improve.png"):
+            record.path(name)
+        assert record.folder is not None
+        found.report(record.folder)
+
+
+class _Store:
+    """What is finished, in the folder, with what it depended on."""
+
+    def __init__(self, folder: pathlib.Path, record: RunFile, arguments: argparse.Namespace) -> None:
+        self.folder, self.record, self.arguments = folder, record, arguments
+        hashes = [entry["sha256"] for entry in record.inputs]
+        # A model's recorded reference is a file of its own; its folder's contents are not followed further.
+        self.key = _hash([hashes, log_options(arguments), versions()])
+        self.search_key = _hash([self.key, arguments.free, arguments.reference, arguments.seed, arguments.diagnosis])
+
+    def diagnosis(self) -> pathlib.Path | None:
+        """The folder, where it holds the diagnosis that this command would make."""
+        return self.folder if _read(self.folder / DIAGNOSIS).get("key") == self.key else None
+
+    def search(self) -> Any:
+        """The search that this command would make, where it is finished."""
+        content = _read(self.folder / SEARCH)
+        if content.get("key") != self.search_key:
+            return None
+        import numpy as np
+
+        from ..improvement.search import Found
+
+        try:
+            fields = content["found"]
+            return Found(**fields | {"values": np.array(fields["values"]), "history": tuple(fields["history"])})
+        except (KeyError, TypeError):
+            return None
+
+    def keep(self, what: str, done: Any) -> None:
+        """Write a finished stage at once; its key comes last."""
+        if what == "diagnosis":
+            (self.folder / DIAGNOSIS).unlink(missing_ok=True)
+            write_json(self.record.path("diagnosis.json"), done.to_dict())
+            if done.model:
+                write_whole(self.record.path("corrected.toml"), done.model)
+            if done.posterior is None:
+                raise InputError("The diagnosis has no posterior to draw machines from: nothing can be improved.")
+            done.posterior.save(self.record.path("posterior.npz"))
+            write_json(self.folder / DIAGNOSIS, {"key": self.key})
+            self.arguments.kept = f"the diagnosis is kept in {self.folder}; the same command goes on from there"
+        else:
+            write_json(self.folder / SEARCH, {"key": self.search_key, "found": dataclasses.asdict(done)})
+            self.arguments.kept = (
+                f"the diagnosis and the search are kept in {self.folder}; the same command goes on from there"
+            )
+
+
+def _read(path: pathlib.Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}
+
+
+def _hash(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()

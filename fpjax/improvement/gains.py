@@ -1,0 +1,227 @@
+"""Gains: which may change, between which values, and where a search looks first."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..blocks.feedforward import Feedforward
+from ..blocks.observers import NoObserver
+from ..errors import InputError
+from ..model_file import Model
+from ..model_file.bounds import gain_names
+from ..parameters import get_parameter, set_parameters
+from ..scan import astype
+
+FREE = ("observer", "feedforward", "controller")
+CONTROLLER = (0.25, 4.0)  # of the file's gain, where no bounds are written
+OBSERVER = (1e-2, 1e2)
+BELIEVED = (0.5, 2.0)  # what an observer believes of the machine, of the corrected value
+FORWARD = 2.0  # of the corrected machine's friction: as much as a feed-forward may give
+FORWARD_INERTIA = 1.5
+TURNING = 0.02  # of the reference's size: where a new feed-forward turns round
+EDGE = 0.02  # of the range: so near to a bound a gain is at it
+
+Values = np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Gain:
+    """One gain that may change.
+
+    Attributes:
+        word: as the file has it, "controller.kp".
+        name: in the loop.
+        now: in the file, in its unit.
+        low: lowest.
+        high: highest.
+        logarithmic: the search moves in its logarithm.
+        written: the bounds are the file's own.
+    """
+
+    word: str
+    name: str
+    now: float
+    low: float
+    high: float
+    logarithmic: bool
+    written: bool
+
+    def value(self, share: Values) -> Values:
+        """The gain at a share of its range, 0 to 1."""
+        if self.logarithmic:
+            return self.low * (self.high / self.low) ** share
+        return self.low + (self.high - self.low) * share
+
+    def share(self, value: float) -> float:
+        """Where a value lies in the range, 0 to 1."""
+        value = min(max(value, self.low), self.high)
+        if self.logarithmic:
+            return float(np.log(value / self.low) / np.log(self.high / self.low))
+        return (value - self.low) / (self.high - self.low)
+
+    def edge(self, value: float) -> str:
+        """Which bound it is at, "low", "high" or ""; zero is no bound that anybody would move."""
+        share = self.share(value)
+        if share > 1.0 - EDGE:
+            return "high"
+        return "low" if share < EDGE and self.low > 0.0 else ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Gains:
+    """The gains that may change, and the model that has a place for all of them.
+
+    Attributes:
+        model: the nominal one, with a feed-forward where one was asked for.
+        gains: in order.
+        added: sections that the model did not have.
+    """
+
+    model: Model
+    gains: tuple[Gain, ...]
+    added: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """In the loop."""
+        return tuple(gain.name for gain in self.gains)
+
+    @property
+    def now(self) -> Values:
+        """The file's, shape (gains,)."""
+        return np.array([gain.now for gain in self.gains])
+
+    def values(self, shares: Values) -> Values:
+        """Gains at shares of their ranges, shape (..., gains)."""
+        return np.stack([gain.value(shares[..., i]) for i, gain in enumerate(self.gains)], axis=-1)
+
+    def shares(self, values: Values) -> Values:
+        """Shares of their ranges at gains of shape (gains,)."""
+        return np.array([gain.share(float(value)) for gain, value in zip(self.gains, values, strict=True)])
+
+    def apply(self, model: Model, values: Values) -> Model:
+        """A model with these gains, for instance the corrected one."""
+        law = astype((self.model.loop.controller, self.model.loop.observer), float)
+        loop = dataclasses.replace(model.loop, controller=law[0], observer=law[1])
+        loop = set_parameters(loop, {name: float(value) for name, value in zip(self.names, values, strict=True)})
+        sections = {**model.sections, "controller": self.model.sections.get("controller", {})}
+        return dataclasses.replace(model, loop=loop, controller_known=True, bounds=self.model.bounds, sections=sections)
+
+
+def freed(model: Model, machine: Mapping[str, float], reference: Values, free: Sequence[str] = ()) -> Gains:
+    """The gains that may change.
+
+    The observer's and the feed-forward's where the file has them, the controller's only where [bounds] or `free` names
+    them: to change a loop's own gains is the user's decision.
+
+    Args:
+        model: the nominal one.
+        machine: inertia, coulomb and viscous of the corrected machine.
+        reference: that is followed.
+        free: more of them: "controller", "feedforward" (which is added where there is none), "observer", or a gain as
+            the file has it, "controller.kp", or with bounds, "controller.kp=1:5".
+
+    Raises:
+        InputError: where nothing may change, or a name or bounds cannot be.
+    """
+    model.needed_controller()
+    model, added = _with_feedforward(model, reference, free)
+    known = gain_names(model.loop)
+    bounds = dict(model.bounds)
+    wanted: dict[str, None] = {}
+    for word in known:
+        section, _, key = word.partition(".")
+        usual = section == "observer" and (key.startswith("gain") or key == "inertia")
+        usual |= section == "feedforward" and key != "speed"
+        if usual or word in bounds:
+            wanted[word] = None
+    for word in free:
+        name, equals, span = word.partition("=")
+        if name in FREE and not equals:
+            own = [each for each in known if each.startswith(f"{name}.") and not each.endswith(".speed")]
+            if not own:
+                raise InputError(f"There is no {name} in the model to free: write [{name}] in it, or drop it.")
+            wanted |= dict.fromkeys(own)
+            continue
+        if name not in known:
+            raise InputError(
+                f"{name!r} is not a gain of this loop: free {', '.join(FREE)}, or one of {', '.join(known)}."
+            )
+        wanted[name] = None
+        if equals:
+            bounds[name] = _span(word, span)
+    if not wanted:
+        what = "it has no observer and no feed-forward" if isinstance(model.loop.observer, NoObserver) else ""
+        raise InputError(
+            f"Nothing may change in this model{f' ({what})' if what else ''}: free the controller's gains (--free "
+            f"controller, or [bounds] controller.kp = [low, high] in the model), or add a feed-forward (--free "
+            f"feedforward)."
+        )
+    model = dataclasses.replace(model, bounds={word: pair for word, pair in bounds.items() if word in known})
+    return Gains(model, tuple(_gain(model, word, known[word], bounds, machine) for word in wanted), added)
+
+
+def _gain(model: Model, word: str, name: str, bounds: Mapping[str, tuple[float, float]], machine: Mapping[str, float]):
+    now = float(np.asarray(get_parameter(model.loop, name)))
+    section, _, key = word.partition(".")
+    if word in bounds:
+        low, high = bounds[word]
+        if not low <= now <= high:
+            raise InputError(
+                f"{word} = {now:g} lies outside its own bounds [{low:g}, {high:g}]: widen them, or correct the gain."
+            )
+    elif section == "feedforward" and key != "speed":
+        most = FORWARD_INERTIA * machine["inertia"] if key == "inertia" else FORWARD * machine.get(key, 0.0)
+        low, high = 0.0, max(most, 1.2 * now, 1e-3 * machine["inertia"])
+    elif section == "observer" and key in ("inertia", "coulomb", "viscous"):
+        right = machine.get(key, now) or now
+        low, high = min(BELIEVED[0] * right, 0.9 * now), max(BELIEVED[1] * right, 1.1 * now)
+    else:
+        span = CONTROLLER if section in ("controller", "feedforward") else OBSERVER
+        if not now > 0.0:
+            raise InputError(
+                f"{word} = {now:g} has no size to start from: give its bounds, [bounds] {word} = [low, high]."
+            )
+        low, high = span[0] * now, span[1] * now
+    return Gain(word, name, now, low, high, low > 0.0 and high > 3.0 * low, word in bounds)
+
+
+def guesses(gains: Gains, machine: Mapping[str, float]) -> Values:
+    """Gains that a textbook would try first, shape (guesses, gains): the file's, and the corrected machine's values."""
+    believed = gains.now.copy()
+    for place, gain in enumerate(gains.gains):
+        section, _, key = gain.word.partition(".")
+        if section in ("feedforward", "observer") and key in machine:
+            believed[place] = np.clip(machine[key], gain.low, gain.high)
+    most = believed.copy()
+    for place, gain in enumerate(gains.gains):
+        if gain.word.startswith("controller."):
+            most[place] = np.clip(1.5 * gain.now, gain.low, gain.high)
+    return np.unique(np.stack([gains.now, believed, most]), axis=0)
+
+
+def _with_feedforward(model: Model, reference: Values, free: Sequence[str]) -> tuple[Model, tuple[str, ...]]:
+    asked = any(word.partition("=")[0].partition(".")[0] == "feedforward" for word in free)
+    if not asked or isinstance(model.loop.controller, Feedforward):
+        return model, ()
+    if model.units.reference == "position":
+        raise InputError(
+            "A feed-forward follows a velocity reference, and this loop has one of position: leave --free feedforward "
+            "out."
+        )
+    speed = TURNING * float(np.quantile(np.abs(reference), 0.95))
+    controller = Feedforward(model.loop.controller, 0.0, 0.0, 0.0, max(speed, 1e-12), model.dt)
+    loop = dataclasses.replace(model.loop, controller=controller)
+    return dataclasses.replace(model, loop=loop), ("feedforward",)
+
+
+def _span(word: str, span: str) -> tuple[float, float]:
+    parts = span.split(":")
+    try:
+        low, high = (float(part) for part in parts)
+    except ValueError:
+        raise InputError(f"{word!r} is not NAME=LOW:HIGH: write for instance controller.kp=1:5.") from None
+    if not (np.isfinite(high) and 0.0 <= low < high):
+        raise InputError(f"{word!r} leaves nothing: LOW must be zero or more and below HIGH.")
+    return low, high

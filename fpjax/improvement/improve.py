@@ -1,0 +1,359 @@
+"""improve: from a log and a nominal model to gains that hold around every machine the diagnosis leaves possible."""
+
+import dataclasses
+import math
+import os
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..gap import Diagnosis, diagnose
+from ..gap.data.record import Record
+from ..gap.precision import double_precision
+from ..logs import Log, read_log
+from ..model_file import Model, dump_model, load_model
+from .answer import Change, Decision, Improvement, Range, Side
+from .decide import hopeless, objection, range_of
+from .gains import Gains, freed, guesses
+from .judge import Judge, Score
+from .known import Known, known_in, known_of
+from .machines import Ground, Machines, draw_machines, make_ground, ready, record_of, rms
+from .margins import NAMES, UNITS, margins_of
+from .search import Found, limits_of, search
+from .traces import traces
+
+TUNED_ON, JUDGED_ON, MARGINED = 16, 48, 12  # machines for the search; others for the prediction; of them for margins
+LONGEST = 20_000  # samples of the log that are simulated
+BLENDS = (1.0, 0.6, 0.3)  # of the way from the current gains to the best ones, on the search's scales
+MOST_DOUBT = math.log(2.0)
+NO_LIMIT = 1e29
+
+Values = np.ndarray
+Keep = Callable[[str, Any], None]
+
+
+def improve(
+    log: Any,
+    model: Any,
+    *,
+    free: Sequence[str] = (),
+    diagnosis: Diagnosis | str | os.PathLike[str] | None = None,
+    reference: str = "log",
+    seed: int = 0,
+    progress: Callable[[str, float | None], None] | None = None,
+    keep: Keep | None = None,
+    kept: Found | None = None,
+) -> Improvement:
+    """Gains that follow better in nearly all machines that a log leaves possible, or the sentence why there are none.
+
+    The log is diagnosed; machines are drawn from the diagnosis' posterior, the missing torque and the learned laws in
+    them; gains are searched that minimise mean + 1.28 standard deviations of the tracking error; they are judged on
+    other machines, drawn anew, against the gains that run now.
+
+    Args:
+        log: a `fpjax.logs.Log`, its path, or a mapping of arrays; with a reference.
+        model: the nominal model with a controller that is known: a `Model`, or the path or text of a servo.toml.
+        free: what may change beside the observer's and the feed-forward's gains: "controller", "feedforward" (added
+            where there is none), or gains as the file has them, "controller.kp" or "controller.kp=1:5".
+        diagnosis: a finished one of this log and model, or the --out of `fpjax diagnose`; None: diagnose now.
+        reference: "log", what the log followed, or "model", the file's own.
+        seed: of all draws.
+        progress: called with (name of the stage, share of it done or None).
+        keep: called with ("diagnosis", Diagnosis) and ("search", Found) as they are done.
+        kept: a search that was done before, instead of another one.
+
+    Returns:
+        An `Improvement`: it prints itself, `report(folder)` writes a page.
+
+    Raises:
+        InputError: for a log without a reference, a controller that is not known, nothing that may change.
+    """
+    clock = _Clock(progress)
+    clock("reading")
+    with double_precision():
+        nominal = model if isinstance(model, Model) else load_model(model)
+    nominal.needed_controller()
+    recorded = log if isinstance(log, Log) else read_log(log, linear=nominal.linear or None)
+    table = followed(recorded, nominal, reference)
+    # What may change is checked before a diagnosis of half a minute; the ranges need the corrected machine.
+    freed(nominal, {"inertia": nominal.nominal["inertia"]}, table, free)
+    done: Diagnosis | None = None
+    if diagnosis is None:
+        done = diagnose(recorded, nominal, progress=lambda stage, share: clock(f"diagnose: {stage}", share))
+        if keep is not None:
+            keep("diagnosis", done)
+        known = known_of(done)
+    elif isinstance(diagnosis, Diagnosis):
+        done, known = diagnosis, known_of(diagnosis)
+    else:
+        known = known_in(diagnosis, recorded, nominal)
+    found = improve_known(known, recorded, nominal, table, free, seed, clock, keep, kept)
+    return dataclasses.replace(found, seconds=clock.done(), diagnosis=done)
+
+
+def improve_known(
+    known: Known, log: Log, nominal: Model, table: Values, free: Sequence[str], seed: int, clock: "_Clock",
+    keep: Keep | None, kept: Found | None,
+) -> Improvement:  # fmt: skip
+    """The improvement from what is known of the machine."""
+    clock("machines")
+    record = record_of(log, nominal)
+    ground = make_ground(known, record, seed)
+    tuned_on, one = draw_machines(known.posterior, nominal, ground, TUNED_ON, seed + 1)
+    judged_on, two = draw_machines(known.posterior, nominal, ground, JUDGED_ON, seed + 2)
+    longest = max(one[0], two[0]), max(one[1], two[1])
+    tuned_on, judged_on = ready(tuned_on, ground, longest), ready(judged_on, ground, longest)
+    machine = corrected_values(judged_on)
+    gains = freed(nominal, machine, table, free)
+    judge = Judge(gains.model, gains.names, ground, table, seed + 3)
+    notes = _notes(known, gains, log, table)
+    clock("compiling the closed loop")
+    now = judge(gains.now[None], judged_on)
+    speed = _steady_speed(judge)
+    measured = measured_error(record, judge, ground) if known.made else None
+    judged = _Judged(judge, gains, judged_on, speed, known, measured)
+    decision, reason = hopeless(now.of(0))
+    if decision is not None:
+        clock("margins")
+        before = judged.side(gains.now, now.of(0), judged.margins(gains.now[None])[0])
+        return judged.answer(decision, reason, before, before, None, (), 0.0, None, 0, notes)
+    clock("searching", 0.0)
+    if kept is not None and len(kept.values) == len(gains.gains):
+        found = kept
+    else:
+        limits = limits_of(judge(gains.now[None], tuned_on).of(0), rms_peak(record), judged.limit)
+        first = guesses(gains, machine)
+        found = search(judge, gains, tuned_on, first, limits, seed + 4, lambda share: clock("searching", share))
+        if keep is not None:
+            keep("search", found)
+    clock("judging on other machines")
+    shares, best = gains.shares(gains.now), gains.shares(found.values)
+    tried = gains.values(np.stack([shares, *(shares + blend * (best - shares) for blend in BLENDS)]))
+    tried[0] = gains.now
+    scores = judge(tried, judged_on)
+    clock("margins")
+    margins = judged.margins(tried)
+    before = judged.side(tried[0], scores.of(0), margins[0])
+    chosen, reason = 0, ""
+    for place in range(1, len(tried)):
+        reason_not = objection(scores.of(0), scores.of(place), margins[0], margins[place])
+        if reason_not == "":
+            chosen = place
+            break
+        reason = reason or reason_not
+    seen = chosen or 1
+    ratios = scores.error[seen] / scores.error[0]
+    side = judged.side(tried[seen], scores.of(seen), margins[seen])
+    wins = float(np.mean(ratios < 1.0))
+    middle = range_of(ratios, "1")
+    if chosen:
+        better = 1.0 - middle.value
+        reason = (
+            f"The tracking error becomes {better:.0%} smaller ({1.0 - middle.high:.0%} to {1.0 - middle.low:.0%}) and "
+            f"smaller in {wins:.0%} of {judged_on.count} machines that the log leaves possible."
+        )
+    changes = tuple(
+        Change(
+            gain.word, gain.now, float(value) if chosen else gain.now, gain.low, gain.high,
+            gain.edge(float(value)) if chosen else "",
+        )
+        for gain, value in zip(gains.gains, tried[seen], strict=True)
+    )  # fmt: skip
+    for change in changes:
+        if change.at:
+            notes.append(
+                f"{change.gain} ended at its {change.at} bound ({change.after:.4g}): the bound and not the machine "
+                f"chose it; a wider one, [bounds] {change.gain} = [low, high], may follow better."
+            )
+    clock("pictures' runs")
+    runs = traces(judge, tried[[0, seen]], judged_on)
+    answer = judged.answer(
+        "change" if chosen else "keep", reason, before, side if chosen else before, side, changes, wins, middle,
+        found.simulations, notes, tried[chosen],
+    )  # fmt: skip
+    return dataclasses.replace(answer, runs=runs, ratios=ratios)
+
+
+def followed(log: Log, model: Model, reference: str) -> Values:
+    """The reference that gains are judged on, shape (samples,), at most `LONGEST`.
+
+    Raises:
+        InputError: where there is none.
+    """
+    if reference not in ("log", "model"):
+        raise InputError(f"reference = {reference!r} is not known: follow the log's or the model's ('log', 'model').")
+    if reference == "model":
+        wanted = model.needed_reference()
+        count = round((model.duration or log.duration) / log.dt)
+        with double_precision():
+            table = np.asarray(wanted.readout(np.arange(min(count, LONGEST)) * log.dt), float)
+    elif log.reference is None:
+        raise InputError(
+            f"{log.name} has no reference, so nobody knows what the machine should have followed: add that column "
+            f"(--columns reference=NAME), or judge the gains on the model's own [reference] with --reference model."
+        )
+    else:
+        table = np.asarray(log.reference, float)[:LONGEST]
+    if not np.ptp(table) > 0.0:
+        raise InputError(
+            "The reference does not move, so following it tells nothing of gains: give a log of the machine at work, "
+            "or --reference model with a [reference] that moves."
+        )
+    return table
+
+
+def corrected_values(machines: Machines) -> dict[str, float]:
+    """Inertia, coulomb and viscous of the corrected machine."""
+    law = machines.machine.law
+    inertia = float(np.asarray(machines.machine.plant.inertia)[0])
+    friction = {name: float(np.asarray(getattr(law, name))[0]) for name in ("coulomb", "viscous")}
+    return {"inertia": inertia, **friction}
+
+
+def measured_error(record: Record, judge: Judge, ground: Ground) -> float | None:
+    """The log's own tracking error where it counts, rms, the reading's noise taken out; None where it is not read."""
+    channel = record.position if judge.position else record.reading
+    if channel is None or record.reference is None:
+        return None
+    first = math.ceil(judge.start / judge.dt)
+    error = (np.asarray(record.reference) - channel.values)[first : len(judge.reference)]
+    noise = ground.noise[1] if judge.position else ground.noise[0]
+    return math.sqrt(max(rms(error) ** 2 - noise**2, 0.0)) or None
+
+
+def rms_peak(record: Record) -> float:
+    """The log's largest torque but for a thousandth of its samples [N m]."""
+    return float(np.quantile(np.abs(record.torque), 0.999))
+
+
+class _Judged:
+    """Makes sides and answers of scores."""
+
+    def __init__(
+        self, judge: Judge, gains: Gains, machines: Machines, speed: float, known: Known, measured: float | None
+    ):
+        self.judge, self.gains, self.machines, self.speed = judge, gains, machines, speed
+        self.known, self.measured = known, measured
+        units = gains.model.units
+        self.unit = units.name("rad" if judge.position else "rad/s")
+        self.torque_unit = units.name("N m")
+        limit = machines.machine.actuator.limit
+        value = None if limit is None else float(np.median(np.asarray(limit)))
+        own = gains.model.loop.controller.limited(np.asarray(NO_LIMIT)) if gains.model.loop.controller.bounded else None
+        values = [one for one in (value, None if own is None else float(own)) if one is not None and one < NO_LIMIT]
+        self.limit = min(values, default=None)
+        self.doubt = 0.0
+
+    def margins(self, values: Values) -> list[dict[str, Values]]:
+        """Of each candidate, around the first machines."""
+        return margins_of(self.judge, values, self.machines.first(MARGINED), self.speed)
+
+    def side(self, values: Values, score: Score, margins: dict[str, Values]) -> Side:
+        """What these gains come to; the current ones come first, and tell how well the log is predicted."""
+        if self.measured is not None and self.doubt == 0.0:
+            middle = float(np.median(score.error))
+            # Where the model's own gains ran, the log says how well it predicts: every promise is as much in doubt.
+            doubt = abs(math.log(self.measured / middle)) if np.isfinite(middle) and middle > 0.0 else MOST_DOUBT
+            self.doubt = min(doubt, MOST_DOUBT)
+        torque = self.torque_unit
+        headroom = None if self.limit is None else range_of(self.limit / np.maximum(score.peak, 1e-300), "1")
+        usable = {name: each[~np.isnan(each)] for name, each in margins.items() if not np.isnan(each).all()}
+        return Side(
+            gains={gain.word: float(value) for gain, value in zip(self.gains.gains, values, strict=True)},
+            error=range_of(score.error, self.unit, self.doubt),
+            reversal=range_of(score.reversal, self.unit, self.doubt) if self.judge.turns else None,
+            torque=range_of(score.torque, torque),
+            peak=range_of(score.peak, torque),
+            headroom=headroom,
+            rough=range_of(score.rough, torque),
+            margins={name: range_of(usable[name], UNITS[name]) for name in NAMES if name in usable},
+            unstable=float(np.mean(~np.isfinite(score.error))),
+        )
+
+    def answer(
+        self, decision: Decision, reason: str, before: Side, after: Side, found: Side | None,
+        changes: tuple[Change, ...], wins: float, ratio: Range | None, simulations: int, notes: Sequence[str],
+        values: Values | None = None,
+    ) -> Improvement:  # fmt: skip
+        """The whole answer, but for the pictures."""
+        text, missing = "", ""
+        if decision == "change" and values is not None:
+            text, missing = tuned_text(self.known, self.gains, values)
+        return Improvement(
+            decision=decision, reason=reason, before=before, after=after, found=found, changes=changes, wins=wins,
+            ratio=ratio, measured=self.measured, model=text, model_missing=missing,
+            signal="position" if self.judge.position else "velocity", verdict=self.known.verdict,
+            causes=self.known.causes, machines=self.machines.count, tuned_on=TUNED_ON, simulations=simulations,
+            notes=tuple(dict.fromkeys([*notes, *([missing] if missing else [])])),
+        )  # fmt: skip
+
+
+def tuned_text(known: Known, gains: Gains, values: Values) -> tuple[str, str]:
+    """(the corrected model with these gains as servo.toml text, ""), or ("", why there is none)."""
+    if not known.model:
+        return "", known.model_missing or "The diagnosis has no corrected model as text."
+    try:
+        with double_precision():
+            corrected = load_model(known.model)
+            if gains.model.path is not None:
+                corrected = dataclasses.replace(corrected, path=gains.model.path)
+            return dump_model(gains.apply(corrected, values)), ""
+    except InputError as error:
+        return "", f"The tuned model has no words in servo.toml: {error}"
+
+
+def _steady_speed(judge: Judge) -> float:
+    """The speed at which margins are told: the rms of the reference's speed."""
+    moving = np.gradient(judge.reference, judge.dt) if judge.position else judge.reference
+    return rms(moving)
+
+
+def _notes(known: Known, gains: Gains, log: Log, table: Values) -> list[str]:
+    notes = []
+    if gains.added:
+        notes.append(f"[{gains.added[0]}] is not in the model: it was added, starting from nothing.")
+    if not known.made:
+        notes.append(
+            "The model's controller is not known to have made this log's torque (its gains are others, something else "
+            "adds to it, or the log has no such column), so the prediction could not be held against the log: "
+            '"before" is what the file\'s gains would do.'
+        )
+    if len(table) == LONGEST:
+        notes.append(f"The first {LONGEST * log.dt:.3g} s of the reference were simulated.")
+    if known.verdict in ("partly_explained", "unexplained"):
+        notes.append(
+            "The diagnosis does not explain this log: what is missing acts on the simulated machines as the torque "
+            "that it was, with its size and colour."
+        )
+    return notes
+
+
+class _Clock:
+    """Seconds by stage, and progress."""
+
+    def __init__(self, progress: Callable[[str, float | None], None] | None) -> None:
+        self.seconds: dict[str, float] = {}
+        self._progress, self._stage, self._began = progress, "", time.perf_counter()
+
+    def __call__(self, stage: str, share: float | None = None) -> None:
+        """Begin a stage, or say how far it is."""
+        if stage != self._stage:
+            self._end()
+            self._stage = stage
+        if self._progress is not None:
+            self._progress(stage, share)
+
+    def _end(self) -> None:
+        if self._stage:
+            name = self._stage.partition(":")[0]
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - self._began
+        self._began = time.perf_counter()
+
+    def done(self) -> dict[str, float]:
+        """The seconds; the last stage ends."""
+        self._end()
+        self._stage = ""
+        return self.seconds

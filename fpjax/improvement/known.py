@@ -1,0 +1,119 @@
+"""Known: what improve takes from a diagnosis, in memory or from its folder."""
+
+import dataclasses
+import json
+import math
+import os
+import pathlib
+from typing import Any
+
+from ..errors import InputError
+from ..gap import Diagnosis
+from ..gap.answer.diagnosis import Learned
+from ..gap.answer.posterior import FILE, Posterior, load_posterior
+from ..logs import Log
+from ..model_file import Model
+from ..output.runfile import refuse_unfinished
+
+RESULT = "diagnosis.json"
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """What a diagnosis says of a machine.
+
+    Attributes:
+        posterior: of its parameters.
+        verdict: "no_gap", "explained", "partly_explained" or "unexplained".
+        causes: asserted.
+        gap_after: missing torque that is left [N m], rms.
+        learned: laws of what is left.
+        made: whether the model's controller is known to have made the log's torque.
+        model: the corrected model, what was learned in it, as servo.toml text; "" where there is none.
+        model_missing: why.
+    """
+
+    posterior: Posterior
+    verdict: str
+    causes: tuple[str, ...]
+    gap_after: float
+    learned: tuple[Learned, ...]
+    made: bool
+    model: str
+    model_missing: str
+
+
+def known_of(diagnosis: Diagnosis) -> Known:
+    """What a finished diagnosis says.
+
+    Raises:
+        InputError: for one without a posterior.
+    """
+    if diagnosis.posterior is None:
+        raise InputError("This diagnosis has no posterior to draw machines from: diagnose the log again.")
+    return Known(
+        diagnosis.posterior, diagnosis.verdict, diagnosis.causes, diagnosis.gap.after, diagnosis.learned,
+        diagnosis.tracking is not None, diagnosis.learned_model or diagnosis.model, diagnosis.model_missing,
+    )  # fmt: skip
+
+
+def known_in(folder: str | os.PathLike[str], log: Log, model: Model) -> Known:
+    """What the --out of a `fpjax diagnose` says.
+
+    Args:
+        folder: with diagnosis.json and posterior.npz.
+        log: that it should be of.
+        model: likewise.
+
+    Raises:
+        InputError: where there is none, it is of another log or model, or of more than one log.
+    """
+    folder = pathlib.Path(folder)
+    path = folder / RESULT
+    refuse_unfinished(path)
+    try:
+        content: dict[str, Any] = json.loads(path.read_text())
+        inputs = content["provenance"].get("inputs", [])
+        laws = tuple(
+            Learned(
+                law["of"],
+                law["share"],
+                *(tuple(law["curve"][name]) for name in ("at", "torque", "low", "high")),
+                law["curve"].get("period"),
+            )
+            for law in content.get("learned", [])
+        )
+        after = content["gap"]["after"]
+        found = Known(
+            load_posterior(folder / FILE), content["verdict"], tuple(content["causes"]),
+            float(after) if after is not None else math.nan, laws, content.get("tracking") is not None,
+            content.get("learned_model") or content["model"], content.get("model_missing", ""),
+        )  # fmt: skip
+    except FileNotFoundError:
+        raise InputError(
+            f"{folder} holds no {RESULT}: give the --out of a `fpjax diagnose` that has finished, or leave --diagnosis "
+            f"out and diagnose now."
+        ) from None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise InputError(f"{path} is no diagnosis of this version of fpjax: diagnose the log again.") from None
+    _check_same(folder, inputs, log)
+    if len(found.posterior.missing) > 1:
+        raise InputError(
+            f"{folder} is a diagnosis of {len(found.posterior.missing)} logs: improve judges gains on one; diagnose "
+            f"the log that stands for the machine's work alone."
+        )
+    if len(found.posterior.missing[0]) != len(log.time):
+        raise InputError(
+            f"{log.name} has {len(log.time)} samples and was diagnosed with {len(found.posterior.missing[0])}: use the "
+            f"same --from, --to and --every, or leave --diagnosis out."
+        )
+    return found
+
+
+def _check_same(folder: pathlib.Path, inputs: list[dict[str, Any]], log: Log) -> None:
+    hashes = {entry.get("sha256"): entry.get("name") for entry in inputs if entry.get("role") == "log"}
+    if log.sha256 and hashes and log.sha256 not in hashes and any(hashes):
+        raise InputError(
+            f"{folder} is the diagnosis of {', '.join(map(str, hashes.values()))} and not of {log.name}: give its own, "
+            f"or leave --diagnosis out."
+        )

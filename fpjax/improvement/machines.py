@@ -1,0 +1,226 @@
+"""Machines: samples of what the diagnosis knows, with the torque that it leaves, ready for a closed loop."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from ..blocks.loads import AbstractLoad
+from ..blocks.position_torque import Loads
+from ..blocks.signals import Motion
+from ..gap.answer.diagnosis import Learned
+from ..gap.answer.learned import blocks
+from ..gap.answer.posterior import Posterior
+from ..gap.data.record import Record, make_records
+from ..gap.machine import Machine, nominal_machine
+from ..gap.precision import double_precision
+from ..gap.simulate.replay import SUBSTEPS
+from ..logs import Log
+from ..model_file import Model
+from .known import Known
+
+COURSES = 3  # the recorded course of the missing torque, and two with the same spectrum and other phases
+TURNED = math.pi / 3.0  # the most that a sample's missing torque is turned away from the recorded course [rad]
+HISTORY = 4  # periods kept beyond the longest dead time
+
+Values = np.ndarray
+
+
+class Missing(AbstractLoad):
+    """The torque that no law says, over time, as a load: tables that many machines share, in shares of one's own.
+
+    Attributes:
+        tables: driving torque [N m], shape (courses, samples).
+        shares: of this machine [1], shape (courses,).
+        dt: of the tables [s].
+    """
+
+    tables: Array
+    shares: Array
+    dt: Array
+
+    def readout(self, motion: Motion) -> Array:
+        """Minus the driving torque [N m]; held over a period, zero behind the end."""
+        index = jnp.floor(motion.time / self.dt + 1e-3).astype(jnp.int32)
+        last = self.tables.shape[1] - 1
+        row = jax.lax.dynamic_index_in_dim(self.tables, jnp.clip(index, 0, last), axis=1, keepdims=False)
+        return jnp.zeros_like(motion.velocity) - jnp.sum(self.shares * row)
+
+
+@dataclasses.dataclass(frozen=True)
+class Machines:
+    """Machines that one closed loop is judged on.
+
+    Attributes:
+        machine: every array has a leading axis of `count`; the first is the fit itself.
+        shares: of the courses of the missing torque, shape (count, courses).
+    """
+
+    machine: Machine
+    shares: Values
+
+    @property
+    def count(self) -> int:
+        """How many."""
+        return len(self.shares)
+
+    def first(self, count: int) -> "Machines":
+        """The first of them."""
+        return Machines(jax.tree.map(lambda leaf: leaf[:count], self.machine), self.shares[:count])
+
+
+@dataclasses.dataclass(frozen=True)
+class Ground:
+    """What all machines of one log share.
+
+    Attributes:
+        record: the log as the diagnosis read it.
+        courses: driving torque that the laws do not say [N m], shape (courses, samples).
+        noise: standard deviation of a reading of (rate [rad/s], position [rad]).
+        substeps: of the plant in a control period.
+        laws: learned, that are in the machines.
+    """
+
+    record: Record
+    courses: Values
+    noise: tuple[float, float]
+    substeps: int
+    laws: tuple[Learned, ...]
+
+
+def record_of(log: Log, model: Model) -> Record:
+    """The log as the diagnosis reads it."""
+    return make_records([log], [], model.nominal["inertia"])[0]
+
+
+def make_ground(known: Known, record: Record, seed: int) -> Ground:
+    """What the machines of a log share.
+
+    Args:
+        known: from the diagnosis of the log.
+        record: the log.
+        seed: of the phases.
+    """
+    posterior, laws = known.posterior, known.learned
+    recorded = posterior.missing[0]
+    course = np.nan_to_num(recorded, nan=0.0)
+    size = rms(course[np.isfinite(recorded)])
+    if size > 0.0 and np.isfinite(known.gap_after):
+        # What noise adds to the course is no torque: the gap is told without it.
+        course = course * min(known.gap_after / size, 1.0)
+    for law in laws:
+        course = course + np.where(np.isfinite(recorded), opposing(law, record), 0.0)
+    rows = [course, *(surrogate(course, seed + place) for place in range(1, COURSES))]
+    return Ground(record, np.array(rows), posterior.noise, SUBSTEPS[posterior.key[0]], laws)
+
+
+def draw_machines(
+    posterior: Posterior, model: Model, ground: Ground, count: int, seed: int
+) -> tuple[Machines, tuple[int, int]]:
+    """(machines of the posterior, periods that their dead times need).
+
+    Args:
+        posterior: of the diagnosis.
+        model: the nominal one.
+        ground: of the log.
+        count: how many; the first is the fit itself, with the missing torque as it was recorded.
+        seed: of the draws.
+    """
+    machine = posterior.machines(model, [ground.record], count, seed)
+    with double_precision():
+        machine = with_laws(machine, ground.laws, count)
+    return Machines(machine, draw_shares(count, seed)), _periods(machine, ground.record.dt)
+
+
+def nominal_machines(model: Model, count: int = 1) -> Machines:
+    """The nominal machine alone, `count` times, without any missing torque: what a tuning without a log would see."""
+    with double_precision():
+        machine = nominal_machine(model.loop.plant, model.loop.actuator, model.loop.sensor)
+        machine = jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, float), (count,)), machine)
+    return Machines(machine, np.zeros((count, COURSES)))
+
+
+def ready(machines: Machines, ground: Ground, longest: tuple[int, int]) -> Machines:
+    """The machines with room for their dead times and with the log's noise on their sensors."""
+    machine, shape = machines.machine, (machines.count,)
+    with double_precision():
+        sensor: dict[str, Any] = {"longest_delay": longest[1]}
+        for name, step, noise in zip(
+            ("noise", "position_noise"), ("step_size", "position_step"), ground.noise, strict=True
+        ):
+            rounded = np.asarray(getattr(machine.sensor, step))
+            own = np.asarray(getattr(machine.sensor, name))
+            found = np.sqrt(np.maximum(noise**2 - rounded**2 / 12.0, 0.0))
+            sensor[name] = jnp.asarray(np.broadcast_to(np.where(own == 0.0, found, own), shape), float)
+        machine = dataclasses.replace(
+            machine,
+            actuator=dataclasses.replace(machine.actuator, longest_delay=longest[0]),
+            sensor=dataclasses.replace(machine.sensor, **sensor),
+        )
+    return Machines(machine, machines.shares)
+
+
+def with_laws(machine: Machine, laws: Sequence[Learned], count: int) -> Machine:
+    """The machines with what was learned in them; a jump at zero velocity is Coulomb friction."""
+    if not laws:
+        return machine
+    tables, jump = blocks(laws)
+    wide = jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, float), (count,)), tables)
+    machine = eqx.tree_at(lambda at: at.plant.load, machine, Loads((machine.plant.load, *wide)))
+    coulomb = jnp.maximum(machine.law.coulomb + jump, 0.0)  # less than none would push
+    under = hasattr(machine.plant.friction, "law")
+    return eqx.tree_at(lambda at: (at.plant.friction.law if under else at.plant.friction).coulomb, machine, coulomb)
+
+
+def opposing(law: Learned, record: Record) -> Values:
+    """A learned law's torque along the log [N m], with the sign of friction, shape (samples,)."""
+    at, torque = np.asarray(law.at, float), np.asarray(law.torque, float)
+    time = record.time - record.time[0]
+    x = {"velocity": record.speed, "position": record.angle, "torque": record.torque, "time": time}[law.of]
+    if law.period is not None:
+        at, torque = np.append(at, at[0] + law.period), np.append(torque, torque[0])
+        x = at[0] + np.mod(x - at[0], law.period)
+    twice = np.flatnonzero(np.diff(at) == 0.0)
+    if not len(twice):
+        return np.interp(x, at, torque)
+    cut = int(twice[0]) + 1
+    return np.where(x < 0.0, np.interp(x, at[:cut], torque[:cut]), np.interp(x, at[cut:], torque[cut:]))
+
+
+def surrogate(course: Values, seed: int) -> Values:
+    """A course with the same spectrum and random phases, shape (samples,)."""
+    spectrum = np.fft.rfft(course)
+    phases = np.exp(2j * np.pi * np.random.default_rng(seed).random(len(spectrum)))
+    phases[0] = 1.0
+    return np.fft.irfft(np.abs(spectrum) * phases, len(course))
+
+
+def draw_shares(count: int, seed: int) -> Values:
+    """Shares of the courses for each machine, shape (count, COURSES): the first has the recorded course alone.
+
+    The missing torque was found along the log's own motion. Under other gains the machine moves a little differently,
+    and what is missing then has the same size and colour, and not quite the same course.
+    """
+    random = np.random.default_rng([seed, 1])
+    turn = TURNED * random.random(count)
+    turn[0] = 0.0
+    others = random.standard_normal((count, COURSES - 1))
+    others /= np.linalg.norm(others, axis=1, keepdims=True)
+    return np.concatenate([np.cos(turn)[:, None], np.sin(turn)[:, None] * others], axis=1)
+
+
+def _periods(machine: Machine, dt: float) -> tuple[int, int]:
+    delays = [0.0 if each is None else float(np.max(np.asarray(each))) for each in (
+        machine.actuator.delay, machine.sensor.delay)]  # fmt: skip
+    return math.ceil(delays[0] / dt) + HISTORY, math.ceil(delays[1] / dt) + HISTORY
+
+
+def rms(values: Values) -> float:
+    """Root mean square; 0 of nothing."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0

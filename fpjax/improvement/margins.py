@@ -1,0 +1,95 @@
+"""Margins: the loop linearised about a steady motion, around every machine at once."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+
+from ..gap.precision import double_precision
+from ..linear.linearise import Disturbed
+from ..linear.margins import Margins, margins
+from ..linear.state_space import StateSpace
+from ..loop import LoopState
+from .judge import Judge, assemble_loop
+from .machines import Machines
+
+NAMES = ("modulus", "gain", "phase", "delay")
+UNITS = {"modulus": "1", "gain": "1", "phase": "deg", "delay": "ms"}
+
+Values = np.ndarray
+
+
+def margins_of(judge: Judge, values: Values, machines: Machines, speed: float) -> list[dict[str, Values]]:
+    """Modulus [1], gain [1], phase [deg] and delay [ms] margin of each candidate, each of shape (machines,).
+
+    NaN where a loop does not come to a steady motion, zero where it is unstable.
+
+    Args:
+        judge: runs the loops.
+        values: gains, shape (candidates, gains).
+        machines: `ready`.
+        speed: of the steady motion, in the unit of the speed.
+    """
+    states, reference = judge.settle(values, machines, speed)
+    count = machines.count
+    rows = np.repeat(np.asarray(values, float), count, axis=0)
+    index = np.tile(np.arange(count), len(values))
+    leaves, structure = jax.tree.flatten(machines.machine)
+    with double_precision():
+        machine = jax.tree.unflatten(structure, [jnp.asarray(np.asarray(leaf)[index]) for leaf in leaves])
+        gains = {name: jnp.asarray(rows[:, i]) for i, name in enumerate(judge.names)}
+        states = jax.tree.map(jnp.asarray, states)
+        shared = (judge.law, judge.stepper.dt, jnp.asarray(float(reference[0])), jnp.asarray(judge.ground.courses))
+        tangent = _tangents(judge.ground.substeps, judge.stepper.solver)
+        a, b, answer = (np.asarray(each, float) for each in tangent(machine, gains, states, *shared))
+    found = []
+    for candidate in range(len(values)):
+        at = range(candidate * count, (candidate + 1) * count)
+        rows_of = [_numbers(a[i], b[i], answer[i], judge.dt) for i in at]
+        found.append({name: np.array([row[name] for row in rows_of]) for name in NAMES})
+    return found
+
+
+def _tangents(substeps: int, solver: Any) -> Any:
+    """A compiled function: (machines, gains, states, shared) -> (A, B, C) of the whole loop, batched."""
+
+    def one(
+        machine: Any, gains: Any, state: LoopState, law: Any, dt: Any, reference: Any, courses: Any
+    ) -> tuple[Any, Any, Any]:
+        loop = assemble_loop(law, machine, jnp.zeros(courses.shape[0]), courses, dt, gains)
+        point, rebuild = ravel_pytree(state)
+        zero = jnp.zeros_like(dt)
+
+        def moved(values: Any, added: Any) -> tuple[Any, Any]:
+            cut = eqx.tree_at(lambda each: each.actuator, loop, Disturbed(loop.actuator, added))
+            silent = tuple(zero for _ in range(loop.sensor.noise_channels))
+            after, signals = cut.advance_sampled(rebuild(values), reference, zero, dt, silent, solver, substeps)
+            return ravel_pytree(after)[0], signals.torque
+
+        (a, b), (c, _) = jax.jacfwd(moved, (0, 1))(point, zero)
+        return a, b, c
+
+    return jax.jit(jax.vmap(one, (0, 0, 0, None, None, None, None)))
+
+
+def _numbers(a: Values, b: Values, answer: Values, dt: float) -> dict[str, float]:
+    if not (np.isfinite(a).all() and np.isfinite(b).all() and np.isfinite(answer).all()):
+        return dict.fromkeys(NAMES, float("nan"))
+    # v = y + d drives the actuator; cut there, d = v - y (as in fpjax.linear.linearise).
+    b, answer = b[:, None], answer[None, :]
+    ratio = StateSpace(a - b @ answer, b, -answer, np.zeros((1, 1)), dt, ("torque",), ("return",))
+    try:
+        found: Margins = margins(ratio, points=400)
+    except (ValueError, FloatingPointError, np.linalg.LinAlgError):
+        return dict.fromkeys(NAMES, float("nan"))
+    if not found.stable:
+        return dict.fromkeys(NAMES, 0.0)
+    return {
+        "modulus": found.modulus_margin,
+        "gain": found.gain_margin,
+        "phase": found.phase_margin,
+        "delay": 1e3 * found.delay_margin,
+    }

@@ -1,0 +1,199 @@
+"""improve.html: the decision, what changes and what is predicted, in one file that needs nothing from anywhere."""
+
+from importlib.resources import files
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from ..errors import InputError
+from ..gap.report.markup import text
+from ..gap.report.svg import to_png, to_svg
+from ..gap.report.theme import css_variables
+from ..output.runfile import write_whole
+from .answer import Improvement, Range
+from .pictures import draw_error, draw_gains, draw_machines, draw_overview
+from .told import WORDS, headline
+
+PAGE, PICTURE = "improve.html", "improve.png"
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+_STYLE = """
+.gain{font-family:ui-monospace,SFMono-Regular,Menlo,Consolas,monospace;font-size:.9em}
+.keep .badge,.cannot_promise .badge{background:var(--muted)}
+.unstable .badge{background:var(--before)}
+.number{white-space:nowrap}
+.new{color:var(--after);font-weight:650}
+.old{color:var(--before)}
+"""
+WAY = (
+    "Machines are drawn from what the diagnosis knows of this one: its parameters with their uncertainty, what was "
+    "learned, and the torque that nothing explains, with its size and colour. The gains were searched on {tuned} of "
+    "them: least mean + 1.28 standard deviations of the tracking error, which nine machines in ten stay below. They "
+    "are judged here on {judged} others. A change is proposed where it follows better in at least 95 % of them, by 2 % "
+    "or more, without less stability than usual or a rougher torque; the gains that run now are always in the race."
+)
+
+
+def write_page(found: Improvement, folder: Path) -> Path:
+    """Write the page and its picture.
+
+    Args:
+        found: what was found.
+        folder: it is made.
+
+    Returns:
+        The path of `improve.html`.
+
+    Raises:
+        InputError: where it cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be made ({error.strerror}): give a folder that can be written.") from error
+    write_whole(folder / PICTURE, to_png(draw_overview(found)))
+    write_whole(folder / PAGE, to_page(found))
+    return folder / PAGE
+
+
+def to_page(found: Improvement) -> str:
+    """The page's text."""
+    style = css_variables() + files("fpjax.gap.report").joinpath("report.css").read_text("utf-8") + _STYLE
+    parts = [_changes(found), _predicted(found), _pictures(found), _notes(found), _way(found), _model(found)]
+    body = "\n".join(part for part in parts if part)
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{_POLICY}">
+<meta name="generator" content="fpjax">
+<title>{text(WORDS[found.decision])} fpjax improve</title>
+<style>
+{style}</style>
+</head>
+<body class="{found.decision}">
+<header>
+<p class="origin">fpjax improve</p>
+<div class="verdict {found.decision}"><span class="badge">{text(WORDS[found.decision].rstrip("."))}</span>
+<span class="confidence">diagnosis: {text(_diagnosed(found))}</span></div>
+<h1>{text(found.reason if found.decision == "change" else headline(found))}</h1>
+{_facts(found)}
+</header>
+<main>
+{body}
+</main>
+<footer>Numbers are medians over machines with 90 % intervals. Written by fpjax.</footer>
+</body>
+</html>
+"""
+
+
+def _diagnosed(found: Improvement) -> str:
+    words = found.verdict.replace("_", " ")
+    return f"{words} ({', '.join(cause.replace('_', ' ') for cause in found.causes)})" if found.causes else words
+
+
+def _facts(found: Improvement) -> str:
+    rows = [("is-before", "tracking error now", found.before.error)]
+    if found.decision == "change":
+        rows.append(("is-after", "with the new gains", found.after.error))
+        if found.before.reversal is not None and found.after.reversal is not None:
+            rows.append(("is-before", "at reversals now", found.before.reversal))
+            rows.append(("is-after", "at reversals, new", found.after.reversal))
+    cells = "".join(
+        f'<div class="{kind}"><dt>{text(name)}</dt><dd>{value.value:.3g} {text(value.unit)}'
+        f"<small>{value.low:.3g} to {value.high:.3g}</small></dd></div>"
+        for kind, name, value in rows
+    )
+    return f'<dl class="facts">{cells}</dl>'
+
+
+def _changes(found: Improvement) -> str:
+    if not found.changes:
+        return ""
+    rows = []
+    for change in found.changes:
+        moved = change.after != change.before
+        at = f" <span class=pill>at its {change.at} bound</span>" if change.at else ""
+        after = f'<span class="new">{change.after:.5g}</span>{at}' if moved else "stays"
+        span = f"{change.low:.4g} to {change.high:.4g}"
+        rows.append([f'<span class="gain">{text(change.gain)}</span>', f"{change.before:.5g}", after, span])
+    return _section("Gains", _table(["gain", "now", "new", "bounds"], rows))
+
+
+def _predicted(found: Improvement) -> str:
+    after = dict(found.after.rows())
+    changed = found.decision == "change"
+    rows = [
+        [text(name), _number(value), *([_number(after[name]) if name in after else ""] if changed else [])]
+        for name, value in found.before.rows()
+    ]
+    if found.measured is not None:
+        told = f'<span class="number">{found.measured:.4g} {text(found.before.error.unit)}</span>'
+        rows.append(["tracking error in the log, rms", told, *([""] if changed else [])])
+    return _section("Predicted", _table(["", "now", *(["with the new gains"] if changed else [])], rows))
+
+
+def _number(value: Range) -> str:
+    unit = "" if value.unit == "1" else f" {text(value.unit)}"
+    ends = f'<span class="interval">[{value.low:.4g} to {value.high:.4g}]</span>'
+    return f'<span class="number">{value.value:.4g}{unit}</span> {ends}'
+
+
+def _pictures(found: Improvement) -> str:
+    if not found.runs or found.ratios is None:
+        return ""
+    drawn = (
+        ("error", draw_error, "Tracking error over time, with the gains now and with the new ones."),
+        ("machines", draw_machines, "Each dot is one machine that the log leaves possible; left of the dashed line it "
+         "follows better."),
+        ("gains", draw_gains, "Where the gains lie between their bounds."),
+    )  # fmt: skip
+    return _section(
+        "Seen", "".join(_figure(name, draw(found), draw(found, narrow=True), said) for name, draw, said in drawn)
+    )
+
+
+def _figure(name: str, wide: Figure, narrow: Figure, caption: str) -> str:
+    layouts = "".join(
+        f'<div class="{kind}">{to_svg(one, f"{name}-{kind}", caption)}</div>'
+        for kind, one in (("wide", wide), ("narrow", narrow))
+    )
+    return f"<figure>{layouts}<figcaption>{text(caption)}</figcaption></figure>"
+
+
+def _notes(found: Improvement) -> str:
+    items = "".join(f"<li>{text(note)}</li>" for note in found.notes)
+    return _section("To know", f'<ul class="found">{items}</ul>') if items else ""
+
+
+def _way(found: Improvement) -> str:
+    told = WAY.format(tuned=found.tuned_on, judged=found.machines)
+    times = ", ".join(f"{stage} {spent:.1f} s" for stage, spent in found.seconds.items())
+    spent = f'<p class="quiet">{text(times)}</p>' if times else ""
+    return _section("How it was found", f"<p>{text(told)}</p>{spent}")
+
+
+def _model(found: Improvement) -> str:
+    if not found.model:
+        return ""
+    return _section(
+        "tuned.toml", "<p>The corrected model with the new gains; fpjax simulate runs it, fpjax export --c writes it "
+        f"for the drive.</p><details><summary>show</summary><pre>{text(found.model)}</pre></details>",
+    )  # fmt: skip
+
+
+def _section(title: str, body: str) -> str:
+    return f"<section><h2>{text(title)}</h2>{body}</section>"
+
+
+def _table(header: list[str], rows: list[list[str]]) -> str:
+    head = "".join(f'<th scope="col">{text(each)}</th>' for each in header)
+    body = "".join(
+        "<tr>" + "".join(
+            f'<td{" class=first" if place == 0 else ""} data-label="{text(header[place])}"><div>{cell}</div></td>'
+            for place, cell in enumerate(row)
+        ) + "</tr>"
+        for row in rows
+    )  # fmt: skip
+    return f'<table class="cards"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'

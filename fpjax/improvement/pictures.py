@@ -1,0 +1,145 @@
+"""Pictures: the tracking error before and after, machine by machine, and the gains between their bounds."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ..gap.report.theme import AFTER, BEFORE, MUTED, SOFT, report_style
+from .answer import Improvement
+
+ZOOMED = 2.5  # turns of the reference in the close-up
+POINTS = 1200  # of a line: more cannot be seen
+
+Values = np.ndarray
+
+
+def draw_overview(found: Improvement) -> Figure:
+    """All of it on one sheet: error over time, a close-up, machine by machine, gains."""
+    if not found.runs:
+        return draw_gains(found)
+    with report_style():
+        figure, axes = _new(2, 2, (10.0, 6.0))
+        _error(axes[0, 0], found, None)
+        _error(axes[0, 1], found, _close_up(found))
+        _machines(axes[1, 0], found)
+        _gains(axes[1, 1], found)
+    return figure
+
+
+def draw_error(found: Improvement, *, narrow: bool = False) -> Figure:
+    """The tracking error over the whole reference and about a reversal."""
+    with report_style():
+        size = (4.4, 5.4) if narrow else (9.6, 3.2)
+        figure, axes = _new(2 if narrow else 1, 1 if narrow else 2, size)
+        first, second = axes.ravel()
+        _error(first, found, None)
+        _error(second, found, _close_up(found))
+    return figure
+
+
+def draw_machines(found: Improvement, *, narrow: bool = False) -> Figure:
+    """Error after over error before in every machine."""
+    with report_style():
+        figure, axes = _new(1, 1, (4.4, 2.6) if narrow else (9.6, 2.6))
+        _machines(axes[0, 0], found)
+    return figure
+
+
+def draw_gains(found: Improvement, *, narrow: bool = False) -> Figure:
+    """The gains between their bounds, before and after."""
+    with report_style():
+        height = 1.0 + 0.42 * max(len(found.changes), 1)
+        figure, axes = _new(1, 1, (4.4 if narrow else 9.6, height))
+        _gains(axes[0, 0], found)
+    return figure
+
+
+def _new(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Values]:
+    """A figure in the report's style, which the caller has set."""
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def _unit(found: Improvement) -> str:
+    return found.before.error.unit
+
+
+def _error(axes: Axes, found: Improvement, span: tuple[float, float] | None) -> None:
+    runs = found.runs
+    time = runs["time"]
+    kept = slice(None) if span is None else slice(*np.searchsorted(time, span))
+    word = "new gains" if found.decision == "change" else "best others"
+    for name, colour, label in (("before", BEFORE, "gains now"), ("after", AFTER, word)):
+        low, middle, high = runs[name][:, kept]
+        where, low, middle, high = _thin(time[kept], low, middle, high)
+        axes.fill_between(where, low, high, color=colour, alpha=0.25, linewidth=0.0)
+        axes.plot(where, middle, color=colour, linewidth=1.0, label=label)
+    axes.set(xlabel="time [s]", ylabel=f"tracking error [{_unit(found)}]")
+    axes.locator_params(axis="x", nbins=6)
+    axes.set_title("whole reference" if span is None else "close-up; shaded: 12 machines")
+    axes.margins(x=0.0)
+    if span is None:
+        axes.legend(loc="upper right", ncols=2)
+
+
+def _machines(axes: Axes, found: Improvement) -> None:
+    assert found.ratios is not None
+    ratios = np.sort(100.0 * found.ratios[np.isfinite(found.ratios)])
+    rank = np.arange(1, len(ratios) + 1)
+    axes.axvline(100.0, color=MUTED, linewidth=1.0, linestyle="--")
+    axes.scatter(ratios, rank, s=14, color=np.where(ratios < 100.0, AFTER, BEFORE), zorder=3)
+    axes.set(xlabel="error with the new gains, % of the error now", ylabel="machines")
+    axes.set_title(f"machine by machine: better in {found.wins:.0%} of {len(found.ratios)}")
+    axes.set_xlim(left=0.0, right=max(110.0, 1.05 * float(ratios.max(initial=100.0))))
+
+
+def _gains(axes: Axes, found: Improvement) -> None:
+    for place, change in enumerate(reversed(found.changes)):
+        logarithmic = change.low > 0.0 and change.high > 3.0 * change.low
+
+        def at(value: float, change=change, logarithmic=logarithmic) -> float:
+            if logarithmic:
+                return float(np.log(max(value, change.low) / change.low) / np.log(change.high / change.low))
+            return (value - change.low) / (change.high - change.low)
+
+        axes.plot([0.0, 1.0], [place, place], color=SOFT, linewidth=3.0, solid_capstyle="round")
+        axes.plot([at(change.before), at(change.after)], [place, place], color=AFTER, linewidth=1.5)
+        axes.scatter([at(change.before)], [place], s=30, color=BEFORE, zorder=3)
+        axes.scatter([at(change.after)], [place], s=30, color=AFTER, zorder=4)
+        axes.text(-0.02, place, f"{change.low:.3g}", ha="right", va="center", color=MUTED, fontsize=8)
+        axes.text(1.02, place, f"{change.high:.3g}", ha="left", va="center", color=MUTED, fontsize=8)
+    axes.set_yticks(range(len(found.changes)), [change.gain for change in reversed(found.changes)])
+    axes.set(xlim=(-0.15, 1.15), ylim=(-0.6, max(len(found.changes), 1) - 0.4))
+    axes.set_xticks([])
+    axes.tick_params(length=0)
+    axes.grid(visible=False)
+    for side in ("left", "bottom", "top", "right"):
+        axes.spines[side].set_visible(False)
+    axes.set_title("gains between their bounds: now (orange), new (blue)")
+
+
+def _close_up(found: Improvement) -> tuple[float, float]:
+    """A stretch about the reversal at which the gains now follow worst."""
+    time, reference = found.runs["time"], found.runs["reference"]
+    moving = reference if found.signal == "velocity" else np.gradient(reference, time)
+    turns = time[1:][np.diff(np.sign(moving)) != 0]
+    error = np.abs(found.runs["before"][1])
+    settled = time > 0.1 * time[-1]
+    worst = float(time[settled][np.argmax(error[settled])]) if settled.any() else float(time[len(time) // 2])
+    apart = float(np.median(np.diff(turns))) if len(turns) > 1 else 0.2 * float(time[-1])
+    half = 0.5 * min(max(ZOOMED * apart, 0.2), float(time[-1]))
+    middle = min(max(worst, half), float(time[-1]) - half)
+    return middle - half, middle + half
+
+
+def _thin(time: Values, low: Values, middle: Values, high: Values) -> tuple[Values, ...]:
+    """As many points as can be seen; a band keeps its ends within each."""
+    step = max(1, len(time) // POINTS)
+    count = len(time) // step
+    if step == 1 or count < 2:
+        return time, low, middle, high
+    cut = count * step
+    blocks = [values[:cut].reshape(count, step) for values in (low, middle, high)]
+    return time[:cut:step], blocks[0].min(axis=1), blocks[1][:, step // 2], blocks[2].max(axis=1)

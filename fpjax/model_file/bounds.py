@@ -1,0 +1,91 @@
+"""[bounds]: between which values a gain may be tuned; and the file's words for a gain as a name in the loop."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from ..blocks.controllers import Limited, PositionLoop
+from ..blocks.feedforward import Feedforward
+from ..errors import InputError
+from ..loop import ClosedLoop
+from ..parameters import parameter_names
+from .keys import Units, nearest
+
+SECTION = "bounds"
+TUNED = ("controller", "feedforward", "observer")
+_NOT_TUNED = ("limit", "tracking_time", "lag", "coefficients")
+
+Bounds = Mapping[str, tuple[float, float]]
+
+
+def gain_names(loop: ClosedLoop) -> dict[str, str]:
+    """Names in the loop, by the file's words: {"controller.kp": "controller.controller.kp"} under a feed-forward.
+
+    Only numbers that may be tuned: no limit, no time constant of an anti-windup.
+    """
+    names, found = parameter_names(loop), {}
+    controller, path = loop.controller, "controller"
+    if isinstance(controller, Feedforward):
+        for key in ("inertia", "coulomb", "viscous", "speed"):
+            found[f"feedforward.{key}"] = f"{path}.{key}"
+        controller, path = controller.controller, f"{path}.controller"
+    while isinstance(controller, Limited):
+        controller, path = controller.controller, f"{path}.controller"
+    own = {}
+    if isinstance(controller, PositionLoop):
+        own["controller.kp"] = f"{path}.kp"
+        controller, path = controller.velocity_controller, f"{path}.velocity_controller"
+        own |= {"controller.kv": f"{path}.kp", "controller.ki": f"{path}.ki"}
+    else:
+        own = {f"controller.{key}": f"{path}.{key}" for key in ("kp", "ki", "gain", "zero", "pole")}
+    found |= own
+    for name in names:
+        if name.startswith("observer."):
+            found[f"observer.{name.rpartition('.')[2]}"] = name
+    return {word: name for word, name in found.items() if name in names and word.rpartition(".")[2] not in _NOT_TUNED}
+
+
+def read_bounds(table: Any, loop: ClosedLoop, units: Units) -> dict[str, tuple[float, float]]:
+    """The bounds of [bounds], by the file's words.
+
+    Args:
+        table: the section, as `controller.kp = [low, high]`; None without one.
+        loop: whose gains they are.
+        units: of the machine.
+
+    Raises:
+        InputError: for a gain that is not there, or bounds that are empty.
+    """
+    del units
+    found: dict[str, tuple[float, float]] = {}
+    known = gain_names(loop)
+    for word, value in _flat(table or {}).items():
+        if word not in known:
+            raise InputError(f"[{SECTION}] {word} is not a gain of this loop: {nearest(word, known)}.")
+        numbers = value if isinstance(value, list) else []
+        plain = [isinstance(one, int | float) and not isinstance(one, bool) for one in numbers]
+        if len(numbers) != 2 or not all(plain):
+            raise InputError(f"[{SECTION}] {word} = {str(value)[:40]} is not [low, high]: write two numbers.")
+        low, high = float(numbers[0]), float(numbers[1])
+        if not (math.isfinite(high) and 0.0 <= low < high):
+            raise InputError(
+                f"[{SECTION}] {word} = [{low:g}, {high:g}] leaves nothing: low must be zero or more and below high."
+            )
+        found[word] = (low, high)
+    return found
+
+
+def describe_bounds(bounds: Bounds) -> dict[str, list[float]]:
+    """The [bounds] section."""
+    return {word: [float(low), float(high)] for word, (low, high) in bounds.items()}
+
+
+def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
+    """`controller.kp = [1, 2]` is a table in a table to TOML; "controller.kp" in quotes is not."""
+    found = {}
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            found |= {f"{key}.{name}": each for name, each in value.items()}
+        else:
+            found[key] = value
+    return found
