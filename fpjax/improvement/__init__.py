@@ -4,4 +4,4 @@ from .answer import Change as Change
 from .answer import Improvement as Improvement
 from .answer import Range as Range
 from .answer import Side as Side
-from .improve import improve as improve
+from .verb import improve as improve

@@ -138,7 +138,7 @@ class Judge:
             self.law = astype((model.loop.controller, model.loop.observer), float)
             random = np.random.default_rng(seed)
             self.noise = jnp.asarray(random.standard_normal((2, count)))
-            self.time = jnp.arange(count) * self.dt
+            self.time = jnp.asarray(np.arange(count) * self.dt)
             self.measure = Following(
                 jnp.zeros(()), jnp.asarray(self.start), jnp.asarray(self.slow), jnp.asarray(AFTER),
                 jnp.asarray(self.dt), jnp.asarray(DIVERGED * self.size), self.position,

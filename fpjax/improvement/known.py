@@ -111,7 +111,7 @@ def known_in(folder: str | os.PathLike[str], log: Log, model: Model) -> Known:
 
 
 def _check_same(folder: pathlib.Path, inputs: list[dict[str, Any]], log: Log) -> None:
-    hashes = {entry.get("sha256"): entry.get("name") for entry in inputs if entry.get("role") == "log"}
+    hashes = {entry.get("sha256"): entry.get("name") for entry in inputs if entry.get("role") == "fitted"}
     if log.sha256 and hashes and log.sha256 not in hashes and any(hashes):
         raise InputError(
             f"{folder} is the diagnosis of {', '.join(map(str, hashes.values()))} and not of {log.name}: give its own, "

@@ -1,5 +1,6 @@
 """Margins: the loop linearised about a steady motion, around every machine at once."""
 
+import functools
 from typing import Any
 
 import equinox as eqx
@@ -53,6 +54,7 @@ def margins_of(judge: Judge, values: Values, machines: Machines, speed: float) -
     return found
 
 
+@functools.lru_cache(maxsize=8)
 def _tangents(substeps: int, solver: Any) -> Any:
     """A compiled function: (machines, gains, states, shared) -> (A, B, C) of the whole loop, batched."""
 

@@ -83,11 +83,11 @@ def corrected():
 
 def few(monkeypatch):
     """Searches of a few loops in place of thousands: the same paths in a second."""
-    from fpjax.improvement import improve, judge, search
+    from fpjax.improvement import judge, search, verb
 
-    monkeypatch.setattr(improve, "TUNED_ON", 4)
-    monkeypatch.setattr(improve, "JUDGED_ON", 12)
-    monkeypatch.setattr(improve, "MARGINED", 3)
+    monkeypatch.setattr(verb, "TUNED_ON", 4)
+    monkeypatch.setattr(verb, "JUDGED_ON", 12)
+    monkeypatch.setattr(verb, "MARGINED", 3)
     monkeypatch.setattr(judge, "LANES", 64)
     monkeypatch.setattr(search, "SCREENED", 12)
     monkeypatch.setattr(search, "CANDIDATES", 8)

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from ..errors import InputError
@@ -15,6 +16,7 @@ from ..gap.data.record import Record
 from ..gap.precision import double_precision
 from ..logs import Log, read_log
 from ..model_file import Model, dump_model, load_model
+from ..scan import astype
 from .answer import Change, Decision, Improvement, Range, Side
 from .decide import hopeless, objection, range_of
 from .gains import Gains, freed, guesses
@@ -189,7 +191,8 @@ def followed(log: Log, model: Model, reference: str) -> Values:
         wanted = model.needed_reference()
         count = round((model.duration or log.duration) / log.dt)
         with double_precision():
-            table = np.asarray(wanted.readout(np.arange(min(count, LONGEST)) * log.dt), float)
+            time = jnp.asarray(np.arange(min(count, LONGEST)) * log.dt)
+            table = np.asarray(astype(wanted, jnp.float64).readout(time), float)
     elif log.reference is None:
         raise InputError(
             f"{log.name} has no reference, so nobody knows what the machine should have followed: add that column "

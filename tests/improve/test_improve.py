@@ -1,0 +1,255 @@
+"""improve on a diagnosis made by hand: what it proposes, what it promises, and when it proposes nothing."""
+
+import dataclasses
+import json
+
+import gap_machine
+import improve_case as case
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import fpjax as fp
+from fpjax.blocks.signals import Motion
+from fpjax.gap.answer.diagnosis import Learned
+from fpjax.improvement.answer import Improvement
+from fpjax.improvement.decide import hopeless, objection
+from fpjax.improvement.gains import freed
+from fpjax.improvement.judge import Score
+from fpjax.improvement.machines import Missing, draw_shares, opposing, record_of, surrogate, with_laws
+from fpjax.improvement.page import to_page
+from fpjax.improvement.search import Limits, robust_costs
+from fpjax.improvement.verb import _Clock, followed, improve_known
+
+MACHINE = {"inertia": 0.05, "coulomb": 0.4, "viscous": 0.03}
+
+
+def improved(known, model, free=()):
+    log = case.log()
+    return improve_known(known, log, model, followed(log, model, "log"), free, 0, _Clock(None), None, None)
+
+
+@pytest.fixture(scope="module")
+def small():
+    with pytest.MonkeyPatch.context() as patch:
+        case.few(patch)
+        yield
+
+
+@pytest.fixture(scope="module")
+def found(small) -> Improvement:
+    return improved(case.known(), case.model(), ["controller"])
+
+
+def test_the_proposal_follows_as_promised_on_a_machine_that_is_no_code_of_ours(found):
+    assert found.decision == "change"
+    gains = found.after.gains
+    log = case.log()
+    machine = dataclasses.replace(case.TRUE, kp=gains["controller.kp"], ki=gains["controller.ki"])
+    run = gap_machine.record(machine, seconds=1.5, reference=log.reference, velocity_noise=5e-3)
+    kept = slice(150, None)
+
+    def error(one):
+        return np.sqrt(np.mean((one.reference - one.velocity)[kept] ** 2) - 5e-3**2)
+
+    assert error(run) < 0.7 * error(log)
+    # The true machine's integrator is another one, and its noise another draw: 3 % beside the interval.
+    assert 0.97 * found.after.error.low < error(run) < 1.03 * found.after.error.high
+    assert found.measured == pytest.approx(error(log), rel=1e-6)
+
+
+def test_the_answer_says_before_and_after_with_intervals(found):
+    for side in (found.before, found.after):
+        for name, value in side.rows():
+            assert value.low <= value.value <= value.high, name
+        assert set(side.margins) == {"modulus", "gain", "phase", "delay"}
+        assert side.unstable == 0.0
+    assert found.after.error.high < found.before.error.low
+    assert found.before.reversal is not None
+    told = str(found)
+    assert "controller.kp" in told
+    assert "at reversals" in told
+    content = json.loads(json.dumps(found.to_dict()))
+    assert content["decision"] == "change"
+    assert content["after"]["error"]["unit"] == "rad/s"
+
+
+def test_the_tuned_model_is_the_corrected_one_with_the_new_gains(found):
+    model = fp.load_model(found.model)
+    assert float(model.loop.plant.friction.coulomb) == pytest.approx(0.4)
+    assert float(model.loop.controller.kp) == pytest.approx(found.after.gains["controller.kp"], rel=1e-6)
+
+
+def test_the_page_needs_nothing_and_names_every_gain(found):
+    page = to_page(found)
+    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
+    for change in found.changes:
+        assert change.gain in page
+
+
+def test_gains_that_cannot_be_bettered_are_kept(small, found):
+    model = case.model()
+    best = found.after.gains
+    loop = fp.set_parameters(
+        model.loop, {"controller.kp": best["controller.kp"], "controller.ki": best["controller.ki"]}
+    )
+    low, high = 0.999, 1.001  # nothing within these bounds is 2 % better
+    bounds = {word: (low * value, high * value) for word, value in best.items()}
+    kept = improved(case.known(), dataclasses.replace(model, loop=loop, bounds=bounds))
+    assert kept.decision == "keep"
+    assert "Keep your gains" in str(kept)
+    assert kept.model == ""
+    assert kept.after.gains == kept.before.gains
+
+
+def test_a_machine_that_nobody_knows_is_promised_nothing(small):
+    known = case.known(missing=1.5, verdict="unexplained", spread=0.6)
+    found = improved(known, case.model(), ["controller"])
+    if found.decision == "change":  # whatever it is, it must hold for nearly all
+        assert found.wins >= 0.95
+    else:
+        assert found.model == ""
+    assert any("does not explain" in note for note in found.notes)
+
+
+# --- the decision
+
+
+def score(errors, rough=1.0):
+    errors = np.asarray(errors, float)
+    same = np.ones_like(errors)
+    return Score(errors, errors, same, same, rough * same)
+
+
+MARGINS = {"modulus": np.full(4, 0.7)}
+
+
+@pytest.mark.parametrize(
+    ("new", "margins", "words"),
+    [
+        (score([0.5] * 17 + [1.1] * 3), MARGINS, "needs 95%"),
+        (score([0.99] * 20), MARGINS, "needs 2%"),
+        (score([0.5] * 19 + [np.inf]), MARGINS, "unstable"),
+        (score([0.5] * 20), {"modulus": np.full(4, 0.3)}, "modulus margin"),
+        (score([0.5] * 20, rough=3.0), MARGINS, "rough"),
+        (score([0.5] * 20), MARGINS, ""),
+    ],
+)
+def test_gains_are_proposed_only_where_nothing_speaks_against_them(new, margins, words):
+    said = objection(score([1.0] * 20), new, MARGINS, margins)
+    assert words in said
+    assert bool(said) == bool(words)
+
+
+@pytest.mark.parametrize(
+    ("errors", "decision"),
+    [
+        ([np.inf, *[1.0] * 19], "unstable"),
+        ([1.0] * 15 + [np.inf] * 5, "cannot_promise"),
+        (np.geomspace(0.1, 1.0, 20), "cannot_promise"),
+        (np.linspace(0.9, 1.1, 20), None),
+    ],
+)
+def test_nothing_is_promised_of_a_machine_that_may_be_anything(errors, decision):
+    found, reason = hopeless(score(errors))
+    assert found == decision
+    assert bool(reason) == (decision is not None)
+
+
+def test_the_cost_is_the_mean_and_the_spread_and_fines_what_a_motor_would_feel():
+    limits = Limits(error=1.0, rough=1.0, peak=2.0)
+    even, uneven = score([[1.0, 1.0, 1.0, 1.0]]), score([[0.5, 0.5, 1.5, 1.5]])
+    assert robust_costs(even, limits)[0] == pytest.approx(1.0)
+    assert robust_costs(uneven, limits)[0] == pytest.approx(1.0 + 1.28 * 0.5)
+    assert robust_costs(score([[0.5] * 4], rough=4.0), limits)[0] > 10.0
+    assert robust_costs(score([[0.5, 0.5, 0.5, np.inf]]), limits)[0] > 100.0
+
+
+# --- what may change
+
+
+def test_the_controller_is_the_users_and_the_feedforward_is_free():
+    model = case.model(case.FORWARD)
+    reference = case.log().reference
+    words = [gain.word for gain in freed(model, MACHINE, reference).gains]
+    assert words == ["feedforward.inertia", "feedforward.coulomb", "feedforward.viscous"]
+    words = [gain.word for gain in freed(model, MACHINE, reference, ["controller.kp=1:5"]).gains]
+    assert words[-1] == "controller.kp"
+    bounded = case.model(case.FORWARD + "[bounds]\ncontroller.ki = [2.0, 30.0]\n")
+    gain = freed(bounded, MACHINE, reference).gains[-1]
+    assert (gain.word, gain.low, gain.high, gain.written) == ("controller.ki", 2.0, 30.0, True)
+
+
+def test_a_feedforward_is_added_where_it_is_asked_for():
+    gains = freed(case.model(), MACHINE, case.log().reference, ["feedforward"])
+    assert gains.added == ("feedforward",)
+    assert isinstance(gains.model.loop.controller, fp.Feedforward)
+    assert np.all(gains.now == 0.0)
+    text = fp.dump_model(gains.apply(case.model(), np.array([0.05, 0.3, 0.02])))
+    again = fp.load_model(text)
+    assert float(again.loop.controller.coulomb) == pytest.approx(0.3)
+    assert float(again.loop.controller.controller.kp) == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize(
+    ("more", "free", "words"),
+    [
+        ("", [], "Nothing may change"),
+        ("", ["observer"], "no observer"),
+        ("", ["controller.kd"], "not a gain"),
+        ("", ["controller.kp=5:1"], "leaves nothing"),
+        ("", ["controller.kp=a:b"], "NAME=LOW:HIGH"),
+        ("[bounds]\ncontroller.kp = [2.0, 5.0]\n", [], "outside its own bounds"),
+    ],
+)
+def test_what_cannot_change_is_said_in_one_sentence(more, free, words):
+    with pytest.raises(fp.InputError, match=words):
+        freed(case.model(more), MACHINE, case.log().reference, free)
+
+
+def test_a_controller_that_is_not_known_is_refused_before_anything_is_computed():
+    text = case.MODEL.format(inertia=0.05, coulomb=0.2)
+    unknown = text.replace('type = "pi"\nkp = 1.5\nki = 8.0', 'type = "unknown"')
+    with pytest.raises(fp.InputError, match="unknown"):
+        fp.improve(case.log(), unknown)
+
+
+def test_a_log_without_a_reference_is_refused():
+    log = dataclasses.replace(case.log(), reference=None)
+    with pytest.raises(fp.InputError, match="no reference"):
+        fp.improve(log, case.model(), free=["controller"])
+    with pytest.raises(fp.InputError, match="does not move"):
+        fp.improve(dataclasses.replace(log, reference=np.zeros(1500)), case.model(), free=["controller"])
+
+
+# --- what acts on the machines
+
+
+def test_the_missing_torque_drives_at_its_time():
+    tables = np.array([[1.0, 2.0, 3.0], [10.0, 20.0, 30.0]])
+    load = Missing(jnp.asarray(tables), jnp.asarray([1.0, 0.1]), jnp.asarray(0.5))
+    motion = Motion(jnp.asarray(0.0), jnp.asarray(0.0), jnp.asarray(0.6))
+    assert float(load.readout(motion)) == pytest.approx(-(2.0 + 2.0))  # a load: it opposes what drives
+
+
+def test_a_samples_missing_torque_keeps_its_size_and_colour():
+    course = np.random.default_rng(1).standard_normal(4000).cumsum()
+    course -= course.mean()
+    other = surrogate(course, 3)
+    assert np.std(other) == pytest.approx(np.std(course), rel=1e-6)
+    assert abs(np.corrcoef(course, other)[0, 1]) < 0.9
+    assert np.abs(np.fft.rfft(other))[1:-1] == pytest.approx(np.abs(np.fft.rfft(course))[1:-1], rel=1e-6, abs=1e-6)
+    shares = draw_shares(50, 0)
+    assert shares[0] == pytest.approx([1.0, 0.0, 0.0])
+    assert np.linalg.norm(shares, axis=1) == pytest.approx(np.ones(50))
+
+
+def test_a_learned_law_is_in_the_machines_its_jump_as_coulomb_friction():
+    law = Learned("velocity", 0.5, (-5.0, 0.0, 0.0, 5.0), (-0.3, -0.1, 0.1, 0.3), (0.0,) * 4, (0.0,) * 4)
+    record = dataclasses.make_dataclass("Record", ["speed", "time", "angle", "torque"])(
+        np.array([-2.5, 2.5]), *np.zeros((3, 2))
+    )
+    assert opposing(law, record) == pytest.approx([-0.2, 0.2])
+    machine = case.known().posterior.machines(case.model(), [record_of(case.log(), case.model())], 3)
+    changed = with_laws(machine, (law,), 3)
+    assert np.asarray(changed.law.coulomb) == pytest.approx(np.asarray(machine.law.coulomb) + 0.1)

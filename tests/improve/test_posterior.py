@@ -1,0 +1,90 @@
+"""The posterior of a diagnosis: drawn, written, read again."""
+
+import dataclasses
+import json
+
+import improve_case as case
+import numpy as np
+import pytest
+
+import fpjax as fp
+from fpjax.gap.answer.posterior import load_posterior
+from fpjax.improvement.known import known_in
+from fpjax.improvement.machines import record_of
+
+
+def test_draws_have_the_covariance_and_stay_within_the_bounds():
+    posterior = case.known().posterior
+    covariance = np.array([[1.0, 0.8, 0.0], [0.8, 1.0, 0.0], [0.0, 0.0, 1e-4]]) * 1e-4
+    posterior = dataclasses.replace(posterior, covariance=covariance)
+    vectors, _ = posterior.draw(20_000, 0)
+    assert vectors[:, 0] == pytest.approx(posterior.values)
+    assert np.cov(vectors) == pytest.approx(covariance, abs=4e-6)
+    wide = dataclasses.replace(posterior, covariance=np.diag(posterior.values**2) * 100.0)
+    vectors, _ = wide.draw(200, 0)
+    assert np.all(vectors >= posterior.low[:, None])
+    assert np.all(vectors <= posterior.high[:, None])
+
+
+def test_machines_have_the_drawn_values():
+    posterior = dataclasses.replace(case.known().posterior, sensor={"lag": (1e-3, 5e-4)}, step=0.01)
+    machine = posterior.machines(case.model(), [record_of(case.log(), case.model())], 5, seed=4)
+    vectors, sensor = posterior.draw(5, 4)
+    assert np.asarray(machine.plant.inertia) == pytest.approx(vectors[0])
+    assert np.asarray(machine.law.coulomb) == pytest.approx(vectors[1])
+    assert np.asarray(machine.sensor.lag) == pytest.approx(sensor["lag"])
+    assert np.all(sensor["lag"] >= 0.0)
+    assert np.asarray(machine.sensor.step_size) == pytest.approx(0.01)
+
+
+def test_a_posterior_is_the_same_after_writing(tmp_path):
+    posterior = dataclasses.replace(case.known(missing=0.1).posterior, sensor={"bias": (0.1, 0.01)})
+    posterior.save(tmp_path / "posterior.npz")
+    again = load_posterior(tmp_path / "posterior.npz")
+    for field in dataclasses.fields(posterior):
+        old, new = getattr(posterior, field.name), getattr(again, field.name)
+        if field.name == "missing":
+            old, new = old[0], new[0]
+        assert np.array_equal(old, new) if isinstance(old, np.ndarray) else old == new, field.name
+
+
+def folder_of(tmp_path, **changes):
+    known = case.known()
+    known.posterior.save(tmp_path / "posterior.npz")
+    inputs = [{"role": "fitted", "name": "made.csv", "sha256": "abc"}]
+    content = {
+        "verdict": "explained", "causes": ["coulomb_error"], "gap": {"after": 0.01}, "model": case.corrected(),
+        "provenance": {"inputs": inputs}, "tracking": {"measured": 1.0}, "learned": [],
+    }  # fmt: skip
+    (tmp_path / "diagnosis.json").write_text(json.dumps(content | changes))
+    return tmp_path
+
+
+def test_a_finished_diagnosis_is_taken_from_its_folder(tmp_path):
+    known = known_in(folder_of(tmp_path), case.log(), case.model())
+    assert known.verdict == "explained"
+    assert known.made
+    assert known.posterior.free == ("inertia", "coulomb", "viscous")
+
+
+@pytest.mark.parametrize("broken", ["missing", "text", "keys", "posterior"])
+def test_a_folder_that_is_no_diagnosis_is_refused_in_one_sentence(tmp_path, broken):
+    folder_of(tmp_path)
+    if broken == "missing":
+        (tmp_path / "diagnosis.json").unlink()
+    elif broken == "text":
+        (tmp_path / "diagnosis.json").write_text("no json")
+    elif broken == "keys":
+        (tmp_path / "diagnosis.json").write_text("{}")
+    else:
+        (tmp_path / "posterior.npz").unlink()
+    with pytest.raises(fp.InputError, match="diagnos"):
+        known_in(tmp_path, case.log(), case.model())
+
+
+def test_the_diagnosis_of_another_log_is_refused(tmp_path):
+    other = dataclasses.replace(case.log(), sha256="def")
+    with pytest.raises(fp.InputError, match=r"made\.csv and not of"):
+        known_in(folder_of(tmp_path), other, case.model())
+    with pytest.raises(fp.InputError, match="samples"):
+        known_in(tmp_path, case.log(2.0), case.model())
