@@ -18,7 +18,7 @@ from ..gap.answer.diagnosis import Learned
 from ..gap.answer.learned import blocks
 from ..gap.answer.posterior import Posterior
 from ..gap.data.record import Record, make_records
-from ..gap.machine import Machine, nominal_machine
+from ..gap.machine import Machine, nominal_machine, structure_of
 from ..gap.precision import double_precision
 from ..gap.simulate.replay import SUBSTEPS
 from ..logs import Log
@@ -70,6 +70,17 @@ class Machines:
         """How many."""
         return len(self.shares)
 
+    @property
+    def substeps(self) -> int:
+        """Solver steps in a period that their structure needs."""
+        return SUBSTEPS[structure_of(self.machine)]
+
+    def periods(self, dt: float) -> tuple[int, int]:
+        """Periods that the longest dead time of (actuator, sensor) needs, and some more."""
+        delays = (self.machine.actuator.delay, self.machine.sensor.delay)
+        longest = [0.0 if each is None else float(np.max(np.asarray(each))) for each in delays]
+        return math.ceil(longest[0] / dt) + HISTORY, math.ceil(longest[1] / dt) + HISTORY
+
     def first(self, count: int) -> "Machines":
         """The first of them."""
         return Machines(jax.tree.map(lambda leaf: leaf[:count], self.machine), self.shares[:count])
@@ -120,10 +131,8 @@ def make_ground(known: Known, record: Record, seed: int) -> Ground:
     return Ground(record, np.array(rows), posterior.noise, SUBSTEPS[posterior.key[0]], laws)
 
 
-def draw_machines(
-    posterior: Posterior, model: Model, ground: Ground, count: int, seed: int
-) -> tuple[Machines, tuple[int, int]]:
-    """(machines of the posterior, periods that their dead times need).
+def draw_machines(posterior: Posterior, model: Model, ground: Ground, count: int, seed: int) -> Machines:
+    """Machines of the posterior.
 
     Args:
         posterior: of the diagnosis.
@@ -135,7 +144,7 @@ def draw_machines(
     machine = posterior.machines(model, [ground.record], count, seed)
     with double_precision():
         machine = with_laws(machine, ground.laws, count)
-    return Machines(machine, draw_shares(count, seed)), _periods(machine, ground.record.dt)
+    return Machines(machine, draw_shares(count, seed))
 
 
 def nominal_machines(model: Model, count: int = 1) -> Machines:
@@ -213,12 +222,6 @@ def draw_shares(count: int, seed: int) -> Values:
     others = random.standard_normal((count, COURSES - 1))
     others /= np.linalg.norm(others, axis=1, keepdims=True)
     return np.concatenate([np.cos(turn)[:, None], np.sin(turn)[:, None] * others], axis=1)
-
-
-def _periods(machine: Machine, dt: float) -> tuple[int, int]:
-    delays = [0.0 if each is None else float(np.max(np.asarray(each))) for each in (
-        machine.actuator.delay, machine.sensor.delay)]  # fmt: skip
-    return math.ceil(delays[0] / dt) + HISTORY, math.ceil(delays[1] / dt) + HISTORY
 
 
 def rms(values: Values) -> float:

@@ -104,8 +104,9 @@ def improve_known(
     clock("machines")
     record = record_of(log, nominal)
     ground = make_ground(known, record, seed)
-    tuned_on, one = draw_machines(known.posterior, nominal, ground, TUNED_ON, seed + 1)
-    judged_on, two = draw_machines(known.posterior, nominal, ground, JUDGED_ON, seed + 2)
+    tuned_on = draw_machines(known.posterior, nominal, ground, TUNED_ON, seed + 1)
+    judged_on = draw_machines(known.posterior, nominal, ground, JUDGED_ON, seed + 2)
+    one, two = tuned_on.periods(record.dt), judged_on.periods(record.dt)
     longest = max(one[0], two[0]), max(one[1], two[1])
     tuned_on, judged_on = ready(tuned_on, ground, longest), ready(judged_on, ground, longest)
     machine = corrected_values(judged_on)
@@ -126,7 +127,7 @@ def improve_known(
     if kept is not None and len(kept.values) == len(gains.gains):
         found = kept
     else:
-        limits = limits_of(judge(gains.now[None], tuned_on).of(0), rms_peak(record), judged.limit)
+        limits = limits_of(judge(gains.now[None], tuned_on).of(0), largest_torque(record), judged.limit)
         first = guesses(gains, machine)
         found = search(judge, gains, tuned_on, first, limits, seed + 4, lambda share: clock("searching", share))
         if keep is not None:
@@ -227,7 +228,7 @@ def measured_error(record: Record, judge: Judge, ground: Ground) -> float | None
     return math.sqrt(max(rms(error) ** 2 - noise**2, 0.0)) or None
 
 
-def rms_peak(record: Record) -> float:
+def largest_torque(record: Record) -> float:
     """The log's largest torque but for a thousandth of its samples [N m]."""
     return float(np.quantile(np.abs(record.torque), 0.999))
 

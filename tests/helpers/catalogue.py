@@ -314,11 +314,10 @@ CONTROLLERS = [
     controller_case("position_pi", lambda: fp.PositionLoop(20.0, controller()), "sampled"),
     controller_case("limited", lambda: fp.Limited(controller(), 40.0)),
     controller_case("feedforward", lambda: fp.Feedforward(controller(), 9.0, 18.0, 1.8, 0.5, 0.02)),
-    controller_case("feedforward_sampled", lambda: fp.Feedforward(controller(), 9.0, 18.0, 1.8, 0.5, DT), "sampled"),
+    controller_case("feedforward_sampled", lambda: fp.Feedforward(controller(), 9.0, 18.0, 1.8, 0.5, 0.02), "sampled"),
     controller_case(
         "feedforward_limited",
-        lambda: fp.Feedforward(fp.ProportionalIntegral(150.0, 2000.0, 40.0, 0.02), 9.0, 18.0, 1.8, 0.5, DT),
-        "sampled",
+        lambda: fp.Feedforward(fp.ProportionalIntegral(150.0, 2000.0, 40.0, 0.02), 9.0, 18.0, 1.8, 0.5, 0.02),
     ),
 ]
 
