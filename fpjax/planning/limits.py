@@ -110,7 +110,7 @@ def make_limits(model: Model, log: Log | None, given: dict[str, float | None], n
         speed = fastest
         left = HEADROOM * torque - drag - nominal["viscous"] * speed
     by_torque = left / nominal["inertia"]
-    if np.isfinite(by_torque) and "acceleration" not in shown:
+    if np.isfinite(by_torque):  # a torque that is allowed is a better bound than what a gentle log did with it
         shown["acceleration"] = (by_torque, "what the torque leaves above friction")
     acceleration = chosen("acceleration", speed / RAMP, f"top speed in {RAMP:g} s: neither a torque limit nor a log")
     if acceleration > 1.001 * by_torque:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+TWINS = {"rivals": "exact twins: no run separates them", "effects": "a twin of the nominal numbers: no run shows it"}
 LEAST = 1e-2  # nats: the left end of the axis
 
 
@@ -36,7 +37,7 @@ def draw(plan: Plan) -> Figure:
         axes[0, 0].sharex(axes[2, 0])
         axes[1, 0].sharex(axes[2, 0])
         axes[2, 0].set_xlabel("time [s]")
-        _evidence(axes[3, 0], bars)
+        _evidence(axes[3, 0], bars, TWINS[plan.aim])
     return figure
 
 
@@ -57,13 +58,13 @@ def _bars(plan: Plan) -> list[tuple[str, float]]:
     return [(one.effect, float("nan") if one.twin else one.nats) for one in plan.visible]
 
 
-def _evidence(axis: Axes, bars: list[tuple[str, float]]) -> None:
+def _evidence(axis: Axes, bars: list[tuple[str, float]], twins: str) -> None:
     place = np.arange(len(bars))[::-1]
     sizes = np.array([max(nats, LEAST) if np.isfinite(nats) else LEAST for _, nats in bars])
     colours = [GREY if not np.isfinite(n) else BLUE if n >= NEEDED else RED for _, n in bars]
     axis.barh(place, sizes - LEAST, left=LEAST, color=colours, height=0.72)
     for at, size, (_, nats) in zip(place, sizes, bars, strict=True):
-        told = f"{nats:.3g}" if np.isfinite(nats) else "exact twins: no run separates them"
+        told = f"{nats:.3g}" if np.isfinite(nats) else twins
         axis.text(size * 1.15, at, told, va="center", fontsize=7.5, color=BLACK)
     axis.axvline(NEEDED, color=BLACK, linestyle="--", linewidth=0.9)
     axis.set_xscale("log")

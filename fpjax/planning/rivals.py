@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import pathlib
@@ -81,11 +82,12 @@ def rivals_of(diagnosis: Mapping[str, Any]) -> tuple[Rival, ...]:
         )
     by_name = {one["effect"]: one for one in ranking}
     first = ranking[0]
+    beside = _settled_names(diagnosis, first)
     least = NEAR * _number(first.get("probability"))
     names = [first["effect"], *first.get("indistinguishable_from", ())]
     ordered = sorted(ranking, key=lambda one: -_number(one.get("probability")))
     names += [one["effect"] for one in ordered if _number(one.get("probability")) > max(least, 1e-9)]
-    chosen = [name for name in dict.fromkeys(names) if name in by_name][:MOST]
+    chosen = [name for name in dict.fromkeys(names) if name in by_name and name not in beside][:MOST]
     if len(chosen) < 2:
         sure = _number(first.get("probability"))
         raise InputError(
@@ -93,6 +95,19 @@ def rivals_of(diagnosis: Mapping[str, Any]) -> tuple[Rival, ...]:
             "near; leave --diagnosis (or --log) out for a run that makes all effects visible."
         )
     return tuple(_rival(by_name[name]) for name in chosen)
+
+
+def settled_of(diagnosis: Mapping[str, Any]) -> tuple[Rival, ...]:
+    """Causes that the diagnosis asserts beside the one that is in question; every rival has them too."""
+    known = {effect.name for effect in EFFECTS}
+    ranking = [one for one in diagnosis["ranking"] if isinstance(one, dict) and one.get("effect") in known]
+    names = _settled_names(diagnosis, ranking[0]) if ranking else frozenset[str]()
+    return tuple(_rival(one) for one in ranking if one["effect"] in names)
+
+
+def _settled_names(diagnosis: Mapping[str, Any], first: Mapping[str, Any]) -> frozenset[str]:
+    open_ones = {first["effect"], *first.get("indistinguishable_from", ())}
+    return frozenset(name for name in diagnosis.get("causes") or () if name not in open_ones)
 
 
 def _rival(entry: Mapping[str, Any]) -> Rival:
@@ -113,11 +128,27 @@ def level_of(diagnosis: Mapping[str, Any]) -> float | None:
     return after if math.isfinite(after) and after > 0.0 else None
 
 
-def machines_of(shop: Shop, rivals: Sequence[Rival]) -> tuple[Variant, ...]:
-    """The rivals as machines, in their order; what this machine's sensors cannot have is left out."""
+def machines_of(shop: Shop, rivals: Sequence[Rival], settled: Sequence[Rival] = ()) -> tuple[Variant, ...]:
+    """The rivals as machines, in their order; what this machine's sensors cannot have is left out.
+
+    Args:
+        shop: makes them.
+        rivals: one of which is there.
+        settled: what every one of them has too, as far as its structure holds it.
+    """
     allowed = {effect.name for effect in shop.effects()}
-    made = [rival(shop, one.name, one.told) for one in rivals if one.name in allowed]
-    return tuple(one for one in made if one is not None)
+    beside = [made for one in settled if one.name in allowed and (made := rival(shop, one.name, one.told)) is not None]
+    found = []
+    for one in rivals:
+        made = rival(shop, one.name, one.told) if one.name in allowed else None
+        if made is None:
+            continue
+        common: dict[str, float] = {}
+        for other in beside:
+            if other.structure in ("rigid", made.structure):
+                common |= other.values
+        found.append(dataclasses.replace(made, values=common | dict(made.values)))
+    return tuple(found)
 
 
 def twins_of(shop: Shop, variants: Sequence[Variant]) -> dict[frozenset[str], str]:

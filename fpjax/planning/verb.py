@@ -20,7 +20,7 @@ from .explain import kinds_of_samples, separations, where_from
 from .limits import Limits, make_limits
 from .machines import Shop, detectable, make_shop, reported
 from .result import NEEDED, Plan, Separation, Visible
-from .rivals import hidden_by_twin, level_of, machines_of, read_diagnosis, rivals_of, twins_of
+from .rivals import hidden_by_twin, level_of, machines_of, read_diagnosis, rivals_of, settled_of, twins_of
 from .sight import Sight, make_sight
 from .trajectory import make_course
 from .trial import Trial, effects_trial, rivals_trial
@@ -109,7 +109,7 @@ def plan(
     record = log if isinstance(log, Log) or log is None else read_log(log, linear=known.linear)
     if record is not None and diagnosis is None:
         clock("diagnosing the log", 0.02)
-        diagnosis = diagnose(record, known)
+        diagnosis = diagnose(record, known, progress=lambda stage, share: clock(stage, 0.02 + 0.38 * share))
         notes.append(f"the log: {diagnosis.sentence()}")
     told = None if diagnosis is None else read_diagnosis(diagnosis)
     with double_precision():
@@ -153,7 +153,7 @@ def _trial(
         trial = effects_trial(shop, sight, course, variants)
         wanted = np.array([0.0 if hidden[v.name] else 1.0 for v in variants])
         return trial, {frozenset((name,)): why for name, why in hidden.items() if why}, wanted
-    variants = machines_of(shop, rivals_of(told))
+    variants = machines_of(shop, rivals_of(told), settled_of(told))
     if len(variants) < 2:
         raise InputError(
             "The diagnosis left no rivals that this machine's sensors can have: leave --diagnosis out for a run that "

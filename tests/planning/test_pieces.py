@@ -17,7 +17,14 @@ from fpjax.planning.expect import told_apart
 from fpjax.planning.explain import separations
 from fpjax.planning.limits import Limits, make_limits
 from fpjax.planning.machines import detectable, make_shop, reported, rival
-from fpjax.planning.rivals import hidden_by_twin, read_diagnosis, rivals_of, twins_of
+from fpjax.planning.rivals import (
+    hidden_by_twin,
+    machines_of,
+    read_diagnosis,
+    rivals_of,
+    settled_of,
+    twins_of,
+)
 from fpjax.planning.sight import make_sight
 from fpjax.planning.trajectory import Shape, make_course
 from fpjax.planning.trial import Comparison
@@ -188,6 +195,16 @@ def ranking(*entries):
 def test_rivals_are_the_first_its_confusables_and_what_is_near():
     found = rivals_of(ranking(("stribeck", 0.3, ["presliding"]), ("viscous_error", 0.1, []), ("presliding", 0.0, [])))
     assert [one.name for one in found] == ["stribeck", "presliding", "viscous_error"]
+
+
+def test_a_second_cause_that_is_settled_is_in_every_rival_and_no_rival():
+    content = ranking(("stribeck", 0.3, ["viscous_error"]), ("constant_torque", 0.2, []), ("viscous_error", 0.1, []))
+    content |= {"verdict": "explained", "causes": ["stribeck", "constant_torque"]}
+    content["ranking"][1]["parameters"] = {"torque": {"value": 0.07}}
+    rivals, settled = rivals_of(content), settled_of(content)
+    assert [one.name for one in rivals] == ["stribeck", "viscous_error"]
+    assert [one.name for one in settled] == ["constant_torque"]
+    assert all(one.values["torque"] == 0.07 for one in machines_of(shop_of(servo()), rivals, settled))
 
 
 @pytest.mark.parametrize(
