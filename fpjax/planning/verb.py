@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from ..errors import InputError
@@ -14,9 +16,10 @@ from ..gap import diagnose
 from ..gap.diagnose import Diagnosis
 from ..logs import Log, read_log
 from ..model_file import Model
+from ..scan import astype
 from ..verbs import as_model, double_precision
 from .design import Designed, design
-from .explain import kinds_of_samples, separations, where_from
+from .explain import beside, kinds_of_samples, separations, where_from
 from .limits import Limits, make_limits
 from .machines import Shop, detectable, make_shop, reported
 from .result import NEEDED, Plan, Separation, Visible
@@ -113,6 +116,7 @@ def plan(
         notes.append(f"the log: {diagnosis.sentence()}")
     told = None if diagnosis is None else read_diagnosis(diagnosis)
     with double_precision():
+        known = dataclasses.replace(known, loop=astype(known.loop, jnp.float64))
         clock("limits", 0.4 if record is not None else 0.02)
         given = {
             "speed": speed, "acceleration": acceleration, "torque": torque, "travel": travel, "duration": duration,
@@ -166,8 +170,6 @@ def _trial(
     if not wanted.any():
         pair = " and ".join(name.replace("_", " ") for name in names)
         why = " ".join(dict.fromkeys(twins.values()))
-        from .explain import beside
-
         raise InputError(
             f"The rivals {pair} are exact twins, inseparable by any run with these sensors ({why.rstrip('.')}): record "
             f"{beside((names[0], names[1]))} instead."
