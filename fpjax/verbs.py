@@ -77,7 +77,7 @@ def simulate(
         throw: raise where the run diverged, instead of saying so in `status`.
 
     Returns:
-        A `Run`: it prints its numbers, `plot`s itself and becomes a data frame.
+        A `Run`, which prints its numbers, `plot`s itself and becomes a data frame.
 
     Raises:
         InputError: for invalid settings.

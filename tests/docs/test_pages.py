@@ -91,6 +91,25 @@ def test_a_command_that_fails_fails_the_build(tmp_path, monkeypatch):
     assert not (tmp_path / "page.json").exists()
 
 
+OTHERS = sorted(
+    path.relative_to(DOCS).with_suffix("").as_posix()
+    for path in MARKDOWN
+    if "{terminal}" in path.read_text() and path.stem not in {"tutorial", "own_blocks"}
+)  # those two have tests of their own
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("page", OTHERS)
+def test_commands_of_the_other_pages_run_and_draw(page, tmp_path, monkeypatch):
+    terminal = extension("terminal")
+    monkeypatch.setattr(terminal, "PLACE", tmp_path)
+    text = (DOCS / f"{page}.md").read_text()
+    outputs = terminal.outputs_of(page, terminal.commands_of(text), "key")
+    assert all(printed.strip() for printed in outputs.values())
+    for picture in re.findall(r"^```\{picture\} (\S+)", text, flags=re.MULTILINE):
+        assert (tmp_path / page / picture).exists()
+
+
 def test_a_page_runs_our_commands_only(tmp_path, monkeypatch):
     terminal = extension("terminal")
     monkeypatch.setattr(terminal, "PLACE", tmp_path)
