@@ -36,9 +36,8 @@ PICTURES = {
     "explained": {"overview", "record", "where", "residual", "shrink"},
     "pair_with_twins": {"overview", "record", "where", "residual", "shrink"},
     "no_gap": {"overview", "record", "shrink"},
-    "partly_explained": {"overview", "record", "where", "residual", "shrink", "left"},
+    "partly_explained": {"overview", "record", "where", "residual", "shrink", "left", "learned"},
     "unexplained": {"overview", "record", "where", "residual", "shrink", "left"},
-    "learned": {"overview", "record", "where", "residual", "shrink", "left", "learned"},
     "bare": {"overview", "where", "shrink"},
 }
 EXAMPLE = """[plant]
@@ -278,7 +277,7 @@ def test_a_linear_axis_is_told_in_its_own_words(written):
 
 
 def test_what_was_learned_is_told_beside_the_effects_and_never_as_one(written):
-    _, diagnosis, _, source = written("learned")
+    _, diagnosis, _, source = written("partly_explained")
     shown = "".join(Page(source).text).replace("\u202f", " ")
     assert "Learned law of velocity" in shown
     assert "30 % follows the velocity and 70 % nothing that was recorded" in shown

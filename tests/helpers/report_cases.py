@@ -338,24 +338,24 @@ def bare():
 
 
 def partly_explained():
-    """The same friction, and a share that it leaves."""
+    """The same friction, and a share that it leaves, of which a part follows the velocity."""
     found = explained()
-    gap = dataclasses.replace(found.gap, after=0.4 * found.gap.before, closed=0.6, closed_interval=(0.5, 0.7))
-    step = Step("stribeck", gap.after, (0.9 * gap.after, 1.1 * gap.after))
-    return dataclasses.replace(
-        found, verdict="partly_explained", gap=gap, steps=(step,), residual_where=found.where, probability=0.93
-    )
-
-
-def learned():
-    """A part that no effect says and that follows the velocity."""
-    found = partly_explained()
+    after = 0.4 * found.gap.before
     gap = dataclasses.replace(
-        found.gap, learned=0.8 * found.gap.after, learned_interval=(0.7 * found.gap.after, 0.9 * found.gap.after)
+        found.gap,
+        after=after,
+        closed=0.6,
+        closed_interval=(0.5, 0.7),
+        learned=0.8 * after,
+        learned_interval=(0.7 * after, 0.9 * after),
     )
+    step = Step("stribeck", after, (0.9 * after, 1.1 * after))
     at, torque = (-2.0, -0.5, 0.0, 0.0, 0.5, 2.0), (-0.02, -0.05, -0.01, 0.01, 0.05, 0.02)
     law = Learned("velocity", 0.3, at, torque, tuple(t - 0.004 for t in torque), tuple(t + 0.004 for t in torque))
-    return dataclasses.replace(found, gap=gap, learned=(law,), learned_model=found.model + "# with tables")
+    return dataclasses.replace(
+        found, verdict="partly_explained", gap=gap, steps=(step,), residual_where=found.where, probability=0.93,
+        learned=(law,), learned_model=found.model + "# with tables",
+    )  # fmt: skip
 
 
 CASES = {
@@ -364,6 +364,5 @@ CASES = {
     "pair_with_twins": pair_with_twins,
     "no_gap": no_gap,
     "unexplained": unexplained,
-    "learned": learned,
     "bare": bare,
 }
