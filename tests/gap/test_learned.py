@@ -4,13 +4,16 @@ import functools
 
 import numpy as np
 import pytest
-from learned_logs import drive, searched
+from learned_logs import MODEL, VISCOUS, drive, searched
 
 import fpjax as fp
 from fpjax.errors import InputError
+from fpjax.gap.answer.corrected import corrected_model
 from fpjax.gap.answer.learned import blocks, learn, proposed, simulated
+from fpjax.gap.answer.machines import machine_of
 from fpjax.gap.answer.shrink import withheld
 from fpjax.gap.answer.smooth_tables import make_tables
+from fpjax.model_file import load_model
 
 
 def bend(velocity):
@@ -76,6 +79,19 @@ def test_its_blocks_simulate_the_curve():
     torque = np.asarray(table.value(x)) + coulomb * np.sign(x)
     np.testing.assert_allclose(torque, np.interp(x, law.at, law.torque), atol=1e-6)
     np.testing.assert_allclose(torque, bend(x), atol=0.01)
+
+
+def test_the_corrected_model_holds_the_law():
+    """`learned.toml`: read back, its friction and its table are the fitted viscous friction and the curve."""
+    text, missing = corrected_model(load_model(MODEL), machine_of(learned("velocity").fit.candidate))
+    assert missing == ""
+    assert "[[learned]]" in text
+    plant = load_model(text).loop.plant
+    (law,) = learned("velocity").laws
+    for speed in (-2.0, -0.6, 0.3, 1.1, 3.0):
+        motion = fp.Motion(np.array(speed), np.array(0.0), np.array(0.0), np.array(0.0))
+        opposed = float(plant.load.readout(motion)) + float(plant.friction.readout((), motion, np.array(0.0)))
+        assert opposed == pytest.approx(VISCOUS * speed + np.interp(speed, law.at, law.torque), abs=1e-4)
 
 
 def test_nothing_of_the_fit_is_changed():
