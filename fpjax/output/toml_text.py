@@ -3,11 +3,14 @@
 import math
 import os
 import pathlib
+import stat
 import tomllib
 from collections.abc import Mapping
 from typing import Any
 
 from ..errors import InputError
+
+LARGEST = 20_000_000  # bytes of a model file; a learned table of a million points has as many
 
 
 def read_source(source: str | os.PathLike[str]) -> tuple[str, pathlib.Path | None]:
@@ -23,7 +26,10 @@ def read_source(source: str | os.PathLike[str]) -> tuple[str, pathlib.Path | Non
         return source, None
     path = pathlib.Path(source)
     try:
+        _check_regular(path)
         return path.read_bytes().decode("utf-8-sig", "strict" if path.suffix == ".toml" else "replace"), path
+    except InputError:  # a ValueError too
+        raise
     except FileNotFoundError:
         raise InputError(f"{path} does not exist: {_neighbour(path)}.") from None
     except IsADirectoryError:
@@ -31,6 +37,20 @@ def read_source(source: str | os.PathLike[str]) -> tuple[str, pathlib.Path | Non
     except (OSError, UnicodeDecodeError, ValueError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise InputError(f"{str(path)[:200]!r} cannot be read ({reason}): give a servo.toml.") from None
+
+
+def _check_regular(path: pathlib.Path) -> None:
+    """Refuse what has no end, or is far too long: a pipe is waited for, and a device fills the memory."""
+    found = path.stat()
+    if stat.S_ISDIR(found.st_mode):
+        raise IsADirectoryError
+    if not stat.S_ISREG(found.st_mode):
+        raise InputError(f"{path} is a pipe or a device, not a file: save the model to a file first.")
+    if found.st_size > LARGEST:
+        raise InputError(
+            f"{path} has {found.st_size / 1e6:.0f} MB, and a model at most {LARGEST / 1e6:.0f}: is it a log? Give a "
+            "servo.toml."
+        )
 
 
 def _neighbour(path: pathlib.Path) -> str:

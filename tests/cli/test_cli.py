@@ -425,6 +425,18 @@ def test_missing_and_broken_files(servo, tmp_path, capsys):
     refuse(capsys, "simulate", binary, match="cannot be read")
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes on this system")
+@pytest.mark.timeout(60)
+def test_a_model_that_has_no_end_is_refused_and_not_waited_for(tmp_path, capsys):
+    os.mkfifo(tmp_path / "servo.toml")
+    os.symlink("/dev/zero", tmp_path / "zero.toml")
+    for name in ("servo.toml", "zero.toml"):
+        refuse(capsys, "simulate", tmp_path / name, match="is a pipe or a device")
+    with open(tmp_path / "large.toml", "wb") as file:
+        file.truncate(1 << 26)  # a hole: it takes no room
+    refuse(capsys, "simulate", tmp_path / "large.toml", match="has 67 MB, and a model at most 20: is it a log?")
+
+
 def test_a_bad_model_is_one_sentence(servo, capsys):
     servo.write_text(SERVO.replace("inertia = 10.0", "inertia = -10.0"))
     refuse(capsys, "simulate", servo, match="[plant] inertia must be above zero, got -10 kg m^2")
