@@ -144,7 +144,8 @@ def test_picture_and_numbers(tmp_path):
     assert numbers["excitation"]["slow_mode_s"] > 0.0
 
 
-LOG = record(duration=0.5)
+TIME = DT * np.arange(501)
+LOG = fp.Log(TIME, 20.0 * np.sign(np.cos(9.0 * TIME)), np.sin(9.0 * TIME), None, None, DT, "made up")
 
 
 @pytest.mark.parametrize(

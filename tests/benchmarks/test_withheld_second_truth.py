@@ -249,6 +249,7 @@ def test_limits_and_dead_zones_are_those_of_their_labels_far_from_the_knee():
 # cases
 
 
+@pytest.mark.long
 def test_the_integrator_is_converged_for_what_the_sensors_see():
     effects = ["stribeck", "presliding", "compliance", "cogging", "friction_drift", "actuator_lag", "backlash"]
     cases = [plan_of(effect, seed=2, system="table") for effect in effects]

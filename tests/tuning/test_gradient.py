@@ -25,7 +25,10 @@ def lanes_of(objective, **settings):
     return Lanes(problem, np.stack([np.asarray(start)] * 3) * np.array([[1.0], [2.0], [0.7]]), np.array([0, 1, 1]))
 
 
-@pytest.mark.parametrize("objective", [THESIS, tuning.Estimation(noise=0.01, noise_weight=0.1), tuning.Tracking()])
+OTHERS = (tuning.Estimation(noise=0.01, noise_weight=0.1), tuning.Tracking())
+
+
+@pytest.mark.parametrize("objective", [THESIS, *(pytest.param(other, marks=pytest.mark.long) for other in OTHERS)])
 @pytest.mark.parametrize("mode", ["forward", pytest.param("reverse", marks=pytest.mark.long)])
 def test_gradients_are_finite_differences(objective, mode):
     lanes = lanes_of(objective)
@@ -80,6 +83,7 @@ def test_each_method_finds_the_valley_and_reports_what_it_used(method):
     assert result.to_dict()["gains"] == result.gains
 
 
+@pytest.mark.long
 def test_starts_that_diverge_are_dropped_and_counted():
     loop = efp(150.0, gain_2=10.0, gain_1=100.0)
     wide = [
@@ -105,7 +109,14 @@ def test_where_every_start_diverges_the_result_says_so():
 
 
 @pytest.mark.parametrize(
-    "method", ["levenberg_marquardt", "lbfgs", "adam", "nelder_mead", tuning.RepairedGridSearch(threshold=0.0)]
+    "method",
+    [
+        pytest.param("levenberg_marquardt", marks=pytest.mark.long),
+        "lbfgs",
+        pytest.param("adam", marks=pytest.mark.long),
+        "nelder_mead",
+        tuning.RepairedGridSearch(threshold=0.0),
+    ],
 )
 def test_bounds_hold_and_are_reported(method):
     """Tracking alone wants ever larger gains: the search ends at the bound, and says so."""
