@@ -19,6 +19,7 @@ def test_there_are_six():
     }  # fmt: skip
 
 
+@pytest.mark.long  # twenty seconds of processor time each
 @pytest.mark.parametrize("path", GALLERY, ids=lambda path: path.stem)
 def test_it_is_simulated_and_tuned_by_default(path):
     model = fp.load_model(path)

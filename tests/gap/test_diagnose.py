@@ -198,6 +198,7 @@ def test_the_missing_torque_is_what_acted(found):
     assert np.sqrt(np.mean(left**2)) < 0.2 * TORQUE
 
 
+@pytest.mark.long
 def test_pushes_that_nobody_recorded_are_located_and_not_explained_away(pushed):
     assert pushed.verdict == "unexplained"
     assert pushed.causes == ()
@@ -220,6 +221,7 @@ def told_numbers(diagnosis):
     return {name: part for name, part in answer.items() if name not in ("seconds", "provenance")}
 
 
+@pytest.mark.long
 def test_report_and_json_hold_the_same_numbers(pushed, found, tmp_path):
     for diagnosis in (pushed, found[0]):
         answer, gap = told_numbers(diagnosis), diagnosis.gap
@@ -241,6 +243,7 @@ def few_effects(monkeypatch):
     monkeypatch.setattr(fpjax.gap, "diagnose", functools.partial(diagnose, effects=TRIED))
 
 
+@pytest.mark.long
 def test_the_command_line_and_python_agree_to_the_last_digit(found, few_effects, tmp_path, capsys):
     diagnosis, *_, path = found
     (tmp_path / "servo.toml").write_text(MODEL)
@@ -259,6 +262,7 @@ def test_the_command_line_and_python_agree_to_the_last_digit(found, few_effects,
     assert str(diagnosis) in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_the_precision_of_the_process_changes_nothing(found, log):
     """Python is in single precision unless told otherwise, the command line in double."""
     with jax.enable_x64(False):

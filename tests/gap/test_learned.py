@@ -106,6 +106,7 @@ def test_nothing_of_the_fit_is_changed():
     assert again.laws == learned("velocity").laws
 
 
+@pytest.mark.long
 def test_a_wave_over_position_is_not_a_curve_of_velocity():
     (law,) = learned("position").laws
     assert law.of == "position"
@@ -113,6 +114,7 @@ def test_a_wave_over_position_is_not_a_curve_of_velocity():
     assert inside(law, wave) >= 0.8
 
 
+@pytest.mark.long
 def test_a_weak_motor_is_a_law_of_the_torque_and_drives_a_simulation():
     (law,) = learned("torque").laws
     assert law.of == "torque"
@@ -121,11 +123,12 @@ def test_a_weak_motor_is_a_law_of_the_torque_and_drives_a_simulation():
     assert float(table.readout(motion)) == pytest.approx(0.03, rel=0.05)
 
 
-@pytest.mark.parametrize("name", ["nothing", "push"])
+@pytest.mark.parametrize("name", ["nothing", pytest.param("push", marks=pytest.mark.long)])
 def test_noise_and_a_push_that_nobody_recorded_teach_nothing(name):
     assert learned(name) is None
 
 
+@pytest.mark.long
 def test_a_pushed_window_does_not_bend_the_curve():
     law = next(law for law in proposed(found("pushed").search, found("pushed").fit) if law.of == "velocity")
     assert inside(law, bend) >= 0.8

@@ -87,6 +87,7 @@ def test_the_page_needs_nothing_and_names_every_gain(found):
         assert change.gain in page
 
 
+@pytest.mark.long
 def test_gains_that_cannot_be_bettered_are_kept(small, found):
     model = case.model()
     best = found.after.gains
@@ -102,6 +103,7 @@ def test_gains_that_cannot_be_bettered_are_kept(small, found):
     assert kept.after.gains == kept.before.gains
 
 
+@pytest.mark.long
 def test_a_machine_that_nobody_knows_is_promised_nothing(small):
     known = case.known(missing=1.5, verdict="unexplained", spread=0.6)
     found = improved(known, case.model(), ["controller"])

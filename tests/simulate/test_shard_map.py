@@ -19,7 +19,9 @@ def built(stepping):
     return fp.ClosedLoop(fp.OneMass(10.0, law), fp.ProportionalIntegral(800.0, 8000.0), observer, **sampled)
 
 
-@pytest.mark.parametrize(("stepping", "substeps"), [("continuous", 1), ("sampled", 1), ("sampled", 6)])
+@pytest.mark.parametrize(
+    ("stepping", "substeps"), [("continuous", 1), pytest.param("sampled", 1, marks=pytest.mark.long), ("sampled", 6)]
+)
 @pytest.mark.parametrize("derivative", [False, True])
 def test_roll_is_mapped_over_devices(stepping, substeps, derivative):
     loop = built(stepping)
