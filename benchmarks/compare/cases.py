@@ -41,6 +41,11 @@ class Case:
         return [Parameter(name, start * unit, low * unit, high * unit) for name, start, unit, (low, high) in rows]
 
     @property
+    def printed_parameters(self) -> list[Parameter]:
+        """The same without bounds, of which Algorithm 1 as printed knows nothing."""
+        return [Parameter(one.name, one.start) for one in self.parameters]
+
+    @property
     def steps(self) -> tuple[float, float]:
         """First steps of Algorithm 1, in the loop's units."""
         return STEPS[0] * self.units[0], STEPS[1] * self.units[1]

@@ -11,7 +11,7 @@ from tuning.methods import Method
 
 from .cases import JOINT, Case
 
-SWEEP = "dense_sweep"
+SWEEP, PRINTED = "dense_sweep", "algorithm_1"
 GRADIENTS = ("levenberg_marquardt", "lbfgs", "adam")
 DEFAULT = "levenberg_marquardt"  # of tuning.tune: its verdict is the headline
 
@@ -38,7 +38,7 @@ class Settings:
 def methods(case: Case, budget: int) -> dict[str, Method]:
     """The contestants, each allowed as many iterations as the budget can pay."""
     return {
-        "algorithm_1": tuning.GridSearch(steps=case.steps, threshold=0.0, iterations=budget),
+        PRINTED: tuning.GridSearch(steps=case.steps, threshold=0.0, iterations=budget),
         "algorithm_1_repaired": tuning.RepairedGridSearch(steps=case.steps, threshold=0.0, iterations=budget),
         "levenberg_marquardt": tuning.LevenbergMarquardt(iterations=budget),
         "lbfgs": tuning.LBFGS(iterations=budget),
@@ -68,8 +68,9 @@ def race(
     for label, group in groups.items():
         budget = settings.budget * len(group)
         for name, method in methods(case, settings.budget).items():
+            parameters = case.printed_parameters if name == PRINTED else case.parameters
             result = tuning.tune(
-                case.loop, group, parameters=case.parameters, method=method, max_simulations=budget, **common
+                case.loop, group, parameters=parameters, method=method, max_simulations=budget, **common
             )
             history = _monotone(result.history)
             rows.append(

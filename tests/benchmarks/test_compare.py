@@ -1,6 +1,7 @@
 """`python -m benchmarks compare`: its JSON, its pictures, its arithmetic."""
 
 import json
+import types
 
 import pytest
 
@@ -169,3 +170,34 @@ def test_an_unwritable_folder_ends_with_one_sentence(tmp_path, capsys):
     said = capsys.readouterr().err.strip()
     assert "cannot be written" in said
     assert said.count("\n") == 0
+
+
+def test_algorithm_1_is_raced_as_printed_without_bounds(monkeypatch):
+    """Bounds stop its way: with them it ended at five times the cost on the constant and the square reference."""
+    from benchmarks.compare import race
+    from benchmarks.compare.cases import all_cases, references
+
+    given = {}
+
+    class EnoughError(Exception):
+        pass
+
+    def tune(*_, parameters, method, **__):
+        given[type(method).__name__] = [(one.name, one.start, one.low, one.high) for one in parameters]
+        if len(given) == 6:
+            raise EnoughError
+        gains = {"observer.gain_2": 1.0, "observer.gain_1": 1.0}
+        empty = dict.fromkeys(("standing", "standing_cost", "cost", "start_cost", "simulations", "simulated_steps",
+                               "run_seconds", "compile_seconds", "message", "identifiability", "versions"))  # fmt: skip
+        return types.SimpleNamespace(**(empty | {"gains": gains, "history": [(1, 1.0)], "cost": 1.0}))
+
+    monkeypatch.setattr(race.tuning, "tune", tune)
+    monkeypatch.setattr(race, "_sweep_rows", lambda *_: [])
+    case = all_cases()[0]
+    with pytest.raises(EnoughError):
+        race.race(case, "estimation", references(0.5), race.Settings(), lambda _: None)
+    bounded = [(one.name, one.start, one.low, one.high) for one in case.parameters]
+    assert all(None not in one for one in bounded)
+    for method, parameters in given.items():
+        wanted = [(name, start, None, None) for name, start, _, _ in bounded] if method == "GridSearch" else bounded
+        assert parameters == wanted, method
