@@ -14,7 +14,7 @@ from .answer.assemble import assemble
 from .answer.diagnosis import Diagnosis
 from .answer.provenance import provenance
 from .answer.stages import StageClock
-from .data.inputs import look_at, read_logs, read_model
+from .data.inputs import about_noise, look_at, read_logs, read_model
 from .data.record import about_stretches, make_records
 from .data.setting import make_setting
 from .effects.effect import Effect
@@ -104,7 +104,8 @@ def _diagnose(
         ) from error
     made = provenance(everything, search.records, model, allowed, started)
     clock.done()
-    return dataclasses.replace(found, seconds=clock.seconds, provenance=made)
+    told = (*found.warnings, *about_noise(everything, found.gap.noise_floor, found.gap.unit))
+    return dataclasses.replace(found, seconds=clock.seconds, provenance=made, warnings=told)
 
 
 def make_search(

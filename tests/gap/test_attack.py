@@ -8,6 +8,8 @@ from sentences import faults
 
 from fpjax.errors import InputError
 from fpjax.gap import diagnose
+from fpjax.gap.data.inputs import about_noise
+from fpjax.logs import read_log
 
 MODEL = """
 [plant]
@@ -61,3 +63,12 @@ def test_equations_without_a_solution_are_a_sentence(monkeypatch):
     with pytest.raises(InputError, match=r"no model can be fitted to what is recorded \(Singular matrix\)") as refused:
         diagnose(log(), MODEL)
     assert not faults(str(refused.value))
+
+
+def test_a_log_of_noise_is_said_to_show_nothing():
+    made = read_log(log(torque=np.sin(TIME)))
+    (sentence,) = about_noise([made], 68.0, "N m")
+    assert "hides any missing torque below 68 N m, and the commanded torque is 0.66" in sentence
+    assert not faults(sentence)
+    assert about_noise([made], 0.1, "N m") == []
+    assert about_noise([made], np.nan, "N m") == []

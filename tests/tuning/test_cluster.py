@@ -22,7 +22,7 @@ pytest.importorskip("distributed")
 AXES = (Axis("observer.gain_1", 1.0, 1e3, 60), Axis("observer.gain_2", 5.0, 50.0, 50, "linear"))
 COMMON = {"axes": AXES, "objective": THESIS, "dt": 1e-4, "samples": 3001, "solver": "ode3", "chunk": 100}
 REPO = pathlib.Path(__file__).parents[2]
-HELPERS = str(REPO / "tests" / "helpers")
+HERE = os.pathsep.join([str(REPO / "tests" / "tuning"), str(REPO / "tests" / "helpers")])
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(REPO), "PYTHONWARNINGS": "ignore"}
 
 
@@ -59,10 +59,10 @@ def chunks(folder):
 
 
 DRIVER = """
-    import sys; sys.path.insert(0, sys.argv[1])
+    import os, sys; sys.path[:0] = sys.argv[1].split(os.pathsep)
     import jax; jax.config.update("jax_enable_x64", True)
     import tuning
-    from test_tuning_cluster import COMMON, SINE, efp
+    from test_cluster import COMMON, SINE, efp
     tuning.sweep(efp(150.0), SINE, out=sys.argv[2], scheduler=sys.argv[3], **COMMON)
 """
 
@@ -73,16 +73,18 @@ def test_a_killed_worker_and_a_killed_driver_lose_at_most_their_chunk(cluster, t
     address, workers = cluster
     folder = tmp_path / "sweep"
     driver = subprocess.Popen(
-        [sys.executable, "-c", textwrap.dedent(DRIVER), HELPERS, str(folder), address],
+        [sys.executable, "-c", textwrap.dedent(DRIVER), HERE, str(folder), address],
         env=ENVIRONMENT,
-        stderr=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
     )
-    wait_for(lambda: chunks(folder) >= 3, 200, "a third chunk")
+    wait_for(lambda: chunks(folder) >= 3 or driver.poll() is not None, 200, "a third chunk")
+    assert driver.poll() is None, driver.communicate()[1][-2000:]
     workers[0].send_signal(signal.SIGKILL)
     after = chunks(folder)
     wait_for(lambda: chunks(folder) >= after + 3, 120, "work without the killed worker")
     driver.send_signal(signal.SIGKILL)
-    driver.wait()
+    driver.communicate()
     kept = chunks(folder)
     assert kept < 30, "the sweep was over before the driver was killed"
     before = {path.name: path.stat().st_mtime_ns for path in folder.glob("chunk-*.npy")}

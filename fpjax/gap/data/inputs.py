@@ -80,3 +80,20 @@ def _check_drive(log: Log, unit: str) -> None:
             f"{log.name}: its speed stays at {mean:.4g} {unit} (within {within:.2g} %), at which friction, load and "
             "inertia look alike: record a run with reversals and several speeds."
         )
+
+
+def about_noise(logs: Sequence[Log], floor: float, unit: str) -> list[str]:
+    """A sentence where the sensors' noise hides every torque that the command could have made.
+
+    Args:
+        logs: fitted and withheld.
+        floor: missing torque that noise alone would show, in `unit`.
+        unit: of the torque.
+    """
+    size = float(np.sqrt(np.mean(np.concatenate([np.square(log.torque) for log in logs]))))
+    if not floor > size:
+        return []
+    return [
+        f"The sensors' noise hides any missing torque below {floor:.3g} {unit}, and the commanded torque is {size:.3g} "
+        f"{unit} rms: this log cannot show a gap, and that none was found says nothing; move more, or measure better."
+    ]
