@@ -13,6 +13,7 @@ NAMES = {
     "speed": "fpjax against a C++ loop and its peers, with the goals' table",
     "withheld": "the diagnosis on simulated logs whose effect is withheld, by two generators",
     "plan": "whether a planned run decides what an ambiguous log left open, against a generic one",
+    "improve": "gains by improve against gains tuned in the nominal model and in the truth, run in the truth",
     "real": "the diagnosis on records of real machines whose cause is documented",
 }
 

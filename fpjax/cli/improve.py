@@ -1,6 +1,7 @@
 """`fpjax improve`: from a log to gains that hold around every machine it leaves possible."""
 
 import argparse
+import contextlib
 import dataclasses
 import hashlib
 import json
@@ -37,6 +38,7 @@ examples:
 An interrupt keeps the finished diagnosis and search; the same command goes on from there.
 """
 DIAGNOSIS, SEARCH = "diagnosed.json", "searched.json"  # what is finished, and what it depended on
+KEPT = ("diagnosis.json", "corrected.toml", "posterior.npz")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
         record.seeds["machines, search"] = arguments.seed
         store = _Store(folder, record, arguments)
         arguments.kept = "nothing is finished yet; run it again"
-        diagnosis = arguments.diagnosis or store.diagnosis()
+        diagnosis = arguments.diagnosis or store.diagnosis(log)
         if diagnosis is not None and arguments.diagnosis is None:
             say(record, f"the diagnosis of {log.name} was finished before, in {folder}")
         record.stage("improve")
@@ -127,9 +129,19 @@ class _Store:
         self.key = _hash([hashes, log_options(arguments), versions()])
         self.search_key = _hash([self.key, arguments.free, arguments.reference, arguments.seed, arguments.diagnosis])
 
-    def diagnosis(self) -> pathlib.Path | None:
-        """The folder, where it holds the diagnosis that this command would make."""
-        return self.folder if _read(self.folder / DIAGNOSIS).get("key") == self.key else None
+    def diagnosis(self, log: Any) -> Any:
+        """The diagnosis that this command would make, where it is finished."""
+        if _read(self.folder / DIAGNOSIS).get("key") != self.key:
+            return None
+        from ..improvement.known import known_in
+
+        with contextlib.suppress(InputError):
+            found = known_in(self.folder, log, finished=False)
+            for name in KEPT:
+                if (self.folder / name).exists():
+                    self.record.path(name)
+            return found
+        return None
 
     def search(self) -> Any:
         """The search that this command would make, where it is finished."""

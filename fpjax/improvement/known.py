@@ -12,7 +12,6 @@ from ..gap import Diagnosis
 from ..gap.answer.diagnosis import Learned
 from ..gap.answer.posterior import FILE, Posterior, load_posterior
 from ..logs import Log
-from ..model_file import Model
 from ..output.runfile import refuse_unfinished
 
 RESULT = "diagnosis.json"
@@ -57,20 +56,21 @@ def known_of(diagnosis: Diagnosis) -> Known:
     )  # fmt: skip
 
 
-def known_in(folder: str | os.PathLike[str], log: Log, model: Model) -> Known:
+def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True) -> Known:
     """What the --out of a `fpjax diagnose` says.
 
     Args:
         folder: with diagnosis.json and posterior.npz.
         log: that it should be of.
-        model: likewise.
+        finished: refuse one whose run has not finished; False for the diagnosis that `improve` itself left there.
 
     Raises:
         InputError: where there is none, it is of another log or model, or of more than one log.
     """
     folder = pathlib.Path(folder)
     path = folder / RESULT
-    refuse_unfinished(path)
+    if finished:
+        refuse_unfinished(path)
     try:
         content: dict[str, Any] = json.loads(path.read_text())
         inputs = content["provenance"].get("inputs", [])

@@ -30,6 +30,7 @@ from .traces import traces
 TUNED_ON, JUDGED_ON, MARGINED = 16, 48, 12  # machines for the search; others for the prediction; of them for margins
 LONGEST = 20_000  # samples of the log that are simulated
 BLENDS = (1.0, 0.6, 0.3)  # of the way from the current gains to the best ones, on the search's scales
+LEAST_DOUBT = 0.03  # of the error: half of the interval that one draw of the noise and one integrator leave anyway
 MOST_DOUBT = math.log(2.0)
 NO_LIMIT = 1e29
 
@@ -42,7 +43,7 @@ def improve(
     model: Any,
     *,
     free: Sequence[str] = (),
-    diagnosis: Diagnosis | str | os.PathLike[str] | None = None,
+    diagnosis: Diagnosis | Known | str | os.PathLike[str] | None = None,
     reference: str = "log",
     seed: int = 0,
     progress: Callable[[str, float | None], None] | None = None,
@@ -88,10 +89,12 @@ def improve(
         if keep is not None:
             keep("diagnosis", done)
         known = known_of(done)
+    elif isinstance(diagnosis, Known):
+        known = diagnosis
     elif isinstance(diagnosis, Diagnosis):
         done, known = diagnosis, known_of(diagnosis)
     else:
-        known = known_in(diagnosis, recorded, nominal)
+        known = known_in(diagnosis, recorded)
     found = improve_known(known, recorded, nominal, table, free, seed, clock, keep, kept)
     return dataclasses.replace(found, seconds=clock.done(), diagnosis=done)
 
@@ -249,7 +252,7 @@ class _Judged:
         own = gains.model.loop.controller.limited(np.asarray(NO_LIMIT)) if gains.model.loop.controller.bounded else None
         values = [one for one in (value, None if own is None else float(own)) if one is not None and one < NO_LIMIT]
         self.limit = min(values, default=None)
-        self.doubt = 0.0
+        self.doubt = LEAST_DOUBT
 
     def margins(self, values: Values) -> list[dict[str, Values]]:
         """Of each candidate, around the first machines."""
@@ -257,11 +260,11 @@ class _Judged:
 
     def side(self, values: Values, score: Score, margins: dict[str, Values]) -> Side:
         """What these gains come to; the current ones come first, and tell how well the log is predicted."""
-        if self.measured is not None and self.doubt == 0.0:
+        if self.measured is not None and self.doubt == LEAST_DOUBT:
             middle = float(np.median(score.error))
             # Where the model's own gains ran, the log says how well it predicts: every promise is as much in doubt.
             doubt = abs(math.log(self.measured / middle)) if np.isfinite(middle) and middle > 0.0 else MOST_DOUBT
-            self.doubt = min(doubt, MOST_DOUBT)
+            self.doubt = min(max(doubt, LEAST_DOUBT), MOST_DOUBT)
         torque = self.torque_unit
         headroom = None if self.limit is None else range_of(self.limit / np.maximum(score.peak, 1e-300), "1")
         usable = {name: each[~np.isnan(each)] for name, each in margins.items() if not np.isnan(each).all()}

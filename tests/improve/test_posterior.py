@@ -61,7 +61,7 @@ def folder_of(tmp_path, **changes):
 
 
 def test_a_finished_diagnosis_is_taken_from_its_folder(tmp_path):
-    known = known_in(folder_of(tmp_path), case.log(), case.model())
+    known = known_in(folder_of(tmp_path), case.log())
     assert known.verdict == "explained"
     assert known.made
     assert known.posterior.free == ("inertia", "coulomb", "viscous")
@@ -79,12 +79,12 @@ def test_a_folder_that_is_no_diagnosis_is_refused_in_one_sentence(tmp_path, brok
     else:
         (tmp_path / "posterior.npz").unlink()
     with pytest.raises(fp.InputError, match="diagnos"):
-        known_in(tmp_path, case.log(), case.model())
+        known_in(tmp_path, case.log())
 
 
 def test_the_diagnosis_of_another_log_is_refused(tmp_path):
     other = dataclasses.replace(case.log(), sha256="def")
     with pytest.raises(fp.InputError, match=r"made\.csv and not of"):
-        known_in(folder_of(tmp_path), other, case.model())
+        known_in(folder_of(tmp_path), other)
     with pytest.raises(fp.InputError, match="samples"):
-        known_in(tmp_path, case.log(2.0), case.model())
+        known_in(tmp_path, case.log(2.0))

@@ -1,0 +1,82 @@
+"""Score: how much of what is possible was won, and whether what was promised is true."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+WON, WORSE, INTERVALS = 0.9, 0.02, (0.85, 0.95)  # goals
+NOTHING = 0.02  # of the nominal gains' error: where the truth itself wins less, there was nothing to win
+
+Row = dict[str, Any]
+
+
+def share_won(row: Row) -> float | None:
+    """(a - b) / (a - c) [1]; None where there was nothing to win."""
+    nominal, ours, best = row["error_nominal"], row["error_improve"], row["error_truth"]
+    if not math.isfinite(nominal):
+        return 1.0 if math.isfinite(ours) else 0.0
+    if nominal - best <= NOTHING * nominal:
+        return None
+    return (nominal - ours) / (nominal - best) if math.isfinite(ours) else -math.inf
+
+
+def worse(row: Row) -> bool:
+    """Whether the gains of `improve` are worse than the nominal model's by more than 2 %."""
+    return row["error_improve"] > (1.0 + WORSE) * row["error_nominal"]
+
+
+def held(row: Row) -> bool | None:
+    """Whether the truth lies within the promised interval; None where nothing was promised."""
+    low, high = row["promised"]
+    return None if low is None else bool(low <= row["error_improve"] <= high)
+
+
+def table(rows: Sequence[Row], group: Callable[[Row], str]) -> list[Row]:
+    """One row a group: machines, median share won, worse, promises held, changes proposed."""
+    found = []
+    for name in sorted({group(row) for row in rows}):
+        some = [row for row in rows if group(row) == name]
+        won = [share for row in some if (share := share_won(row)) is not None]
+        promises = [kept for row in some if (kept := held(row)) is not None]
+        found.append(
+            {
+                "group": name,
+                "machines": len(some),
+                "something to win": len(won),
+                "won, median": float(np.median(won)) if won else None,
+                "won, least": float(np.min(won)) if won else None,
+                "worse by over 2 %": sum(worse(row) for row in some),
+                "promises": len(promises),
+                "promises held": float(np.mean(promises)) if promises else None,
+                "changes": sum(row["decision"] == "change" for row in some),
+            }
+        )
+    return found
+
+
+def goals(rows: Sequence[Row]) -> list[tuple[str, str, str, str]]:
+    """(goal, wanted, found, met or not) over all machines."""
+    (all_of,) = table(rows, lambda row: "all")
+    unexplained = [row for row in rows if row["verdict"] == "unexplained"]
+    lost = sum(row["error_improve"] > (1.0 + WORSE) * row["error_now"] for row in unexplained)
+    won, kept = all_of["won, median"], all_of["promises held"]
+    low, high = INTERVALS
+
+    def met(value: bool | None) -> str:
+        return "not measured" if value is None else "met" if value else "not met"
+
+    return [
+        ("share of what is possible, median", f"{WON:.0%}", _percent(won), met(None if won is None else won >= WON)),
+        ("worse than the nominal gains by over 2 %", "none", f"{all_of['worse by over 2 %']} of {len(rows)}",
+         met(all_of["worse by over 2 %"] == 0)),
+        ("truth within the promised 90 % interval", f"{low:.0%} to {high:.0%}", _percent(kept),
+         met(None if kept is None else low <= kept <= high)),
+        ("unexplained logs worse than with the gains that ran", "none",
+         f"{lost} of {len(unexplained)}", met(lost == 0 if unexplained else None)),
+    ]  # fmt: skip
+
+
+def _percent(value: float | None) -> str:
+    return "none" if value is None else f"{value:.0%}"

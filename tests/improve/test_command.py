@@ -1,0 +1,97 @@
+"""`fpjax improve` as it is typed: what it writes, how it goes on, what it refuses."""
+
+import json
+import types
+
+import improve_case as case
+import numpy as np
+import pytest
+
+from fpjax.cli import main
+
+
+def write(folder, *, more="", reference=True, controller=True):
+    log = case.log()
+    columns = {"time": log.time, "torque": log.torque, "velocity": log.velocity, "position": log.position}
+    if reference:
+        columns["reference"] = log.reference
+    rows = np.stack(list(columns.values()), axis=1)
+    np.savetxt(folder / "run.csv", rows, delimiter=",", header=",".join(columns), comments="", fmt="%.10g")
+    text = case.MODEL.format(inertia=0.05, coulomb=0.2) + more
+    if not controller:
+        text = text.replace('type = "pi"\nkp = 1.5\nki = 8.0', 'type = "unknown"')
+    (folder / "servo.toml").write_text(text)
+    return ["improve", str(folder / "run.csv"), "--model", str(folder / "servo.toml"), "--out", str(folder / "out")]
+
+
+def diagnosed():
+    """What `diagnose` returns, as far as improve looks at it."""
+    known = case.known()
+    content = {
+        "verdict": "explained", "causes": ["coulomb_error"], "gap": {"after": 0.0}, "model": known.model,
+        "provenance": {"inputs": []}, "tracking": {"measured": 1.0}, "learned": [],
+    }  # fmt: skip
+    return types.SimpleNamespace(
+        posterior=known.posterior, verdict=known.verdict, causes=known.causes, gap=types.SimpleNamespace(after=0.0),
+        learned=(), tracking=object(), model=known.model, learned_model="", model_missing="",
+        to_dict=lambda: content,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "options", "said"),
+    [
+        ([], {"controller": False}, "[controller] is unknown"),
+        (["--free", "controller"], {"reference": False}, "has no reference"),
+        ([], {}, "Nothing may change"),
+        (["--free", "controller.kp=9"], {}, "NAME=LOW:HIGH"),
+        (["--free", "controller", "--diagnosis", "nowhere"], {}, "holds no diagnosis.json"),
+        ([], {"more": "[bounds]\ncontroller.kp = [3.0, 5.0]\n"}, "outside its own bounds"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence_and_exit_code_2(tmp_path, capsys, words, options, said):
+    assert main([*write(tmp_path, **options), *words]) == 2
+    complaint = capsys.readouterr().err
+    assert said in complaint
+    assert "Traceback" not in complaint
+    assert complaint.strip().count("\n") <= 2
+    assert not (tmp_path / "out" / "improve.json").exists()
+
+
+@pytest.mark.long
+def test_an_interrupt_keeps_the_diagnosis_and_the_same_command_goes_on(tmp_path, monkeypatch, capsys):
+    from fpjax.improvement import verb
+
+    case.few(monkeypatch)
+    words = [*write(tmp_path), "--free", "controller", "--free", "feedforward"]
+    real, out = verb.search, tmp_path / "out"
+
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(verb, "diagnose", lambda *_, **__: diagnosed())
+    monkeypatch.setattr(verb, "search", interrupted)
+    assert main(words) == 130
+    assert "the diagnosis is kept" in capsys.readouterr().err
+    assert (out / "run.unfinished").exists()
+
+    def never(*_, **__):
+        raise AssertionError("diagnosed again")
+
+    monkeypatch.setattr(verb, "diagnose", never)
+    monkeypatch.setattr(verb, "search", real)
+    assert main(words) == 0
+    said = capsys.readouterr()
+    assert "finished before" in said.err
+    assert "Change these gains" in said.out
+    content = json.loads((out / "improve.json").read_text())
+    assert content["decision"] == "change"
+    assert {"improve.html", "improve.png", "tuned.toml", "diagnosis.json"} <= {path.name for path in out.iterdir()}
+    run = json.loads((out / "run.json").read_text())
+    assert run["status"] == "completed"
+    assert {"diagnosis.json", "posterior.npz", "tuned.toml"} <= set(run["outputs"])
+    # The search is finished too: a third run only judges and writes.
+    monkeypatch.setattr(verb, "search", never)
+    assert main(words) == 0
+    assert main(["simulate", str(out / "tuned.toml"), "--set", "controller.coulomb=0.4"]) == 2  # it has no reference
+    assert "[reference] is missing" in capsys.readouterr().err
