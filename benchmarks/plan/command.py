@@ -3,7 +3,7 @@
 import argparse
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,15 +39,18 @@ def run(args: argparse.Namespace) -> int:
     cases = [first.build(one) for one in machines.chosen(args.count, args.seed)]
     places = [args.out / case.identity.name for case in cases]
     progress = Progress("plan")
-    _simulated(cases, places, "first", [machines.first_reference(case) for case in cases], 2)
-    for number, (case, place) in enumerate(zip(cases, places, strict=True)):
+    both = list(zip(cases, places, strict=True))
+    _simulated([_Run(case, place, "first", machines.first_reference(case), 2) for case, place in both])
+    for number, (case, place) in enumerate(both):
         progress.share(0.4 * number / len(cases), f"first log {number + 1}/{len(cases)}")
         _diagnosed(place, ("first",), "why_first")
         _planned(case, place, args.seconds)
     open_ones = [i for i, place in enumerate(places) if not _score(place, "why_first")["decided"]]
-    some, there = [cases[i] for i in open_ones], [places[i] for i in open_ones]
-    _simulated(some, there, "generic", [machines.generic_reference(case) for case in some], 3)
-    _simulated(some, there, "planned", [_table(place) for place in there], 4)
+    there = [places[i] for i in open_ones]
+    _simulated(
+        [_Run(cases[i], places[i], "planned", _table(places[i]), 4) for i in open_ones]
+        + [_Run(cases[i], places[i], "generic", machines.generic_reference(cases[i]), 3) for i in open_ones]
+    )
     for number, place in enumerate(there):
         for kind in RUNS:
             progress.share(0.4 + 0.6 * number / len(there), f"{kind} run {number + 1}/{len(there)}")
@@ -57,18 +60,28 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _simulated(
-    cases: list[first.Case], places: list[Path], name: str, references: list[np.ndarray], purpose: int
-) -> None:
-    """The logs that are not there yet, all machines side by side."""
-    missing = [i for i, place in enumerate(places) if not (place / name / "log.csv").exists()]
-    records = machines.run([cases[i] for i in missing], [references[i] for i in missing], purpose) if missing else []
-    for i, record in zip(missing, records, strict=True):
-        (places[i] / name).mkdir(parents=True, exist_ok=True)
-        label = places[i] / "label.json"
+class _Run(NamedTuple):
+    """A run of a machine: the folder of its log, its reference [rad/s] and what its noise is drawn for."""
+
+    case: first.Case
+    place: Path
+    name: str
+    reference: np.ndarray
+    purpose: int
+
+
+def _simulated(runs: list[_Run]) -> None:
+    """The logs that are not there yet, all machines side by side: one by one they take as long each."""
+    missing = [one for one in runs if not (one.place / one.name / "log.csv").exists()]
+    if not missing:
+        return
+    records = machines.run([(one.case, one.reference, one.purpose) for one in missing])
+    for one, record in zip(missing, records, strict=True):
+        (one.place / one.name).mkdir(parents=True, exist_ok=True)
+        label = one.place / "label.json"
         if not label.exists():
-            label.write_text(json.dumps(machines.label_of(cases[i], record), indent=1) + "\n")
-        machines.write(places[i] / name, cases[i], record)
+            label.write_text(json.dumps(machines.label_of(one.case, record), indent=1) + "\n")
+        machines.write(one.place / one.name, one.case, record)
 
 
 def _diagnosed(place: Path, logs: tuple[str, ...], out: str) -> None:

@@ -13,7 +13,8 @@ from ..withheld.truth.machine import Record
 from ..withheld.truth.systems import KINDS
 
 PERIODS = first.PERIODS
-SHARE, TURNS = 0.3, 1.0  # of the top speed, and reversals a second [Hz], of the first log
+SHARE, SHORT = 0.3, 0.5  # of the top speed, and the largest travel [rad], of the first log
+SLOWEST = 1.0  # Hz: its laps, where the travel lets them be slower
 EFFECTS = (
     "quadratic_drag", "stribeck", "cogging", "viscous_error", "position_dependent_friction", "unbalance",
     "presliding", "actuator_lag", "compliance", "torque_dead_zone", "friction_drift", "constant_torque",
@@ -46,8 +47,9 @@ def limits_of(case: first.Case) -> dict[str, float]:
 
 def first_reference(case: first.Case) -> np.ndarray:
     """To and fro at one speed within a short travel [rad/s], shape (PERIODS,)."""
-    time = np.arange(PERIODS) * first.DT
-    return SHARE * KINDS[case.identity.system].speed * np.tanh(4.0 * np.sin(2.0 * np.pi * TURNS * time))
+    time, speed = np.arange(PERIODS) * first.DT, SHARE * KINDS[case.identity.system].speed
+    laps = max(SLOWEST, 0.5 * speed / SHORT)
+    return speed * np.tanh(4.0 * np.sin(2.0 * np.pi * laps * time))
 
 
 def generic_reference(case: first.Case) -> np.ndarray:
@@ -65,16 +67,14 @@ def generic_reference(case: first.Case) -> np.ndarray:
     return kind.speed * wave / max(over)
 
 
-def run(cases: list[first.Case], references: list[np.ndarray], purpose: int) -> list[Record]:
+def run(wanted: list[tuple[first.Case, np.ndarray, int]]) -> list[Record]:
     """The true machines on references that begin with the log; they stand still before.
 
     Args:
-        cases: of the machines.
-        references: of each [rad/s], shape (PERIODS,).
-        purpose: of the noise's draw.
+        wanted: of each run: its machine, its reference [rad/s] of shape (PERIODS,), what its noise is drawn for.
     """
     machines = []
-    for case, reference in zip(cases, references, strict=True):
+    for case, reference, purpose in wanted:
         rng = first.generator(case.identity, purpose)
         total = first.PREROLL + len(reference)
         whole = np.concatenate([np.zeros(first.PREROLL), reference])

@@ -12,6 +12,11 @@ from .trial import Comparison
 REST, FAST = 0.1, 0.5  # of the top speed
 HARD = 0.5  # of the largest acceleration
 
+BY_MOTION = (
+    "limit", "time", "angle", "rest", "load", "speed", "inertia", "late_actuator", "constant", "direction",
+)  # fmt: skip
+"""Families whose mark a motion alone shows, plainest first."""
+
 BESIDE = {
     "gain": "a known torque: a weight on a lever, or a known mass or inertia added",
     "reading": "a second sensor: the encoder position beside the rate sensor, or a known turn",
@@ -97,7 +102,7 @@ def _separation(pair: tuple[str, str], nats: float, where: str, twin: str) -> Se
             f"what tells them apart is {beside(pair)}."
         )
         return Separation(pair, float("nan"), True, "", experiment, sentence)
-    chosen = next((family for family in PLAINEST if family in families), None)
+    chosen = next((family for family in BY_MOTION if family in families), None)
     alike = chosen is None or families[0] == families[1]
     why = "the two differ in shape" if alike or chosen is None else TELLS[chosen]
     told = f"{first} and {second}: with this run the two differ by {nats:.3g} nats, {NEEDED:g} needed"
