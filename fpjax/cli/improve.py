@@ -38,6 +38,7 @@ examples:
 An interrupt keeps the finished diagnosis and search; the same command goes on from there.
 """
 DIAGNOSIS, SEARCH = "diagnosed.json", "searched.json"  # what is finished, and what it depended on
+REFERENCE = "reference.csv"
 KEPT = ("diagnosis.json", "corrected.toml", "posterior.npz")
 
 
@@ -96,19 +97,19 @@ def run(arguments: argparse.Namespace) -> int:
             )  # fmt: skip
         print(found)
         record.stage("write")
-        _write(found, record, arguments)
+        _write(found, log, record, arguments)
         arguments.kept = ""
         sys.stdout.flush()
         finish(record)
     return 0
 
 
-def _write(found: Any, record: RunFile, arguments: argparse.Namespace) -> None:
+def _write(found: Any, log: Any, record: RunFile, arguments: argparse.Namespace) -> None:
     record.notes.extend(found.notes)
     write_json(record.path("improve.json"), found.to_dict())
     tuned = record.path("tuned.toml")
     if found.model:
-        write_whole(tuned, found.model)
+        write_whole(tuned, _with_reference(found.model, log, record))
     else:
         tuned.unlink(missing_ok=True)  # of an earlier run: nothing is proposed now
         record.outputs.remove("tuned.toml")
@@ -117,6 +118,17 @@ def _write(found: Any, record: RunFile, arguments: argparse.Namespace) -> None:
             record.path(name)
         assert record.folder is not None
         found.report(record.folder)
+
+
+def _with_reference(text: str, log: Any, record: RunFile) -> str:
+    """The tuned model as one that can be simulated: where it has no reference, the log's, in a file beside it."""
+    if "[reference]" in text or log.reference is None:
+        return text
+    rows = "\n".join(f"{time:.9g},{value:.9g}" for time, value in zip(log.time, log.reference, strict=True))
+    write_whole(record.path(REFERENCE), f"time,reference\n{rows}\n")
+    duration = "" if "\nduration = " in text else f"duration = {(log.samples - 1) * log.dt:.9g}\n"
+    section = f'[reference]\ntype = "recorded"\nfile = "{REFERENCE}"\n\n[simulation]\n{duration}'
+    return text.replace("[simulation]\n", section, 1)
 
 
 class _Store:

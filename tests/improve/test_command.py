@@ -93,5 +93,8 @@ def test_an_interrupt_keeps_the_diagnosis_and_the_same_command_goes_on(tmp_path,
     # The search is finished too: a third run only judges and writes.
     monkeypatch.setattr(verb, "search", never)
     assert main(words) == 0
-    assert main(["simulate", str(out / "tuned.toml"), "--set", "controller.coulomb=0.4"]) == 2  # it has no reference
-    assert "[reference] is missing" in capsys.readouterr().err
+    capsys.readouterr()
+    assert main(["simulate", str(out / "tuned.toml"), "--no-plots"]) == 0
+    assert "tracking error" in capsys.readouterr().out
+    code = tmp_path / "code"
+    assert main(["export", str(out / "tuned.toml"), "--c", str(code), "--check"]) == 0
