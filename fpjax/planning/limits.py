@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 DURATION = 10.0  # s, where nothing else says how long
 SHORTEST = 1.0  # s: two windows of the diagnosis
 FEWEST = 512  # samples of a run that can be diagnosed, and fitted in parts
+MOST_SAMPLES = 200_000  # of a planned run: four times what a diagnosis simulates, and what a memory holds many times
 HEADROOM = 0.9  # of the torque that is left after friction: what the controller needs for itself
 RAMP = 0.25  # s in which the top speed is reached where no torque is known
 TURNS = 1.0  # rev of travel where nothing else is known
@@ -123,10 +124,18 @@ def make_limits(model: Model, log: Log | None, given: dict[str, float | None], n
     least = max(SHORTEST, FEWEST * model.dt)
     if "duration" in shown and shown["duration"][0] < least:
         shown["duration"] = (least, "the shortest that can be diagnosed")
+    most = MOST_SAMPLES * model.dt
+    if "duration" in shown and shown["duration"][0] > most:
+        shown["duration"] = (most, "more than a diagnosis simulates of a long record")
     duration = chosen("duration", max(DURATION, least), "the usual length of a record")
     if duration < least:
         raise InputError(
             f"--duration {duration:g} s is too short for a diagnosis at dt = {model.dt:g} s: give {least:.3g} s."
+        )
+    if duration > most:
+        raise InputError(
+            f"--duration {duration:g} s has {duration / model.dt:.3g} samples at dt = {model.dt:g} s, and a diagnosis "
+            f"simulates few of so many: give at most {most:g} s."
         )
     fastest = np.sqrt(acceleration * travel)
     if fastest < 0.02 * speed:
