@@ -58,7 +58,7 @@ def _write_first(folder: Path, part: list[Identity], periods: int, report: Calla
 
 def _write_second(folder: Path, part: list[Identity], periods: int, report: Callable[[float], None]) -> None:
     asked = [
-        (one.seed, f"{one.set}/{one.sensors}/{one.number}", one.set, one.sensors, one.system, one.effects)
+        second.Asked(one.seed, _words(one), one.set, one.sensors, one.system, one.effects, one.recording)
         for one in part
     ]
     for i, (case, trace, size) in second.finished(asked, periods, report):
@@ -66,6 +66,11 @@ def _write_second(folder: Path, part: list[Identity], periods: int, report: Call
         second_label.write(log_path(folder, identity), case, trace, identity.sensors)
         label = second_label.label_of(case, trace, size, identity.sensors, identity.set)
         _finish(folder, identity, label)
+
+
+def _words(one: Identity) -> str:
+    """What a case of the second truth is drawn from, beside its seed."""
+    return f"{one.set}/{one.sensors}/{one.number}" + (f"/{one.recording}" if one.recording else "")
 
 
 def _finish(folder: Path, one: Identity, label: Label) -> None:
@@ -79,6 +84,7 @@ def _finish(folder: Path, one: Identity, label: Label) -> None:
         "set": one.set,
         "group": one.group,
         "sensors": one.sensors,
+        "recording": one.recording,
         "system": one.system,
         "effects": [] if outside else list(one.effects),
         "outside": outside,

@@ -32,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--systems", default=",".join(SYSTEMS), help="machines, by commas")
     parser.add_argument("--limit", type=int, help="only so many cases, spread over effects, machines, sets and sensors")
     parser.add_argument("--quick", action="store_true", help="a few short logs: shows that it runs and judges nothing")
+    parser.add_argument("--minutes", type=float, help="begin no further diagnosis after so long; a later run goes on")
     parser.add_argument("--score-only", action="store_true", help="score what is there already")
 
 
@@ -80,6 +81,8 @@ def cases_wanted(args: argparse.Namespace) -> list[Identity]:
     limit = args.limit
     if limit is not None and limit < 1:
         raise InputError(f"--limit must be at least 1, got {limit}.")
+    if args.minutes is not None and not args.minutes > 0:
+        raise InputError(f"--minutes must be positive, got {args.minutes:g}.")
     if args.quick:
         limit = min(limit or QUICK[0], QUICK[0])
     return found if limit is None else spread_over(found, limit)
@@ -102,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
     from .judge import diagnose_all, score_all
 
     if not args.score_only:
-        diagnose_all(folder, wanted)
+        diagnose_all(folder, wanted, minutes=args.minutes)
     score_all(folder, read_labels(folder, wanted), vars(args))
     if args.quick:
         print(f"\n--quick: {len(wanted)} logs of {periods / 1000:.0f} s. This shows that it runs; it judges nothing.")

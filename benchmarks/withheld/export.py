@@ -12,7 +12,7 @@ from .progress import Progress
 
 TOLD = (
     "effects", "outside", "accepted", "also_true", "parameters", "set", "sensors", "system", "truth", "seed", "linear",
-    "nominal_true", "nominal_error_percent", "measured_torque", "starter",
+    "nominal_true", "nominal_error_percent", "measured_torque", "starter", "recording",
 )  # fmt: skip
 
 

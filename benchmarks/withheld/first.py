@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from .contract import unit_of
 from .identity import Identity
 from .truth.check import chi_square, noise_floor
-from .truth.effects import EFFECTS, UNITS, Plan
+from .truth.effects import EFFECTS, Plan
 from .truth.integrate import simulate
 from .truth.machine import Machine, Record
 from .truth.outside import OUTSIDE
@@ -92,7 +93,7 @@ def label_of(case: Case, record: Record) -> dict[str, Any]:
         "accepted": accepted(plan, case.with_position),
         "also_true": DRIVE if identity.sensors == "derived" else [],
         "parameters": {
-            effect: {name: {"value": value, "unit": UNITS[name]} for name, value in values.items()}
+            effect: {name: {"value": value, "unit": unit_of(effect, name)} for name, value in values.items()}
             for effect, values in plan.parameters.items()
         },
         "other_form": other_form(plan),

@@ -7,17 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .second.effects import ACTUATOR, ON_RATE, pair_fits
 from .second.effects import EFFECTS as EFFECTS_2
-from .second.effects import ON_RATE, pair_fits
 from .second.machines import KINDS as KINDS_2
 from .second.machines import ROTARY
 from .second.outside import OUTSIDE as OUTSIDE_2
+from .second.recording import RECORDINGS
 from .truth.effects import EFFECTS as EFFECTS_1
 from .truth.effects import compatible
 from .truth.outside import OUTSIDE as OUTSIDE_1
 from .truth.systems import KINDS as KINDS_1
 
-SETS = ("single", "single_off", "wide", "starter", "pairs", "none", "outside")
+SETS = ("single", "single_off", "wide", "starter", "recorded", "pairs", "none", "outside")
 SENSORS = ("rate", "both", "encoder", "derived")
 SYSTEMS = (*KINDS_1, *KINDS_2)
 NOMINAL = ("coulomb_error", "viscous_error", "inertia_error")
@@ -51,11 +52,13 @@ class Identity:
     system: str
     effects: tuple[str, ...]  # or the kind outside the vocabulary
     number: int  # within its set and system
+    recording: str = ""  # how the log is made, where that is not ten seconds at 1 kHz
 
     @property
     def name(self) -> str:
         """An opaque name: nothing in a log's path tells its effect."""
         words = f"{self.truth}/{self.seed}/{self.set}/{self.sensors}/{self.system}/{self.number}/{self.effects}"
+        words += f"/{self.recording}" if self.recording else ""
         return "case-" + hashlib.sha256(words.encode()).hexdigest()[:10]
 
     @property
@@ -161,6 +164,25 @@ def _second(seed: int) -> list[Identity]:
     for kind in OUTSIDE_2:
         add("outside", next(rates), (kind,))
         add("outside", "encoder", (kind,))
+    return found + _recorded(seed)
+
+
+def _recorded(seed: int) -> list[Identity]:
+    """Logs as drives record them: each effect in one way of recording, turned from seed to seed, and none in each."""
+    found, ways, turn = [], list(RECORDINGS), seed // 2
+    for number, effect in enumerate((*EFFECTS_2, *[""] * len(ways))):
+        way = (number + turn) % len(ways)
+        if effect in ACTUATOR and RECORDINGS[ways[way]].filtered:
+            way = (way + 1) % len(ways)  # a current that was measured holds whatever the actuator did
+        # 9 ways and 4 kinds of sensors have no common factor
+        sensors = SENSORS[(number + turn) % len(SENSORS)]
+        if RECORDINGS[ways[way]].coarse and sensors in ("rate", "both"):
+            sensors = "encoder"  # beside a rate sensor a coarse encoder decides nothing
+        if effect in ON_RATE and sensors not in ("rate", "both"):
+            sensors = "both"
+        pool = ROTARY if sensors == "rate" or effect == "unbalance" else tuple(KINDS_2)
+        system, effects = pool[(number + number // len(pool) + 5 * turn) % len(pool)], (effect,) if effect else ()
+        found.append(Identity(2, seed, "recorded" if effect else "none", sensors, system, effects, number, ways[way]))
     return found
 
 
@@ -178,23 +200,33 @@ def _pairs_2(seed: int) -> list[tuple[str, ...]]:
 
 
 def spread_over(found: list[Identity], limit: int) -> list[Identity]:
-    """So many cases, each time the one whose truth, set, sensors, effects and machine were met least."""
+    """So many cases, each time the one whose truth, set, sensors, effects and machine were met least.
+
+    In that order: a run that is interrupted has met them evenly too.
+    """
     if limit >= len(found):
         return found
-    met: Counter[tuple[str, str]] = Counter()
     left = {one: _marks(one) for one in found}
-    chosen = []
+    # a kind of sensors is one of four, an effect one of thirty: to be met evenly, a meeting counts so much
+    worth = Counter(name for name, _ in {mark for marks in left.values() for mark in marks})
+    met: Counter[tuple[str, str]] = Counter()
+    chosen: list[Identity] = []
+
+    def known(one: Identity) -> float:
+        # of two effects each counts half; "none" is met as often as there are logs without a gap
+        part = {"effect": 1 / len(one.effects) if one.effects else 0.5}
+        return sum(met[mark] * worth[mark[0]] * part.get(mark[0], 1.0) for mark in left[one])
+
     for _ in range(limit):
         # names are hashes: ties do not favour the head of the list
-        best = min(left, key=lambda one: (sum(met[mark] for mark in left[one]) / len(left[one]), one.name))
+        best = min(left, key=lambda one: (known(one), one.name))
         met.update(left.pop(best))
         chosen.append(best)
-    order = {one: i for i, one in enumerate(found)}
-    return sorted(chosen, key=lambda one: order[one])
+    return chosen
 
 
 def _marks(one: Identity) -> list[tuple[str, str]]:
-    # effects weigh most: a small sample is to meet many of them
-    effects = [("effect", effect) for effect in one.effects] or [("effect", "none")]
-    common = [("truth", str(one.truth)), ("set", one.set), ("sensors", one.sensors), ("system", one.system)]
-    return [*common, *effects, *effects, ("group", one.group)]
+    """What is to be met evenly: (question, answer)."""
+    marks = [("truth", str(one.truth)), ("set", one.set), ("sensors", one.sensors), ("system", one.system)]
+    marks += [("effect", effect) for effect in one.effects or ("none",)]
+    return [*marks, ("group", one.group), *([("recording", one.recording)] if one.recording else [])]

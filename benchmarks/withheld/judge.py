@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -29,12 +30,23 @@ def result_folder(folder: Path, case: str) -> Path:
     return folder / "results" / case
 
 
-def diagnose_all(folder: Path, wanted: list[Identity], tool: Tool = by_command) -> None:
-    """Diagnose the cases that have no `diagnosis.json` yet; a failed one is tried again."""
+def diagnose_all(folder: Path, wanted: list[Identity], tool: Tool = by_command, minutes: float | None = None) -> None:
+    """Diagnose the cases that have no `diagnosis.json` yet; a failed one is tried again.
+
+    Args:
+        folder: of logs and results.
+        wanted: the cases, in the order in which they are diagnosed.
+        tool: leaves a `diagnosis.json`.
+        minutes: after which no further case is begun; None for all.
+    """
     missing = [one for one in wanted if not (result_folder(folder, one.name) / "diagnosis.json").exists()]
     progress = Progress("diagnosis")
     warm: set[str] = set()
+    begun = time.monotonic()
     for number, one in enumerate(missing):
+        if minutes is not None and time.monotonic() - begun > 60 * minutes:
+            progress.end(f"{number} logs diagnosed in {minutes:g} min, {len(missing) - number} left for another run")
+            return
         place, log = result_folder(folder, one.name), log_path(folder, one)
         place.mkdir(parents=True, exist_ok=True)
         # in a folder of its own until it is whole: an interrupted run leaves no half answer
@@ -62,7 +74,7 @@ def diagnose_all(folder: Path, wanted: list[Identity], tool: Tool = by_command) 
 
 
 def read_scores(folder: Path, labels: list[Label]) -> list[CaseScore]:
-    """Score every case from what is on disk; a case without an answer has failed."""
+    """Score every case from what is on disk: one whose diagnosis failed is wrong, one not yet tried is left out."""
     scores = []
     for label in labels:
         place = result_folder(folder, label["case"])
@@ -72,6 +84,8 @@ def read_scores(folder: Path, labels: list[Label]) -> list[CaseScore]:
             diagnosis = json.loads((place / "diagnosis.json").read_text())
             if (place / "run.json").exists():
                 run = json.loads((place / "run.json").read_text())
+        elif not (place / "error.txt").exists():
+            continue
         scores.append(score_case(diagnosis, label, run.get("seconds"), run.get("warm", True)))
     return scores
 
@@ -90,17 +104,35 @@ def versions() -> dict[str, str]:
     return found
 
 
+def commit() -> str:
+    """The commit that is measured, with a + where files differ from it; "unknown" outside a checkout."""
+    try:
+        words = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty=+", "--exclude=*"]
+        return subprocess.run(words, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
 def score_all(folder: Path, labels: list[Label], arguments: dict[str, Any]) -> None:
     """Print the tables, write `withheld.json` and the pictures."""
-    summary = summarise(read_scores(folder, labels))
+    scores = read_scores(folder, labels)
+    summary = summarise(scores)
     summary["provenance"] = {
         "arguments": {name: str(value) for name, value in arguments.items()},
         "seeds": sorted({label["seed"] for label in labels}),
         "truth_versions": sorted({f"truth {label['truth']}: {label['version']}" for label in labels}),
         "versions": versions(),
+        "commit": commit(),
+        "date": time.strftime("%Y-%m-%d", time.gmtime()),
+        "cases": len(scores),
+        "not_diagnosed": len(labels) - len(scores),
     }
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "withheld.json").write_text(json.dumps(summary, indent=1) + "\n")
     print_report(summary)
+    if len(scores) < len(labels):
+        print(f"\n{len(labels) - len(scores)} of {len(labels)} logs are not diagnosed yet and count nowhere.")
+    found = ", ".join(f"{name} {number}" for name, number in versions().items())
+    print(f"\n{summary['provenance']['date']}, commit {commit()}, {found}")
     write_pictures(folder, summary)
     print(f"\nwritten: {folder / 'withheld.json'}, confusion.png, calibration.png, parameters.png")

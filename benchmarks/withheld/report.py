@@ -3,29 +3,11 @@
 from pathlib import Path
 from typing import Any
 
-from .second.effects import EFFECTS
+from .calibration import print_by_verdict, print_curves
+from .contract import EFFECTS
+from .goals import print_goals
 from .summary import VERDICTS
 
-# issue's goals by (truth, set, kind of sensors); None for any: (figure, goal, whether more is better)
-GOALS: tuple[tuple[int | None, str, str | None, str, float, bool], ...] = (
-    (1, "single", "rate", "name", 0.99, True),
-    (1, "single", "encoder", "name", 0.97, True),
-    (1, "single", "derived", "name", 0.95, True),
-    (1, "single_off", None, "name", 0.99, True),
-    (1, "pairs", None, "both", 0.94, True),
-    (2, "single", "rate", "name", 0.97, True),
-    (2, "single", "encoder", "name", 0.95, True),
-    (2, "single", "derived", "name", 0.95, True),
-    (2, "single_off", None, "name", 0.97, True),
-    (2, "pairs", None, "both", 0.85, True),
-    (2, "pairs", None, "at_least_one", 0.98, True),
-    (None, "wide", None, "name", 0.95, True),
-    (None, "starter", None, "name", 0.95, True),
-    (None, "none", None, "false_alarms", 0.0, False),
-    (None, "outside", None, "wrongly_sure", 0.025, False),
-)
-COVERAGE = {"coverage_same_law": (0.85, 0.95), "coverage_other_form": (0.7, 1.0)}
-SECONDS = {"median": 6.0, "worst": 25.0}
 HEADS = (
     ("right first", "name"),
     ("asserted", "right"),
@@ -50,23 +32,14 @@ def shown(value: float | None, digits: int = 3) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
 
 
-def goals_of(group: str) -> list[tuple[str, float, bool]]:
-    """The goals of a row of the table: (figure, goal, whether more is better)."""
-    truth, set_, sensors = group.removeprefix("truth ").split(", ")
-    return [
-        (figure, goal, more)
-        for number, name, kind, figure, goal, more in GOALS
-        if number in (None, int(truth)) and name == set_ and kind in (None, sensors)
-    ]
-
-
 def print_report(summary: dict[str, Any]) -> None:
     """Print the tables."""
-    print(f"\n{'logs':32}{'cases':>6}" + "".join(f"{head:>13}" for head, _ in HEADS) + "   goals")
-    rows = [*summary["groups"].items(), ("all", summary["all"])]
+    print_goals(summary["goals"])
+    print(f"\n{'logs':32}{'cases':>6}" + "".join(f"{head:>13}" for head, _ in HEADS))
+    rows = [*summary["groups"].items(), *summary["recordings"].items(), ("all", summary["all"])]
     for name, figures in rows:
         cells = "".join(f"{percent(figures[column]):>13}" for _, column in HEADS)
-        print(f"{name:32}{figures['cases']:6d}{cells}   {_goal_words(name, figures)}")
+        print(f"{name:32}{figures['cases']:6d}{cells}")
     print(f"\n{'logs':32}" + "".join(f"{verdict:>17}" for verdict in VERDICTS))
     for name, figures in rows:
         print(f"{name:32}" + "".join(f"{figures['verdicts'][verdict]:>17}" for verdict in VERDICTS))
@@ -84,17 +57,13 @@ def print_report(summary: dict[str, Any]) -> None:
             f"{percent(figures['nominal_corrected']) + ' of ' + str(figures['nominal_count']):>12}"
             f"{shown(spent['median']):>10}{shown(spent['worst']):>9}"
         )
-    found, spent = summary["parameters"], summary["time"]
-    print("\ngoals of the last rows: intervals 90 +- 5 %, of another form 70 %; 6 s a log, the worst 25 s (processor)")
-    if spent["first_calls"]:
-        cold = ", ".join(shown(value) for value in spent["first_calls"])
-        print(f"first log of each kind of sensors in a process, which may compile: {cold} s")
     sure = summary["sure"]
     print(
-        f"{sure['statements']} statements above {sure['limit']:g}, {sure['wrong']} cases with one that is wrong; goal: "
-        f"one in forty. Brier score (pairs apart) {shown(summary['brier'])}."
+        f"\n{sure['statements']} statements above {sure['limit']:g}, {sure['wrong']} of them wrong, in "
+        f"{sure['wrong_cases']} logs. Brier score (pairs apart) {shown(summary['brier'])}."
     )
-    _print_calibration(summary["calibration"])
+    print_by_verdict(summary["statements"])
+    print_curves(summary["calibration"])
     _print_effects(summary)
     if summary["misses"]:
         print(f"\n{len(summary['misses'])} cases count against a goal:")
@@ -103,29 +72,6 @@ def print_report(summary: dict[str, Any]) -> None:
                 f"  {miss['case']} {miss['group']:28} {miss['system']:7} {miss['truth']:44} -> "
                 f"{miss['verdict']}: {', '.join(miss['causes']) or '-'} "
                 f"(p {shown(miss['probability'], 2)}){' WRONGLY SURE' if miss['wrongly_sure'] else ''}"
-            )
-
-
-def _goal_words(name: str, figures: dict[str, Any]) -> str:
-    if not name.startswith("truth"):
-        return ""
-    words = []
-    for figure, goal, more in goals_of(name):
-        value = figures[figure]
-        met = value is None or (value >= goal if more else value <= goal)
-        head = next((h for h, column in HEADS if column == figure), figure)
-        words.append(f"{head} {percent(goal)} {'met' if met else 'MISSED'}")
-    return "; ".join(words)
-
-
-def _print_calibration(curves: dict[str, list[dict[str, float]]]) -> None:
-    for name, rows in curves.items():
-        if rows:
-            print(f"\ncalibration, {name}\n{'stated':>14}{'mean':>8}{'right':>10}{'cases':>7}")
-        for row in rows:
-            print(
-                f"{row['from']:6.2f} .. {row['to']:4.2f}{row['stated']:8.2f}"
-                f"{percent(row['right']):>10}{row['count']:7d}"
             )
 
 

@@ -25,7 +25,8 @@ from typing import Any
 NOMINAL = ("inertia", "coulomb", "viscous")
 NOMINAL_MAY_BE_OFF = ("single_off", "wide", "starter")
 ASSERTING = ("explained", "partly_explained")
-ONE_EFFECT = ("single", "single_off", "wide", "starter")
+ONE_EFFECT = ("single", "single_off", "wide", "starter", "recorded")
+EXACT_NOMINAL = ("single", "recorded")
 LARGEST_CLASS = 3
 SURE = 0.95
 MATTERS = 5.0  # per cent by which a number of the nominal is off, to count as an error that is to be corrected
@@ -67,6 +68,8 @@ class CaseScore:
     sensors: str
     system: str
     truth: str
+    generator: int
+    recording: str
     verdict: str
     asserted: list[str]
     name: bool | None = None
@@ -83,7 +86,10 @@ class CaseScore:
     surest_wrong: float = 0.0
     probability: float | None = None
     statement: bool | None = None
+    own: bool | None = None  # the statement names the withheld effect itself, or an exact twin
+    ahead: float | None = None  # how far the leading cause is beyond the others, as the diagnosis says it [1]
     sure_statements: int = 0
+    sure_wrong: int = 0
     closed: float | None = None
     column: str = "failed"
     parameters: list[ParameterScore] = field(default_factory=list)
@@ -212,6 +218,8 @@ def score_case(diagnosis: Diagnosis | None, label: Label, seconds: float | None 
         sensors=label["sensors"],
         system=label["system"],
         truth="+".join(label["effects"]) or (label["outside"] or "none"),
+        generator=int(label["truth"]),
+        recording=label.get("recording", ""),
         verdict=verdict,
         asserted=causes_list,
         seconds=seconds,
@@ -234,6 +242,8 @@ def score_case(diagnosis: Diagnosis | None, label: Label, seconds: float | None 
     if kind not in ("none", "outside"):
         score.closed = closed_share(diagnosis) if not failed else 0.0
     score.nominal = nominal_scores(diagnosis, label)
+    ahead = number(diagnosis.get("ahead"))
+    score.ahead = ahead if math.isfinite(ahead) else None
     _score_statements(score, [entry for entry in ranking if not is_learned(entry["effect"])], label, off)
     score.column = _column(score, ranking, label)
     return score
@@ -264,28 +274,34 @@ def _score_statements(score: CaseScore, ranking: list[dict[str, Any]], label: La
     if not ranking and not score.asserted:
         return
     true = {name for one in label["accepted"] for name in one} | off | set(label.get("also_true", []))
-    if label["set"] == "single":
+    if label["set"] in EXACT_NOMINAL:
         # a twin of several causes is right as a whole only; alone it is a wrong statement
         wholes = [set(one) for one in label["accepted"] if len(one) > 1]
         true -= {n for one in wholes if not one <= set(score.asserted) for n in one} - single_names(label)
     entries = {entry["effect"]: entry for entry in reversed(ranking)}
-    groups = [frozenset(declared(ranking[0]))] if ranking else []
+    groups, causes = [frozenset(declared(ranking[0]))] if ranking else [], []
     if score.verdict in ASSERTING:
         causes = [frozenset(declared(entries.get(cause, {"effect": cause}))) for cause in score.asserted]
         score.wrongly_asserted = any(not group & true for group in causes)
         groups += causes
-    stated = []
-    for group in dict.fromkeys(groups):
+    stated: dict[frozenset[str], float] = {}
+    for group in groups:
         total = sum(number(entries[name].get("probability")) for name in group if name in entries)
-        stated.append((min(max(total, 0.0), 1.0) if math.isfinite(total) else 0.0, bool(group & true)))
+        stated[group] = min(max(total, 0.0), 1.0) if math.isfinite(total) else 0.0
     if ranking:
-        score.probability, score.statement = stated[0]
+        score.probability, score.statement = stated[groups[0]], bool(groups[0] & true)
+        if label["effects"]:
+            # of a pair either effect
+            names = single_names(label) or {name for one in label["accepted"] for name in one}
+            score.own = is_first(ranking[0], set(score.asserted), label) or bool(groups[0] & names)
     if score.verdict in ASSERTING:
         # of several causes each is told as sure as it is to be among them
-        among = [(number(entries.get(cause, {}).get("cause_probability")), cause) for cause in score.asserted]
-        stated += [(p, bool(declared(entries[cause]) & true)) for p, cause in among if math.isfinite(p)]
-    score.surest_wrong = max((p for p, fine in stated if not fine), default=0.0)
-    score.sure_statements = sum(p > SURE for p, _ in stated)
+        for cause, group in zip(score.asserted, causes, strict=True):
+            among = number(entries.get(cause, {}).get("cause_probability"))
+            stated[group] = max(stated[group], among if math.isfinite(among) else 0.0)
+    score.surest_wrong = max((p for group, p in stated.items() if not group & true), default=0.0)
+    score.sure_statements = sum(p > SURE for p in stated.values())
+    score.sure_wrong = sum(p > SURE and not group & true for group, p in stated.items())
     score.wrongly_sure = score.surest_wrong > SURE
 
 

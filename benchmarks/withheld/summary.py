@@ -1,14 +1,12 @@
 """From scored cases to the figures of a group, of a row of the goals' table, and of all together."""
 
-import itertools
 import statistics
 from collections.abc import Iterable
 from typing import Any
 
+from .calibration import by_verdict, calibration
+from .goals import KINDS, goals_table
 from .score import ASSERTING, ONE_EFFECT, SURE, CaseScore, ParameterScore
-
-BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0)
-SENSOR_KINDS = {"rate": "rate sensor", "both": "rate sensor", "encoder": "encoder only", "derived": "derived velocity"}
 
 
 def share(values: Iterable[bool | None]) -> float | None:
@@ -25,25 +23,6 @@ def brier(scores: list[CaseScore]) -> float | None:
         if s.probability is not None and s.statement is not None
     ]
     return statistics.fmean(terms) if terms else None
-
-
-def calibration(scores: list[CaseScore]) -> list[dict[str, float]]:
-    """Stated probability against the share that was right, in bins; empty bins are left out."""
-    rows = []
-    stated = [(s.probability, s.statement) for s in scores if s.probability is not None and s.statement is not None]
-    for low, high in itertools.pairwise(BINS):
-        inside = [(p, y) for p, y in stated if low <= p < high or (high == 1.0 and p == 1.0)]
-        if inside:
-            rows.append(
-                {
-                    "from": low,
-                    "to": high,
-                    "stated": statistics.fmean(p for p, _ in inside),
-                    "right": statistics.fmean(float(y) for _, y in inside),
-                    "count": len(inside),
-                }
-            )
-    return rows
 
 
 def parameters(scores: Iterable[ParameterScore]) -> dict[str, Any]:
@@ -115,11 +94,15 @@ def summarise(scores: list[CaseScore]) -> dict[str, Any]:
     # in a pair each effect's probability is at most what the sum leaves: not a calibrated single
     judged = [s for s in scores if s.set != "pairs"]
     effects = sorted({s.truth for s in scores if s.set in ONE_EFFECT})
-    kinds = dict.fromkeys(SENSOR_KINDS.values())
-    by_kind = {kind: [s for s in judged if SENSOR_KINDS[s.sensors] == kind] for kind in kinds}
+    kinds = dict.fromkeys(KINDS.values())
+    by_kind = {kind: [s for s in judged if KINDS[s.sensors] == kind] for kind in kinds}
     curves = {"all": calibration(judged)}
     curves |= {kind: calibration(some) for kind, some in by_kind.items() if some}
+    ways = dict.fromkeys(s.recording for s in scores if s.recording)
     return {
+        "goals": goals_table(scores),
+        "statements": by_verdict(judged),
+        "recordings": {way: summary_of([s for s in scores if s.recording == way]) for way in ways},
         "groups": {
             name: summary_of([s for s in scores if s.group == name]) for name in dict.fromkeys(s.group for s in scores)
         },
@@ -134,7 +117,7 @@ def summarise(scores: list[CaseScore]) -> dict[str, Any]:
         "brier": brier(judged),
         "calibration": curves,
         "sure": {"limit": SURE, "statements": sum(s.sure_statements for s in scores),
-                 "wrong": sum(s.wrongly_sure for s in scores)},
+                 "wrong": sum(s.sure_wrong for s in scores), "wrong_cases": sum(s.wrongly_sure for s in scores)},
         "parameters": parameters(p for s in scores for p in s.parameters),
         "time": times(scores),
         "confusion": confusion([s for s in scores if s.set != "pairs"]),

@@ -19,14 +19,14 @@ def test_all_sets_and_sensors_of_both_truths_are_there_by_default():
     found = default()
     for truth in (1, 2):
         some = [one for one in found if one.truth == truth]
-        assert {one.set for one in some} == set(SETS)
+        assert {one.set for one in some} == set(SETS) - ({"recorded"} if truth == 1 else set())
         assert {one.sensors for one in some} == set(SENSORS)
     assert {one.system for one in found} == set(SYSTEMS)
     assert len({one.name for one in found}) == len(found)
     assert default() == found
 
 
-@pytest.mark.parametrize("limit", [3, 8, 24])
+@pytest.mark.parametrize("limit", [3, 8, 24, 60])
 def test_a_limit_spreads_over_effects_machines_sets_sensors_and_truths(limit):
     chosen = spread_over(default(), limit)
     assert len(chosen) == limit
@@ -37,13 +37,28 @@ def test_a_limit_spreads_over_effects_machines_sets_sensors_and_truths(limit):
     effects = Counter(effect for one in chosen for effect in one.effects)
     assert max(effects.values()) <= 1 + limit // 24
     assert spread_over(default(), 10**6) == default()
+    # the first of a sample are a sample too: an interrupted run says something of every row
+    assert chosen == spread_over(default(), 90)[:limit]
+
+
+@pytest.mark.parametrize(("truth", "seed", "limit"), [(2, 1, 60), (1, 7, 40)])
+def test_sixty_logs_say_something_of_every_row_of_the_goals(truth, seed, limit):
+    found = identities(seed, truth)
+    chosen = spread_over(found, limit)
+    counts = Counter(one.group for one in chosen)
+    assert set(counts) == {one.group for one in found}
+    assert max(counts.values()) <= 6
+    effects = Counter(effect for one in chosen for effect in one.effects)
+    assert set(effects) >= {effect for one in found for effect in one.effects if one.set == "single"}
+    # nine ways of recording for seven or eight such logs
+    assert len({one.recording for one in found} - {one.recording for one in chosen}) <= 2
 
 
 def test_a_limit_of_three_is_not_three_errors_of_one_kind(tmp_path, capsys, monkeypatch):
     seen = []
     monkeypatch.setattr("benchmarks.withheld.command.generate", lambda folder, wanted, *_: seen.extend(wanted) or 0)
     monkeypatch.setattr("benchmarks.withheld.command.read_labels", lambda *_: [])
-    monkeypatch.setattr(judge, "diagnose_all", lambda *_: None)
+    monkeypatch.setattr(judge, "diagnose_all", lambda *_, **__: None)
     assert main(["withheld", "--out", str(tmp_path), "--limit", "3"]) == 0
     assert len({one.effects for one in seen}) == 3
     assert len({one.system for one in seen}) == 3
@@ -60,6 +75,7 @@ def test_a_limit_of_three_is_not_three_errors_of_one_kind(tmp_path, capsys, monk
         (["--seeds", "0"], "--seeds must be at least 1, got 0"),
         (["--seeds", "3", "4"], "4 is not of the reported half"),
         (["--limit", "0"], "--limit must be at least 1, got 0"),
+        (["--minutes", "0"], "--minutes must be positive, got 0"),
         (["--sets", "single", "--sensors", "encoder", "--systems", "hobby", "--truth", "1"], "no case has"),
         (["--answers", "a.json"], "--answers goes with --write"),
     ],
@@ -101,7 +117,7 @@ def test_a_quick_run_says_that_it_judges_nothing(tmp_path, capsys, monkeypatch):
         out.mkdir()
         (out / "diagnosis.json").write_text('{"verdict": "no_gap", "causes": [], "ranking": []}')
 
-    monkeypatch.setattr(judge.diagnose_all, "__defaults__", (tool,))
+    monkeypatch.setattr(judge.diagnose_all, "__defaults__", (tool, None))
     monkeypatch.setattr("benchmarks.withheld.command.QUICK", (2, 200))
     words = ["withheld", "--out", str(tmp_path), "--quick", "--truth", "2", "--sets", "none,outside"]
     assert main(words) == 0

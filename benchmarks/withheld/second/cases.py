@@ -1,8 +1,9 @@
 """A case of the second truth: machine, reference, effect, clutter, sensors, all from (seed, words) alone."""
 
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,12 +12,13 @@ from .effects import ACTUATOR, EFFECTS, Plan, Scales, sign
 from .machines import KINDS, Drawn, between, draw
 from .outside import OUTSIDE
 from .physics import INITIAL
+from .recording import PLAIN, RECORDINGS, USUAL, Recording, coarsen
 from .references import reference
 from .simulate import simulate
 from .world import Trace, World
 
-DT, PERIODS = 1e-3, 10_001
-VERSION = 1  # of the laws and their draws
+DT, PERIODS = USUAL, 10_001
+VERSION = 2  # of the laws and their draws; 1: the nominal models of "single_off" were exact
 ATTEMPTS = 5  # a case whose effect does not show is made larger, one that is not tracked is drawn anew
 SHORTEST = 3000  # periods on which that can be judged
 
@@ -28,7 +30,9 @@ class Case:
     plan: Plan
     world: World
     clutter: list[str]
+    seed: int
     words: str
+    recording: Recording = PLAIN
 
 
 def generator(seed: int, words: str, purpose: str) -> np.random.Generator:
@@ -37,26 +41,30 @@ def generator(seed: int, words: str, purpose: str) -> np.random.Generator:
 
 
 def build(
-    seed: int, words: str, set_: str, sensors: str, system: str, effects: tuple[str, ...], periods: int, grow: float
-) -> Case:
+    seed: int, words: str, set_: str, sensors: str, system: str, effects: tuple[str, ...], periods: int, grow: float,
+    recording: Recording = PLAIN,
+) -> Case:  # fmt: skip
     """Draw one case.
 
     Args:
         seed, words: what all draws come from.
-        set_: "single", "off", "wide", "starter", "pairs", "none" or "outside".
+        set_: "single", "single_off", "wide", "starter", "recorded", "pairs", "none" or "outside".
         sensors: "rate", "both", "encoder" or "derived".
         system: a key of `KINDS`.
         effects: the effects, or the kind outside the vocabulary.
         periods: length of the log.
         grow: factor on the size of the effect.
+        recording: how the record is made; its own length is already in `periods`.
     """
     drawn = draw(KINDS[system], generator(seed, words, "machine"))
-    rng = generator(seed, words, "case")
-    wanted = reference(drawn.kind, generator(seed, words, "reference"), periods, DT)
-    values = machine_values(drawn, sensors, rng)
+    if recording.coarse:
+        coarsen(drawn)
+    rng, dt = generator(seed, words, "case"), recording.dt
+    wanted = reference(drawn.kind, generator(seed, words, "reference"), periods, dt)
+    values = machine_values(drawn, sensors, rng, dt)
     nominal = {"inertia": drawn.inertia, "coulomb": drawn.coulomb, "viscous": drawn.viscous}
     load_matters = "load_dependent_friction" in effects
-    scales = scales_of(drawn, wanted)
+    scales = scales_of(drawn, wanted, dt)
     if not drawn.kind.linear and "unbalance" not in effects and (load_matters or rng.random() < 0.15):
         known = scales.torque * (rng.uniform(1.2, 2.0) if load_matters else rng.uniform(0.2, 0.6))
         nominal |= {"unbalance": known, "unbalance_phase": float(rng.uniform(0, 2 * np.pi))}
@@ -65,7 +73,7 @@ def build(
         nominal["offset"] = sign(rng) * scales.torque * rng.uniform(0.2, 0.5)
         values["known_offset"] = nominal["offset"]
     plan = Plan(drawn, scales, values, nominal, sensors, grow)
-    world = World(values, wanted, int(generator(seed, words, "noise").integers(2**31)), dt=DT)
+    world = World(values, wanted, int(generator(seed, words, "noise").integers(2**31)), dt=dt)
     clutter: list[str] = []
     if set_ == "outside":
         OUTSIDE[effects[0]](plan, world, generator(seed, words, "outside"))
@@ -78,32 +86,34 @@ def build(
     world.curve = plan.curve
     # a current that was measured holds whatever the actuator did: such effects need the command
     commanded = set_ == "outside" or bool(ACTUATOR & set(effects))
-    world.measured = not commanded and rng.random() < 0.35
-    return Case(plan, world, clutter, words)
+    world.measured = not commanded and (rng.random() < 0.35 or recording.filtered)
+    return Case(plan, world, clutter, seed, words, recording)
 
 
 def spread_nominal(plan: Plan, set_: str, rng: np.random.Generator) -> None:
-    """The nominal's own errors: up to 3 % in "off", 10 to 30 % in "wide"."""
+    """The nominal's own errors: up to 3 % in "single_off", 10 to 30 % in "wide"."""
     for name in ("inertia", "coulomb", "viscous"):
         small, large = rng.uniform(-0.03, 0.03), rng.uniform(0.1, 0.3)
         side = sign(rng)
         if f"{name}_error" in plan.parameters:
             continue
-        if set_ == "off":
+        if set_ == "single_off":
             plan.nominal[name] *= 1 + small
         elif set_ == "wide":
             plan.nominal[name] *= 1 + side * large
 
 
-def machine_values(drawn: Drawn, sensors: str, rng: np.random.Generator) -> dict[str, float]:
+def machine_values(drawn: Drawn, sensors: str, rng: np.random.Generator, dt: float = DT) -> dict[str, float]:
     """The true machine without effects, with the loop that its sensors allow."""
     kind = drawn.kind
     reads_rate = sensors in ("rate", "both")
     # differences over some periods and a filter, longer where the counts are coarse
-    coarse = drawn.encoder_step / (kind.speed * DT)
+    coarse = drawn.encoder_step / (kind.speed * dt)
     average = int(np.clip(round(between(rng, 1, 4) * (1 + 2 * coarse)), 1, 16))
     pole = between(rng, 0.8e-3, 2.5e-3) * (1 + 2 * min(coarse, 2))
-    bandwidth = drawn.bandwidth if reads_rate else min(drawn.bandwidth, 0.25 / (pole + average * DT / 2 + DT))
+    # the lag that the loop has to stand: its period, and what the drive makes of its encoder
+    late = dt if reads_rate else pole + average * dt / 2 + dt
+    bandwidth = min(drawn.bandwidth, 0.25 / late)
     drawn.bandwidth = bandwidth
     kp = drawn.inertia * bandwidth
     stiffness = drawn.inertia * (2 * np.pi * between(rng, 220, 300)) ** 2
@@ -142,9 +152,9 @@ def machine_values(drawn: Drawn, sensors: str, rng: np.random.Generator) -> dict
     return values
 
 
-def scales_of(drawn: Drawn, wanted: np.ndarray) -> Scales:
+def scales_of(drawn: Drawn, wanted: np.ndarray, dt: float = DT) -> Scales:
     """What the reference asks, had the machine followed it."""
-    acceleration = np.gradient(wanted, DT)
+    acceleration = np.gradient(wanted, dt)
     torque = drawn.inertia * acceleration + drawn.viscous * wanted
     torque = torque + drawn.coulomb * np.tanh(wanted / (0.01 * drawn.kind.speed))
     return Scales(
@@ -177,7 +187,7 @@ def missing_torque(nominal: dict[str, float], trace: Trace, dt: float = DT) -> n
 
 def sizes(case: Case, trace: Trace) -> dict[str, float]:
     """Torque and missing torque of a log, rms, and the error of the rate reading against its noise."""
-    missing = missing_torque(case.plan.nominal, trace)
+    missing = missing_torque(case.plan.nominal, trace, case.world.dt)
     reading = trace.rate - trace.true_velocity
     values = case.world.values
     noise = np.hypot(values["rate_noise"], case.plan.drawn.kind.rate_step / np.sqrt(12))
@@ -207,20 +217,29 @@ def sane(case: Case, trace: Trace) -> bool:
     return bool(np.isfinite(error) and error < 0.7 * np.std(trace.reference) and not howls and not limited)
 
 
-Asked = tuple[int, str, str, str, str, tuple[str, ...]]
+class Asked(NamedTuple):
+    """What a case is drawn from."""
+
+    seed: int
+    words: str
+    set: str
+    sensors: str
+    system: str
+    effects: tuple[str, ...]
+    recording: str = ""  # of `RECORDINGS`; empty for ten seconds at 1 kHz
 
 
 Done = tuple[Case, Trace, dict[str, float]]
 
 
 def finished(
-    wanted: list[Asked], periods: int = PERIODS, progress: Callable[[float], None] | None = None
+    wanted: Sequence[Asked], periods: int = PERIODS, progress: Callable[[float], None] | None = None
 ) -> Iterator[tuple[int, Done]]:
     """Simulate cases; one whose effect does not show is made larger, one that nobody would keep is drawn anew.
 
     Args:
-        wanted: (seed, words, set, sensors, system, effects) a case.
-        periods: length of the logs.
+        wanted: one a case.
+        periods: length of the logs at 1 kHz; those of another rate or length in proportion.
         progress: called with the share done.
 
     Yields:
@@ -232,8 +251,10 @@ def finished(
     for attempt in range(ATTEMPTS):
         cases = []
         for i in left:
-            seed, words, set_, sensors, system, effects = wanted[i]
-            cases.append(build(seed, f"{words}/{anew[i]}", set_, sensors, system, effects, periods, grow[i]))
+            seed, words, set_, sensors, system, effects, name = wanted[i]
+            made = RECORDINGS[name] if name else PLAIN
+            rows = made.periods(periods)
+            cases.append(build(seed, f"{words}/{anew[i]}", set_, sensors, system, effects, rows, grow[i], made))
 
         def report(share: float, attempt: int = attempt) -> None:
             if progress is not None:
@@ -260,7 +281,7 @@ def finished(
             break
 
 
-def run(wanted: list[Asked], periods: int = PERIODS, progress: Callable[[float], None] | None = None) -> list[Done]:
+def run(wanted: Sequence[Asked], periods: int = PERIODS, progress: Callable[[float], None] | None = None) -> list[Done]:
     """`finished`, in the order of `wanted`."""
     found = dict(finished(wanted, periods, progress))
     return [found[i] for i in range(len(wanted))]

@@ -7,10 +7,12 @@ of a wave `amplitude` is that of the fundamental; of Maxwell elements `bristle_s
 two poles `time_constant` is their sum; of a knee `width` is what is lost far from it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..contract import EFFECTS as NAMES
 from .machines import Drawn, between
 from .physics import FADES, INITIAL, POINTS
 
@@ -328,36 +330,7 @@ def velocity_quantisation(plan: Plan, rng: np.random.Generator) -> None:
     plan.parameters["velocity_quantisation"] = {"step": plan.values["rate_step"]}
 
 
-EFFECTS = {
-    function.__name__: function
-    for function in (
-        coulomb_error,
-        viscous_error,
-        inertia_error,
-        stribeck,
-        presliding,
-        asymmetric_friction,
-        position_dependent_friction,
-        friction_drift,
-        load_dependent_friction,
-        quadratic_drag,
-        backlash,
-        compliance,
-        unbalance,
-        cogging,
-        constant_torque,
-        torque_gain_error,
-        actuator_lag,
-        velocity_lag,
-        actuator_delay,
-        velocity_delay,
-        torque_saturation,
-        torque_dead_zone,
-        velocity_bias,
-        velocity_scale_error,
-        velocity_quantisation,
-    )
-}
+EFFECTS: dict[str, Callable[[Plan, np.random.Generator], None]] = {name: globals()[name] for name in NAMES}
 ACTUATOR = {"torque_gain_error", "actuator_lag", "actuator_delay", "torque_saturation", "torque_dead_zone"}
 ON_RATE = {name for name in EFFECTS if name.startswith("velocity_")}
 PERIODIC = {"unbalance", "cogging", "position_dependent_friction"}

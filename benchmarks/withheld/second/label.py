@@ -6,38 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from .cases import DT, VERSION, Case
+from ..contract import unit_of
+from .cases import VERSION, Case, generator
 from .effects import PERIODIC
+from .recording import recorded
 from .world import Trace
-
-UNITS = {
-    "coulomb": "N m",
-    "viscous": "N m s/rad",
-    "inertia": "kg m^2",
-    "stribeck_torque": "N m",
-    "stribeck_velocity": "rad/s",
-    "bristle_deflection": "rad",
-    "bristle_stiffness": "N m/rad",
-    "coulomb_positive": "N m",
-    "coulomb_negative": "N m",
-    "viscous_positive": "N m s/rad",
-    "viscous_negative": "N m s/rad",
-    "amplitude": "N m",
-    "periods": "1/rev",
-    "time_constant": "s",
-    "coefficient": "",
-    "gap": "rad",
-    "frequency": "Hz",
-    "stiffness": "N m/rad",
-    "torque": "N m",
-    "gain": "1",
-    "delay": "s",
-    "limit": "N m",
-    "width": "N m",
-    "bias": "rad/s",
-    "scale": "1",
-    "step": "rad/s",
-}
 
 
 def stands_for(effect: str, case: Case, sensors: str) -> list[frozenset[str]]:
@@ -88,7 +61,7 @@ def label_of(case: Case, trace: Trace, size: dict[str, float], sensors: str, set
         "also_true": also_true(case, sensors),
         "parameters": {
             effect: {
-                name: {"value": float(value), "unit": UNITS[name]}
+                name: {"value": float(value), "unit": unit_of(effect, name)}
                 for name, value in values.items()
                 # the periods of a linear axis have no agreed unit
                 if not (linear and name == "periods")
@@ -143,12 +116,13 @@ def model_text(case: Case, sensors: str) -> str:
         lines += ['type = "pi"', f"kp = {values['kp']:.9g}", f"ki = {values['ki']:.9g}"]
     else:
         lines.append('type = "unknown"')
-    return "\n".join([*lines, "[simulation]", f"dt = {DT:.9g}"]) + "\n"
+    return "\n".join([*lines, "[simulation]", f"dt = {case.world.dt:.9g}"]) + "\n"
 
 
 def write(place: Path, case: Case, trace: Trace, sensors: str) -> None:
     """log.csv and servo.toml."""
     found = columns_of(trace, sensors, case.plan.drawn.kind.rate_step)
+    found = recorded(found, case.recording, generator(case.seed, case.words, "recording"))
     place.mkdir(parents=True, exist_ok=True)
     formats = ["%.6f" if name == "time" else "%.10g" for name in found]
     np.savetxt(

@@ -166,17 +166,28 @@ def rounded(value: np.ndarray, step: np.ndarray) -> np.ndarray:
 def simulate(
     worlds: list[World], substeps: int = SUBSTEPS, progress: Callable[[float], None] | None = None
 ) -> list[Trace]:
-    """Run machines of one length: those of one body side by side, then those of two."""
+    """Run machines, side by side those of one body or two, of one rate and one length; `substeps` are of 1 ms."""
+    groups: dict[tuple[bool, float, int], list[int]] = {}
+    for i, world in enumerate(worlds):
+        key = (bool(world.values.get("split", 0.0)), world.dt, len(world.reference))
+        groups.setdefault(key, []).append(i)
     found: dict[int, Trace] = {}
-    for two in (False, True):
-        chosen = [i for i, world in enumerate(worlds) if bool(world.values.get("split", 0.0)) == two]
-        if chosen:
-            traces = _simulate([worlds[i] for i in chosen], substeps, progress)
-            found |= dict(zip(chosen, traces, strict=True))
+    work = {key: key[1] * key[2] * (2 if key[0] else 1) for key in groups}  # a machine more costs little
+    done = 0.0
+    for key in sorted(groups):
+
+        def report(share: float, before: float = done, part: float = work[key]) -> None:
+            if progress is not None:
+                progress((before + share * part) / sum(work.values()))
+
+        steps = max(round(substeps * key[1] / 1e-3), 1)
+        traces = _simulate([worlds[i] for i in groups[key]], steps, report)
+        found |= dict(zip(groups[key], traces, strict=True))
+        done += work[key]
     return [found[i] for i in range(len(worlds))]
 
 
-def _simulate(worlds: list[World], substeps: int, progress: Callable[[float], None] | None) -> list[Trace]:
+def _simulate(worlds: list[World], substeps: int, progress: Callable[[float], None]) -> list[Trace]:
     plant = Plant(worlds)
     p, dt = plant.p, worlds[0].dt
     step, count, periods = dt / substeps, len(worlds), len(worlds[0].reference)
@@ -246,7 +257,7 @@ def _simulate(worlds: list[World], substeps: int, progress: Callable[[float], No
         row = (logged, command, rate, encoder, derived, speed, source)
         for name, value in zip(RECORDED, row, strict=True):
             out[name][k] = value
-        if progress is not None and k % 100 == 0:
+        if k % 100 == 0:
             progress(k / periods)
     stamps = np.arange(periods) * dt
     return [

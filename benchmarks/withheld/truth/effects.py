@@ -9,10 +9,12 @@ non-sinusoidal position dependence `amplitude` is that of the fundamental; of Ma
 Stribeck curve with another exponent `stribeck_velocity` is its own velocity scale.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..contract import EFFECTS as NAMES
 from .systems import Draw, spread
 
 Physics = dict[str, float]
@@ -322,63 +324,8 @@ def velocity_quantisation(plan: Plan, rng: np.random.Generator) -> None:
     plan.parameters["velocity_quantisation"] = {"step": step}
 
 
-EFFECTS = {
-    function.__name__: function
-    for function in (
-        coulomb_error,
-        viscous_error,
-        inertia_error,
-        stribeck,
-        presliding,
-        asymmetric_friction,
-        position_dependent_friction,
-        friction_drift,
-        quadratic_drag,
-        backlash,
-        compliance,
-        unbalance,
-        cogging,
-        constant_torque,
-        torque_gain_error,
-        actuator_lag,
-        velocity_lag,
-        actuator_delay,
-        velocity_delay,
-        torque_saturation,
-        torque_dead_zone,
-        velocity_bias,
-        velocity_scale_error,
-        velocity_quantisation,
-    )
-}
-
-UNITS = {
-    "coulomb": "N m",
-    "viscous": "N m s/rad",
-    "inertia": "kg m^2",
-    "stribeck_torque": "N m",
-    "stribeck_velocity": "rad/s",
-    "bristle_deflection": "rad",
-    "bristle_stiffness": "N m/rad",
-    "coulomb_positive": "N m",
-    "coulomb_negative": "N m",
-    "viscous_positive": "N m s/rad",
-    "viscous_negative": "N m s/rad",
-    "amplitude": "N m",
-    "periods": "1/rev",
-    "time_constant": "s",
-    "coefficient": "N m s^2/rad^2",
-    "gap": "rad",
-    "frequency": "Hz",
-    "stiffness": "N m/rad",
-    "torque": "N m",
-    "gain": "1",
-    "delay": "s",
-    "limit": "N m",
-    "width": "N m",
-    "bias": "rad/s",
-    "scale": "1",
-    "step": "rad/s",
+EFFECTS: dict[str, Callable[[Plan, np.random.Generator], None]] = {
+    name: globals()[name] for name in NAMES if name != "load_dependent_friction"
 }
 
 # effects that are not put in one pair: exact twins, or two of one place in the loop
