@@ -19,6 +19,60 @@ class Check:
     found: str
 
 
+@dataclass(frozen=True)
+class Figure:
+    """A documented figure and what the diagnosis says of it.
+
+    Attributes:
+        name: "effect.parameter", or "missing torque left".
+        documented: value, or the most that may be left.
+        within: share of the documented value that it may be off [1]; None where it is an upper limit.
+        value: what was found; None where nothing was.
+        low, high: its 90 % interval; None where there is none.
+        unit: of what was found.
+        passed: None where it could not be asked.
+    """
+
+    name: str
+    documented: float
+    within: float | None
+    value: float | None
+    low: float | None
+    high: float | None
+    unit: str
+    passed: bool | None
+
+
+def figures_of(diagnosis: Diagnosis, goal: Goal) -> list[Figure]:
+    """Every documented figure of a goal beside what was found."""
+    found = [parameter_figure(diagnosis, name, wanted) for name, wanted in goal.parameters.items()]
+    return [*found, *([after_figure(diagnosis, goal.after)] if goal.after else [])]
+
+
+def parameter_figure(diagnosis: Diagnosis, name: str, wanted: dict[str, float]) -> Figure:
+    """A parameter beside its documented value."""
+    effect, _, parameter = name.rpartition(".")
+    given = (entry_of(diagnosis, effect).get("parameters") or {}).get(parameter) or {}
+    value, low, high = (_finite(given.get(key)) for key in ("value", "low", "high"))
+    passed = value is not None and abs(value / wanted["value"] - 1) <= wanted["within"]
+    return Figure(name, wanted["value"], wanted["within"], value, low, high, str(given.get("unit", "")), passed)
+
+
+def after_figure(diagnosis: Diagnosis, wanted: dict[str, Any]) -> Figure:
+    """The missing torque that is left on withheld data, beside the most that may be."""
+    gap = diagnosis.get("gap") or {}
+    value, unit = _finite(gap.get("after")), str(gap.get("unit"))
+    low, high = (_finite(one) for one in (gap.get("interval") or {}).get("after") or (None, None))
+    asked = value is not None and unit == wanted["unit"]
+    passed = value is not None and value <= wanted["at_most"] if asked else None
+    return Figure("missing torque left", wanted["at_most"], None, value, low, high, unit, passed)
+
+
+def _finite(given: Any) -> float | None:
+    value = number(given)
+    return value if math.isfinite(value) else None
+
+
 def entry_of(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
     """An effect's entry of the ranking; empty if it has none."""
     return next((entry for entry in ranking_of(diagnosis) if entry["effect"] == effect), {})
@@ -48,7 +102,7 @@ def check_all(diagnosis: Diagnosis, goal: Goal, hidden: tuple[tuple[float, float
     others = [name for name in causes if name not in allowed]
     checks.append(Check("nothing else asserted", not others, ", ".join(others) or "nothing"))
     checks.append(Check(f"nothing wrong above {SURE:g}", not sure, ", ".join(sure) or "nothing"))
-    checks += [check_parameter(diagnosis, name, wanted) for name, wanted in goal.parameters.items()]
+    checks += [check_parameter(parameter_figure(diagnosis, name, one)) for name, one in goal.parameters.items()]
     if goal.after:
         checks.append(check_after(diagnosis, goal.after))
     if goal.located:
@@ -62,26 +116,27 @@ def probability(entry: dict[str, Any]) -> float:
     return max((p for p in stated if math.isfinite(p)), default=0.0)
 
 
-def check_parameter(diagnosis: Diagnosis, name: str, wanted: dict[str, float]) -> Check:
+def check_parameter(figure: Figure) -> Check:
     """A parameter within a share of its documented value."""
-    effect, _, parameter = name.rpartition(".")
-    given = (entry_of(diagnosis, effect).get("parameters") or {}).get(parameter) or {}
-    value, true, within = number(given), wanted["value"], wanted["within"]
-    sentence = f"{effect.replace('_', ' ')}: {parameter} {true:g} within {100 * within:.2g} %"
-    if not math.isfinite(value):
-        return Check(sentence, False, "not given")
-    low, high = number(given.get("low")), number(given.get("high"))
-    found = f"{value:.4g} {given.get('unit', '')} ({low:.4g} to {high:.4g})"
-    return Check(sentence, abs(value / true - 1) <= within, found)
+    effect, _, parameter = figure.name.rpartition(".")
+    within = 100 * (figure.within or 0.0)
+    sentence = f"{effect.replace('_', ' ')}: {parameter} {figure.documented:g} within {within:.2g} %"
+    return Check(sentence, figure.passed, "not given" if figure.value is None else _said(figure))
+
+
+def _said(figure: Figure) -> str:
+    band = "" if figure.low is None or figure.high is None else f" ({figure.low:.4g} to {figure.high:.4g})"
+    return f"{figure.value:.4g} {figure.unit}{band}"
 
 
 def check_after(diagnosis: Diagnosis, wanted: dict[str, Any]) -> Check:
     """The missing torque that is left on withheld data."""
-    gap = diagnosis.get("gap") or {}
-    before, after, unit = number(gap.get("before")), number(gap.get("after")), str(gap.get("unit"))
+    figure = after_figure(diagnosis, wanted)
     sentence = f"withheld, at most {wanted['at_most']:g} {wanted['unit']} left"
-    fine = after <= wanted["at_most"] if unit == wanted["unit"] else None
-    return Check(sentence, fine, f"{before:.3g} -> {after:.3g} {unit}")
+    if figure.value is None:
+        return Check(sentence, None, "not given")
+    before = number((diagnosis.get("gap") or {}).get("before"))
+    return Check(sentence, figure.passed, f"{before:.3g} -> {figure.value:.3g} {figure.unit}")
 
 
 def check_located(diagnosis: Diagnosis, wanted: dict[str, Any], hidden: tuple[tuple[float, float], ...]) -> list[Check]:

@@ -11,7 +11,8 @@ from fpjax.errors import InputError
 from fpjax.output.runfile import write_whole
 
 from ..run_command import fpjax_command
-from .check import Check, asserted, check_all, probability
+from ..withheld.judge import commit, versions
+from .check import Check, asserted, check_all, figures_of, probability
 from .gallery import write_gallery
 from .page import write_page
 from .prepare import PREPARE, Stretch
@@ -19,6 +20,7 @@ from .records import RealCase, Records, find_records
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 Tool = Callable[[list[str]], Any]
+FORMAT = 1  # of results.json: raised where a key is taken away or means something else
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,13 +59,17 @@ def run_real(
             results.append(found)
             show(found)
     out.mkdir(parents=True, exist_ok=True)
-    write_whole(out / "results.json", json.dumps(results, indent=1) + "\n")
+    right = sum(one["right"] for one in results)
+    sure = sum(one["wrongly_sure"] for one in results)
+    provenance = {"date": time.strftime("%Y-%m-%d", time.gmtime()), "commit": commit(), "versions": versions()}
+    whole = {"format": FORMAT, "provenance": provenance, "right": right, "wrongly_sure": sure, "cases": results}
+    write_whole(out / "results.json", json.dumps(whole, indent=1) + "\n")
     write_gallery(out, results)
     if page is not None:
         write_page(page, out, results, made_with(out, results))
-    right = sum(one["right"] for one in results)
-    sure = sum(one["wrongly_sure"] for one in results)
-    print(f"\n{right} of {len(results)} right, {sure} wrongly sure; written: {out / 'results.json'}, index.html")
+    found = ", ".join(f"{name} {number}" for name, number in provenance["versions"].items())
+    print(f"\n{provenance['date']}, commit {provenance['commit']}, {found}")
+    print(f"{right} of {len(results)} right, {sure} wrongly sure; written: {out / 'results.json'}, index.html")
     return 0 if right == len(results) else 1
 
 
@@ -95,7 +101,14 @@ def run_case(case: RealCase, records: Records, out: Path, afresh: bool, tool: To
             error = f"{type(caught).__name__}: {caught}"
     diagnosis = json.loads(path.read_text()) if path.exists() and not error else {"verdict": "failed"}
     checks = check_all(diagnosis, case.goal, hidden)
-    return told(case, records, diagnosis, checks, hidden, spent, error)
+    if spent is not None:
+        (place / "seconds.json").write_text(json.dumps(spent) + "\n")
+    elif (place / "seconds.json").exists() and not error:
+        spent = json.loads((place / "seconds.json").read_text())
+    found = told(case, records, diagnosis, checks, hidden, spent, error)
+    pictures = [f"{case.name}/{path.name}" for path in sorted(place.glob("*.png"))]
+    report = f"{case.name}/report.html" if (place / "report.html").exists() else None
+    return found | {"pictures": pictures, "report": report}
 
 
 def told(
@@ -114,12 +127,14 @@ def told(
         "source": records.source,
         "question": case.question,
         "verdict": diagnosis.get("verdict"),
+        "probability": diagnosis.get("probability"),
         "causes": asserted(diagnosis),
         "ranking": ranking,
         "gap": diagnosis.get("gap"),
         "learned": diagnosis.get("learned"),
         "warnings": diagnosis.get("warnings"),
         "hidden": hidden,
+        "figures": [vars(figure) for figure in figures_of(diagnosis, case.goal)],
         "checks": [vars(check) for check in checks],
         "right": diagnosis.get("verdict") != "failed" and all(check.passed is not False for check in checks),
         "wrongly_sure": any(check.passed is False for check in sure),

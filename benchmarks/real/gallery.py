@@ -24,7 +24,7 @@ def write_gallery(out: Path, results: list[dict[str, Any]]) -> None:
     parts.append("<tr><th>case</th><th>verdict</th><th>causes</th><th>missing torque, withheld</th><th></th></tr>")
     parts += [_row(one) for one in results]
     parts.append("</table>")
-    parts += [_section(out, one) for one in results]
+    parts += [_section(one) for one in results]
     (out / "index.html").write_text("\n".join([*parts, "</body></html>\n"]))
 
 
@@ -53,7 +53,7 @@ def gap_words(gap: dict[str, Any] | None) -> str:
     return f"{number(gap['before']):.3g} to {number(gap['after']):.3g} {gap.get('unit', '')}"
 
 
-def _section(out: Path, one: dict[str, Any]) -> str:
+def _section(one: dict[str, Any]) -> str:
     name = escape(one["case"])
     lines = [f'<h2 id="{name}">{name}</h2>', f"<p>{escape(one['question'])}</p>"]
     lines.append(f'<p class="quiet">{escape(one["records"])}. {escape(one["source"])}</p>')
@@ -67,8 +67,8 @@ def _section(out: Path, one: dict[str, Any]) -> str:
             f"<td>{escape(check['found'])}</td></tr>"
         )
     lines.append("</table>")
-    if (out / one["case"] / "report.html").exists():
-        lines.append(f'<p><a href="{name}/report.html">the whole report</a></p>')
-    for picture in sorted((out / one["case"]).glob("*.png")):
-        lines.append(f'<img loading="lazy" src="{name}/{escape(picture.name)}" alt="{escape(picture.stem)}">')
+    if one["report"]:
+        lines.append(f'<p><a href="{escape(one["report"])}">the whole report</a></p>')
+    for picture in one["pictures"]:
+        lines.append(f'<img loading="lazy" src="{escape(picture)}" alt="{escape(Path(picture).stem)}">')
     return "\n".join(lines)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.__main__ import main
-from benchmarks.real.check import check_all, check_located
+from benchmarks.real.check import check_all, check_located, figures_of
 from benchmarks.real.command import SHARED, run_real
 from benchmarks.real.prepare import leave_out_pulses, stretches
 from benchmarks.real.records import Goal, find_records
@@ -68,6 +68,7 @@ def writing(given, asked):
         place = Path(words[words.index("--out") + 1])
         (place / "diagnosis.json").write_text(json.dumps(given))
         (place / "report.html").write_text("<p>")
+        (place / "where.png").write_bytes(b"picture")
 
     return tool
 
@@ -79,16 +80,28 @@ def test_a_folder_of_ones_own_is_diagnosed_by_the_command_and_compared(mine, tmp
     assert words[:2] == ["diagnose", str(mine / "mine" / "run.csv")]
     assert words[words.index("--holdout") + 1] == str(mine / "mine" / "other.csv")
     assert words[words.index("--columns") + 1] == "torque=current*0.07"
-    [found] = json.loads((out / "results.json").read_text())
+    whole = json.loads((out / "results.json").read_text())
+    assert (whole["format"], whole["right"], whole["wrongly_sure"]) == (1, 1, 0)
+    assert {"date", "commit", "versions"} <= set(whole["provenance"])
+    [found] = whole["cases"]
     assert (found["right"], found["wrongly_sure"], found["verdict"]) == (True, False, "partly_explained")
+    assert (found["causes"], found["report"]) == (["asymmetric_friction"], "mine/report.html")
+    assert found["pictures"] == ["mine/where.png"]
+    slope, left = found["figures"]
+    assert slope == {
+        "name": "asymmetric_friction.viscous_positive", "documented": 166.7, "within": 0.05, "value": 165.0,
+        "low": 160.0, "high": 170.0, "unit": "N s/m", "passed": True,
+    }  # fmt: skip
+    assert (left["name"], left["documented"], left["value"], left["passed"]) == ("missing torque left", 1.6, 1.5, True)
     page = (out / "index.html").read_text()
     assert 'href="mine/report.html"' in page
     assert "2.1 to 1.5 N" in page
     printed = capsys.readouterr().out
     assert "1 of 1 right, 0 wrongly sure" in printed
-    # what is there is not diagnosed again, unless it is asked for
+    # what is there is not diagnosed again, unless it is asked for; its time is kept
     run_real(mine, out, tool=writing(answer(), asked))
     assert len(asked) == 1
+    assert json.loads((out / "results.json").read_text())["cases"][0]["seconds"] == found["seconds"]
     run_real(mine, out, afresh=True, tool=writing(answer(), asked))
     assert len(asked) == 2
     capsys.readouterr()
@@ -117,7 +130,7 @@ def test_the_page_of_the_documentation_holds_every_figure_and_the_picture(mine, 
 
 def test_a_record_that_the_tool_refuses_is_a_result(mine, tmp_path, capsys):
     assert run_real(mine, tmp_path / "out", tool=writing(RuntimeError("no motion"), [])) == 1
-    [found] = json.loads((tmp_path / "out" / "results.json").read_text())
+    [found] = json.loads((tmp_path / "out" / "results.json").read_text())["cases"]
     assert (found["verdict"], found["right"], found["wrongly_sure"]) == ("failed", False, False)
     assert "no motion" in (tmp_path / "out" / "index.html").read_text()
     capsys.readouterr()
@@ -149,6 +162,9 @@ def test_a_parameter_a_share_away_and_a_sure_wrong_cause_are_told(mine):
     failed = [check.sentence for check in check_all(given, goal, ()) if check.passed is False]
     assert any("viscous_positive" in sentence for sentence in failed)
     assert "nothing wrong above 0.95" in failed
+    # a figure that is not given is no figure, and one of an effect that is not in the ranking fails
+    [slope, _] = figures_of(answer(ranking=[]), goal)
+    assert (slope.value, slope.passed) == (None, False)
     # a torque in another unit cannot be compared: neither right nor wrong
     other = check_all(answer(gap={"unit": "V", "before": 2, "after": 1}), goal, ())
     assert [check.passed for check in other if check.sentence.startswith("withheld")] == [None]

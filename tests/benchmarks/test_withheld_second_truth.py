@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from benchmarks.withheld.contract import unit_of
 from benchmarks.withheld.identity import ACTUATOR, ON_RATE, ROTARY, Identity, identities
 from benchmarks.withheld.second import physics
-from benchmarks.withheld.second.cases import DT, VERSION, build, missing_torque, run, sizes
+from benchmarks.withheld.second.cases import DT, VERSION, Asked, build, missing_torque, run, sizes
 from benchmarks.withheld.second.clutter import CLASHES
 from benchmarks.withheld.second.effects import EFFECTS
 from benchmarks.withheld.second.label import columns_of, label_of, model_text, write
@@ -251,21 +251,21 @@ def test_the_integrator_is_converged_for_what_the_sensors_see():
 
 def test_a_case_is_its_words_and_seed_alone_whoever_is_beside_it():
     asked = [
-        (0, "a", "single", "rate", "hobby", ("cogging",)),
-        (0, "b", "single", "derived", "gantry", ("compliance",)),
-        (0, "c", "outside", "encoder", "table", ("lost_commands",)),
+        Asked(0, "a", "single", "rate", "hobby", ("cogging",)),
+        Asked(0, "b", "single", "derived", "gantry", ("compliance",)),
+        Asked(0, "c", "outside", "encoder", "table", ("lost_commands",)),
     ]
     together = run(asked, 250)
     for one, (_, trace, _) in zip(asked, together, strict=True):
         _, alone, _ = run([one], 250)[0]
         for name in ("torque", "rate", "position", "derived"):
             np.testing.assert_allclose(getattr(alone, name), getattr(trace, name), rtol=0, atol=1e-12)
-    other = run([(2, *asked[0][1:])], 250)[0][1]
+    other = run([asked[0]._replace(seed=2)], 250)[0][1]
     assert not np.allclose(other.torque, together[0][1].torque)
 
 
 def test_a_machine_without_effect_misses_little_and_one_with_an_effect_much():
-    asked = [(0, "n", "none", "both", "motor", ()), (0, "c", "single", "both", "motor", ("coulomb_error",))]
+    asked = [Asked(0, "n", "none", "both", "motor", ()), Asked(0, "c", "single", "both", "motor", ("coulomb_error",))]
     (none, quiet, _), (_, _, loud) = run(asked, 1000)
     missing = missing_torque(none.plan.nominal, quiet)
     assert np.sqrt(np.mean(missing**2)) < 0.02 * sizes(none, quiet)["torque"]
@@ -353,7 +353,7 @@ def rows_of(place):
 
 @pytest.mark.parametrize(("name", "dt"), [("2 kHz", 5e-4), ("500 Hz", 2e-3), ("250 Hz", 4e-3)])
 def test_a_loop_of_another_rate_is_the_same_machine_and_is_converged(name, dt, tmp_path):
-    asked = [(0, "rate", "recorded", "both", "motor", ("viscous_error",), name)]
+    asked = [Asked(0, "rate", "recorded", "both", "motor", ("viscous_error",), name)]
     [(case, trace, _)] = run(asked, 601)
     assert case.world.dt == dt
     assert len(trace.time) == round(0.6 / dt) + 1
@@ -370,7 +370,7 @@ def test_a_loop_of_another_rate_is_the_same_machine_and_is_converged(name, dt, t
 def test_lengths_jitter_and_gaps_are_of_the_log_and_not_of_the_machine(tmp_path):
     logs = {}
     for name in ("", "5 s", "20 s", "jitter", "gaps"):
-        [(case, trace, _)] = run([(0, "length", "recorded", "encoder", "stage", ("viscous_error",), name)], 1001)
+        [(case, trace, _)] = run([Asked(0, "length", "recorded", "encoder", "stage", ("viscous_error",), name)], 1001)
         write(tmp_path / name, case, trace, "encoder")
         logs[name] = rows_of(tmp_path / name)
     assert [len(logs[name]) for name in ("", "5 s", "20 s", "jitter")] == [1001, 501, 2001, 1001]
@@ -389,7 +389,7 @@ def test_lengths_jitter_and_gaps_are_of_the_log_and_not_of_the_machine(tmp_path)
 
 def test_a_filtered_torque_is_late_and_coarse_and_a_coarse_encoder_has_twelve_bits(tmp_path):
     plain, filtered = (
-        run([(0, "torque", "recorded", "both", "table", ("viscous_error",), name)], 1001)[0]
+        run([Asked(0, "torque", "recorded", "both", "table", ("viscous_error",), name)], 1001)[0]
         for name in ("500 Hz", "filtered torque")
     )
     assert filtered[0].world.measured
