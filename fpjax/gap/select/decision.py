@@ -21,6 +21,8 @@ SIMPLER = {
 """What an effect holds as a special case, or is in a short travel, with fewer parameters."""
 FACTORS = ("torque_gain_error", "velocity_scale_error")
 """One factor that makes several nominal numbers wrong in proportion."""
+RESOLVED = 0.05  # missing torque, of the nominal model's, below which less is no better
+SHRUNK = 0.999  # likewise, above which nothing has shrunk
 PAIR_KEEP = (24, 10, 5, 4)  # sets of causes that go on to each stage where causes are added
 
 
@@ -31,10 +33,23 @@ class Weighed:
     Attributes:
         fit: with those numbers wide.
         evidence: with the prior odds of the numbers [1].
+        gain: evidence over the nominal model as given [1].
+        left: missing torque, of that of the nominal model as given [1].
     """
 
     fit: Fit
     evidence: float
+    gain: float
+    left: float
+
+    @property
+    def worth(self) -> float:
+        """By which models are compared: what they gain, times how far they shrink the missing torque (a logarithm).
+
+        On a real machine no model is right. Evidence alone then goes to what follows the fast, small details best, and
+        the missing torque alone to what is most flexible; among models that leave next to nothing, evidence decides.
+        """
+        return max(self.gain, 0.0) * float(np.log(1.0 / np.clip(self.left, RESOLVED, SHRUNK)))
 
     @property
     def structural(self) -> tuple[str, ...]:
@@ -77,20 +92,20 @@ def decide(search: Search, stage: Callable[[str, float], None], thresholds: Thre
     stage("effects alone", 0.1)
     exact = search.finish([search.exact])[0]
     fits = search.explore(_alone(search))
-    weighed = _weigh(search, fits)
+    weighed = _weigh(search, exact, fits)
     nominal = next(w for w in weighed if not w.structural)
     singles = [w for w in weighed if w.structural]
-    chosen = _settled(search, weighed[0])
+    chosen = _settled(search, exact, weighed[0])
     rivals, path = weighed, [exact]
     for size in range(2, thresholds.most_causes + 1):
         if not _worth_more(search, exact, chosen.fit, thresholds):
             break
         stage(f"effects together ({size})", 0.3 + 0.2 * (size - 2))
         bases = [w for w in weighed if w.structural][: thresholds.bases] if size == 2 else [chosen]
-        found = _weigh(search, search.explore(_beside(search, bases), PAIR_KEEP, white=False))
+        found = _weigh(search, exact, search.explore(_beside(search, bases), PAIR_KEEP, white=False))
         if not found:
             break
-        best = _settled(search, found[0])
+        best = _settled(search, exact, found[0])
         if not _better(search, exact, chosen, best, thresholds):
             break
         path.append(chosen.fit)
@@ -159,17 +174,22 @@ def _beside(search: Search, bases: Sequence[Weighed]) -> list[Start]:
     return starts
 
 
-def _weigh(search: Search, fits: Sequence[Fit]) -> list[Weighed]:
-    """The fits by evidence, each with the nominal numbers that it needs."""
+def _weigh(search: Search, exact: Fit, fits: Sequence[Fit]) -> list[Weighed]:
+    """The fits by their worth, each with the nominal numbers that it needs."""
     sizes = nominal_sizes(search.setting)
-    found = [Weighed(fit, wrong_numbers(fit, sizes)[0]) for fit in fits]
+    found = [_weighed(search, exact, fit, wrong_numbers(fit, sizes)[0]) for fit in fits]
     plain = max((w.evidence for w in found if not w.structural), default=-np.inf)
-    found = [w if _resolved(w.fit) else Weighed(w.fit, min(w.evidence, plain - 1.0)) for w in found]
-    found = sorted(found, key=lambda w: -w.evidence)
+    found = [w if _resolved(w.fit) else _weighed(search, exact, w.fit, min(w.evidence, plain - 1.0)) for w in found]
+    found = sorted(found, key=lambda w: (-w.worth, -w.evidence))
     best: dict[tuple[str, ...], Weighed] = {}  # of the same effects with more and with fewer wrong numbers
     for weighed in found:
         best.setdefault(weighed.structural, weighed)
     return list(best.values())
+
+
+def _weighed(search: Search, exact: Fit, fit: Fit, evidence: float) -> Weighed:
+    left = _left(search, fit) / max(_left(search, exact), 1e-300)
+    return Weighed(fit, evidence, evidence - exact.evidence, left)
 
 
 def _resolved(fit: Fit) -> bool:
@@ -178,13 +198,13 @@ def _resolved(fit: Fit) -> bool:
     return not (spring and {"frequency", "damping_ratio"} & set(fit.candidate.at_bound()))
 
 
-def _settled(search: Search, weighed: Weighed) -> Weighed:
+def _settled(search: Search, exact: Fit, weighed: Weighed) -> Weighed:
     """The same effects fitted once more with only those nominal numbers wide that are wrong."""
     evidence, wrong = wrong_numbers(weighed.fit, nominal_sizes(search.setting))
     if set(wrong) == set(weighed.fit.candidate.wide):
         return weighed
     fit = search.refit(weighed.fit, wrong)
-    return Weighed(fit, max(evidence, fit.evidence - len(wrong)))
+    return _weighed(search, exact, fit, max(evidence, fit.evidence - len(wrong)))
 
 
 def _left(search: Search, fit: Fit) -> float:
@@ -211,8 +231,8 @@ def _pruned(search: Search, exact: Fit, chosen: Weighed, t: Thresholds) -> Weigh
             rest = tuple(e for e in chosen.fit.candidate.effects if e is not effect)
             values = _without(chosen.fit, effect, rest)
             options.append(Start(rest, NOMINAL, values, chosen.fit.candidate))
-        found = _weigh(search, search.explore(options, white=False))
-        best = _settled(search, found[0])
+        found = _weigh(search, exact, search.explore(options, white=False))
+        best = _settled(search, exact, found[0])
         if _better(search, exact, best, chosen, t):
             return chosen
         chosen = best
@@ -242,7 +262,7 @@ def _simpler(search: Search, exact: Fit, chosen: Weighed, t: Thresholds) -> Weig
         if not near:
             return chosen
         best = min(near, key=lambda pair: pair[1])[0]
-        chosen = Weighed(best, best.evidence - len(best.candidate.wide))
+        chosen = _weighed(search, exact, best, best.evidence - len(best.candidate.wide))
 
 
 def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[Start]:

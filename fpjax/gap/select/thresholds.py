@@ -47,7 +47,7 @@ class Thresholds:
     """
 
     decisive: float = 10.0
-    removes: float = 0.3
+    removes: float = 0.15
     immaterial: float = 0.15
     bases: int = 2
     most_causes: int = 3

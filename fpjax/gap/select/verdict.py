@@ -50,7 +50,7 @@ class Verdict:
         probability: that the verdict is right [1].
         main: probability by effect that it is the main cause [1]; sums to at most 1.
         among: probability by effect that it is among the causes [1].
-        margin: evidence of the chosen model over the best one without its leading cause [nats].
+        margin: worth of the chosen model over that of the best one without its leading cause [nats].
         ahead: how far the leading cause is beyond the others' reach [1]; 0 where nothing leads.
     """
 
@@ -66,7 +66,7 @@ class Verdict:
 @dataclass(frozen=True)
 class _Set:
     names: tuple[str, ...]  # the leading cause first
-    evidence: float
+    worth: float  # in nats: of the chosen model, its evidence over the nominal model as given
 
 
 def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS) -> Verdict:
@@ -77,9 +77,9 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
         seen: sizes.
         thresholds: every number that decides.
     """
-    chosen = _Set(_chosen_names(decision, seen, thresholds), decision.chosen.evidence)
+    chosen = _Set(_chosen_names(decision, seen, thresholds), decision.chosen.gain)
     sets = _sets(decision, chosen, seen)
-    margin = _margin(sets, chosen, decision.exact.evidence)
+    margin = _margin(sets, chosen)
     lead = _lead(decision, chosen, margin)
     word = _word(decision, seen, chosen, margin, thresholds)
     asserted = chosen.names if word in ("explained", "partly_explained") else ()
@@ -112,13 +112,14 @@ def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, .
 
 
 def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
-    """Every set of causes that was tried, once, with its best evidence; the chosen one as it is asserted."""
+    """Every set of causes that was tried, once, with its greatest worth; the chosen one as it is asserted."""
     best: dict[tuple[str, ...], _Set] = {}
+    nats = decision.chosen.gain / max(decision.chosen.worth, 1e-300)
     for w in (decision.nominal, *decision.singles, *decision.rivals):
         if set(w.structural) == set(decision.chosen.structural):
             continue
-        own = _Set(_names(w, seen), w.evidence)
-        if own.names and (own.names not in best or best[own.names].evidence < own.evidence):
+        own = _Set(_names(w, seen), w.worth * nats)
+        if own.names and (own.names not in best or best[own.names].worth < own.worth):
             best[own.names] = own
     return ([chosen] if chosen.names else []) + list(best.values())
 
@@ -129,14 +130,14 @@ def _names(w: Weighed, seen: Seen) -> tuple[str, ...]:
     return tuple(f"{n}_error" for n in wrong_numbers(w.fit, seen.sizes)[1])
 
 
-def _margin(sets: Sequence[_Set], chosen: _Set, exact: float) -> float:
+def _margin(sets: Sequence[_Set], chosen: _Set) -> float:
     if not chosen.names:
         return 0.0
-    return chosen.evidence - max([exact, *(s.evidence for s in sets if chosen.names[0] not in s.names)])
+    return chosen.worth - max([0.0, *(s.worth for s in sets if chosen.names[0] not in s.names)])
 
 
 def _word(decision: Decision, seen: Seen, chosen: _Set, margin: float, t: Thresholds) -> Word:
-    gained = decision.chosen.evidence - decision.exact.evidence
+    gained = decision.chosen.gain
     immaterial = max(t.nothing * seen.torque, seen.floor)
     if seen.before < immaterial or (gained < t.chance and seen.before < t.slight * seen.torque):
         return "no_gap"
@@ -161,7 +162,7 @@ def _lead(decision: Decision, chosen: _Set, margin: float) -> float:
         return 0.0
     if _is_number(chosen.names[0]):
         return decision.shares.get(chosen.names[0], 0.0)
-    return margin / max(decision.chosen.evidence - decision.exact.evidence, 1e-300)
+    return margin / max(decision.chosen.gain, 1e-300)
 
 
 def _top(word: Word, lead: float, t: Thresholds) -> float:
@@ -177,8 +178,8 @@ def _top(word: Word, lead: float, t: Thresholds) -> float:
 def _shares(sets: Sequence[_Set], top: float, temper: float) -> list[tuple[_Set, float]]:
     if not sets:
         return []
-    evidence = np.array([s.evidence if np.isfinite(s.evidence) else -1e30 for s in sets])
-    odds = np.exp(np.maximum((evidence - np.max(evidence)) / temper, -700.0))
+    worth = np.array([s.worth if np.isfinite(s.worth) else -1e30 for s in sets])
+    odds = np.exp(np.maximum((worth - np.max(worth)) / temper, -700.0))
     return list(zip(sets, (top * odds / np.sum(odds)).tolist(), strict=True))
 
 
