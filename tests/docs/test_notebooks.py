@@ -53,9 +53,11 @@ def test_real_record(run, monkeypatch, tmp_path, at_hand):
         pytest.skip("../shared is not here")
     monkeypatch.setenv("FPJAX_RECORDS", str(records if at_hand else tmp_path))
     text, pictures = run("notebooks/real_record")
-    assert text.startswith("energy_shaping.csv: the real record" if at_hand else "no real record here")
-    assert re.search(r"^unbalance [\d.]+ N m, independently 4.17 N m", text, flags=re.MULTILINE)
-    assert "missing torque: " in text
+    assert text.startswith("DATA_EMPS.mat: the real record" if at_hand else "no real record here")
+    assert "missing force: " in text
+    assert "asserted: inertia_error" in text
+    (mass,) = re.findall(r"^inertia ([\d.]+) kg, 90 % interval", text, flags=re.MULTILINE)
+    assert float(mass) == pytest.approx(95.11, rel=0.011)  # the published deviation
     assert pictures == 2
 
 
