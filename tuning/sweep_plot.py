@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.colors import BoundaryNorm
+from matplotlib.figure import Figure
 
 from fpjax.output.plotting import BLACK, BLUE, GREY, STYLE, new_figure, save
 
@@ -16,20 +17,23 @@ LEVELS = 24
 MOST_POINTS = 400  # drawn along an axis; a denser grid is thinned for the picture
 
 
-def draw(named: Sequence[Axis], cost: np.ndarray, title: str, path: Path) -> Path:
-    """Draw and save.
+def draw(named: Sequence[Axis], cost: np.ndarray, title: str, path: Path | None = None) -> Figure:
+    """Draw, and save where a path is given.
 
     Args:
         named: axes of the grid.
         cost: at its points, shape (*counts); past two axes the others stay at their best values.
         title: of the picture.
-        path: of its file.
+        path: of its file; None to write none.
     """
     with rc_context(STYLE):
-        return _draw(named, np.asarray(cost, dtype=float), title, path)
+        figure = _draw(named, np.asarray(cost, dtype=float), title)
+        if path is not None:
+            save(figure, path)
+    return figure
 
 
-def _draw(named: Sequence[Axis], cost: np.ndarray, title: str, path: Path) -> Path:
+def _draw(named: Sequence[Axis], cost: np.ndarray, title: str) -> Figure:
     figure, panels = new_figure(size=(6.6, 4.6))
     axes = panels[0, 0]
     best = np.unravel_index(int(np.argmin(cost)), cost.shape)
@@ -57,7 +61,7 @@ def _draw(named: Sequence[Axis], cost: np.ndarray, title: str, path: Path) -> Pa
         axes.set(xlabel=second.name, ylabel=first.name, xscale=second.scale, yscale=first.scale)
         axes.grid(False)
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.14), borderaxespad=0.0, frameon=False)
-    return save(figure, path)
+    return figure
 
 
 def _labelled(levels: np.ndarray) -> np.ndarray:

@@ -104,8 +104,15 @@ class SweepResult:
                 _stream(file, self.costs)
         return path
 
-    def plot(self, path: str | Path, reference: str | None = None) -> Path:
+    def plot(self, path: str | Path | None = None, reference: str | None = None) -> Any:
         """Draw the cost over the first two axes (over one, a line; any further axis at its best value).
+
+        Args:
+            path: picture file to write; None to write none.
+            reference: label of the one to draw; None for all together.
+
+        Returns:
+            The matplotlib figure.
 
         Raises:
             InputError: where the picture cannot be written.
@@ -113,7 +120,7 @@ class SweepResult:
         from .sweep_plot import draw
 
         title = f"{self.objective} cost on {reference or ', '.join(self.references)}"
-        return draw(self.axes, self.cost(reference), title, Path(path))
+        return draw(self.axes, self.cost(reference), title, None if path is None else Path(path))
 
     def __str__(self) -> str:
         lines = [f"sweep of {self.simulations:,} simulations ({self.objective}), {self.run_seconds:.1f} s"]

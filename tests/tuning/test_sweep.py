@@ -138,8 +138,9 @@ def test_the_file_names_its_axes(tmp_path):
 @pytest.mark.parametrize("axes", [AXES[:1], AXES, (*AXES, Axis("controller.kp", 100.0, 200.0, 3))])
 def test_pictures(axes, tmp_path):
     result = tuning.sweep(efp(150.0), SINE, **{**COMMON, "axes": axes, "duration": 0.01})
-    path = result.plot(tmp_path / "sweep.png")
-    assert path.read_bytes().startswith(b"\x89PNG")
+    figure = result.plot(tmp_path / "sweep.png")
+    assert figure.axes
+    assert (tmp_path / "sweep.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_linear_axis_may_cross_zero():
