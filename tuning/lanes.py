@@ -11,6 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from fpjax.compiled.gradients import FORWARD_UP_TO, SCRATCH, value_and_gradient
 from fpjax.compiled.native import native, native_enabled
@@ -171,7 +172,7 @@ class Best:
         self.history: list[list[tuple[int, float]]] = [[] for _ in range(lanes)]
         self.reasons = ["stopped at its number of iterations"] * lanes
 
-    def offer(self, lane: Any, values: np.ndarray, cost: float, simulations: int) -> None:
+    def offer(self, lane: int | np.intp, values: np.ndarray, cost: float, simulations: int) -> None:
         """One more iteration of a lane: its point, that point's cost, and what the iteration used."""
         self.simulations[lane] += simulations
         self.iterations[lane] += 1
@@ -192,33 +193,33 @@ def _on_device(tree: Any) -> Any:
     return jax.tree.map(lambda leaf: jax.device_put(leaf) if isinstance(leaf, np.ndarray) else leaf, tree)
 
 
-def _values(space: Space, at: Any) -> Any:
+def _values(space: Space, at: Array) -> Array:
     return jax.vmap(space.values)(at)
 
 
-def _costs(values: Any, index: Any, problem: Problem) -> Any:
+def _costs(values: Array, index: Array | None, problem: Problem) -> Array:
     return jax.vmap(lane_cost, (0, None if index is None else 0, None))(values, index, problem)
 
 
 @functools.lru_cache(maxsize=32)
 def _gradient_function(mode: str, cases: int) -> Callable[..., Any]:
-    def costs(at: Any, index: Any, problem: Problem) -> Any:
+    def costs(at: Array, index: Array | None, problem: Problem) -> Array:
         return _costs(jax.vmap(problem.space.values)(at), index, problem)
 
     return value_and_gradient(costs, mode=mode, batched=True, scratch=max(1, SCRATCH // cases))
 
 
-def _residuals(at: Any, index: Any, problem: Problem) -> Any:
-    def one(at: Any, index: Any) -> Any:
+def _residuals(at: Array, index: Array | None, problem: Problem) -> Array:
+    def one(at: Array, index: Array | None) -> Array:
         rows = lane_residuals(problem.space.values(at), index, problem)
         return jnp.ravel(rows) / math.sqrt(rows.shape[0])
 
     return jax.vmap(one, (0, None if index is None else 0))(at, index)
 
 
-def _residuals_and_jacobian(at: Any, index: Any, problem: Problem) -> Any:
-    def one(at: Any, index: Any) -> Any:
-        def residuals(at: Any) -> Any:
+def _residuals_and_jacobian(at: Array, index: Array | None, problem: Problem) -> tuple[Array, Array, Array]:
+    def one(at: Array, index: Array | None) -> tuple[Array, Array, Array]:
+        def residuals(at: Array) -> Any:
             return lane_residuals(problem.space.values(at), index, problem)
 
         tangents = jnp.eye(at.shape[0], dtype=at.dtype)

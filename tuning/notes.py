@@ -14,6 +14,7 @@ from fpjax.errors import InputError
 from fpjax.parameters import set_parameters
 from fpjax.scan import loop_dtype
 
+from .objective import AbstractObjective
 from .problem import Problem, horizon
 
 CLOSE = 0.8  # share of the solver's stability limit from which an optimum is suspected to be the solver's
@@ -48,14 +49,14 @@ class ObserverRate(AbstractMeasure):
         return total
 
 
-def truths(loop: ClosedLoop, objective: Any) -> dict[str, Array]:
+def truths(loop: ClosedLoop, objective: AbstractObjective) -> dict[str, Array]:
     """True values by name, as far as the objective or the plant's friction law tells them."""
     told = getattr(objective, "truths", {})
     found = {name: told.get(name, getattr(loop.plant.friction, name, None)) for name in NAMES}
     return {name: value for name, value in found.items() if value is not None}
 
 
-def rate_measure(loop: ClosedLoop, objective: Any) -> dict[str, AbstractMeasure]:
+def rate_measure(loop: ClosedLoop, objective: AbstractObjective) -> dict[str, AbstractMeasure]:
     """`ObserverRate` by "rate"; nothing where the observer's error dynamics are not known."""
     parameters = truths(loop, objective)
     if not loop.observer.estimated:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from fpjax import ClosedLoop
 from fpjax.errors import InputError
 from fpjax.parameters import get_parameter, parameter_names
 
@@ -42,7 +43,7 @@ class Parameter:
     scale: Scale = "log"
 
 
-def default_parameters(loop: Any) -> list[str]:
+def default_parameters(loop: ClosedLoop) -> list[str]:
     """What is tuned where nobody says: the observer's gains, or the controller's.
 
     Raises:
@@ -91,7 +92,7 @@ class Space(eqx.Module):
         bent = self.middle + self.half * share / (1.0 + jnp.abs(share) ** SHARPNESS) ** (1.0 / SHARPNESS)
         return jnp.where(log, jnp.exp(jnp.where(log, bent, 0.0)), bent)
 
-    def coordinates(self, values: Any) -> np.ndarray:
+    def coordinates(self, values: np.ndarray | Sequence[float]) -> np.ndarray:
         """Unbounded coordinates of values, shape (..., n), on the host."""
         share = np.clip(self.share(values), -INSIDE, INSIDE)
         straight = share / (1.0 - np.abs(share) ** SHARPNESS) ** (1.0 / SHARPNESS)
@@ -102,7 +103,7 @@ class Space(eqx.Module):
         turning = np.where(multiple < TAIL, low, turning)
         return np.where(knee > 0, turning, straight * np.where(np.asarray(self.logarithmic) > 0, half, 1.0))
 
-    def share(self, values: Any) -> np.ndarray:
+    def share(self, values: np.ndarray | Sequence[float]) -> np.ndarray:
         """Where values lie between their bounds: -1 at the low one, 1 at the high one; shape (..., n)."""
         values = np.asarray(values, dtype=float)
         log = np.asarray(self.logarithmic) > 0
@@ -131,7 +132,9 @@ def _turning(at: Array) -> Array:
     return jnp.where(at > 0.0, at, jnp.where(at > TAIL - 1.0, middle, low))
 
 
-def make_space(loop: Any, parameters: Sequence[str | Parameter], dtype: Any) -> tuple[tuple[str, ...], Array, Space]:
+def make_space(
+    loop: ClosedLoop, parameters: Sequence[str | Parameter], dtype: Any
+) -> tuple[tuple[str, ...], Array, Space]:
     """(names, start of shape (n,), `Space`) of what is to be tuned.
 
     Args:
@@ -160,7 +163,7 @@ def make_space(loop: Any, parameters: Sequence[str | Parameter], dtype: Any) -> 
     return names, jnp.asarray(start, dtype), Space(*(jnp.asarray(column, dtype) for column in columns))
 
 
-def _row(loop: Any, one: Parameter) -> tuple[float, float, float, float]:
+def _row(loop: ClosedLoop, one: Parameter) -> tuple[float, float, float, float]:
     current = get_parameter(loop, one.name)
     if current.ndim:
         raise InputError(f"{one.name} is an array of shape {current.shape}: only single numbers can be tuned.")

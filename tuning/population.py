@@ -2,16 +2,16 @@
 
 import itertools
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
+from fpjax import ClosedLoop
 from fpjax.errors import InputError
 from fpjax.parameters import get_parameter
 
 
 def population(
-    loop: Any, spread: Mapping[str, float], *, count: int | None = None, seed: int = 0
+    loop: ClosedLoop, spread: Mapping[str, float], *, count: int | None = None, seed: int = 0
 ) -> dict[str, np.ndarray]:
     """True plants around the loop's own, the first of them the loop's own.
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fpjax import ClosedLoop
 from fpjax.output.frames import to_frame
 from fpjax.output.plotting import new_figure, save, style
 from fpjax.output.runfile import plain
@@ -89,7 +90,7 @@ class TuningResult:
             if f"at its {side} bound" in verdict
         }
 
-    def apply(self, loop: Any) -> Any:
+    def apply(self, loop: ClosedLoop) -> ClosedLoop:
         """A copy of the loop with the tuned gains."""
         return set_parameters(loop, self.gains)
 

@@ -1,12 +1,12 @@
 """The costs of one chunk of a sweep: the same to the last bit on any number of cores and on any worker of a cluster."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jaxtyping import Array
 
 from fpjax.compiled.batch import chunk_for, cores, map_chunks
 from fpjax.compiled.threads import on_threads, settings, under
@@ -89,14 +89,14 @@ def _kernel_by_kernel(values: np.ndarray, problem: Problem, kernel: int, workers
     return np.concatenate(results)
 
 
-def _reference_costs(values: Any, problem: Problem) -> Any:
+def _reference_costs(values: Array, problem: Problem) -> Array:
     """Costs of one kernel's candidates, shape (candidates, references).
 
     One reference after the other: candidates side by side are one long vector to XLA, candidates by references are not
     (half the speed with 8 references).
     """
 
-    def of_reference(index: Any) -> Any:
+    def of_reference(index: Array) -> Array:
         return jax.vmap(lambda candidate: case_costs(candidate, index, problem)[0])(values)
 
     costs = lax.map(of_reference, jnp.arange(problem.shape[0]))

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 
@@ -74,7 +74,7 @@ def _labelled(levels: np.ndarray) -> np.ndarray:
     return inside if inside.size else levels[levels.size // 2 : levels.size // 2 + 1]
 
 
-def _contours(figure: Any, axes: Any, first: Any, second: Any, cost: np.ndarray) -> None:
+def _contours(figure: Figure, axes: Axes, first: Axis, second: Axis, cost: np.ndarray) -> None:
     rows, columns = max(1, cost.shape[0] // MOST_POINTS), max(1, cost.shape[1] // MOST_POINTS)
     down, across, shown = first.values[::rows], second.values[::columns], cost[::rows, ::columns]
     finite = np.isfinite(shown)
@@ -96,6 +96,6 @@ def _contours(figure: Any, axes: Any, first: Any, second: Any, cost: np.ndarray)
     )
     axes.clabel(lines, fontsize=8, fmt=lambda level: f"{float(f'{10**level:.2g}'):g}")
     bar = figure.colorbar(filled, ax=axes, label="cost, equal shares of the grid (diverged: grey)")
-    bar.set_ticks(levels[:: max(1, levels.size // 6)])
+    bar.set_ticks(levels[:: max(1, levels.size // 6)].tolist())
     bar.set_ticklabels([f"{10**level:.3g}" for level in levels[:: max(1, levels.size // 6)]])
     axes.set_facecolor(GREY)

@@ -23,7 +23,9 @@ import numpy as np
 from fpjax.errors import FpjaxWarning, InputError
 from fpjax.output.runfile import whole_file, write_whole
 
+from .axis import Axis
 from .folder_lock import FolderLock
+from .problem import Problem
 from .result import versions
 
 MANIFEST = "sweep.json"
@@ -290,7 +292,7 @@ def _warn(sentence: str) -> None:
     warnings.warn(sentence, FpjaxWarning, stacklevel=2)
 
 
-def fingerprint(problem: Any, axes: Sequence[Any], chunk: int) -> str:
+def fingerprint(problem: Problem, axes: Sequence[Axis], chunk: int) -> str:
     """What a sweep is, as a hash of every array, every static setting, the axes, the chunk and the versions.
 
     Raises:

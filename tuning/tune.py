@@ -7,6 +7,7 @@ from typing import Any, Unpack
 
 import jax
 import numpy as np
+from jaxtyping import Array
 
 from fpjax import AbstractPlantSolver, AbstractReference, ClosedLoop, Model, make_inputs
 from fpjax.errors import InputError
@@ -25,14 +26,14 @@ from .nelder_mead import nelder_mead
 from .notes import notes_of, rate_measure
 from .objective import Thesis, get_objective
 from .parameters import Parameter, default_parameters
-from .problem import References, case_costs, label_references, make_problem
+from .problem import Problem, References, case_costs, label_references, make_problem
 from .result import TuningResult, versions
 from .setup import Setup, SetupWords, settled
 from .smoothness import not_smooth
 from .starts import placed_parameters, screen
 from .stopping import Stop
 
-_SEARCHES: dict[type, Callable[[Any, Any, Stop], Outcome]] = {
+_SEARCHES: dict[type, Callable[[Lanes, Any, Stop], Outcome]] = {
     GridSearch: algorithm_1,
     RepairedGridSearch: algorithm_1_repaired,
     Adam: adam,
@@ -229,7 +230,7 @@ def _settings(method: str | Method, loop: ClosedLoop, solver: AbstractPlantSolve
     return method
 
 
-def _draw_starts(problem: Any, start: np.ndarray, starts: int, spread: float, seed: int) -> np.ndarray:
+def _draw_starts(problem: Problem, start: np.ndarray, starts: int, spread: float, seed: int) -> np.ndarray:
     if starts < 1:
         raise InputError(f"starts must be at least 1, got {starts}.")
     draws = np.random.default_rng(seed).uniform(-spread, spread, (starts - 1, start.size))
@@ -335,8 +336,8 @@ def _judged(clock: Clock, values: np.ndarray, index: Any, problem: Any) -> tuple
     return np.where(np.isfinite(costs), costs, np.inf).astype(float), cases, rates
 
 
-def _cases(values: Any, index: Any, problem: Any) -> Any:
-    def one(values: Any, index: Any, problem: Any) -> Any:
+def _cases(values: Array, index: Array | None, problem: Problem) -> Any:
+    def one(values: Array, index: Array | None, problem: Problem) -> Any:
         return case_costs(values, index, problem, rate_measure)
 
     return jax.vmap(one, (0, None if index is None else 0, None))(values, index, problem)

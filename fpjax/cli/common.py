@@ -7,11 +7,15 @@ import contextvars
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..errors import InputError
 from ..output.runfile import RunFile, open_folder
 from .numbers import real, whole
+
+if TYPE_CHECKING:
+    from ..logs import Log
+    from ..model_file import Model
 
 T = TypeVar("T")
 HEARD_WITHIN = 0.2  # s
@@ -53,7 +57,7 @@ def log_options(arguments: argparse.Namespace) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def check_torque_unit(log: Any, model: Any) -> None:
+def check_torque_unit(log: "Log", model: "Model") -> None:
     """A torque in amperes and a model in newton metres cannot be compared.
 
     Raises:
@@ -154,7 +158,7 @@ def table(rows: Sequence[Sequence[Any]], header: Sequence[str] = ()) -> str:
     return "\n".join(lines)
 
 
-def show(value: Any) -> str:
+def show(value: object) -> str:
     """A number with five digits, a word as it is."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return str(value)

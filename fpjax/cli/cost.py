@@ -1,7 +1,7 @@
 """What sweep and tune share: the objective, the references, the plants to tune for."""
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,6 +10,12 @@ from ..output.runfile import RunFile
 from .common import say
 from .numbers import real, whole
 from .simulate import open_model
+
+if TYPE_CHECKING:
+    from tuning.objective import AbstractObjective
+
+    from ..blocks.references import AbstractReference
+    from ..model_file import Model
 
 REFERENCES = ("sine", "constant", "chirp", "triangle", "square")
 
@@ -41,7 +47,9 @@ def add_cost_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=real, metavar="S", help="of a run, instead of the model's [s]")
 
 
-def cost_settings(arguments: argparse.Namespace, record: RunFile) -> tuple[Any, Any, dict[str, Any]]:
+def cost_settings(
+    arguments: argparse.Namespace, record: RunFile
+) -> "tuple[Model, dict[str, AbstractReference], dict[str, Any]]":
     """(model, references, keyword arguments of `tune` and `sweep`).
 
     Raises:
@@ -57,7 +65,7 @@ def cost_settings(arguments: argparse.Namespace, record: RunFile) -> tuple[Any, 
         raise InputError(f"--after must lie within the run of {duration:g} s, got {arguments.after:g} s.")
     observed = bool(model.loop.observer.estimated)
     chosen = arguments.objective or ("estimation" if observed else "tracking")
-    objective: Any = {
+    objective: AbstractObjective = {
         "estimation": lambda: Estimation(start=arguments.after),
         "tracking": lambda: Tracking(start=arguments.after, position=model.units.reference == "position"),
         "thesis": Thesis,
@@ -104,7 +112,7 @@ def _plants(word: str) -> tuple[str, list[float]]:
     return name.strip(), values
 
 
-def references_of(model: Any, words: str | None, duration: float) -> dict[str, Any]:
+def references_of(model: "Model", words: str | None, duration: float) -> "dict[str, AbstractReference]":
     """The model's reference, or several shapes with its amplitude and frequency."""
     from ..blocks import references
 

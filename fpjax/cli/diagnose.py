@@ -7,7 +7,7 @@ import json
 import pathlib
 import shlex
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..output.folder_names import folder_names
@@ -25,6 +25,11 @@ from .common import (
     start_jax,
 )
 from .simulate import open_model
+
+if TYPE_CHECKING:
+    from ..gap.answer.diagnosis import Diagnosis
+    from ..logs import Log
+    from ..model_file import Model
 
 EXAMPLES = """\
 examples:
@@ -101,7 +106,7 @@ def _key(place: int, record: RunFile, arguments: argparse.Namespace) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
 
 
-def _log(path: str, role: str, model: Any, arguments: argparse.Namespace, record: RunFile) -> Any:
+def _log(path: str, role: str, model: "Model", arguments: argparse.Namespace, record: RunFile) -> "Log":
     from ..logs import read_log
 
     log = read_log(record.read(path, role), linear=model.linear, **log_options(arguments))
@@ -129,9 +134,9 @@ def _digest(path: pathlib.Path) -> str:
 
 
 def _one(
-    model: Any,
-    logs: list[Any],
-    holdout: list[Any],
+    model: "Model",
+    logs: "list[Log]",
+    holdout: "list[Log]",
     folder: pathlib.Path,
     record: RunFile,
     arguments: argparse.Namespace,
@@ -159,6 +164,6 @@ def _one(
     sys.stdout.flush()
 
 
-def _provenance(found: Any, record: RunFile) -> dict[str, Any]:
+def _provenance(found: "Diagnosis", record: RunFile) -> dict[str, Any]:
     """The diagnosis' own, with the command as it was typed."""
     return {**found.provenance, "command": shlex.join(record.command)}

@@ -3,7 +3,8 @@
 import argparse
 import dataclasses
 import sys
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +13,12 @@ from ..output.runfile import RunFile, whole_file, write_json
 from .common import add_log_options, add_out, check_torque_unit, finish, log_options, running, say, start_jax
 from .numbers import real, whole
 from .simulate import open_model
+
+if TYPE_CHECKING:
+    from ..analysis.estimate import Estimation
+    from ..blocks.observers import AbstractObserver
+    from ..logs import Log
+    from ..model_file import Model
 
 LAPS = 20.0  # time constants in a log, for gains that nobody gave
 EXAMPLES = """\
@@ -78,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> tuple[Any, Any]:
+def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> "tuple[Model, Log]":
     """The model and the log of a command, checked against each other.
 
     Raises:
@@ -108,7 +115,7 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> tuple[
     return model, log
 
 
-def _known_load(model: Any) -> Any:
+def _known_load(model: "Model") -> Callable[[Any, Any, Any], np.ndarray]:
     """The model's load as the checks take it: torque [N m] by (velocity, position, time)."""
     from ..blocks.signals import Motion
 
@@ -116,7 +123,7 @@ def _known_load(model: Any) -> Any:
     return lambda velocity, position, time: np.asarray(load.readout(Motion(velocity, position, time)), float)
 
 
-def default_observer(model: Any, log: Any, velocity: np.ndarray, record: RunFile) -> Any:
+def default_observer(model: "Model", log: "Log", velocity: np.ndarray, record: RunFile) -> "AbstractObserver":
     """An EFP for a model without one: both modes as fast as a twentieth of the log, by (4.12) e' = -(1/J) s phi^T e.
 
     Nothing here looks at the torque, so the answer has no say in the gains.
@@ -138,7 +145,7 @@ def default_observer(model: Any, log: Any, velocity: np.ndarray, record: RunFile
     return ExtendedFriedlandPark(inertia=inertia, gain_1=gain_1, gain_2=gain_2)
 
 
-def _write_traces(found: Any, record: RunFile) -> None:
+def _write_traces(found: "Estimation", record: RunFile) -> None:
     columns = np.column_stack([found.time, found.velocity, *found.estimates.values()])
     header = ",".join(["time", "velocity", *found.estimates])
     with whole_file(record.path("estimate.csv")) as file:

@@ -2,11 +2,15 @@
 
 import argparse
 import pathlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..output.runfile import RunFile, write_json
 from .common import add_log_options, add_out, check_torque_unit, finish, log_options, running, say, start_jax, table
+
+if TYPE_CHECKING:
+    from ..logs import Log
+    from ..model_file import Model
 
 EXAMPLES = """\
 examples:
@@ -58,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _log(model: Any, arguments: argparse.Namespace, record: RunFile) -> Any:
+def _log(model: "Model", arguments: argparse.Namespace, record: RunFile) -> "Log | None":
     if not arguments.log:
         return None
     from ..logs import read_log
@@ -71,7 +75,9 @@ def _log(model: Any, arguments: argparse.Namespace, record: RunFile) -> Any:
     return log
 
 
-def _export_body(target: str, model: Any, log: Any, arguments: argparse.Namespace, record: RunFile) -> dict[str, Any]:
+def _export_body(
+    target: str, model: "Model", log: "Log | None", arguments: argparse.Namespace, record: RunFile
+) -> dict[str, Any]:
     from ..export import export_mujoco, export_urdf
     from ..export.c_code import unit_of
 
@@ -104,7 +110,7 @@ def _export_body(target: str, model: Any, log: Any, arguments: argparse.Namespac
     return {"file": made.file.name, "against": made.against, "errors": errors, "not_held": made.costs or held}
 
 
-def _export_c(model: Any, arguments: argparse.Namespace, record: RunFile) -> dict[str, Any]:
+def _export_c(model: "Model", arguments: argparse.Namespace, record: RunFile) -> dict[str, Any]:
     from ..export import export_c
     from ..export.c_code import unit_of
     from ..export.vectors import ULPS

@@ -2,11 +2,16 @@
 
 import argparse
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..logs.nominal import PARAMETERS
 from ..output.runfile import RunFile, write_json, write_whole
 from .common import add_log_options, add_out, finish, log_options, running, table
+
+if TYPE_CHECKING:
+    from ..logs import Log
+    from ..logs.inspection import Inspection
+    from ..logs.nominal import Nominal
 
 EXTRAS = 6  # columns shown that nobody mapped
 EXAMPLES = """\
@@ -49,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _show(found: Any) -> None:
+def _show(found: "Inspection") -> None:
     log = found.log
     jitter = f"stamps off by at most {100 * log.jitter / log.dt:.2g} % of a period"
     clock = "resampled" if log.resampled else "as recorded"
@@ -83,7 +88,7 @@ def _show(found: Any) -> None:
     print(table(rows))
 
 
-def _units(log: Any) -> dict[str, str]:
+def _units(log: "Log") -> dict[str, str]:
     force, motion = log.torque_unit, "m" if log.linear else "rad"
     if force in ("N m", "N"):
         inertia = "kg" if log.linear else "kg m^2"
@@ -94,7 +99,7 @@ def _units(log: Any) -> dict[str, str]:
     return {name: units.get(name, force) for name in PARAMETERS}
 
 
-def starter(found: Any) -> str | None:
+def starter(found: "Inspection") -> str | None:
     """A servo.toml with the least-squares nominal; None where it is not plausible."""
     from ..output.toml_text import write
 
@@ -136,7 +141,7 @@ def starter(found: Any) -> str | None:
     return head + write(sections, comments)
 
 
-def _load(nominal: Any) -> dict[str, Any]:
+def _load(nominal: "Nominal") -> dict[str, Any]:
     """[load], where the log shows a torque that follows the sine of the position."""
     if nominal.amplitude == 0.0:
         return {}
@@ -153,7 +158,7 @@ def _digits(value: float) -> float:
     return float(f"{value:.6g}")
 
 
-def _write(found: Any, record: RunFile, plots: bool) -> None:
+def _write(found: "Inspection", record: RunFile, plots: bool) -> None:
     write_json(record.path("inspection.json"), found.to_dict())
     text = starter(found)
     if text is not None:

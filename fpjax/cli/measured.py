@@ -1,11 +1,14 @@
 """What `fpjax simulate` measures on a run, and how it is said."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..model_file import Model
+
+if TYPE_CHECKING:
+    from .._simulate import Run
 
 LOOKED_AT = 4000  # samples of a run that the excitation is judged by
 
@@ -63,7 +66,7 @@ def measures_of(model: Model) -> dict[str, Any]:
     return found
 
 
-def summary(model: Model, run: Any) -> list[tuple[str, float, str]]:
+def summary(model: Model, run: "Run") -> list[tuple[str, float, str]]:
     """(quantity, value, unit) rows."""
     units, nominal = model.units, model.nominal
     motion = units.name("rad" if units.reference == "position" else "rad/s")

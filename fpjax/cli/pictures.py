@@ -3,7 +3,7 @@
 import functools
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 import numpy as np
 from matplotlib import rc_context
@@ -11,6 +11,14 @@ from matplotlib import rc_context
 from ..model_file import Model
 from ..output.plotting import BLUE, GREY, RED, SERIES, STYLE, new_figure, save
 from ..output.run_picture import beside, line
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from tuning import TuningResult
+
+    from .._simulate import Run
+    from .replay import Replay
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -37,7 +45,7 @@ def draw_run(model: Model, signals: dict[str, np.ndarray], path: Path) -> Path:
 
 
 @_styled
-def draw_replay(model: Model, found: Any, path: Path) -> Path:
+def draw_replay(model: Model, found: "Replay", path: Path) -> Path:
     """Record and simulation, and the difference, for every quantity that was compared."""
     names = list(found.errors)
     figure, axes = new_figure(
@@ -62,7 +70,7 @@ def draw_replay(model: Model, found: Any, path: Path) -> Path:
 
 
 @_styled
-def draw_tuning(after: Model, runs: dict[str, Any], results: list[Any], path: Path) -> Path:
+def draw_tuning(after: Model, runs: "dict[str, Run]", results: "list[TuningResult]", path: Path) -> Path:
     """Cost against simulations for every method, and the run before and after."""
     estimates = [f"estimates.{name}" for name in after.loop.observer.estimated]
     rows = 2 + len(estimates)
@@ -98,7 +106,7 @@ def draw_tuning(after: Model, runs: dict[str, Any], results: list[Any], path: Pa
     return save(figure, path)
 
 
-def _look_at_the_truth(panel: Any, truth: float | None) -> None:
+def _look_at_the_truth(panel: "Axes", truth: float | None) -> None:
     """The start's swing, of a hundred times the truth at large gains, must not hide what comes after it."""
     low, high = panel.get_ylim()
     if truth and (high > 4.0 * abs(truth) or low < -3.0 * abs(truth)):

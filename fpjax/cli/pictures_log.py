@@ -1,15 +1,22 @@
 """The picture of `fpjax inspect`; apart from the others because it needs no model, and so no jax."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import rc_context
 
 from ..output.plotting import BLUE, GREY, RED, STYLE, new_figure, save, thin
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
-def draw_inspection(found: Any, path: Path) -> Path:
+    from ..logs import Log
+    from ..logs.inspection import Inspection
+    from ..logs.nominal import Nominal
+
+
+def draw_inspection(found: "Inspection", path: Path) -> Path:
     """The columns over time, and friction over speed in bins with the fitted law over it."""
     log = found.log
     names = [name for name in ("torque", "velocity", "position") if name in log.columns()]
@@ -29,7 +36,7 @@ def draw_inspection(found: Any, path: Path) -> Path:
     return save(figure, path)
 
 
-def draw_friction(panel: Any, log: Any, nominal: Any, label: str = "fitted") -> None:
+def draw_friction(panel: "Axes", log: "Log", nominal: "Nominal | None", label: str = "fitted") -> None:
     """Friction over velocity: median and middle half of each bin, and the model's law.
 
     Args:

@@ -2,7 +2,7 @@
 
 import argparse
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from .common import (
     table,
 )
 from .numbers import real, whole
+
+if TYPE_CHECKING:
+    from ..model_file import Model
 
 EXAMPLES = """\
 examples:
@@ -68,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def open_model(path: str, changes: list[str], record: RunFile) -> Any:
+def open_model(path: str, changes: list[str], record: RunFile) -> "Model":
     """The model of a command, its notes said, with `--set` applied.
 
     Raises:
@@ -89,7 +92,7 @@ def open_model(path: str, changes: list[str], record: RunFile) -> Any:
     return model
 
 
-def _simulate(model: Any, arguments: argparse.Namespace, record: RunFile) -> None:
+def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) -> None:
     import jax
 
     from .. import simulate
@@ -129,7 +132,7 @@ def _simulate(model: Any, arguments: argparse.Namespace, record: RunFile) -> Non
             draw_run(model, signals, record.path("simulation.png"))
 
 
-def _margins(model: Any, arguments: argparse.Namespace, record: RunFile, velocity: np.ndarray) -> dict[str, Any]:
+def _margins(model: "Model", arguments: argparse.Namespace, record: RunFile, velocity: np.ndarray) -> dict[str, Any]:
     """Print the margins about a steady motion, leave margins.png, return what simulation.json keeps."""
     from ..linear import linearise
 
@@ -150,7 +153,7 @@ def _margins(model: Any, arguments: argparse.Namespace, record: RunFile, velocit
     return {"speed": speed, "bandwidth_hz": bandwidth[1], **vars(margins)}
 
 
-def _title(model: Any) -> str:
+def _title(model: "Model") -> str:
     return model.path.name if model.path else "the model"
 
 
@@ -177,7 +180,7 @@ def write_signals(record: RunFile, signals: dict[str, np.ndarray]) -> None:
         np.savetxt(file, columns, delimiter=",", header=header, comments="", fmt="%.10g")
 
 
-def _replay(model: Any, arguments: argparse.Namespace, record: RunFile) -> None:
+def _replay(model: "Model", arguments: argparse.Namespace, record: RunFile) -> None:
     from ..logs import read_log
     from .replay import replay
 

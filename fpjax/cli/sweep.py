@@ -2,13 +2,16 @@
 
 import argparse
 import shutil
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..output.runfile import write_json
 from .common import add_out, finish, running, start_jax
 from .cost import add_cost_arguments, cost_settings
 from .numbers import real, whole
+
+if TYPE_CHECKING:
+    from tuning import Axis, SweepResult
 
 EXAMPLES = """\
 examples:
@@ -75,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def read_axis(word: str) -> Any:
+def read_axis(word: str) -> "Axis":
     """An `Axis` of NAME=LOW:HIGH:COUNT[:log|linear].
 
     Raises:
@@ -102,7 +105,7 @@ def read_axis(word: str) -> Any:
     return axis
 
 
-def at_ends(result: Any) -> list[str]:
+def at_ends(result: "SweepResult") -> list[str]:
     """Where the best of all lies at the end of an axis, the sentence that says so."""
     best, _ = result.best()
     ends = [

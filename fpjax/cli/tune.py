@@ -3,13 +3,19 @@
 import argparse
 import dataclasses
 import functools
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..output.runfile import RunFile, write_json, write_whole
 from .common import add_out, finish, interruptible, running, say, start_jax, table
 from .cost import add_cost_arguments, cost_settings
 from .numbers import real, whole
+
+if TYPE_CHECKING:
+    from tuning import Parameter, TuningResult
+
+    from .._simulate import Run
+    from ..model_file import Model
 
 METHODS = ("levenberg_marquardt", "lbfgs", "adam", "grid", "grid_repaired", "nelder_mead")
 EXAMPLES = """\
@@ -86,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def read_parameter(word: str) -> Any:
+def read_parameter(word: str) -> "Parameter":
     """A `Parameter` of NAME, NAME=START or NAME=LOW:START:HIGH[:linear].
 
     Raises:
@@ -111,7 +117,7 @@ def read_parameter(word: str) -> Any:
     return Parameter(name.strip(), start=start, low=low, high=high, scale=scale)
 
 
-def compare(results: list[Any]) -> str:
+def compare(results: "list[TuningResult]") -> str:
     """A row a method."""
     rows = []
     for result in results:
@@ -121,7 +127,9 @@ def compare(results: list[Any]) -> str:
     return table(rows, ("method", "cost", "simulations", "run s", "compile s", names))
 
 
-def _keep_finished(model: Any, results: list[Any], record: RunFile, arguments: argparse.Namespace) -> None:
+def _keep_finished(
+    model: "Model", results: "list[TuningResult]", record: RunFile, arguments: argparse.Namespace
+) -> None:
     """Write what the methods before the interrupted one found."""
     whole = [result for result in results if not result.diverged]
     if whole and record.folder is not None:
@@ -136,7 +144,7 @@ def _keep_finished(model: Any, results: list[Any], record: RunFile, arguments: a
 ACCURATE = 0.03  # of the true value: an estimate of the tuned observer further off is said
 
 
-def check(model: Any, tuned: Any, best: Any, duration: float, record: RunFile) -> dict[str, Any]:
+def check(model: "Model", tuned: "Model", best: "TuningResult", duration: float, record: RunFile) -> "dict[str, Run]":
     """The runs before and after, on the model's own reference; what the tuned estimates come to is printed and said."""
     from .. import simulate
     from ..parameters import set_parameters
@@ -169,7 +177,12 @@ def check(model: Any, tuned: Any, best: Any, duration: float, record: RunFile) -
 
 
 def _write(
-    tuned: Any, runs: dict[str, Any], results: list[Any], best: Any, record: RunFile, arguments: argparse.Namespace
+    tuned: "Model",
+    runs: "dict[str, Run]",
+    results: "list[TuningResult]",
+    best: "TuningResult",
+    record: RunFile,
+    arguments: argparse.Namespace,
 ) -> None:
     if record.folder is None:
         return
