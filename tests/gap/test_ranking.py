@@ -10,6 +10,7 @@ from fpjax.gap import Estimate, Ranked
 from fpjax.gap.answer.confusable import indistinguishable
 from fpjax.gap.answer.ranking import share_alike
 from fpjax.gap.effects.twins import Log, Twin, exact_twins
+from fpjax.gap.select.decision import Weighed
 from fpjax.gap.select.thresholds import THRESHOLDS
 from fpjax.gap.select.verdict import Seen, verdict
 
@@ -25,9 +26,10 @@ def estimate(value, half=0.01):
 # --- the verdict
 
 
-def weighed(names, evidence, wide=()):
+def weighed(names, evidence, wide=(), left=0.2):
+    """A model by its evidence over the nominal model, and what it leaves of that one's missing torque."""
     candidate = SimpleNamespace(structural=tuple(names.split("+")) if names else (), wide=frozenset(wide))
-    return SimpleNamespace(structural=candidate.structural, fit=SimpleNamespace(candidate=candidate), evidence=evidence)
+    return Weighed(SimpleNamespace(candidate=candidate), evidence, evidence, left)
 
 
 def judged(chosen, rivals, *, left=0.02, before=1.0, shares=None, readings=(), exact=0.0, allowed=()):
@@ -89,9 +91,21 @@ def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():
         assert found.among[found.causes[-1]] > 0.9
 
 
+def test_a_model_is_worth_its_evidence_times_how_far_it_shrinks_the_gap():
+    shrinks, follows = weighed("asymmetric_friction", 400.0, left=0.5), weighed("presliding", 500.0, left=0.8)
+    assert shrinks.worth > follows.worth
+    assert follows.behind(shrinks) == pytest.approx(400.0 - 500.0 * np.log(0.8) / np.log(0.5) * 1.0, rel=1e-9)
+    found = judged(shrinks, [follows], left=0.5)
+    assert (found.word, found.causes) == ("partly_explained", ("asymmetric_friction",))
+    # Among models that leave next to nothing, evidence decides.
+    assert weighed("a", 500.0, left=0.02).worth > weighed("b", 490.0, left=0.001).worth
+    assert weighed("a", 500.0, left=1.3).worth < 1.0
+    assert weighed("a", -5.0, left=0.1).worth == 0.0
+
+
 def test_evidence_that_is_not_finite_is_no_rival():
     found = judged(weighed("stribeck", 500.0), [weighed("backlash", -np.inf)])
-    assert found.main["backlash"] < 1e-100
+    assert found.main["backlash"] < 1e-50
 
 
 # --- exact twins

@@ -12,7 +12,7 @@ LARGEST_CLASS = 3  # names; a class of everything says nothing
 def indistinguishable(decision: Decision, effect: str, twins: Sequence[Twin]) -> tuple[str, ...]:
     """Effects that could stand in one place of the causes as well.
 
-    First the effect that is its exact twin; then those whose evidence in its place is nearly as good; last, where there
+    First the effect that is its exact twin; then those that are worth nearly as much in its place; last, where there
     is room, several effects that together are its exact twin.
 
     Args:
@@ -26,7 +26,7 @@ def indistinguishable(decision: Decision, effect: str, twins: Sequence[Twin]) ->
     sets = [twin.instead for twin in twins if effect in twin.causes]
     found = [instead[0] for instead in sets if len(instead) == 1][: LARGEST_CLASS - 1]
     for rival, other in _in_place(decision.chosen, effect, decision.rivals):
-        if len(found) >= LARGEST_CLASS - 1 or decision.chosen.evidence - rival.evidence >= THRESHOLDS.close:
+        if len(found) >= LARGEST_CLASS - 1 or rival.behind(decision.chosen) >= THRESHOLDS.close:
             break
         if other not in found:
             found.append(other)
@@ -48,4 +48,4 @@ def _in_place(chosen: Weighed, effect: str, rivals: Sequence[Weighed]) -> list[t
         and others <= set(rival.structural)
         and effect not in rival.structural
     ]
-    return sorted(near, key=lambda pair: -pair[0].evidence)
+    return sorted(near, key=lambda pair: -pair[0].worth)

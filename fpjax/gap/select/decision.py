@@ -51,6 +51,10 @@ class Weighed:
         """
         return max(self.gain, 0.0) * float(np.log(1.0 / np.clip(self.left, RESOLVED, SHRUNK)))
 
+    def behind(self, chosen: "Weighed") -> float:
+        """By how much its worth is less than the chosen model's, in such nats as that one gains."""
+        return max(chosen.gain, 0.0) * (1.0 - self.worth / max(chosen.worth, 1e-300))
+
     @property
     def structural(self) -> tuple[str, ...]:
         """The effects, without wrong nominal numbers."""

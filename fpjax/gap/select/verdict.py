@@ -114,11 +114,10 @@ def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, .
 def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
     """Every set of causes that was tried, once, with its greatest worth; the chosen one as it is asserted."""
     best: dict[tuple[str, ...], _Set] = {}
-    nats = decision.chosen.gain / max(decision.chosen.worth, 1e-300)
     for w in (decision.nominal, *decision.singles, *decision.rivals):
         if set(w.structural) == set(decision.chosen.structural):
             continue
-        own = _Set(_names(w, seen), w.worth * nats)
+        own = _Set(_names(w, seen), decision.chosen.gain - w.behind(decision.chosen))
         if own.names and (own.names not in best or best[own.names].worth < own.worth):
             best[own.names] = own
     return ([chosen] if chosen.names else []) + list(best.values())
