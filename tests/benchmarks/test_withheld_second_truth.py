@@ -13,7 +13,7 @@ from benchmarks.withheld.second.effects import EFFECTS
 from benchmarks.withheld.second.label import columns_of, label_of, model_text, write
 from benchmarks.withheld.second.machines import KINDS, turn
 from benchmarks.withheld.second.outside import OUTSIDE
-from benchmarks.withheld.second.recording import RECORDINGS, Recording
+from benchmarks.withheld.second.recording import RECORDINGS, Recording, recorded
 from benchmarks.withheld.second.simulate import Plant, simulate
 from benchmarks.withheld.second.world import World
 
@@ -347,63 +347,62 @@ def test_a_seed_has_every_effect_with_every_kind_of_sensors_on_machines_that_can
 # records as drives make them
 
 
-def rows_of(place):
-    return np.genfromtxt(place / "log.csv", delimiter=",", names=True)
-
-
-@pytest.mark.parametrize(("name", "dt"), [("2 kHz", 5e-4), ("500 Hz", 2e-3), ("250 Hz", 4e-3)])
+@pytest.mark.parametrize(("name", "dt"), [("2 kHz", 5e-4), ("250 Hz", 4e-3)])
 def test_a_loop_of_another_rate_is_the_same_machine_and_is_converged(name, dt, tmp_path):
-    asked = [Asked(0, "rate", "recorded", "both", "motor", ("viscous_error",), name)]
-    [(case, trace, _)] = run(asked, 601)
+    [(case, trace, _)] = run([Asked(0, "rate", "recorded", "both", "motor", ("viscous_error",), name)], 301)
     assert case.world.dt == dt
-    assert len(trace.time) == round(0.6 / dt) + 1
+    assert len(trace.time) == round(0.3 / dt) + 1
     assert trace.time[1] == pytest.approx(dt)
-    # the loop follows its reference with the gain that its period allows
-    assert np.std(trace.true_velocity - trace.reference) < 0.5 * np.std(trace.reference)
-    fine = simulate([case.world], substeps=48)[0]
+    # the same inner step whatever the loop's period
+    fine = simulate([case.world], substeps=24)[0]
     assert np.sqrt(np.mean((fine.true_velocity - trace.true_velocity) ** 2)) < 0.2 * case.plan.drawn.rate_noise
     write(tmp_path, case, trace, "both")
     assert f"dt = {dt:g}" in (tmp_path / "servo.toml").read_text()
-    assert np.median(np.diff(rows_of(tmp_path)["time"])) == pytest.approx(dt)
+    rows = np.genfromtxt(tmp_path / "log.csv", delimiter=",", names=True)
+    assert np.median(np.diff(rows["time"])) == pytest.approx(dt)
 
 
-def test_lengths_jitter_and_gaps_are_of_the_log_and_not_of_the_machine(tmp_path):
-    logs = {}
-    for name in ("", "5 s", "20 s", "jitter", "gaps"):
-        [(case, trace, _)] = run([Asked(0, "length", "recorded", "encoder", "stage", ("viscous_error",), name)], 1001)
-        write(tmp_path / name, case, trace, "encoder")
-        logs[name] = rows_of(tmp_path / name)
-    assert [len(logs[name]) for name in ("", "5 s", "20 s", "jitter")] == [1001, 501, 2001, 1001]
-    for column in ("position", "torque", "reference"):
-        np.testing.assert_array_equal(logs["jitter"][column], logs[""][column])
-    late = logs["jitter"]["time"] - logs[""]["time"]
-    assert 0.15e-3 < np.abs(late).max() <= 0.2e-3
-    assert np.all(np.diff(logs["jitter"]["time"]) > 0)
-    steps = np.diff(logs["gaps"]["time"])
+def columns(count: int = 2001) -> dict[str, np.ndarray]:
+    time = np.arange(count) * DT
+    torque = np.sin(2 * np.pi * 3 * time) + 0.4 * np.sin(2 * np.pi * 17 * time)
+    return {"time": time, "torque": torque, "position": np.cumsum(torque)}
+
+
+def test_jitter_and_gaps_are_of_the_stamps_and_not_of_the_machine():
+    plain, rng = columns(), np.random.default_rng(0)
+    jitter = recorded(plain, RECORDINGS["jitter"], rng)
+    for name in ("torque", "position"):
+        np.testing.assert_array_equal(jitter[name], plain[name])
+    assert 0.15e-3 < np.abs(jitter["time"] - plain["time"]).max() <= 0.2e-3
+    assert np.all(np.diff(jitter["time"]) > 0)
+    gaps = recorded(plain, RECORDINGS["gaps"], rng)
+    steps = np.diff(gaps["time"])
     assert np.sum(steps > 1.5e-3) == 2
     assert steps[:10].max() > 0.014  # one right after the start
     assert 0.05 < steps[10:].max() < 0.26
-    kept = np.isin(logs[""]["time"], logs["gaps"]["time"])
-    np.testing.assert_array_equal(logs["gaps"]["position"], logs[""]["position"][kept])
+    kept = np.isin(plain["time"], gaps["time"])
+    np.testing.assert_array_equal(gaps["position"], plain["position"][kept])
+    assert [RECORDINGS[name].periods(10_001) for name in ("5 s", "20 s", "250 Hz")] == [5001, 20_001, 2501]
+    np.testing.assert_equal(recorded(plain, RECORDINGS["500 Hz"], rng), plain)
 
 
-def test_a_filtered_torque_is_late_and_coarse_and_a_coarse_encoder_has_twelve_bits(tmp_path):
-    plain, filtered = (
-        run([Asked(0, "torque", "recorded", "both", "table", ("viscous_error",), name)], 1001)[0]
-        for name in ("500 Hz", "filtered torque")
-    )
-    assert filtered[0].world.measured
-    write(tmp_path, filtered[0], filtered[1], "both")
-    torque, sent = rows_of(tmp_path)["torque"], filtered[1].command
-    steps = np.unique(np.diff(np.unique(torque)))
-    assert np.sqrt(np.mean(sent**2)) / 250 < steps.min() < np.sqrt(np.mean(sent**2)) / 40
+def test_a_filtered_torque_is_late_and_coarse():
+    plain = columns()
+    torque, sent = recorded(plain, RECORDINGS["filtered torque"], np.random.default_rng(1))["torque"], plain["torque"]
+    size = np.sqrt(np.mean(sent**2))
+    steps = np.diff(np.unique(torque))
+    assert size / 250 < steps.min() < size / 40
     assert np.allclose(steps / steps.min(), np.round(steps / steps.min()), atol=1e-4)
 
     def distance(late: int) -> float:
         return float(np.mean((torque[20:] - sent[20 - late : len(sent) - late]) ** 2))
 
-    assert min(distance(1), distance(2), distance(3), distance(4)) < distance(0)
-    assert not plain[0].recording.filtered
+    assert min(distance(late) for late in (1, 2, 3, 4)) < 0.5 * distance(0)
+    case = build(0, "f", "recorded", "both", "table", ("stribeck",), 300, 1.0, RECORDINGS["filtered torque"])
+    assert case.world.measured
+
+
+def test_a_coarse_encoder_has_twelve_bits():
     for system, step in (("table", turn(12)), ("gantry", KINDS["gantry"].travel / 4096)):
         case = build(0, "c", "recorded", "encoder", system, ("stribeck",), 300, 1.0, RECORDINGS["12 bits"])
         assert case.world.values["encoder_step"] == pytest.approx(step)
@@ -431,12 +430,12 @@ def test_a_seed_has_every_way_of_recording_with_every_kind_of_sensors():
 @pytest.mark.parametrize(("set_", "low", "high"), [("single", 0, 0), ("single_off", 0.1, 3), ("wide", 10, 30)])
 def test_the_nominals_of_the_sets_are_off_by_as_much_as_they_say(set_, low, high):
     errors = []
-    for seed in range(3):
-        case = build(seed, "off", set_, "both", "joint", ("unbalance",), 300, 1.0)
-        found = label_of(case, simulate([case.world])[0], {}, "both", set_)["nominal_error_percent"]
-        errors += [abs(error) for error in found.values()]
+    for seed in range(6):
+        plan = build(seed, "off", set_, "both", "joint", ("unbalance",), 300, 1.0).plan
+        true = {name: getattr(plan.drawn, name) for name in ("inertia", "coulomb", "viscous")}
+        errors += [abs(100 * (plan.nominal[name] / value - 1)) for name, value in true.items()]
     assert max(errors) <= high + 1e-9
-    assert np.median(errors) >= low - 1e-9
+    assert np.median(errors) >= low
 
 
 # what the contract says that the parameters mean: torque that the motor needs beside the nominal model
