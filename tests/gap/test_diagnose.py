@@ -132,6 +132,7 @@ def test_it_says_what_it_was_made_from(found):
     assert made["arguments"]["effects"] == list(diagnosis.allowed)
     assert sorted(diagnosis.allowed) == sorted(effect.name for effect in TRIED)
     answer = json.loads(json.dumps(diagnosis.to_dict()))
+    assert answer["ahead"] == diagnosis.ahead <= 1.0
     assert answer["provenance"] == made
     assert answer["tracking"]["measured"] == diagnosis.tracking.measured
 

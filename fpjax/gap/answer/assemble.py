@@ -96,6 +96,7 @@ def assemble(
         comparisons=_comparisons(search, before, after),
         identifiability=identifiability(search, chosen, spread),
         probability=min(found.probability + _alike(ranking.entries, found), 1.0),
+        ahead=found.ahead,
         residual_where=locate(records, after) if graded else None,
         motion="linear" if linear else "rotary",
         nominal=model.text,

@@ -288,6 +288,8 @@ class Diagnosis:
         residual_where: where what is left lies, unless that is nothing that matters.
         probability: that the verdict is right, calibrated: the causes are exactly these (each itself or one that it
             cannot be told from), or with no causes stated, that none of the effects tried is one.
+        ahead: how far the leading cause is beyond the others: share of the evidence that the best model without it
+            lacks [1]; of a wrong nominal number, what would come back without it. 0 where nothing leads.
         seconds: time spent by stage [s].
         motion: "rotary" or "linear", as in the model's `[units]`.
         nominal: the model as given, `servo.toml` text, so that a report can show what changed; "" where unknown.
@@ -315,6 +317,7 @@ class Diagnosis:
     identifiability: tuple[Identifiability, ...] = ()
     residual_where: Where | None = None
     probability: float = 0.0
+    ahead: float = 0.0
     seconds: dict[str, float] = field(default_factory=dict)
     motion: Literal["rotary", "linear"] = "rotary"
     nominal: str = ""
@@ -347,8 +350,8 @@ class Diagnosis:
         return write_report(self, path)
 
     def to_dict(self) -> dict[str, Any]:
-        """The contract's `diagnosis.json` (numbers, strings, lists and dictionaries only), and beside it `tracking`,
-        `seconds`, `provenance`, `allowed_effects` and `model_missing`.
+        """The contract's `diagnosis.json` (numbers, strings, lists and dictionaries only), and beside it `ahead`,
+        `tracking`, `seconds`, `provenance`, `allowed_effects` and `model_missing`.
         """
         return {
             "verdict": self.verdict,
@@ -361,6 +364,7 @@ class Diagnosis:
             "model": self.model,
             "warnings": list(self.warnings),
             "probability": self.probability,
+            "ahead": self.ahead,
             "same_as": list(self.same_as),
             "learned": [law.to_dict() for law in self.learned],
             "learned_model": self.learned_model,
