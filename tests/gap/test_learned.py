@@ -7,7 +7,6 @@ import pytest
 from learned_logs import MODEL, VISCOUS, drive, searched
 
 import fpjax as fp
-from fpjax.errors import InputError
 from fpjax.gap.answer.corrected import corrected_model
 from fpjax.gap.answer.learned import blocks, learn, proposed, simulated
 from fpjax.gap.answer.machines import machine_of
@@ -74,7 +73,7 @@ def test_a_curve_of_velocity_lies_within_its_band_and_the_gap_closes():
 def test_its_blocks_simulate_the_curve():
     """The table and the jump of the blocks are the law that is drawn."""
     (law,) = learned("velocity").laws
-    (table,), coulomb = blocks([law])
+    (table,), coulomb = blocks([law], 1.0)
     x = np.array([-2.0, -0.6, 0.3, 1.1, 3.0])
     torque = np.asarray(table.value(x)) + coulomb * np.sign(x)
     np.testing.assert_allclose(torque, np.interp(x, law.at, law.torque), atol=1e-6)
@@ -118,7 +117,7 @@ def test_a_wave_over_position_is_not_a_curve_of_velocity():
 def test_a_weak_motor_is_a_law_of_the_torque_and_drives_a_simulation():
     (law,) = learned("torque").laws
     assert law.of == "torque"
-    (table,), _ = blocks([law])
+    (table,), _ = blocks([law], 0.0)
     motion = fp.Motion(np.array(0.3), np.array(0.0), np.array(0.0), np.array(0.2))
     assert float(table.readout(motion)) == pytest.approx(0.03, rel=0.05)
 
@@ -144,12 +143,16 @@ def test_a_law_that_does_not_hold_withheld_is_not_told(monkeypatch):
     assert learn(found("velocity").search, found("velocity").fit) is None
 
 
-def test_a_jump_that_leaves_less_than_no_friction_is_refused():
+def test_a_jump_leaves_no_less_than_no_friction():
     (law,) = learned("velocity").laws
     at, torque = (-3.0, 0.0, 0.0, 3.0), (0.5, 0.5, -0.5, -0.5)
     turned = law.__class__("velocity", 0.5, at, torque, torque, torque)
-    with pytest.raises(InputError, match="would push"):
-        simulated(found("velocity").search, found("velocity").fit, [turned])
+    beside = simulated(found("velocity").search, found("velocity").fit, [turned])
+    assert beside.candidate.values()["coulomb"] == 0.0
+    (table,), coulomb = blocks([turned], 0.2)
+    assert coulomb == -0.2
+    x = np.array([-3.0, 0.0, 3.0])
+    np.testing.assert_allclose(np.asarray(table.value(x)) + coulomb * np.sign(x), [0.5, 0.0, -0.5], atol=1e-6)
 
 
 def test_tables_of_a_revolution_and_of_a_short_travel():

@@ -1,8 +1,10 @@
 """Learned: what no named effect says, as tables over what was recorded, measured by simulating with them.
 
-Tables are added while they predict windows that no fit has seen. What is told is what a simulation gains by them: the
-tables become blocks of the machine, and what is then missing on withheld windows is measured as for every other model.
-A law that does not lower it there, interval and all, is not told.
+Tables are added while they predict fitted windows that were left out of their own fit. What is told is what a
+simulation gains by them: the tables become blocks of the machine, and what is then missing on withheld windows, which
+had no say so far, is measured as for every other model. A law that does not lower it there, interval and all, is not
+told. (The regression's own evidence was tried as a judge and was wrong on logs without a gap: it takes the model's
+friction at the measured motion, which is noise at every reversal.)
 """
 
 import copy
@@ -13,18 +15,17 @@ import equinox as eqx
 import numpy as np
 
 from ...blocks.learned import LearnedTorque, split_jump
-from ...errors import InputError
 from ...model_file.learned import join_load
 from ..fit.candidate import Fit
 from ..fit.search import Search, Start
 from .diagnosis import Learned
 from .shrink import draws, interval, withheld
 from .smooth import Smooth, Smoother, make_windows
-from .smooth_tables import Table, Variable, make_tables
+from .smooth_tables import make_tables
 
-SURE = 5.0  # nats on withheld windows, without the best of them: five variables, one in thirty by chance
-ERRORS = 2.0  # standard errors by which the mean gain of a withheld window is above zero
-HARMLESS = -1.0  # nats that the worst withheld window may lose where the gains differ too much for a standard error
+SURE = 5.0  # nats on windows left out, without the best fold: four variables, one in forty by chance
+ERRORS = 2.0  # standard errors by which the mean gain of a fold is above zero
+HARMLESS = -1.0  # nats that the worst fold may lose where the gains differ too much for a standard error
 LEAST = 0.02  # of the missing torque's energy: a table that takes less is not worth its points
 CHORD = 1.0 / 6.0  # of a point's departure from its neighbours' line: what a parabola is off the best straight lines
 BAND = 1.645  # standard deviations of a 90 % band
@@ -56,10 +57,7 @@ def learn(search: Search, fit: Fit) -> Simulated | None:
     for count in dict.fromkeys((len(laws), 1)):
         if not laws[:count]:
             return None
-        try:
-            beside = simulated(search, fit, laws[:count])
-        except InputError:  # less than no friction would be left
-            continue
+        beside = simulated(search, fit, laws[:count])
         taken = _taken(withheld(search, fit), withheld(search, beside))
         if taken[1] > LEAST:
             whole = sum(law.share for law in laws[:count])
@@ -76,16 +74,10 @@ def _taken(before: Values, after: Values) -> tuple[float, float]:
 
 
 def simulated(search: Search, fit: Fit, laws: Sequence[Learned]) -> Fit:
-    """A fit with laws in its machine; only the windows' start states are looked up again.
-
-    Raises:
-        InputError: where a jump at zero velocity leaves less than no Coulomb friction.
-    """
-    tables, coulomb = blocks(laws)
+    """A fit with laws in its machine; only the windows' start states are looked up again."""
     values = fit.candidate.values()
+    tables, coulomb = blocks(laws, values["coulomb"])
     values["coulomb"] += coulomb
-    if values["coulomb"] < 0.0:
-        raise InputError(f"The learned law leaves a Coulomb friction of {values['coulomb']:.3g} N m: it would push.")
     other, plant = copy.copy(search), search.nominal.plant
     other.nominal = replace(search.nominal, plant=eqx.tree_at(lambda p: p.load, plant, join_load(plant.load, tables)))
     other.fitters, other.observers = {}, {}
@@ -95,70 +87,73 @@ def simulated(search: Search, fit: Fit, laws: Sequence[Learned]) -> Fit:
     return other.finish([c])[0]
 
 
-def blocks(laws: Sequence[Learned]) -> tuple[tuple[LearnedTorque, ...], float]:
-    """(loads without a jump; the jump at zero velocity, which sticks and belongs in the Coulomb level [N m])."""
+def blocks(laws: Sequence[Learned], level: float) -> tuple[tuple[LearnedTorque, ...], float]:
+    """(loads without a jump; the jump at zero velocity, which sticks and belongs in the Coulomb level [N m]).
+
+    Args:
+        laws: at most one of velocity.
+        level: the Coulomb level that is there [N m]. A friction of less than nothing would push: what a jump down takes
+            beyond it is a slope between the table's innermost points.
+    """
     tables, coulomb = [], 0.0
     for law in laws:
-        at, torque, jump = split_jump(law.at, law.torque) if law.of == "velocity" else (law.at, law.torque, 0.0)
-        coulomb += jump
+        at, torque = law.at, law.torque
+        if law.of == "velocity":
+            at, torque, jump = split_jump(at, torque)
+            coulomb = max(jump, -level)
+            torque = [value + float(np.sign(x)) * (jump - coulomb) for x, value in zip(at, torque, strict=True)]
         tables.append(LearnedTorque(law.of, at, torque, law.period))  # type: ignore[arg-type]
     return tuple(tables), coulomb
 
 
 def proposed(search: Search, fit: Fit) -> tuple[Learned, ...]:
-    """Laws that seem to predict withheld windows, fitted on the other ones, in the order in which they were found.
+    """Laws that predict fitted windows which were left out of their fit, in the order in which they were found.
 
-    Their shares are what each takes of the energy, the others before it in, as the linear model has it.
+    No withheld window is looked at: they are to judge. A share is of the energy on the fitted windows, what was found
+    before in, as the linear model has it.
     """
     setting = search.setting
     smoother = Smoother(make_windows(search, fit.candidate), setting.friction, max(setting.effort, setting.torque))
     tables = make_tables(search.records, setting.periods.get("torque", ())[:1])
-    current = smoother.base()
+    current = smoother.base(fit.candidate.level)
     energies = [_energy(search, smoother, current)]
     while tables:
-        found: dict[Variable, Smooth] = {name: _best(smoother, current, some) for name, some in tables.items() if some}
-        sure: list[Variable] = [name for name in found if _sure(smoother, current, found[name])]
+        tried = [(table, *smoother.gains(current, table)) for some in tables.values() for table in some]
+        sure = [one for one in tried if _sure(one[1])]
         if not sure:
             break
-        best: Variable = max(sure, key=lambda name: found[name].evidence)
-        energy = _energy(search, smoother, found[best])
-        if energies[-1] - energy < LEAST * energies[0]:
+        table, _, penalty = max(sure, key=lambda one: np.sum(one[1]))
+        after = smoother.fit((*current.tables, table), (*current.penalties, penalty), current.weight)
+        energies.append(_energy(search, smoother, after))
+        if energies[-2] - energies[-1] < LEAST * energies[0]:
+            energies.pop()
             break
-        current = found[best]
-        energies.append(energy)
-        del tables[best]
+        current = after
+        del tables[table.of]
     return _laws(current, np.maximum(-np.diff(energies), 0.0) / max(energies[0], 1e-300))
 
 
-def _best(smoother: Smoother, current: Smooth, tables: Sequence[Table]) -> Smooth:
-    """The best of a variable's tables by the evidence."""
-    return max((smoother.add(current, table) for table in tables), key=lambda fit: fit.evidence)
-
-
-def _sure(smoother: Smoother, before: Smooth, after: Smooth) -> bool:
-    """Whether the withheld windows are better predicted, and not by one of them only."""
-    gain = -0.5 * (after.cost - before.cost)[~smoother.windows.fitted]
-    if len(gain) < 2 or np.sum(gain) - np.max(gain) < SURE:
+def _sure(gains: Values) -> bool:
+    """Whether windows left out are better predicted, and not in one fold only."""
+    if len(gains) < 2 or np.sum(gains) - np.max(gains) < SURE:
         return False
-    error = np.std(gain, ddof=1) / np.sqrt(len(gain))
-    return bool(np.mean(gain) > ERRORS * error or np.min(gain) > HARMLESS)
+    error = np.std(gains, ddof=1) / np.sqrt(len(gains))
+    return bool(np.mean(gains) > ERRORS * error or np.min(gains) > HARMLESS)
 
 
 def _energy(search: Search, smoother: Smoother, fit: Smooth) -> float:
-    """Mean square of the missing torque on withheld windows [N^2 m^2], in the nominal model's band, without noise's."""
+    """Mean square of the missing torque [N^2 m^2], in the nominal model's band, without noise's."""
     modes, w = smoother.windows.fitter.modes, smoother.windows
     weight = np.where(modes.sensor, 0.0, search.band**2 / np.where(modes.sensor, 1.0, np.maximum(modes.gain, 1e-300)))
-    square = (modes.plain(fit.left) ** 2 - w.noise[:, None])[~w.fitted] @ weight
-    return float(np.mean(square)) / search.records[0].samples if len(square) else 0.0
+    return float(np.mean((modes.plain(fit.left) ** 2 - w.noise[:, None]) @ weight)) / search.records[0].samples
 
 
 def _laws(fit: Smooth, shares: Values) -> tuple[Learned, ...]:
-    deviation = fit.deviation() if fit.tables else np.zeros(0)
     found = []
     for table, part, share in zip(fit.tables, fit.parts(), shares, strict=True):
         torque = fit.torque[part]
         # A smooth curve lies off the straight lines that stand for it.
-        half = BAND * deviation[part] + CHORD * table.departures(torque)
+        half = BAND * fit.deviation[part] + CHORD * table.departures(torque)
         columns = (table.at, torque, torque - half, torque + half)
         at, middle, low, high = (tuple(float(x) for x in column) for column in columns)
         found.append(Learned(table.of, float(share), at, middle, low, high, table.period))

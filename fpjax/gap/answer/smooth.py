@@ -42,33 +42,29 @@ CENTRED = 1e-3  # of the friction: how well the mean of a table beside another o
 
 @dataclass(frozen=True)
 class Windows:
-    """All windows of a fit as one linear problem.
+    """The fitted windows of a fit as one linear problem; withheld ones are not looked at.
 
     Attributes:
         fitter: of the fit.
-        candidate: the fit.
-        which: (record, its windows, place of the first) of each record.
+        which: (record, its windows) of each record.
         c: coefficients at start states zero, shape (windows, modes).
         start: change of c by the start states in prior units, shape (windows, modes, states).
         noise: s^2 [1], shape (windows,).
-        fitted: bool, shape (windows,).
-        fold: of cross-validation, shape (windows,); -1 for withheld windows.
+        fold: of cross-validation, shape (windows,).
     """
 
     fitter: Fitter
-    candidate: Candidate
-    which: tuple[tuple[int, Values, int], ...]
+    which: tuple[tuple[int, Values], ...]
     c: Values
     start: Values
     noise: Values
-    fitted: Values
     fold: Values
 
     def design(self, table: Table) -> Values:
         """Change of c by the torques at a table's points, shape (windows, modes, points)."""
         modes, found = self.fitter.modes, []
         way = (modes.torque * np.sqrt(modes.gain)) @ modes.turn
-        for which, windows, _ in self.which:
+        for which, windows in self.which:
             record = self.fitter.records[which]
             rows = record.starts[windows][:, None] + np.arange(record.samples)
             columns = table.columns[which][rows.T].reshape(record.samples, -1)  # one product, not one a window
@@ -77,29 +73,21 @@ class Windows:
 
 
 def make_windows(search: Search, candidate: Candidate) -> Windows:
-    """The windows of a fit around where it stands; hidden states stay where they are."""
+    """The fitted windows of a fit around where it stands; hidden states stay where they are."""
     empty = np.zeros(0)
     c = replace(candidate, free=np.zeros(0, int), low=empty, high=empty, center=empty, spread=empty, scale=empty)
     fitter = search.fitters[c.family.key]
-    windows = [np.arange(len(record.starts)) for record in search.records]
-    which, coefficients, starts, noise, fitted, fold = [], [], [], [], [], []
-    for part in fitter.linearise([c], windows, hidden=False)[0]:
+    which, coefficients, starts, noise, fold = [], [], [], [], []
+    for part in fitter.linearise([c], search.train, hidden=False)[0]:
         deviation = fitter.deviations(c, part.which, hidden=False)
         live = np.flatnonzero(deviation > 0)
         states = c.states[part.which][live][:, part.windows].T
-        zero = part.c - (part.slope @ states[:, :, None])[:, :, 0] + _misread(search, c, part)
-        which.append((part.which, part.windows, sum(len(each) for each in coefficients)))
-        coefficients.append(zero)
+        which.append((part.which, part.windows))
+        coefficients.append(part.c - (part.slope @ states[:, :, None])[:, :, 0] + _misread(search, c, part))
         starts.append(part.slope * deviation[live])
         noise.append(fitter.noise[part.which][part.windows])
-        train = ~search.records[part.which].withheld[part.windows]
-        fitted.append(train)
-        block = np.cumsum(train) - 1
-        fold.append(np.where(train, block // BLOCK % FOLDS, -1))
-    return Windows(
-        fitter, c, tuple(which), np.concatenate(coefficients), np.concatenate(starts), np.concatenate(noise),
-        np.concatenate(fitted), np.concatenate(fold),
-    )  # fmt: skip
+        fold.append(np.arange(len(part.windows)) // BLOCK % FOLDS)
+    return Windows(fitter, tuple(which), *(np.concatenate(each) for each in (coefficients, starts, noise, fold)))
 
 
 def _misread(search: Search, c: Candidate, part: Linear) -> Values:
@@ -164,37 +152,22 @@ class Smooth:
         tables: in the order in which they were added.
         penalties: of each [1 / (N m)^2].
         torque: at all points, shape (points,) [N m].
-        precision: of the torques, their prior included [1 / (N m)^2].
-        robust: covariance of the torques from the windows' own scatter [N^2 m^2].
-        level: q by octave [N m].
-        weight: 1 / variance of each coefficient, shape (windows, modes).
-        cost: twice the negative log likelihood of each window, shape (windows,).
-        evidence: log evidence of the fitted windows and log likelihood of the withheld ones [1].
+        deviation: of it, the model's or the windows' scatter where that is larger, shape (points,) [N m].
+        weight: 1 / variance of each coefficient beside the tables, shape (windows, modes).
         left: coefficients that are left, shape (windows, modes).
-        score: of cross-validation at the last table's penalty; lower is better.
     """
 
     tables: tuple[Table, ...]
     penalties: tuple[float, ...]
     torque: Values
-    precision: Values
-    robust: Values
-    level: Values
+    deviation: Values
     weight: Values
-    cost: Values
-    evidence: float
     left: Values
-    score: float
 
     def parts(self) -> list[slice]:
         """Where each table's points lie in `torque`."""
         ends = np.cumsum([0, *(len(t.at) for t in self.tables)])
         return [slice(a, b) for a, b in itertools.pairwise(ends)]
-
-    def deviation(self) -> Values:
-        """Standard deviation of the torques [N m]: the model's, or the windows' scatter where that is larger."""
-        own = np.diag(np.linalg.inv(self.precision))
-        return np.sqrt(np.maximum(own, np.diag(self.robust)))
 
 
 class Smoother:
@@ -210,63 +183,56 @@ class Smoother:
         self.windows, self.size, self.largest = windows, size, largest
         self.designs: dict[int, Values] = {}
 
-    def base(self) -> Smooth:
-        """Without a table."""
-        start = self.windows.candidate
-        weight = self._weight(start.level, self.windows.c)
-        zero = np.zeros(0)
-        empty = Smooth((), (), zero, np.zeros((0, 0)), np.zeros((0, 0)), start.level, weight, zero, 0.0, zero, 0.0)
-        return self._fit(empty, (), ())
+    def base(self, level: Values) -> Smooth:
+        """Without a table, from a level of the missing torque."""
+        return self.fit((), (), self._weight(level, self.windows.c))
 
-    def add(self, before: Smooth, table: Table) -> Smooth:
-        """One more table beside those of a fit; its penalty by cross-validation."""
-        return self._fit(before, (*before.tables, table), before.penalties)
-
-    def _fit(self, before: Smooth, tables: tuple[Table, ...], penalties: tuple[float, ...]) -> Smooth:
-        w = self.windows
-        design = [self._design(table) for table in tables]
-        x = np.concatenate([np.zeros((*w.c.shape, 0)), *design], axis=2)
-        weight, found = before.weight, []
+    def fit(self, tables: tuple[Table, ...], penalties: tuple[float, ...], weight: Values) -> Smooth:
+        """Tables with their penalties, from weights that are then looked up again beside them."""
+        x, prior, modes = self._design(tables), self._prior(tables, penalties), self.windows.fitter.modes
         for _ in range(PASSES):
-            score, chosen, normal = 0.0, penalties, self._products(x, weight)[0]
-            if len(tables) > len(penalties):
-                score, chosen = self._penalty(normal, tables, penalties)
-            prior = self._prior(tables, chosen)
-            left = self._left(x, _solve(np.sum(normal[w.fitted], axis=0), prior), weight)
-            level = w.fitter.modes.best_level(w.noise[w.fitted], left[w.fitted], white=False)
-            weight = self._weight(level, left)
-            found.append(self._weighed(x, tables, chosen, level, weight, score))
-        # A penalty that was chosen at a lower level may leave whole windows to the heavy tails.
-        return max(found, key=lambda fit: fit.evidence)
-
-    def _weighed(
-        self, x: Values, tables: tuple[Table, ...], penalties: tuple[float, ...], level: Values, weight: Values,
-        score: float,
-    ) -> Smooth:  # fmt: skip
-        """The tables at given weights and penalties."""
-        w, prior = self.windows, self._prior(tables, penalties)
-        normal, determinant = self._products(x, weight)
-        total = np.sum(normal[w.fitted], axis=0)
+            left = self._left(x, _solve(np.sum(self._products(x, weight), axis=0), prior), weight)
+            weight = self._weight(modes.best_level(self.windows.noise, left, white=False), left)
+        normal = self._products(x, weight)
+        total = np.sum(normal, axis=0)
         torque = _solve(total, prior)
-        beta = np.concatenate([[1.0], -torque])
-        left = self._left(x, torque, weight)
-        # The weights are those of normal laws; what heavy tails change is added.
-        tails = w.fitter.modes.cost(level, w.noise, left, white=False) - np.sum(weight * left**2, axis=1)
-        cost = np.einsum("wij,i,j->w", normal, beta, beta) + determinant + tails
-        precision = total[1:, 1:] + prior
-        for row in np.flatnonzero(~w.fitted):
-            cost[row] += _predicted(normal[row], torque, precision)
-        occam = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(prior)[1] if len(tables) else 0.0
-        evidence = -0.5 * float(np.sum(cost) + torque @ prior @ torque + occam)
-        scores = normal[w.fitted][:, 1:] @ beta  # of each window, shape (windows, points)
-        inverse = np.linalg.inv(precision)
+        scores = normal[:, 1:] @ np.concatenate([[1.0], -torque])  # of each window, shape (windows, points)
+        inverse = np.linalg.inv(total[1:, 1:] + prior)
         robust = inverse @ (scores.T @ scores) @ inverse
-        return Smooth(tables, penalties, torque, precision, robust, level, weight, cost, evidence, left, score)
+        deviation = np.sqrt(np.maximum(np.diag(inverse), np.diag(robust)))
+        return Smooth(tables, penalties, torque, deviation, weight, self._left(x, torque, weight))
 
-    def _design(self, table: Table) -> Values:
-        if id(table) not in self.designs:
-            self.designs[id(table)] = self.windows.design(table)
-        return self.designs[id(table)]
+    def gains(self, before: Smooth, table: Table) -> tuple[Values, float]:
+        """What one more table predicts better of windows left out, at the weights before it, and its penalty.
+
+        Returns:
+            ([nats] of each fold, shape (folds,); the penalty with which they sum to most).
+        """
+        tables = (*before.tables, table)
+        normal = self._products(self._design(tables), before.weight)
+        parts = [np.sum(normal[self.windows.fold == k], axis=0) for k in np.unique(self.windows.fold)]
+        total, own = np.sum(parts, axis=0), slice(0, 1 + len(before.torque))
+        known = [part[own, own] for part in parts]
+        without = self._errors(known, np.sum(known, axis=0), self._prior(before.tables, before.penalties))
+        tried = (self.size * PENALTIES) ** -2.0
+        found = [
+            0.5 * (without - self._errors(parts, total, self._prior(tables, (*before.penalties, float(penalty)))))
+            for penalty in tried
+        ]
+        best = int(np.argmax([np.sum(gain) for gain in found]))
+        return found[best], float(tried[best])
+
+    def _errors(self, parts: Sequence[Values], total: Values, prior: Values) -> Values:
+        """Weighted square of what each fold is mispredicted by, the others fitted, shape (folds,)."""
+        betas = [np.concatenate([[1.0], -_solve(total - part, prior)]) for part in parts]
+        return np.array([beta @ part @ beta for beta, part in zip(betas, parts, strict=True)])
+
+    def _design(self, tables: Sequence[Table]) -> Values:
+        for table in tables:
+            if id(table) not in self.designs:
+                self.designs[id(table)] = self.windows.design(table)
+        found = [self.designs[id(table)] for table in tables]
+        return np.concatenate([np.zeros((*self.windows.c.shape, 0)), *found], axis=2)
 
     def _prior(self, tables: Sequence[Table], penalties: Sequence[float]) -> Values:
         """Precision of the torques before the logs are seen."""
@@ -282,27 +248,6 @@ class Smoother:
             place = own.stop
         return prior
 
-    def _penalty(
-        self, normal: Values, tables: tuple[Table, ...], penalties: tuple[float, ...]
-    ) -> tuple[float, tuple[float, ...]]:
-        """(error of what is predicted, penalties) with the last table's one chosen by cross-validation."""
-        w = self.windows
-        kinds = [k for k in np.unique(w.fold) if k >= 0]
-        tried = (self.size * PENALTIES) ** -2.0 if len(tables[-1].bend) else np.zeros(1)
-        if len(kinds) < 2:
-            return 0.0, (*penalties, float(tried[0]))
-        parts = [np.sum(normal[w.fold == k], axis=0) for k in kinds]
-        total = np.sum(parts, axis=0)
-        errors = []
-        for penalty in tried:
-            prior, error = self._prior(tables, (*penalties, penalty)), 0.0
-            for part in parts:
-                beta = np.concatenate([[1.0], -_solve(total - part, prior)])
-                error += float(beta @ part @ beta)
-            errors.append(error)
-        best = int(np.argmin(errors))
-        return errors[best], (*penalties, float(tried[best]))
-
     def _weight(self, level: Values, left: Values) -> Values:
         return self.windows.fitter.modes.precision(level, self.windows.noise, left, white=False)
 
@@ -311,18 +256,13 @@ class Smoother:
         start = self.windows.start
         return np.eye(start.shape[2]) + start.transpose(0, 2, 1) @ (start * weight[:, :, None])
 
-    def _products(self, x: Values, weight: Values) -> tuple[Values, Values]:
-        """([c x]' P [c x], log determinants of the start states' precision) of each window.
-
-        P is the inverse of the covariance of c, the start states integrated out.
-        """
+    def _products(self, x: Values, weight: Values) -> Values:
+        """[c x]' P [c x] of each window; P is the inverse of the covariance of c, the start states integrated out."""
         w = self.windows
         both = np.concatenate([w.c[:, :, None], x], axis=2)
         weighted = (both * weight[:, :, None]).transpose(0, 2, 1)
-        inner = self._inner(weight)
         cross = weighted @ w.start
-        normal = weighted @ both - cross @ np.linalg.solve(inner, cross.transpose(0, 2, 1))
-        return normal, np.linalg.slogdet(inner)[1]
+        return weighted @ both - cross @ np.linalg.solve(self._inner(weight), cross.transpose(0, 2, 1))
 
     def _left(self, x: Values, torque: Values, weight: Values) -> Values:
         """Coefficients without the tables' torque, at the most likely start states."""
@@ -330,16 +270,6 @@ class Smoother:
         left = w.c - x @ torque
         pull = w.start.transpose(0, 2, 1) @ (left * weight)[:, :, None]
         return left - (w.start @ np.linalg.solve(self._inner(weight), pull))[:, :, 0]
-
-
-def _predicted(normal: Values, torque: Values, precision: Values) -> float:
-    """What a window that was not fitted costs more or less, its torques being known as well as `precision` says."""
-    if not len(torque):
-        return 0.0
-    pull = normal[1:, 0] - normal[1:, 1:] @ torque  # at the torques that were fitted
-    moved = np.linalg.solve(precision + normal[1:, 1:], pull)
-    wider = np.linalg.slogdet(precision + normal[1:, 1:])[1] - np.linalg.slogdet(precision)[1]
-    return float(wider - pull @ moved)
 
 
 def _solve(normal: Values, prior: Values) -> Values:
