@@ -39,10 +39,11 @@ def _gained(c: Candidate, sizes: dict[str, float], wide: tuple[str, ...]) -> flo
     data = c.normal / c.scale[:, None] / c.scale  # precision that the logs give the free parameters
     was = 1.0 / c.spread**2
     names = [c.family.parameters[i].name for i in c.free]
-    spread = [SPIKE * sizes[n] if n in c.wide and n not in wide else s for n, s in zip(names, c.spread, strict=True)]
-    now = 1.0 / np.array(spread) ** 2
-    unit = c.scale
-    pull = ((data + np.diag(was)) @ (c.vector[c.free] - c.center)) * unit
-    precision = (data + np.diag(now)) * unit[:, None] * unit
-    solved = np.linalg.solve(precision, pull)
-    return 0.5 * float(pull @ solved - np.linalg.slogdet(precision)[1] + np.sum(np.log(now * unit**2)))
+    spread = np.array([
+        SPIKE * sizes[n] if n in c.wide and n not in wide else s for n, s in zip(names, c.spread, strict=True)
+    ])  # fmt: skip
+    # In units of the new priors: columns that a log does not tell apart only add a zero.
+    weight, turn = np.linalg.eigh(spread[:, None] * (0.5 * (data + data.T)) * spread)
+    weight = np.maximum(weight, 0.0)
+    pull = turn.T @ (spread * ((data + np.diag(was)) @ (c.vector[c.free] - c.center)))
+    return 0.5 * float(np.sum(pull**2 / (1.0 + weight)) - np.sum(np.log1p(weight)))

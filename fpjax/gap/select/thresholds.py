@@ -69,7 +69,7 @@ class Thresholds:
     matters: float = 0.05
     simpler: float = 0.05
     factor: float = 0.01
-    number: float = 0.5
+    number: float = 0.25
     reading: float = 0.01
 
 
