@@ -20,9 +20,17 @@ def built(stepping):
 
 
 @pytest.mark.parametrize(
-    ("stepping", "substeps"), [("continuous", 1), pytest.param("sampled", 1, marks=pytest.mark.long), ("sampled", 6)]
+    ("stepping", "substeps", "derivative"),
+    [
+        ("continuous", 1, False),
+        ("sampled", 6, False),
+        pytest.param("sampled", 1, False, marks=pytest.mark.long),
+        *(
+            pytest.param(*at, True, marks=pytest.mark.long)
+            for at in (("continuous", 1), ("sampled", 1), ("sampled", 6))
+        ),
+    ],
 )
-@pytest.mark.parametrize("derivative", [False, True])
 def test_roll_is_mapped_over_devices(stepping, substeps, derivative):
     loop = built(stepping)
     stepper = fp.make_stepper(dt=1e-3, samples=40, stepping=stepping, substeps=substeps)

@@ -34,6 +34,7 @@ def test_algorithm_1_gives_the_gains_and_iterations_of_table_4_2():
     np.testing.assert_allclose(constant.history[19][1], 0.01245, rtol=1e-3)
 
 
+@pytest.mark.long
 def test_side_by_side_is_what_each_does_alone():
     method = tuning.GridSearch(steps=STEPS, iterations=6)
     common = {"parameters": GAINS, "objective": THESIS, "method": method, **SHORT}

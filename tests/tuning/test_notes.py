@@ -8,7 +8,7 @@ import fpjax
 import tuning
 
 
-@pytest.mark.parametrize(("share", "close"), [(0.85, True), (0.5, False)])
+@pytest.mark.parametrize(("share", "close"), [(0.85, True), pytest.param(0.5, False, marks=pytest.mark.long)])
 def test_gains_at_the_solvers_stability_limit_are_marked(share, close):
     """|w| excites tanh^2 -> 1 as soon as the mass slides: the rate is (gain_2 + gain_1 w^2) / J."""
     limit = fpjax.get_solver("ode3").stability_limit
