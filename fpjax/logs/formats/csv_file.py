@@ -46,7 +46,7 @@ def _encoding(path: pathlib.Path) -> str:
     if zeros.any():
         # UTF-16 without its mark: plain characters have a zero in every second byte
         for place, name in ((1, "utf-16-le"), (0, "utf-16-be")):
-            if zeros[place::2].mean() > 0.9 and zeros[1 - place :: 2].mean() < 0.1:
+            if zeros.size > 1 and zeros[place::2].mean() > 0.9 and zeros[1 - place :: 2].mean() < 0.1:
                 return name
         raise InputError(f"{path.name} is not text (it holds zero bytes): is it a binary log with another suffix?")
     try:

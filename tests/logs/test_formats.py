@@ -1,0 +1,339 @@
+"""Every format, unit and layout of text gives the same log; a file that is none is one sentence."""
+
+import math
+import os
+import pathlib
+import struct
+import sys
+
+import numpy as np
+import pytest
+from log_files import DT, SAMPLES, TURN, assert_same, write_csv
+
+from fpjax.errors import FpjaxWarning, InputError
+from fpjax.logs import read_log
+
+EMPS = pathlib.Path(__file__).parents[3] / "shared" / "data" / "emps"
+
+pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")  # each test asks for its own
+
+
+def test_csv_npz_mat_and_arrays_give_the_same_log(tmp_path, columns):
+    from scipy import io
+
+    np.savez(tmp_path / "log.npz", **columns)
+    io.savemat(tmp_path / "log.mat", {**columns, "rate": 1000.0})
+    io.savemat(tmp_path / "deep.mat", {"run": columns})
+    for path in (write_csv(tmp_path / "log.csv", columns), tmp_path / "log.npz", tmp_path / "log.mat"):
+        assert_same(read_log(path), columns)
+    assert_same(read_log(columns), columns)
+    mapping = ",".join(f"{name}=run.{name}" for name in columns)
+    assert_same(read_log(tmp_path / "deep.mat", columns=mapping), columns)
+
+
+def test_parquet(tmp_path, columns):
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    table = pyarrow.table(columns)
+    parquet.write_table(table, tmp_path / "log.parquet")
+    assert_same(read_log(tmp_path / "log.parquet"), columns)
+    assert_same(read_log(table), columns)
+
+
+def test_matlab_7_3(tmp_path, columns):
+    pytest.importorskip("pymatreader")
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "log.mat", "w", userblock_size=512) as file:
+        for name, values in columns.items():
+            file.create_dataset(name, data=values[None, :]).attrs["MATLAB_class"] = np.bytes_("double")
+    header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: now HDF5 schema 1.00 ."
+    with (tmp_path / "log.mat").open("r+b") as file:
+        file.write(header.ljust(124) + b"\x00\x02IM")
+    assert_same(read_log(tmp_path / "log.mat"), columns)
+
+
+def test_mcap_joins_topics_on_the_torques_stamps(tmp_path, columns):
+    pytest.importorskip("mcap_ros2")
+    from mcap_ros2.writer import Writer
+
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        command = writer.register_msgdef("std_msgs/Float64", "float64 data")
+        rate = writer.register_msgdef("geometry_msgs/Vector3", "float64 x\nfloat64 y\nfloat64 z")
+        for row in range(SAMPLES):
+            stamp = 1_700_000_000_000_000_000 + 1_000_000 * row
+            torque, velocity = columns["torque"][row], columns["velocity"][row]
+            writer.write_message("/cmd", command, {"data": torque}, log_time=stamp, publish_time=stamp)
+            gyro = {"x": 0.0, "y": 0.0, "z": velocity}
+            writer.write_message("/gyro", rate, gyro, log_time=stamp, publish_time=stamp)
+        writer.finish()
+    with pytest.warns(FpjaxWarning, match="/gyro were interpolated"):
+        log = read_log(path, columns="torque=/cmd.data,velocity=/gyro.z:rad/s")
+    np.testing.assert_allclose(log.velocity, columns["velocity"], atol=1e-4)
+    np.testing.assert_allclose(log.torque, columns["torque"], atol=1e-12)
+    assert log.dt == pytest.approx(DT, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "module"), [("parquet", "pyarrow.parquet"), ("mcap", "mcap_ros2.decoder"), ("mat", "pymatreader")]
+)
+def test_a_missing_extra_is_named_with_its_command(tmp_path, monkeypatch, suffix, module):
+    monkeypatch.setitem(sys.modules, module, None)
+    path = tmp_path / f"log.{suffix}"
+    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(600))
+    with pytest.raises(InputError, match=r'pip install "fpjax\[logs\]"'):
+        read_log(path)
+
+
+@pytest.mark.parametrize(
+    ("spec", "name", "factor"),
+    [
+        ("velocity=w:deg/s", "velocity", math.pi / 180),
+        ("velocity=w:°/s", "velocity", math.pi / 180),
+        ("velocity=w:rpm", "velocity", math.tau / 60),
+        ("velocity=w:rev/s", "velocity", math.tau),
+        ("velocity=w*2:deg/s", "velocity", 2 * math.pi / 180),
+        ("velocity=w*-1", "velocity", -1.0),
+        ("torque=w:mN m,velocity=torque", "torque", 1e-3),
+        ("torque=w:Nm,velocity=torque", "torque", 1.0),
+        ("torque=w*35.15:N,velocity=torque:mm/s", "torque", 35.15),
+        ("position=w:mm", "position", 1e-3),
+        ("position=w:deg", "position", math.pi / 180),
+        ("position=w:rev", "position", math.tau),
+        ("reference=w:rpm", "reference", math.tau / 60),
+    ],
+)
+def test_units(columns, spec, name, factor):
+    data = {"time": columns["time"], "torque": columns["torque"], "w": columns["velocity"]}
+    log = read_log(data, columns=spec, require=("torque",))
+    np.testing.assert_allclose(getattr(log, name), factor * columns["velocity"], rtol=1e-12)
+
+
+def test_units_in_the_header_and_in_milliseconds(columns):
+    data = {
+        "Time [ms]": columns["time"] * 1e3,
+        "Torque (mN m)": columns["torque"],
+        "VELOCITY [rpm]": columns["velocity"],
+    }
+    log = read_log(data)
+    assert log.dt == pytest.approx(DT)
+    np.testing.assert_allclose(log.torque, 1e-3 * columns["torque"])
+
+
+def test_a_torque_label_is_kept(columns):
+    log = read_log({**columns, "u": columns["torque"]}, columns="torque=u:V")
+    assert log.torque_unit == "V"
+    np.testing.assert_array_equal(log.torque, columns["torque"])
+
+
+def test_linear_is_told_by_the_units(columns):
+    data = {"time": columns["time"], "u": columns["torque"], "x": columns["position"]}
+    assert read_log(data, columns="torque=u:N,position=x:mm").linear
+    with pytest.raises(InputError, match='motion = "linear"'):
+        read_log(data, columns="torque=u,position=x:mm", linear=False)
+    with pytest.raises(InputError, match="mix rotary and linear"):
+        read_log(data, columns="torque=u:N m,position=x:mm")
+
+
+def test_semicolons_decimal_commas_text_columns_and_comments(tmp_path, columns):
+    path = write_csv(tmp_path / "german.csv", columns, ";")
+    lines = path.read_text().replace(".", ",").splitlines()
+    path.write_text("\n".join([lines[0] + ";note"] + [f"{line};fine" for line in lines[1:]]))
+    assert_same(read_log(path), columns)
+    commented = write_csv(tmp_path / "commented.csv", columns)
+    commented.write_text(f"# made by a drive\n# {commented.read_text()}")
+    assert_same(read_log(commented), columns)
+
+
+def test_a_log_may_lack_a_time_column_where_the_period_is_given(columns):
+    del columns["time"]
+    log = read_log(columns, dt=0.002)
+    assert log.dt == 0.002
+    with pytest.raises(InputError, match="control period"):
+        read_log(columns, dt=-1.0)
+
+
+def text_of(columns, separator, header=True, comma=False, preamble=""):
+    rows = zip(*columns.values(), strict=True)
+    lines = [separator.join(columns)] if header else []
+    for row in rows:
+        cells = [f"{float(cell):.9f}" for cell in row]
+        lines.append(separator.join(cell.replace(".", ",") if comma else cell for cell in cells))
+    return preamble + "\n".join(lines) + "\n"
+
+
+LAYOUTS = {
+    "commas": {"separator": ","},
+    "semicolons": {"separator": ";"},
+    "tabs": {"separator": "\t"},
+    "spaces": {"separator": "  "},
+    "semicolons, decimal comma": {"separator": ";", "comma": True},
+    "tabs, decimal comma": {"separator": "\t", "comma": True},
+    "spaces, decimal comma": {"separator": " ", "comma": True},
+    "preamble": {"separator": ";", "comma": True, "preamble": "Projekt;Achse 3\nDatum;1,5\n\n"},
+}
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "latin-1"])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_layouts_and_encodings(tmp_path, columns, layout, encoding):
+    path = tmp_path / "log.csv"
+    path.write_bytes(text_of(columns, **LAYOUTS[layout]).encode(encoding))
+    log = read_log(path)
+    for name, values in columns.items():
+        np.testing.assert_allclose(getattr(log, name), values, atol=1e-9)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_without_a_header_columns_are_named_by_their_places(tmp_path, columns, layout):
+    path = tmp_path / "log.txt"
+    path.write_text(text_of(columns, **{**LAYOUTS[layout], "preamble": ""}, header=False))
+    with pytest.warns(FpjaxWarning, match="no header: its columns are 1, 2, 3, 4"):
+        log = read_log(path, columns="time=1,torque=2,velocity=3,position=4")
+    np.testing.assert_allclose(log.velocity, columns["velocity"], atol=1e-9)
+    with pytest.raises(InputError, match=r"named by their places: 1 from 0 to 0\.199, .*--columns time=1"):
+        read_log(path)
+
+
+def test_a_row_of_units_under_the_header(tmp_path, columns):
+    columns["time"] = 1e3 * columns["time"]
+    lines = text_of(columns, ";").splitlines()
+    (tmp_path / "log.csv").write_text("\n".join([lines[0], "ms;mNm;1/min;grad", *lines[1:]]))
+    log = read_log(tmp_path / "log.csv")
+    assert log.dt == pytest.approx(DT)
+    np.testing.assert_allclose(log.torque, 1e-3 * columns["torque"], atol=1e-9)
+    np.testing.assert_allclose(log.position, TURN / 360 * columns["position"], atol=1e-9)
+
+
+def test_a_name_that_comes_twice_and_broken_rows_are_said(tmp_path, columns):
+    lines = text_of({**columns, "more": columns["torque"]}, ",").splitlines()
+    lines[0] = "time,torque,velocity,position,torque"
+    lines[7] = "1,2"
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    log = read_log(tmp_path / "log.csv")
+    assert len(log) == SAMPLES
+    assert "names column 'torque' 2 times" in log.warnings[0]
+    assert "1 of 200 rows were dropped (row 8 has 2 cells where the header has 5)" in log.warnings[1]
+
+
+def test_json_in_every_shape(tmp_path, columns):
+    import json
+
+    lists = {name: values.tolist() for name, values in columns.items()}
+    rows = [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
+    shapes = {
+        "columns.json": lists,
+        "rows.json": rows,
+        "entries.json": {"mass": 1.0, "motor": "mx106", "entries": rows},
+        "pandas.json": {name: dict(enumerate(values)) for name, values in lists.items()},
+        "run.json": {"run": lists},
+    }
+    for name, content in shapes.items():
+        (tmp_path / name).write_text(json.dumps(content))
+        mapping = {key: f"run.{key}" for key in columns} if name == "run.json" else None
+        assert_same(read_log(tmp_path / name, columns=mapping), columns)
+    (tmp_path / "rows.jsonl").write_text("\n".join(json.dumps(row) for row in rows))
+    assert_same(read_log(tmp_path / "rows.jsonl"), columns)
+
+
+def wpilog(columns, cut=0):
+    """A WPILOG file as the specification has it: entries started by control records, stamps in microseconds."""
+
+    def record(entry, stamp, payload):
+        return bytes([0b1111111]) + struct.pack("<IIQ", entry, len(payload), stamp) + payload
+
+    def text(word):
+        return struct.pack("<I", len(word)) + word.encode()
+
+    found = b"WPILOG" + struct.pack("<HI", 0x0100, 5) + b"extra"
+    for number, name in enumerate(columns, start=1):
+        start = b"\x00" + struct.pack("<I", number) + text(name) + text("double") + text("")
+        found += record(0, 0, start)
+    found += record(0, 0, b"\x00" + struct.pack("<I", 99) + text("console") + text("string") + text(""))
+    for row in range(SAMPLES):
+        for number, values in enumerate(columns.values(), start=1):
+            found += record(number, 1000 * row, struct.pack("<d", values[row]))
+        found += record(99, 1000 * row, b"hello")
+    return found[: len(found) - cut]
+
+
+def test_wpilog(tmp_path, columns):
+    del columns["time"]
+    (tmp_path / "log.wpilog").write_bytes(wpilog(columns))
+    with pytest.warns(FpjaxWarning, match="interpolated onto the stamps of torque"):
+        log = read_log(tmp_path / "log.wpilog")
+    np.testing.assert_allclose(log.velocity, columns["velocity"], atol=1e-12)
+    assert log.dt == pytest.approx(DT)
+    (tmp_path / "cut.wpilog").write_bytes(wpilog(columns, cut=3))
+    with pytest.warns(FpjaxWarning, match="cut short in its last record"):
+        read_log(tmp_path / "cut.wpilog")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes on this system")
+def test_a_pipe_and_a_device_are_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "log.csv")
+    with pytest.raises(InputError, match="is a pipe or a device"):
+        read_log(tmp_path / "log.csv")
+    (tmp_path / "link.csv").symlink_to("/dev/zero")
+    with pytest.raises(InputError, match="is a pipe or a device"):
+        read_log(tmp_path / "link.csv")
+
+
+def test_twenty_thousand_columns_are_read_at_once(tmp_path):
+    import time
+
+    names = ["time", "torque", "velocity", *(f"c{index}" for index in range(20_000))]
+    row = ",".join(["{}"] * 3 + ["0"] * 20_000)
+    rows = [row.format(1e-3 * k, np.sin(k), np.cos(k)) for k in range(30)]
+    (tmp_path / "log.csv").write_text("\n".join([",".join(names), *rows]))
+    begin = time.process_time()
+    assert len(read_log(tmp_path / "log.csv")) == 30
+    assert time.process_time() - begin < 2.5
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "match"),
+    [
+        ("log.csv", b"", "is empty"),
+        ("log.csv", b"time,torque,velocity\n", "a header and no rows"),
+        ("log.csv", b"0,1,2\n1,2,3\n", "has no header"),
+        ("log.json", b"{", "is no JSON"),
+        ("log.json", b"[1, 2]", "no column time"),
+        ("log.wpilog", bytes(range(256)) * 4, "is no WPILOG"),
+        ("log.csv", b"time,torque,velocity\n" + b"0,1,x\n" * 30, "holds 'x' in row 2"),
+        ("log.csv", bytes(range(256)) * 4, "is not text"),
+        ("log.csv", b"\0", "is not text"),
+        ("log.mat", bytes(range(256)) * 4, "is no .mat file"),
+        ("log.npz", bytes(range(256)) * 4, "is no archive"),
+        ("log.parquet", bytes(range(256)) * 4, "is no Parquet file|needs pyarrow"),
+        ("log.mcap", bytes(range(256)) * 4, "is no MCAP|needs mcap"),
+        ("log.xlsx", b"PK", "kind that is not read"),
+    ],
+)
+def test_broken_files(tmp_path, name, content, match):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=match) as caught:
+        read_log(tmp_path / name)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_names_its_neighbour(tmp_path, columns):
+    write_csv(tmp_path / "run_1.csv", columns)
+    with pytest.raises(InputError, match=r"did you mean 'run_1\.csv'"):
+        read_log(tmp_path / "run1.csv")
+    with pytest.raises(InputError, match="is a folder"):
+        read_log(tmp_path)
+    with pytest.raises(InputError, match="cannot be made of int"):
+        read_log(3)
+
+
+@pytest.mark.skipif(not EMPS.exists(), reason="the EMPS records are not here")
+def test_emps():
+    log = read_log(EMPS / "DATA_EMPS_PULSES.mat", columns="emps")
+    assert log.linear
+    assert log.dt == 1e-3
+    assert list(log.columns()) == ["time", "torque", "position", "reference"]
+    assert list(log.extra) == ["pulses_N"]
+    assert np.abs(log.torque).max() == pytest.approx(317.556, abs=1e-3)

@@ -1,0 +1,136 @@
+"""Names and units that drives and people use are guessed and said; scales turn readings into SI."""
+
+import numpy as np
+import pytest
+from log_files import DT, TURN
+
+from fpjax.errors import FpjaxWarning, InputError
+from fpjax.logs import read_log
+
+pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")  # each test asks for its own
+
+
+def test_names_that_nobody_knows_are_not_guessed():
+    data = {name: np.zeros(30) for name in ("time", "tork", "gyro_z")}
+    with pytest.raises(InputError, match="--columns torque=tork"):
+        read_log(data)
+    with pytest.raises(InputError, match="did you mean 'gyro_z'"):
+        read_log(data, columns="torque=tork,velocity=gyro_y")
+    with pytest.raises(InputError, match="did you mean 'torque'"):
+        read_log(data, columns="torqe=tork")
+    with pytest.raises(InputError, match="did you mean 'deg/s'"):
+        read_log(data, columns="torque=tork,velocity=gyro_z:degr/s")
+
+
+FROM_PEOPLE = {
+    "German": ({"Zeit [ms]": 1e3, "Drehmoment (mNm)": 1e3, "Drehzahl [1/min]": 60 / TURN}, "", {}),
+    "German without units": ({"Zeit": 1, "Drehmoment": 1, "Drehzahl": 60 / TURN}, "", {}),
+    "ODrive": ({"t": 1, "axis0.motor.Iq_setpoint": 1, "axis0.encoder.vel_estimate": 1 / TURN}, "A", {}),
+    "UR": ({"timestamp": 1, "target_moment_2": 1, "actual_qd_2": 1, "actual_q_2": None}, "", {}),
+    "snake": ({"time_ms": 1e3, "torque_Nm": 1, "velocity_deg_s": 360 / TURN}, "", {}),
+    "WPILib": ({"timestamp": 1, "appliedVolts": 1, "rotorVelocity": 1}, "V", {}),
+    "French": ({"temps": 1, "couple": 1, "vitesse": 1}, "", {}),
+    "measured": ({"time": 1, "Iq": 1, "omega": 1}, "A", {"torque_measured": True}),
+    "ROS": ({"stamp": 1, "/joint_states.effort.0": 1, "/joint_states.velocity.0": 1}, "", {"torque_measured": True}),
+}
+
+
+@pytest.mark.parametrize("kind", FROM_PEOPLE)
+def test_names_that_drives_and_people_use_are_guessed_and_said(columns, kind):
+    names, label, fields = FROM_PEOPLE[kind]
+    parts = [columns["time"], columns["torque"], columns["velocity"], columns["position"]]
+    data = {name: part * (scale or 1.0) for (name, scale), part in zip(names.items(), parts, strict=False)}
+    with pytest.warns(FpjaxWarning, match="taken by their names"):
+        log = read_log(data)
+    assert log.dt == pytest.approx(DT)
+    np.testing.assert_allclose(log.torque, columns["torque"], rtol=1e-9)
+    np.testing.assert_allclose(log.velocity, columns["velocity"], rtol=1e-9)
+    assert log.torque_unit == (label or "N m")
+    for name, value in fields.items():
+        assert getattr(log, name) == value
+
+
+def test_one_of_several_axes_is_taken_and_said(columns):
+    data = {"timestamp": columns["time"]}
+    for axis in range(3):
+        data[f"target_moment_{axis}"] = columns["torque"] + axis
+        data[f"actual_qd_{axis}"] = columns["velocity"] + axis
+    with pytest.warns(FpjaxWarning, match=r"3 axes \(0 to 2\): axis 0 was taken; choose with --columns axis=1"):
+        assert read_log(data).torque[0] == columns["torque"][0]
+    with pytest.warns(FpjaxWarning, match="by their names"):
+        assert read_log(data, columns="axis=2").torque[0] == columns["torque"][0] + 2
+    with pytest.raises(InputError, match="no such axis: its axes are 0, 1, 2"):
+        read_log(data, columns="axis=7")
+
+
+@pytest.mark.parametrize(
+    ("spec", "name", "factor", "label"),
+    [
+        ("torque=x:A", "torque", 1.0, "A"),
+        ("torque=x:mA", "torque", 1e-3, "A"),
+        ("torque=x:A*0.12", "torque", 0.12, "N m"),
+        ("torque=x:mA*0.12", "torque", 0.12e-3, "N m"),
+        ("torque=x:A*120 mNm/A", "torque", 0.12, "N m"),
+        ("torque=x:PWM*0.02", "torque", 0.02, "N m"),
+        ("torque=x:counts*0.001", "torque", 1e-3, "N m"),
+        ("torque=x:counts", "torque", 1.0, "counts"),
+        ("torque=x:Nm*50", "torque", 50.0, "N m"),
+        ("position=x:counts/4096", "position", TURN / 4096, "N m"),
+        ("position=x:counts*0.001", "position", 1e-3, "N m"),
+        ("position=x:counts*0.1 deg", "position", 0.1 * TURN / 360, "N m"),
+        ("position=x:rev/6", "position", TURN / 6, "N m"),
+        ("position=x:turns", "position", TURN, "N m"),
+        ("velocity=x:counts/s/4096", "velocity", TURN / 4096, "N m"),
+        ("velocity=x:U/min", "velocity", TURN / 60, "N m"),
+        ("velocity=x:rpm/50", "velocity", TURN / 3000, "N m"),
+    ],
+)
+def test_scales(columns, spec, name, factor, label):
+    data = {**columns, "x": 1000.0 * columns["velocity"] + 0.5}
+    log = read_log(data, columns=spec, linear=False)
+    np.testing.assert_allclose(getattr(log, name), factor * data["x"], rtol=1e-12)
+    assert log.torque_unit == label
+
+
+@pytest.mark.parametrize(
+    ("spec", "sentence"),
+    [
+        ("position=x:counts", r"how large is a count\? .*position=x:counts/4096"),
+        ("torque=x:A*0", "is not a number other than zero"),
+        ("torque=x:A*12 kg", "the scale's unit is not a torque"),
+        ("torque=Load (raw)", "Unit 'raw' of column torque is not known"),
+        ("velocity=x:Nm", "is a torque, which column velocity"),
+    ],
+)
+def test_scales_that_say_too_little_are_refused(columns, spec, sentence):
+    data = {**columns, "x": columns["velocity"], "Load (raw)": columns["torque"]}
+    with pytest.raises(InputError, match=sentence):
+        read_log(data, columns=spec)
+
+
+def test_a_unit_in_the_header_holds_for_a_mapped_column_too(columns):
+    data = {"time": columns["time"], "velocity": columns["velocity"], "M (mNm)": 1e3 * columns["torque"]}
+    for spec in ("torque=M (mNm)", "torque=M", "torque=M (mNm):mNm"):
+        np.testing.assert_allclose(read_log(data, columns=spec).torque, columns["torque"], rtol=1e-12)
+    # what the user writes comes first
+    np.testing.assert_allclose(read_log(data, columns="torque=M (mNm):Nm").torque, 1e3 * columns["torque"], rtol=1e-12)
+
+
+def test_a_measured_torque_beside_the_command_tells_its_lag():
+    generator = np.random.default_rng(1)
+    time = 1e-3 * np.arange(6000)
+    command = np.convolve(generator.normal(size=6000), np.ones(5) / 5, "same") + np.sin(9 * time)
+    current = np.interp(time - 2.4e-3, time, command) / 0.12
+    data = {"time": time, "tau_cmd": command, "Iq": np.round(current, 2), "velocity": np.cos(9 * time)}
+    with pytest.warns(FpjaxWarning, match="follows the commanded one by"):
+        log = read_log(data, columns="torque=tau_cmd,torque_measured=Iq:A*0.12")
+    assert log.torque_lag == pytest.approx(2.4e-3, abs=2e-4)
+    assert not log.torque_measured
+    np.testing.assert_allclose(log.extra["torque_measured"], 0.12 * data["Iq"])
+
+
+def test_a_rounded_torque_is_noted(columns):
+    columns["torque"] = 0.1 * np.round(columns["torque"] / 0.1)
+    with pytest.warns(FpjaxWarning, match=r"torque is rounded to steps of 0\.1"):
+        log = read_log(columns)
+    assert log.torque_step == pytest.approx(0.1)
