@@ -317,7 +317,6 @@ class Diagnosis:
     identifiability: tuple[Identifiability, ...] = ()
     residual_where: Where | None = None
     probability: float = 0.0
-    ahead: float = 0.0
     seconds: dict[str, float] = field(default_factory=dict)
     motion: Literal["rotary", "linear"] = "rotary"
     nominal: str = ""
@@ -328,6 +327,7 @@ class Diagnosis:
     same_as: tuple[str, ...] = ()
     learned: tuple[Learned, ...] = ()
     learned_model: str = ""
+    ahead: float = 0.0
     posterior: Posterior | None = None
 
     def plot(self) -> Figure:

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..answer.diagnosis import Diagnosis, Learned
 from .digits import show_percent, show_unit
+from .text import variable_name
 from .theme import AFTER, BEFORE, MUTED
 from .where_picture import binned
 from .words import motion_units
@@ -41,7 +42,7 @@ def draw_learned(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
         axes.fill_between(at, low, high, color=AFTER, alpha=0.22, linewidth=0, label="90 % band")
         axes.plot(at, torque, color=AFTER, linewidth=1.6, label="learned law")
         repeats = f", every {law.period:.3g} {show_unit(units[law.of])}" if law.period is not None else ""
-        name = ("force" if linear else "torque") if law.of == "torque" else law.of
+        name = variable_name(law.of, diagnosis)
         axes.set_title(f"{show_percent(law.share)} of what is left: a law of {name}{repeats}")
         axes.set_xlabel(f"{name} [{show_unit(units[law.of])}]")
         axes.margins(x=0.01)

@@ -27,6 +27,7 @@ from .text import (
     set_twin_sentences,
     tracking_sentence,
     twin_sentences,
+    variable_name,
     verdict_sentence,
     verdict_title,
     where_sentence,
@@ -202,7 +203,10 @@ def _learned_cells(diagnosis: Diagnosis, count: int) -> list[str]:
     """The learned laws as a row of the ranking's table."""
     name, beside = learned_name(diagnosis), "the causes" if diagnosis.causes else "the best attempt"
     gap = diagnosis.gap.estimate("learned")
-    taken = "".join(f"<li>{text(law.of)}<br>{percent(law.share)} of what is left</li>" for law in diagnosis.learned)
+    taken = "".join(
+        f"<li>{text(variable_name(law.of, diagnosis))}<br>{percent(law.share)} of what is left</li>"
+        for law in diagnosis.learned
+    )
     return [
         f'<span class="name">{text(name[:1].upper() + name[1:])}</span><small>beside {beside}; drawn below</small>',
         '<span class="quiet">measured, not a named effect</span>',

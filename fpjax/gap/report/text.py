@@ -57,26 +57,29 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     rest = f"; the best attempt leaves {after}" if gap.after < gap.before else ""
     share, regime = main_regime(diagnosis.where)
     place = (
-        f" {show_percent(share)} of its energy lies {regime_name(regime, diagnosis.motion)}." if share >= MUCH else ""
+        f" {show_percent(share)} of the gap's energy lies {regime_name(regime, diagnosis.motion)}."
+        if share >= MUCH
+        else ""
     )
     return f"{differs}, and {_nothing_closes(diagnosis, 'this gap')}{rest}.{place}"
 
 
 def learned_name(diagnosis: Diagnosis) -> str:
     """What the learned laws are called: `learned law of velocity`, `learned laws of velocity and position`."""
-    effort = effort_of(diagnosis)
-    names = [effort if law.of == "torque" else law.of for law in diagnosis.learned]
+    names = [variable_name(law.of, diagnosis) for law in diagnosis.learned]
     return f"learned law{'s' if len(names) > 1 else ''} of {join(names)}"
+
+
+def variable_name(variable: str, diagnosis: Diagnosis) -> str:
+    """What a learned law is of, in the axis' own word."""
+    return effort_of(diagnosis) if variable == "torque" else variable
 
 
 def learned_sentence(diagnosis: Diagnosis) -> str:
     """What of the rest follows what was recorded, and what nothing; "" where no law was learned."""
     if not diagnosis.learned:
         return ""
-    effort = effort_of(diagnosis)
-    parts = [
-        f"{show_percent(law.share)} follows the {effort if law.of == 'torque' else law.of}" for law in diagnosis.learned
-    ]
+    parts = [f"{show_percent(law.share)} follows the {variable_name(law.of, diagnosis)}" for law in diagnosis.learned]
     nothing = max(1.0 - sum(law.share for law in diagnosis.learned), 0.0)
     after = show_with_unit(shown_gap(diagnosis, diagnosis.gap.estimate("learned")))
     return (
