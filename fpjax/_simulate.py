@@ -44,7 +44,7 @@ class Run(eqx.Module):
     """What a simulation leaves.
 
     Attributes:
-        time: [s], shape (samples,).
+        time: [s], shape (samples,); numpy's, as all that follows, where a model was simulated.
         signals: what was recorded, by name, each of shape (samples,).
         measures: what was measured, by name.
         status: a `Status` as an integer.
@@ -52,9 +52,9 @@ class Run(eqx.Module):
         about: units and true values for the picture (static).
     """
 
-    time: Float[Array, " samples"]
-    signals: dict[str, Float[Array, " samples"]]
-    measures: dict[str, Float[Array, "..."]]
+    time: Float[Array | np.ndarray, " samples"]
+    signals: dict[str, Float[Array | np.ndarray, " samples"]]
+    measures: dict[str, Float[Array | np.ndarray, "..."]]
     status: Int[Array, ""]
     final_state: LoopState
     about: About | None = eqx.field(static=True, default=None)

@@ -65,6 +65,12 @@ def make_stepper(
     Raises:
         InputError: for an invalid step or duration.
     """
+    for name, value in (("dt", dt), ("duration", duration)):
+        if isinstance(value, str | bool) or (value is not None and not hasattr(value, "__float__")):
+            raise InputError(f"{name} must be a number of seconds, got {type(value).__name__} {value!r}.")
+    for name, value in (("samples", samples), ("substeps", substeps)):
+        if value is not None and not hasattr(value, "__index__"):
+            raise InputError(f"{name} must be a whole number, got {type(value).__name__} {value!r}.")
     if not isinstance(dt, Tracer) and not float(dt) > 0.0:
         raise InputError(f"dt must be positive, got {float(dt):g} s; 1e-4 s is usual here.")
     if (duration is None) == (samples is None):

@@ -18,10 +18,15 @@ from ._simulate import Run
 from ._simulate import simulate as simulate_loop
 from .analysis.estimate import Differentiator, Estimation
 from .analysis.estimate import estimate as estimate_with
+from .blocks.actuators import AbstractActuator
 from .blocks.block import with_arrays
+from .blocks.controllers import AbstractController
+from .blocks.friction import AbstractFriction
 from .blocks.loads import AbstractLoad
 from .blocks.observers import AbstractObserver
+from .blocks.plants import AbstractPlant
 from .blocks.references import AbstractReference
+from .blocks.sensors import AbstractSensor
 from .errors import InputError
 from .logs import Log, read_log
 from .loop import ClosedLoop, LoopState
@@ -36,6 +41,15 @@ DEFAULT_SIGNALS = (
     "reference", "velocity", "position", "measured_velocity", "measured_position",
     "torque", "control", "compensation", "applied", "friction",
 )  # fmt: skip
+
+
+_BLOCKS = (
+    ("plant", AbstractPlant, "OneMass(10.0, fp.CoulombViscous(20.0, 2.0))"),
+    ("controller", AbstractController, "ProportionalIntegral(150.0, 200.0)"),
+    ("observer", AbstractObserver, "ExtendedFriedlandPark(10.0, 100.0, 100.0, steepness=500.0)"),
+    ("actuator", AbstractActuator, "IdealActuator()"),
+    ("sensor", AbstractSensor, "IdealSensor()"),
+)  # of a loop, and what each may be
 
 
 def simulate(
@@ -106,7 +120,9 @@ def simulate(
                 key=key,
                 throw=throw,
             )
-        return dataclasses.replace(run, about=about_model(model))
+        # Double-precision jax arrays in a process that has float32 warn at every operation: a user gets numpy's.
+        time, signals, measured = jax.tree.map(_on_host, (run.time, run.signals, run.measures))
+        return dataclasses.replace(run, time=time, signals=signals, measures=measured, about=about_model(model))
     blocks = checked_loop(loop, "simulate")
     if dt is None:
         raise InputError("simulate needs dt, the step [s]: give dt=1e-4, or a model, which has its own.")
@@ -203,6 +219,13 @@ def checked_loop(loop: Any, verb: str) -> ClosedLoop:
     """
     if not isinstance(loop, ClosedLoop):
         raise InputError(f"{verb} got {_shown(loop)}: give a ClosedLoop, a Model or the path of a servo.toml.")
+    for name, kind, example in _BLOCKS:
+        block = getattr(loop, name)
+        if not isinstance(block, kind):
+            raise InputError(f"The loop's {name} is {_shown(block)}: give a block for it, as fp.{example}.")
+    law = getattr(loop.plant, "friction", None)
+    if law is not None and not isinstance(law, AbstractFriction):
+        raise InputError(f"The plant's friction is {_shown(law)}: give a law, as fp.CoulombViscous(20.0, 2.0).")
     return with_arrays(loop)
 
 
@@ -250,6 +273,10 @@ def about_loop(loop: ClosedLoop) -> About:
         if isinstance(value, jax.Array) and not isinstance(value, Tracer) and np.ndim(value) == 0
     }
     return About(tuple(numbers.items()))
+
+
+def _on_host(leaf: Any) -> Any:
+    return leaf if isinstance(leaf, Tracer) else np.asarray(leaf)
 
 
 def _names(loop: ClosedLoop) -> tuple[str, ...]:

@@ -1,12 +1,15 @@
 """One axis of a sweep."""
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from fpjax.errors import InputError
 
 from .parameters import Scale
+
+Paths = Mapping[str, Mapping[str, Sequence[float]]]  # over a sweep, by the method's name: values by parameter name
 
 
 @dataclasses.dataclass(frozen=True)

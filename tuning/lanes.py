@@ -146,6 +146,7 @@ class Outcome:
         simulations: simulations used, shape (lanes,).
         iterations: iterations done, shape (lanes,).
         history: of each lane, (simulations so far, best cost so far) after every iteration.
+        paths: of each lane, the parameters after every iteration, each of shape (n,).
         reasons: of each lane, why it ended.
         standing: where Algorithm 1 stood at its end, shape (lanes, n), which is not the best it saw; None for others.
         standing_costs: the costs there, shape (lanes,).
@@ -156,6 +157,7 @@ class Outcome:
     simulations: np.ndarray
     iterations: np.ndarray
     history: list[list[tuple[int, float]]]
+    paths: list[list[np.ndarray]]
     reasons: list[str]
     standing: np.ndarray | None = None
     standing_costs: np.ndarray | None = None
@@ -170,6 +172,7 @@ class Best:
         self.simulations = np.zeros(lanes, int)
         self.iterations = np.zeros(lanes, int)
         self.history: list[list[tuple[int, float]]] = [[] for _ in range(lanes)]
+        self.paths: list[list[np.ndarray]] = [[] for _ in range(lanes)]
         self.reasons = ["stopped at its number of iterations"] * lanes
 
     def offer(self, lane: int | np.intp, values: np.ndarray, cost: float, simulations: int) -> None:
@@ -179,13 +182,16 @@ class Best:
         if cost < self.costs[lane]:
             self.costs[lane], self.values[lane] = cost, values
         self.history[lane].append((int(self.simulations[lane]), float(self.costs[lane])))
+        self.paths[lane].append(np.array(values, dtype=float))
 
     def outcome(self) -> Outcome:
         """As an `Outcome`."""
         for lane in range(len(self.reasons)):
             if not np.isfinite(self.costs[lane]):
                 self.reasons[lane] = "diverged"
-        return Outcome(self.values, self.costs, self.simulations, self.iterations, self.history, self.reasons)
+        return Outcome(
+            self.values, self.costs, self.simulations, self.iterations, self.history, self.paths, self.reasons
+        )
 
 
 def _on_device(tree: Any) -> Any:

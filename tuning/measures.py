@@ -5,10 +5,11 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from fpjax import AbstractMeasure, AbstractObserver, Signals
-from fpjax.metrics import AbstractMean, safe_root
+from fpjax.metrics import AbstractLargest, AbstractMean, safe_root
 
 NARROWEST = 1e-3  # the first time bin, as a fraction of the horizon
 
@@ -38,38 +39,83 @@ class SquaredAfter(AbstractMeasure):
     bins: int = eqx.field(static=True)
 
     def init(self, zero: Array) -> Any:
-        """(sums of squares, samples) of the whole, or (sums, sums of squares, samples) of the bins."""
-        return (zero, zero) if self.bins == 0 else tuple((zero, zero, zero) for _ in range(self.bins))
+        """(sums of squares, samples) of the whole, or (sums, sums of squares, samples) of the bins, each (bins,)."""
+        # One array a sum and not one number a bin: 48 numbers and their tangents took XLA most of its time to compile.
+        start = zero if self.bins == 0 else jnp.broadcast_to(zero, (self.bins,))
+        return (start, start) if self.bins == 0 else (start, start, start)
 
     def update(self, total: Any, signals: Signals) -> Any:
         """Add the error and its square."""
         value = self.quantity(signals) if self.estimate is None else signals.estimates[self.estimate]
         error = (value - self.target) / self.scale
-        counts = signals.time >= self.start
         if self.bins == 0:
+            counts = signals.time >= self.start
             return total[0] + jnp.where(counts, jnp.square(error), 0.0), total[1] + jnp.where(counts, 1.0, 0.0)
-        reached = [counts]
-        for place in range(1, self.bins):
-            edge = self.start + (self.stop - self.start) * NARROWEST ** (1.0 - place / self.bins)
-            reached.append(counts & (signals.time >= edge))
-        added = []
-        for place, (first, second, number) in enumerate(total):
-            inside = reached[place] & ~reached[place + 1] if place + 1 < self.bins else reached[place]
-            one = jnp.where(inside, error, 0.0)
-            added.append((first + one, second + jnp.square(one), number + jnp.where(inside, 1.0, 0.0)))
-        return tuple(added)
+        begins, ends = self._edges(signals.time)
+        inside = (signals.time >= begins) & (signals.time < ends)
+        first, second, number = total
+        one = jnp.where(inside, error, 0.0)
+        return first + one, second + jnp.square(one), number + jnp.where(inside, 1.0, 0.0)
+
+    def _edges(self, time: Array) -> tuple[Array, Array]:
+        """Where the bins begin and end [s], each of shape (bins,); the last one does not end."""
+        place = np.arange(self.bins)
+        # The first bin begins at `start` itself.
+        begin = np.where(place == 0, 0.0, NARROWEST ** (1.0 - place / self.bins))
+        end = NARROWEST ** (1.0 - (place + 1.0) / self.bins)
+        span = self.stop - self.start
+        begins = self.start + span * jnp.asarray(begin, time.dtype)
+        ends = self.start + span * jnp.asarray(end, time.dtype)
+        return begins, jnp.where(jnp.asarray(place == self.bins - 1), jnp.inf, ends)
 
     def final(self, total: Any, samples: int) -> Array:
         """The mean square, or the residuals of shape (2 bins,)."""
         del samples
         if self.bins == 0:
             return total[0] / jnp.maximum(total[1], 1.0)
-        first, second, number = (jnp.stack(column) for column in zip(*total, strict=True))
+        first, second, number = total
         number = jax.lax.stop_gradient(number)  # the root of an empty bin's share has no slope
         counted = jnp.maximum(jnp.sum(number), 1.0)
         mean = first / jnp.maximum(number, 1.0)
         spread = jnp.maximum(second - mean * first, 0.0)
         return jnp.concatenate([mean * jnp.sqrt(number / counted), safe_root(spread / counted)])
+
+
+class SettledError(AbstractMeasure):
+    """(mean of an estimate after `start` - truth) / |truth|: how far off it ends.
+
+    Attributes:
+        estimate: its name (static).
+        truth: in the estimate's unit.
+        start: time [s] from which the mean is taken.
+    """
+
+    estimate: str = eqx.field(static=True)
+    truth: Array
+    start: Array
+
+    def init(self, zero: Array) -> tuple[Array, Array]:
+        """(sum, samples)."""
+        return zero, zero
+
+    def update(self, total: tuple[Array, Array], signals: Signals) -> tuple[Array, Array]:
+        """Add the estimate where it counts."""
+        counts = signals.time >= self.start
+        value = signals.estimates[self.estimate]
+        return total[0] + jnp.where(counts, value, 0.0), total[1] + jnp.where(counts, 1.0, 0.0)
+
+    def final(self, total: tuple[Array, Array], samples: int) -> Array:
+        """The relative error [1]; not a number where the truth is zero."""
+        del samples
+        return (total[0] / jnp.maximum(total[1], 1.0) - self.truth) / jnp.abs(self.truth)
+
+
+class Fastest(AbstractLargest):
+    """Largest |w| of a run [rad/s]."""
+
+    def term(self, signals: Signals) -> Array:
+        """w."""
+        return signals.velocity
 
 
 class NoiseGain(AbstractMean):

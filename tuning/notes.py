@@ -9,16 +9,23 @@ import numpy as np
 from jaxtyping import Array
 
 from fpjax import AbstractMeasure, AbstractObserver, ClosedLoop, PositionLoop, Signals
-from fpjax.analysis.excitation import assess_excitation, error_matrix
+from fpjax.analysis.excitation import AT_THE_TRUTH, assess_excitation, error_matrix
 from fpjax.errors import InputError
 from fpjax.parameters import set_parameters
 from fpjax.scan import loop_dtype
 
+from .measures import Fastest, SettledError
 from .objective import AbstractObjective
 from .problem import Problem, horizon
 
 CLOSE = 0.8  # share of the solver's stability limit from which an optimum is suspected to be the solver's
 EULER_LIMIT = 2.0  # of the observer's own step when sampled
+AT_REST = (
+    "the machine never moves: the torque that the controller asks for stays below the friction that holds it, so no "
+    "gain of an observer matters; give larger kp and ki, a larger reference, or a larger torque limit."
+)
+SETTLED = "settled."  # before the name of an estimate, which is an objective's own word
+LAST_QUARTER = 0.75  # of the run: from where an estimate is taken to have settled
 WINDOW = 5000  # samples of the motion that are looked at
 NAMES = ("coulomb", "viscous", "steepness")
 
@@ -56,6 +63,23 @@ def truths(loop: ClosedLoop, objective: AbstractObjective) -> dict[str, Array]:
     return {name: value for name, value in found.items() if value is not None}
 
 
+def judging_measures(loop: ClosedLoop, objective: AbstractObjective, horizon: Array) -> dict[str, AbstractMeasure]:
+    """What the notes on a result look at: "rate", "fastest", and "settled." with every estimate's name.
+
+    Args:
+        loop: whose plant tells the truths that the objective does not.
+        objective: with `truths` of its own, or none.
+        horizon: time of the last sample [s].
+    """
+    known = truths(loop, objective)
+    settled = {
+        f"{SETTLED}{name}": SettledError(name, known[name], LAST_QUARTER * horizon)
+        for name in loop.observer.estimated
+        if name in known
+    }
+    return rate_measure(loop, objective) | {"fastest": Fastest()} | settled
+
+
 def rate_measure(loop: ClosedLoop, objective: AbstractObjective) -> dict[str, AbstractMeasure]:
     """`ObserverRate` by "rate"; nothing where the observer's error dynamics are not known."""
     parameters = truths(loop, objective)
@@ -69,16 +93,38 @@ def rate_measure(loop: ClosedLoop, objective: AbstractObjective) -> dict[str, Ab
     return {"rate": ObserverRate(loop.observer, parameters)}
 
 
-def notes_of(problem: Problem, gains: dict[str, float], rate: float, tables: Sequence[tuple[str, Any]]) -> list[str]:
+def notes_of(
+    problem: Problem,
+    gains: dict[str, float],
+    rate: float,
+    fastest: float,
+    off: dict[str, float],
+    tables: Sequence[tuple[str, Any]],
+) -> list[str]:
     """Sentences on one set of gains.
 
     Args:
         problem: what was tuned.
         gains: by parameter name.
         rate: the largest `ObserverRate` of all cases [1/s].
+        fastest: the largest |w| of all cases [rad/s].
+        off: by estimate, the largest `SettledError` of all cases, with its sign [1].
         tables: (label, reference [rad/s] (or [rad] for a position loop) of shape (samples,)) of each.
     """
-    return [*_stability(problem, rate), *_excitation(problem, gains, tables)]
+    if fastest == 0.0:
+        return [AT_REST]
+    return [*_accuracy(off), *_stability(problem, rate), *_excitation(problem, gains, off, tables)]
+
+
+def _accuracy(off: dict[str, float]) -> list[str]:
+    wrong = [f"{name} {100.0 * value:+.3g} %" for name, value in off.items() if abs(value) > AT_THE_TRUTH]
+    if not wrong:
+        return []
+    return [
+        f"with these gains the estimates end off the truth, by the mean of the last quarter: {', '.join(wrong)}. Gains "
+        f"alone may not mend it: simulate longer (duration), let the reference change its amplitude or frequency, or "
+        f"count later (Estimation(start=...), --after)."
+    ]
 
 
 def _stability(problem: Problem, rate: float) -> list[str]:
@@ -94,7 +140,9 @@ def _stability(problem: Problem, rate: float) -> list[str]:
     ]
 
 
-def _excitation(problem: Problem, gains: dict[str, float], tables: Sequence[tuple[str, Any]]) -> list[str]:
+def _excitation(
+    problem: Problem, gains: dict[str, float], off: dict[str, float], tables: Sequence[tuple[str, Any]]
+) -> list[str]:
     if not problem.loop.observer.estimated:
         return []
     loop = set_parameters(problem.loop, gains)
@@ -110,5 +158,5 @@ def _excitation(problem: Problem, gains: dict[str, float], tables: Sequence[tupl
             found = assess_excitation(loop.observer, velocity, dt, parameters, duration=float(horizon(problem)))
         except (InputError, AttributeError, KeyError):
             continue  # an observer whose error dynamics are not known
-        said += [f"on {label}, {sentence}" for sentence in found.sentences]
+        said += [f"on {label}, {sentence}" for sentence in found.told(off)]
     return said

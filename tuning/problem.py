@@ -128,6 +128,15 @@ def make_problem(
     return problem, start, labels
 
 
+def under_noise(problem: Problem) -> Problem | None:
+    """The problem with one draw of its sensor's noise; None where it has noise already, or its sensor has none."""
+    if not problem.noise or any(bool(np.any(np.asarray(table))) for table in problem.noise):
+        return None
+    random = np.random.default_rng(0)  # on the host: nothing to compile
+    drawn = tuple(jax.device_put(random.standard_normal(table.shape).astype(table.dtype)) for table in problem.noise)
+    return eqx.tree_at(lambda one: one.noise, problem, drawn)
+
+
 def label_references(references: References) -> tuple[tuple[str, ...], list[AbstractReference]]:
     """(labels, references) of one reference, a list of them, or a dictionary by label.
 
@@ -155,15 +164,16 @@ def case_costs(values: Array, index: Array | None, problem: Problem, also: Any =
         values: of the parameters, in their units, shape (n,).
         index: which reference alone counts (the first axis is then 1); None for all.
         problem: from `make_problem`.
-        also: `also(loop, objective)` names a further measure, or none (0); (costs, that measure) is then returned.
+        also: `also(loop, objective, horizon)` gives further measures by name; (costs, those measures) is then returned.
     """
 
     def judged(loop: ClosedLoop, inputs: Inputs) -> Any:
         measures = problem.objective.measures(loop, horizon(problem), False)
-        extra = {} if also is None else also(loop, problem.objective)
+        extra = {} if also is None else also(loop, problem.objective, horizon(problem))
+        assert not set(measures) & set(extra), "a further measure has the name of one of the objective's"
         finals, _, _ = fpjax.roll(loop, inputs, problem.stepper, measures | extra)
         cost = problem.objective.cost(loop, finals)
-        return cost if also is None else (cost, next((finals[name] for name in extra), jnp.zeros_like(cost)))
+        return cost if also is None else (cost, {name: finals[name] for name in extra})
 
     return _over_cases(judged, values, index, problem)
 

@@ -47,6 +47,10 @@ class TuningResult:
             best it saw; None for the other methods.
         standing_cost: the cost there [1].
         notes: sentences on what to look at before the gains are used.
+        path: of the best start, the value of every parameter after each iteration, by parameter name.
+        settled: by estimate whose truth is known, how far off the truth it ends, (mean of the last quarter - truth) /
+            |truth|, in the case where that is largest [1]; under one draw of the sensor's noise, where it has some,
+            also if none was tuned for.
     """
 
     method: str
@@ -73,6 +77,8 @@ class TuningResult:
     standing: dict[str, float] | None = None
     standing_cost: float | None = None
     notes: tuple[str, ...] = ()
+    path: dict[str, list[float]] = dataclasses.field(default_factory=dict)
+    settled: dict[str, float] = dataclasses.field(default_factory=dict)
 
     @property
     def diverged(self) -> bool:
@@ -128,19 +134,31 @@ class TuningResult:
         """As JSON takes it; what is not finite as None."""
         return plain({**dataclasses.asdict(self), "references": list(self.references)})
 
+    def _loud(self) -> str:
+        """What is said first where the gains are no optimum; else empty."""
+        ends = [f"{name} at its {side} bound {self.gains[name]:.3g}" for name, side in self.at_bounds.items()]
+        if ends:
+            return (
+                f"NOT AN OPTIMUM: {', '.join(ends)}. The cost still falls beyond it, or does not depend on it: do not "
+                f"use these gains; give a wider range (Parameter(name, start, low, high), --parameter "
+                f"NAME=LOW:START:HIGH), fewer parameters, or an objective with noise."
+            )
+        verdicts = self.identifiability.verdicts if self.identifiability else {}
+        if verdicts and all(verdict == "dead" for verdict in verdicts.values()):
+            return (
+                f"NOT AN OPTIMUM: the cost does not depend on {' or '.join(self.gains)} where the search ended: do not "
+                f"use these gains."
+            )
+        return ""
+
     def __str__(self) -> str:
         gains = "\n".join(
             f"  {name:<28} {self.start[name]:>12.6g} -> {value:<12.6g}" for name, value in self.gains.items()
         )
         dropped = f", {self.diverged_starts} of {self.starts} starts diverged" if self.diverged_starts else ""
-        ends = [f"{name} at its {side} bound {self.gains[name]:.3g}" for name, side in self.at_bounds.items()]
-        loud = [
-            f"NOT AN OPTIMUM: {', '.join(ends)}. The cost still falls beyond it, or does not depend on it: do not use "
-            f"these gains; give a wider range (Parameter(name, start, low, high), --parameter NAME=LOW:START:HIGH), "
-            f"fewer parameters, or an objective with noise."
-        ]
+        loud = self._loud()
         lines = [
-            *(loud if ends else []),
+            *([loud] if loud else []),
             f"{self.method} on {', '.join(self.references)} ({self.objective}): {self.message}{dropped}",
             gains,
             f"  cost {self.start_cost:.6g} -> {self.cost:.6g}  (mean {self.mean:.6g}, worst case {self.worst:.6g})",

@@ -1,5 +1,6 @@
-"""The picture of a sweep: contours over two axes, or a line over one."""
+"""The picture of a sweep: contours over two axes, or a line over one, with the paths that methods took."""
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,51 +10,118 @@ from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 
-from fpjax.output.plotting import BLACK, BLUE, GREY, STYLE, new_figure, save
+from fpjax.errors import InputError
+from fpjax.output.plotting import BLACK, BLUE, GREY, SERIES, STYLE, new_figure, save
 
-from .axis import Axis
+from .axis import Axis, Paths
 
 LEVELS = 24
 MOST_POINTS = 400  # drawn along an axis; a denser grid is thinned for the picture
 
 
-def draw(named: Sequence[Axis], cost: np.ndarray, title: str, path: Path | None = None) -> Figure:
-    """Draw, and save where a path is given.
+@dataclasses.dataclass(frozen=True)
+class Slice:
+    """What of a sweep can be shown: its first two axes (or its only one), any further one at its best value.
+
+    Attributes:
+        axes: that are shown.
+        values: of each shown axis, thinned.
+        cost: shape (rows, columns) or (points,), thinned; infinite where a run diverged.
+        title: objective, references, and the values of the axes that are not shown.
+        gains: of the least cost, by parameter name.
+        least: that cost [1].
+        thinned: "2 x 3" where only every so many points are shown, else empty.
+    """
+
+    axes: tuple[Axis, ...]
+    values: tuple[np.ndarray, ...]
+    cost: np.ndarray
+    title: str
+    gains: dict[str, float]
+    least: float
+    thinned: str
+
+
+def slice_of(named: Sequence[Axis], cost: np.ndarray, title: str) -> Slice:
+    """The `Slice` of a sweep.
 
     Args:
         named: axes of the grid.
-        cost: at its points, shape (*counts); past two axes the others stay at their best values.
-        title: of the picture.
-        path: of its file; None to write none.
+        cost: at its points, shape (*counts).
+        title: objective and references.
+    """
+    cost = np.asarray(cost, dtype=float)
+    best = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    least = float(cost[best])
+    gains = {axis.name: float(axis.values[place]) for axis, place in zip(named, best, strict=True)}
+    if len(named) > 2:
+        cost = cost[(slice(None), slice(None), *best[2:])]
+        title += f"  ({', '.join(f'{axis.name} = {gains[axis.name]:.4g}' for axis in named[2:])})"
+    axes = tuple(named[:2])
+    every = [-(-count // MOST_POINTS) for count in cost.shape]
+    thin = tuple(slice(None, None, step) for step in every)
+    values = tuple(axis.values[step] for axis, step in zip(axes, thin, strict=True))
+    thinned = " x ".join(map(str, every)) if max(every) > 1 else ""
+    return Slice(axes, values, cost[thin], title, gains, least, thinned)
+
+
+def checked_paths(named: Sequence[Axis], paths: Paths) -> Paths:
+    """The paths, each with every shown axis.
+
+    Args:
+        named: axes of the grid.
+        paths: by the method's name.
+
+    Raises:
+        InputError: for a path without a parameter that was swept, or with unequal lengths.
+    """
+    for method, path in paths.items():
+        lengths = set()
+        for axis in named[:2]:
+            if axis.name not in path:
+                raise InputError(
+                    f"The path of {method} holds {', '.join(path) or 'nothing'}, not {axis.name}: give the `path` of a "
+                    f"tuning of the parameters that were swept."
+                )
+            lengths.add(len(path[axis.name]))
+        if len(lengths) > 1:
+            raise InputError(f"The path of {method} has {sorted(lengths)} values: every parameter needs as many.")
+    return paths
+
+
+def draw(shown: Slice, path: Path | None, paths: Paths) -> Figure:
+    """Draw, and save where a path is given.
+
+    Args:
+        shown: of the sweep.
+        path: of the picture's file; None to write none.
+        paths: as `checked_paths` gives them.
     """
     with rc_context(STYLE):
-        figure = _draw(named, np.asarray(cost, dtype=float), title)
+        figure = _draw(shown, paths)
         if path is not None:
             save(figure, path)
     return figure
 
 
-def _draw(named: Sequence[Axis], cost: np.ndarray, title: str) -> Figure:
-    figure, panels = new_figure(size=(6.6, 4.6))
-    axes = panels[0, 0]
-    best = np.unravel_index(int(np.argmin(cost)), cost.shape)
-    least = float(cost[best])
-    gains = {axis.name: float(axis.values[i]) for axis, i in zip(named, best, strict=True)}
-    others = ""
-    if len(named) > 2:
-        cost = cost[(slice(None), slice(None), *best[2:])]
-        others = ", ".join(f"{axis.name} = {gains[axis.name]:.4g}" for axis in named[2:])
-    axes.set_title(title + (f"  ({others})" if others else ""))
-    first = named[0]
-    if len(named) == 1:
-        axes.plot(first.values, np.where(np.isfinite(cost), cost, np.nan), color=BLUE)
+def _draw(shown: Slice, paths: Paths) -> Figure:
+    figure, panels = new_figure(size=(6.6, 4.6 + 0.18 * len(paths)))
+    axes, least, gains = panels[0, 0], shown.least, shown.gains
+    axes.set_title(shown.title)
+    first = shown.axes[0]
+    if len(shown.axes) == 1:
+        axes.plot(shown.values[0], np.where(np.isfinite(shown.cost), shown.cost, np.nan), color=BLUE)
         axes.plot(gains[first.name], least, "o", color=BLACK, label=f"least: {least:.4g} at {gains[first.name]:.5g}")
         axes.set(xlabel=first.name, ylabel="cost", xscale=first.scale)
         if least > 0.0:
             axes.set_yscale("log")
     else:
-        second = named[1]
-        _contours(figure, axes, first, second, cost)
+        second = shown.axes[1]
+        _contours(figure, axes, shown)
+        limits = axes.get_xlim(), axes.get_ylim()
+        for color, (method, points) in zip(SERIES[1:], paths.items(), strict=False):
+            _path(axes, points[second.name], points[first.name], color, method)
+        axes.set(xlim=limits[0], ylim=limits[1])  # a path that leaves the grid does not stretch it
         label = f"least: {least:.4g} at ({gains[second.name]:.5g}, {gains[first.name]:.5g})"
         axes.plot(
             gains[second.name], gains[first.name], "o", color="white", markeredgecolor=BLACK, label=label, zorder=5
@@ -62,6 +130,28 @@ def _draw(named: Sequence[Axis], cost: np.ndarray, title: str) -> Figure:
         axes.grid(False)
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.14), borderaxespad=0.0, frameon=False)
     return figure
+
+
+def _path(axes: Axes, across: Sequence[float], up: Sequence[float], color: str, method: str) -> None:
+    """A line with a white edge, an open circle where it begins, a square where it ends."""
+    axes.plot(across, up, color="white", linewidth=3.4, solid_joinstyle="round", zorder=3)
+    axes.plot(across, up, color=color, linewidth=1.5, marker=".", markersize=4, label=method, zorder=3.5)
+    axes.plot(across[:1], up[:1], "o", color="white", markeredgecolor=color, markersize=6, zorder=4)
+    axes.plot(across[-1:], up[-1:], "s", color=color, markeredgecolor="white", markersize=7, zorder=4)
+
+
+def colour_levels(cost: np.ndarray) -> np.ndarray:
+    """Borders of the colours, logarithms where all costs are above zero.
+
+    The far end of a landscape would take all the levels: they follow the quantiles, where the points are.
+    """
+    finite = cost[np.isfinite(cost)]
+    if not finite.size:
+        return np.array([0.0, 1.0])
+    if finite.min() > 0.0:
+        finite = np.log10(finite)
+    levels = np.unique(np.quantile(finite, np.linspace(0.0, 1.0, LEVELS)))
+    return levels if levels.size > 1 else np.array([levels[0] - 0.5, levels[0] + 0.5])
 
 
 def _labelled(levels: np.ndarray) -> np.ndarray:
@@ -74,28 +164,28 @@ def _labelled(levels: np.ndarray) -> np.ndarray:
     return inside if inside.size else levels[levels.size // 2 : levels.size // 2 + 1]
 
 
-def _contours(figure: Figure, axes: Axes, first: Axis, second: Axis, cost: np.ndarray) -> None:
-    rows, columns = max(1, cost.shape[0] // MOST_POINTS), max(1, cost.shape[1] // MOST_POINTS)
-    down, across, shown = first.values[::rows], second.values[::columns], cost[::rows, ::columns]
-    finite = np.isfinite(shown)
-    if not finite.any() or min(shown.shape) < 2:
-        axes.text(0.5, 0.5, "nothing to draw: every run diverged", transform=axes.transAxes, ha="center")
+def _contours(figure: Figure, axes: Axes, shown: Slice) -> None:
+    down, across = shown.values
+    finite = np.isfinite(shown.cost)
+    if not finite.any() or min(shown.cost.shape) < 2:
+        why = "every run diverged" if not finite.any() else "an axis has one value"
+        axes.text(0.5, 0.5, f"nothing to draw: {why}", transform=axes.transAxes, ha="center")
         return
-    positive = shown[finite & (shown > 0.0)]
-    grid = np.ma.masked_invalid(np.where(finite, shown, np.nan))
-    if positive.size and positive.min() < positive.max():
-        grid = np.ma.log10(np.ma.maximum(grid, positive.min()))
-    # The far end of a landscape would take all the levels: they follow the quantiles, where the points are.
-    levels = np.unique(np.quantile(grid.compressed(), np.linspace(0.0, 1.0, LEVELS)))
-    if levels.size < 2:
-        levels = np.array([levels[0] - 0.5, levels[0] + 0.5])
+    grid = np.ma.masked_invalid(np.where(finite, shown.cost, np.nan))
+    logarithmic = float(grid.min()) > 0.0
+    if logarithmic:
+        grid = np.ma.log10(grid)
+    levels = colour_levels(shown.cost)
     # Every level gets the same share of the colours: those of a linear scale were all one purple.
     filled = axes.contourf(across, down, grid, levels=levels, cmap="viridis_r", norm=BoundaryNorm(levels, 256))
-    lines = axes.contour(
-        across, down, grid, levels=_labelled(levels), colors="white", linewidths=0.7, linestyles="solid"
-    )
-    axes.clabel(lines, fontsize=8, fmt=lambda level: f"{float(f'{10**level:.2g}'):g}")
+    marked = _labelled(levels) if logarithmic else levels[:: max(1, levels.size // 6)]
+    lines = axes.contour(across, down, grid, levels=marked, colors="white", linewidths=0.7, linestyles="solid")
+
+    def cost_of(level: float) -> float:
+        return 10.0**level if logarithmic else level
+
+    axes.clabel(lines, fontsize=8, fmt=lambda level: f"{float(f'{cost_of(level):.2g}'):g}")
     bar = figure.colorbar(filled, ax=axes, label="cost, equal shares of the grid (diverged: grey)")
-    bar.set_ticks(levels[:: max(1, levels.size // 6)].tolist())
-    bar.set_ticklabels([f"{10**level:.3g}" for level in levels[:: max(1, levels.size // 6)]])
+    bar.set_ticks(list(levels[:: max(1, levels.size // 6)]))
+    bar.set_ticklabels([f"{cost_of(level):.3g}" for level in levels[:: max(1, levels.size // 6)]])
     axes.set_facecolor(GREY)

@@ -12,7 +12,7 @@ import numpy as np
 from fpjax.errors import InputError
 from fpjax.output.runfile import refuse_unfinished, whole_file
 
-from .axis import Axis
+from .axis import Axis, Paths
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,23 +104,45 @@ class SweepResult:
                 _stream(file, self.costs)
         return path
 
-    def plot(self, path: str | Path | None = None, reference: str | None = None) -> Any:
+    def plot(self, path: str | Path | None = None, reference: str | None = None, paths: Paths | None = None) -> Any:
         """Draw the cost over the first two axes (over one, a line; any further axis at its best value).
 
         Args:
             path: picture file to write; None to write none.
-            reference: label of the one to draw; None for all together.
+            reference: which one's cost; None for the mean over all.
+            paths: by the method's name, the values that it went through by parameter name, as `TuningResult.path`;
+                drawn over two axes.
 
         Returns:
             The matplotlib figure.
 
         Raises:
-            InputError: where the picture cannot be written.
+            InputError: where the picture cannot be written, or a path lacks a swept parameter.
         """
-        from .sweep_plot import draw
+        from .sweep_plot import checked_paths, draw, slice_of
 
-        title = f"{self.objective} cost on {reference or ', '.join(self.references)}"
-        return draw(self.axes, self.cost(reference), title, None if path is None else Path(path))
+        shown = slice_of(self.axes, self.cost(reference), self._title(reference))
+        return draw(shown, None if path is None else Path(path), checked_paths(self.axes, paths or {}))
+
+    def page(self, path: str | Path, reference: str | None = None, paths: Paths | None = None) -> Path:
+        """Write the same as one HTML file that loads nothing and reads the cost under the pointer.
+
+        Args:
+            path: file to write.
+            reference: which one's cost; None for the mean over all.
+            paths: as of `plot`.
+
+        Raises:
+            InputError: where it cannot be written, or a path lacks a swept parameter.
+        """
+        from .sweep_page import write_page
+        from .sweep_plot import checked_paths, slice_of
+
+        shown = slice_of(self.axes, self.cost(reference), self._title(reference))
+        return write_page(shown, Path(path), checked_paths(self.axes, paths or {}))
+
+    def _title(self, reference: str | None) -> str:
+        return f"{self.objective} cost on {reference or ', '.join(self.references)}"
 
     def __str__(self) -> str:
         lines = [f"sweep of {self.simulations:,} simulations ({self.objective}), {self.run_seconds:.1f} s"]

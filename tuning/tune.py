@@ -23,14 +23,14 @@ from .lanes import Clock, Lanes, Outcome
 from .levenberg_marquardt import levenberg_marquardt
 from .methods import LBFGS, METHODS, Adam, GridSearch, LevenbergMarquardt, Method, NelderMead, RepairedGridSearch
 from .nelder_mead import nelder_mead
-from .notes import notes_of, rate_measure
+from .notes import SETTLED, judging_measures, notes_of
 from .objective import Thesis, get_objective
 from .parameters import Parameter, default_parameters
-from .problem import Problem, References, case_costs, label_references, make_problem
+from .problem import Problem, References, case_costs, label_references, make_problem, under_noise
 from .result import TuningResult, versions
 from .setup import Setup, SetupWords, settled
 from .smoothness import not_smooth
-from .starts import placed_parameters, screen
+from .starts import KEPT, placed_parameters, screen
 from .stopping import Stop
 
 _SEARCHES: dict[type, Callable[[Lanes, Any, Stop], Outcome]] = {
@@ -110,7 +110,10 @@ def tune(
         raise InputError("tune needs a reference and dt, the step [s]: give both, or a model, which has its own.")
     if isinstance(references, AbstractReference | int | float):
         references = checked_reference(references)
-    parameters = default_parameters(loop) if parameters is None else parameters
+    if parameters is None:
+        parameters = default_parameters(loop)
+    elif isinstance(parameters, str | Parameter):
+        parameters = [parameters]
     automatic = starts is None and _searches(method, judged.objective, target, max_simulations)
     stepper = judged.stepper()
     written = parameters
@@ -133,7 +136,10 @@ def tune(
             )
         else:
             drawn = _draw_starts(problem, middle, 1 if starts is None else starts, spread, seed)
-        lanes = Lanes(problem, drawn, None)
+        # One number of rows whatever the screen keeps: another one would compile everything again. What fills it up is
+        # computed side by side and not counted; Nelder-Mead takes one start after the other.
+        count = max(len(drawn), KEPT + 1) if automatic and not isinstance(settings, NelderMead) else len(drawn)
+        lanes = Lanes(problem, np.resize(drawn, (count, drawn.shape[1])), None)
         stop = Stop(target, max_simulations, bar)
         (result,) = _search(lanes, [labels], settings, stop, len(drawn), screened)
     finally:
@@ -231,6 +237,8 @@ def _settings(method: str | Method, loop: ClosedLoop, solver: AbstractPlantSolve
 
 
 def _draw_starts(problem: Problem, start: np.ndarray, starts: int, spread: float, seed: int) -> np.ndarray:
+    if not isinstance(starts, int | np.integer):
+        raise InputError(f"starts must be a whole number, got {type(starts).__name__} {starts!r}.")
     if starts < 1:
         raise InputError(f"starts must be at least 1, got {starts}.")
     draws = np.random.default_rng(seed).uniform(-spread, spread, (starts - 1, start.size))
@@ -258,28 +266,34 @@ def _search(
     spent = time.perf_counter() - begin
     compiled = lanes.clock.compile_seconds - before
     # What follows is told apart from the search: it is the report's cost, not the method's.
-    by_group = outcome.costs.reshape(len(groups), starts)
-    chosen = [group * starts + int(np.argmin(row)) for group, row in enumerate(by_group)]
+    each = lanes.count // len(groups)  # rows of a group: its starts, and copies of them that fill it up
+    by_group = outcome.costs.reshape(len(groups), each)
+    chosen = [group * each + int(np.argmin(row)) for group, row in enumerate(by_group)]
     values = np.where(np.isfinite(outcome.values[chosen]), outcome.values[chosen], lanes.start[chosen])
     # Every kernel was compiled for a number of rows: what is asked of it now is padded to it, and nothing recompiles.
     padded = np.resize(values, (lanes.count, values.shape[1]))
     index = None if lanes.index is None else np.resize(lanes.index[chosen], lanes.count)
     final = Lanes(lanes.problem, padded, index, Clock())
-    begun = np.array([lanes.start[group * starts] for group in range(len(groups))])
+    begun = np.array([lanes.start[group * each] for group in range(len(groups))])
     rows = np.resize(np.concatenate([values, begun]), (max(screened, 2 * len(groups)), values.shape[1]))
     which = None if lanes.index is None else np.resize(np.tile(lanes.index[chosen], 2), len(rows))
-    totals, cases, rates = _judged(final.clock, rows, which, lanes.problem)
+    totals, cases, further = _judged(final.clock, rows, which, lanes.problem)
+    rates, fastest = further.pop("rate", np.zeros_like(cases)), further.pop("fastest")
+    if noisy := under_noise(lanes.problem):  # the program is there: another draw of the noise compiles nothing
+        _, _, further = _judged(final.clock, rows, which, noisy)
     sign = bool(not_smooth(lanes.problem.loop, lanes.problem.stepper.solver))
     blocks = identifiability(final, padded, set_valued=sign)
     names = lanes.problem.parameters
     kind = type(lanes.problem.objective).__name__.lower()
     results = []
     for group, labels in enumerate(groups):
-        of_group = slice(group * starts, (group + 1) * starts)
+        of_group = slice(group * each, group * each + starts)
         lane, failed = chosen[group], ~np.isfinite(outcome.costs[of_group])
         used = int(outcome.simulations[of_group].sum()) + screened * lanes.cases
         history = _together(outcome.history[of_group])
         tuned = _named(names, values[group])
+        ended = {} if failed.all() else {name: found for name, found in further.items() if name.startswith(SETTLED)}
+        off = {name.removeprefix(SETTLED): _furthest(found[group]) for name, found in ended.items()}
         which = range(len(labels)) if lanes.index is None else [int(lanes.index[lane])]
         followed = [(label, lanes.problem.references[0][place]) for label, place in zip(labels, which, strict=True)]
         results.append(
@@ -288,7 +302,7 @@ def _search(
                 objective=kind,
                 references=labels,
                 gains=tuned,
-                start=_named(names, lanes.start[group * starts]),
+                start=_named(names, lanes.start[group * each]),
                 cost=float(outcome.costs[lane]),
                 start_cost=float(totals[len(groups) + group]),
                 mean=float(np.mean(cases[group])),
@@ -307,12 +321,24 @@ def _search(
                 versions=versions(),
                 notes=()
                 if failed.all()
-                else tuple(notes_of(lanes.problem, tuned, float(np.max(rates[group])), followed)),
+                else tuple(
+                    notes_of(
+                        lanes.problem, tuned, float(np.max(rates[group])), float(np.max(fastest[group])), off, followed
+                    )
+                ),
+                path={name: [float(at[place]) for at in outcome.paths[lane]] for place, name in enumerate(names)},
+                settled=off,
                 standing=None if outcome.standing is None else _named(names, outcome.standing[lane]),
                 standing_cost=None if outcome.standing_costs is None else float(outcome.standing_costs[lane]),
             )
         )
     return results
+
+
+def _furthest(errors: np.ndarray) -> float:
+    """The error of the largest magnitude, with its sign."""
+    flat = np.ravel(errors)
+    return float(flat[int(np.argmax(np.abs(flat)))])
 
 
 def _named(names: tuple[str, ...], values: np.ndarray) -> dict[str, float]:
@@ -328,16 +354,18 @@ def _together(histories: list[list[tuple[int, float]]]) -> list[tuple[int, float
     return joined
 
 
-def _judged(clock: Clock, values: np.ndarray, index: Any, problem: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(costs of shape (m,), infinite where a run diverged; cases; rates) of candidates of shape (m, n)."""
-    cases, rates = clock.call(_cases, values.astype(problem.dtype), index, problem)
+def _judged(
+    clock: Clock, values: np.ndarray, index: Any, problem: Any
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """(costs of shape (m,), infinite where a run diverged; cases; `judging_measures`) of candidates of shape (m, n)."""
+    cases, further = clock.call(_cases, values.astype(problem.dtype), index, problem)
     flat = cases.reshape(len(values), -1)
     costs = np.mean(flat, axis=1) if problem.aggregate == "mean" else np.max(flat, axis=1)
-    return np.where(np.isfinite(costs), costs, np.inf).astype(float), cases, rates
+    return np.where(np.isfinite(costs), costs, np.inf).astype(float), cases, further
 
 
 def _cases(values: Array, index: Array | None, problem: Problem) -> Any:
     def one(values: Array, index: Array | None, problem: Problem) -> Any:
-        return case_costs(values, index, problem, rate_measure)
+        return case_costs(values, index, problem, judging_measures)
 
     return jax.vmap(one, (0, None if index is None else 0, None))(values, index, problem)

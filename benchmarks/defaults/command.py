@@ -1,21 +1,23 @@
 """`python -m benchmarks defaults`: is what tune does by default as good as the best of many starts?"""
 
 import argparse
+import json
 import math
 import pathlib
+import sys
 import time
 from typing import Any
 
 import numpy as np
 
 from fpjax.errors import InputError
-from fpjax.output.runfile import write_json
 
 from .machines import Drawn, draw
 
 NEAR = 1.1  # times the best of the many starts: a default result up to here reaches it
 GOAL = 0.95  # of the machines
 ACCURATE = 0.03  # of the true value
+SPREAD = 3.0  # decades that the many starts lie to either side of the placed gains: the default's screen spans 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,35 +26,64 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--machines", type=int, default=60, metavar="N", help="how many (default 60)")
     parser.add_argument("--starts", type=int, default=64, metavar="N", help="starts compared with (default 64)")
     parser.add_argument("--seed", type=int, default=0, help="of the machines (default 0)")
+    parser.add_argument("--resume", action="store_true", help="go on in --out with what an interrupted run left there")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tune every machine by default and from many starts; print and write what came of it."""
+    """Tune every machine by default and from many starts; print and write what came of it, machine by machine."""
     if arguments.machines < 1 or arguments.starts < 1:
         raise InputError(f"--machines {arguments.machines} and --starts {arguments.starts} must be at least 1.")
     import jax
 
+    from fpjax.compiled.native import enable_compilation_cache
+    from fpjax.output.progress import Stages
+    from fpjax.output.runfile import RunFile, open_folder, versions, write_json
+
+    from .picture import draw_defaults
+
+    folder = open_folder(arguments.out)
+    assert folder is not None
     jax.config.update("jax_enable_x64", True)
-    rows = []
-    for number in range(arguments.machines):
-        row = judge(draw(number, arguments.seed), arguments.starts)
-        rows.append(row)
-        print(
-            f"{row['name']}: default {row['cost']:.4g}, best of {arguments.starts} {row['best']:.4g}, "
-            f"{'reached' if row['reached'] else 'MISSED'}, {row['estimates']}, {row['cpu_s']:.0f} s",
-            flush=True,
-        )
-    told = summary(rows, arguments)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    write_json(arguments.out / "defaults.json", {"summary": told, "machines": rows, "jax": jax.__version__})
-    for name, value in told.items():
+    enable_compilation_cache(folder / "compiled")  # of this benchmark alone: the times of a user's first run are others
+    settings = {"starts": arguments.starts, "seed": arguments.seed}
+    path = folder / "defaults.json"
+    record = RunFile(folder, ["python", "-m", "benchmarks", *sys.argv[1:]])
+    rows = _left(path, settings) if arguments.resume else []
+    there = {row["name"] for row in rows}
+    # One length of run after the other: machines of one length share every compiled program.
+    machines = sorted(
+        (draw(number, arguments.seed) for number in range(arguments.machines)), key=lambda one: (one.samples, one.name)
+    )
+    bar = Stages("defaults")
+    bar.begin_at(len(there) / len(machines))
+    bar.stage("compiling, then the first machine")
+    try:
+        for machine in machines:
+            if machine.name in there:
+                continue
+            row = judge(machine, arguments.starts)
+            rows.append(row)
+            content = {"settings": settings, "summary": summary(rows), "machines": rows, "versions": versions()}
+            write_json(path, content)
+            print(_line(row), flush=True)
+            bar.stage(f"{len(rows)} of {len(machines)} machines", len(rows) / len(machines))
+    finally:
+        bar.end()
+    wanted = {machine.name for machine in machines}
+    rows = [row for row in rows if row["name"] in wanted]
+    draw_defaults(rows, NEAR, record.path("defaults.png"))
+    record.outputs.append("defaults.json")
+    record.write()
+    for name, value in summary(rows).items():
         print(f"{name}: {value}")
     return 0
 
 
 def judge(machine: Drawn, starts: int) -> dict[str, Any]:
-    """One machine: its default tuning, the best of many starts around its gains, and the tuned estimates."""
+    """One machine: its default tuning, the best of many starts, and the tuned estimates under noise."""
     import dataclasses
+
+    import jax
 
     import fpjax as fp
     import tuning
@@ -61,45 +92,79 @@ def judge(machine: Drawn, starts: int) -> dict[str, Any]:
     begin = time.process_time()
     found = tuning.tune(model)
     cpu = time.process_time() - begin
-    # The many starts span the range of the default's screen and more: 10^(+-3) around the placed gains.
-    many = tuning.tune(model, starts=starts, spread=3.0)
+    many = tuning.tune(model, starts=starts, spread=SPREAD)
     tuned = dataclasses.replace(model, loop=found.apply(model.loop))
-    run = fp.simulate(tuned)
+    run = fp.simulate(tuned, key=jax.random.key(0))
     truths = {"coulomb": machine.coulomb, "viscous": machine.viscous}
     off = {name: value / truths[name] - 1.0 for name, value in run.settled.items()}
-    accurate = all(abs(each) <= ACCURATE for each in off.values())
-    # `fpjax tune` compares the same numbers with the same limit, and says so where they are off.
-    shown = ", ".join(f"{name} {100.0 * value:+.3g} %" for name, value in off.items())
-    words = "within 3 %" if accurate else f"off and said: {shown}"
     return {
         "name": machine.name,
+        "samples": machine.samples,
         "cost": found.cost,
         "best": many.cost,
         "reached": bool(found.cost <= NEAR * many.cost),
         "diverged": bool(found.diverged or run.diverged),
         "at_bounds": found.at_bounds,
         "silent_bound": bool(found.at_bounds) and not str(found).startswith("NOT AN OPTIMUM"),
-        "accurate": accurate,
-        "estimates": words,
+        "accurate": all(abs(each) <= ACCURATE for each in off.values()),
+        "said": any("off the truth" in note or "cannot converge" in note for note in found.notes),
         "off": {name: value if math.isfinite(value) else None for name, value in off.items()},
+        "off_by_tune": found.settled,
+        "notes": found.notes,
         "cpu_s": cpu,
+        "compile_s": found.compile_seconds,
         "gains": found.gains,
         "best_gains": many.gains,
         "text": machine.text,
     }
 
 
-def summary(rows: list[dict[str, Any]], arguments: argparse.Namespace) -> dict[str, Any]:
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """The counts against their goals."""
     reached = float(np.mean([row["reached"] for row in rows]))
+    spent = float(np.median([row["cpu_s"] for row in rows]))
     verdict = "met" if reached >= GOAL else "not met"
     return {
         "machines": len(rows),
-        "seed": arguments.seed,
         "reached within 10 %": f"{100.0 * reached:.0f} % (goal {100.0 * GOAL:.0f} %: {verdict})",
         "bounds in silence": sum(row["silent_bound"] for row in rows),
         "at bounds, said": sum(bool(row["at_bounds"]) for row in rows),
         "diverged": sum(row["diverged"] for row in rows),
         "estimates within 3 %": sum(row["accurate"] for row in rows),
-        "processor s a default tuning, median": float(np.median([row["cpu_s"] for row in rows])),
+        "estimates off and said": sum(row["said"] and not row["accurate"] for row in rows),
+        "estimates off in silence": sum(not row["said"] and not row["accurate"] for row in rows),
+        "processor s a default tuning, median, programs shared": round(spent, 2),
     }
+
+
+def _line(row: dict[str, Any]) -> str:
+    shown = ", ".join(
+        f"{name} {'?' if value is None else f'{100.0 * value:+.2g} %'}" for name, value in row["off"].items()
+    )
+    word = "within 3 %" if row["accurate"] else "off and said" if row["said"] else "OFF IN SILENCE"
+    bound = f", at a bound: {', '.join(row['at_bounds'])}" if row["at_bounds"] else ""
+    return (
+        f"{row['name']} ({row['samples']} samples): default {row['cost']:.4g}, best of many {row['best']:.4g}, "
+        f"{'reached' if row['reached'] else 'MISSED'}; {shown} ({word}){bound}; {row['cpu_s']:.1f} s"
+    )
+
+
+def _left(path: pathlib.Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
+    """The rows that an interrupted run left.
+
+    Raises:
+        InputError: where there is nothing, or something else.
+    """
+    try:
+        content = json.loads(path.read_text())
+        found, rows = content["settings"], list(content["machines"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"--resume: {path} holds no interrupted run ({type(error).__name__}): run without --resume."
+        ) from error
+    if found != settings:
+        raise InputError(f"--resume: {path} was begun with {found}, not {settings}: give the same options.")
+    for row in rows:  # JSON has no infinity; a tuning that diverged is null there
+        row["cost"] = math.inf if row["cost"] is None else row["cost"]
+        row["best"] = math.inf if row["best"] is None else row["best"]
+    return rows

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+LENGTHS = (1000, 4000)  # samples of a run: few, since every length compiles its own programs
+
 
 @dataclass(frozen=True)
 class Drawn:
@@ -18,6 +20,7 @@ class Drawn:
         viscous: [N m s/rad].
         limit: of the torque [N m].
         dt: control period [s].
+        samples: of a run.
     """
 
     name: str
@@ -27,13 +30,15 @@ class Drawn:
     viscous: float
     limit: float
     dt: float
+    samples: int
 
 
 def draw(number: int, seed: int) -> Drawn:
     """Machine `number`: inertia 1e-5 to 100 kg m^2, Coulomb friction 1 to 60 % of the limit, period 0.2 to 4 ms.
 
     The torque limit and the motion are drawn for the inertia: the reference needs a tenth to a half of the limit for
-    its acceleration, or less where friction leaves less, so that every machine can follow it.
+    its acceleration, or less where friction leaves less, so that every machine can follow it. A run is one of `LENGTHS`
+    and 4 to 12 periods of the reference: 83 to 1000 samples a period, 0.02 to 15 Hz.
 
     Args:
         number: of the machine.
@@ -45,15 +50,16 @@ def draw(number: int, seed: int) -> Drawn:
         return float(np.exp(random.uniform(math.log(low), math.log(high))))
 
     inertia, dt = between(1e-5, 100.0), between(2e-4, 4e-3)
-    frequency = between(0.3, 3.0)  # Hz
+    samples = int(random.choice(LENGTHS))
+    duration = (samples - 1) * dt
+    frequency = between(4.0, 12.0) / duration  # Hz
     amplitude = between(0.1, 10.0)  # rad/s
     share = random.uniform(0.01, 0.6)  # of the limit that Coulomb friction takes
     drive = random.uniform(0.1, 0.5) * (1.0 - share)  # of the limit that the acceleration takes
     viscous_share = random.uniform(0.02, 0.6) * (1.0 - share - drive)
     limit = inertia * 2.0 * amplitude * 2.0 * math.pi * frequency / drive
     coulomb, viscous = share * limit, viscous_share * limit / (1.6 * amplitude)
-    noise = random.choice([0.0, 1e-4, 1e-3]) * amplitude
-    duration = max(6.0 / frequency, 400.0 * dt)
+    noise = between(1e-5, 1e-3) * amplitude
     text = f"""[plant]
 type = "one_mass"
 inertia = {inertia:.6g}
@@ -82,9 +88,9 @@ amplitudes = [{amplitude:.6g}, {0.6 * amplitude:.6g}]
 frequencies = [{frequency:.6g}, {2.7 * frequency:.6g}]
 
 [simulation]
-dt = {dt:.6g}
-duration = {duration:.6g}
+dt = {dt:.9g}
+duration = {duration:.9g}
 stepping = "sampled"
 solver = "exact"
 """
-    return Drawn(f"machine_{number:02d}", text, inertia, coulomb, viscous, limit, dt)
+    return Drawn(f"machine_{number:02d}", text, inertia, coulomb, viscous, limit, dt, samples)

@@ -24,6 +24,7 @@ from ..blocks.observers import AbstractObserver
 from ..errors import InputError
 
 SYMBOLS = {"coulomb": "k_hat", "viscous": "b_hat", "steepness": "lambda_hat"}
+AT_THE_TRUTH = 0.03  # of the true value: an estimate that ends within it is not said to be wrong
 CONVERGED = 0.05  # an error predicted above this fraction of the true value at the end is said
 
 
@@ -66,13 +67,28 @@ class Excitation:
     @property
     def sentences(self) -> tuple[str, ...]:
         """For the user: one sentence an estimate that cannot converge, empty where all do."""
+        return self.told({})
+
+    def told(self, off: Mapping[str, float]) -> tuple[str, ...]:
+        """The same where a run was simulated: an estimate that ended at the truth all the same may pass it.
+
+        Args:
+            off: (estimate at the end - truth) / truth by name [1]; an estimate that is not there is not known.
+        """
         said = []
         for name, left in zip(self.names, self.remaining, strict=True):
-            if not left <= CONVERGED:
-                symbol = SYMBOLS.get(name, name)
+            symbol, error = SYMBOLS.get(name, name), off.get(name, math.inf)
+            if left <= CONVERGED:
+                continue
+            modes = f"slow mode {_seconds(self.slow_mode)} against a run of {_seconds(self.duration)}"
+            if abs(error) <= AT_THE_TRUTH:
                 said.append(
-                    f"{symbol} cannot converge here: slow mode {_seconds(self.slow_mode)} against a run of "
-                    f"{_seconds(self.duration)}; {100.0 * left:.0f} % of its initial error would be left."
+                    f"{symbol} ends {100.0 * error:+.2g} % from the truth, yet it is not settled there: {modes}; check "
+                    f"with a longer run."
+                )
+            else:
+                said.append(
+                    f"{symbol} cannot converge here: {modes}; {100.0 * left:.0f} % of its initial error would be left."
                 )
         return tuple(said)
 

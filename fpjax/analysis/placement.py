@@ -13,6 +13,7 @@ from ..parameters import get_parameter, set_parameters
 from .excitation import error_matrix
 
 DAMPING = 0.7  # of the velocity loop that kp and ki are placed for
+FOLLOWED = 0.7  # error over the reference's peak at which kp alone overcomes Coulomb friction (held: 1)
 PROBE = 2000  # samples of the reference that the observer's rates are averaged over
 _GAINS = ("gain", "gain_1", "gain_2", "nonlinearity.gain")
 
@@ -23,7 +24,8 @@ def place_gain(
     """The gain that pole placement gives, in its unit; None where there is no rule for it.
 
     An observer's gain is placed where its estimate alone would settle in `placed_time`: gain = J / (tau mean s phi)
-    (4.13), (4.39). kp and ki are those of a velocity loop of damping 0.7: kp = 2 zeta omega J, ki = omega^2 J.
+    (4.13), (4.39). kp = 2 zeta omega J and ki = omega^2 J are those of a velocity loop of damping 0.7 and the bandwidth
+    that `placed_bandwidth` gives.
 
     Args:
         loop: the closed loop.
@@ -39,7 +41,7 @@ def place_gain(
     word = name.rpartition(".")[2]
     if name in ("controller.kp", "controller.ki") and not isinstance(loop.controller, PositionLoop):
         inertia = float(np.asarray(loop.plant.inertia))  # type: ignore[attr-defined]
-        omega = placed_bandwidth(dt, horizon)
+        omega = placed_bandwidth(dt, horizon, friction_bandwidth(loop, tables, truths))
         return 2.0 * DAMPING * omega * inertia if word == "kp" else omega * omega * inertia
     return None
 
@@ -49,9 +51,35 @@ def placed_time(dt: float, horizon: float) -> float:
     return float(np.sqrt(8.0 * dt * horizon))
 
 
-def placed_bandwidth(dt: float, horizon: float) -> float:
-    """Bandwidth of a velocity loop [rad/s]: half way between what a period allows, 0.2 / dt, and a tenth of the run."""
-    return float(np.sqrt((0.2 / dt) * (10.0 / horizon)))
+def placed_bandwidth(dt: float, horizon: float, least: float = 0.0) -> float:
+    """Bandwidth of a velocity loop [rad/s]: half way between what a period allows, 0.2 / dt, and a tenth of the run.
+
+    Args:
+        dt: control period [s].
+        horizon: of the run [s].
+        least: below which friction would hold the machine [rad/s], as `friction_bandwidth` has it; what a period allows
+            is the limit all the same.
+    """
+    allowed = 0.2 / dt
+    return float(min(max(np.sqrt(allowed * (10.0 / horizon)), least), allowed))
+
+
+def friction_bandwidth(loop: ClosedLoop, tables: Sequence[np.ndarray], truths: Mapping[str, Any]) -> float:
+    """Bandwidth [rad/s] from which kp times `FOLLOWED` of the reference's peak overcomes Coulomb friction; 0 if none.
+
+    A weaker loop may not move at all: its error never asks for as much torque as friction holds.
+
+    Args:
+        loop: the closed loop, with a velocity controller.
+        tables: references [rad/s], each of shape (samples,).
+        truths: true values by name; "coulomb" counts.
+    """
+    peak = max(float(np.max(np.abs(table))) for table in tables)
+    coulomb = float(np.max(np.abs(np.asarray(truths.get("coulomb", 0.0)))))
+    if not peak > 0.0:
+        return 0.0
+    inertia = float(np.asarray(loop.plant.inertia))  # type: ignore[attr-defined]
+    return coulomb / (FOLLOWED * peak * 2.0 * DAMPING * inertia)
 
 
 def _unit_rate(

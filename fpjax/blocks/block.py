@@ -28,6 +28,8 @@ def as_parameter(value: Any) -> Any:
         return jnp.asarray(value)
     if isinstance(value, (bool, int, float, np.number, list, tuple, np.ndarray)):
         return jnp.asarray(value, dtype=jnp.result_type(float))
+    if isinstance(value, str):
+        raise InputError(f"A block's parameter must be a number or an array, got the text {value!r}.")
     return value  # a placeholder of a tree transformation (None, a spec), not a number
 
 

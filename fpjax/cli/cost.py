@@ -82,11 +82,9 @@ def cost_settings(
         raise InputError(f"--noise-seeds must be zero or more, got {arguments.noise_seeds}.")
     record.seeds["sensor noise"] = arguments.noise_seeds
     if chosen == "tracking" and not arguments.noise_seeds:
-        say(
-            record,
-            "without sensor noise larger gains always track better, so the best ones lie at the end of the range: give "
-            "the model a [sensor] noise and add --noise-seeds 4.",
-        )
+        has = bool(np.any(np.asarray(getattr(model.loop.sensor, "noise", 0.0))))
+        add = "add --noise-seeds 4" if has else "give the model a [sensor] noise and add --noise-seeds 4"
+        say(record, f"without sensor noise nothing but the step and the limits speaks against larger gains: {add}.")
     settings = {
         "dt": model.dt,
         "duration": duration,

@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
           "--method", "grid_repaired", "--out", str(folder / "3-tune")]),
         ("the whole landscape, to see where they ended",
          ["sweep", str(servo), "--noise-seeds", "2", "--axis", "observer.gain_1=1:1e5:32",
-          "--axis", "observer.gain_2=1:1e5:32", "--out", str(folder / "4-sweep")]),
+          "--axis", "observer.gain_2=1:1e5:32", "--tuned", str(folder / "3-tune"), "--out", str(folder / "4-sweep")]),
         ("with the tuned gains", ["simulate", str(folder / "3-tune" / "tuned.toml"), "--out", str(folder / "5-tuned")]),
     ]  # fmt: skip
     if arguments.emps:
@@ -124,5 +124,5 @@ def run(arguments: argparse.Namespace) -> int:
         code = main(words)
         if code:
             return code
-    print(f"\nlook at {folder}/3-tune/tune.png and {folder}/4-sweep/sweep.png, then put your own servo.toml in place")
+    print(f"\nlook at {folder}/3-tune/tune.png and {folder}/4-sweep/sweep.html, then put your own servo.toml in place")
     return 0

@@ -13,12 +13,13 @@ if TYPE_CHECKING:
 LOOKED_AT = 4000  # samples of a run that the excitation is judged by
 
 
-def excitation_sentences(model: Model, velocity: np.ndarray) -> tuple[str, ...]:
+def excitation_sentences(model: Model, velocity: np.ndarray, settled: dict[str, float]) -> tuple[str, ...]:
     """Which estimates cannot converge along a run; empty where all do, and for an observer whose law is not known.
 
     Args:
         model: its observer, and the true values of what that estimates.
         velocity: of the run [rad/s], shape (samples,).
+        settled: what each estimate came to in it, in its unit.
     """
     from ..analysis.excitation import assess_excitation
 
@@ -31,7 +32,9 @@ def excitation_sentences(model: Model, velocity: np.ndarray) -> tuple[str, ...]:
         found = assess_excitation(observer, velocity[::every], model.dt * every, model.nominal, duration=duration)
     except (InputError, AttributeError, KeyError):
         return ()  # an observer whose error dynamics are not known
-    return found.sentences
+    return found.told(
+        {name: value / true - 1.0 for name, value in settled.items() if (true := model.nominal.get(name))}
+    )
 
 
 def recorded_names(model: Model) -> tuple[str, ...]:

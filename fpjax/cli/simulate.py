@@ -119,7 +119,7 @@ def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) ->
     rows = summary(model, run)
     print(f"{_title(model)}: {run.message}, {len(run.time)} samples of {model.dt:g} s")
     print(table(rows, ("quantity", "value", "unit")))
-    for sentence in excitation_sentences(model, signals["velocity"]):
+    for sentence in excitation_sentences(model, signals["velocity"], run.settled):
         say(record, sentence)
     found = _margins(model, arguments, record, signals["velocity"]) if arguments.margins else {}
     if record.folder is not None:

@@ -1,23 +1,29 @@
 """`fpjax sweep`: the cost on a dense grid of parameters, resumable."""
 
 import argparse
+import json
+import math
+import pathlib
 import shutil
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..errors import InputError
-from ..output.runfile import write_json
-from .common import add_out, finish, running, start_jax
+from ..output.runfile import RunFile, read_run, write_json
+from .common import add_out, finish, running, say, start_jax
 from .cost import add_cost_arguments, cost_settings
 from .numbers import real, whole
 
 if TYPE_CHECKING:
-    from tuning import Axis, SweepResult
+    from tuning import AbstractObjective, Axis, SweepResult
 
 EXAMPLES = """\
 examples:
   fpjax sweep servo.toml --axis observer.gain_1=10:1e4:60 --axis observer.gain_2=1:100:60 --out grid
   fpjax sweep servo.toml --axis controller.kp=50:300:30:linear --objective tracking --out grid
   fpjax sweep servo.toml --axis ... --out grid --resume       goes on after Ctrl-C
+  fpjax sweep servo.toml --axis ... --tuned tuned --out grid  draws the paths of fpjax tune --out tuned
 """
 
 
@@ -30,6 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a parameter and its values, on a log scale unless :linear; once for each axis",
     )  # fmt: skip
     parser.add_argument("--resume", action="store_true", help="go on with an interrupted sweep in --out")
+    parser.add_argument(
+        "--tuned", metavar="DIR", help="--out of a fpjax tune of the same model: the path of every method is drawn"
+    )
     parser.add_argument(
         "--chunk", type=whole, default=4096, metavar="N", help="candidates kept at a time (default 4096)"
     )
@@ -49,6 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
                 "There is nothing to sweep: give at least one --axis, as --axis observer.gain_1=10:1e4:50."
             )
         model, references, settings = cost_settings(arguments, record)
+        paths = paths_of(arguments.tuned, axes, settings["objective"], list(references), record)
         from tuning import sweep
 
         assert record.folder is not None
@@ -70,12 +80,52 @@ def run(arguments: argparse.Namespace) -> int:
         result.save(record.path("sweep.npz"))
         write_json(record.path("sweep.json"), result.to_dict())
         if not arguments.no_plots:
-            result.plot(record.path("sweep.png"))
+            result.plot(record.path("sweep.png"), paths=paths)
+            result.page(record.path("sweep.html"), paths=paths)
         del result
         shutil.rmtree(chunks, ignore_errors=True)  # sweep.npz holds it all
         arguments.kept = ""
         finish(record)
     return 0
+
+
+def paths_of(
+    folder: str | None, axes: "list[Axis]", objective: "AbstractObjective", references: list[str], record: RunFile
+) -> dict[str, dict[str, list[float]]]:
+    """The path of every method that a finished `fpjax tune` left in a folder, by the method's name.
+
+    Raises:
+        InputError: for a folder without it, or one of another problem.
+    """
+    if folder is None:
+        return {}
+    read_run(folder)  # a run that has not finished is refused
+    file = record.read(pathlib.Path(folder) / "tune.json", "tuning whose paths are drawn")
+    try:
+        results = json.loads(file.read_text())["results"]
+        found = {
+            result["method"]: (dict(result["path"]), result["objective"], result["references"]) for result in results
+        }
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"--tuned {folder}: its tune.json holds no paths ({type(error).__name__}): give the --out of fpjax tune."
+        ) from error
+    swept, kind = {axis.name for axis in axes[:2]}, type(objective).__name__.lower()
+    for method, (path, word, labels) in found.items():
+        if word != kind or labels != references:
+            raise InputError(
+                f"--tuned {folder}: {method} minimised the {word} cost on {', '.join(labels)}, this sweep has the "
+                f"{kind} cost on {', '.join(references)}: give both commands the same --objective and --references."
+            )
+        if not swept <= set(path):
+            raise InputError(
+                f"--tuned {folder}: {method} tuned {', '.join(path)}, the sweep's axes are {', '.join(sorted(swept))}: "
+                f"sweep what was tuned."
+            )
+    model, tuned = record.inputs[0], (read_run(folder).get("inputs") or [{}])[0]
+    if model.get("sha256") != tuned.get("sha256"):
+        say(record, f"{folder} was tuned from another model file than this: its paths may lie on another landscape.")
+    return {method: path for method, (path, _, _) in found.items()}
 
 
 def read_axis(word: str) -> "Axis":
@@ -107,8 +157,17 @@ def read_axis(word: str) -> "Axis":
 
 def at_ends(result: "SweepResult") -> list[str]:
     """Where the best of all lies at the end of an axis, the sentence that says so."""
-    best, _ = result.best()
-    ends = [
-        axis.name for axis in result.axes if axis.count > 2 and best[axis.name] in (axis.values[0], axis.values[-1])
-    ]
-    return [f"the least cost lies at an end of {' and '.join(ends)}: widen that range"] if ends else []
+    best, least = result.best()
+    if not math.isfinite(least):
+        return ["every candidate diverged: sweep smaller values, or use a smaller [simulation] dt"]
+    cost = result.cost()
+    place = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    flat, ends = [], []
+    for number, axis in enumerate(result.axes):
+        through = cost[(*place[:number], slice(None), *place[number + 1 :])]  # the best one, along this axis
+        if axis.count > 2 and np.all(through == through[0]):
+            flat.append(axis.name)
+        elif axis.count > 2 and best[axis.name] in (axis.values[0], axis.values[-1]):
+            ends.append(axis.name)
+    said = [f"the cost does not depend on {' and '.join(flat)} at its least"] if flat else []
+    return [*said, f"the least cost lies at an end of {' and '.join(ends)}: widen that range"] if ends else said

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.placement import place_gain, placed_bandwidth, placed_time
+from ..analysis.placement import friction_bandwidth, place_gain, placed_bandwidth, placed_time
 from ..blocks.references import AbstractReference
 from ..errors import InputError
 from ..loop import ClosedLoop
@@ -55,7 +55,7 @@ def with_placed_gains(
     for section in dict.fromkeys(name.partition(".")[0] for name in values):
         own = {name.rpartition(".")[2]: value for name, value in values.items() if name.startswith(f"{section}.")}
         why = (
-            f"a velocity loop of {placed_bandwidth(time['dt'], time['duration']):.3g} rad/s, damping 0.7"
+            _velocity_loop(loop, table, time, truths)
             if section == "controller"
             else f"each estimate alone settles in {placed_time(time['dt'], time['duration']):.3g} s on this reference; "
             f"fpjax tune finds better ones"
@@ -63,3 +63,13 @@ def with_placed_gains(
         chosen = ", ".join(f"{key} = {value:g}" for key, value in own.items())
         notes.append(f"[{section}] {', '.join(own)} not given: {chosen} chosen by pole placement ({why}).")
     return set_parameters(loop, values)
+
+
+def _velocity_loop(loop: ClosedLoop, table: np.ndarray, time: dict[str, Any], truths: dict[str, Any]) -> str:
+    """The loop that was placed, in words; and whether friction made it as fast as it is."""
+    needed = friction_bandwidth(loop, [table], truths)
+    placed = placed_bandwidth(time["dt"], time["duration"], needed)
+    faster = placed > placed_bandwidth(time["dt"], time["duration"])
+    return f"a velocity loop of {placed:.3g} rad/s, damping 0.7" + (
+        ", so fast for friction not to hold it" if faster else ""
+    )

@@ -1,6 +1,7 @@
 """The verbs as a user calls them: a file, a model or blocks; results that say, draw and tabulate themselves."""
 
 import pathlib
+import warnings
 
 import jax
 import numpy as np
@@ -26,6 +27,14 @@ def test_a_path_a_model_and_its_blocks_give_the_same(run):
     )
     np.testing.assert_array_equal(run.signals["torque"], of_model.signals["torque"])
     np.testing.assert_allclose(run.signals["torque"], of_blocks.signals["torque"], rtol=1e-9)
+
+
+def test_a_run_of_a_file_is_plain_numpy(run):
+    assert isinstance(run.time, np.ndarray)
+    assert all(isinstance(values, np.ndarray) for values in run.signals.values())
+    with warnings.catch_warnings():  # double-precision jax arrays would warn here
+        warnings.simplefilter("error")
+        assert np.sqrt(np.mean(run.signals["velocity"] ** 2)) > 0.0
 
 
 def test_a_run_says_its_numbers_and_its_precision(run):
@@ -112,6 +121,22 @@ BAD = {
     "a number for an observer": (lambda: fp.estimate("log.csv", 3), "estimate got int '3': give an observer"),
     "a number to tune": (lambda: tuning.tune(3), "tune got int '3'"),
     "blocks to tune without a step": (lambda: tuning.tune(LOOP, fp.Constant(1.0)), "tune needs a reference and dt"),
+    "text for a step": (lambda: fp.simulate(GIMBAL, dt="fast"), "dt must be a number of seconds, got str 'fast'"),
+    "text for a duration": (lambda: tuning.tune(GIMBAL, duration="x"), "duration must be a number of seconds, got"),
+    "half a sample": (lambda: fp.simulate(GIMBAL, samples=10.5), "samples must be a whole number, got float 10.5"),
+    "text for a parameter": (lambda: fp.OneMass("heavy", fp.NoFriction()), "a number or an array, got the text"),
+    "numbers for blocks": (
+        lambda: fp.simulate(fp.ClosedLoop(1, 2), fp.Constant(1.0), dt=1e-3, samples=5),
+        "The loop's plant is",
+    ),
+    "a number for a law": (
+        lambda: fp.simulate(fp.ClosedLoop(fp.OneMass(1.0, 3), fp.Proportional(1.0)), fp.Constant(1.0), dt=1e-3),
+        "The plant's friction is .*3",
+    ),
+    "text for the number of starts": (lambda: tuning.tune(GIMBAL, starts="3"), "starts must be a whole number, got"),
+    "one name that is not known": (
+        lambda: tuning.tune(GIMBAL, parameters="observer.gain_3"), "'observer.gain_3' is not known",
+    ),
     "nothing recorded": (
         lambda: fp.simulate(LOOP, fp.Constant(1.0), dt=1e-3, samples=5).plot(),
         "Nothing was recorded",
