@@ -40,8 +40,8 @@ def main() -> None:
         above.set_ylabel("velocity error [mrad/s]")
         below.set_ylabel("torque [N m]")
         below.set_xlabel("time [s]")
-        above.legend(loc="lower left", ncols=2)
-        below.legend(loc="center left")
+        for row in (above, below):  # above the axes, where no line runs
+            row.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=2)
     print(f"wrote {save(figure, out / '01_simulate.png')}")
 
 
