@@ -131,11 +131,13 @@ class TuningResult:
         return to_frame({"cost": [cost for _, cost in self.history]}, [used for used, _ in self.history], "simulations")
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON takes it; what is not finite as None."""
-        return plain({**dataclasses.asdict(self), "references": list(self.references)})
+        """As JSON takes it, with the bounds and the warning; what is not finite as None."""
+        said = {"references": list(self.references), "at_bounds": self.at_bounds, "warning": self.warning}
+        return plain({**dataclasses.asdict(self), **said})
 
-    def _loud(self) -> str:
-        """What is said first where the gains are no optimum; else empty."""
+    @property
+    def warning(self) -> str:
+        """What is said first where the gains are no optimum: at a bound, or without effect; else empty."""
         ends = [f"{name} at its {side} bound {self.gains[name]:.3g}" for name, side in self.at_bounds.items()]
         if ends:
             return (
@@ -156,9 +158,8 @@ class TuningResult:
             f"  {name:<28} {self.start[name]:>12.6g} -> {value:<12.6g}" for name, value in self.gains.items()
         )
         dropped = f", {self.diverged_starts} of {self.starts} starts diverged" if self.diverged_starts else ""
-        loud = self._loud()
         lines = [
-            *([loud] if loud else []),
+            *([self.warning] if self.warning else []),
             f"{self.method} on {', '.join(self.references)} ({self.objective}): {self.message}{dropped}",
             gains,
             f"  cost {self.start_cost:.6g} -> {self.cost:.6g}  (mean {self.mean:.6g}, worst case {self.worst:.6g})",
@@ -170,6 +171,8 @@ class TuningResult:
             lines.append(f"  its own rule ends at ({where}), cost {self.standing_cost:.6g}: not the best it saw")
         block = [str(self.identifiability)] if self.identifiability else []
         return "\n".join([*lines, *block, *(f"note: {note}" for note in self.notes)])
+
+    __repr__ = __str__
 
 
 def versions() -> dict[str, str]:

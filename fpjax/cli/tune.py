@@ -161,8 +161,8 @@ def check(model: "Model", tuned: "Model", best: "TuningResult", duration: float,
     if rows:
         print(table(rows, ("mean of the last quarter", "before", "tuned", "true")), end="\n\n")
     record.notes.extend(best.notes)  # printed with the result
-    for name, side in best.at_bounds.items():
-        say(record, f"{name} ended at its {side} bound: these gains are no optimum, do not use them as they are.")
+    if best.warning:
+        say(record, best.warning)
     return runs
 
 
