@@ -53,12 +53,19 @@ def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[
 def _energy(left: Values, angle: Values, factor: Values, periods: Values, basis: Values) -> Values:
     """What a sine of each of the periods explains, beside the basis, shape (periods,)."""
     left = left - basis @ (basis.T @ left)
-    phase = periods[:, None] * angle[None]
-    columns = np.stack([np.cos(phase) * factor, np.sin(phase) * factor], 1)  # (periods, 2, samples)
-    columns = columns - (columns @ basis) @ basis.T
-    gram = columns @ columns.transpose(0, 2, 1) + 1e-6 * len(angle) * np.eye(2)
-    right = columns @ left
-    return np.einsum("pi,pi->p", right, np.linalg.solve(gram, right[:, :, None])[:, :, 0])
+    phase = periods[:, None] * angle
+    cosine, sine = np.cos(phase) * factor, np.sin(phase) * factor  # (periods, samples)
+    along = cosine @ basis, sine @ basis  # (periods, columns of the basis)
+
+    def product(first: int, second: int) -> Values:
+        columns = (cosine, sine)
+        whole = np.einsum("ps,ps->p", columns[first], columns[second])
+        return whole - np.sum(along[first] * along[second], axis=1)
+
+    small = 1e-6 * len(angle)
+    cc, ss, cs = product(0, 0) + small, product(1, 1) + small, product(0, 1)
+    c, s = cosine @ left, sine @ left
+    return (ss * c**2 - 2.0 * cs * c * s + cc * s**2) / (cc * ss - cs**2)
 
 
 def _peaks(periods: Values, energy: Values) -> tuple[float, ...]:
