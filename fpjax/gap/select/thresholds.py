@@ -25,11 +25,11 @@ class Thresholds:
         chance: evidence [nats] that the best of all effects brings where there is nothing to find.
         closes: missing torque that may be left, of the nominal model's [1], for causes to explain the gap.
         part: missing torque that may be left, likewise, for causes to explain a part of it.
-        sure: evidence [nats] over the best model without its leading cause, for a cause of a part to be asserted.
-        close: evidence [nats] within which the data do not decide between two effects.
-        temper: by which evidence is divided before it becomes a probability [1]: windows of one log are not as
+        sure: worth [nats] over the best model without its leading cause, for a cause to be asserted.
+        close: worth [nats] within which the data do not decide between two effects.
+        temper: by which worth is divided before it becomes a probability [1]: windows of one log are not as
             independent as the likelihood takes them.
-        clear: share [1] of the evidence over the nominal model that the best model without the leading cause lacks,
+        clear: share [1] of the worth that the best model without the leading cause lacks,
             from which on the cause is beyond the other effects' reach.
         contested: likewise, below which another effect does nearly as well.
         right_explained: probability [1] that the leading cause is right where the causes explain the gap: clear,
