@@ -17,6 +17,7 @@ class Thresholds:
     Attributes:
         decisive: evidence [nats] that a further cause must bring.
         removes: share [1] of the energy of the missing torque that is left, which a further cause must remove.
+        adds: worth that a further cause adds, of that of the model without it [1], from which on it need not do that.
         immaterial: missing torque left, of the nominal model's [1], below which no further cause is looked for.
         bases: effects, the most likely ones alone, beside which others are tried.
         most_causes: effects in a model, wrong nominal numbers not counted.
@@ -24,7 +25,7 @@ class Thresholds:
         slight: likewise, below which there is no gap if no effect brings evidence either.
         chance: evidence [nats] that the best of all effects brings where there is nothing to find.
         closes: missing torque that may be left, of the nominal model's [1], for causes to explain the gap.
-        part: missing torque that may be left, likewise, for causes to explain a part of it.
+        part: missing torque that may be left, likewise, for causes to explain a part of it: half of its energy.
         sure: worth [nats] over the best model without its leading cause, for a cause to be asserted.
         close: worth [nats] within which the data do not decide between two effects.
         temper: by which worth is divided before it becomes a probability [1]: windows of one log are not as
@@ -48,6 +49,7 @@ class Thresholds:
 
     decisive: float = 10.0
     removes: float = 0.15
+    adds: float = 0.2
     immaterial: float = 0.15
     bases: int = 2
     most_causes: int = 3
@@ -55,7 +57,7 @@ class Thresholds:
     slight: float = 0.03
     chance: float = 5.0
     closes: float = 0.2
-    part: float = 0.55
+    part: float = 0.71
     sure: float = 10.0
     close: float = 4.0
     temper: float = 3.0
