@@ -83,5 +83,5 @@ def test_a_rectangle_becomes_the_view_and_arrows_and_a_drag_move_it(shown):
 
 
 def test_values_are_read_under_the_pointer_and_buttons_have_names(shown):
-    assert re.fullmatch(r"time \[s\]: [-\d.e]+, velocity \[rad/s\]: [-\d.e]+", shown["read"])
+    assert re.fullmatch(r"time \[s\]: [-\d.e]+, torque \[N·m\]: [-\d.e]+", shown["read"])
     assert shown["buttons"] == ["Zoom in", "Zoom out", "Show the whole picture"]
