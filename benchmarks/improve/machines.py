@@ -103,8 +103,8 @@ def error(record: Record) -> float:
 
 
 def rough(record: Record) -> float:
-    """Rms of the torque's change in a period [N m]."""
-    return float(np.sqrt(np.mean(np.square(np.diff(record.torque)))))
+    """Mean size of the torque's second difference [N m], as `improve` counts it."""
+    return float(np.mean(np.abs(np.diff(record.torque, n=2))))
 
 
 def write(folder: Path, true: Truth, record: Record) -> None:

@@ -53,7 +53,7 @@ class Side:
         torque: rms of the commanded torque.
         peak: largest commanded torque.
         headroom: limit of the torque over `peak` [1]; None where no limit is known.
-        rough: rms of the torque's change in a period.
+        rough: mean size of the torque's second difference from sample to sample: what noise does to it.
         margins: "modulus", "gain", "phase", "delay" with their intervals; {} where the loop has no steady motion.
         unstable: share of the machines in which the loop is unstable [1].
     """
@@ -74,7 +74,7 @@ class Side:
         found += [("tracking error at reversals, rms", self.reversal)] if self.reversal is not None else []
         found += [("torque, rms", self.torque), ("largest torque", self.peak)]
         found += [("limit over largest torque", self.headroom)] if self.headroom is not None else []
-        found += [("change of the torque in a period, rms", self.rough)]
+        found += [("roughness of the torque from sample to sample", self.rough)]
         return found + [(f"{name} margin", value) for name, value in self.margins.items()]
 
     def to_dict(self) -> dict[str, Any]:

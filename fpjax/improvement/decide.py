@@ -6,11 +6,12 @@ import numpy as np
 
 from .answer import Decision, Range
 from .judge import Score
+from .search import allowed_roughness
 
 NEARLY_ALL = 0.95  # of the machines must follow better with the new gains
 WORTH = 0.98  # of the error: less than 2 % is no reason to touch a running machine
 MARGIN_KEPT, MARGIN_ENOUGH = 0.9, 0.5  # of the current modulus margin; or a usual one
-ROUGHNESS = 2.2  # times the current change of the torque in a period
+ROUGHNESS = 2.2  # times the current roughness of the torque
 PROMISED = 3.0  # largest ratio of the ends of a 90 % interval of the error that still promises something
 UNSTABLE = 0.1  # share of unstable machines with the current gains from which nothing can be promised
 
@@ -65,7 +66,7 @@ def objection(now: Score, new: Score, margins_now: dict[str, Values], margins_ne
             f"Keep your gains: the best others leave a modulus margin of {then:.2f}, where {MARGIN_ENOUGH:g} is usual "
             f"and yours have {old:.2f}."
         )
-    rough = float(np.median(new.rough) / max(float(np.median(now.rough)), 1e-300))
+    rough = float(np.median(new.rough) / max(float(np.median(allowed_roughness(now))), 1e-300))
     if rough > ROUGHNESS:
         return f"Keep your gains: the best others make the torque {rough:.1f} times as rough from sample to sample."
     return ""

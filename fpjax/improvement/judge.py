@@ -54,11 +54,11 @@ class Following(AbstractMeasure):
 
     def init(self, zero: Array) -> tuple[Array, ...]:
         """Nothing yet."""
-        return (zero,) * 10
+        return (zero,) * 11
 
     def update(self, total: tuple[Array, ...], signals: Signals) -> tuple[Array, ...]:
         """Add one sample."""
-        square, near, turning, count, effort, peak, rough, last, before, left = total
+        square, near, turning, count, effort, peak, rough, last, second, before, left = total
         one, two = ("motor_position", "position") if self.position else ("motor_velocity", "velocity")
         motor, load = getattr(signals, one), getattr(signals, two)
         error = signals.reference - motor - self.side * (load - motor)
@@ -68,21 +68,21 @@ class Following(AbstractMeasure):
         counts = jnp.where(signals.time >= self.start, 1.0, 0.0)
         turns = counts * jnp.where(left > 0.0, 1.0, 0.0)
         torque = jnp.clip(signals.torque, -1e30, 1e30)
-        step = torque - last
+        bend = jnp.abs(torque - 2.0 * last + second)
         return (
             square + counts * error**2, near + turns * error**2, turning + turns, count + counts,
-            effort + counts * torque**2, jnp.maximum(peak, counts * jnp.abs(torque)), rough + counts * step**2,
-            torque, signals.reference, left,
+            effort + counts * torque**2, jnp.maximum(peak, counts * jnp.abs(torque)), rough + counts * bend,
+            torque, last, signals.reference, left,
         )  # fmt: skip
 
     def final(self, total: tuple[Array, ...], samples: int) -> Array:
-        """(error, error at reversals, torque, largest torque, change of the torque in a period), rms, shape (5,)."""
+        """(rms of error, of error at reversals, of torque; largest torque; mean second difference), shape (5,)."""
         del samples
         square, near, turning, count, effort, peak, rough, *_ = total
         many = jnp.maximum(count, 1.0)
         return jnp.stack([
             jnp.sqrt(square / many), jnp.sqrt(near / jnp.maximum(turning, 1.0)), jnp.sqrt(effort / many), peak,
-            jnp.sqrt(rough / many),
+            rough / many,
         ])  # fmt: skip
 
 
@@ -95,7 +95,8 @@ class Score:
         reversal: likewise, while the machine turns round.
         torque: rms [N m].
         peak: largest torque [N m].
-        rough: rms of the torque's change in a period [N m].
+        rough: mean size of the torque's second difference [N m]: what noise does to it. Sharp and rare steps of a
+            friction compensation hardly count, as they would in a mean square.
     """
 
     error: Values

@@ -74,15 +74,7 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
     try:
         content: dict[str, Any] = json.loads(path.read_text())
         inputs = content["provenance"].get("inputs", [])
-        laws = tuple(
-            Learned(
-                law["of"],
-                law["share"],
-                *(tuple(law["curve"][name]) for name in ("at", "torque", "low", "high")),
-                law["curve"].get("period"),
-            )
-            for law in content.get("learned", [])
-        )
+        laws = tuple(_law(law) for law in content.get("learned", []))
         after = content["gap"]["after"]
         found = Known(
             load_posterior(folder / FILE), content["verdict"], tuple(content["causes"]),
@@ -97,17 +89,24 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise InputError(f"{path} is no diagnosis of this version of fpjax: diagnose the log again.") from None
     _check_same(folder, inputs, log)
-    if len(found.posterior.missing) > 1:
+    samples = [len(course) for course in found.posterior.missing]
+    if len(samples) != 1:
         raise InputError(
-            f"{folder} is a diagnosis of {len(found.posterior.missing)} logs: improve judges gains on one; diagnose "
+            f"{folder} is a diagnosis of {len(samples)} logs: improve judges gains on one; diagnose "
             f"the log that stands for the machine's work alone."
         )
-    if len(found.posterior.missing[0]) != len(log.time):
+    if samples[0] != len(log.time):
         raise InputError(
-            f"{log.name} has {len(log.time)} samples and was diagnosed with {len(found.posterior.missing[0])}: use the "
+            f"{log.name} has {len(log.time)} samples and was diagnosed with {samples[0]}: use the "
             f"same --from, --to and --every, or leave --diagnosis out."
         )
     return found
+
+
+def _law(law: dict[str, Any]) -> Learned:
+    curve = law["curve"]
+    at, torque, low, high = (tuple(curve[name]) for name in ("at", "torque", "low", "high"))
+    return Learned(law["of"], law["share"], at, torque, low, high, curve.get("period"))
 
 
 def _check_same(folder: pathlib.Path, inputs: list[dict[str, Any]], log: Log) -> None:

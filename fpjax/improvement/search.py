@@ -12,7 +12,8 @@ from .machines import Machines
 # One sided 90 % of a normal distribution: mean + 1.28 standard deviations is what nine machines in ten stay below. A
 # quantile of sixteen samples would hang on two of them and jump from one to the next; this uses all, and is smooth.
 NINE_IN_TEN = 1.28
-ROUGHEST = 2.0  # times the current gains' change of the torque in a period: more is noise in the motor
+ROUGHEST = 2.0  # times the current gains' roughness of the torque: more is noise in the motor
+SMOOTH = 2e-3  # of the torque's rms: roughness that no motor hears
 HARDEST = 1.25  # times the largest torque of the log and of the current gains, where no limit is known
 FINE = 20.0  # on the cost, for each time over
 UNSTABLE = 1e3  # cost of a machine that is unstable, in errors of the current gains
@@ -30,7 +31,7 @@ class Limits:
 
     Attributes:
         error: of the current gains, median over machines: the unit of the cost.
-        rough: change of the torque in a period, of the current gains [N m].
+        rough: roughness of the torque with the current gains [N m], see `Score`; a little is always allowed.
         peak: largest torque that may be asked for [N m].
     """
 
@@ -51,7 +52,13 @@ def limits_of(current: Score, largest: float, limit: float | None) -> Limits:
     if not fine.any():
         return Limits(1.0, np.inf, np.inf)
     peak = HARDEST * max(largest, float(np.median(current.peak[fine]))) if limit is None else limit
-    return Limits(float(np.median(current.error[fine])), float(np.median(current.rough[fine])), max(peak, 1e-300))
+    rough = float(np.median(allowed_roughness(current)[fine]))
+    return Limits(float(np.median(current.error[fine])), rough, max(peak, 1e-300))
+
+
+def allowed_roughness(current: Score) -> Values:
+    """Roughness [N m] that others are compared with, shape (machines,)."""
+    return np.maximum(current.rough, SMOOTH * current.torque)
 
 
 def robust_costs(score: Score, limits: Limits) -> Values:

@@ -249,10 +249,12 @@ class _Judged:
         self.torque_unit = units.name("N m")
         limit = machines.machine.actuator.limit
         value = None if limit is None else float(np.median(np.asarray(limit)))
-        own = gains.model.loop.controller.limited(np.asarray(NO_LIMIT)) if gains.model.loop.controller.bounded else None
+        own = (
+            gains.model.loop.controller.limited(jnp.asarray(NO_LIMIT)) if gains.model.loop.controller.bounded else None
+        )
         values = [one for one in (value, None if own is None else float(own)) if one is not None and one < NO_LIMIT]
         self.limit = min(values, default=None)
-        self.doubt = LEAST_DOUBT
+        self.doubt, self.compared = LEAST_DOUBT, False
 
     def margins(self, values: Values) -> list[dict[str, Values]]:
         """Of each candidate, around the first machines."""
@@ -260,7 +262,8 @@ class _Judged:
 
     def side(self, values: Values, score: Score, margins: dict[str, Values]) -> Side:
         """What these gains come to; the current ones come first, and tell how well the log is predicted."""
-        if self.measured is not None and self.doubt == LEAST_DOUBT:
+        if self.measured is not None and not self.compared:
+            self.compared = True
             middle = float(np.median(score.error))
             # Where the model's own gains ran, the log says how well it predicts: every promise is as much in doubt.
             doubt = abs(math.log(self.measured / middle)) if np.isfinite(middle) and middle > 0.0 else MOST_DOUBT

@@ -140,12 +140,15 @@ class Posterior:
             "free": list(self.free), "sensor": {name: list(pair) for name, pair in self.sensor.items()},
             "step": self.step, "noise": list(self.noise), "logs": len(self.missing),
         }  # fmt: skip
-        arrays = {f"missing_{place}": one for place, one in enumerate(self.missing)}
+        arrays: dict[str, Any] = {
+            "values": self.values,
+            "covariance": self.covariance,
+            "low": self.low,
+            "high": self.high,
+        }
+        arrays |= {f"missing_{place}": one for place, one in enumerate(self.missing)}
         stream = io.BytesIO()
-        np.savez_compressed(
-            stream, words=np.array(json.dumps(words)), values=self.values, covariance=self.covariance, low=self.low,
-            high=self.high, **arrays,
-        )  # fmt: skip
+        np.savez_compressed(stream, words=np.array(json.dumps(words)), **arrays)
         write_whole(pathlib.Path(path), stream.getvalue())
 
 
