@@ -103,8 +103,8 @@ def error(record: Record) -> float:
 
 
 def rough(record: Record) -> float:
-    """Mean size of the torque's second difference [N m], as `improve` counts it."""
-    return float(np.mean(np.abs(np.diff(record.torque, n=2))))
+    """Size of the torque's second difference [N m], as `improve` counts it."""
+    return float(np.mean(np.abs(np.diff(record.torque, n=2)) ** 0.25) ** 4)
 
 
 def write(folder: Path, true: Truth, record: Record) -> None:

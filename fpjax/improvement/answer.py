@@ -53,7 +53,7 @@ class Side:
         torque: rms of the commanded torque.
         peak: largest commanded torque.
         headroom: limit of the torque over `peak` [1]; None where no limit is known.
-        rough: mean size of the torque's second difference from sample to sample: what noise does to it.
+        rough: size of the torque's second difference from sample to sample: what noise does to it.
         margins: "modulus", "gain", "phase", "delay" with their intervals; {} where the loop has no steady motion.
         unstable: share of the machines in which the loop is unstable [1].
     """

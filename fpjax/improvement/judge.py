@@ -68,7 +68,7 @@ class Following(AbstractMeasure):
         counts = jnp.where(signals.time >= self.start, 1.0, 0.0)
         turns = counts * jnp.where(left > 0.0, 1.0, 0.0)
         torque = jnp.clip(signals.torque, -1e30, 1e30)
-        bend = jnp.abs(torque - 2.0 * last + second)
+        bend = jnp.sqrt(jnp.sqrt(jnp.abs(torque - 2.0 * last + second)))
         return (
             square + counts * error**2, near + turns * error**2, turning + turns, count + counts,
             effort + counts * torque**2, jnp.maximum(peak, counts * jnp.abs(torque)), rough + counts * bend,
@@ -76,13 +76,13 @@ class Following(AbstractMeasure):
         )  # fmt: skip
 
     def final(self, total: tuple[Array, ...], samples: int) -> Array:
-        """(rms of error, of error at reversals, of torque; largest torque; mean second difference), shape (5,)."""
+        """(rms of error, of error at reversals, of torque; largest torque; second difference), shape (5,)."""
         del samples
         square, near, turning, count, effort, peak, rough, *_ = total
         many = jnp.maximum(count, 1.0)
         return jnp.stack([
             jnp.sqrt(square / many), jnp.sqrt(near / jnp.maximum(turning, 1.0)), jnp.sqrt(effort / many), peak,
-            rough / many,
+            (rough / many) ** 4,
         ])  # fmt: skip
 
 
@@ -95,8 +95,8 @@ class Score:
         reversal: likewise, while the machine turns round.
         torque: rms [N m].
         peak: largest torque [N m].
-        rough: mean size of the torque's second difference [N m]: what noise does to it. Sharp and rare steps of a
-            friction compensation hardly count, as they would in a mean square.
+        rough: size of the torque's second difference [N m], the power mean of exponent 1/4: what noise does to it.
+            Sharp and rare steps (of a friction compensation, of a reference with corners) hardly count.
     """
 
     error: Values
