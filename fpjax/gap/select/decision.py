@@ -23,6 +23,7 @@ FACTORS = ("torque_gain_error", "velocity_scale_error")
 """One factor that makes several nominal numbers wrong in proportion."""
 RESOLVED = 0.05  # missing torque, of the nominal model's, below which less is no better
 SHRUNK = 0.999  # likewise, above which nothing has shrunk
+LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
 PAIR_KEEP = (24, 10, 5, 4)  # sets of causes that go on to each stage where causes are added
 
 
@@ -100,13 +101,13 @@ def decide(search: Search, stage: Callable[[str, float], None], thresholds: Thre
     nominal = next(w for w in weighed if not w.structural)
     singles = [w for w in weighed if w.structural]
     chosen = _settled(search, exact, weighed[0])
-    rivals, path = weighed, [exact]
+    rivals, path, likely = weighed, [exact], [effect.name for effect in search.effects]
     for size in range(2, thresholds.most_causes + 1):
         if not _worth_more(search, exact, chosen.fit, thresholds):
             break
         stage(f"effects together ({size})", 0.3 + 0.2 * (size - 2))
         bases = [w for w in weighed if w.structural][: thresholds.bases] if size == 2 else [chosen]
-        found = _weigh(search, exact, search.explore(_beside(search, bases), PAIR_KEEP, white=False))
+        found = _weigh(search, exact, search.explore(_beside(search, bases, likely), PAIR_KEEP, white=False))
         if not found:
             break
         best = _settled(search, exact, found[0])
@@ -114,6 +115,8 @@ def decide(search: Search, stage: Callable[[str, float], None], thresholds: Thre
             break
         path.append(chosen.fit)
         chosen, rivals = best, found
+        # What was no use beside one cause is hardly any beside two.
+        likely = list(dict.fromkeys(name for w in found for name in w.structural))[: LIKELY + size]
     chosen = _pruned(search, exact, chosen, thresholds)
     stage("simpler causes", 0.7)
     chosen = _simpler(search, exact, chosen, thresholds)
@@ -158,8 +161,8 @@ def _nominal_for(effect: Effect) -> list[tuple[str, ...]]:
     return [NOMINAL, ()] if effect.name in ("torque_gain_error", "velocity_scale_error") else [NOMINAL]
 
 
-def _beside(search: Search, bases: Sequence[Weighed]) -> list[Start]:
-    """Every effect beside those of the bases, from its own starts and the base's fit."""
+def _beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> list[Start]:
+    """Every likely effect beside those of the bases, from its own starts and the base's fit."""
     starts = []
     for base in bases:
         values = base.fit.candidate.values()
@@ -167,6 +170,8 @@ def _beside(search: Search, bases: Sequence[Weighed]) -> list[Start]:
         for effect in search.effects:
             names = {*base.structural, effect.name}
             if effect.name in base.structural or effect.name.removesuffix("_error") in NOMINAL:
+                continue
+            if effect.name not in likely:
                 continue
             if any(pair <= names for pair in IMPOSSIBLE) or {p.name for p in effect.parameters} <= held:
                 continue
