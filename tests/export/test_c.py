@@ -30,7 +30,7 @@ def exported(loop, reference, folder, **options):
         return fp.export_c(model_of(loop, reference), folder, check=True, **options)
 
 
-@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("precision", ["double", pytest.param("float", marks=pytest.mark.long)])
 @pytest.mark.parametrize("case", [*CONTROLLERS, *OBSERVERS], ids=str)
 def test_the_c_of_every_controller_and_observer_is_the_simulation(case, precision, tmp_path):
     loop, reference = case.loop(case.build())
