@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from fpjax import AbstractMeasure, AbstractObserver, Signals
-from fpjax.metrics import AbstractLargest, AbstractMean, safe_root
+from fpjax.blocks.observers import AbstractObserver
+from fpjax.blocks.signals import Signals
+from fpjax.metrics import AbstractLargest, AbstractMean, AbstractMeasure, safe_root
 
 NARROWEST = 1e-3  # the first time bin, as a fraction of the horizon
 

@@ -8,9 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from fpjax import AbstractMeasure, AbstractObserver, ClosedLoop, PositionLoop, Signals
 from fpjax.analysis.excitation import AT_THE_TRUTH, assess_excitation, error_matrix
+from fpjax.blocks.controllers import PositionLoop
+from fpjax.blocks.observers import AbstractObserver
+from fpjax.blocks.signals import Signals
 from fpjax.errors import InputError
+from fpjax.loop import ClosedLoop
+from fpjax.metrics import AbstractMeasure
 from fpjax.parameters import set_parameters
 from fpjax.scan import loop_dtype
 

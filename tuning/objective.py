@@ -8,11 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-import fpjax
-from fpjax import AbstractMeasure, ClosedLoop
 from fpjax.blocks.block import Block, as_parameter
 from fpjax.errors import InputError
-from fpjax.metrics import safe_root
+from fpjax.loop import ClosedLoop
+from fpjax.metrics import AbstractMeasure, EstimateFinal, position_error, safe_root, velocity_error
 
 from .measures import NoiseGain, SquaredAfter
 
@@ -69,7 +68,7 @@ class Thesis(AbstractObjective):
     def measures(self, loop: ClosedLoop, horizon: Array, binned: bool) -> dict[str, AbstractMeasure]:
         """The last value of every estimate."""
         del horizon, binned
-        return {name: fpjax.EstimateFinal(name) for name in _estimated(loop)}
+        return {name: EstimateFinal(name) for name in _estimated(loop)}
 
     def residuals(self, loop: ClosedLoop, finals: dict[str, Array]) -> Array:
         """(estimate - truth) / scale of every estimate."""
@@ -112,7 +111,7 @@ class Tracking(AbstractObjective):
     def measures(self, loop: ClosedLoop, horizon: Array, binned: bool) -> dict[str, AbstractMeasure]:
         """The mean square of the error."""
         del loop
-        quantity = fpjax.position_error if self.position else fpjax.velocity_error
+        quantity = position_error if self.position else velocity_error
         error = SquaredAfter(
             quantity, None, jnp.zeros_like(self.scale), self.scale, self.start, horizon, BINS if binned else 0
         )

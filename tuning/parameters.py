@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from fpjax import ClosedLoop
 from fpjax.errors import InputError
+from fpjax.loop import ClosedLoop
 from fpjax.parameters import get_parameter, parameter_names
 
 Scale = Literal["log", "linear"]

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fpjax import ClosedLoop
 from fpjax.errors import InputError
+from fpjax.loop import ClosedLoop
 from fpjax.parameters import get_parameter
 
 

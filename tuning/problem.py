@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-import fpjax
-from fpjax import AbstractPlantSolver, AbstractReference, ClosedLoop, Inputs, Stepper
+from fpjax.blocks.references import AbstractReference
 from fpjax.errors import InputError
+from fpjax.loop import ClosedLoop
 from fpjax.parameters import get_parameter, set_parameters
-from fpjax.scan import Stepping, loop_dtype
+from fpjax.scan import Inputs, Stepper, Stepping, astype, loop_dtype, make_inputs, make_stepper, roll
+from fpjax.solvers import AbstractPlantSolver
 from fpjax.stability import warn_if_stiff
 
 from .objective import AbstractObjective, get_objective
@@ -85,14 +86,14 @@ def make_problem(
     Raises:
         InputError: for invalid settings.
     """
-    stepper = fpjax.make_stepper(
+    stepper = make_stepper(
         dt=dt, duration=duration, samples=samples, solver=solver, stepping=stepping, substeps=substeps
     )
     dtype = loop_dtype(loop)
     labels, listed = label_references(references)
     names, start, space = make_space(loop, parameters, dtype)
     chosen = get_objective(objective)
-    chosen = fpjax.astype(chosen, dtype)
+    chosen = astype(chosen, dtype)
     if aggregate not in ("mean", "worst"):
         raise InputError(f"aggregate = {aggregate!r} is not known: choose 'mean' or 'worst'.")
     if noise_seeds and not loop.sensor.noise_channels:
@@ -112,9 +113,9 @@ def make_problem(
         judged = set_parameters(loop, {name: values[index] for name, values in varied.items()})
         chosen.check(judged)
         warn_if_stiff(judged, dt / (substeps if stepping == "sampled" else 1), stepper.solver)
-    tables = [fpjax.make_inputs(loop, reference, stepper) for reference in listed]
+    tables = [make_inputs(loop, reference, stepper) for reference in listed]
     channels = loop.sensor.noise_channels
-    noisy = [fpjax.make_inputs(loop, listed[0], stepper, jax.random.key(seed)).noise for seed in noise_seeds]
+    noisy = [make_inputs(loop, listed[0], stepper, jax.random.key(seed)).noise for seed in noise_seeds]
     noise = tuple(
         jnp.stack([rows[channel] for rows in noisy]) if noisy else tables[0].noise[channel][None]
         for channel in range(channels)
@@ -171,7 +172,7 @@ def case_costs(values: Array, index: Array | None, problem: Problem, also: Any =
         measures = problem.objective.measures(loop, horizon(problem), False)
         extra = {} if also is None else also(loop, problem.objective, horizon(problem))
         assert not set(measures) & set(extra), "a further measure has the name of one of the objective's"
-        finals, _, _ = fpjax.roll(loop, inputs, problem.stepper, measures | extra)
+        finals, _, _ = roll(loop, inputs, problem.stepper, measures | extra)
         cost = problem.objective.cost(loop, finals)
         return cost if also is None else (cost, {name: finals[name] for name in extra})
 
@@ -190,7 +191,7 @@ def lane_residuals(values: Array, index: Array | None, problem: Problem) -> Arra
 
     def judged(loop: ClosedLoop, inputs: Inputs) -> Array:
         measures = problem.objective.measures(loop, horizon(problem), True)
-        finals, _, _ = fpjax.roll(loop, inputs, problem.stepper, measures)
+        finals, _, _ = roll(loop, inputs, problem.stepper, measures)
         return problem.objective.residuals(loop, finals)
 
     rows = _over_cases(judged, values, index, problem)

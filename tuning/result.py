@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fpjax import ClosedLoop
+from fpjax.loop import ClosedLoop
 from fpjax.output.frames import to_frame
 from fpjax.output.plotting import new_figure, save, style
 from fpjax.output.runfile import plain

@@ -5,9 +5,10 @@ import difflib
 from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict
 
-from fpjax import AbstractPlantSolver, Model, Stepper, make_stepper
 from fpjax.errors import InputError
-from fpjax.scan import Stepping
+from fpjax.model_file import Model
+from fpjax.scan import Stepper, Stepping, make_stepper
+from fpjax.solvers import AbstractPlantSolver
 
 from .objective import AbstractObjective
 from .problem import Aggregate

@@ -6,24 +6,27 @@ from typing import Any
 import equinox as eqx
 import jax
 
-import fpjax
+from fpjax.blocks.friction import Coulomb, Viscous
+from fpjax.blocks.observers import Absolute
+from fpjax.loop import ClosedLoop
+from fpjax.solvers import AbstractPlantSolver
 
 
 def set_valued(tree: Any) -> str:
     """The name of a block within that holds sign() or |.|, so that gradients through it say nothing; else empty."""
-    if isinstance(tree, (fpjax.Coulomb, fpjax.Absolute)):
+    if isinstance(tree, (Coulomb, Absolute)):
         return type(tree).__name__
     if not isinstance(tree, eqx.Module):
         parts = tree.values() if isinstance(tree, dict) else tree if isinstance(tree, (tuple, list)) else ()
         return next((found for part in parts if (found := set_valued(part))), "")
     # Viscous friction has no level that a sign could switch.
-    if getattr(tree, "steepness", 0.0) is None and not isinstance(tree, fpjax.Viscous):
+    if getattr(tree, "steepness", 0.0) is None and not isinstance(tree, Viscous):
         return type(tree).__name__
     fields = [getattr(tree, field.name, None) for field in dataclasses.fields(tree)]
     return next((found for part in fields if not isinstance(part, jax.Array) and (found := set_valued(part))), "")
 
 
-def not_smooth(loop: fpjax.ClosedLoop, solver: fpjax.AbstractPlantSolver) -> str:
+def not_smooth(loop: ClosedLoop, solver: AbstractPlantSolver) -> str:
     """`set_valued` of a loop under a solver: exact sticking differentiates the plant's sign almost everywhere."""
     if solver.name != "exact":
         return set_valued(loop)

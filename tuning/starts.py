@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from fpjax import ClosedLoop
 from fpjax.analysis.placement import place_gain
+from fpjax.loop import ClosedLoop
 
 from .notes import truths
 from .parameters import DECADES, Parameter, Space

@@ -7,8 +7,8 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from fpjax import ClosedLoop
 from fpjax.errors import InputError
+from fpjax.loop import ClosedLoop
 from fpjax.output.progress import Stages
 from fpjax.parameters import get_parameter
 

@@ -9,11 +9,14 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from fpjax import AbstractPlantSolver, AbstractReference, ClosedLoop, Model, make_inputs
+from fpjax.blocks.references import AbstractReference
 from fpjax.errors import InputError
+from fpjax.loop import ClosedLoop
+from fpjax.model_file import Model
 from fpjax.output.progress import Stages
 from fpjax.parameters import get_parameter
-from fpjax.scan import astype
+from fpjax.scan import astype, make_inputs
+from fpjax.solvers import AbstractPlantSolver
 from fpjax.verbs import as_model, checked_loop, checked_reference, double_precision
 
 from .gradient import adam, lbfgs
