@@ -63,7 +63,7 @@ def test_a_share_of_a_sure_pair_is_the_main_cause_and_each_of_it_is_sure():
     rivals = [weighed("stribeck+cogging", 300.0), weighed("stribeck", 100.0)]
     found = judged(chosen, rivals, shares={"unbalance": 0.6, "stribeck": 0.3, "inertia_error": 0.001})
     assert found.causes == ("unbalance", "stribeck")
-    assert found.main["unbalance"] > 0.95
+    assert found.main["unbalance"] == pytest.approx(THRESHOLDS.right_explained[1], rel=0.05)
     assert found.main.get("stribeck", 0.0) < 1e-9
     assert found.among["stribeck"] == pytest.approx(found.among["unbalance"])
     assert sum(found.main.values()) <= 1.0
