@@ -1,11 +1,12 @@
 """Thresholds: every number that a decision hangs on, in one place.
 
-Set on 54 development cases (even seeds 0 and 2) of two generators of simulated machines, laws of another form, clutter
-and effects outside the vocabulary among them; `removes`, `adds`, `part` and `number` on fewer. The leading cause was
-truly there (the withheld effect, clutter that is there, a nominal number that is wrong), clear / between / contested: in
-24 of 25, 2 of 2 and 5 of 5 cases that an explaining model led, in 4 of 7, 1 of 1 and 0 of 2 of a part; where more was
-left in 2 of 6, and it was never the withheld effect. (k + 1) / (n + 2) of these, neighbours of few cases together, are
-the probabilities. They were set on the very cases that they are counted on: the reported half must judge them.
+Set on 54 development cases (even seeds 0 and 2) of two generators of simulated machines, laws of another form,
+clutter and effects outside the vocabulary among them; `removes`, `adds`, `part` and `number` on fewer. The leading
+cause was truly there (the withheld effect, clutter that is there, a nominal number that is wrong), clear / between /
+contested: in 24 of 25, 2 of 2 and 5 of 5 cases that an explaining model led, in 4 of 7, 1 of 1 and 0 of 2 of a part;
+where more was left in 2 of 6, and it was never the withheld effect. (k + 1) / (n + 2) of these, neighbours of few
+cases together, are the probabilities. They were set on the very cases that they are counted on: the reported half
+must judge them.
 """
 
 from dataclasses import dataclass
