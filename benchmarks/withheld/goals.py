@@ -119,7 +119,7 @@ def seconds(name: str, values: list[float], what: Any, goal: float) -> Row:
 
 def print_goals(rows: list[dict[str, Any]]) -> None:
     """Print the table: counts first."""
-    print(f"\n{'':62}{'found':>20}{'':>9}   {'goal':16}")
+    print(f"\n{'':62}{'found':>20}{'':>9}   {'goal':18}")
     for row in rows:
         if row["count"] is None:
             counted = "-" if row["found"] is None else f"{row['found']:.3g} s of {row['of']}"
@@ -128,4 +128,4 @@ def print_goals(rows: list[dict[str, Any]]) -> None:
             counted = f"{row['count']} of {row['of']}" if row["of"] else "-"
             percent = "" if row["found"] is None else f"{100 * row['found']:.1f} %"
         met = {True: "met", False: "MISSED", None: "not asked"}[row["met"]]
-        print(f"{row['name']:62}{counted:>20}{percent:>9}   {row['goal']:16}{met}")
+        print(f"{row['name']:62}{counted:>20}{percent:>9}   {row['goal']:18}{met}")

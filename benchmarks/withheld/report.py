@@ -45,7 +45,7 @@ def print_report(summary: dict[str, Any]) -> None:
         print(f"{name:32}" + "".join(f"{figures['verdicts'][verdict]:>17}" for verdict in VERDICTS))
     print(
         f"\n{'logs':32}{'error':>9}{'p90':>9}{'90 % intervals hold the truth: same law':>42}{'another form':>18}"
-        f"{'nominal named':>16}{'corrected':>12}{'median s':>10}{'worst s':>9}"
+        f"{'nominal named':>16}{'corrected':>16}{'median s':>10}{'worst s':>9}"
     )
     for name, figures in rows:
         found, spent = figures["parameters"], figures["time"]
@@ -54,7 +54,7 @@ def print_report(summary: dict[str, Any]) -> None:
             f"{percent(found['coverage_same_law']) + ' of ' + str(found['count_same_law']):>42}"
             f"{percent(found['coverage_other_form']) + ' of ' + str(found['count_other_form']):>18}"
             f"{percent(figures['nominal_named']):>16}"
-            f"{percent(figures['nominal_corrected']) + ' of ' + str(figures['nominal_count']):>12}"
+            f"{percent(figures['nominal_corrected']) + ' of ' + str(figures['nominal_count']):>16}"
             f"{shown(spent['median']):>10}{shown(spent['worst']):>9}"
         )
     sure = summary["sure"]
