@@ -179,10 +179,10 @@ def with_laws(machine: Machine, laws: Sequence[Learned], count: int) -> Machine:
     """The machines with what was learned in them; a jump at zero velocity is Coulomb friction."""
     if not laws:
         return machine
-    tables, jump = blocks(laws)
+    tables, jump = blocks(laws, float(np.min(machine.law.coulomb)))
     wide = jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, float), (count,)), tables)
     machine = eqx.tree_at(lambda at: at.plant.load, machine, Loads((machine.plant.load, *wide)))
-    coulomb = jnp.maximum(machine.law.coulomb + jump, 0.0)  # less than none would push
+    coulomb = machine.law.coulomb + jump
     under = hasattr(machine.plant.friction, "law")
     return eqx.tree_at(lambda at: (at.plant.friction.law if under else at.plant.friction).coulomb, machine, coulomb)
 

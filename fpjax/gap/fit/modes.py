@@ -219,16 +219,6 @@ class Modes:
         return float(np.sqrt(np.sum(weight * level[self.band] ** 2) / np.sum(weight)))
 
 
-_LAW = np.exp(-np.abs(BURSTS) * math.log(2.0) / BURST_SCALE) * np.gradient(BURSTS.astype(float))
-_LAW = _LAW / np.sum(_LAW)
-
-
-def _mixed(by_burst: Values) -> Values:
-    """-2 log of the mean likelihood over the bursts' law, along the last axis."""
-    least = np.min(by_burst, axis=-1, keepdims=True)
-    return least[..., 0] - 2.0 * np.log(np.exp(-0.5 * (by_burst - least)) @ _LAW)
-
-
 _BELOW = -int(BURSTS[0])
 _LAW = np.exp(-np.abs(BURSTS) * math.log(2.0) / BURST_SCALE) * np.gradient(BURSTS.astype(float))
 _LAW = _LAW / np.sum(_LAW)
