@@ -12,6 +12,7 @@ from ..select.readings import Reading
 from .diagnosis import Identifiability
 
 NINETY = 1.645  # standard deviations of a 90 % interval
+PIECES = 10.0  # independent observations that a log's missing torque counts as, at most: set on nine development values
 
 Values = np.ndarray
 
@@ -21,6 +22,9 @@ def covariance(search: Search, fit: Fit) -> Values:
 
     The inverse curvature, with what the windows' own scatter says where that is more (the sandwich of White,
     "Maximum likelihood estimation of misspecified models", 1982): a law of another form leaves windows that disagree.
+    What a machine's model leaves is no noise either: it is a function of the same few states in every window, and does
+    not average out over a log as noise does. So the modes that hold missing torque and not noise count as `PIECES`
+    observations at most; where there is no missing torque, this changes nothing.
     """
     c = fit.candidate
     inside = ~at_bound(c)
@@ -35,9 +39,15 @@ def covariance(search: Search, fit: Fit) -> Values:
     meat = scores.T @ scores
     sandwich = np.diag(inverse @ meat @ inverse)
     variance = np.maximum(np.diag(inverse), 1e-300)
-    wider = np.sqrt(np.maximum(sandwich / variance, 1.0))
+    wider = np.sqrt(np.maximum(np.maximum(sandwich / variance, 1.0), _observations(search, c) / PIECES))
     found[block] = inverse * wider[:, None] * wider * c.scale[index][:, None] * c.scale[index]
     return found
+
+
+def _observations(search: Search, c: Candidate) -> float:
+    """How many coefficients of the fitted windows hold missing torque and not noise."""
+    noise = search.fitters[c.family.key].noise
+    return float(sum(np.sum(search.modes.wiener(c.level, n[w])) for n, w in zip(noise, search.train, strict=True)))
 
 
 def at_bound(c: Candidate) -> Values:

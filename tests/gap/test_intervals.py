@@ -1,0 +1,41 @@
+"""Intervals widen with what a model leaves, and with nothing else."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fpjax.gap.answer import intervals
+from fpjax.gap.fit.modes import make_modes
+
+
+@pytest.fixture
+def width(monkeypatch):
+    """Standard deviations of two parameters, of a fit that leaves a torque of some level."""
+    monkeypatch.setattr(intervals, "_scores", lambda search, c: np.zeros((4, 2)))
+    modes = make_modes(200, 1e-3, 0.05, 0.0, 2e-5)
+
+    def found(level, windows=20):
+        search = SimpleNamespace(
+            fitters={"key": SimpleNamespace(noise=[np.ones(windows)])}, modes=modes, train=[np.arange(windows)]
+        )
+        c = SimpleNamespace(
+            free=np.arange(2), scale=np.ones(2), spread=np.full(2, 10.0), normal=np.diag([400.0, 100.0]),
+            level=np.full(modes.bands, level), at_bound=list,
+            family=SimpleNamespace(key="key", parameters=[SimpleNamespace(name="a"), SimpleNamespace(name="b")]),
+        )  # fmt: skip
+        return np.sqrt(np.diag(intervals.covariance(search, SimpleNamespace(candidate=c))))
+
+    return found
+
+
+def test_a_fit_that_leaves_nothing_knows_what_its_curvature_says(width):
+    np.testing.assert_allclose(width(0.0), [1 / 20, 1 / 10], rtol=1e-3)
+
+
+def test_a_torque_that_is_left_widens_them_and_more_windows_do_not_narrow_them(width):
+    little, much = width(0.01), width(10.0)
+    assert np.all(much > 3.0 * width(0.0))
+    assert np.all(much >= little)
+    # Twice the windows hold twice the modes of one and the same unknown law.
+    np.testing.assert_allclose(width(10.0, windows=40) / much, np.sqrt(2.0), rtol=1e-6)
