@@ -12,7 +12,7 @@ from ..select.readings import Reading
 from .diagnosis import Identifiability
 
 NINETY = 1.645  # standard deviations of a 90 % interval
-PIECES = 10.0  # independent observations that a log's missing torque counts as, at most: set on eight development values
+PIECES = 10.0  # observations that a log's missing torque counts as, at most: set on eight development values
 
 Values = np.ndarray
 
