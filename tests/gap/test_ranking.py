@@ -103,6 +103,19 @@ def test_a_model_is_worth_its_evidence_times_how_far_it_shrinks_the_gap():
     assert weighed("a", -5.0, left=0.1).worth == 0.0
 
 
+def test_the_chosen_causes_with_details_beside_them_are_no_rival():
+    chosen = weighed("asymmetric_friction", 500.0)
+    found = judged(chosen, [weighed("asymmetric_friction+cogging", 900.0), weighed("stribeck", 100.0)])
+    assert found.main["asymmetric_friction"] == pytest.approx(THRESHOLDS.right_explained[0])
+    # A wrong nominal number that takes most leads, and keeps its probability.
+    found = judged(
+        weighed("asymmetric_friction", 500.0, wide=("inertia",)), [weighed("asymmetric_friction+cogging", 900.0)],
+        shares={"inertia_error": 0.6, "asymmetric_friction": 0.03},
+    )  # fmt: skip
+    assert found.causes == ("inertia_error",)
+    assert found.main["inertia_error"] > 0.5
+
+
 def test_evidence_that_is_not_finite_is_no_rival():
     found = judged(weighed("stribeck", 500.0), [weighed("backlash", -np.inf)])
     assert found.main["backlash"] < 1e-50

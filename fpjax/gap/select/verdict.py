@@ -114,10 +114,12 @@ def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, .
 def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
     """Every set of causes that was tried, once, with its greatest worth; the chosen one as it is asserted."""
     best: dict[tuple[str, ...], _Set] = {}
+    told = set(decision.chosen.structural)
     for w in (decision.nominal, *decision.singles, *decision.rivals):
-        if set(w.structural) == set(decision.chosen.structural):
+        # The chosen causes with more beside them are the chosen ones with details, and were not worth telling.
+        if set(w.structural) == told or (told and set(w.structural) > told):
             continue
-        own = _Set(_names(w, seen), decision.chosen.gain - w.behind(decision.chosen))
+        own = _Set(_names(w, seen), decision.chosen.gain - max(w.behind(decision.chosen), 0.0))
         if own.names and (own.names not in best or best[own.names].worth < own.worth):
             best[own.names] = own
     return ([chosen] if chosen.names else []) + list(best.values())
