@@ -48,7 +48,8 @@ def test_the_word_follows_what_is_left_and_how_sure_the_cause_is():
     chosen, rival = weighed("stribeck", 500.0), weighed("presliding", 400.0)
     assert judged(chosen, [rival]).word == "explained"
     assert judged(chosen, [rival]).causes == ("stribeck",)
-    assert judged(chosen, [rival], left=0.4).word == "partly_explained"
+    assert judged(chosen, [weighed("presliding", 200.0)], left=0.4).word == "partly_explained"
+    assert judged(chosen, [rival], left=0.4).word == "unexplained"
     assert judged(chosen, [weighed("presliding", 499.0)], left=0.4).word == "unexplained"
     assert judged(chosen, [weighed("presliding", 499.0)], left=0.4).causes == ()
     assert judged(chosen, [rival], left=0.95).word == "unexplained"

@@ -33,7 +33,7 @@ class Thresholds:
         temper: by which worth is divided before it becomes a probability [1]: windows of one log are not as
             independent as the likelihood takes them.
         clear: share [1] of the worth that the best model without the leading cause lacks,
-            from which on the cause is beyond the other effects' reach.
+            from which on the cause is beyond the other effects' reach; a part is asserted only then.
         contested: likewise, below which another effect does nearly as well.
         right_explained: probability [1] that the leading cause is right where the causes explain the gap: clear,
             between, contested.

@@ -81,7 +81,7 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     sets = _sets(decision, chosen, seen)
     margin = _margin(sets, chosen)
     lead = _lead(decision, chosen, margin)
-    word = _word(decision, seen, chosen, margin, thresholds)
+    word = _word(decision, seen, chosen, margin, lead, thresholds)
     asserted = chosen.names if word in ("explained", "partly_explained") else ()
     shares = _shares(sets, _top(word, lead, thresholds), thresholds.temper)
     main, among = _by_effect(shares)
@@ -137,7 +137,7 @@ def _margin(sets: Sequence[_Set], chosen: _Set) -> float:
     return chosen.worth - max([0.0, *(s.worth for s in sets if chosen.names[0] not in s.names)])
 
 
-def _word(decision: Decision, seen: Seen, chosen: _Set, margin: float, t: Thresholds) -> Word:
+def _word(decision: Decision, seen: Seen, chosen: _Set, margin: float, lead: float, t: Thresholds) -> Word:
     gained = decision.chosen.gain
     immaterial = max(t.nothing * seen.torque, seen.floor)
     if seen.before < immaterial or (gained < t.chance and seen.before < t.slight * seen.torque):
@@ -146,7 +146,8 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, margin: float, t: Thresh
     sure = bool(chosen.names) and (margin > t.sure or _is_number(chosen.names[0]))
     if sure and (left < t.closes or seen.after < t.nothing * seen.torque):
         return "explained"
-    return "partly_explained" if sure and left < t.part else "unexplained"
+    # Where much is left, a cause that is not far ahead may be the one that bends best: pushes pass for a soft spring.
+    return "partly_explained" if sure and left < t.part and lead >= t.clear else "unexplained"
 
 
 def _is_number(name: str) -> bool:
