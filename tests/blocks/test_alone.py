@@ -90,6 +90,7 @@ def test_every_block_of_the_package_is_in_the_catalogue():
     blocks = {kind for kind in concrete(fp.Block) if kind.__module__.startswith("fpjax.")}
     missing = {kind.__name__ for kind in blocks - tried if not issubclass(kind, fp.AbstractMeasure)}
     missing = {name for name in missing if not name.startswith("_")}  # a part of one function
+    missing -= {"Disturbed", "Missing"}  # what a linearisation and a prediction put into a loop, and no model holds
     assert not missing, f"not in tests/catalogue.py: {sorted(missing)}"
 
 

@@ -43,6 +43,14 @@ substeps = 10
 """
 
 
+@pytest.fixture(autouse=True)
+def heard():
+    """Interrupts are heard, also by a run in the background of a shell, which ignores them."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A folder with nominal.toml and a log whose truth has a constant torque of 2 N m besides."""

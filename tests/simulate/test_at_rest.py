@@ -30,6 +30,7 @@ def measures_of(loop):
         "torque": fp.CoulombTorqueError(20.0),
         "after": squared_after(0),
         "bins": squared_after(3),
+        "fastest": tuning.measures.Fastest(),
     }
     if loop.observer.estimated:
         scales = tuple(jnp.ones(()) for _ in loop.observer.estimated)
@@ -39,6 +40,7 @@ def measures_of(loop):
             f"{name} error": fp.EstimateError(name, 20.0),
             f"{name} last": fp.EstimateFinal(name),
             f"{name} peak": fp.EstimatePeak(name),
+            f"{name} settled": tuning.measures.SettledError(name, jnp.asarray(20.0), jnp.asarray(0.0)),
         }
     return found
 
