@@ -107,7 +107,8 @@ def _stepped(law: Law, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
 
     The states come from one compiled loop. Each step from them is then evaluated one operation at a time, for all
     samples side by side: compiled as one, XLA contracts a * b + c into one rounding where the machine can, which C99
-    may not, and that alone moves a step by up to 4 units in the last place.
+    may not, and that alone moves a step by up to 4 units in the last place. The parameters stand once a sample too:
+    XLA divides many numbers by one as a product with its reciprocal, which is two roundings and not one.
     """
     dynamic, static = eqx.partition(law.loop, eqx.is_array)
     rows = tuple(jnp.asarray(column) for column in inputs.T)
@@ -121,7 +122,10 @@ def _stepped(law: Law, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
 
     states = walk(dynamic, start, rows)
     with jax.disable_jit():
-        answers, following = jax.vmap(lambda row, state: run(law.loop, row, state, period))(rows, states)
+        spread = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (len(inputs), *leaf.shape)), (dynamic, period))
+        answers, following = jax.vmap(
+            lambda given, row, state: run(eqx.combine(given[0], static), row, state, given[1])
+        )(spread, rows, states)
     torque, control, compensation, found = answers
     estimates = [found[name.removesuffix("_estimate")] for name in law.outputs[3:]]
     shown = np.stack([np.asarray(each, dtype=float) for each in (torque, control, compensation, *estimates)], axis=1)

@@ -66,7 +66,7 @@ def test_any_columns_text_gives_a_log_or_an_input_error(spec):
 
 @QUIET
 @given(
-    st.floats(1e-5, 1.0), st.integers(20, 200), st.floats(-1e3, 1e6), st.floats(0, 0.2),
+    st.floats(1e-5, 1.0), st.integers(22, 200), st.floats(-1e3, 1e6), st.floats(0, 0.2),
     st.randoms(use_true_random=False),
 )  # fmt: skip
 def test_a_period_is_recovered_from_jittering_stamps(dt, rows, start, jitter, random):
@@ -74,5 +74,6 @@ def test_a_period_is_recovered_from_jittering_stamps(dt, rows, start, jitter, ra
     if np.spacing(start) > 0.01 * dt:
         return
     log = read_log({"time": stamps, "torque": stamps * 0.0, "velocity": stamps * 0.0})
-    assert len(log) == rows
+    # Stamps that are followed say nothing before the first and after the last of them.
+    assert rows - 2 * log.resampled <= len(log) <= rows
     assert log.dt == pytest.approx(dt, rel=0.4 / rows)
