@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..blocks.controllers import AbstractController, PositionLoop, ProportionalIntegral
+from ..blocks.controllers import AbstractController, ProportionalIntegral
+from ..blocks.feedforward import Feedforward
 from ..blocks.observers import NoObserver
 from ..gap.machine import Machine, Structure
 from ..gap.simulate.family import Family
@@ -28,6 +29,7 @@ from .sight import Sight
 from .trajectory import Course, Shape
 
 STAND_IN = 0.1  # of the control rate: bandwidth of the loop that stands in for an unknown controller
+TURNING = 0.02  # of the top speed: where its feed-forward turns the Coulomb friction round
 SHARP = 4.0  # of the soft minimum over what is to be seen: the worst counts most
 LEAST = 1e-3  # nats: below it there is nothing to grow
 OVERSHOOT = 1.1  # of the speed limit: what a loop may swing beyond its reference
@@ -96,7 +98,9 @@ class Trial:
     def seen(self, shape: Shape, share: Array | float = 1.0) -> Seen:
         """What a shape, or a share of its motion [1], brings; differentiable."""
         motion = self.course.motion(shape, share)
-        position = self.shop.model.units.reference == "position"
+        model = self.shop.model
+        # The loop that stands in for an unknown controller is one of speed, whatever the drive's own reference is.
+        position = model.controller_known and model.units.reference == "position"
         readings = self.simulate(motion.position if position else motion.speed)
         told: dict[int, Told] = {}
         for structure in _structures(self.models):
@@ -152,7 +156,8 @@ class Trial:
             inputs = Inputs(jnp.asarray(self.course.time), (reference,), silence)
 
             def one(machine: Machine, inputs: Inputs = inputs, stepper: Any = stepper) -> tuple[Array, Array, Array]:
-                _, recorded, _ = roll(loop_of(self.shop.model, machine), inputs, stepper, {}, RECORD)
+                loop = loop_of(self.shop.model, machine, self.course.limits.speed)
+                _, recorded, _ = roll(loop, inputs, stepper, {}, RECORD)
                 return recorded["torque"], recorded["measured_velocity"], recorded["measured_position"]
 
             out = eqx.filter_vmap(one)(machines)
@@ -192,18 +197,28 @@ def _structures(variants: Sequence[Variant]) -> tuple[Structure, ...]:
     return tuple(dict.fromkeys(variant.structure for variant in variants))
 
 
-def loop_of(model: Model, machine: Any) -> ClosedLoop:
-    """The model's loop around a machine; where its controller is unknown, a stiff one stands in, so that the machine
-    makes the planned motion and the torque is what that motion needs.
+def loop_of(model: Model, machine: Any, speed: float) -> ClosedLoop:
+    """The model's loop around a machine; where its controller is unknown, a stiff one stands in.
+
+    The stand-in gives the inverse dynamics of the planned motion by the nominal numbers as a feed-forward, so that the
+    torque is what the motion needs also where the motion is faster than any feedback; feedback of speed makes up for
+    what the machine has beside them.
+
+    Args:
+        model: the nominal one.
+        machine: a variant of it.
+        speed: largest of the motion [rad/s].
     """
     controller: AbstractController = model.loop.controller
     observer: Any = model.loop.observer
     if not model.controller_known:
-        bandwidth = STAND_IN / model.dt
-        gain = model.nominal["inertia"] * bandwidth
-        controller, observer = ProportionalIntegral(gain, 0.2 * gain * bandwidth), NoObserver()
-        if model.units.reference == "position":
-            controller = PositionLoop(0.2 * bandwidth, controller)
+        nominal, bandwidth = model.nominal, STAND_IN / model.dt
+        gain = nominal["inertia"] * bandwidth
+        feedback = ProportionalIntegral(gain, 0.2 * gain * bandwidth)
+        controller = Feedforward(
+            feedback, nominal["inertia"], nominal["coulomb"], nominal["viscous"], TURNING * speed, model.dt
+        )
+        observer = NoObserver()
     return ClosedLoop(machine.plant, controller, observer, machine.actuator, machine.sensor)
 
 

@@ -129,7 +129,8 @@ def plan(
         shop = make_shop(known, limits, _largest_torque(known, limits), sight.samples * sight.dt)
         if not known.controller_known:
             notes.append(
-                "[controller] is unknown: the motion itself is planned, and a stiff loop stands in for the drive's."
+                "[controller] is unknown: the motion itself is planned, and a loop with its inverse dynamics as "
+                "feed-forward stands in for the drive's."
             )
         clock("machines", 0.05)
         trial, twins, wanted = _trial(shop, sight, course, told)

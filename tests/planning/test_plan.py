@@ -12,6 +12,7 @@ from fpjax.errors import InputError
 SERVO = """
 [units]
 sensors = "{sensors}"
+reference = "{reference}"
 [plant]
 type = "one_mass"
 inertia = 0.05
@@ -27,8 +28,8 @@ dt = 4e-3
 """
 
 
-def servo(sensors="velocity", controller="pi", gains="kp = 4.0\nki = 40.0"):
-    return fp.load_model(SERVO.format(sensors=sensors, controller=controller, gains=gains))
+def servo(sensors="velocity", controller="pi", gains="kp = 4.0\nki = 40.0", reference="velocity"):
+    return fp.load_model(SERVO.format(sensors=sensors, controller=controller, gains=gains, reference=reference))
 
 
 def ranking(*entries):
@@ -70,7 +71,9 @@ def test_exact_twins_bring_no_evidence_and_are_said_to_be():
 
 @pytest.mark.long
 def test_a_model_alone_makes_every_effect_visible_that_a_run_can_show(tmp_path, capsys):
-    (tmp_path / "servo.toml").write_text(SERVO.format(sensors="both", controller="pi", gains="kp = 4.0\nki = 40.0"))
+    (tmp_path / "servo.toml").write_text(
+        SERVO.format(sensors="both", controller="pi", gains="kp = 4.0\nki = 40.0", reference="velocity")
+    )
     words = [word for name, value in GIVEN.items() for word in (f"--{name}", str(value))]
     out = tmp_path / "next"
     assert main(["plan", "--model", str(tmp_path / "servo.toml"), "--out", str(out), *words]) == 0
@@ -82,9 +85,10 @@ def test_a_model_alone_makes_every_effect_visible_that_a_run_can_show(tmp_path, 
 
 
 @pytest.mark.long
-@pytest.mark.xfail(strict=True, reason="the stand-in loop's torque is not the inverse dynamics of the planned motion")
-def test_an_unknown_controller_plans_the_motion_itself():
-    found = fp.plan(servo(controller="unknown", gains=""), diagnosis=RIVALS, seconds=30.0, **GIVEN)
+@pytest.mark.parametrize(("reference", "sensors"), [("velocity", "velocity"), ("position", "both")])
+def test_an_unknown_controller_plans_the_motion_itself(reference, sensors):
+    model = servo(sensors, "unknown", "", reference)
+    found = fp.plan(model, diagnosis=RIVALS, seconds=30.0, **GIVEN)
     assert any("unknown" in note for note in found.notes)
     moving = np.abs(found.motion["speed"]) > 0.5
     speed, acceleration = found.motion["speed"][moving], found.motion["acceleration"][moving]
