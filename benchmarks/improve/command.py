@@ -15,8 +15,10 @@ from ..withheld.identity import Identity, identities, seeds_of, spread_over
 from ..withheld.progress import Progress
 from .score import Row, goals, share_won, table
 
-SETS, SENSORS = ("single", "wide", "pairs", "none", "outside"), ("rate", "both", "encoder")
+SETS = ("single", "wide", "pairs", "none", "outside")
+SENSORS = {1: ("rate", "both", "encoder"), 2: ("rate", "both")}  # by generator: where the controller is known
 PERIODS = 10_001
+CHUNK = 12  # machines that run side by side in the truth: one more costs little; an interrupt loses their run at most
 VERSION = 1  # of the runs: raise it when a folder of earlier ones must not be reused
 
 
@@ -26,7 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--machines", type=int, default=8, metavar="N", help="how many (default 8)")
     parser.add_argument("--half", default="development", choices=("development", "reported"))
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="seeds of the half they are drawn from")
+    parser.add_argument("--generator", default="both", choices=("1", "2", "both"), help="whose machines (default both)")
     parser.add_argument("--periods", type=int, default=PERIODS, help="of a log (default 10001, 10 s)")
+    parser.add_argument("--no-best", action="store_true", help="do not search the gains that are best in the truth")
     parser.add_argument("--score-only", action="store_true", help="score what is finished already")
 
 
@@ -39,10 +43,14 @@ def run(arguments: argparse.Namespace) -> int:
     wanted = cases_wanted(arguments)
     folder: Path = arguments.out
     if not arguments.score_only:
-        _record(folder, wanted, arguments.periods)
-        _improve(folder, wanted)
-        _truth(folder, wanted, arguments.periods)
-    rows = [json.loads(path.read_text()) for one in wanted if (path := folder / one.name / "score.json").exists()]
+        for first in range(0, len(wanted), CHUNK):
+            some = wanted[first : first + CHUNK]
+            _record(folder, some, arguments.periods)
+            _tune(folder, some)
+            _drive(folder, some, arguments.periods)
+            if not arguments.no_best:
+                _best(folder, some, arguments.periods)
+    rows = [row for one in wanted if (row := _row(folder / one.name, one)) is not None]
     if not rows:
         raise InputError(f"{folder} holds no finished machine: leave --score-only out.")
     _tell(folder, rows, len(wanted), arguments)
@@ -50,12 +58,18 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def cases_wanted(arguments: argparse.Namespace) -> list[Identity]:
-    """The machines of the first generator, spread over effects, sensors and systems."""
+    """Machines spread over generators, effects, sensors and systems.
+
+    Those of the second generator have a rate sensor: its drives without one follow a position or derive the velocity,
+    and the nominal model does not know their controller.
+    """
+    truths = (1, 2) if arguments.generator == "both" else (int(arguments.generator),)
     found = [
         one
         for seed in seeds_of(arguments.half, arguments.seeds)
-        for one in identities(seed, 1)
-        if one.set in SETS and one.sensors in SENSORS
+        for truth in truths
+        for one in identities(seed, truth)
+        if one.set in SETS and one.sensors in SENSORS[truth] and not one.recording
     ]
     return spread_over(found, arguments.machines)
 
@@ -64,17 +78,25 @@ def _record(folder: Path, wanted: list[Identity], periods: int) -> None:
     missing = [one for one in wanted if not (folder / one.name / "made.json").exists()]
     if not missing:
         return
-    from .machines import build, run, write
+    from .machines import build, run, settled, write
 
     progress = Progress("record")
-    machines = [build(one, periods) for one in missing]
-    for one, true, record in zip(missing, machines, run([(m, m.now) for m in machines]), strict=True):
-        write(folder / one.name, true, record)
-        write_json(folder / one.name / "made.json", {"version": VERSION, "periods": periods, "now": true.now})
+    drawn = settled(missing, periods)
+    machines = [build(one, periods, how) for one, how in zip(missing, drawn, strict=True)]
+    for true, how, record in zip(machines, drawn, run([(m, m.now) for m in machines]), strict=True):
+        own = folder / true.identity.name
+        write(own, true, record)
+        write_json(own / "made.json", {"version": VERSION, "periods": periods, "now": true.now, "drawn": how})
     progress.end(f"{len(missing)} logs")
 
 
-def _improve(folder: Path, wanted: list[Identity]) -> None:
+def _built(folder: Path, wanted: list[Identity], periods: int) -> list[Any]:
+    from .machines import build
+
+    return [build(one, periods, _read(folder / one.name / "made.json").get("drawn")) for one in wanted]
+
+
+def _tune(folder: Path, wanted: list[Identity]) -> None:
     from fpjax import read_log
     from fpjax.improvement.nominal import nominal_gains
     from fpjax.model_file import load_model
@@ -83,15 +105,16 @@ def _improve(folder: Path, wanted: list[Identity]) -> None:
     progress = Progress("tune")
     for place, one in enumerate(wanted):
         own = folder / one.name
-        log, model, better = own / "log.csv", own / "servo.toml", own / "improve"
+        log, path, better = own / "log.csv", own / "servo.toml", own / "improve"
         if not (own / "nominal.json").exists():
             began = time.process_time()
             with double_precision():
-                gains = nominal_gains(read_log(log), load_model(model))
+                model = load_model(path)
+                gains = nominal_gains(read_log(log, linear=model.linear or None), model)
             write_json(own / "nominal.json", {"gains": gains, "seconds": time.process_time() - began})
         if not (better / "improve.json").exists() or (better / "run.unfinished").exists():
             began = time.process_time()
-            words = ["improve", str(log), "--model", str(model), "--no-report", "--out", str(better)]
+            words = ["improve", str(log), "--model", str(path), "--no-report", "--out", str(better)]
             try:
                 fpjax_command(words)
             except RuntimeError as error:  # a failed case is a result
@@ -102,41 +125,73 @@ def _improve(folder: Path, wanted: list[Identity]) -> None:
     progress.end(f"{len(wanted)} machines")
 
 
-def _truth(folder: Path, wanted: list[Identity], periods: int) -> None:
-    missing = [one for one in wanted if not (folder / one.name / "score.json").exists()]
+def _drive(folder: Path, wanted: list[Identity], periods: int) -> None:
+    """The truth with the gains that ran, the nominal model's, and improve's."""
+    missing = [one for one in wanted if not (folder / one.name / "driven.json").exists()]
     if not missing:
         return
-    from .best import best_gains
-    from .machines import build, error, run
+    from .machines import error, run
 
-    progress = Progress("truth")
-    machines = [build(one, periods) for one in missing]
-    ours = [_proposed(folder / one.name, true.now) for one, true in zip(missing, machines, strict=True)]
-    nominal = [json.loads((folder / one.name / "nominal.json").read_text())["gains"] for one in missing]
-    starts = [[true.now, a, b["gains"]] for true, a, b in zip(machines, nominal, ours, strict=True)]
-    best = best_gains(machines, starts, 0, lambda share: progress.share(0.9 * share))
-    four = [
-        (true, gains)
-        for true, a, b, c in zip(machines, nominal, ours, best, strict=True)
-        for gains in (true.now, a, b["gains"], c)
+    progress = Progress("drive")
+    machines = _built(folder, missing, periods)
+    gains = [
+        (true.now, _read(own / "nominal.json")["gains"], _proposed(own, true.now)["gains"])
+        for true, own in zip(machines, [folder / one.name for one in missing], strict=True)
     ]
-    errors = iter([error(record) for record in run(four)])
-    for one, a, b, c in zip(missing, nominal, ours, best, strict=True):
-        now, of_nominal, of_ours, of_best = (next(errors) for _ in range(4))
-        row = {
-            "case": one.name, "set": one.set, "sensors": one.sensors, "system": one.system, "effects": one.effects,
-            "error_now": now, "error_nominal": of_nominal, "error_improve": of_ours,
-            # The search in the truth saw a part of the log: what it has seen and did not choose counts too.
-            "error_truth": min(now, of_nominal, of_ours, of_best),
-            "decision": b["decision"], "verdict": b["verdict"], "reason": b["reason"], "promised": b["promised"],
-            "gains": {"nominal": a, "improve": b["gains"], "truth": c},
-        }  # fmt: skip
-        write_json(folder / one.name / "score.json", row)
+    asked = [(true, some) for true, three in zip(machines, gains, strict=True) for some in three]
+    errors = iter([error(record) for record in run(asked)])
+    for one in missing:
+        now, nominal, ours = (next(errors) for _ in range(3))
+        write_json(folder / one.name / "driven.json", {"now": now, "nominal": nominal, "improve": ours})
     progress.end(f"{len(missing)} machines")
 
 
+def _best(folder: Path, wanted: list[Identity], periods: int) -> None:
+    """The gains that are best in the truth, and what they come to."""
+    missing = [one for one in wanted if not (folder / one.name / "best.json").exists()]
+    if not missing:
+        return
+    from .best import best_gains
+    from .machines import error, run
+
+    progress = Progress("best in the truth")
+    machines, places = _built(folder, missing, periods), [folder / one.name for one in missing]
+    starts = [
+        [true.now, _read(own / "nominal.json")["gains"], _proposed(own, true.now)["gains"]]
+        for true, own in zip(machines, places, strict=True)
+    ]
+    best = best_gains(machines, starts, 0, lambda share: progress.share(0.9 * share))
+    records = run(list(zip(machines, best, strict=True)))
+    for own, gains, record in zip(places, best, records, strict=True):
+        write_json(own / "best.json", {"gains": gains, "error": error(record)})
+    progress.end(f"{len(missing)} machines")
+
+
+def _row(own: Path, one: Identity) -> Row | None:
+    """A machine's row as far as it is finished; None where it is not driven yet."""
+    if not (own / "driven.json").exists():
+        return None
+    driven, nominal = _read(own / "driven.json"), _read(own / "nominal.json")["gains"]
+    ours = _proposed(own, _read(own / "made.json")["now"])
+    best = _read(own / "best.json") if (own / "best.json").exists() else None
+    # The search in the truth saw a part of the log: what was tried beside it and follows better counts too.
+    least = None if best is None else min(best["error"], *driven.values())
+    return {
+        "case": one.name, "generator": one.truth, "set": one.set, "sensors": one.sensors, "system": one.system,
+        "effects": list(one.effects), "error_now": driven["now"], "error_nominal": driven["nominal"],
+        "error_improve": driven["improve"], "error_truth": least, "decision": ours["decision"],
+        "verdict": ours["verdict"], "reason": ours["reason"], "promised": ours["promised"],
+        "processor_s": _read(own / "cost.json")["processor_s"],
+        "gains": {"nominal": nominal, "improve": ours["gains"], "truth": None if best is None else best["gains"]},
+    }  # fmt: skip
+
+
+def _read(path: Path) -> dict[str, Any]:
+    return json.loads(path.read_text())
+
+
 def _proposed(own: Path, now: dict[str, float]) -> dict[str, Any]:
-    content = json.loads((own / "improve" / "improve.json").read_text())
+    content = _read(own / "improve" / "improve.json")
     if "failed" in content:
         failed = {"decision": "failed", "verdict": "failed", "reason": content["failed"]}
         return {"gains": now, "promised": [None, None], **failed}
@@ -152,12 +207,14 @@ def _proposed(own: Path, now: dict[str, float]) -> dict[str, Any]:
 
 def _tell(folder: Path, rows: list[Row], wanted: int, arguments: argparse.Namespace) -> None:
     groups = {
+        "generator": table(rows, lambda row: f"generator {row['generator']}"),
+        "verdict": table(rows, lambda row: row["verdict"]),
         "effect": table(rows, lambda row: "+".join(row["effects"]) or "none"),
         "sensors": table(rows, lambda row: row["sensors"]),
         "set": table(rows, lambda row: row["set"]),
     }
     found = goals(rows)
-    print(f"{len(rows)} of {wanted} machines ({arguments.half} half, first generator)\n")
+    print(f"{len(rows)} of {wanted} machines ({arguments.half} half)\n")
     for goal, want, have, word in found:
         print(f"  {goal:<52} {want:>12}   {have:>10}   {word}")
     for name, some in groups.items():
@@ -175,8 +232,8 @@ def _tell(folder: Path, rows: list[Row], wanted: int, arguments: argparse.Namesp
     }  # fmt: skip
     write_json(folder / "improve.json", content)
     with (folder / "improve.csv").open("w", newline="") as file:
-        names = ("case", "set", "sensors", "system", "effects", "error_now", "error_nominal", "error_improve",
-                 "error_truth", "decision", "verdict")  # fmt: skip
+        names = ("case", "generator", "set", "sensors", "system", "effects", "error_now", "error_nominal",
+                 "error_improve", "error_truth", "decision", "verdict", "processor_s")  # fmt: skip
         writer = csv.writer(file)
         writer.writerow([*names, "share_won", "promised_low", "promised_high"])
         for row in rows:

@@ -1,37 +1,34 @@
-"""Machines of the withheld generator in closed loop with given gains: their log, and what the gains come to."""
+"""Machines of both withheld generators in closed loop with given gains: their log, and what the gains come to."""
 
-import dataclasses
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from fpjax.improvement.judge import LONGEST_SETTLING, SETTLING
 
-from ..withheld import first
 from ..withheld.identity import Identity
-from ..withheld.truth.integrate import SUBSTEPS, simulate
-from ..withheld.truth.machine import Machine, Record
+from .first import First, run_first
+from .second import Second, finish_second, run_second
 
-# The gains that the truth's own drive has, by the words of servo.toml.
-DRIVE = {
-    "controller.kp": "kp",
-    "controller.ki": "ki",
-    "feedforward.inertia": "forward_inertia",
-    "feedforward.coulomb": "forward_coulomb",
-    "feedforward.viscous": "forward_viscous",
-}
 CONTROLLER = {"controller.kp": (0.5, 2.5), "controller.ki": (0.25, 5.0)}  # of the gains that run
 FORWARD = {"inertia": 1.5, "coulomb": 2.0, "viscous": 3.0}  # of the nominal values
-TURNING = 0.02  # of the machine's speed: where a feed-forward turns round, for machines that had none
 
 Gains = dict[str, float]
 
 
-@dataclass
-class Truth:
+class Record(Protocol):
+    """What a run in the truth leaves, one row a period."""
+
+    time: np.ndarray
+    reference: np.ndarray
+    torque: np.ndarray
+    true_velocity: np.ndarray
+
+
+class Truth(NamedTuple):
     """One true machine.
 
     Attributes:
@@ -42,17 +39,21 @@ class Truth:
     """
 
     identity: Identity
-    case: first.Case
+    case: First | Second
     now: Gains
     bounds: dict[str, tuple[float, float]]
 
 
-def build(identity: Identity, periods: int) -> Truth:
-    """A machine, and between which values its gains may be tuned: the same for every way of tuning."""
-    case = first.build(identity, periods)
-    physics, nominal = case.machine.physics, case.plan.nominal
-    physics.setdefault("forward_velocity", TURNING * case.plan.draw.kind.speed)
-    now = {word: float(physics.get(name, 0.0)) for word, name in DRIVE.items()}
+def build(identity: Identity, periods: int, drawn: dict[str, Any] | None = None) -> Truth:
+    """A machine, and between which values its gains may be tuned: the same for every way of tuning.
+
+    Args:
+        identity: of the case.
+        periods: of its log.
+        drawn: what `settled` said of it before.
+    """
+    case = First(identity, periods) if identity.truth == 1 else Second(identity, periods, drawn)
+    now, nominal = case.now(), case.nominal
     bounds = {word: (low * now[word], high * now[word]) for word, (low, high) in CONTROLLER.items()}
     for key, factor in FORWARD.items():
         word = f"feedforward.{key}"
@@ -60,38 +61,31 @@ def build(identity: Identity, periods: int) -> Truth:
     return Truth(identity, case, now, bounds)
 
 
+def settled(wanted: Sequence[Identity], periods: int) -> list[dict[str, Any]]:
+    """What has to be known of each beside its identity to build it again: how often and how large it was drawn."""
+    two = [one for one in wanted if one.truth == 2]
+    found = dict(zip(two, finish_second(two, periods), strict=True)) if two else {}
+    return [found.get(one, {}) for one in wanted]
+
+
 def run(
-    machines: Sequence[tuple[Truth, Gains]], substeps: int = SUBSTEPS, seconds: float | None = None
+    machines: Sequence[tuple[Truth, Gains]], substeps: int | None = None, seconds: float | None = None
 ) -> list[Record]:
     """Closed loops of true machines with given gains, side by side.
 
     Args:
         machines: each with its gains.
-        substeps: of the integrator in a period.
+        substeps: of the integrator in a period of 1 ms; None for the generator's own.
         seconds: of the log that is run; None for all of it.
     """
-    wanted: list[Machine] = []
-    for true, gains in machines:
-        machine = true.case.machine
-        physics = machine.physics | {DRIVE[word]: value for word, value in gains.items()}
-        count = len(machine.reference)
-        if seconds is not None:
-            count = min(count, machine.preroll + math.ceil(seconds / machine.dt))
-
-        def cut(values: np.ndarray | None, count: int = count) -> np.ndarray | None:
-            return None if values is None else values[: count + 1]
-
-        wanted.append(
-            dataclasses.replace(
-                machine, physics=physics, reference=machine.reference[:count],
-                velocity_normal=machine.velocity_normal[:count], position_normal=machine.position_normal[:count],
-                disturbance=cut(machine.disturbance),
-                held_reading=None if machine.held_reading is None else machine.held_reading[:count],
-                held_command=None if machine.held_command is None else machine.held_command[:count],
-            )
-        )  # fmt: skip
-    with np.errstate(all="ignore"):  # gains that no machine stands are part of a search
-        return simulate(wanted, substeps=substeps)
+    found: dict[int, Record] = {}
+    for kind, simulate in ((First, run_first), (Second, run_second)):
+        places = [i for i, (true, _) in enumerate(machines) if isinstance(true.case, kind)]
+        if places:
+            some: Any = [(machines[i][0].case, machines[i][1]) for i in places]
+            with np.errstate(all="ignore"):  # gains that no machine stands are part of a search
+                found |= dict(zip(places, simulate(some, substeps, seconds), strict=True))
+    return [found[i] for i in range(len(machines))]
 
 
 def error(record: Record) -> float:
@@ -107,14 +101,10 @@ def rough(record: Record) -> float:
     return float(np.mean(np.abs(np.diff(record.torque, n=2)) ** 0.25) ** 4)
 
 
-def write(folder: Path, true: Truth, record: Record) -> None:
+def write(folder: Path, true: Truth, record: Any) -> None:
     """log.csv and servo.toml: the nominal model with the drive's own law, and the bounds of its gains."""
-    first.write(folder, true.case, record)
+    true.case.write(folder, record)
     path = folder / "servo.toml"
     forward = "".join(f"{word.partition('.')[2]} = {v:.9g}\n" for word, v in true.now.items() if "forward" in word)
-    speed = true.case.machine.physics["forward_velocity"]
     bounds = "".join(f"{word} = [{low:.9g}, {high:.9g}]\n" for word, (low, high) in true.bounds.items())
-    path.write_text(f"{path.read_text()}[feedforward]\n{forward}speed = {speed:.9g}\n[bounds]\n{bounds}")
-
-
-Tell = Callable[[float], None]
+    path.write_text(f"{path.read_text()}[feedforward]\n{forward}speed = {true.case.turning:.9g}\n[bounds]\n{bounds}")

@@ -22,6 +22,8 @@ def draw(rows: list[Row], path: Path) -> None:
             if low is not None:
                 axis.plot([low / now, high / now], [place, place], color=BLUE, linewidth=5.0, alpha=0.25)
             for key, colour, mark in (("nominal", RED, "o"), ("improve", BLUE, "o"), ("truth", GREY, "|")):
+                if row[f"error_{key}"] is None:
+                    continue
                 value = row[f"error_{key}"] / now
                 axis.plot([np.clip(value, 0.0, 2.0)], [place], mark, color=colour, markersize=7 if mark == "|" else 5)
         axis.axvline(1.0, color=GREY, linewidth=0.8, linestyle="--")

@@ -13,8 +13,10 @@ Row = dict[str, Any]
 
 
 def share_won(row: Row) -> float | None:
-    """(a - b) / (a - c) [1]; None where there was nothing to win."""
+    """(a - b) / (a - c) [1]; None where there was nothing to win, or c was not searched."""
     nominal, ours, best = row["error_nominal"], row["error_improve"], row["error_truth"]
+    if best is None:
+        return None
     if not math.isfinite(nominal):
         return 1.0 if math.isfinite(ours) else 0.0
     if nominal - best <= NOTHING * nominal:

@@ -1,11 +1,17 @@
 """The withheld check of improve: its scores, and the truth in closed loop with given gains."""
 
+import argparse
+import json
 import math
 
 import numpy as np
 import pytest
 
+import fpjax as fp
+from benchmarks.improve.command import cases_wanted
+from benchmarks.improve.command import run as run_check
 from benchmarks.improve.score import goals, held, share_won, table, worse
+from benchmarks.withheld.identity import identities
 
 
 def row(nominal=1.0, ours=0.5, best=0.4, now=1.2, promised=(0.4, 0.6), **more):
@@ -18,6 +24,7 @@ def test_the_share_is_of_what_the_truth_itself_could_win():
     assert share_won(row()) == pytest.approx(0.5 / 0.6)
     assert share_won(row(ours=1.1)) == pytest.approx(-0.1 / 0.6)
     assert share_won(row(best=0.99)) is None
+    assert share_won(row(best=None)) is None
     assert share_won(row(nominal=math.inf)) == 1.0
 
 
@@ -45,18 +52,70 @@ def test_the_goals_are_met_only_where_they_are():
 
 def test_the_truth_runs_with_the_gains_that_it_is_given():
     from benchmarks.improve.machines import build, error, rough, run
-    from benchmarks.withheld.identity import identities
 
-    identity = next(one for one in identities(0, 1) if one.set == "none" and one.sensors in ("rate", "both"))
-    true = build(identity, 2001)
+    true = build(some_identity(1), 2001)
+    physics = true.case.case.machine.physics
     soft = true.now | {"controller.kp": 0.5 * true.now["controller.kp"]}
     forward = true.now | {
-        "feedforward.coulomb": true.case.machine.physics["coulomb_positive"],
-        "feedforward.viscous": true.case.machine.physics["viscous_positive"],
-        "feedforward.inertia": true.case.machine.physics["inertia"],
+        "feedforward.coulomb": physics["coulomb_positive"],
+        "feedforward.viscous": physics["viscous_positive"],
+        "feedforward.inertia": physics["inertia"],
     }
     now, slow, ahead = run([(true, gains) for gains in (true.now, soft, forward)], substeps=8, seconds=0.6)
     assert error(slow) > error(now)
     assert error(ahead) <= error(now)
     assert np.isfinite(rough(now))
     assert len(now.time) == 600
+
+
+def some_identity(generator):
+    return next(one for one in identities(0, generator) if one.set == "none" and one.sensors in ("rate", "both"))
+
+
+def test_machines_of_the_second_generator_run_with_other_gains_too(tmp_path):
+    from benchmarks.improve.machines import build, error, run, settled, write
+
+    identity = some_identity(2)
+    (drawn,) = settled([identity], 601)
+    true = build(identity, 601, drawn)
+    assert true.now["controller.kp"] > 0.0
+    soft = true.now | {"controller.kp": 0.5 * true.now["controller.kp"]}
+    now, slow = run([(true, gains) for gains in (true.now, soft)], substeps=6)
+    assert error(slow) > error(now)
+    write(tmp_path, true, now)
+    model = fp.load_model(tmp_path / "servo.toml")
+    assert model.bounds["controller.kp"] == pytest.approx(true.bounds["controller.kp"], rel=1e-6)
+    assert fp.read_log(tmp_path / "log.csv", linear=model.linear or None).reference is not None
+
+
+@pytest.mark.parametrize("generator", ["1", "2", "both"])
+def test_what_is_asked_has_a_controller_that_is_known(generator):
+    asked = argparse.Namespace(half="development", seeds=1, generator=generator, machines=12)
+    wanted = cases_wanted(asked)
+    assert len(set(wanted)) == 12
+    assert {one.truth for one in wanted} == ({1, 2} if generator == "both" else {int(generator)})
+    assert all(one.sensors in ("rate", "both") for one in wanted if one.truth == 2)
+
+
+def test_an_interrupted_check_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys):
+    """What is on disk is not done again; without the best gains the share of what is possible is not measured."""
+    asked = argparse.Namespace(
+        half="development", seeds=1, generator="1", machines=2, periods=2001, out=tmp_path, no_best=True,
+        score_only=False,
+    )  # fmt: skip
+    side = {"gains": {"controller.kp": 1.0}, "error": {"low": 0.4, "high": 0.6}}
+    said = {"decision": "change", "verdict": "explained", "reason": "", "after": side}
+    for one in cases_wanted(asked):
+        own = tmp_path / one.name
+        (own / "improve").mkdir(parents=True)
+        for name, content in (
+            ("made.json", {"now": {"controller.kp": 2.0}}), ("nominal.json", {"gains": {"controller.kp": 1.5}}),
+            ("improve/improve.json", said), ("cost.json", {"processor_s": 1.0}),
+            ("driven.json", {"now": 1.2, "nominal": 1.0, "improve": 0.5}),
+        ):  # fmt: skip
+            (own / name).write_text(json.dumps(content))
+    assert run_check(asked) == 0
+    told = capsys.readouterr().out
+    assert "2 of 2 machines" in told
+    assert "not measured" in told
+    assert json.loads((tmp_path / "improve.json").read_text())["machines"] == 2

@@ -1,0 +1,76 @@
+"""First: a machine of the first generator whose drive can be given other gains."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..withheld import first
+from ..withheld.identity import Identity
+from ..withheld.truth.integrate import SUBSTEPS, simulate
+from ..withheld.truth.machine import Machine, Record
+
+# The gains that the truth's own drive has, by the words of servo.toml.
+DRIVE = {
+    "controller.kp": "kp",
+    "controller.ki": "ki",
+    "feedforward.inertia": "forward_inertia",
+    "feedforward.coulomb": "forward_coulomb",
+    "feedforward.viscous": "forward_viscous",
+}
+TURNING = 0.02  # of the machine's speed: where a feed-forward turns round, for machines that had none
+
+
+class First:
+    """One machine."""
+
+    def __init__(self, identity: Identity, periods: int):
+        self.case = first.build(identity, periods)
+        self.case.machine.physics.setdefault("forward_velocity", TURNING * self.case.plan.draw.kind.speed)
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """Inertia, coulomb and viscous of the nominal model."""
+        return self.case.plan.nominal
+
+    @property
+    def turning(self) -> float:
+        """Reference at which the drive's feed-forward turns round [rad/s]."""
+        return self.case.machine.physics["forward_velocity"]
+
+    def now(self) -> dict[str, float]:
+        """The gains that run when the log is recorded."""
+        return {word: float(self.case.machine.physics.get(name, 0.0)) for word, name in DRIVE.items()}
+
+    def write(self, folder: Path, record: Record) -> None:
+        """log.csv and servo.toml."""
+        first.write(folder, self.case, record)
+
+
+def run_first(
+    machines: Sequence[tuple[First, dict[str, float]]], substeps: int | None, seconds: float | None
+) -> list[Record]:
+    """Closed loops with given gains."""
+    wanted: list[Machine] = []
+    for true, gains in machines:
+        machine = true.case.machine
+        physics = machine.physics | {DRIVE[word]: value for word, value in gains.items()}
+        count = len(machine.reference)
+        if seconds is not None:
+            count = min(count, machine.preroll + math.ceil(seconds / machine.dt))
+
+        def cut(values: np.ndarray | None, count: int = count) -> np.ndarray | None:
+            return None if values is None else values[: count + 1]
+
+        wanted.append(
+            dataclasses.replace(
+                machine, physics=physics, reference=machine.reference[:count],
+                velocity_normal=machine.velocity_normal[:count], position_normal=machine.position_normal[:count],
+                disturbance=cut(machine.disturbance),
+                held_reading=None if machine.held_reading is None else machine.held_reading[:count],
+                held_command=None if machine.held_command is None else machine.held_command[:count],
+            )
+        )  # fmt: skip
+    return simulate(wanted, substeps=SUBSTEPS if substeps is None else substeps)

@@ -1,0 +1,86 @@
+"""Second: a machine of the second generator whose drive can be given other gains."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..withheld.identity import Identity
+from ..withheld.second import cases, label
+from ..withheld.second.simulate import SUBSTEPS, simulate
+from ..withheld.second.world import Trace, World
+from .first import DRIVE
+
+TURNING = 0.03  # of the machine's speed, as the generator's own compensation
+
+
+class Second:
+    """One machine; its drive follows a velocity with a rate sensor, as the nominal model's controller does.
+
+    Args:
+        identity: of the case.
+        periods: of its log.
+        drawn: `words` and `grow` with which the case came out; None: the first draw.
+    """
+
+    def __init__(self, identity: Identity, periods: int, drawn: dict[str, Any] | None):
+        drawn = drawn or {"words": f"{words_of(identity)}/0", "grow": 1.0}
+        self.identity = identity
+        self.case = cases.build(
+            identity.seed, drawn["words"], identity.set, identity.sensors, identity.system, identity.effects, periods,
+            drawn["grow"],
+        )  # fmt: skip
+        self.case.world.values.setdefault("forward_speed", TURNING * self.case.plan.drawn.kind.speed)
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """Inertia, coulomb and viscous of the nominal model."""
+        return self.case.plan.nominal
+
+    @property
+    def turning(self) -> float:
+        """Reference at which the drive's feed-forward turns round, in the unit of the speed."""
+        return self.case.world.values["forward_speed"]
+
+    def now(self) -> dict[str, float]:
+        """The gains that run when the log is recorded."""
+        return {word: float(self.case.world.values.get(name, 0.0)) for word, name in DRIVE.items()}
+
+    def write(self, folder: Path, trace: Trace) -> None:
+        """log.csv and servo.toml."""
+        label.write(folder, self.case, trace, self.identity.sensors)
+
+
+def words_of(one: Identity) -> str:
+    """What a case is drawn from, beside its seed."""
+    return f"{one.set}/{one.sensors}/{one.number}"
+
+
+def finish_second(wanted: Sequence[Identity], periods: int) -> list[dict[str, Any]]:
+    """With which words and which size of the effect each case came out: visible, and a log that somebody would keep."""
+    asked = [
+        cases.Asked(one.seed, words_of(one), one.set, one.sensors, one.system, one.effects, one.recording)
+        for one in wanted
+    ]
+    done = [case for case, _, _ in cases.run(asked, periods)]
+    return [{"words": case.words, "grow": case.plan.grow} for case in done]
+
+
+def run_second(
+    machines: Sequence[tuple[Second, dict[str, float]]], substeps: int | None, seconds: float | None
+) -> list[Trace]:
+    """Closed loops with given gains."""
+    wanted: list[World] = []
+    for true, gains in machines:
+        world = true.case.world
+        count = len(world.reference) if seconds is None else min(len(world.reference), math.ceil(seconds / world.dt))
+        wanted.append(
+            dataclasses.replace(
+                world, values=world.values | {DRIVE[word]: value for word, value in gains.items()},
+                reference=world.reference[:count],
+                push=None if world.push is None else world.push[:count],
+                lost_commands=None if world.lost_commands is None else world.lost_commands[:count],
+            )
+        )  # fmt: skip
+    return simulate(wanted, substeps=SUBSTEPS if substeps is None else substeps)
