@@ -19,6 +19,7 @@ from fpjax.scan import astype, make_inputs
 from fpjax.solvers import AbstractPlantSolver
 from fpjax.verbs import as_model, checked_loop, checked_reference, double_precision
 
+from .file_bounds import bounded_parameters
 from .gradient import adam, lbfgs
 from .grid_search import algorithm_1, algorithm_1_repaired
 from .identifiability import identifiability
@@ -68,7 +69,7 @@ def tune(
             of a servo.toml: what is not given then has its values, in double precision.
         references: one, a list, or a dictionary by label; with several, one set of gains for all.
         parameters: names as "observer.gain_1", or `Parameter`s with start, bounds and scale; None for the observer's
-            gains, or the controller's without an observer.
+            gains, or the controller's without an observer. Where they have no bounds, those of a model's [bounds] hold.
         setup: how gains are judged: step, horizon, solver, objective, plants, noise.
         method: "levenberg_marquardt", "lbfgs", "adam", "grid" (Algorithm 1), "grid_repaired", "nelder_mead", or a
             method's settings, as `Adam(rate=0.1)`.
@@ -98,7 +99,7 @@ def tune(
             return tune(
                 astype(model.loop, np.float64),
                 model.needed_reference() if references is None else references,
-                parameters=parameters,
+                parameters=bounded_parameters(model, _listed(parameters)),
                 setup=judged.of_model(model),
                 method=method,
                 starts=starts,
@@ -113,10 +114,8 @@ def tune(
         raise InputError("tune needs a reference and dt, the step [s]: give both, or a model, which has its own.")
     if isinstance(references, AbstractReference | int | float):
         references = checked_reference(references)
-    if parameters is None:
-        parameters = default_parameters(loop)
-    elif isinstance(parameters, str | Parameter):
-        parameters = [parameters]
+    listed = _listed(parameters)
+    parameters = default_parameters(loop) if listed is None else listed
     automatic = starts is None and _searches(method, judged.objective, target, max_simulations)
     stepper = judged.stepper()
     written = parameters
@@ -149,6 +148,10 @@ def tune(
         if bar is not None:
             bar.end()
     return result
+
+
+def _listed(parameters: Sequence[str | Parameter] | None) -> Sequence[str | Parameter] | None:
+    return [parameters] if isinstance(parameters, str | Parameter) else parameters
 
 
 def _searches(method: Any, objective: Any, target: float, budget: int | None) -> bool:

@@ -55,8 +55,9 @@ def run(arguments: argparse.Namespace) -> int:
         start_jax(arguments)
         model, references, settings = cost_settings(arguments, record)
         from tuning import tune
+        from tuning.file_bounds import bounded_parameters
 
-        parameters = [read_parameter(word) for word in arguments.parameter] or None
+        parameters = bounded_parameters(model, [read_parameter(word) for word in arguments.parameter] or None)
 
         record.seeds["starts"] = arguments.seed
         results = []

@@ -1,0 +1,54 @@
+"""The ranges of a model file's [bounds], on what is tuned."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from fpjax.errors import InputError
+from fpjax.model_file import Model
+from fpjax.model_file.bounds import gain_names
+from fpjax.parameters import get_parameter
+
+from .parameters import Parameter, default_parameters
+
+
+def bounded_parameters(
+    model: Model, parameters: Sequence[str | Parameter] | None = None
+) -> Sequence[str | Parameter] | None:
+    """What is to be tuned, within the model's [bounds] where nothing else is said of its range.
+
+    [bounds] says between which values a gain may go, not that it is tuned. A lower bound of zero makes the range a
+    linear one.
+
+    Args:
+        model: with `bounds`, by the file's words.
+        parameters: as `tune` takes them; None for its default.
+
+    Returns:
+        The same where the model has no bounds; else `Parameter`s with the model's ranges where they had none.
+
+    Raises:
+        InputError: for a gain that the file has outside its own bounds, or a start outside them.
+    """
+    if not model.bounds:
+        return parameters
+    words = {name: word for word, name in gain_names(model.loop).items()}
+    wanted = default_parameters(model.loop) if parameters is None else parameters
+    full = [Parameter(one) if isinstance(one, str) else one for one in wanted]
+    return [_bounded(model, one, words.get(one.name, "")) for one in full]
+
+
+def _bounded(model: Model, one: Parameter, word: str) -> Parameter:
+    if word not in model.bounds or one.low is not None or one.high is not None:
+        return one
+    low, high = model.bounds[word]
+    section, _, key = word.partition(".")
+    start = float(np.asarray(get_parameter(model.loop, one.name))) if one.start is None else one.start
+    if one.start is None and key not in model.sections.get(section, {}):
+        start = min(max(start, low), high)  # pole placement chose it, and knows no bounds
+    if not low <= start <= high:
+        raise InputError(
+            f"{word} = {start:g} lies outside its own bounds [{low:g}, {high:g}]: widen them, or correct the gain."
+        )
+    return dataclasses.replace(one, start=start, low=low, high=high, scale=one.scale if low > 0.0 else "linear")
