@@ -5,7 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import tolerances
-from catalogue import DT, SENSORS, one_of_each_kind
+from catalogue import one_of_each_kind
+from catalogue_case import DT
+from catalogue_machine import SENSORS
 
 import fpjax as fp
 from fpjax.compiled.gradients import value_and_gradient

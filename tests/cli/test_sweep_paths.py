@@ -3,32 +3,12 @@
 import hashlib
 import json
 
+import cli_case
 import pytest
 
 from fpjax.cli import main
 
-SERVO = """
-[plant]
-type = "one_mass"
-inertia = 10.0
-[friction]
-type = "coulomb_viscous"
-coulomb = 20.0
-viscous = 2.0
-[observer]
-type = "efp"
-[reference]
-type = "sine"
-amplitude = 1.0
-frequency = 4.0
-[controller]
-type = "pi"
-[simulation]
-dt = 1e-3
-duration = 0.2
-stepping = "sampled"
-solver = "exact"
-"""
+SERVO = cli_case.SERVO.replace("duration = 1.0", "duration = 0.2")
 AXES = ["--axis", "observer.gain_1=10:1e4:4", "--axis", "observer.gain_2=1:100:3"]
 PATH = {"observer.gain_1": [20.0, 300.0], "observer.gain_2": [2.0, 30.0]}
 

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from catalogue import CONTROLLERS, OBSERVERS
+from catalogue_drive import CONTROLLERS, OBSERVERS
 
 import fpjax as fp
 from fpjax.blocks.block import as_parameter

@@ -5,6 +5,7 @@ import functools
 import equinox as eqx
 import numpy as np
 import pytest
+from model_files import SMALL_SERVO
 
 from fpjax.blocks.loads import AbstractLoad
 from fpjax.cli import main
@@ -15,28 +16,7 @@ from fpjax.gap.simulate.family import Nominal, key_for, make_family
 from fpjax.model_file import load_model
 
 STEP = 0.01  # rad/s
-NOMINAL = """
-[plant]
-type = "one_mass"
-inertia = 0.05
-[friction]
-type = "coulomb_viscous"
-coulomb = 0.4
-viscous = 0.03
-[controller]
-type = "pi"
-kp = 2.0
-ki = 12.0
-[reference]
-type = "sine"
-amplitude = 2.0
-frequency = 1.0
-[simulation]
-dt = 1e-3
-duration = 0.6
-stepping = "sampled"
-substeps = 4
-"""
+NOMINAL = SMALL_SERVO + 'stepping = "sampled"\nsubsteps = 4\n'
 VALUES = {"inertia": 0.05, "coulomb": 0.4, "viscous": 0.03}
 SETTING = Setting(0.05, 0.4, 0.03, 0.4, 2.0, 0.8, 6.0, 10.0, 1e-3, effort=1.5, nominal=VALUES)
 NAMES = [effect.name for effect in EFFECTS]

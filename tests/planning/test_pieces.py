@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from plan_case import SERVO, servo
 
 from fpjax.cli.command_line import main
 from fpjax.errors import InputError
@@ -29,27 +30,6 @@ from fpjax.planning.sight import make_sight
 from fpjax.planning.trajectory import Shape, make_course
 from fpjax.planning.trial import Comparison
 from fpjax.verbs import double_precision
-
-SERVO = """
-[units]
-sensors = "{sensors}"
-[plant]
-type = "one_mass"
-inertia = 0.05
-[friction]
-type = "coulomb_viscous"
-coulomb = 0.5
-viscous = 0.04
-[controller]
-type = "{controller}"
-{gains}
-[simulation]
-dt = 4e-3
-"""
-
-
-def servo(sensors="velocity", controller="pi", gains="kp = 4.0\nki = 40.0"):
-    return load_model(SERVO.format(sensors=sensors, controller=controller, gains=gains))
 
 
 def given(**values):

@@ -4,32 +4,11 @@ import json
 
 import numpy as np
 import pytest
+from plan_case import SERVO, servo
 
 import fpjax as fp
 from fpjax.cli.command_line import main
 from fpjax.errors import InputError
-
-SERVO = """
-[units]
-sensors = "{sensors}"
-reference = "{reference}"
-[plant]
-type = "one_mass"
-inertia = 0.05
-[friction]
-type = "coulomb_viscous"
-coulomb = 0.5
-viscous = 0.04
-[controller]
-type = "{controller}"
-{gains}
-[simulation]
-dt = 4e-3
-"""
-
-
-def servo(sensors="velocity", controller="pi", gains="kp = 4.0\nki = 40.0", reference="velocity"):
-    return fp.load_model(SERVO.format(sensors=sensors, controller=controller, gains=gains, reference=reference))
 
 
 def ranking(*entries):

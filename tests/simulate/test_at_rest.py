@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from catalogue import DT, one_of_each_kind
+from catalogue import one_of_each_kind
+from catalogue_case import DT
 
 import fpjax as fp
 import tuning.measures

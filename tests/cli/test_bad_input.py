@@ -1,0 +1,91 @@
+"""Files, models and logs that cannot be: one sentence and no traceback."""
+
+import json
+import os
+
+import pytest
+from cli_case import SERVO, refuse, run
+
+
+def test_an_unwritable_out_is_found_before_anything_is_computed(servo, tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    for out in (tmp_path / "file", tmp_path / "file" / "deeper", "/proc/nothing/here"):
+        refuse(capsys, "simulate", servo, "--out", out, match="cannot be written")
+
+
+def test_missing_and_broken_files(servo, tmp_path, capsys):
+    refuse(capsys, "simulate", tmp_path / "servoo.toml", match="did you mean 'servo.toml'")
+    refuse(capsys, "simulate", tmp_path, match="is a folder")
+    refuse(capsys, "inspect", tmp_path / "none.csv", match="does not exist")
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(bytes(range(256)))
+    refuse(capsys, "simulate", binary, match="cannot be read")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes on this system")
+@pytest.mark.timeout(60)
+def test_a_model_that_has_no_end_is_refused_and_not_waited_for(tmp_path, capsys):
+    os.mkfifo(tmp_path / "servo.toml")
+    os.symlink("/dev/zero", tmp_path / "zero.toml")
+    for name in ("servo.toml", "zero.toml"):
+        refuse(capsys, "simulate", tmp_path / name, match="is a pipe or a device")
+    with open(tmp_path / "large.toml", "wb") as file:
+        file.truncate(1 << 26)  # a hole: it takes no room
+    refuse(capsys, "simulate", tmp_path / "large.toml", match="has 67 MB, and a model at most 20: is it a log?")
+
+
+def test_a_bad_model_is_one_sentence(servo, capsys):
+    servo.write_text(SERVO.replace("inertia = 10.0", "inertia = -10.0"))
+    refuse(capsys, "simulate", servo, match="[plant] inertia must be above zero, got -10 kg m^2")
+    servo.write_text(SERVO.replace("inertia = 10.0", "inertai = 10.0"))
+    refuse(capsys, "tune", servo, match="[plant] inertai is not known: did you mean 'inertia'")
+
+
+def test_a_step_past_the_stability_limit_warns_with_the_number(servo, capsys):
+    servo.write_text(SERVO.replace("steepness = 100.0", "steepness = 5000.0"))
+    assert run("simulate", servo) == 0
+    error = capsys.readouterr().err
+    assert "warning: steepness x coulomb x dt / inertia = 10 is past rk4's stability limit" in error
+    assert "use a step below" in error
+
+
+def test_gains_at_which_the_loop_blows_up(servo, tmp_path, capsys):
+    servo.write_text(SERVO.replace("kp = 150.0", "kp = 150000.0"))
+    refuse(capsys, "simulate", servo, "--out", tmp_path / "out", "--no-plots", match="The loop blows up at t =")
+    assert (tmp_path / "out" / "simulation.csv").exists()
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["status"] == "bad input"
+    refuse(capsys, "tune", servo, "--max-simulations", 12, match="Every start blows up")
+
+
+def test_bad_logs_in_every_command_that_takes_one(servo, log, tmp_path, capsys):
+    rows = log.read_text().splitlines()
+    names = rows[0].split(",")
+    still = [",".join("1" if name == "time" else cell for name, cell in zip(names, row.split(","), strict=True))
+             for row in rows[1:]]  # fmt: skip
+    cases = {
+        "no clock": ([rows[0], *still], "time is 1 s in every row"),
+        "short": (rows[:9], "is too short: 8 rows"),
+        "two": ([",".join(row.split(",")[:2]) for row in rows], "has two columns"),
+    }
+    bad = tmp_path / "bad.csv"
+    for lines, match in cases.values():
+        bad.write_text("\n".join(lines) + "\n")
+        refuse(capsys, "inspect", bad, match=match)
+        refuse(capsys, "estimate", bad, "--model", servo, match=match)
+        refuse(capsys, "diagnose", bad, "--model", servo, "--out", tmp_path / "why", match=match)
+    refuse(capsys, "simulate", servo, "--log", bad, match="has two columns")
+
+
+def test_a_period_that_is_not_the_models(servo, log, capsys):
+    servo.write_text(SERVO.replace("dt = 1e-3", "dt = 2e-3"))
+    refuse(capsys, "simulate", servo, "--log", log, match="[simulation] dt = 0.002 s: write dt = 0.001")
+
+
+def test_a_run_that_no_memory_holds_is_refused_before_it_begins(servo, capsys):
+    refuse(capsys, "simulate", servo, "--duration", "1e12", match="record")
+
+
+def test_log_and_model_in_each_others_place(servo, log, capsys):
+    refuse(capsys, "estimate", servo, "--model", log, match="is a log, not a model")
+    refuse(capsys, "simulate", log, match="is a log, not a model")
+    refuse(capsys, "inspect", servo, match="is a model, not a log")

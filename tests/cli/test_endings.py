@@ -1,0 +1,107 @@
+"""How a command ends that meets a defect, a full memory, an interrupt, a reader that has enough; and its progress."""
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
+from cli_case import REPO, refuse, shell
+
+
+def test_a_defect_is_said_without_a_traceback(servo, monkeypatch, capsys):
+    monkeypatch.setattr("fpjax.cli.simulate.open_model", lambda *_: 1 / 0)
+    refuse(capsys, "simulate", servo, match="defect of fpjax (ZeroDivisionError", code=1)
+
+
+@pytest.mark.parametrize("error", [MemoryError(), RuntimeError("RESOURCE_EXHAUSTED: Out of memory.")])
+def test_a_full_memory_is_one_sentence(servo, monkeypatch, capsys, error):
+    def full(*_):
+        raise error
+
+    monkeypatch.setattr("fpjax.cli.simulate.open_model", full)
+    refuse(capsys, "simulate", servo, match="the memory is full: use fewer candidates")
+
+
+def test_ctrl_c_is_130(servo, monkeypatch, capsys):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("fpjax.cli.simulate.open_model", interrupt)
+    refuse(capsys, "simulate", servo, match="interrupted", code=130)
+
+
+def test_a_reader_that_has_enough_is_no_error(servo):
+    process = shell("simulate", servo, "--no-cache")
+    process.stdout.close()
+    error = process.stderr.read()
+    assert process.wait(timeout=120) == 0
+    assert "Traceback" not in error
+
+
+def test_progress_is_shown_on_a_terminal_only(servo, tmp_path):
+    pty = pytest.importorskip("pty")
+    axes = ["--axis", "observer.gain_1=10:1e4:400", "--axis", "observer.gain_2=1:100:400", "--chunk", "256"]
+    words = ["sweep", str(servo), *axes, "--out", str(tmp_path / "out"), "--no-plots", "--no-cache"]
+    ours, theirs = pty.openpty()
+    environment = {**os.environ, "PYTHONPATH": str(REPO)}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "fpjax", *words], env=environment, stdout=subprocess.PIPE, stderr=theirs, text=True
+    )
+    os.close(theirs)
+    shown = b""
+    while True:
+        try:
+            piece = os.read(ours, 4096)
+        except OSError:
+            break
+        if not piece:
+            break
+        shown += piece
+    os.close(ours)
+    printed, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert b"s left" in shown
+    assert "s left" not in printed
+
+
+def test_stages_name_what_is_under_way(monkeypatch):
+    import io
+
+    from fpjax.output import progress
+
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    monkeypatch.setattr(progress, "FIRST_SHOWN", 0.0)
+    monkeypatch.setattr(progress, "REDRAWN", 0.01)
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    with progress.Stages("diagnose", 3) as stages:
+        stages.stage("fit", 0.5)
+        time.sleep(0.2)
+    assert "diagnose 1/3: fit" in screen.getvalue()
+    assert "s left" in screen.getvalue()
+    resumed = progress.Stages("sweep")
+    resumed.begin_at(0.5)
+    resumed.stage("chunks", 0.75)
+    # Half of what was left is done after 10 s: 10 s more, not 10 / 3.
+    assert "about 10 s left" in resumed._line(10.0)
+    resumed.end()
+    clock = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    compiled = progress.Stages("tune")
+    for now, share in ((30.0, 0.1), (40.0, 0.3)):  # 30 s of compiling, then a tenth of the whole every 5 s
+        clock[0] = now
+        compiled.stage("steps", share)
+    assert "about 35 s left" in compiled._line(40.0)
+    assert "about 25 s left" in compiled._line(50.0)  # no report since: it counts down
+    compiled.end()
+    monkeypatch.undo()
+    quiet = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", quiet)
+    with progress.Stages("diagnose") as stages:
+        stages.stage("fit")
+        time.sleep(0.05)
+    assert quiet.getvalue() == ""

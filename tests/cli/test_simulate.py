@@ -1,0 +1,95 @@
+"""`fpjax simulate` as its user meets it: a log that reads back, traces, replays."""
+
+import json
+
+import numpy as np
+import pytest
+from cli_case import EMPS, REPO, SERVO, refuse, run
+
+import fpjax
+from fpjax.logs import read_log
+from fpjax.model_file import load_model
+
+
+def test_simulate_leaves_a_log_that_reads_back(servo, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert run("simulate", servo, "--out", out) == 0
+    printed = capsys.readouterr().out
+    assert "tracking error, rms" in printed
+    assert {entry.name for entry in out.iterdir()} == {
+        "simulation.csv", "simulation.json", "simulation.png", "run.json"
+    }  # fmt: skip
+    measures = json.loads((out / "simulation.json").read_text())["measures"]
+    model = load_model(servo)
+    direct = fpjax.simulate(
+        model.loop, model.reference, dt=1e-3, duration=1.0, stepping="sampled", record=("velocity", "torque"),
+        measures={"rms": fpjax.RootMeanSquare()},
+    )  # fmt: skip
+    assert measures["tracking error, rms"]["value"] == pytest.approx(float(direct.measures["rms"]), rel=1e-12)
+    log = read_log(out / "simulation.csv")
+    assert log.dt == 1e-3
+    np.testing.assert_allclose(log.velocity, direct.signals["velocity"], atol=1e-9)
+    np.testing.assert_allclose(log.torque, direct.signals["torque"], atol=1e-7)
+
+
+def test_run_json_traces_a_figure(servo, tmp_path):
+    import hashlib
+
+    out = tmp_path / "out"
+    assert run("simulate", servo, "--out", out, "--seed", 7, "--no-plots") == 0
+    record = json.loads((out / "run.json").read_text())
+    assert record["command"][:2] == ["fpjax", "simulate"]
+    assert record["inputs"][0]["sha256"] == hashlib.sha256(SERVO.encode()).hexdigest()
+    assert record["seeds"] == {"sensor noise": 7}
+    assert {"fpjax", "jax", "numpy", "python", "backend"} <= set(record["versions"])
+    assert record["seconds"]["total"] > 0
+    assert record["status"] == "completed"
+
+
+def test_set_and_duration_change_the_run(servo, tmp_path, capsys):
+    assert run("simulate", servo, "--set", "plant.friction.coulomb=0.001", "--duration", 0.1) == 0
+    assert "101 samples" in capsys.readouterr().out
+    refuse(capsys, "simulate", servo, "--set", "plant.inertai=1", match="did you mean 'plant.inertia'")
+    refuse(capsys, "simulate", servo, "--set", "plant.inertia", match="is not NAME=NUMBER")
+    for number in ("1_0", "inf", "nan", "١"):
+        refuse(capsys, "simulate", servo, "--set", f"plant.inertia={number}", match="is not NAME=NUMBER")
+    refuse(capsys, "simulate", servo, "--set", "plant.inertia=1e39", match="too large")
+    refuse(capsys, "simulate", servo, "--duration", "1_0", match="invalid number value: '1_0'")
+    refuse(capsys, "tune", servo, "--starts", "1_0", match="invalid whole number value: '1_0'")
+    refuse(
+        capsys,
+        "simulate",
+        servo,
+        "--set",
+        "plant.inertia=-3",
+        match="inertia must be finite and above zero, got -3 kg m^2",
+    )
+    refuse(capsys, "simulate", servo, "--duration", "-1", match="got -1 s")
+
+
+def test_a_replay_of_the_models_own_log_is_exact(servo, log, tmp_path, capsys):
+    out = tmp_path / "again"
+    assert run("simulate", servo, "--log", log, "--out", out) == 0
+    found = json.loads((out / "replay.json").read_text())
+    assert found["errors"]["velocity"]["relative"] < 1e-6
+    assert found["errors"]["torque"]["relative"] < 1e-6
+    assert (out / "replay.png").stat().st_size > 10_000
+    assert run("simulate", servo, "--log", log, "--set", "plant.friction.coulomb=25") == 0
+    assert "velocity" in capsys.readouterr().out
+
+
+@pytest.mark.skipif(not EMPS.exists(), reason="the EMPS records are not here")
+def test_emps_replay(tmp_path, capsys):
+    example = REPO / "examples" / "emps.toml"
+    words = ["simulate", example, "--log", EMPS, "--columns", "emps", "--no-plots"]
+    assert run(*words, "--out", tmp_path) == 0
+    errors = json.loads((tmp_path / "replay.json").read_text())["errors"]
+    assert errors["torque"]["relative"] < 0.055
+    assert errors["position"]["rms"] < 2e-6
+    rest = [*words, "--from-rest", "--out", tmp_path / "rest"]
+    assert run(*rest) == 0
+    slow = json.loads((tmp_path / "rest" / "replay.json").read_text())["errors"]
+    # The record starts in motion: a start at rest costs the first tenths of a second.
+    assert errors["torque"]["relative"] < slow["torque"]["relative"] < 0.055
+    assert slow["position"]["rms"] == pytest.approx(1.77e-6, abs=0.05e-6)
+    refuse(capsys, "simulate", example, "--log", EMPS, match="torque is in V and the model's in N")

@@ -1,0 +1,161 @@
+"""What the report says and draws of a diagnosis: sentences, digits, units, the model with its changes, pictures."""
+
+import dataclasses
+import math
+import re
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from report_cases import CASES
+
+from fpjax.gap import EFFECTS, Estimate, Identifiability, Share, Where
+from fpjax.gap.report import (
+    digits,
+    markup,
+    model_text,
+    reading,
+    record_picture,
+    text,
+    where_picture,
+    words,
+)
+from fpjax.model_file import dump_model, load_model
+
+
+def test_verdicts_have_fitting_sentences():
+    told = {name: make() for name, make in CASES.items()}
+    sentences = {name: text.verdict_sentence(told[name]) for name in told}
+    assert sentences["explained"].startswith("The simulation lacks Stribeck friction; with that put right")
+    assert "cannot tell which" in sentences["pair_with_twins"]
+    assert "a constant torque or asymmetric friction" in sentences["pair_with_twins"]
+    assert "agrees" in sentences["no_gap"]
+    assert "no effect of the vocabulary closes" in sentences["unexplained"]
+    assert re.search(r"misses [\d.]+\u202fN rms of force", sentences["unexplained"])
+    assert text.confidence_sentence(told["explained"]).replace("\u202f", " ") == "Very likely (96 %)."
+    assert all(sentence.count(".\n") == 0 and sentence.endswith(".") for sentence in sentences.values())
+    one_open = dataclasses.replace(told["pair_with_twins"], causes=("constant_torque", "backlash"))
+    assert "asymmetric friction (this log cannot tell which), and backlash; with both" in text.verdict_sentence(
+        one_open
+    )
+    partly = text.verdict_sentence(told["partly_explained"]).replace("\u202f", " ")
+    assert re.match(r"Stribeck friction explains \d+ % of the missing torque; \d+ % is left \(", partly)
+    assert not re.search(r"not|fail|but|only", partly)
+    wrong = dataclasses.replace(told["explained"], causes=("inertia_error",))
+    assert text.verdict_sentence(wrong).startswith("The simulation has a wrong inertia;")
+    linear = dataclasses.replace(wrong, motion="linear")
+    assert text.verdict_sentence(linear).startswith("The simulation has a wrong mass;")
+
+
+def test_units_and_shares_are_spelled_for_people():
+    assert digits.show_unit("N m s^2/rad^2") == "N·m·s²/rad²"
+    assert digits.show_unit("kg m^2") == "kg·m²"
+    assert digits.show_unit("1") == ""
+    assert digits.scale_for(0.00402, "s") == (1e3, "ms")
+    assert digits.scale_for(3e-5, "rad") == (1e6, "µrad")
+    assert digits.scale_for(3e-5, "kg m^2") == (1.0, "kg m^2")
+    spaces = str.maketrans({"\u202f": " "})
+    shares = {0.9996: "99.9 %", 1.0: "100 %", 0.0: "0 %", 0.0004: "< 0.1 %", 0.004: "0.4 %", 0.5: "50 %", -0.04: "−4 %"}
+    assert {share: digits.show_percent(share).translate(spaces) for share in shares} == shares
+
+
+def test_confidence_is_that_of_the_diagnosis():
+    assert text.confidence_sentence(dataclasses.replace(CASES["explained"](), probability=0.0)) == ""
+    assert [words.sure(p) for p in (0.99, 0.9, 0.6, 0.1)] == [
+        "practically certain",
+        "very likely",
+        "more likely than not",
+        "little more than a guess",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "shown", "interval"),
+    [
+        (20.3871, 20.31, 20.46, "20.387", "20.310 to 20.460"),
+        (20.3871, 19.0, 22.0, "20.4", "19.0 to 22.0"),
+        (2.0412e-4, 2.01e-4, 2.07e-4, "2.041×10⁻⁴", "2.010×10⁻⁴ to 2.070×10⁻⁴"),
+        (-0.5, -3.0, 2.0, "−0.5", "−3.0 to 2.0"),
+        (1286.0, 950.0, 1610.0, "1286", "950 to 1610"),
+        (0.0, -1e-3, 1e-3, "0.0000", "−0.0010 to 0.0010"),
+        (3.14159, math.nan, math.nan, "3.142", ""),
+    ],
+)
+def test_digits_are_those_that_the_interval_earns(value, low, high, shown, interval):
+    assert digits.show_estimate(Estimate(value, low, high)) == (shown, interval)
+
+
+def test_a_parameter_at_its_bound_has_no_interval():
+    pinned, bound = (
+        Identifiability("gap", 1e-3, deviation, "rad", verdict)
+        for deviation, verdict in ((1e-5, "pinned"), (0.0, "at a bound"))
+    )
+    told = [reading.fixed(found) for found in (pinned, bound)]
+    assert told[0].bounded
+    assert told[0].high == pytest.approx(1e-3 + 1.645e-5)
+    assert not told[1].bounded
+    assert words.state_meaning("at a bound")
+    assert words.state_meaning("traded off with viscous")
+
+
+def test_what_changed_in_the_model_is_marked():
+    nominal = '[plant]\ninertia = 0.05  # measured\n[friction]\ncoulomb = 0.40\nviscous = 0.03\nnote = "a # b"\n'
+    corrected = '[plant]\ninertia = 5e-2\n[friction]\ncoulomb = 0.42\nnote = "a # b"\n\n[actuator]\ndelay = 0.004\n'
+    lines, gone = model_text.compare(nominal, corrected)
+    assert [line.change for line in lines] == ["", "", "", "changed", "", "", "added", "added"]
+    assert lines[3].was == "0.40"
+    assert gone == ["friction.viscous = 0.03"]
+    assert model_text.count_changes(nominal, corrected) == 3
+    assert not any(line.change for line in model_text.compare("", corrected)[0])
+
+
+def test_defaults_that_became_visible_are_no_change():
+    nominal = (
+        '[units]\nmotion = "rotary"\n[plant]\ntype = "one_mass"\ninertia = 0.1\n'
+        '[friction]\ntype = "coulomb_viscous"\ncoulomb = 0.4\nviscous = 0.03\n[simulation]\ndt = 0.001\n'
+    )
+    spelled_out = dump_model(load_model(nominal))
+    assert "solver" in spelled_out
+    assert model_text.count_changes(nominal, spelled_out) == 0
+    changed = spelled_out.replace("inertia = 0.1", "inertia = 0.11")
+    lines, gone = model_text.compare(nominal, changed)
+    assert [(line.text.split()[0], line.was) for line in lines if line.change] == [("inertia", "0.1")]
+    assert gone == []
+
+
+def test_the_vocabulary_is_worded_completely():
+    assert set(words.EFFECTS) == {effect.name for effect in EFFECTS} | {"velocity_quantisation"}
+    assert len({w.name for w in words.EFFECTS.values()}) == len(words.EFFECTS)
+
+
+def test_escaping_covers_attributes():
+    assert markup.text("<a \"b\" 'c' &>") == "&lt;a &quot;b&quot; &#x27;c&#x27; &amp;&gt;"
+
+
+def test_logs_of_the_same_hours_are_laid_end_to_end():
+    full = CASES["explained"]()
+    for count, label in ((1, "time [s]"), (2, "withheld time, logs end to end [s]")):
+        figure = Figure()
+        told = dataclasses.replace(full, comparisons=full.comparisons * count)
+        record_picture.draw_record(figure, told, narrow=True)
+        assert figure.axes[1].get_xlabel() == label
+
+
+def test_a_frequency_bin_that_begins_at_zero_is_in_the_picture():
+    edges = [0.0, 0.1, 1.0, 10.0, 100.0]
+    bins = tuple(Share(a, b, share) for a, b, share in zip(edges[:-1], edges[1:], (0.7, 0.1, 0.1, 0.1), strict=True))
+    full = CASES["bare"]()
+    told = dataclasses.replace(full, where=Where(maps={"frequency": bins}, frequency=bins[:1]))
+    figure = Figure()
+    where_picture.draw_where(figure, told, narrow=True)
+    axes = figure.axes[0]
+    assert axes.get_xscale() == "log"
+    assert 0.0 < axes.get_xlim()[0] < 0.1 / 2
+    assert axes.get_ylim()[1] > 0.7
+
+
+def test_the_worst_place_is_where_the_nominal_model_is_most_wrong():
+    series, first, last = record_picture.worst_place(record_picture.series_of(CASES["unexplained"]()))
+    error = np.abs(series.commanded - series.before)
+    assert first <= int(np.argmax(error)) <= last
+    assert last - first < 0.3 * len(series.time)
