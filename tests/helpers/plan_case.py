@@ -21,5 +21,9 @@ dt = 4e-3
 """
 
 
-def servo(sensors="velocity", controller="pi", gains="kp = 4.0\nki = 40.0", reference="velocity"):
-    return load_model(SERVO.format(sensors=sensors, controller=controller, gains=gains, reference=reference))
+def servo_text(sensors="velocity", controller="pi", gains="kp = 4.0\nki = 40.0", reference="velocity"):
+    return SERVO.format(sensors=sensors, controller=controller, gains=gains, reference=reference)
+
+
+def servo(*words, **named):
+    return load_model(servo_text(*words, **named))

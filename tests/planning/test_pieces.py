@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from plan_case import SERVO, servo
+from plan_case import servo, servo_text
 
 from fpjax.cli.command_line import main
 from fpjax.errors import InputError
@@ -303,8 +303,7 @@ def test_a_plan_writes_what_a_drive_and_a_model_read(aim, tmp_path):
     assert content["aim"] == aim
     assert content["limits"]["speed"] == 5.0
     (tmp_path / "servo.toml").write_text(
-        SERVO.format(sensors="velocity", controller="pi", gains="kp = 4.0\nki = 40.0")
-        + 'duration = 2.0\n[reference]\ntype = "recorded"\nfile = "next/reference.csv"\n'
+        servo_text() + 'duration = 2.0\n[reference]\ntype = "recorded"\nfile = "next/reference.csv"\n'
     )
     reference = load_model(tmp_path / "servo.toml").needed_reference()
     np.testing.assert_allclose(np.asarray(reference.readout(jnp.asarray(made.time))), made.reference, atol=1e-6)
@@ -328,7 +327,7 @@ def test_a_plan_writes_what_a_drive_and_a_model_read(aim, tmp_path):
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(words, sentence, tmp_path, capsys):
     path = tmp_path / "servo.toml"
-    path.write_text(SERVO.format(sensors="velocity", controller="pi", gains="kp = 4.0\nki = 40.0"))
+    path.write_text(servo_text())
     try:
         code = main(["plan", "--model", str(path), "--out", str(tmp_path / "out"), "--no-cache", *words])
     except SystemExit as error:

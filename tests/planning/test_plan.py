@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from plan_case import SERVO, servo
+from plan_case import servo, servo_text
 
 import fpjax as fp
 from fpjax.cli.command_line import main
@@ -50,9 +50,7 @@ def test_exact_twins_bring_no_evidence_and_are_said_to_be():
 
 @pytest.mark.long
 def test_a_model_alone_makes_every_effect_visible_that_a_run_can_show(tmp_path, capsys):
-    (tmp_path / "servo.toml").write_text(
-        SERVO.format(sensors="both", controller="pi", gains="kp = 4.0\nki = 40.0", reference="velocity")
-    )
+    (tmp_path / "servo.toml").write_text(servo_text(sensors="both"))
     words = [word for name, value in GIVEN.items() for word in (f"--{name}", str(value))]
     out = tmp_path / "next"
     assert main(["plan", "--model", str(tmp_path / "servo.toml"), "--out", str(out), *words]) == 0
