@@ -81,7 +81,7 @@ def start_jax(arguments: argparse.Namespace) -> None:
         import jax
 
         jax.config.update("jax_enable_x64", True)
-        from .. import public as public  # the rest of what takes seconds to import
+        from .. import model_file as model_file  # what every command needs; the rest is imported where it is used
     if not arguments.no_cache:
         from ..compiled.native import enable_compilation_cache
 

@@ -1,17 +1,22 @@
-"""One style for every picture: a palette that colour-blind readers can tell apart, and files written whole."""
+"""One style for every picture: a palette that colour-blind readers can tell apart, and files written whole.
+
+matplotlib is imported where something is drawn: it takes half a second, and most of what imports this draws nothing.
+"""
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from matplotlib import rc_context
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from ..errors import InputError
 from .runfile import whole_file
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Okabe and Ito, "Color universal design" (2008): distinct under the common colour deficiencies.
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PURPLE = (
@@ -69,6 +74,8 @@ STYLE: Any = {
 
 def style() -> AbstractContextManager[None]:
     """The common style for what is drawn inside the `with`: lines, titles and legends take it when they are made."""
+    from matplotlib import rc_context
+
     return rc_context(STYLE)
 
 
@@ -96,6 +103,9 @@ def new_figure(
     Returns:
         (figure, axes of shape (rows, columns)).
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     if size is None:
         size = (6.6 if columns == 1 else 4.4 * columns, 3.4 if rows == 1 else 2.4 * rows)
     with style():

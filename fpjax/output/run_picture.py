@@ -1,12 +1,16 @@
 """The picture of a run: reference and motion, error, torques, estimates with their truth."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from .plotting import BLUE, GREY, RED, new_figure, style, thin
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 KINDS = {"coulomb": "N m", "viscous": "N m s/rad", "steepness": "s/rad"}
 WITHIN = 1.0  # of the last quarter's estimate, either side, that a panel shows: the start's swing would hide the rest

@@ -80,7 +80,7 @@ def noise_floor(search: Search, windows: Sequence[Values] | None = None) -> floa
         search: of the logs.
         windows: one array of indices a record; the withheld ones where not given.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtri  # scipy.stats takes a second to import
 
     modes, windows = search.modes, search.withheld if windows is None else windows
     fitter = search.fitters[search.exact.family.key]
@@ -94,7 +94,7 @@ def noise_floor(search: Search, windows: Sequence[Values] | None = None) -> floa
     if not square > 0.0:
         return 0.0
     scale, degrees = square / mean, mean**2 / square
-    return float(np.sqrt(max(scale * chi2.ppf(0.95, degrees) - mean, 0.0)))
+    return float(np.sqrt(max(scale * float(chdtri(degrees, 0.05)) - mean, 0.0)))
 
 
 def _step(name: str, squares: Values) -> Step:

@@ -17,8 +17,8 @@ log, and quiet stretches count for what they show.
 """
 
 import functools
+import itertools
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +33,30 @@ BURST_SCALE = 0.5  # of the Laplace law of the natural logarithm of a burst [1]
 FINEST, COARSEST = 0.03, 1e7  # of the smallest level that a mode can show at all
 
 Values = np.ndarray
+
+
+@dataclass(frozen=True)
+class _Atoms:
+    """Attributes: see `Modes._atoms`.
+
+    first: mode of each atom, shape (atoms,).
+    count: modes in it.
+    band: octave.
+    flat: lambda.
+    tile: number of its tile, from 0.
+    first_of_tile: first atom of each tile.
+    of_side: atoms of each side.
+    place: atom of each mode, shape (modes,).
+    """
+
+    first: Values
+    count: Values
+    band: Values
+    flat: Values
+    tile: Values
+    first_of_tile: Values
+    of_side: tuple[slice, ...]
+    place: Values
 
 
 @dataclass(frozen=True)
@@ -112,11 +136,17 @@ class Modes:
         by_burst = self._by_burst(level, noise, coefficients, white)
         share = _LAW * np.exp(-0.5 * (by_burst - np.min(by_burst, axis=2, keepdims=True)))
         share /= np.sum(share, axis=2, keepdims=True)
-        share = share[:, self._sides if white else self.tile]
-        out = np.empty_like(coefficients)
-        for rows, total in self._by_noise(self._signal(level), noise):
-            out[rows] = np.sum(share[rows] / total, axis=2)
-        return out
+        atoms = self._atoms
+        signal = (level[atoms.band] ** 2 * atoms.flat)[:, None] * 4.0**BURSTS
+        out = np.empty((len(noise), len(signal)))
+        for kind in np.unique(noise):
+            rows, sharper = noise == kind, 1.0 / (kind + signal)
+            if white:
+                for side, own in enumerate(atoms.of_side):
+                    out[rows, own] = share[rows, side] @ sharper[own].T
+            else:
+                out[rows] = np.sum(share[rows][:, atoms.tile] * sharper, axis=2)
+        return out[:, atoms.place]
 
     def best_level(self, noise: Values, coefficients: Values, *, white: bool) -> Values:
         """The levels that make coefficients most likely, bursts integrated out, shape (bands,).
@@ -127,16 +157,16 @@ class Modes:
         coarse = np.concatenate([np.zeros((1 + _BELOW, self.bands)), self.levels[1::PER_OCTAVE]])
         coarse = np.concatenate([coarse, coarse[-1] * 2.0 ** np.arange(1, BURSTS[-1] + 1)[:, None]])
         costs = self._at(coarse, noise, coefficients, white)
-        count = len(coarse) - _BELOW - BURSTS[-1]
         least = np.min(costs, axis=2, keepdims=True)
-        likely = np.exp(-0.5 * (costs - least))
-        mixed = sum(p * likely[..., _BELOW + j : _BELOW + j + count] for p, j in zip(_LAW, BURSTS, strict=True))
+        mixed = np.exp(-0.5 * (costs - least)) @ _law_along(len(coarse))
         # A level at which a tile is impossible costs that tile a thousand nats, and not everything.
         best = self._best(-2.0 * np.log(np.maximum(mixed, 1e-300)) + least, white)
         middle = np.where(best > 0, (best - 1) * PER_OCTAVE + 1, 0)
         around = np.clip(middle[None] + np.arange(1 - PER_OCTAVE, PER_OCTAVE)[:, None], 0, len(self.levels) - 1)
         tries = self.levels[around, np.arange(self.bands)]
-        best = self._best(np.stack([_mixed(self._by_burst(t, noise, coefficients, white)) for t in tries], 2), white)
+        every = (tries[:, None] * 2.0 ** BURSTS[:, None]).reshape(-1, self.bands)
+        costs = self._at(every, noise, coefficients, white)
+        best = self._best(_mixed(costs.reshape(*costs.shape[:2], len(tries), len(BURSTS))), white)
         return tries[best, np.arange(self.bands)]
 
     def _best(self, costs: Values, white: bool) -> Values:
@@ -171,23 +201,38 @@ class Modes:
 
     def _at(self, levels: Values, noise: Values, coefficients: Values, white: bool) -> Values:
         """Twice the negative log likelihood by window, tile (or side, if white) and level, given as (values, bands)."""
-        edges = self._first_modes_of_sides if white else self._first_modes
-        found = np.empty((len(noise), len(edges), len(levels)))
-        signal = levels[:, self.band].T ** 2 * self.flat[:, None]
+        atoms = self._atoms
+        squares = np.add.reduceat(coefficients**2, atoms.first, axis=1)
+        signal = levels[:, atoms.band].T ** 2 * atoms.flat[:, None]
+        sides = atoms.of_side
+        found = np.empty((len(noise), len(sides) if white else len(atoms.first_of_tile), len(levels)))
         for kind in np.unique(noise):
             rows, total = noise == kind, kind + signal
-            logs = np.add.reduceat(np.log(total), edges, axis=0)
-            found[rows] = np.add.reduceat(coefficients[rows][:, :, None] ** 2 / total, edges, axis=1) + logs
+            logs, sharper = atoms.count[:, None] * np.log(total), 1.0 / total
+            if white:
+                for side, own in enumerate(sides):
+                    found[rows, side] = squares[rows, own] @ sharper[own] + np.sum(logs[own], axis=0)
+            else:
+                each = squares[rows][:, :, None] * sharper + logs
+                found[rows] = np.add.reduceat(each, atoms.first_of_tile, axis=1)
         return found
 
-    def _signal(self, level: Values) -> Values:
-        """q^2 lambda by turned coefficient and burst, shape (modes, bursts)."""
-        return (level[self.band] ** 2 * self.flat)[:, None] * 4.0**BURSTS
+    @functools.cached_property
+    def _atoms(self) -> "_Atoms":
+        """Modes in a row with one lambda, tile and octave: to the likelihood they are one number, their sum of squares.
 
-    @staticmethod
-    def _by_noise(signal: Values, noise: Values) -> Iterator[tuple[Values, Values]]:
-        for kind in np.unique(noise):
-            yield noise == kind, kind + signal
+        Most tiles are one: of their turned coefficients only the sum of squares counts.
+        """
+        same = (np.diff(self.tile) == 0) & (np.diff(self.band) == 0) & (np.diff(self.flat) == 0.0)
+        first = np.flatnonzero(np.concatenate([[True], ~same]))
+        count = np.diff(np.append(first, len(self.tile)))
+        tile, ends = self.tile[first], np.append(self._first_modes_of_sides, len(self.tile))
+        sides = [slice(*np.searchsorted(first, [a, b])) for a, b in itertools.pairwise(ends)]
+        tile = np.cumsum(np.diff(tile, prepend=tile[0]) != 0)
+        return _Atoms(
+            first, count.astype(float), self.band[first], self.flat[first], tile,
+            np.flatnonzero(np.diff(tile, prepend=-1)), tuple(sides), np.repeat(np.arange(len(first)), count),
+        )  # fmt: skip
 
     @functools.cached_property
     def _first_modes(self) -> Values:
@@ -222,6 +267,16 @@ class Modes:
 _BELOW = -int(BURSTS[0])
 _LAW = np.exp(-np.abs(BURSTS) * math.log(2.0) / BURST_SCALE) * np.gradient(BURSTS.astype(float))
 _LAW = _LAW / np.sum(_LAW)
+
+
+@functools.lru_cache(maxsize=8)
+def _law_along(values: int) -> Values:
+    """The bursts' law around each of some levels an octave apart, shape (values, levels)."""
+    levels = values - _BELOW - BURSTS[-1]
+    out = np.zeros((values, levels))
+    for place in range(levels):
+        out[_BELOW + place + BURSTS, place] = _LAW
+    return out
 
 
 def _mixed(by_burst: Values) -> Values:

@@ -8,7 +8,6 @@ differentiator (the reading is summed to an angle first), so that its bandwidth 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ...logs.measures import is_derived, local_polynomial
 from ..data.record import Record
@@ -127,8 +126,21 @@ def _lagged(values: Values, time: float, dt: float) -> Values:
         return values
     decay = np.exp(-dt / time)
     gain = time / dt * (1.0 - decay)
-    out, _ = lfilter([1.0 - gain, gain - decay], [1.0, -decay], values, zi=[values[0] * (1.0 - (1.0 - gain))])
-    return out
+    drive = (1.0 - gain) * values[1:] + (gain - decay) * values[:-1]
+    return np.concatenate([values[:1], _decaying(drive, decay, float(values[0]))])
+
+
+def _decaying(drive: Values, decay: float, before: float) -> Values:
+    """y[k] = decay y[k - 1] + drive[k], y[-1] = `before`, a block at a time (scipy.signal takes a second to import)."""
+    count, block = len(drive), 64
+    rows = np.pad(drive, (0, -count % block)).reshape(-1, block)
+    lag = np.arange(block)[:, None] - np.arange(block)
+    within = rows @ np.where(lag >= 0, decay ** np.maximum(lag, 0), 0.0).T
+    starts = np.empty(len(rows))
+    for row, last in enumerate(within[:, -1]):
+        starts[row] = before
+        before = last + decay**block * before
+    return (within + starts[:, None] * decay ** np.arange(1, block + 1)).ravel()[:count]
 
 
 def _delayed(values: Values, time: float, dt: float) -> Values:
