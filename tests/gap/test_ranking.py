@@ -9,7 +9,7 @@ import pytest
 from fpjax.gap import Estimate, Ranked
 from fpjax.gap.answer.confusable import indistinguishable
 from fpjax.gap.answer.ranking import share_alike
-from fpjax.gap.effects.twins import Log, Twin, exact_twins
+from fpjax.gap.effects.twins import Log, Twin, exact_twins, single_twins
 from fpjax.gap.select.decision import Weighed
 from fpjax.gap.select.thresholds import THRESHOLDS
 from fpjax.gap.select.verdict import Seen, verdict
@@ -32,16 +32,18 @@ def weighed(names, evidence, wide=(), left=0.2):
     return Weighed(SimpleNamespace(candidate=candidate), evidence, evidence, left)
 
 
-def judged(chosen, rivals, *, left=0.02, before=1.0, shares=None, readings=(), exact=0.0, allowed=()):
+def judged(
+    chosen, rivals, *, left=0.02, before=1.0, shares=None, readings=(), exact=0.0, allowed=(), numbers=1.0, **more
+):
     decision = SimpleNamespace(
         exact=SimpleNamespace(evidence=exact),
-        nominal=weighed("cogging", -1e9),
+        nominal=weighed("cogging", -1e9, left=numbers),
         singles=(),
         chosen=chosen,
         rivals=tuple(rivals),
         shares=shares or dict.fromkeys(chosen.structural, 0.5),
     )
-    return verdict(decision, Seen(before, left * before, 1e-3, 5.0, {}, tuple(readings), frozenset(allowed)))
+    return verdict(decision, Seen(before, left * before, 1e-3, 5.0, {}, tuple(readings), frozenset(allowed), **more))
 
 
 def test_the_word_follows_what_is_left_and_how_sure_the_cause_is():
@@ -115,6 +117,43 @@ def test_the_chosen_causes_with_details_beside_them_are_no_rival():
     )  # fmt: skip
     assert found.causes == ("inertia_error",)
     assert found.main["inertia_error"] > 0.5
+
+
+def test_an_effect_is_measured_by_what_no_choice_of_the_numbers_closes():
+    chosen = weighed("friction_drift", 500.0, wide=("inertia",))
+    shares = {"inertia_error": 0.74, "friction_drift": 0.055}
+    assert judged(chosen, [], shares=shares, numbers=1.0).causes == ("inertia_error", "friction_drift")
+    # What the numbers leave is nearly all the drift's.
+    assert judged(chosen, [], shares=shares, numbers=0.24).causes == ("friction_drift", "inertia_error")
+    small = {"inertia_error": 0.74, "friction_drift": 0.03}
+    assert judged(chosen, [], shares=small, numbers=1.0).causes == ("inertia_error",)
+    assert judged(chosen, [], shares=small, numbers=0.2).causes == ("friction_drift", "inertia_error")
+    # Unless that is next to nothing beside the torque.
+    assert judged(chosen, [], shares=small, numbers=0.2, before=0.5).causes == ("inertia_error",)
+
+
+def test_an_exact_twin_is_no_rival_but_shares_the_probability():
+    chosen, twin = weighed("actuator_delay", 500.0), weighed("velocity_delay", 499.9)
+    assert judged(chosen, [twin]).word == "unexplained"
+    found = judged(chosen, [twin, weighed("stribeck", 100.0)], twins=single_twins(RATE_ONLY))
+    assert (found.word, found.causes) == ("explained", ("actuator_delay",))
+    assert found.ahead == pytest.approx(0.8)
+    assert found.main["actuator_delay"] + found.main["velocity_delay"] == pytest.approx(
+        THRESHOLDS.right_explained[0], abs=1e-6
+    )
+    assert found.main["velocity_delay"] == pytest.approx(found.main["actuator_delay"], rel=0.1)
+    # With an encoder beside the rate they differ.
+    assert judged(chosen, [twin], twins=single_twins(BOTH)).word == "unexplained"
+
+
+def test_a_reading_that_is_late_is_as_sure_of_its_lag_as_the_log_shows_lag_and_no_delay():
+    sure = judged(weighed("", 1.0), [], before=0.01, readings=("velocity_lag",), doubts={})
+    torn = judged(
+        weighed("", 1.0), [], before=0.01, readings=("velocity_lag",), doubts={"velocity_lag": ("velocity_delay", 0.7)}
+    )
+    assert sure.probability == pytest.approx(THRESHOLDS.right_read)
+    assert torn.probability == pytest.approx(0.7 * THRESHOLDS.right_read)
+    assert torn.main["velocity_delay"] == pytest.approx(0.3 * THRESHOLDS.right_read)
 
 
 def test_evidence_that_is_not_finite_is_no_rival():

@@ -10,10 +10,11 @@ from ...model_file import Model
 from ..data.record import Record, in_one_piece
 from ..effects.estimate import Estimate
 from ..effects.experiments import Experiment, next_experiment
+from ..effects.twins import single_twins
 from ..fit.candidate import Fit, nominal_sizes
 from ..fit.search import Search
 from ..select.decision import Decision
-from ..select.readings import readings
+from ..select.readings import Reading, readings
 from ..select.verdict import ROUNDING, Seen, Verdict, material, verdict
 from .corrected import corrected_model
 from .course import Course, course_of
@@ -22,7 +23,7 @@ from .intervals import covariance, identifiability, linear_unit, read_estimates
 from .learned import learn
 from .machines import machine_of, with_reading
 from .posterior import make_posterior
-from .ranking import rank
+from .ranking import log_of, rank
 from .shrink import gap_of, noise_floor, rms_of, steps_of, withheld
 from .stages import StageClock
 from .tracking import Side, tracking_error
@@ -53,7 +54,7 @@ def assemble(
     read = tuple(one for one in read if not allowed or one.effect in allowed)
     wrong = (*(one.effect for one in read), *([ROUNDING] if step > 0.0 else []))
     gap = gap_of(search, decision, linear_unit("N m", linear))
-    found = verdict(decision, _seen(search, decision, gap, torque=torque, wrong=wrong, allowed=allowed))
+    found = verdict(decision, _seen(search, decision, gap, torque=torque, wrong=wrong, read=read, allowed=allowed))
     causes = [name for name in found.causes if name not in wrong]
     steps = steps_of(search, decision, causes) if causes else ()
     steps = (*steps, *(Step(name, gap.after, gap.after_interval) for name in wrong))
@@ -137,8 +138,9 @@ def _step(record: Record) -> float:
 
 
 def _seen(
-    search: Search, decision: Decision, gap: Gap, *, torque: float, wrong: tuple[str, ...], allowed: tuple[str, ...]
-) -> Seen:
+    search: Search, decision: Decision, gap: Gap, *, torque: float, wrong: tuple[str, ...],
+    read: Sequence[Reading], allowed: tuple[str, ...],
+) -> Seen:  # fmt: skip
     windows = [np.arange(len(record.starts)) for record in search.records]
     before, after = (fit.missing_rms(windows) for fit in (decision.exact, decision.chosen.fit))
     return Seen(
@@ -149,6 +151,8 @@ def _seen(
         sizes=nominal_sizes(search.setting),
         readings=wrong,
         allowed=frozenset(allowed),
+        doubts={one.effect: (one.rival, one.sure) for one in read if one.rival},
+        twins=single_twins(log_of(search)),
     )
 
 

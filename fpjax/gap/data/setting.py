@@ -32,6 +32,7 @@ class Setting:
         nominal: parameters of the nominal model by name.
         unknown_origin: a known load turns with a position that no sensor tells.
         periods: per revolution [1/rev], at which "torque" and "friction" repeat with the position.
+        contacts: values by name of backlashes that the log may show, the most likely first; None: not looked for.
     """
 
     inertia: float
@@ -48,6 +49,7 @@ class Setting:
     nominal: Mapping[str, float] = field(default_factory=dict)
     unknown_origin: bool = False
     periods: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    contacts: tuple[Mapping[str, float], ...] | None = None
 
 
 def make_setting(records: list[Record], model: Model) -> Setting:

@@ -1,12 +1,14 @@
 """Parameters: those that the effects of the vocabulary free, with units, bounds and sizes from the log."""
 
+from dataclasses import replace
 from math import pi
 
 from ..data.setting import Setting
 from ..machine import NO_LIMIT
 from .effect import Parameter, Size
 
-HIGHEST_RATIO = 0.5  # of a shaft's or a contact's damping to its critical one
+HIGHEST_RATIO = 0.5  # of a shaft's damping to its critical one
+HIGHEST_FACE_RATIO = 2.0  # likewise, of the faces of a backlash: what meets there may hardly spring back
 
 
 def _constant(value: float) -> Size:
@@ -38,6 +40,11 @@ def lowest_frequency(setting: Setting) -> float:
 def highest_frequency(setting: Setting) -> float:
     """Of a resonance that the sampling shows [Hz]: a third of the Nyquist frequency."""
     return 1.0 / (6.0 * setting.dt)
+
+
+def highest_contact(setting: Setting) -> float:
+    """Of a resonance behind the faces of a backlash [Hz]: it need not be resolved for its contacts to be seen."""
+    return 2.0 * highest_frequency(setting)
 
 
 def _amplitude(name: str, path: str) -> Parameter:
@@ -232,8 +239,11 @@ FREQUENCY = Parameter(
     lambda s: highest_frequency(s),
     lambda s: 0.05 * (lowest_frequency(s) * highest_frequency(s)) ** 0.5,
 )
-# A shaft or a tooth rings: were it overdamped, its free start would be a slow torque that explains anything.
+# A shaft rings: were it overdamped, its free start would be a slow torque that explains anything.
 DAMPING_RATIO = Parameter("damping_ratio", "1", _constant(0.1), _ZERO, _constant(HIGHEST_RATIO), _constant(0.1))
+# Behind a gap both reach further.
+FACE_FREQUENCY = replace(FREQUENCY, high=highest_contact)
+FACE_RATIO = replace(DAMPING_RATIO, high=_constant(HIGHEST_FACE_RATIO))
 LOAD_SHARE = Parameter(
     "load_share", "1", _constant(0.5), _constant(0.05), _constant(0.95), _constant(0.1), "plant.load_share"
 )

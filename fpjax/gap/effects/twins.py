@@ -72,6 +72,14 @@ def exact_twins(causes: Sequence[str], found: Parameters, log: Log) -> list[Twin
     return twins
 
 
+def single_twins(log: Log) -> dict[str, frozenset[str]]:
+    """Of each effect, what alone makes the same log in its place, or holds it as a special case."""
+    found = {"constant_torque": frozenset({"asymmetric_friction"})}
+    if not log.position:
+        found |= {delay: frozenset({other}) for delay, other in (DELAYS, DELAYS[::-1])}
+    return found
+
+
 def _directions(named: set[str], found: Parameters, log: Log) -> list[Twin]:
     """Friction that depends on the direction, against a torque that does not."""
     if {"constant_torque", "coulomb_error"} <= named:

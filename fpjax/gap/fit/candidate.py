@@ -129,7 +129,9 @@ def make_candidate(
     if setting.unknown_origin:
         wanted = ["origin", *wanted]
     free = np.array([] if exact else [names.index(n) for n in wanted], int)
-    parameters = [family.parameters[i] for i in free]
+    # What effects share, each bounds as it needs it.
+    bounded = {p.name: p for effect in effects for p in effect.parameters}
+    parameters = [bounded[names[i]] if names[i] in bounded else family.parameters[i] for i in free]
     low = np.array([p.low(setting) for p in parameters])
     high = np.array([p.high(setting) for p in parameters])
     scale = np.array([p.scale(setting) for p in parameters])

@@ -13,6 +13,7 @@ from ..precision import double_precision
 from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
 from ..simulate.hidden import Observer
 from .candidate import NOMINAL, Candidate, Fit, make_candidate
+from .contacts import contact_starts
 from .least_squares import Fitter, Linear
 from .modes import Modes, make_modes
 from .periods import repeating_periods
@@ -76,7 +77,10 @@ class Search:
         """The nominal model with its numbers free."""
         course = self.missing_course(base)
         longest = max(range(len(records)), key=lambda which: len(records[which].time))
-        self.setting = replace(self.setting, periods=repeating_periods(course[longest], records[longest], self.setting))
+        self.setting = replace(
+            self.setting, periods=repeating_periods(course[longest], records[longest], self.setting),
+            contacts=self._contacts(course, longest),
+        )  # fmt: skip
         self.exact = self._base(wide=None)
         """The nominal model as it was given."""
         self.band = self.modes.wiener(self.exact.level, np.ones(1))[0]
@@ -138,6 +142,15 @@ class Search:
         base.converged = False
         self.go_on([base], self.train, COLOURED, white=False)
         return base
+
+    def _contacts(self, courses: list[Values], which: int) -> tuple[dict[str, float], ...] | None:
+        backlash = [effect for effect in self.effects if effect.name == "backlash"]
+        if not backlash:
+            return None
+        fitter = self.fitter(key_for(tuple(backlash)))
+        observer = self.observers[fitter.family.key]
+        nominal = {name: self.base.values()[name] for name in NOMINAL}
+        return contact_starts(observer, which, self.records[which], courses[which], nominal, self.setting)
 
     def _noise_scale(self, base: Candidate) -> float:
         """By what the sensors' noise is larger than its differences say [1]."""

@@ -202,9 +202,13 @@ def _weighed(search: Search, exact: Fit, fit: Fit, evidence: float) -> Weighed:
 
 
 def _resolved(fit: Fit) -> bool:
-    """Whether a spring is one: at the end of what the data can show, or overdamped, it only absorbs what is left."""
-    spring = "compliance" in fit.candidate.structural
-    return not (spring and {"frequency", "damping_ratio"} & set(fit.candidate.at_bound()))
+    """Whether a spring is one: at the end of what the data can show, or overdamped, it only absorbs what is left.
+
+    A backlash may be overdamped, its contacts tell of it; without a gap it is such a spring.
+    """
+    ends = set(fit.candidate.at_bound())
+    spring = "compliance" in fit.candidate.structural and bool({"frequency", "damping_ratio"} & ends)
+    return not (spring or ("backlash" in fit.candidate.structural and "gap" in ends))
 
 
 def _settled(search: Search, exact: Fit, weighed: Weighed) -> Weighed:

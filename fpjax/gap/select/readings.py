@@ -5,7 +5,7 @@ compared with the encoder's own rate: scale x rate(t - delay) through a lag, + b
 differentiator (the reading is summed to an angle first), so that its bandwidth does not count.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from ..data.record import Record
 
 HALF_WIDTHS = (4, 8, 16, 32, 64)  # samples on either side of the differentiator, narrowest first
 QUIET = 0.02  # noise of the encoder's rate, of its rms, that a wider differentiator is taken to get below
+BESIDE = 0.1  # of the least mean square that a lag or a delay leaves, likewise
+FEWEST = 60  # independent samples that a comparison needs
+FEW = 10  # observations that what both models leave counts as
 LATEST = 30.0  # periods: the longest lag or delay that is tried
 GRID = 121  # lags and delays that are tried
 
@@ -30,6 +33,8 @@ class Reading:
         size: rms of what it changes in the reading, of the rate's rms [1].
         torque: rms of the torque [N m] that would make the nominal mass move by what it changes.
         evidence: log likelihood that it brings [nats], independent samples only.
+        rival: what the reading may have in its place; empty for nothing.
+        sure: probability of the effect beside its rival [1].
     """
 
     effect: str
@@ -37,6 +42,8 @@ class Reading:
     size: float
     torque: float
     evidence: float
+    rival: str = ""
+    sure: float = 1.0
 
 
 def readings(record: Record, inertia: float) -> list[Reading]:
@@ -51,21 +58,16 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     if is_derived(record.reading.values, record.position.values):
         return []  # its filter is how it was made, and not a fault of a sensor
     dt = record.dt
-    angle = np.concatenate([[0.0], np.cumsum(0.5 * (record.reading.values[1:] + record.reading.values[:-1])) * dt])
-    half = _half(record)
-    true = local_polynomial(record.position.values, half, dt=dt, degree=2, derivative=1)
-    read = local_polynomial(angle, half, dt=dt, degree=2, derivative=1)
-    inside = slice(2 * half + int(LATEST) + 1, -(half + 1))
-    count = len(true[inside]) / (2 * half + 1)
-    if count < 20 or np.std(true[inside]) == 0.0:
-        return []
     late = np.linspace(0.0, LATEST * dt, GRID)
-    fits = {
-        "velocity_lag": [_line(_lagged(true, t, dt)[inside], read[inside]) for t in late],
-        "velocity_delay": [_line(_delayed(true, t, dt)[inside], read[inside]) for t in late],
-    }
+    compared = _compared(record, late)
+    if compared is None:
+        return []
+    true, inside, count, fits = compared
     errors = {name: np.array([fit[2] for fit in some]) for name, some in fits.items()}
-    name = min(errors, key=lambda key: float(np.min(errors[key])))
+    name, other = sorted(errors, key=lambda key: float(np.min(errors[key])))
+    # What neither leaves is a fault of both models, and no noise: it counts as few observations, however long the log.
+    nats = 0.5 * FEW * float(np.log(np.min(errors[other]) / max(np.min(errors[name]), 1e-300)))
+    sure = float(1.0 / (1.0 + np.exp(-nats)))
     place = int(np.argmin(errors[name]))
     scale, bias, least = fits[name][place]
     size = float(np.sqrt(np.mean(true[inside] ** 2)))
@@ -77,9 +79,8 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     gained = 0.5 * count * float(np.log(errors[name][0] / least)) if least > 0.0 else np.inf
     change = shape - true
     key = "time_constant" if name == "velocity_lag" else "delay"
-    found.append(
-        _reading(name, {key: (time, spread / max(slope, 1e-300), "s")}, change, inside, size, inertia, dt, gained)
-    )
+    first = _reading(name, {key: (time, spread / max(slope, 1e-300), "s")}, change, inside, size, inertia, dt, gained)
+    found.append(replace(first, rival=other, sure=sure))
     deviation = spread / max(float(np.std(true[inside])), 1e-300)
     gained = 0.5 * ((scale - 1.0) / max(deviation, 1e-12)) ** 2
     change = (scale - 1.0) * shape
@@ -100,15 +101,35 @@ def _reading(
     return Reading(name, values, rms / size, torque, float(evidence))
 
 
-def _half(record: Record) -> int:
-    """The narrowest differentiator whose noise is small beside the rate."""
+def _compared(record: Record, late: Values) -> tuple[Values, slice, float, dict[str, list]] | None:
+    """(the encoder's rate; where it counts; independent samples there; lines from it to the reading, by effect and by
+    how late the reading is), None where too little is recorded.
+
+    A lag smooths the noise of the encoder's rate too, and would be taken for a lag's doing: the differentiator is the
+    narrowest whose noise is small beside what any lag or delay leaves.
+    """
     assert record.position is not None
+    assert record.reading is not None
+    dt, found = record.dt, None
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (record.reading.values[1:] + record.reading.values[:-1])) * dt])
     rate = float(np.sqrt(np.mean(record.speed**2)))
     for half in HALF_WIDTHS:
-        noise = record.position.noise / record.dt / np.sqrt(np.sum(np.arange(-half, half + 1.0) ** 2))
-        if noise < QUIET * rate or 40 * half > len(record.time):
-            return half
-    return HALF_WIDTHS[-1]
+        true = local_polynomial(record.position.values, half, dt=dt, degree=2, derivative=1)
+        read = local_polynomial(angle, half, dt=dt, degree=2, derivative=1)
+        inside = slice(2 * half + int(LATEST) + 1, -(half + 1))
+        count = len(true[inside]) / (2 * half + 1)
+        if count < FEWEST or np.std(true[inside]) == 0.0:
+            return found
+        fits = {
+            "velocity_lag": [_line(_lagged(true, t, dt)[inside], read[inside]) for t in late],
+            "velocity_delay": [_line(_delayed(true, t, dt)[inside], read[inside]) for t in late],
+        }
+        found = true, inside, count, fits
+        noise = record.position.noise / dt / np.sqrt(np.sum(np.arange(-half, half + 1.0) ** 2))
+        least = min(fit[2] for some in fits.values() for fit in some)
+        if noise < QUIET * rate and noise**2 < BESIDE * least:
+            break
+    return found
 
 
 def _line(x: Values, y: Values) -> tuple[float, float, float]:

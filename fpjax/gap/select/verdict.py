@@ -1,7 +1,7 @@
 """Verdict: what is asserted, and how probable it is; a pure function of a decision, of sizes and of thresholds."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -29,6 +29,8 @@ class Seen:
         readings: what is wrong with the velocity column beside any model of the machine, the most important first:
             its rounding (`velocity_quantisation`), and what the encoder tells (`fpjax.gap.select.readings`).
         allowed: effects that may be asserted; empty for all.
+        doubts: of a reading's error, what it may be instead, and the probability that it is not [1].
+        twins: by effect, what makes the same log in its place: no rival, since it is named beside it.
     """
 
     before: float
@@ -38,6 +40,8 @@ class Seen:
     sizes: dict[str, float]
     readings: tuple[str, ...] = ()
     allowed: frozenset[str] = frozenset()
+    doubts: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    twins: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -79,14 +83,14 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     """
     chosen = _Set(_chosen_names(decision, seen, thresholds), decision.chosen.gain)
     sets = _sets(decision, chosen, seen)
-    margin = _margin(sets, chosen)
+    margin = _margin(sets, chosen, seen)
     lead = _lead(decision, chosen, margin)
     word = _word(decision, seen, chosen, margin, lead, thresholds)
     asserted = chosen.names if word in ("explained", "partly_explained") else ()
     shares = _shares(sets, _top(word, lead, thresholds), thresholds.temper)
     main, among = _by_effect(shares)
     if seen.readings:
-        return _with_readings(Verdict(word, asserted, 0.0, main, among, margin, lead), seen.readings, thresholds)
+        return _with_readings(Verdict(word, asserted, 0.0, main, among, margin, lead), seen, thresholds)
     right = _right(word, asserted, shares, main)
     return Verdict(word, asserted, right, main, among, margin, lead)
 
@@ -104,9 +108,19 @@ def material(readings: Sequence[Reading], torque: float, t: Thresholds = THRESHO
 
 
 def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, ...]:
-    """The causes of the chosen model without which a share that matters would come back, the largest first."""
-    weight = {n: s * (t.number if n.removesuffix("_error") in NOMINAL else 1.0) for n, s in decision.shares.items()}
-    names = [n for n in sorted(weight, key=lambda n: -weight[n]) if decision.shares[n] > t.matters]
+    """The causes of the chosen model without which a share that matters would come back, the largest first.
+
+    A nominal number is measured by the whole gap, an effect by what no choice of the numbers would have closed: with
+    numbers that are guesses, most of a gap is theirs, and what is sought stands beside them.
+    """
+    rest = float(np.clip(decision.nominal.left**2, 1e-12, 1.0))
+    weight = {n: s if _is_number(n) else s / rest for n, s in decision.shares.items()}
+    shown = decision.nominal.left * seen.before > t.slight * seen.torque
+    names = [
+        n
+        for n in sorted(weight, key=lambda n: -weight[n])
+        if decision.shares[n] > t.matters or (shown and not _is_number(n) and weight[n] > t.beside)
+    ]
     names = names or list(decision.chosen.structural[:1])
     return tuple(n for n in names if not seen.allowed or n in seen.allowed)
 
@@ -131,10 +145,12 @@ def _names(w: Weighed, seen: Seen) -> tuple[str, ...]:
     return tuple(f"{n}_error" for n in wrong_numbers(w.fit, seen.sizes)[1])
 
 
-def _margin(sets: Sequence[_Set], chosen: _Set) -> float:
+def _margin(sets: Sequence[_Set], chosen: _Set, seen: Seen) -> float:
     if not chosen.names:
         return 0.0
-    return chosen.worth - max([0.0, *(s.worth for s in sets if chosen.names[0] not in s.names)])
+    first = chosen.names[0]
+    alike = {first} | seen.twins.get(first, frozenset())
+    return chosen.worth - max([0.0, *(s.worth for s in sets if not alike & set(s.names))])
 
 
 def _word(decision: Decision, seen: Seen, chosen: _Set, margin: float, lead: float, t: Thresholds) -> Word:
@@ -204,15 +220,22 @@ def _right(
     return max(1.0 - sum(main.values()), 0.0)
 
 
-def _with_readings(found: Verdict, readings: tuple[str, ...], t: Thresholds) -> Verdict:
+def _with_readings(found: Verdict, seen: Seen, t: Thresholds) -> Verdict:
     """A wrong reading makes no torque: it is a cause beside the others, or alone where there is no gap."""
+    readings = seen.readings
     word, main, asserted = found.word, dict(found.main), found.causes
-    among = dict(found.among) | dict.fromkeys(readings, t.right_read)
+    right = {name: t.right_read * seen.doubts.get(name, ("", 1.0))[1] for name in readings}
+    among = dict(found.among) | right
+    instead = {other: t.right_read * (1.0 - sure) for other, sure in seen.doubts.values() if sure < 1.0}
+    among |= {other: max(share, among.get(other, 0.0)) for other, share in instead.items()}
     first, names = readings[0], (*asserted, *(name for name in readings if name not in asserted))
     if word == "no_gap":
-        word, right = "explained", t.right_read
-        main = {name: min(share, 1.0 - t.right_read) for name, share in main.items()} | {first: t.right_read}
+        word, probability = "explained", right[first]
+        main = {name: min(share, 1.0 - t.right_read) for name, share in main.items()} | {first: right[first]}
+        other, sure = seen.doubts.get(first, ("", 1.0))
+        if other:
+            main[other] = t.right_read * (1.0 - sure)
     else:
-        main = main | {first: max(t.right_read - sum(main.values()), 0.0)}
-        right = sum(main[name] for name in asserted[:1]) if asserted else max(1.0 - sum(main.values()), 0.0)
-    return replace(found, word=word, causes=names, probability=right, main=main, among=among)
+        main = main | {first: max(right[first] - sum(main.values()), 0.0)}
+        probability = sum(main[name] for name in asserted[:1]) if asserted else max(1.0 - sum(main.values()), 0.0)
+    return replace(found, word=word, causes=names, probability=probability, main=main, among=among)

@@ -27,6 +27,7 @@ from .family import Family
 from .replay import LANES, SUBSTEPS, assembled, command_at, lane_kernel
 
 PAST = 384  # periods of the past that a hidden state is integrated over
+BLOCK = 4096  # samples: a whole log is run in lengths of so many
 
 
 class Observer:
@@ -39,6 +40,8 @@ class Observer:
         self.fixed = [jax.tree.leaves((nominal, at)) for at in tables]
         structure = jax.tree.structure((nominal, tables[0]))
         self.run = _kernel(family.key[0], family.effects, family.parameters, structure)
+        if family.key[0] == "transmission":
+            self.whole = _whole_kernel(family.effects, family.parameters, structure)
 
     def centers(self, vectors: np.ndarray, which: int, windows: np.ndarray) -> np.ndarray:
         """Hidden states at the start of windows, shape (2, lanes).
@@ -68,6 +71,24 @@ class Observer:
                 found[:, first:last] = np.stack([np.asarray(o) for o in out])[:, : last - first]
         return np.where(np.isfinite(found), found, 0.0)
 
+    def shafts(self, vectors: np.ndarray, which: int) -> np.ndarray:
+        """What the shaft of a transmission asks of a motor that moves as measured [N m], shape (samples - 1, lanes).
+
+        Args:
+            vectors: parameters of at most `LANES` lanes, (parameters, lanes).
+            which: index of the record.
+        """
+        record, count = self.records[which], vectors.shape[1]
+        samples = len(record.time)
+        # Whole blocks: a log of another length then runs what is compiled already.
+        index = np.minimum(np.arange(-(-samples // BLOCK) * BLOCK), samples - 1)
+        lanes = np.minimum(np.arange(LANES), count - 1)
+        with double_precision():
+            out = self.whole(
+                self.fixed[which], vectors[:, lanes], record.angle[index], record.speed[index], index.astype(np.int32)
+            )
+        return np.asarray(out)[: samples - 1, :count]
+
 
 @functools.lru_cache(maxsize=16)
 def _kernel(
@@ -78,6 +99,21 @@ def _kernel(
     def run(fixed: tuple[Machine, Tables], vector: Array, angle: Array, speed: Array, past: Array) -> Any:
         nominal, tables = fixed
         return observe(assembled(nominal, effects, parameters, vector), angle, speed, past, tables)
+
+    return lane_kernel(run, fixed)
+
+
+@functools.lru_cache(maxsize=16)
+def _whole_kernel(effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], fixed: Any) -> Callable[..., Array]:
+    def run(fixed: tuple[Machine, Tables], vector: Array, angle: Array, speed: Array, past: Array) -> Array:
+        nominal, tables = fixed
+        machine = assembled(nominal, effects, parameters, vector)
+        lanes = vector.shape[1]
+
+        def alike(values: Array) -> Array:
+            return jnp.broadcast_to(values[:, None], (values.shape[0], lanes))
+
+        return _driven(machine, alike(angle), alike(speed), alike(past), tables, lambda mean: mean)[2]
 
     return lane_kernel(run, fixed)
 
@@ -96,6 +132,27 @@ def _bristles(machine: Machine, angle: Array, speed: Array, past: Array, tables:
 
 def _transmission(machine: Machine, angle: Array, speed: Array, past: Array, tables: Any) -> tuple[Array, Array]:
     """Twist [rad] and relative speed [rad/s], motor less load."""
+    position, velocity, _ = _driven(machine, angle, speed, past, tables, lambda mean: None)
+    sign = jnp.where(machine.sensor.load_side > 0.5, 1.0, -1.0)
+    return sign * (position - angle[-1]), sign * (velocity - speed[-1])
+
+
+def _driven(
+    machine: Machine, angle: Array, speed: Array, past: Array, tables: Any, keep: Callable[[Array], Any]
+) -> tuple[Array, Array, Any]:
+    """The hidden mass of a transmission whose other mass moves as it was measured.
+
+    Args:
+        machine: of the lanes.
+        angle: of the measured mass [rad], shape (samples, lanes).
+        speed: likewise [rad/s].
+        past: index of each sample in the log, (samples, lanes).
+        tables: the log.
+        keep: what is kept of the shaft's mean torque over each period [N m].
+
+    Returns:
+        (position [rad], velocity [rad/s] of the hidden mass at the last sample, what was kept of every period).
+    """
     plant = machine.plant
     assert isinstance(plant, Transmission)
     law, on_load = plant.friction, machine.sensor.load_side > 0.5
@@ -111,11 +168,12 @@ def _transmission(machine: Machine, angle: Array, speed: Array, past: Array, tab
     assert isinstance(law, AbstractStaticFriction)
     gain, delay, offset = actuator.gain, actuator.delay, actuator.offset
 
-    def period(carry: tuple[Array, Array], row: tuple[Array, ...]) -> tuple[tuple[Array, Array], None]:
+    def period(carry: tuple[Array, Array], row: tuple[Array, ...]) -> tuple[tuple[Array, Array], Any]:
         position, velocity = carry  # of the hidden mass
         seen, after, rate, rate_after, index = row
         command = command_at(tables, index, delay)
         plain = jnp.where(on_load, gain * command + offset, 0.0)
+        mean = jnp.zeros_like(position)
         for k in range(substeps):
             middle = (k + 0.5) / substeps
             place, moving = seen + middle * (after - seen), rate + middle * (rate_after - rate)
@@ -124,13 +182,13 @@ def _transmission(machine: Machine, angle: Array, speed: Array, past: Array, tab
             twist = sign * (position - place)
             relative = sign * (velocity - moving)
             shaft = mean_shaft(plant, twist, relative, plain / inertia, 1.0 / inertia, h)
+            mean = mean + shaft / substeps
             free = jnp.where(on_load, plain - shaft, shaft)
             velocity = turn(law, Motion(velocity, position, jnp.zeros_like(position), free), free, inertia, share, h)
             position = position + 0.5 * h * velocity
-        return (position, velocity), None
+        return (position, velocity), keep(mean)
 
     rows = (angle[:-1], angle[1:], speed[:-1], speed[1:], past[:-1] + TAPS)
     side = jnp.sign(speed[0]) * jnp.where(on_load, 1.0, -1.0) * half
-    (position, velocity), _ = jax.lax.scan(period, (angle[0] + side, speed[0]), rows)
-    sign = jnp.where(on_load, 1.0, -1.0)
-    return sign * (position - angle[-1]), sign * (velocity - speed[-1])
+    (position, velocity), kept = jax.lax.scan(period, (angle[0] + side, speed[0]), rows)
+    return position, velocity, kept

@@ -1,0 +1,64 @@
+"""A load that hangs in a gap and rattles, found from a log of the motor; the machine is written in plain numpy."""
+
+import gap_machine
+import gap_search
+import numpy as np
+import pytest
+
+from fpjax.gap import EFFECTS, diagnose
+from fpjax.gap.diagnose import make_search
+from fpjax.model_file import load_model
+
+GAP, LOAD = 0.02, 0.02  # rad, kg m^2 of the 0.05
+STIFFNESS, DAMPING = (
+    1200.0,
+    2.4,
+)  # N m/rad, N m s/rad: a contact that rings at 50 Hz, with a third of its critical damping
+RUBBING = 0.15  # N m on the load, of 0.55
+NAMES = ("backlash", "compliance", "constant_torque", "stribeck", "actuator_lag")
+
+
+class Load:
+    """Driven through the gap's faces; its torque on the motor."""
+
+    def __init__(self, step):
+        self.step, self.angle, self.speed = step, 0.0, 0.0
+
+    def __call__(self, time, speed, angle, command):
+        beyond = angle - self.angle - np.clip(angle - self.angle, -0.5 * GAP, 0.5 * GAP)
+        shaft = STIFFNESS * beyond + DAMPING * (speed - self.speed) if beyond else 0.0
+        shaft = np.sign(beyond) * max(np.sign(beyond) * shaft, 0.0)
+        self.speed += self.step * (shaft - RUBBING * np.tanh(self.speed / 0.02)) / LOAD
+        self.angle += self.step * self.speed
+        return -shaft
+
+
+@pytest.fixture(scope="module")
+def log():
+    return gap_machine.record(
+        gap_machine.Machine(inertia=0.03), seconds=5.0, extra=Load(1e-3 / 20),
+        sensors=("velocity",),
+    )  # fmt: skip
+
+
+def test_the_motion_shows_the_gap_before_anything_is_fitted(log):
+    search = gap_search.search_of(log)
+    first = search.setting.contacts[0]
+    assert first["gap"] == pytest.approx(GAP, rel=0.25)
+    assert first["load_share"] == pytest.approx(LOAD / 0.05, abs=0.2)
+    (backlash,) = (effect for effect in EFFECTS if effect.name == "backlash")
+    assert [start["gap"] for start in backlash.starts(search.setting)] == [s["gap"] for s in search.setting.contacts]
+
+
+def test_without_the_effect_nobody_looks_for_contacts(log):
+    others = tuple(effect for effect in EFFECTS if effect.name == "constant_torque")
+    assert make_search([log], [], load_model(gap_search.MODEL), others).setting.contacts is None
+
+
+@pytest.mark.long
+def test_a_load_that_rattles_is_told_as_backlash_with_its_gap(log):
+    found = diagnose(log, gap_search.MODEL, effects=tuple(e for e in EFFECTS if e.name in NAMES))
+    assert found.causes[0] == "backlash"
+    assert found.verdict in ("explained", "partly_explained")
+    gap = found.ranking[0].parameters["gap"]
+    assert gap.value == pytest.approx(GAP, rel=0.05)
