@@ -26,6 +26,7 @@ from .keys import Key, Units, check_keys, choose, missing, nearest, read_values
 from .learned import build_learned, describe_learned, join_load, more_coulomb
 from .observer import build_observer, choose_observer_steepness, describe_observer, known_to_observer, unwritten_gains
 from .placed import with_placed_gains
+from .proportions import check_proportions
 from .reference import build_reference, describe_reference
 
 SECTIONS = (
@@ -244,7 +245,7 @@ def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) ->
     loop = with_placed_gains(loop, missing_gains, reference, time, {k: v for k, v in known.items() if v}, notes)
     around = with_feedforward(None if controller is None else loop.controller, sections.get(FEEDFORWARD), units, dt)
     loop = loop if around is None else dataclasses.replace(loop, controller=around)
-    return Model(
+    model = Model(
         loop=loop,
         reference=reference,
         dt=dt,
@@ -260,6 +261,16 @@ def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) ->
         notes=tuple(notes),
         bounds=read_bounds(sections.get("bounds"), loop, units),
     )
+    return dataclasses.replace(model, notes=(*model.notes, *about_proportions(model)))
+
+
+def about_proportions(model: Model) -> list[str]:
+    """Sentences on sizes that have no sense beside the machine's others."""
+    step = model.dt / (model.substeps if model.stepping == "sampled" else 1)
+    return check_proportions(
+        describe_model(model), model.reference, model.dt, model.duration, model.units,
+        step / get_solver(model.solver).stability_limit,
+    )  # fmt: skip
 
 
 def _read_units(table: Mapping[str, Any]) -> Units:
@@ -333,6 +344,15 @@ def dump_model(model: Model, *, comments: Mapping[tuple[str, str], str] | None =
     Raises:
         InputError: for a block that the file has no words for.
     """
+    return toml_text.write(describe_model(model), comments)
+
+
+def describe_model(model: Model) -> dict[str, Any]:
+    """A model's sections with their numbers, in the order of the file.
+
+    Raises:
+        InputError: for a block that the file has no words for.
+    """
     loop, written = model.loop, model.sections
     loads, offset = body.describe_load(loop.plant.load)
     friction = describe_friction(loop.plant.friction)
@@ -363,7 +383,7 @@ def dump_model(model: Model, *, comments: Mapping[tuple[str, str], str] | None =
         "simulation": simulation,
         "bounds": describe_bounds(model.bounds),
     }
-    return toml_text.write({name: table for name, table in sections.items() if table}, comments)
+    return {name: table for name, table in sections.items() if table}
 
 
 def _write_units(units: Units) -> dict[str, str]:
