@@ -43,7 +43,6 @@ _FACTOR = (1e-3, 1e3)  # of what is 1 in a machine that is known
 _EXPONENT = (1e-2, 1e2)
 _LAG = (1e-12, 1e3)
 _PHASE = (1e-30, 1e4)  # beyond it the digits that are left say nothing of the angle
-_STEEPNESS = (1e-12, 1e12)
 _GAIN = (1e-15, 1e15)
 BY_KEY = {
     ("simulation", "dt"): (1e-9, 10.0),  # of a drive: 10 us to 10 ms
@@ -64,8 +63,6 @@ BY_KEY = {
     ("friction", "exponent"): _EXPONENT,
     ("friction", "stribeck_exponent"): _EXPONENT,
     ("friction", "bristle_exponent"): _EXPONENT,
-    ("friction", "steepness"): _STEEPNESS,
-    ("observer", "steepness"): _STEEPNESS,
     ("observer", "gain"): _GAIN,
     ("observer", "gain_1"): _GAIN,
     ("observer", "gain_2"): _GAIN,

@@ -17,6 +17,7 @@ FAR = 1e3  # times all that the machine's motion takes: no torque in it is that 
 HELPLESS = 100.0  # times what the gains give for an error as large as the reference, or what the limit lets through
 NEVER = 100.0  # times the fastest motion: what happens there never does
 NYQUIST = 0.5  # of the sample rate
+STEEP = 1e9  # widths of the tanh in the fastest motion
 RUNAWAY = 1e9  # times the speed's error, changed within a step: two run away, and what is this far off has a wrong unit
 STIFF = 0.5  # of the time constant that a step can follow
 EXPLICIT = 0.5  # of a period: what exact sticking, which steps a spring as other solvers do, can follow
@@ -103,6 +104,12 @@ def check_proportions(
             said.append(
                 f"[{section}] {key} = {size:g} {unit} is no less than the fastest reference, {speed:.3g} {unit}: "
                 "the motion drowns in it; check its unit."
+            )
+    for section, key, size in _sizes(tables, {"friction": ("steepness",), "observer": ("steepness",)}):
+        if size * speed > STEEP:
+            said.append(
+                f"[{section}] {key} = {size:g} {units.name('s/rad')} bends within {1.0 / size:.3g} {unit}, which no "
+                'speed here resolves: it is a sign; check it, or write "sign".'
             )
     walk = _size((tables.get("sensor") or {}).get("random_walk"))
     if walk * math.sqrt(duration or 0.0) >= speed:

@@ -70,6 +70,7 @@ def said(text):
         ([("viscous = 2.0", "viscous = 2.0\ndrift_amplitude = 1e9\ndrift_time = 1.0")], "[friction] drift_amplitude"),
         ([("viscous = 2.0", "viscous = 2.0\nstribeck_torque = 5.0\nstribeck_velocity = 1e6")], "is never reached"),
         ([("gain_1 = 10.0", "gain_1 = 10.0\ninertia = 1e-4")], "[observer] inertia = 0.0001 is 1e-05 times"),
+        ([("gain_1 = 10.0", "gain_1 = 10.0\nsteepness = 1e20")], "[observer] steepness = 1e+20 s/rad bends within"),
         ([("", "[feedforward]\nviscous = 1e9\n")], "[feedforward] viscous comes to 1e+09 N m"),
         ([("", "[feedforward]\ncoulomb = 1e9\nspeed = 0.1\n")], "[feedforward] coulomb = 1e+09 N m"),
         ([("", "[sensor]\nnoise = 1e6\n")], "[sensor] noise = 1e+06 rad/s is no less than the fastest reference"),
@@ -90,11 +91,10 @@ def said(text):
     ],
 )
 def test_a_size_that_has_no_sense_beside_the_others_is_said(changes, words):
-    notes = said(changed(*changes))
-    assert [words in note for note in notes] == [True]
-    assert len(notes[0]) <= 300
-    assert notes[0].endswith(".")
-    assert "\n" not in notes[0]
+    (note,) = (note for note in said(changed(*changes)) if words in note)
+    assert len(note) <= 300
+    assert note.endswith(".")
+    assert "\n" not in note
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,6 @@ def test_a_size_that_has_no_sense_beside_the_others_is_said(changes, words):
         ([("amplitude = 1.0", "amplitude = 1e20")], "amplitude"),
         ([("frequency = 0.5", "frequency = 0.5\nphase = 1e20")], "phase"),
         ([("gain_1 = 10.0", "gain_1 = 1e20")], "gain_1"),
-        ([("gain_1 = 10.0", "gain_1 = 10.0\nsteepness = 1e20")], "steepness"),
         ([("viscous = 2.0", "viscous = 2.0\nbristle_deflection = 1e20")], "bristle_deflection"),
     ],
 )
