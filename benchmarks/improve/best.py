@@ -1,12 +1,12 @@
 """Best: gains tuned in the truth itself, by a derivative-free search on its own closed loop."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from fpjax.improvement.search import FINE, ROUGHEST
 
-from .machines import Gains, Tell, Truth, error, rough, run
+from .machines import Gains, Truth, error, rough, run
 
 CANDIDATES, ELITE, GENERATIONS = 14, 4, 8
 WIDE = 0.2  # standard deviation of the first draws, of the range
@@ -14,7 +14,9 @@ SUBSTEPS, SECONDS = 8, 3.0  # of the search; the score is over the whole log in 
 NARROW = 0.01
 
 
-def best_gains(machines: Sequence[Truth], starts: Sequence[Sequence[Gains]], seed: int, tell: Tell) -> list[Gains]:
+def best_gains(
+    machines: Sequence[Truth], starts: Sequence[Sequence[Gains]], seed: int, tell: Callable[[float], None]
+) -> list[Gains]:
     """The gains that follow best in each true machine, all machines side by side.
 
     Args:

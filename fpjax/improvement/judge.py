@@ -152,7 +152,9 @@ class Judge:
             values: gains, shape (candidates, gains).
             machines: `ready`.
         """
-        return self.run(values, machines, self.reference, noisy=True)[0]
+        scores = [self.run(values, part, self.reference, noisy=True)[0] for part in machines.parts]
+        names = [field.name for field in dataclasses.fields(Score)]
+        return Score(*(np.concatenate([getattr(one, name) for one in scores], axis=1) for name in names))
 
     def settle(self, values: Values, machines: Machines, speed: float) -> tuple[LoopState, Values]:
         """(states of a steady motion at a speed, reference there) of every candidate around every machine.
@@ -165,8 +167,8 @@ class Judge:
         return self.run(values, machines, table, noisy=False)[1], table[-1:]
 
     def run(self, values: Values, machines: Machines, reference: Values, *, noisy: bool) -> tuple[Score, LoopState]:
-        """(scores, states after the last sample)."""
-        candidates, count = len(values), machines.count
+        """(scores, states after the last sample), without the machines of other explanations."""
+        candidates, count = len(values), len(machines.shares)
         rows = np.repeat(np.asarray(values, float), count, axis=0)
         index = np.tile(np.arange(count), candidates)
         shares = machines.shares[index] if noisy else np.zeros((len(index), machines.shares.shape[1]))

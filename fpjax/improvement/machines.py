@@ -18,7 +18,7 @@ from ..gap.answer.diagnosis import Learned
 from ..gap.answer.learned import blocks
 from ..gap.answer.posterior import Posterior
 from ..gap.data.record import Record, make_records
-from ..gap.machine import Machine, nominal_machine, structure_of
+from ..gap.machine import FEATURES, Machine, nominal_machine, structure_of
 from ..gap.precision import double_precision
 from ..gap.simulate.replay import SUBSTEPS
 from ..logs import Log
@@ -58,31 +58,40 @@ class Machines:
     """Machines that one closed loop is judged on.
 
     Attributes:
-        machine: every array has a leading axis of `count`; the first is the fit itself.
-        shares: of the courses of the missing torque, shape (count, courses).
+        machine: every array has a leading axis; the first is the fit itself.
+        shares: of the courses of the missing torque, shape (own, courses).
+        others: those of explanations that the log leaves open, of another structure each.
     """
 
     machine: Machine
     shares: Values
+    others: tuple["Machines", ...] = ()
 
     @property
     def count(self) -> int:
-        """How many."""
-        return len(self.shares)
+        """How many, the others included."""
+        return sum(len(part.shares) for part in self.parts)
+
+    @property
+    def parts(self) -> tuple["Machines", ...]:
+        """Of each explanation, this one first, without others."""
+        return (Machines(self.machine, self.shares), *self.others)
 
     @property
     def substeps(self) -> int:
         """Solver steps in a period that their structure needs."""
-        return SUBSTEPS[structure_of(self.machine)]
+        return max(SUBSTEPS[structure_of(part.machine)] for part in self.parts)
 
     def periods(self, dt: float) -> tuple[int, int]:
         """Periods that the longest dead time of (actuator, sensor) needs, and some more."""
-        delays = (self.machine.actuator.delay, self.machine.sensor.delay)
-        longest = [0.0 if each is None else float(np.max(np.asarray(each))) for each in delays]
+        longest = [0.0, 0.0]
+        for part in self.parts:
+            for side, delay in enumerate((part.machine.actuator.delay, part.machine.sensor.delay)):
+                longest[side] = max(longest[side], 0.0 if delay is None else float(np.max(np.asarray(delay))))
         return math.ceil(longest[0] / dt) + HISTORY, math.ceil(longest[1] / dt) + HISTORY
 
     def first(self, count: int) -> "Machines":
-        """The first of them."""
+        """The first of the chosen explanation."""
         return Machines(jax.tree.map(lambda leaf: leaf[:count], self.machine), self.shares[:count])
 
 
@@ -92,7 +101,7 @@ class Ground:
 
     Attributes:
         record: the log as the diagnosis read it.
-        courses: driving torque that the laws do not say [N m], shape (courses, samples).
+        courses: driving torque that the laws do not say [N m], shape (explanations x courses, samples).
         noise: standard deviation of a reading of (rate [rad/s], position [rad]).
         substeps: of the plant in a control period.
         laws: learned, that are in the machines.
@@ -119,20 +128,28 @@ def make_ground(known: Known, record: Record, seed: int) -> Ground:
         seed: of the phases.
     """
     posterior, laws = known.posterior, known.learned
-    recorded = posterior.missing[0]
+    rows = _courses(posterior.missing[0], known.gap_after, laws, record, seed)
+    for place, (_, rival) in enumerate(posterior.rivals):
+        rows += _courses(rival.missing[0], rival.gap, (), record, seed + COURSES * (place + 1))
+    structures = [posterior.key[0], *(rival.key[0] for _, rival in posterior.rivals)]
+    substeps = max(SUBSTEPS[structure] for structure in structures)
+    return Ground(record, np.array(rows), posterior.noise, substeps, laws)
+
+
+def _courses(recorded: Values, gap: float, laws: Sequence[Learned], record: Record, seed: int) -> list[Values]:
+    """The recorded course of one explanation's missing torque, and surrogates of it."""
     course = np.nan_to_num(recorded, nan=0.0)
     size = rms(course[np.isfinite(recorded)])
-    if size > 0.0 and np.isfinite(known.gap_after):
+    if size > 0.0 and np.isfinite(gap):
         # What noise adds to the course is no torque: the gap is told without it.
-        course = course * min(known.gap_after / size, 1.0)
+        course = course * min(gap / size, 1.0)
     for law in laws:
         course = course + np.where(np.isfinite(recorded), opposing(law, record), 0.0)
-    rows = [course, *(surrogate(course, seed + place) for place in range(1, COURSES))]
-    return Ground(record, np.array(rows), posterior.noise, SUBSTEPS[posterior.key[0]], laws)
+    return [course, *(surrogate(course, seed + place) for place in range(1, COURSES))]
 
 
 def draw_machines(posterior: Posterior, model: Model, ground: Ground, count: int, seed: int) -> Machines:
-    """Machines of the posterior.
+    """Machines of the posterior and of the rivals that the log leaves open, as many of each as it is likely.
 
     Args:
         posterior: of the diagnosis.
@@ -141,10 +158,50 @@ def draw_machines(posterior: Posterior, model: Model, ground: Ground, count: int
         count: how many; the first is the fit itself, with the missing torque as it was recorded.
         seed: of the draws.
     """
-    machine = posterior.machines(model, [ground.record], count, seed)
+    many = divided(count, [share for share, _ in posterior.rivals])
+    kinds = _widened((posterior, *(rival for _, rival in posterior.rivals)))
+    drawn = []
+    for place, (kind, some) in enumerate(zip(kinds, many, strict=True)):
+        own = seed + 100 * place
+        if some:
+            machine = kind.machines(model, [ground.record], some, own)
+            drawn.append(Machines(machine, _padded(draw_shares(some, own), ground, place)))
     with double_precision():
-        machine = with_laws(machine, ground.laws, count)
-    return Machines(machine, draw_shares(count, seed))
+        machine = with_laws(drawn[0].machine, ground.laws, many[0])
+    return Machines(machine, drawn[0].shares, tuple(drawn[1:]))
+
+
+def _widened(posteriors: Sequence[Posterior]) -> list[Posterior]:
+    """The same with all features that one of its structure has: what is alike compiles once."""
+    found = []
+    for one in posteriors:
+        wanted = {feature for other in posteriors if other.key[0] == one.key[0] for feature in other.key[1]}
+        features = tuple(feature for feature in FEATURES if feature in wanted)
+        found.append(dataclasses.replace(one, key=(one.key[0], features)))
+    return found
+
+
+def divided(count: int, shares: Sequence[float]) -> list[int]:
+    """How many machines the chosen explanation and each of its rivals get; every open rival gets one at least.
+
+    The chosen one has the probability that is left, also that of causes outside the vocabulary: their torque is what
+    it does not explain.
+
+    Args:
+        count: of all machines.
+        shares: probability of each rival [1].
+    """
+    rivals = [max(round(count * share), 1) for share in shares]
+    while rivals and sum(rivals) > count // 2:  # the chosen one is what is told, and has half of them
+        rivals[rivals.index(max(rivals))] -= 1
+    return [count - sum(rivals), *rivals]
+
+
+def _padded(shares: Values, ground: Ground, place: int) -> Values:
+    """Shares of one explanation's courses among those of all, shape (count, explanations x COURSES)."""
+    found = np.zeros((len(shares), len(ground.courses)))
+    found[:, COURSES * place : COURSES * (place + 1)] = shares
+    return found
 
 
 def nominal_machines(model: Model, count: int = 1) -> Machines:
@@ -157,7 +214,12 @@ def nominal_machines(model: Model, count: int = 1) -> Machines:
 
 def ready(machines: Machines, ground: Ground, longest: tuple[int, int]) -> Machines:
     """The machines with room for their dead times and with the log's noise on their sensors."""
-    machine, shape = machines.machine, (machines.count,)
+    first, *others = (Machines(_readied(part, ground, longest), part.shares) for part in machines.parts)
+    return dataclasses.replace(first, others=tuple(others))
+
+
+def _readied(part: Machines, ground: Ground, longest: tuple[int, int]) -> Machine:
+    machine, shape = part.machine, (len(part.shares),)
     with double_precision():
         sensor: dict[str, Any] = {"longest_delay": longest[1]}
         for name, step, noise in zip(
@@ -167,12 +229,11 @@ def ready(machines: Machines, ground: Ground, longest: tuple[int, int]) -> Machi
             own = np.asarray(getattr(machine.sensor, name))
             found = np.sqrt(np.maximum(noise**2 - rounded**2 / 12.0, 0.0))
             sensor[name] = jnp.asarray(np.broadcast_to(np.where(own == 0.0, found, own), shape), float)
-        machine = dataclasses.replace(
+        return dataclasses.replace(
             machine,
             actuator=dataclasses.replace(machine.actuator, longest_delay=longest[0]),
             sensor=dataclasses.replace(machine.sensor, **sensor),
         )
-    return Machines(machine, machines.shares)
 
 
 def with_laws(machine: Machine, laws: Sequence[Learned], count: int) -> Machine:

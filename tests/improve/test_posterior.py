@@ -38,14 +38,24 @@ def test_machines_have_the_drawn_values():
 
 
 def test_a_posterior_is_the_same_after_writing(tmp_path):
-    posterior = dataclasses.replace(case.known(missing=0.1).posterior, sensor={"bias": (0.1, 0.01)})
+    rival = dataclasses.replace(
+        case.known(missing=0.05).posterior, key=("bristles", ("shape",)), gap=0.05, causes=("a",)
+    )
+    posterior = dataclasses.replace(
+        case.known(missing=0.1).posterior, sensor={"bias": (0.1, 0.01)}, gap=0.1, rivals=((0.3, rival), (0.1, rival))
+    )
     posterior.save(tmp_path / "posterior.npz")
     again = load_posterior(tmp_path / "posterior.npz")
-    for field in dataclasses.fields(posterior):
-        old, new = getattr(posterior, field.name), getattr(again, field.name)
-        if field.name == "missing":
-            old, new = old[0], new[0]
-        assert np.array_equal(old, new) if isinstance(old, np.ndarray) else old == new, field.name
+    assert [share for share, _ in again.rivals] == [0.3, 0.1]
+    pairs = [(posterior, again), *((rival, other) for _, other in again.rivals)]
+    for before, after in pairs:
+        for field in dataclasses.fields(before):
+            old, new = getattr(before, field.name), getattr(after, field.name)
+            if field.name == "rivals":
+                continue
+            if field.name == "missing":
+                old, new = old[0], new[0]
+            assert np.array_equal(old, new) if isinstance(old, np.ndarray) else old == new, field.name
 
 
 def folder_of(tmp_path, **changes):

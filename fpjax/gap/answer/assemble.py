@@ -22,7 +22,7 @@ from .diagnosis import Comparison, Diagnosis, Gap, Ranked, Step
 from .intervals import covariance, identifiability, linear_unit, read_estimates
 from .learned import learn
 from .machines import machine_of, with_reading
-from .posterior import make_posterior
+from .posterior import left_open, make_posterior
 from .ranking import log_of, rank
 from .shrink import gap_of, noise_floor, rms_of, steps_of, withheld
 from .stages import StageClock
@@ -106,7 +106,9 @@ def assemble(
         allowed=allowed,
         learned=() if laws is None else laws.laws,
         learned_model=learned_text,
-        posterior=make_posterior(search, chosen, spread, read, step, [course.torque for course in after]),
+        posterior=make_posterior(
+            search, chosen, spread, read, step, [course.torque for course in after], left_open(decision, found.main)
+        ),
     )
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import io
 import json
+import math
 import os
 import pathlib
 from collections.abc import Mapping, Sequence
@@ -23,12 +24,16 @@ from ..fit.candidate import Fit
 from ..fit.search import Search
 from ..machine import Machine
 from ..precision import double_precision
+from ..select.decision import Decision
 from ..select.readings import Reading
 from ..simulate.family import Key, Nominal, make_family
 from ..simulate.replay import assembled
+from .course import course_of
+from .intervals import covariance
 
 FILE = "posterior.npz"
-VERSION = 1
+VERSION = 2
+OPEN, MOST = 0.05, 3  # probability from which another explanation is drawn from too; of them, the most likely
 READ = {"time_constant": "lag", "delay": "delay", "scale": "scale", "bias": "bias"}  # of a reading, in the sensor
 
 Values = np.ndarray
@@ -51,6 +56,9 @@ class Posterior:
         noise: standard deviation of one reading of (rate [rad/s], position [rad]); 0 without that column.
         missing: torque that the real machine has and the model lacks along each log [N m], each of shape (samples,);
             NaN where the log was not used.
+        causes: effects and wrong numbers in it.
+        gap: rms of it over withheld windows, noise's share taken out [N m]; NaN where it is told elsewhere.
+        rivals: explanations that the log leaves open beside this one: (probability [1], posterior of its own).
     """
 
     key: Key
@@ -64,6 +72,9 @@ class Posterior:
     step: float = 0.0
     noise: tuple[float, float] = (0.0, 0.0)
     missing: tuple[Values, ...] = ()
+    causes: tuple[str, ...] = ()
+    gap: float = math.nan
+    rivals: tuple[tuple[float, "Posterior"], ...] = ()
 
     def draw(self, count: int, seed: int) -> tuple[Values, dict[str, Values]]:
         """(parameters of shape (parameters, count), the sensor's fields, each of shape (count,)); the first is the fit.
@@ -135,21 +146,26 @@ class Posterior:
         Raises:
             InputError: where it cannot be written.
         """
+        words, arrays = self._parts("")
+        for place, (share, rival) in enumerate(self.rivals):
+            own, more = rival._parts(f"rival_{place}_")
+            words["rivals"].append(own | {"share": share})
+            arrays |= more
+        stream = io.BytesIO()
+        np.savez_compressed(stream, words=np.array(json.dumps(words)), **arrays)
+        write_whole(pathlib.Path(path), stream.getvalue())
+
+    def _parts(self, prefix: str) -> tuple[dict[str, Any], dict[str, Values]]:
         words = {
             "version": VERSION, "structure": self.key[0], "features": list(self.key[1]), "names": list(self.names),
             "free": list(self.free), "sensor": {name: list(pair) for name, pair in self.sensor.items()},
             "step": self.step, "noise": list(self.noise), "logs": len(self.missing),
+            "gap": self.gap if math.isfinite(self.gap) else None, "rivals": [],
+            "causes": list(self.causes),
         }  # fmt: skip
-        arrays: dict[str, Any] = {
-            "values": self.values,
-            "covariance": self.covariance,
-            "low": self.low,
-            "high": self.high,
-        }
+        arrays = {"values": self.values, "covariance": self.covariance, "low": self.low, "high": self.high}
         arrays |= {f"missing_{place}": one for place, one in enumerate(self.missing)}
-        stream = io.BytesIO()
-        np.savez_compressed(stream, words=np.array(json.dumps(words)), **arrays)
-        write_whole(pathlib.Path(path), stream.getvalue())
+        return words, {prefix + name: one for name, one in arrays.items()}
 
 
 def load_posterior(path: str | os.PathLike[str]) -> Posterior:
@@ -166,19 +182,11 @@ def load_posterior(path: str | os.PathLike[str]) -> Posterior:
             words: dict[str, Any] = json.loads(str(file["words"]))
             if words["version"] != VERSION:
                 raise ValueError("version")
-            return Posterior(
-                key=(words["structure"], tuple(words["features"])),
-                names=tuple(words["names"]),
-                values=file["values"],
-                free=tuple(words["free"]),
-                covariance=file["covariance"],
-                low=file["low"],
-                high=file["high"],
-                sensor={name: (float(a), float(b)) for name, (a, b) in words["sensor"].items()},
-                step=float(words["step"]),
-                noise=(float(words["noise"][0]), float(words["noise"][1])),
-                missing=tuple(file[f"missing_{place}"] for place in range(int(words["logs"]))),
+            rivals = tuple(
+                (float(own["share"]), _of_parts(own, file, f"rival_{place}_"))
+                for place, own in enumerate(words["rivals"])
             )
+            return dataclasses.replace(_of_parts(words, file, ""), rivals=rivals)
     except FileNotFoundError:
         raise InputError(
             f"{path} does not exist: give the --out of a `fpjax diagnose` that has finished, or leave the option out "
@@ -188,9 +196,50 @@ def load_posterior(path: str | os.PathLike[str]) -> Posterior:
         raise InputError(f"{path} is no posterior of this version of fpjax: diagnose the log again.") from None
 
 
+def _of_parts(words: Mapping[str, Any], file: Mapping[str, Any], prefix: str) -> Posterior:
+    return Posterior(
+        key=(words["structure"], tuple(words["features"])),
+        names=tuple(words["names"]),
+        values=file[f"{prefix}values"],
+        free=tuple(words["free"]),
+        covariance=file[f"{prefix}covariance"],
+        low=file[f"{prefix}low"],
+        high=file[f"{prefix}high"],
+        sensor={name: (float(a), float(b)) for name, (a, b) in words["sensor"].items()},
+        step=float(words["step"]),
+        noise=(float(words["noise"][0]), float(words["noise"][1])),
+        missing=tuple(file[f"{prefix}missing_{place}"] for place in range(int(words["logs"]))),
+        causes=tuple(words["causes"]),
+        gap=math.nan if words["gap"] is None else float(words["gap"]),
+    )
+
+
+def left_open(decision: Decision, main: Mapping[str, float]) -> list[tuple[float, Fit]]:
+    """Explanations beside the chosen one that the log leaves open: (probability [1], fit), the likeliest first.
+
+    Args:
+        decision: what the fits led to.
+        main: probability that an effect is the main cause, by name.
+    """
+    chosen = decision.chosen.fit.candidate
+    told = set(chosen.names)
+    tried = sorted((*decision.rivals, *decision.singles), key=lambda one: -one.worth)
+    found: list[tuple[float, Fit]] = []
+    for name, share in sorted(main.items(), key=lambda one: -one[1]):
+        if name in told or share < OPEN:
+            continue
+        fits = [one.fit for one in tried if name in one.structural]
+        if name.removesuffix("_error") in decision.nominal.fit.candidate.wide:
+            fits.append(decision.nominal.fit)
+        if fits and all(fits[0] is not other for _, other in found):
+            found.append((share, fits[0]))
+    return found[:MOST]
+
+
 def make_posterior(
-    search: Search, fit: Fit, spread: Values, readings: Sequence[Reading], step: float, missing: Sequence[Values]
-) -> Posterior:
+    search: Search, fit: Fit, spread: Values, readings: Sequence[Reading], step: float, missing: Sequence[Values],
+    rivals: Sequence[tuple[float, Fit]] = (),
+) -> Posterior:  # fmt: skip
     """The posterior of a finished fit.
 
     Args:
@@ -200,7 +249,9 @@ def make_posterior(
         readings: what the encoder tells of the rate sensor, where that is a cause.
         step: that the rate reading is rounded to, where that is a cause [rad/s].
         missing: course of the missing torque along each log [N m].
+        rivals: other fits that the log leaves open, with their probability.
     """
+    others = tuple((share, _rival(search, other, readings, step)) for share, other in rivals)
     c, record = fit.candidate, search.records[0]
     names = tuple(parameter.name for parameter in c.family.parameters)
     sensor = {
@@ -221,7 +272,15 @@ def make_posterior(
         step=float(step),
         noise=(noise[0], noise[1]),
         missing=tuple(np.array(one, float) for one in missing),
+        causes=c.names,
+        rivals=others,
     )
+
+
+def _rival(search: Search, fit: Fit, readings: Sequence[Reading], step: float) -> Posterior:
+    courses = [course_of(search, fit, which).torque for which in range(len(search.records))]
+    made = make_posterior(search, fit, covariance(search, fit), readings, step, courses)
+    return dataclasses.replace(made, gap=float(fit.missing_rms(search.withheld)))
 
 
 def _with_sensor(machine: Machine, changes: Mapping[str, Any]) -> Machine:
