@@ -14,7 +14,7 @@ from .machines import Machines
 NINE_IN_TEN = 1.28
 ROUGHEST = 2.0  # times the current gains' roughness of the torque: more is noise in the motor
 SMOOTH = 2e-3  # of the torque's rms: roughness that no motor hears
-HARDEST = 1.25  # times the largest torque of the log and of the current gains, where no limit is known
+HARDEST = 1.25  # times the largest torque of the log and of the current gains
 FINE = 20.0  # on the cost, for each time over
 UNSTABLE = 1e3  # cost of a machine that is unstable, in errors of the current gains
 SCREENED, CANDIDATES, ELITE = 32, 16, 5  # of the screen; of a generation, and of it those that the next one follows
@@ -40,18 +40,20 @@ class Limits:
     peak: float
 
 
-def limits_of(current: Score, largest: float, limit: float | None) -> Limits:
+def limits_of(current: Score, largest: float) -> Limits:
     """What the current gains cost.
+
+    A limit of the actuator is in the machines: a command beyond it comes to nothing there, and winds up what winds up.
+    It is no limit of the command.
 
     Args:
         current: scores of the current gains, each of shape (machines,).
         largest: torque of the log [N m].
-        limit: torque that the actuator can give, where it is known [N m].
     """
     fine = np.isfinite(current.error)
     if not fine.any():
         return Limits(1.0, np.inf, np.inf)
-    peak = HARDEST * max(largest, float(np.median(current.peak[fine]))) if limit is None else limit
+    peak = HARDEST * max(largest, float(np.median(current.peak[fine])))
     rough = float(np.median(allowed_roughness(current)[fine]))
     return Limits(float(np.median(current.error[fine])), rough, max(peak, 1e-300))
 

@@ -1,25 +1,53 @@
-"""Traces: the tracking error over time around a few machines, for the pictures."""
+"""Traces: closed loops of a few machines over time, for the pictures and for what the log says of the prediction."""
 
+import dataclasses
+import math
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..gap.data.record import Record
 from ..gap.precision import double_precision
 from ..scan import Inputs, roll
 from .judge import Judge, assemble_loop, start_state
-from .machines import Machines
+from .machines import Ground, Machines, rms
 
 SHOWN = 12  # machines
 
 Values = np.ndarray
 
 
-def traces(judge: Judge, values: Values, machines: Machines) -> dict[str, Values]:
-    """The tracking error's lowest, middle and highest of a few machines, `before` and `after` of shape (3, samples).
+@dataclasses.dataclass(frozen=True)
+class Traces:
+    """Closed loops over time, before and after.
 
-    Beside them `time` [s] and `reference`, of shape (samples,).
+    Attributes:
+        time: [s], shape (samples,).
+        reference: shape (samples,).
+        error: reference less true motion of (before, after) around each machine, shape (2, machines, samples).
+        measured: what its sensor reads with the current gains around the first machine, shape (samples,).
+    """
+
+    time: Values
+    reference: Values
+    error: Values
+    measured: Values
+
+    def summary(self, largest: float) -> dict[str, Values]:
+        """For the pictures: `time`, `reference`, and the error's lowest, middle and highest, `before` and `after`.
+
+        Args:
+            largest: size at which an error is cut [its unit].
+        """
+        error = np.clip(np.nan_to_num(self.error, nan=largest, posinf=largest, neginf=-largest), -largest, largest)
+        before, after = (np.stack([part.min(axis=0), np.median(part, axis=0), part.max(axis=0)]) for part in error)
+        return {"time": self.time, "reference": self.reference, "before": before, "after": after}
+
+
+def run_traces(judge: Judge, values: Values, machines: Machines) -> Traces:
+    """Run a few machines of the chosen explanation with the gains before and after.
 
     Args:
         judge: runs the loops.
@@ -40,18 +68,42 @@ def traces(judge: Judge, values: Values, machines: Machines) -> dict[str, Values
         )
         inputs = Inputs(judge.time, (jnp.asarray(judge.reference),), (judge.noise[0], judge.noise[1]))
         courses = jnp.asarray(judge.ground.courses)
-        names = ("motor_position", "position") if judge.position else ("motor_velocity", "velocity")
+        kind = "position" if judge.position else "velocity"
+        names = (f"motor_{kind}", kind, f"measured_{kind}")
 
         def one(lane: Any) -> Any:
             machine, shares, gains = lane
             loop = assemble_loop(judge.law, machine, shares, courses, judge.stepper.dt, gains)
             state = start_state(loop, machine, jnp.asarray(float(record.speed[0])), jnp.asarray(float(record.angle[0])))
             _, recorded, _ = roll(loop, inputs, judge.stepper, {}, record=names, initial=state)
-            motor, load = recorded[names[0]], recorded[names[1]]
-            return inputs.references[0] - motor - machine.sensor.load_side * (load - motor)
+            motor, load, measured = (recorded[name] for name in names)
+            return inputs.references[0] - motor - machine.sensor.load_side * (load - motor), measured
 
-        error = np.asarray(jax.jit(jax.vmap(one))(lanes)).reshape(2, some.count, -1)
-    largest = 10.0 * judge.size
-    error = np.clip(np.nan_to_num(error, nan=largest, posinf=largest, neginf=-largest), -largest, largest)
-    before, after = (np.stack([part.min(axis=0), np.median(part, axis=0), part.max(axis=0)]) for part in error)
-    return {"time": np.asarray(judge.time), "reference": judge.reference, "before": before, "after": after}
+        error, measured = (np.asarray(each) for each in jax.jit(jax.vmap(one))(lanes))
+    error = error.reshape(2, some.count, -1)
+    return Traces(np.asarray(judge.time), judge.reference, error, measured[0])
+
+
+def unlike(traces: Traces, judge: Judge, record: Record, ground: Ground) -> float:
+    """By how much the log's own motion differs from the simulated one with the gains that ran, rms [the error's unit].
+
+    The rms of the error may agree where its course does not; the course is what new gains change. The noise of both
+    readings is taken out. Without a rate sensor the log's smoothed speed stands for its reading.
+    """
+    first, last = math.ceil(judge.start / judge.dt), len(judge.reference)
+    channel = record.position if judge.position else record.reading
+    if channel is None:
+        left = (traces.reference - traces.error[0, 0] - record.speed[:last])[first:]
+        return rms(left)
+    noise = ground.noise[1] if judge.position else ground.noise[0]
+    left = (traces.measured - channel.values[:last])[first:]
+    return math.sqrt(max(rms(left) ** 2 - 2.0 * noise**2, 0.0))
+
+
+def passed_on(traces: Traces, judge: Judge) -> float:
+    """How much of a torque that is not foreseen is seen in the error with the new gains, over that with the current
+    ones [1]: what the differences between the machines come to; 1 at most.
+    """
+    first = math.ceil(judge.start / judge.dt)
+    apart = [rms((part[1:] - part[:1])[:, first:].ravel()) for part in traces.error]
+    return min(apart[1] / apart[0], 1.0) if np.isfinite(apart).all() and apart[0] > 0.0 else 1.0

@@ -25,7 +25,7 @@ from .known import Known, known_in, known_of
 from .machines import Ground, Machines, draw_machines, make_ground, ready, record_of, rms
 from .margins import NAMES, UNITS, margins_of
 from .search import Found, limits_of, search
-from .traces import traces
+from .traces import passed_on, run_traces, unlike
 
 TUNED_ON, JUDGED_ON, MARGINED = 16, 48, 12  # machines for the search; others for the prediction; of them for margins
 LONGEST = 20_000  # samples of the log that are simulated
@@ -119,7 +119,9 @@ def improve_known(
     clock("compiling the closed loop")
     now = judge(gains.now[None], judged_on)
     speed = _steady_speed(judge)
-    measured = measured_error(record, judge, ground) if known.made else None
+    ran = record.reference is not None and np.array_equal(table, np.asarray(record.reference)[: len(table)])
+    told = known.made and ran  # the log was made by these gains on this reference
+    measured = measured_error(record, judge, ground) if told else None
     judged = _Judged(judge, gains, judged_on, speed, known, measured)
     decision, reason = hopeless(now.of(0))
     if decision is not None:
@@ -130,7 +132,7 @@ def improve_known(
     if kept is not None and len(kept.values) == len(gains.gains):
         found = kept
     else:
-        limits = limits_of(judge(gains.now[None], tuned_on).of(0), largest_torque(record), judged.limit)
+        limits = limits_of(judge(gains.now[None], tuned_on).of(0), largest_torque(record))
         first = guesses(gains, machine)
         found = search(judge, gains, tuned_on, first, limits, seed + 4, lambda share: clock("searching", share))
         if keep is not None:
@@ -151,8 +153,12 @@ def improve_known(
             break
         reason = reason or reason_not
     seen = chosen or 1
+    clock("runs over time")
+    runs = run_traces(judge, tried[[0, seen]], judged_on)
+    if told:
+        judged.compare(unlike(runs, judge, record, ground), passed_on(runs, judge))
     ratios = scores.error[seen] / scores.error[0]
-    side = judged.side(tried[seen], scores.of(seen), margins[seen])
+    side = judged.side(tried[seen], scores.of(seen), margins[seen], new=True)
     wins = float(np.mean(ratios < 1.0))
     middle = range_of(ratios, "1")
     if chosen:
@@ -174,13 +180,11 @@ def improve_known(
                 f"{change.gain} ended at its {change.at} bound ({change.after:.4g}): the bound and not the machine "
                 f"chose it; a wider one, [bounds] {change.gain} = [low, high], may follow better."
             )
-    clock("pictures' runs")
-    runs = traces(judge, tried[[0, seen]], judged_on)
     answer = judged.answer(
         "change" if chosen else "keep", reason, before, side if chosen else before, side, changes, wins, middle,
         found.simulations, notes, tried[chosen],
     )  # fmt: skip
-    return dataclasses.replace(answer, runs=runs, ratios=ratios)
+    return dataclasses.replace(answer, runs=runs.summary(10.0 * judge.size), ratios=ratios)
 
 
 def followed(log: Log, model: Model, reference: str) -> Values:
@@ -254,27 +258,43 @@ class _Judged:
         )
         values = [one for one in (value, None if own is None else float(own)) if one is not None and one < NO_LIMIT]
         self.limit = min(values, default=None)
-        self.doubt, self.compared = LEAST_DOUBT, False
+        self.unlike = 0.0
 
     def margins(self, values: Values) -> list[dict[str, Values]]:
         """Of each candidate, around the first machines."""
         return margins_of(self.judge, values, self.machines.first(MARGINED), self.speed)
 
-    def side(self, values: Values, score: Score, margins: dict[str, Values]) -> Side:
-        """What these gains come to; the current ones come first, and tell how well the log is predicted."""
-        if self.measured is not None and not self.compared:
-            self.compared = True
-            middle = float(np.median(score.error))
-            # Where the model's own gains ran, the log says how well it predicts: every promise is as much in doubt.
-            doubt = abs(math.log(self.measured / middle)) if np.isfinite(middle) and middle > 0.0 else MOST_DOUBT
-            self.doubt = min(max(doubt, LEAST_DOUBT), MOST_DOUBT)
+    def compare(self, unlike: float, passed_on: float) -> None:
+        """What the log's own run says of the prediction.
+
+        Args:
+            unlike: rms of the log's motion less the simulated one with the gains that ran.
+            passed_on: share of it that is left with the new gains [1].
+        """
+        self.unlike = unlike * passed_on
+
+    def doubt(self, score: Score, *, new: bool) -> float:
+        """Of a predicted error, as a standard deviation of its logarithm [1]."""
+        middle = float(np.median(score.error))
+        if not (np.isfinite(middle) and middle > 0.0):
+            return MOST_DOUBT
+        # What the simulation misses of the motion adds to the predicted error or takes away from it; an error that
+        # new gains make ten times smaller is in ten times the doubt.
+        found = self.unlike / middle if new else 0.0
+        if not new and self.measured is not None:
+            found = abs(math.log(self.measured / middle))
+        return min(max(found, LEAST_DOUBT), MOST_DOUBT)
+
+    def side(self, values: Values, score: Score, margins: dict[str, Values], *, new: bool = False) -> Side:
+        """What these gains come to."""
+        doubt = self.doubt(score, new=new)
         torque = self.torque_unit
         headroom = None if self.limit is None else range_of(self.limit / np.maximum(score.peak, 1e-300), "1")
         usable = {name: each[~np.isnan(each)] for name, each in margins.items() if not np.isnan(each).all()}
         return Side(
             gains={gain.word: float(value) for gain, value in zip(self.gains.gains, values, strict=True)},
-            error=range_of(score.error, self.unit, self.doubt),
-            reversal=range_of(score.reversal, self.unit, self.doubt) if self.judge.turns else None,
+            error=range_of(score.error, self.unit, doubt),
+            reversal=range_of(score.reversal, self.unit, doubt) if self.judge.turns else None,
             torque=range_of(score.torque, torque),
             peak=range_of(score.peak, torque),
             headroom=headroom,
@@ -333,6 +353,9 @@ def _notes(known: Known, gains: Gains, log: Log, table: Values) -> list[str]:
         )
     if len(table) == LONGEST:
         notes.append(f"The first {LONGEST * log.dt:.3g} s of the reference were simulated.")
+    if known.posterior.rivals:
+        names = [f"{', '.join(rival.causes) or 'nothing'} ({share:.0%})" for share, rival in known.posterior.rivals]
+        notes.append(f"The log leaves other explanations open: {'; '.join(names)}. They are among the machines.")
     if known.verdict in ("partly_explained", "unexplained"):
         notes.append(
             "The diagnosis does not explain this log: what is missing acts on the simulated machines as the torque "

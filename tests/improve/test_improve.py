@@ -16,9 +16,20 @@ from fpjax.improvement.answer import Improvement
 from fpjax.improvement.decide import hopeless, objection
 from fpjax.improvement.gains import freed
 from fpjax.improvement.judge import Score
-from fpjax.improvement.machines import Missing, draw_shares, opposing, record_of, surrogate, with_laws
+from fpjax.improvement.machines import (
+    Missing,
+    divided,
+    draw_machines,
+    draw_shares,
+    make_ground,
+    opposing,
+    ready,
+    record_of,
+    surrogate,
+    with_laws,
+)
 from fpjax.improvement.page import to_page
-from fpjax.improvement.search import Limits, robust_costs
+from fpjax.improvement.search import Limits, limits_of, robust_costs
 from fpjax.improvement.verb import _Clock, followed, improve_known
 
 MACHINE = {"inertia": 0.05, "coulomb": 0.4, "viscous": 0.03}
@@ -55,6 +66,71 @@ def test_the_proposal_follows_as_promised_on_a_machine_that_is_no_code_of_ours(f
     assert error(run) < 0.7 * error(log)
     assert found.after.error.low < error(run) < found.after.error.high
     assert found.measured == pytest.approx(error(log), rel=1e-6)
+
+
+def with_rivals(known, *rivals):
+    return dataclasses.replace(known, posterior=dataclasses.replace(known.posterior, rivals=rivals))
+
+
+def test_rivals_are_among_the_machines_as_often_as_they_are_likely():
+    assert divided(16, []) == [16]
+    assert divided(16, [0.25, 0.01]) == [11, 4, 1]
+    assert divided(16, [0.5, 0.4]) == [8, 4, 4]
+    heavy = case.known(values=(0.08, 0.4, 0.03), missing=0.1).posterior
+    sticky = dataclasses.replace(case.known(values=(0.05, 0.6, 0.03)).posterior, key=("bristles", ()), gap=0.0)
+    known = with_rivals(case.known(), (0.25, heavy), (0.25, sticky))
+    record = record_of(case.log(), case.model())
+    ground = make_ground(known, record, 0)
+    machines = ready(draw_machines(known.posterior, case.model(), ground, 12, 1), ground, (4, 4))
+    assert machines.count == 12
+    assert [len(part.shares) for part in machines.parts] == [6, 3, 3]
+    one, two, three = machines.parts
+    assert np.asarray(two.machine.plant.inertia) == pytest.approx(0.08, rel=0.1)
+    assert np.asarray(three.machine.law.coulomb) == pytest.approx(0.6, rel=0.1)
+    # Each has the missing torque of its own explanation, and no other's.
+    courses = np.abs(part_courses(two, ground)).max(axis=1)
+    assert np.all(courses > 0.05)
+    assert np.abs(part_courses(one, ground)).max() == 0.0
+    assert np.abs(part_courses(three, ground)).max() == 0.0
+
+
+def test_what_the_simulation_misses_of_the_log_widens_the_promise(found, small):
+    """The rms of the error is the same with and without what is added; its course is not."""
+    log = case.log()
+    time = log.time
+    error = log.reference - log.velocity
+    added = 0.2 * np.sin(2.0 * np.pi * 9.0 * time)
+    size = np.sqrt(np.mean(error**2) / np.mean((error + added) ** 2))
+    other = dataclasses.replace(log, velocity=log.reference - size * (error + added))
+    model = case.model()
+    table = followed(other, model, "log")
+    told = improve_known(case.known(), other, model, table, ["controller"], 0, _Clock(None), None, None)
+    assert told.measured == pytest.approx(found.measured, rel=0.02)
+    assert width(told.before.error) < 1.5 * width(found.before.error)
+    assert width(told.after.error) > 2.0 * width(found.after.error)
+
+
+def test_a_log_of_another_reference_says_nothing_of_the_prediction(small):
+    log, model = case.log(), case.model()
+    table = 0.5 * followed(log, model, "log")
+    found = improve_known(case.known(), log, model, table, ["controller"], 0, _Clock(None), None, None)
+    assert found.measured is None
+
+
+def width(promised):
+    return np.log(promised.high / promised.low)
+
+
+def part_courses(part, ground):
+    return part.shares @ ground.courses
+
+
+def test_a_rival_widens_the_prediction(found, small):
+    heavy = case.known(values=(0.1, 0.4, 0.03)).posterior
+    wide = improved(with_rivals(case.known(), (0.4, heavy)), case.model(), ["controller"])
+    assert wide.machines == found.machines
+    alone, both = found.before.error, wide.before.error
+    assert both.high / both.low > 1.2 * alone.high / alone.low
 
 
 def test_the_answer_says_before_and_after_with_intervals(found):
@@ -103,6 +179,13 @@ def test_gains_that_cannot_be_bettered_are_kept(small, found):
 
 
 @pytest.mark.long
+def test_a_command_beyond_the_actuators_limit_costs_nothing_of_its_own():
+    score = Score(*(np.full((2, 3), value) for value in (0.5, 0.5, 1.0, 4.0, 0.1)))
+    limits = limits_of(score.of(0), 4.0)
+    assert limits.peak == pytest.approx(5.0)
+    assert robust_costs(score, limits) == pytest.approx([1.0, 1.0])
+
+
 def test_a_machine_that_nobody_knows_is_promised_nothing(small):
     known = case.known(missing=1.5, verdict="unexplained", spread=0.6)
     found = improved(known, case.model(), ["controller"])
