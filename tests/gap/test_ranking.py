@@ -57,6 +57,7 @@ def test_the_word_follows_what_is_left_and_how_sure_the_cause_is():
     assert judged(chosen, [rival], left=0.95).word == "unexplained"
     assert judged(chosen, [rival], before=0.01).word == "no_gap"
     assert judged(weighed("stribeck", 3.0), [], before=0.1).word == "no_gap"
+    assert judged(weighed("stribeck", -20.0), [weighed("presliding", -30.0)], before=0.01).ahead == 0.0
     # a torque of importance that no effect follows is no agreement
     assert judged(weighed("stribeck", 3.0), [], before=1.0, left=1.0).word == "unexplained"
 
@@ -134,7 +135,12 @@ def test_an_effect_is_measured_by_what_no_choice_of_the_numbers_closes():
 
 def test_an_exact_twin_is_no_rival_but_shares_the_probability():
     chosen, twin = weighed("actuator_delay", 500.0), weighed("velocity_delay", 499.9)
-    assert judged(chosen, [twin]).word == "unexplained"
+    apart = judged(chosen, [twin])
+    assert (apart.word, apart.ahead) == ("explained", pytest.approx(0.1 / 500.0))
+    crowd = [weighed(name, 499.0) for name in ("velocity_delay", "actuator_lag", "velocity_lag")]
+    assert judged(chosen, crowd).word == "unexplained"
+    assert judged(chosen, crowd[:2]).word == "explained"
+    assert judged(chosen, crowd[:2], left=0.5).word == "unexplained"
     found = judged(chosen, [twin, weighed("stribeck", 100.0)], twins=single_twins(RATE_ONLY))
     assert (found.word, found.causes) == ("explained", ("actuator_delay",))
     assert found.ahead == pytest.approx(0.8)
@@ -143,7 +149,7 @@ def test_an_exact_twin_is_no_rival_but_shares_the_probability():
     )
     assert found.main["velocity_delay"] == pytest.approx(found.main["actuator_delay"], rel=0.1)
     # With an encoder beside the rate they differ.
-    assert judged(chosen, [twin], twins=single_twins(BOTH)).word == "unexplained"
+    assert judged(chosen, [twin], twins=single_twins(BOTH)).ahead < THRESHOLDS.contested
 
 
 def test_a_reading_that_is_late_is_as_sure_of_its_lag_as_the_log_shows_lag_and_no_delay():

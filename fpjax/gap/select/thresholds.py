@@ -28,7 +28,8 @@ class Thresholds:
         chance: evidence [nats] that the best of all effects brings where there is nothing to find.
         closes: missing torque that may be left, of the nominal model's [1], for causes to explain the gap.
         part: missing torque that may be left, likewise, for causes to explain a part of it: half of its energy.
-        sure: worth [nats] over the best model without its leading cause, for a cause to be asserted.
+        sure: worth [nats] over the best model without its leading cause, for a cause to be asserted alone.
+        alike: causes [1] within that, beside which the leading one is still told where the gap is explained.
         close: worth [nats] within which the data do not decide between two effects.
         temper: by which worth is divided before it becomes a probability [1]: windows of one log are not as
             independent as the likelihood takes them.
@@ -62,6 +63,7 @@ class Thresholds:
     closes: float = 0.2
     part: float = 0.71
     sure: float = 10.0
+    alike: int = 2
     close: float = 4.0
     temper: float = 3.0
     clear: float = 0.4

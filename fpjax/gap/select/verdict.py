@@ -85,7 +85,8 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     sets = _sets(decision, chosen, seen)
     margin = _margin(sets, chosen, seen)
     lead = _lead(decision, chosen, margin)
-    word = _word(decision, seen, chosen, margin, lead, thresholds)
+    near = _near(sets, chosen, seen, thresholds)
+    word = _word(decision, seen, chosen, near, lead, thresholds)
     asserted = chosen.names if word in ("explained", "partly_explained") else ()
     shares = _shares(sets, _top(word, lead, thresholds), thresholds.temper)
     main, among = _by_effect(shares)
@@ -161,15 +162,26 @@ def _margin(sets: Sequence[_Set], chosen: _Set, seen: Seen) -> float:
     return chosen.worth - max([0.0, *(s.worth for s in sets if not alike & set(s.names))])
 
 
-def _word(decision: Decision, seen: Seen, chosen: _Set, margin: float, lead: float, t: Thresholds) -> Word:
+def _near(sets: Sequence[_Set], chosen: _Set, seen: Seen, t: Thresholds) -> int:
+    """How many other causes explain the log as well in the leading one's place."""
+    if not chosen.names:
+        return 0
+    alike = {chosen.names[0]} | seen.twins.get(chosen.names[0], frozenset())
+    others = {s.names[0] for s in sets if not alike & set(s.names) and chosen.worth - s.worth <= t.sure}
+    return len(others)
+
+
+def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, t: Thresholds) -> Word:
     gained = decision.chosen.gain
     immaterial = max(t.nothing * seen.torque, seen.floor)
     if seen.before < immaterial or (gained < t.chance and seen.before < t.slight * seen.torque):
         return "no_gap"
     left = seen.after / seen.before
-    sure = bool(chosen.names) and (margin > t.sure or _is_number(chosen.names[0]))
-    if sure and (left < t.closes or seen.after < t.nothing * seen.torque):
+    # A cause and what this log cannot tell from it are told together; a class of everything says nothing.
+    few = bool(chosen.names) and (near <= t.alike or _is_number(chosen.names[0]))
+    if few and (left < t.closes or seen.after < t.nothing * seen.torque):
         return "explained"
+    sure = few and (near == 0 or _is_number(chosen.names[0]))
     # Where much is left, a cause that is not far ahead may be the one that bends best: pushes pass for a soft spring.
     return "partly_explained" if sure and left < t.part and lead >= t.clear else "unexplained"
 
@@ -187,8 +199,8 @@ def _lead(decision: Decision, chosen: _Set, margin: float) -> float:
     if not chosen.names:
         return 0.0
     if _is_number(chosen.names[0]):
-        return decision.shares.get(chosen.names[0], 0.0)
-    return margin / max(decision.chosen.gain, 1e-300)
+        return float(np.clip(decision.shares.get(chosen.names[0], 0.0), 0.0, 1.0))
+    return float(np.clip(margin / decision.chosen.gain, 0.0, 1.0)) if decision.chosen.gain > 0.0 else 0.0
 
 
 def _top(word: Word, lead: float, t: Thresholds) -> float:
