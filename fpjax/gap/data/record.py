@@ -314,7 +314,7 @@ def with_noise(records: list[Record], scale: float) -> list[Record]:
 
 
 def tables_of(record: Record) -> Tables:
-    """The record as the replay loop reads it, padded so that logs of similar length share one compiled loop."""
+    """The record as the replay loop reads it, padded so that all logs share one compiled loop."""
     count = len(record.time)
     padded = _padded(count + TAPS + 64)
     torque = np.full(padded, record.torque[0])
@@ -341,7 +341,7 @@ def _column(channel: Channel | None, count: int, padded: int) -> tuple[np.ndarra
 
 
 def _padded(count: int) -> int:
-    size = 4096
+    size = 2**16  # holds what is simulated of the longest log
     while size < count:
         size *= 2
     return size

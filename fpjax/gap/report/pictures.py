@@ -141,7 +141,9 @@ def _drawn(draw: Callable[..., None], diagnosis: Diagnosis, width: float, height
         figure = _figure(width, height)
         draw(figure, diagnosis, narrow=narrow)
         # laid out once, not again for every file that is written from it
-        figure.draw_without_rendering()
+        layout = figure.get_layout_engine()
+        assert layout is not None
+        layout.execute(figure)
         figure.set_layout_engine("none")
     return figure
 

@@ -77,7 +77,9 @@ def to_png(figure: Figure, dots_per_inch: int = 150) -> bytes:
     """The figure as PNG, on light paper."""
     buffer = io.BytesIO()
     with report_style():
-        figure.savefig(buffer, format="png", dpi=dots_per_inch, metadata={"Software": None})
+        # Level 6 takes as long as drawing does, for a file a tenth smaller.
+        options = {"compress_level": 2}
+        figure.savefig(buffer, format="png", dpi=dots_per_inch, metadata={"Software": None}, pil_kwargs=options)
     return buffer.getvalue()
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from ..answer.diagnosis import Diagnosis, Share
@@ -89,15 +90,14 @@ def _side_by_side(figure: Any, names: list[str]) -> dict[str, Axes]:
 def _bars(axes: Axes, every: tuple[Share, ...], standing_out: tuple[Share, ...], *, with_even: bool) -> None:
     shown = every or standing_out
     out = [not every or any(_overlap(place, other) > 0.5 for other in standing_out) for place in shown]
-    axes.bar(
-        [place.start for place in shown],
-        [place.share for place in shown],
-        width=[place.stop - place.start for place in shown],
-        align="edge",
-        color=[BEFORE if stands_out else SOFT for stands_out in out],
-        linewidth=0,
-        zorder=2,
-    )
+    # One collection: bars of their own are laid out and drawn one by one, which took a sixth of a report's time.
+    corners = [
+        [(place.start, 0.0), (place.start, place.share), (place.stop, place.share), (place.stop, 0.0)]
+        for place in shown
+    ]
+    colours = [BEFORE if stands_out else SOFT for stands_out in out]
+    axes.add_collection(PolyCollection(corners, facecolors=colours, linewidths=0, zorder=2))
+    axes.autoscale_view()
     if with_even and every and any(p.expected > 0.0 for p in every):
         edges = [p.start for p in every] + [every[-1].stop]
         axes.stairs(

@@ -10,7 +10,7 @@ import numpy as np
 from ...blocks.plants import AbstractPlant
 from ...compiled.batch import cores
 from ...compiled.threads import on_threads, settings, under
-from ..data.record import Record
+from ..data.record import LONGEST, Record
 from ..data.setting import Setting
 from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, Parameter, free, leaf
@@ -121,7 +121,7 @@ def key_for(effects: tuple[Effect, ...]) -> Key:
 class Runner:
     """Runs lanes through a family's compiled loop.
 
-    The loop is compiled once for a family, a window length and the log's channels.
+    The loop is compiled once for a family and the log's channels.
 
     Args:
         family: whose loop it is.
@@ -138,7 +138,9 @@ class Runner:
             nominal = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), family.machine)
         self.fixed = [jax.tree.leaves((nominal, table)) for table in tables]
         structure = jax.tree.structure((nominal, tables[0]))
-        self.kernel = residual_kernel(family.effects, family.parameters, first.samples, first.channels, fine, structure)
+        room = max(LONGEST[first.velocity is None], self.samples)
+        self.length = np.int32(self.samples)
+        self.kernel = residual_kernel(family.effects, family.parameters, room, first.channels, fine, structure)
 
     def run(
         self, which: int, vector: np.ndarray, states: np.ndarray, windows: dict[str, np.ndarray]
@@ -167,7 +169,7 @@ class Runner:
         def part(number: int) -> None:
             with under(own), double_precision(), jax.default_device(device):
                 for chunk in range(number, chunks, threads):
-                    _store(result, ends, chunk * LANES, self.kernel(fixed, rows[chunk], starts[chunk]))
+                    _store(result, ends, chunk * LANES, self.kernel(fixed, rows[chunk], starts[chunk], self.length))
 
         on_threads(part, threads)
         return result, ends
@@ -175,7 +177,7 @@ class Runner:
 
 def _store(result: np.ndarray, ends: np.ndarray, first: int, out: Any) -> None:
     last = min(first + LANES, result.shape[2])
-    result[:, :, first:last] = np.asarray(out[0])[:, :, : last - first]
+    result[:, :, first:last] = np.asarray(out[0])[:, : result.shape[1], : last - first]
     ends[:, first:last] = np.asarray(out[1])[:, : last - first]
 
 

@@ -229,40 +229,45 @@ def residuals(
 def residual_kernel(
     effects: tuple[Effect, ...],
     parameters: tuple[Parameter, ...],
-    samples: int,
+    longest: int,
     channels: tuple[bool, bool],
     fine: bool,
     fixed: Any,
-) -> Callable[[list[Array], Array, Array], tuple[Array, Array]]:
-    """The compiled loop: (leaves, rows, start) -> residuals; the same one for every log and model alike.
+) -> Callable[[list[Array], Array, Array, Array], tuple[Array, Array]]:
+    """The compiled loop: (leaves, rows, start, samples) -> residuals; the same one for every log and model alike.
 
     Args:
         effects: all effects of the super-model.
         parameters: their parameters, in the order of the vector.
-        samples: length of a window.
+        longest: window [samples] that there is room for. How long one is, is an argument: were it compiled in, every
+            log of a new length or rate would wait for all loops to be compiled again.
         channels: whether (velocity, position) is in the log.
         fine: with shorter steps.
         fixed: structure of (nominal machine, tables).
 
     Returns:
-        A function of the leaves of (nominal machine, tables) and the lanes as `as_rows` has them, with their `start`.
-        It gives what was predicted less what was read, in standard deviations, shape (channels, samples, LANES):
-        velocity, then position; and the hidden states after the last sample, shape (2, LANES).
+        A function of the leaves of (nominal machine, tables), the lanes as `as_rows` has them with their `start`, and
+        the length of a window. It gives what was predicted less what was read, in standard deviations, shape
+        (channels, longest, LANES): velocity, then position, zero behind the window; and the hidden states after its
+        last sample, shape (2, LANES).
     """
 
-    def run(fixed: tuple[Machine, Tables], rows: Array, start: Array) -> tuple[Array, Array]:
+    def run(fixed: tuple[Machine, Tables], rows: Array, start: Array, samples: Array) -> tuple[Array, Array]:
         nominal, tables = fixed
         vector, states, windows = from_rows(rows, start, len(parameters))
         machine = assembled(nominal, effects, parameters, vector)
 
-        def step(carry: Carry, index: Array) -> tuple[Carry, tuple[Array, ...]]:
+        def step(index: Array, at: tuple[Carry, Array]) -> tuple[Carry, Array]:
+            carry, found = at
             following, predicted = advance(machine, carry, windows, tables, index, fine)
             both = residuals(predicted, machine, windows, tables, index)
-            return following, tuple(r for r, there in zip(both, channels, strict=True) if there)
+            kept = jnp.stack([r for r, there in zip(both, channels, strict=True) if there])
+            return following, jax.lax.dynamic_update_index_in_dim(found, kept, index, 1)
 
         carry = begin(machine, windows, states, tables)
-        last, found = jax.lax.scan(step, carry, jnp.arange(samples, dtype=jnp.int32))
-        return jnp.stack(found), hidden_of(last.plant)
+        room = jnp.zeros((sum(channels), longest, start.shape[0]), rows.dtype)
+        last, found = jax.lax.fori_loop(jnp.int32(0), samples, step, (carry, room))
+        return found, hidden_of(last.plant)
 
     return lane_kernel(run, fixed)
 
