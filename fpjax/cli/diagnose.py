@@ -52,7 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="runs that are only scored, never fitted (default: whole blocks of the logs themselves)",
     )  # fmt: skip
     parser.add_argument("--each", action="store_true", help="each log is a machine of its own, with its own folder")
-    parser.add_argument("--resume", action="store_true", help="with --each: leave out the logs that are finished")
+    parser.add_argument(
+        "--resume", action="store_true", help="with --each: leave out finished logs (one diagnosis goes on by itself)"
+    )
     add_log_options(parser)
     parser.add_argument("--no-report", action="store_true", help="diagnosis.json only: no report.html, no pictures")
     add_out(parser, required=True)
@@ -68,11 +70,9 @@ def run(arguments: argparse.Namespace) -> int:
         logs = [_log(path, "log", model, arguments, record) for path in arguments.logs]
         holdout = [_log(path, "holdout", model, arguments, record) for path in arguments.holdout]
         assert record.folder is not None
-        if arguments.resume and not arguments.each:
-            raise InputError("--resume goes on with the logs of --each: one diagnosis cannot be resumed; leave it out.")
         if not arguments.each:
             arguments.kept = (
-                "one diagnosis keeps nothing on the way but its compiled programs, so the same command starts again"
+                f"what is fitted so far is kept in {record.folder}, and the same command goes on from there"
                 f"{_earlier(record.folder)}"
             )
             _one(model, logs, holdout, record.folder, record, arguments)
@@ -142,15 +142,25 @@ def _one(
     arguments: argparse.Namespace,
 ) -> None:
     from ..gap import diagnose
+    from ..gap.fit.kept import NAME, Kept
 
     record.stage("diagnose")
-    with Stages("diagnose") as stages:
-        found = interruptible(lambda: diagnose(logs, model, holdout=holdout, progress=stages.stage))
+    prefix = "" if folder == record.folder else f"{folder.name}/"
+    folder.mkdir(parents=True, exist_ok=True)
+    kept = Kept(folder / NAME)
+    try:
+        with Stages("diagnose") as stages:
+            found = interruptible(lambda: diagnose(logs, model, holdout=holdout, progress=stages.stage, keep=kept))
+    except InputError:
+        kept.discard()  # the same input is refused again
+        raise
+    if kept.taken:
+        say(record, f"{kept.taken} fits of the run that was interrupted are taken over")
+    if kept.lost:
+        say(record, f"{kept.path} could not be written ({kept.lost}): an interrupt would have kept nothing")
     found = dataclasses.replace(found, provenance=_provenance(found, record))
     print(found)
     record.stage("write")
-    prefix = "" if folder == record.folder else f"{folder.name}/"
-    folder.mkdir(parents=True, exist_ok=True)
     write_json(record.path(f"{prefix}{DIAGNOSIS}"), found.to_dict())
     if found.model:
         write_whole(record.path(f"{prefix}corrected.toml"), found.model)
@@ -161,6 +171,7 @@ def _one(
     if not arguments.no_report:
         record.path(f"{prefix}report.html")
         found.report(folder)
+    kept.discard()
     sys.stdout.flush()
 
 

@@ -19,6 +19,7 @@ from .data.record import about_stretches, make_records
 from .data.setting import make_setting
 from .effects.effect import Effect
 from .effects.vocabulary import EFFECTS, on_rate_sensor
+from .fit.kept import Kept, KeptSearch, key_of
 from .fit.search import Search
 from .precision import double_precision
 from .select.decision import decide
@@ -28,14 +29,14 @@ from .simulate.family import Nominal
 @overload
 def diagnose(
     log: Any, model: Any, *, holdout: Any = (), each: Literal[False] = False, effects: tuple[Effect, ...] = EFFECTS,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Callable[[str, float], None] | None = None, keep: Kept | None = None,
 ) -> Diagnosis: ...  # fmt: skip
 
 
 @overload
 def diagnose(
     log: Any, model: Any, *, holdout: Any = (), each: Literal[True], effects: tuple[Effect, ...] = EFFECTS,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Callable[[str, float], None] | None = None, keep: Kept | None = None,
 ) -> tuple[Diagnosis, ...]: ...  # fmt: skip
 
 
@@ -47,6 +48,7 @@ def diagnose(
     each: bool = False,
     effects: tuple[Effect, ...] = EFFECTS,
     progress: Callable[[str, float], None] | None = None,
+    keep: Kept | None = None,
 ) -> Diagnosis | tuple[Diagnosis, ...]:
     """Where the simulation is wrong, which effect causes it, how far the gap shrinks.
 
@@ -57,6 +59,8 @@ def diagnose(
         each: take the logs as separate machines.
         effects: the vocabulary; append your own `Effect` to `fpjax.gap.EFFECTS`.
         progress: called with (name of the stage, share done [1]).
+        keep: a file for what is fitted on the way, `fpjax.gap.fit.kept.Kept(path)`: an interrupted diagnosis of the
+            same input goes on with what it holds and ends with the same numbers. Its `discard` removes the file.
 
     Returns:
         A `Diagnosis`; a tuple of them, one a log, with `each`.
@@ -70,18 +74,24 @@ def diagnose(
     logs, withheld = read_logs(log), read_logs(holdout)
     if not logs:
         raise InputError("No log was given: pass a path, a Log or a mapping of arrays.")
+    if keep is not None and each and len(logs) > 1:
+        raise InputError("keep holds one diagnosis: diagnose each log with a file of its own.")
     found = []
-    with double_precision():  # the model too: rounded to single precision it would be another one
-        nominal = read_model(model)
-        for group in [[one] for one in logs] if each else [logs]:
-            found.append(_diagnose(group, withheld, nominal, effects, allowed, clock))
-            clock = StageClock(progress)
+    try:
+        with double_precision():  # the model too: rounded to single precision it would be another one
+            nominal = read_model(model)
+            for group in [[one] for one in logs] if each else [logs]:
+                found.append(_diagnose(group, withheld, nominal, effects, allowed, clock, keep))
+                clock = StageClock(progress)
+    finally:
+        if keep is not None:
+            keep.close()
     return tuple(found) if each else found[0]
 
 
 def _diagnose(
     logs: Sequence[Log], withheld: Sequence[Log], model: Model, effects: tuple[Effect, ...], allowed: tuple[str, ...],
-    clock: StageClock,
+    clock: StageClock, keep: Kept | None,
 ) -> Diagnosis:  # fmt: skip
     started = datetime.datetime.now(datetime.UTC)
     clock("looking", 0.01)
@@ -91,7 +101,7 @@ def _diagnose(
     warnings = [sentence for one in logs for sentence in one.warnings]
     warnings += look_at(everything, model)
     try:
-        search = make_search(logs, withheld, model, effects)
+        search = make_search(logs, withheld, model, effects, keep)
         warnings += about_stretches(search.records)
         decision = decide(search, clock)
         clock("intervals and curves", 0.9)
@@ -109,7 +119,11 @@ def _diagnose(
 
 
 def make_search(
-    logs: Sequence[Log], withheld: Sequence[Log], model: Model, effects: tuple[Effect, ...] = EFFECTS
+    logs: Sequence[Log],
+    withheld: Sequence[Log],
+    model: Model,
+    effects: tuple[Effect, ...] = EFFECTS,
+    keep: Kept | None = None,
 ) -> Search:
     """Everything that is fitted on one machine's logs; the nominal model alone has been.
 
@@ -118,6 +132,7 @@ def make_search(
         withheld: scored only.
         model: the nominal model.
         effects: the vocabulary.
+        keep: the file that keeps what is fitted; None to keep nothing.
 
     Raises:
         InputError: for logs that are too short, or do not go together.
@@ -126,7 +141,11 @@ def make_search(
     if records[0].velocity is None:
         effects = tuple(effect for effect in effects if not on_rate_sensor(effect))
     nominal = Nominal(model.loop.plant, model.loop.actuator, model.loop.sensor)
-    return Search(records, nominal, effects, make_setting(records, model))
+    arguments = records, nominal, effects, make_setting(records, model)
+    if keep is None:
+        return Search(*arguments)
+    keep.begin(key_of(logs, withheld, model, effects))
+    return KeptSearch(keep, *arguments)
 
 
 def allowed_effects(effects: tuple[Effect, ...]) -> tuple[str, ...]:

@@ -1,0 +1,315 @@
+"""What a diagnosis has fitted so far, in one file, so that an interrupted one goes on where it was.
+
+The search asks for its fits in an order that its input decides. Each answer is written behind the one before, with its
+checksum; a rerun from the same input takes them in that order and ends with the same bits. Whatever else stands in the
+file (a half written end, another input, another version of the code) is not taken.
+"""
+
+import contextlib
+import functools
+import hashlib
+import io
+import os
+import pickle
+import struct
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import jax
+import numpy as np
+
+import fpjax
+
+from ...errors import InputError
+from ...logs import Log
+from ...model_file import Model
+from ...output.runfile import sync_folder, versions
+from ..effects.effect import Effect
+from ..simulate.family import Family
+from .candidate import Candidate, Fit
+from .search import Search, Start
+
+T = TypeVar("T")
+NAME = "diagnosis.kept"
+_MAGIC = b"fpjax kept fits 1\n"
+_HEAD = struct.Struct("<Q32s")  # length of what follows, its SHA-256
+# All that a fit is made of: nothing else is made of what stands in the file.
+_KNOWN = {
+    *((f"numpy.{core}.multiarray", name) for core in ("core", "_core") for name in ("_reconstruct", "scalar")),
+    ("numpy", "ndarray"),
+    ("numpy", "dtype"),
+    (Candidate.__module__, "Candidate"),
+    (Fit.__module__, "Fit"),
+}
+
+
+class Kept:
+    """The file of one diagnosis; it is there from `begin` to `discard`.
+
+    Attributes:
+        path: of the file.
+        taken: answers that were taken from an earlier run.
+        lost: why nothing is written any more; "" while it is.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]):
+        self.path = Path(path)
+        self.taken, self.lost = 0, ""
+        self._answers: list[tuple[str, bytes, int]] = []  # question, answer, where it begins in the file
+        self._place = self._depth = 0
+        self._handle: int | None = None
+        self._own = False  # whether the file is this one's to remove
+
+    def begin(self, key: str) -> None:
+        """Take the file, and what an earlier run from the same input left in it.
+
+        Args:
+            key: of the input, as `key_of` gives it.
+
+        Raises:
+            InputError: where another process writes to it.
+        """
+        self.close()
+        self.taken, self._place, self._answers = 0, 0, []
+        begin = _MAGIC + key.encode() + b"\n"
+        try:
+            self._handle = os.open(self.path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
+            _lock(self._handle, self.path)
+            self._own = True
+            content = self.path.read_bytes()
+            end = len(begin)
+            if content.startswith(begin):
+                self._answers, end = _answers(content, end)
+            else:
+                os.ftruncate(self._handle, 0)
+                _write(self._handle, begin, 0)
+            os.ftruncate(self._handle, end)
+            sync_folder(self.path.parent)
+        except InputError:
+            self.close()
+            raise
+        except OSError as error:
+            self._give_up(error)
+
+    def answer(self, question: str, work: Callable[[], T], search: Search) -> T:
+        """What `work` returns, or what it returned in the earlier run.
+
+        Args:
+            question: what is computed; the same in a rerun.
+            work: computes it; what it asks for in turn is not kept.
+            search: whose effects and families the answer holds.
+        """
+        if self._depth:
+            return work()
+        place, self._place = self._place, self._place + 1
+        if place < len(self._answers):
+            asked, content, begin = self._answers[place]
+            with contextlib.suppress(Exception):  # whatever cannot be read is computed again
+                if asked == question:
+                    found = _Reader(io.BytesIO(content), search).load()
+                    self.taken += 1
+                    return found
+            del self._answers[place:]
+            self._cut(begin)
+        self._depth += 1
+        try:
+            found = work()
+        finally:
+            self._depth -= 1
+        self._add(question, found, search)
+        return found
+
+    def _add(self, question: str, found: Any, search: Search) -> None:
+        if self._handle is None:
+            return
+        stream = io.BytesIO()
+        try:
+            _Writer(stream, search).dump(found)
+            content = pickle.dumps((question, stream.getvalue()), protocol=4)
+            place = os.lseek(self._handle, 0, os.SEEK_END)
+            _write(self._handle, _HEAD.pack(len(content), hashlib.sha256(content).digest()) + content, place)
+        except (OSError, pickle.PicklingError) as error:
+            self._give_up(error)
+
+    def _cut(self, end: int) -> None:
+        if self._handle is not None:
+            try:
+                os.ftruncate(self._handle, end)
+            except OSError as error:
+                self._give_up(error)
+
+    def _give_up(self, error: Exception) -> None:
+        """Keep nothing: a full disk is no reason not to diagnose."""
+        self.lost = getattr(error, "strerror", None) or str(error)
+        self.discard()
+
+    def close(self) -> None:
+        """Give the file back and leave it there."""
+        if self._handle is not None:
+            os.close(self._handle)
+        self._handle = None
+
+    def discard(self) -> None:
+        """The diagnosis is done: the file goes, unless it is another's."""
+        self.close()
+        with contextlib.suppress(OSError):
+            if self._own:
+                self.path.unlink(missing_ok=True)
+        self._own = False
+
+
+class KeptSearch(Search):
+    """A search whose fits are kept; its arguments are those of `Search`, after the file.
+
+    Args:
+        kept: has begun.
+    """
+
+    def __init__(self, kept: Kept, *arguments: Any):
+        self._kept = kept
+        super().__init__(*arguments)
+
+    def _base(self, wide: tuple[str, ...] | None) -> Candidate:
+        return self._kept.answer(f"base {wide}", lambda: super(KeptSearch, self)._base(wide), self)
+
+    def explore(self, starts: Sequence[Start], keep: Sequence[int] = (), *, white: bool = True) -> list[Fit]:
+        """As `Search.explore`."""
+        question = f"explore {_of_starts(starts)} {tuple(keep)} {white}"
+        return self._kept.answer(question, lambda: super(KeptSearch, self).explore(starts, keep, white=white), self)
+
+    def fitted(self, starts: Sequence[Start]) -> list[Fit]:
+        """As `Search.fitted`."""
+        return self._kept.answer(f"fitted {_of_starts(starts)}", lambda: super(KeptSearch, self).fitted(starts), self)
+
+    def refit(self, fit: Fit, wide: Sequence[str]) -> Fit:
+        """As `Search.refit`."""
+        question = f"refit {_of_candidate(fit.candidate)} {sorted(wide)}"
+        return self._kept.answer(question, lambda: super(KeptSearch, self).refit(fit, wide), self)
+
+    def finish(self, candidates: Sequence[Candidate], *arguments: Any) -> list[Fit]:
+        """As `Search.finish`."""
+        question = f"finish {[_of_candidate(c) for c in candidates]} {arguments}"
+        return self._kept.answer(question, lambda: super(KeptSearch, self).finish(candidates, *arguments), self)
+
+
+def key_of(logs: Sequence[Log], withheld: Sequence[Log], model: Model, effects: Sequence[Effect]) -> str:
+    """Hash of all that the fits depend on: logs, model, effects by name, versions, and the code itself.
+
+    Args:
+        logs: fitted.
+        withheld: scored only.
+        model: the nominal model.
+        effects: the vocabulary.
+    """
+    digest = hashlib.sha256(_code().encode())
+    for part in ([str(sorted(versions().items())), model.text], [f"{len(logs)} {len(withheld)}"]):
+        digest.update("\0".join(part).encode())
+    digest.update(repr([(e.name, [p.name for p in e.parameters]) for e in effects]).encode())
+    for leaf in jax.tree.leaves(model.loop):  # changed, perhaps, since it was read
+        digest.update(np.asarray(leaf).tobytes())
+    for log in (*logs, *withheld):
+        digest.update(f"{log.name} {log.dt!r} {log.linear} {log.torque_measured} {log.torque_step!r}".encode())
+        for name, values in {**log.columns(), **log.extra}.items():
+            digest.update(name.encode())
+            digest.update(values.astype("<f8").tobytes())
+    return digest.hexdigest()
+
+
+@functools.cache
+def _code() -> str:
+    """Hash of the package's own files: fits of other code are no part of this run."""
+    digest = hashlib.sha256()
+    root = Path(fpjax.__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(str(path.relative_to(root)).encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _answers(content: bytes, begin: int) -> tuple[list[tuple[str, bytes, int]], int]:
+    """The whole answers from `begin` on, and where the last of them ends."""
+    found = []
+    while begin + _HEAD.size <= len(content):
+        length, checksum = _HEAD.unpack_from(content, begin)
+        end = begin + _HEAD.size + length
+        part = content[begin + _HEAD.size : end]
+        if end > len(content) or hashlib.sha256(part).digest() != checksum:
+            break
+        question, answer = _Plain(io.BytesIO(part)).load()
+        found.append((question, answer, begin))
+        begin = end
+    return found, begin
+
+
+def _write(handle: int, content: bytes, place: int) -> None:
+    os.lseek(handle, place, os.SEEK_SET)
+    rest = memoryview(content)
+    while rest:
+        rest = rest[os.write(handle, rest) :]
+    os.fsync(handle)
+
+
+def _lock(handle: int, path: Path) -> None:
+    try:
+        import fcntl
+    except ImportError:  # another system: its users have a folder each
+        return
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise InputError(
+            f"{path.parent} belongs to a diagnosis that is still running: wait for it, end it, or use another --out."
+        ) from None
+
+
+class _Writer(pickle.Pickler):
+    """Effects and families stand in the file by their names."""
+
+    def __init__(self, stream: io.BytesIO, search: Search):
+        super().__init__(stream, protocol=4)
+        self._effects = {id(effect): effect.name for effect in search.effects}
+
+    def persistent_id(self, obj: Any) -> Any:
+        """The name of what is not written itself."""
+        if isinstance(obj, Effect):
+            if id(obj) not in self._effects:
+                raise pickle.PicklingError(f"{obj.name} is not of the vocabulary")
+            return "effect", obj.name
+        return ("family", obj.key) if isinstance(obj, Family) else None
+
+
+class _Plain(pickle.Unpickler):
+    """Numbers, text and nothing else."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Refuse what no fit is made of: a file is not to run anything."""
+        if (module, name) not in _KNOWN:
+            raise pickle.UnpicklingError(f"{module}.{name} is no part of a fit")
+        return super().find_class(module, name)
+
+
+class _Reader(_Plain):
+    def __init__(self, stream: io.BytesIO, search: Search):
+        super().__init__(stream)
+        self._search = search
+        self._effects = {effect.name: effect for effect in search.effects}
+
+    def persistent_load(self, pid: Any) -> Any:
+        """The effect or the family of a name."""
+        kind, name = pid
+        return self._effects[name] if kind == "effect" else self._search.fitter(name).family
+
+
+def _of_candidate(c: Candidate) -> str:
+    numbers = b"".join(part.tobytes() for part in (c.vector, *c.states, *c.hidden))
+    return f"{c.names} {hashlib.sha256(numbers).hexdigest()[:16]}"
+
+
+def _of_starts(starts: Sequence[Start]) -> str:
+    digest = hashlib.sha256()
+    for start in starts:
+        like = "" if start.like is None else _of_candidate(start.like)
+        words = (*(e.name for e in start.effects), "|", *sorted(start.wide), repr(sorted(start.values.items())), like)
+        digest.update("\0".join(words).encode())
+    return f"{len(starts)} {digest.hexdigest()[:16]}"
