@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import difflib
+import gc
 import importlib
 import os
 import signal
@@ -85,6 +86,8 @@ def main(argv: list[str] | None = None) -> int:
     """
     own_process = argv is None
     words = sys.argv[1:] if argv is None else argv
+    if own_process:
+        gc.set_threshold(50_000, 20, 20)  # jax and matplotlib hold a million objects that are never garbage
     with _terminable():
         code = _run(words)
     if own_process and code >= INTERRUPTED:

@@ -10,6 +10,7 @@ MOST = 3  # starts of each kind
 SAMPLES = 3000  # that are looked at
 HIGHEST = 200.0  # periods a revolution that are looked at, or as many within a shorter travel
 GRID = 1600  # periods that are tried at the most
+BLOCK = 40  # periods that are computed together: they stay in the cache
 MOVING = 0.05  # of the top speed: below it the direction is not known
 
 Values = np.ndarray
@@ -37,8 +38,7 @@ def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[
         return {}
     common = np.stack([np.ones_like(speed), np.sign(speed), speed, record.acceleration[keep]], 1)
     basis, _ = np.linalg.qr(common / np.maximum(np.linalg.norm(common, axis=0), 1e-30))
-    torque = _energy(left, angle, np.ones_like(speed), periods, basis)
-    friction = _energy(left, angle, np.sign(speed), periods, basis)
+    torque, friction = _energies(left, angle, np.sign(speed), periods, basis)
     found = {
         "torque": _peaks(periods, np.where(periods >= 1.5, torque, 0.0)),
         "friction": _peaks(periods, friction),
@@ -50,21 +50,33 @@ def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[
     return found
 
 
-def _energy(left: Values, angle: Values, factor: Values, periods: Values, basis: Values) -> Values:
-    """What a sine of each of the periods explains, beside the basis, shape (periods,)."""
-    left = left - basis @ (basis.T @ left)
-    phase = periods[:, None] * angle
-    cosine, sine = np.cos(phase) * factor, np.sin(phase) * factor  # (periods, samples)
-    along = cosine @ basis, sine @ basis  # (periods, columns of the basis)
+def _energies(left: Values, angle: Values, side: Values, periods: Values, basis: Values) -> tuple[Values, Values]:
+    """What a sine of each of the periods explains, as it is and times `side` (1 or -1), beside the basis.
 
-    def product(first: int, second: int) -> Values:
-        columns = (cosine, sine)
-        whole = np.einsum("ps,ps->p", columns[first], columns[second])
-        return whole - np.sum(along[first] * along[second], axis=1)
+    Both of shape (periods,).
+    """
+    columns = np.concatenate([basis, (left - basis @ (basis.T @ left))[:, None]], 1)
+    columns = np.concatenate([columns, side[:, None] * columns], 1)
+    # The periods are evenly spaced: a block of them is one of them turned on, without further sines.
+    turned = np.exp(1j * (periods[1] - periods[0]) * angle * np.arange(BLOCK)[:, None])
+    found = []
+    for first in range(0, len(periods), BLOCK):
+        wave = turned[: len(periods) - first] * np.exp(1j * periods[first] * angle)
+        cosine, sine = np.ascontiguousarray(wave.real), np.ascontiguousarray(wave.imag)
+        squares = [np.einsum("ps,ps->p", a, b) for a, b in ((cosine, cosine), (sine, sine), (cosine, sine))]
+        along = np.split(cosine @ columns, 2, axis=1), np.split(sine @ columns, 2, axis=1)
+        found.append([_explained(squares, a, b, 1e-6 * len(angle)) for a, b in zip(*along, strict=True)])
+    torque, friction = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return torque, friction
 
-    small = 1e-6 * len(angle)
-    cc, ss, cs = product(0, 0) + small, product(1, 1) + small, product(0, 1)
-    c, s = cosine @ left, sine @ left
+
+def _explained(squares: list[Values], cosine: Values, sine: Values, small: float) -> Values:
+    """Fall of the sum of squares by a sine and a cosine; given their products, and those with the columns."""
+    (a, c), (b, s) = (cosine[:, :-1], cosine[:, -1]), (sine[:, :-1], sine[:, -1])
+    cc, ss, cs = (
+        whole - np.sum(one * other, axis=1) for whole, one, other in zip(squares, (a, b, a), (a, b, b), strict=True)
+    )
+    cc, ss = cc + small, ss + small
     return (ss * c**2 - 2.0 * cs * c * s + cc * s**2) / (cc * ss - cs**2)
 
 
