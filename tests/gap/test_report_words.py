@@ -16,6 +16,7 @@ from fpjax.gap.report import (
     model_text,
     reading,
     record_picture,
+    shrink_picture,
     text,
     where_picture,
     words,
@@ -152,6 +153,16 @@ def test_a_frequency_bin_that_begins_at_zero_is_in_the_picture():
     assert axes.get_xscale() == "log"
     assert 0.0 < axes.get_xlim()[0] < 0.1 / 2
     assert axes.get_ylim()[1] > 0.7
+
+
+def test_a_companion_is_drawn_as_likely_as_the_table_has_it():
+    full = CASES["explained"]()
+    first, second, *rest = full.ranking
+    pair = (first, dataclasses.replace(second, probability=0.0, cause_probability=0.83), *rest)
+    figure = Figure()
+    shrink_picture.draw_ranking(figure, dataclasses.replace(full, ranking=pair))
+    widths = [bar.get_width() for bar in figure.axes[0].patches]
+    assert widths[:2] == pytest.approx([first.probability, 0.83])
 
 
 def test_the_worst_place_is_where_the_nominal_model_is_most_wrong():

@@ -92,7 +92,7 @@ def draw_shrink(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
 
 
 def draw_ranking(figure: Any, diagnosis: Diagnosis) -> None:
-    """Draw the probabilities of the first few effects on a figure or subfigure.
+    """Draw how probable the first few effects are, as a main cause or a companion, on a figure or subfigure.
 
     Args:
         figure: to draw on.
@@ -101,7 +101,8 @@ def draw_ranking(figure: Any, diagnosis: Diagnosis) -> None:
     axes = figure.subplots()
     shown = [c for c in diagnosis.ranking if math.isfinite(c.probability)][:5]
     rows = [-i for i in range(len(shown))]
-    shares = [c.probability for c in shown]
+    # A companion may be certain and yet not the main cause: drawn is what the table beside says.
+    shares = [max(c.probability, c.cause_probability) for c in shown]
     twins = set().union(*(twins_of(diagnosis, cause) for cause in diagnosis.causes))
     colours = [AFTER if c.effect in diagnosis.causes or c.effect in twins else SOFT for c in shown]
     bars = axes.barh(rows, shares, height=0.5, color=colours, linewidth=0)
@@ -113,6 +114,6 @@ def draw_ranking(figure: Any, diagnosis: Diagnosis) -> None:
     axes.tick_params(axis="y", length=0, labelcolor=INK, labelsize=8.5)
     axes.set_xlim(0.0, 1.2)
     axes.set_xticks([])
-    axes.set_title("Probability")
+    axes.set_title("Probability of being a cause")
     axes.spines["bottom"].set_visible(False)
     axes.grid(visible=False)
