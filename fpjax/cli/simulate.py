@@ -79,6 +79,7 @@ def open_model(path: str, changes: list[str], record: RunFile) -> "Model":
     """
     from ..model_file import load_model
     from ..model_file.admissible import check_changes
+    from ..model_file.model import about_proportions
     from ..parameters import set_parameters
 
     model = load_model(record.read(path, "model"))
@@ -87,8 +88,10 @@ def open_model(path: str, changes: list[str], record: RunFile) -> "Model":
     if changes:
         pairs = read_pairs(changes, "--set")
         model = dataclasses.replace(model, loop=set_parameters(model.loop, pairs))
-        for note in check_changes(model.loop, pairs, model.units):
-            say(record, note)
+        changed = [*check_changes(model.loop, pairs, model.units), *about_proportions(model)]
+        for note in changed:
+            if note not in model.notes:
+                say(record, note)
     return model
 
 

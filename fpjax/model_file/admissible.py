@@ -35,14 +35,42 @@ BY_UNIT = {
     "s": (1e-12, 1e12),
     "Hz": (1e-12, 1e12),
     "kg m^2": (1e-15, 1e15),
+    "rad/s": (1e-15, 1e9),
+    "rad/s/sqrt(s)": (1e-15, 1e9),
 }
+_TURN = (1e-15, 2.0 * math.pi)  # angles that are small ones
+_FACTOR = (1e-3, 1e3)  # of what is 1 in a machine that is known
+_EXPONENT = (1e-2, 1e2)
+_LAG = (1e-12, 1e3)
+_PHASE = (1e-30, 1e4)  # beyond it the digits that are left say nothing of the angle
+_GAIN = (1e-15, 1e15)
 BY_KEY = {
     ("simulation", "dt"): (1e-9, 10.0),  # of a drive: 10 us to 10 ms
     # One line a turn is the coarsest encoder; a linear scale coarser than that has no name.
-    ("sensor", "position_step"): (1e-15, 2.0 * math.pi),
-    ("sensor", "step rad"): (1e-15, 2.0 * math.pi),
+    ("sensor", "position_step"): _TURN,
+    ("sensor", "step rad"): _TURN,
     ("sensor", "step rad/s"): (1e-15, 1e6),
-    ("transmission", "backlash"): (1e-15, 2.0 * math.pi),  # a gear that is free for a turn is none
+    ("sensor", "position_noise"): _TURN,
+    ("sensor", "angle_noise"): _TURN,
+    ("sensor", "scale"): _FACTOR,
+    ("sensor", "lag"): _LAG,
+    ("sensor", "filter_time"): _LAG,
+    ("actuator", "gain"): _FACTOR,
+    ("actuator", "lag"): _LAG,
+    ("actuator", "cogging_phase"): _PHASE,
+    ("transmission", "backlash"): _TURN,  # a gear that is free for a turn is none
+    ("friction", "bristle_deflection"): _TURN,
+    ("friction", "exponent"): _EXPONENT,
+    ("friction", "stribeck_exponent"): _EXPONENT,
+    ("friction", "bristle_exponent"): _EXPONENT,
+    ("observer", "gain"): _GAIN,
+    ("observer", "gain_1"): _GAIN,
+    ("observer", "gain_2"): _GAIN,
+    ("controller", "tracking_time"): _LAG,
+    ("feedforward", "lag"): _LAG,
+    ("load", "phase"): _PHASE,
+    ("reference", "phase"): _PHASE,
+    ("reference", "phases"): _PHASE,
 }
 NYQUIST = 0.5  # of the sample rate: above it a sine is another, slower one
 FOLLOWED = 0.1  # of the sample rate: a held signal has lost 18 degrees there

@@ -11,21 +11,23 @@ import jax
 
 from ..blocks.controllers import AbstractController, Proportional
 from ..blocks.friction.bristles import Bristles
-from ..blocks.plants import AbstractPlant
 from ..blocks.references import AbstractReference
 from ..errors import InputError
 from ..loop import ClosedLoop
 from ..output import toml_text
 from ..scan import Stepper, Stepping, make_stepper
 from ..solvers import SOLVERS, get_solver
-from ..stability import safe_steepness
-from . import body, loop_parts
+from . import body
 from .admissible import check_all
 from .bounds import Bounds, describe_bounds, read_bounds
+from .controller import FEEDFORWARD, build_controller, describe_controller, describe_feedforward, with_feedforward
 from .friction import OFFSET, SECTION, Steepness, build_friction, describe_friction
 from .keys import Key, Units, check_keys, choose, missing, nearest, read_values
 from .learned import build_learned, describe_learned, join_load, more_coulomb
+from .observer import build_observer, choose_observer_steepness, describe_observer, known_to_observer, unwritten_gains
 from .placed import with_placed_gains
+from .proportions import check_proportions
+from .reference import build_reference, describe_reference
 
 SECTIONS = (
     "units", "plant", "transmission", "friction", "load", "learned", "actuator", "sensor",
@@ -39,7 +41,6 @@ _UNITS = {
     "sensors": ("velocity", "position", "both"),
 }
 LOG_SUFFIXES = (".csv", ".npz", ".mat", ".parquet", ".mcap")
-OBSERVER_FRACTION = 0.8  # of the steepness at which a held compensation begins to overshoot rest
 LARGEST_RUN = 1e9  # samples: beyond it a unit is wrong
 
 
@@ -225,28 +226,26 @@ def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) ->
     if steepness.note:
         notes.append(steepness.note)
     plant = body.build_plant(sections["plant"], sections.get("transmission"), friction, bare.load, units)
-    missing_gains = loop_parts.unwritten_gains(sections.get("controller"), sections.get("observer"))
+    missing_gains = unwritten_gains(sections.get("controller"), sections.get("observer"))
     tables = _with_any_gain(sections, missing_gains)
-    controller = loop_parts.build_controller(tables.get("controller", {"type": "unknown"}), units, dt)
-    known = _known(plant)
-    _choose_observer_steepness(known, sections, time, dt, units, notes)
+    controller = build_controller(tables.get("controller", {"type": "unknown"}), units, dt)
+    known = known_to_observer(plant)
+    choose_observer_steepness(known, sections, time, dt, units, notes)
     loop = ClosedLoop(
         plant=plant,
         controller=Proportional(0.0) if controller is None else controller,
-        observer=loop_parts.build_observer(tables.get("observer"), units, plant, known),
+        observer=build_observer(tables.get("observer"), units, plant, known),
         actuator=body.build_actuator(sections.get("actuator"), units, dt),
         sensor=body.build_sensor(sections.get("sensor"), units, dt),
     )
-    reference = loop_parts.build_reference(
+    reference = build_reference(
         sections.get("reference"), units, path.parent if path else None, units.motion == "linear", time["duration"]
     )
     notes += check_all(friction, controller, reference, dt, units, learned, loop.actuator)
     loop = with_placed_gains(loop, missing_gains, reference, time, {k: v for k, v in known.items() if v}, notes)
-    around = loop_parts.with_feedforward(
-        None if controller is None else loop.controller, sections.get(loop_parts.FEEDFORWARD), units, dt
-    )
+    around = with_feedforward(None if controller is None else loop.controller, sections.get(FEEDFORWARD), units, dt)
     loop = loop if around is None else dataclasses.replace(loop, controller=around)
-    return Model(
+    model = Model(
         loop=loop,
         reference=reference,
         dt=dt,
@@ -262,6 +261,16 @@ def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) ->
         notes=tuple(notes),
         bounds=read_bounds(sections.get("bounds"), loop, units),
     )
+    return dataclasses.replace(model, notes=(*model.notes, *about_proportions(model)))
+
+
+def about_proportions(model: Model) -> list[str]:
+    """Sentences on sizes that have no sense beside the machine's others."""
+    step = model.dt / (model.substeps if model.stepping == "sampled" else 1)
+    return check_proportions(
+        describe_model(model), model.reference, model.dt, model.duration, model.units,
+        step / get_solver(model.solver).stability_limit,
+    )  # fmt: skip
 
 
 def _read_units(table: Mapping[str, Any]) -> Units:
@@ -312,26 +321,6 @@ def _stepping(written: str, sampled_only: bool, which: str, notes: list[str]) ->
     return "sampled" if written == "sampled" else "continuous"
 
 
-def _known(plant: AbstractPlant) -> dict[str, float | None]:
-    """What an observer may take from the model."""
-    law: Any = plant.friction.law if isinstance(plant.friction, Bristles) else plant.friction
-
-    def mean(name: str) -> float:
-        if hasattr(law, name):
-            return max(float(getattr(law, name)), 0.0)
-        if hasattr(law, f"{name}_positive"):
-            return 0.5 * float(getattr(law, f"{name}_positive") + getattr(law, f"{name}_negative"))
-        return 0.0
-
-    steepness = getattr(law, "steepness", None)
-    return {
-        "inertia": body.total_inertia(plant),
-        "coulomb": mean("coulomb"),
-        "viscous": mean("viscous"),
-        "steepness": None if steepness is None else float(steepness),
-    }
-
-
 def _with_any_gain(sections: Mapping[str, Any], missing: tuple[str, ...]) -> dict[str, Any]:
     """The sections with a 1 for every gain that is to be placed."""
     tables = {name: dict(table) if isinstance(table, dict) else table for name, table in sections.items()}
@@ -339,30 +328,6 @@ def _with_any_gain(sections: Mapping[str, Any], missing: tuple[str, ...]) -> dic
         section, _, word = key.partition(".")
         tables[section][word] = 1.0
     return tables
-
-
-def _choose_observer_steepness(
-    known: dict[str, float | None],
-    sections: Mapping[str, Any],
-    time: Mapping[str, Any],
-    dt: float,
-    units: Units,
-    notes: list[str],
-) -> None:
-    """Under exact sticking the plant needs no steepness, and its observer's compensation a smooth one all the same."""
-    observer, coulomb = sections.get("observer") or {}, known["coulomb"]
-    written = "steepness" in observer or "steepness" in sections[SECTION]
-    if time["solver"] != "exact" or written or not coulomb or observer.get("type", "none") == "none":
-        return
-    # Sampled compensation overshoots rest once steepness x coulomb x dt / inertia passes 2, as Euler's method does.
-    chosen = OBSERVER_FRACTION * safe_steepness(
-        float(known["inertia"] or 0.0), coulomb, dt, get_solver("euler"), fraction=1.0
-    )
-    known["steepness"] = float(f"{chosen:.3g}")
-    notes.append(
-        f"[observer] steepness is not given: {known['steepness']:g} {units.name('s/rad')} was chosen, "
-        f"{100.0 * OBSERVER_FRACTION:.0f} % of what a compensation held over dt = {dt:g} s can follow."
-    )
 
 
 def _never() -> Steepness:
@@ -375,6 +340,15 @@ def dump_model(model: Model, *, comments: Mapping[tuple[str, str], str] | None =
     Args:
         model: the model, its loop perhaps replaced (`dataclasses.replace(model, loop=...)`).
         comments: by (section, key), what to write behind a value.
+
+    Raises:
+        InputError: for a block that the file has no words for.
+    """
+    return toml_text.write(describe_model(model), comments)
+
+
+def describe_model(model: Model) -> dict[str, Any]:
+    """A model's sections with their numbers, in the order of the file.
 
     Raises:
         InputError: for a block that the file has no words for.
@@ -402,14 +376,14 @@ def dump_model(model: Model, *, comments: Mapping[tuple[str, str], str] | None =
         "learned": describe_learned(body.flat_loads(loop.plant.load)),
         "actuator": actuator,
         "sensor": body.describe_sensor(loop.sensor),
-        "controller": loop_parts.describe_controller(controller, written.get("controller", {})),
-        "feedforward": loop_parts.describe_feedforward(controller),
-        "observer": loop_parts.describe_observer(loop.observer),
-        "reference": loop_parts.describe_reference(model.reference, written.get("reference", {})),
+        "controller": describe_controller(controller, written.get("controller", {})),
+        "feedforward": describe_feedforward(controller),
+        "observer": describe_observer(loop.observer),
+        "reference": describe_reference(model.reference, written.get("reference", {})),
         "simulation": simulation,
         "bounds": describe_bounds(model.bounds),
     }
-    return toml_text.write({name: table for name, table in sections.items() if table}, comments)
+    return {name: table for name, table in sections.items() if table}
 
 
 def _write_units(units: Units) -> dict[str, str]:

@@ -304,15 +304,15 @@ def test_every_example_is_read_and_written():
 
 
 def test_the_documentation_names_every_key():
-    from fpjax.model_file import body, friction, loop_parts, model
+    from fpjax.model_file import body, controller, friction, model, observer, reference
 
     text = (pathlib.Path(__file__).parents[2] / "docs" / "model_file.md").read_text()
-    forms = [*body.PLANTS, *friction.FORMS, *loop_parts.CONTROLLERS, *loop_parts.REFERENCES]
+    forms = [*body.PLANTS, *friction.FORMS, *controller.CONTROLLERS, *reference.REFERENCES]
     words = {form.name for form in forms} | {key.name for form in forms for key in form.keys}
     tables = (
         body.TRANSMISSION, body.ACTUATOR, body._SERVO, body._GYRO, body._ENCODER, body._UNBALANCE, body._HARMONICS,
-        friction.DIRECTION, friction.GENERAL, friction.BRISTLES, loop_parts._CASCADE, loop_parts._GAINS,
+        friction.DIRECTION, friction.GENERAL, friction.BRISTLES, controller._CASCADE, observer._GAINS,
     )  # fmt: skip
     words |= {key.name for keys in tables for key in keys}
-    words |= {*loop_parts.OBSERVERS, *body.SENSORS, *body.LOADS, *model.SECTIONS, "transfer_function", "unknown"}
+    words |= {*observer.OBSERVERS, *body.SENSORS, *body.LOADS, *model.SECTIONS, "transfer_function", "unknown"}
     assert {word for word in words if f"`{word}`" not in text and f"`[{word}]`" not in text} == set()

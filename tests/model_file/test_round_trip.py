@@ -15,10 +15,26 @@ ANY = st.floats(-1e12, 1e12, allow_subnormal=False)
 SHARES = st.floats(0.01, 0.99)
 FREQUENCIES = st.floats(1e-9, 49.0)  # what the longest dt below can show
 STEPS = st.floats(1e-12, 6.0)
+SPEEDS = st.floats(1e-12, 1e9)
+LAGS = st.floats(1e-12, 1e3)
+EXPONENTS = st.floats(0.01, 100.0)
+FACTORS = st.floats(1e-3, 1e3)
+EITHER = st.floats(-1e9, 1e9, allow_subnormal=False)
+# What `fpjax.model_file.admissible` takes by key, where that is less than any size.
+NARROW = {
+    **dict.fromkeys(("exponent", "stribeck_exponent", "bristle_exponent"), EXPONENTS),
+    **dict.fromkeys(("lag", "filter_time", "tracking_time"), LAGS),
+    **dict.fromkeys(("position_noise", "angle_noise", "bristle_deflection"), STEPS),
+    **dict.fromkeys(("stribeck_velocity", "stick_velocity", "pole", "noise", "speed", "random_walk"), SPEEDS),
+    **dict.fromkeys(("phase", "cogging_phase"), st.floats(-1e4, 1e4, allow_subnormal=False)),
+    **dict.fromkeys(("bias", "zero"), EITHER),
+    "scale": FACTORS,
+}  # fmt: skip
 
 
 def table(required, optional=None, **fixed):
-    optional = {key: value for key, value in (optional or {}).items() if key not in required}
+    optional = {key: NARROW.get(key, value) for key, value in (optional or {}).items() if key not in required}
+    required = {key: NARROW.get(key, value) for key, value in required.items()}
     return st.fixed_dictionaries({**{k: st.just(v) for k, v in fixed.items()}, **required}, optional=optional)
 
 
@@ -103,7 +119,7 @@ LEARNED = st.builds(
     POINTS,
 )
 ACTUATOR = st.one_of(
-    table({}, {"gain": SIZES, "lag": SIZES, "limit": SIZES, "dead_zone": SIZES, "offset": ANY}),
+    table({}, {"gain": FACTORS, "lag": SIZES, "limit": SIZES, "dead_zone": SIZES, "offset": ANY}),
     table({"cogging_amplitude": ANY, "cogging_periods": SIZES}, {"cogging_phase": ANY, "delay": st.floats(0, 1e-2)}),
 )
 SENSOR = st.one_of(
@@ -116,15 +132,15 @@ SENSOR = st.one_of(
     table({"side": st.sampled_from(["load", "motor"])}, type="ideal"),
 )  # fmt: skip
 REFERENCE = st.one_of(
-    table({"amplitude": ANY, "frequency": FREQUENCIES}, {"phase": ANY, "offset": ANY}, type="sine"),
-    table({"amplitude": ANY}, type="constant"),
+    table({"amplitude": EITHER, "frequency": FREQUENCIES}, {"phase": EITHER, "offset": EITHER}, type="sine"),
+    table({"amplitude": EITHER}, type="constant"),
     table(
-        {"amplitude": ANY, "start_frequency": FREQUENCIES, "end_frequency": FREQUENCIES},
+        {"amplitude": EITHER, "start_frequency": FREQUENCIES, "end_frequency": FREQUENCIES},
         {"sweep_time": SIZES},
         type="chirp",
     ),
     st.sampled_from(["triangle", "square"]).flatmap(
-        lambda t: table({"amplitude": ANY, "frequency": FREQUENCIES}, type=t)
+        lambda t: table({"amplitude": EITHER, "frequency": FREQUENCIES}, type=t)
     ),
     table({"amplitudes": st.just([1.0, 0.1]), "frequencies": st.just([0.3, 7.0])}, type="multisine"),
 )

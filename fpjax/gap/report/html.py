@@ -10,6 +10,7 @@ from ...errors import InputError
 from ...output.runfile import write_whole
 from ..answer.diagnosis import Diagnosis
 from . import sections
+from .heading import header
 from .markup import text
 from .pictures import draw_overview, draw_pictures
 from .svg import to_png, to_svg
@@ -103,7 +104,7 @@ def to_page(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
 {style}</style>
 </head>
 <body>
-{sections.header(diagnosis)}
+{header(diagnosis)}
 <main>
 {_navigation(diagnosis)}
 {body}

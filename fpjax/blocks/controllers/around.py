@@ -1,0 +1,109 @@
+"""What stands around another controller: a position loop, a limit."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..block import as_parameter, require_positive
+from ..signals import Measurement
+from .base import AbstractController
+
+
+class PositionLoop(AbstractController):
+    """A proportional position loop around a velocity controller: the inner reference is kp (r - position).
+
+    With `Proportional` inside it is the P/P cascade of a machine axis (EMPS).
+
+    Attributes:
+        kp: position gain [1/s].
+        velocity_controller: the inner loop.
+    """
+
+    kp: Array = eqx.field(converter=as_parameter)
+    velocity_controller: AbstractController
+
+    def init(self) -> Any:
+        """The inner controller's state."""
+        return self.velocity_controller.init()
+
+    def derivative(self, state: Any, reference: Array, measurement: Measurement) -> Any:
+        """The inner controller's."""
+        return self.velocity_controller.derivative(state, self._inner(reference, measurement), measurement)
+
+    def readout(self, state: Any, reference: Array, measurement: Measurement) -> Array:
+        """u [N m] from a position reference [rad]."""
+        return self.velocity_controller.readout(state, self._inner(reference, measurement), measurement)
+
+    def step(self, state: Any, reference: Array, measurement: Measurement, dt: Array) -> Any:
+        """The inner controller's."""
+        return self.velocity_controller.step(state, self._inner(reference, measurement), measurement, dt)
+
+    def _inner(self, reference: Array, measurement: Measurement) -> Array:
+        return self.kp * (reference - measurement.position)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the inner controller's output has a limit."""
+        return self.velocity_controller.bounded
+
+    def unbounded(self) -> "PositionLoop":
+        """Without the inner controller's limit."""
+        return PositionLoop(self.kp, self.velocity_controller.unbounded())
+
+    def limited(self, torque: Array) -> Array:
+        """By the inner controller [N m]."""
+        return self.velocity_controller.limited(torque)
+
+    def follow(self, excess: Array) -> Any:
+        """The inner controller's."""
+        return self.velocity_controller.follow(excess)
+
+
+class Limited(AbstractController):
+    """Any controller with its output clipped (no anti-windup but the one that the controller has itself).
+
+    Attributes:
+        controller: what is limited.
+        limit: largest |torque| that leaves, an observer's compensation included [N m].
+    """
+
+    controller: AbstractController
+    limit: Array = eqx.field(converter=as_parameter)
+
+    def __check_init__(self) -> None:
+        require_positive(self, "limit", "N m")
+
+    def init(self) -> Any:
+        """The wrapped controller's."""
+        return self.controller.init()
+
+    def derivative(self, state: Any, reference: Array, measurement: Measurement) -> Any:
+        """The wrapped controller's."""
+        return self.controller.derivative(state, reference, measurement)
+
+    def readout(self, state: Any, reference: Array, measurement: Measurement) -> Array:
+        """u [N m], clipped."""
+        return jnp.clip(self.controller.readout(state, reference, measurement), -self.limit, self.limit)
+
+    def step(self, state: Any, reference: Array, measurement: Measurement, dt: Array) -> Any:
+        """The wrapped controller's."""
+        return self.controller.step(state, reference, measurement, dt)
+
+    @property
+    def bounded(self) -> bool:
+        """It has a limit."""
+        return True
+
+    def unbounded(self) -> AbstractController:
+        """What is limited, without."""
+        return self.controller.unbounded()
+
+    def limited(self, torque: Array) -> Array:
+        """Clipped [N m]."""
+        return jnp.clip(self.controller.limited(torque), -self.limit, self.limit)
+
+    def follow(self, excess: Array) -> Any:
+        """The wrapped controller's."""
+        return self.controller.follow(excess)

@@ -1,0 +1,53 @@
+"""What a controller is: from a reference and a measurement to a control."""
+
+from abc import abstractmethod
+from typing import Any
+
+import jax
+from jaxtyping import Array
+
+from ..block import Block
+from ..signals import Measurement
+
+
+class AbstractController(Block):
+    """From a reference and a measurement to a control u [N m]."""
+
+    @abstractmethod
+    def init(self) -> Any:
+        """The state at rest."""
+
+    @abstractmethod
+    def derivative(self, state: Any, reference: Array, measurement: Measurement) -> Any:
+        """Time derivative of the state (continuous stepping)."""
+
+    @abstractmethod
+    def readout(self, state: Any, reference: Array, measurement: Measurement) -> Array:
+        """Control u [N m] from reference [rad/s] (or [rad] for a position loop)."""
+
+    def step(self, state: Any, reference: Array, measurement: Measurement, dt: Array) -> Any:
+        """The state one control period dt [s] later (sampled stepping): the derivative held over the period."""
+        rates = self.derivative(state, reference, measurement)
+        return jax.tree.map(lambda value, rate: value + dt * rate, state, rates)
+
+    # A limit holds for what leaves the controller: its control and the observer's compensation together. The loop
+    # therefore asks for the control without the limit, adds the compensation, limits the sum, and lets the state
+    # follow what was cut off.
+
+    @property
+    def bounded(self) -> bool:
+        """Whether the output has a limit."""
+        return False
+
+    def unbounded(self) -> "AbstractController":
+        """The same controller without its limit and its anti-windup."""
+        return self
+
+    def limited(self, torque: Array) -> Array:
+        """What leaves of a torque [N m], the compensation included."""
+        return torque
+
+    def follow(self, excess: Array) -> Any:
+        """Anti-windup: what the state's rate gains where the output was moved by `excess` [N m]; None for nothing."""
+        del excess
+        return None

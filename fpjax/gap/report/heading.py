@@ -1,0 +1,83 @@
+"""The head of the report: the verdict, how sure it is, one sentence, four numbers."""
+
+from ..answer.diagnosis import Diagnosis
+from .markup import (
+    gap_interval,
+    gap_number,
+    paragraph,
+    percent,
+    text,
+)
+from .reading import at_bound, shown_gap, twins_of
+from .text import (
+    confidence_sentence,
+    learned_sentence,
+    verdict_sentence,
+    verdict_title,
+)
+from .words import effect_name, join, parameter_name
+
+
+def header(diagnosis: Diagnosis) -> str:
+    """The verdict: a word, how sure, one sentence, four numbers."""
+    inputs = [str(entry.get("name", "")) for entry in diagnosis.provenance.get("inputs", ()) if isinstance(entry, dict)]
+    origin = " · ".join(["Sim-to-real gap", *(name for name in inputs if name)])
+    sure = confidence_sentence(diagnosis)
+    badge = f'<span class="badge">{text(verdict_title(diagnosis))}</span>'
+    confidence = (
+        f'<span class="confidence">Confidence: <b>{text(sure[:1].lower() + sure[1:].rstrip("."))}</b></span>'
+        if sure
+        else ""
+    )
+    return (
+        f'<header class="{diagnosis.verdict}">\n<p class="origin">{text(origin)}</p>\n'
+        f'<div class="verdict">{badge}{confidence}</div>\n<h1>{_sentence(diagnosis)}</h1>\n'
+        f"{_facts(diagnosis)}{_caution(diagnosis)}{paragraph(learned_sentence(diagnosis))}\n</header>"
+    )
+
+
+def _sentence(diagnosis: Diagnosis) -> str:
+    """The verdict's sentence with the effects' names in bold."""
+    out = text(verdict_sentence(diagnosis))
+    named = [effect for cause in diagnosis.causes for effect in (cause, *twins_of(diagnosis, cause))]
+    # longest first, and each once: a name within another's markup is not marked again
+    names = sorted({text(effect_name(effect, diagnosis.motion)) for effect in named}, key=len, reverse=True)
+    for i, name in enumerate(names):
+        out = out.replace(name, f"\x00{i}\x01")
+    for i, name in enumerate(names):
+        out = out.replace(f"\x00{i}\x01", f"<strong>{name}</strong>")
+    return out
+
+
+def _caution(diagnosis: Diagnosis) -> str:
+    """Parameters of the causes that ended at a limit of the search, said in the head."""
+    told = [entry for entry in diagnosis.ranking if entry.effect in diagnosis.causes and at_bound(entry)]
+    names = [
+        f"{parameter_name(name)} of {effect_name(e.effect, diagnosis.motion)}" for e in told for name in at_bound(e)
+    ]
+    return paragraph(f"At a limit of the search, and so not measured: {join(names)}.") if names else ""
+
+
+def _facts(diagnosis: Diagnosis) -> str:
+    tiles = [
+        ("before", "Difference" if diagnosis.verdict == "no_gap" else "Gap before", diagnosis.gap.estimate("before"))
+    ]
+    if diagnosis.verdict != "no_gap":
+        title = "Gap after" if diagnosis.causes else "Gap after the best attempt"
+        tiles.append(("after", title, diagnosis.gap.estimate("after")))
+    if diagnosis.learned:
+        tiles.append(("after", "With what was learned", diagnosis.gap.estimate("learned")))
+    tiles.append(("floor", "Noise floor", diagnosis.gap.estimate("noise_floor")))
+    cells = []
+    for kind, title, size in tiles:
+        interval = gap_interval(size, shown_gap(diagnosis, size))
+        told = f"<small>90 % interval {interval}</small>" if interval else ""
+        number = gap_number(size, shown_gap(diagnosis, size))
+        cells.append(f'<div class="is-{kind}"><dt>{title}</dt><dd>{number}{told}</dd></div>')
+    closed = diagnosis.gap.estimate("closed")
+    if closed.known and diagnosis.verdict != "no_gap":
+        interval = (
+            f"<small>90 % interval {percent(closed.low)} to {percent(closed.high)}</small>" if closed.bounded else ""
+        )
+        cells.append(f'<div class="is-closed"><dt>Gap closed</dt><dd>{percent(closed.value)}{interval}</dd></div>')
+    return f'<dl class="facts">{"".join(cells)}</dl>'

@@ -1,0 +1,163 @@
+"""[controller] and [feedforward] <-> their blocks."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..blocks.controllers import (
+    AbstractController,
+    Lead,
+    Limited,
+    PositionLoop,
+    Proportional,
+    ProportionalIntegral,
+    TransferFunction,
+)
+from ..blocks.feedforward import Feedforward
+from ..errors import InputError
+from .forms import Form, form_for, form_of, number, numbers, pick
+from .keys import Key, Units, check_keys, read_values
+
+_LIMIT = Key("limit", "N m", "positive", None)
+_KP, _KI = Key("kp", "N m s/rad", "not negative"), Key("ki", "N m/rad", "not negative")
+CONTROLLERS = (
+    Form("pi", ProportionalIntegral, (_KP, _KI, _LIMIT, Key("tracking_time", "s", "positive", 0.01))),
+    Form("p", Proportional, (_KP,)),
+    Form("lead", Lead, (Key("gain", "N m s/rad"), Key("zero", "rad/s"), Key("pole", "rad/s", "positive"))),
+)
+_NUMERATOR, _DENOMINATOR = (Key(name, "s^n", many=True) for name in ("numerator", "denominator"))
+_CASCADE = (Key("kp", "1/s", "not negative"), Key("kv", "N m s/rad", "not negative"))
+_INNER = Key("ki", "N m/rad", "not negative", None)
+_TRACKING = Key("tracking_time", "s", "positive", 0.01)
+_OTHERS = ("transfer_function", "position_cascade", "unknown")
+
+
+def build_controller(table: Mapping[str, Any], units: Units, dt: float) -> AbstractController | None:
+    """The controller of [controller]; None where it is "unknown".
+
+    Raises:
+        InputError: for invalid keys or values.
+    """
+    name = form_of("controller", table, CONTROLLERS, _OTHERS)
+    if name == "unknown":
+        check_keys("controller", table, ["type"])
+        return None
+    if name == "pi":
+        return pick(CONTROLLERS, name).build("controller", table, units)
+    limit = read_values("controller", table, (_LIMIT,), units)["limit"]
+    own = {key: value for key, value in table.items() if key != "limit"}
+    hint = f" for type = {name!r}"
+    if name == "transfer_function":
+        keys = (_NUMERATOR, _DENOMINATOR)
+        check_keys("controller", own, ["type", "numerator", "denominator", "limit"], hint)
+        values = read_values("controller", own, keys, units)
+        controller: AbstractController = TransferFunction(*values.values(), period=dt)
+    elif name == "position_cascade":
+        check_keys("controller", own, ["type", "kp", "kv", "ki", "tracking_time", "limit"], hint)
+        values = read_values("controller", own, (*_CASCADE, _INNER, _TRACKING), units)
+        if values["ki"] is None and "tracking_time" in own:
+            raise InputError("[controller] tracking_time is of the integral: write ki too, or drop tracking_time.")
+        if values["ki"] is None:
+            controller = PositionLoop(values["kp"], Proportional(values["kv"]))
+        else:
+            inner = ProportionalIntegral(values["kv"], values["ki"], limit, values["tracking_time"])
+            return PositionLoop(values["kp"], inner)
+    else:
+        controller = pick(CONTROLLERS, name).build("controller", own, units)
+    return controller if limit is None else Limited(controller, limit)
+
+
+def describe_controller(controller: AbstractController | None, written: Mapping[str, Any]) -> dict[str, Any]:
+    """The [controller] section.
+
+    Args:
+        controller: the block; None for unknown.
+        written: the section it was read from, for what a block does not keep (a transfer function's polynomials).
+    """
+    if controller is None:
+        return {"type": "unknown"}
+    if isinstance(controller, Feedforward):
+        return describe_controller(controller.controller, written)
+    if isinstance(controller, Limited):
+        return describe_controller(controller.controller, written) | {"limit": number(controller.limit, "limit")}
+    if isinstance(controller, TransferFunction):
+        return {"type": "transfer_function", **_polynomials(controller, written)}
+    if isinstance(controller, PositionLoop):
+        table: dict[str, Any] = {"type": "position_cascade", "kp": number(controller.kp, "kp")}
+        inner = controller.velocity_controller
+        if isinstance(inner, Proportional):
+            return table | {"kv": number(inner.kp, "kv")}
+        if isinstance(inner, ProportionalIntegral):
+            own = numbers(inner, (_KP, _KI, _LIMIT, _TRACKING))
+            own["kv"] = own.pop("kp")
+            return table | own
+        raise InputError(f"servo.toml has no words for {type(inner).__name__} inside a position cascade.")
+    return form_for(controller, CONTROLLERS, "controller").describe(controller)
+
+
+def _polynomials(controller: TransferFunction, written: Mapping[str, Any]) -> dict[str, list[float]]:
+    if written.get("type") == "transfer_function":
+        return {name: [float(each) for each in written[name]] for name in ("numerator", "denominator")}
+    from scipy import signal
+
+    if controller.drive.shape[-1] == 0:
+        return {"numerator": [float(controller.through)], "denominator": [1.0]}
+    a, b, c, d = (
+        np.asarray(each) for each in (controller.transition, controller.drive, controller.output, controller.through)
+    )
+    numerator, denominator = (np.asarray(each) for each in signal.ss2tf(a, b[:, None], c[None, :], d.reshape(1, 1)))
+    return {"numerator": numerator[0].tolist(), "denominator": denominator.tolist()}
+
+
+# ------------------------------------------------------------------------------------------- feed-forward
+
+FEEDFORWARD = "feedforward"
+_FORWARD = (
+    Key("inertia", "kg m^2", "not negative", 0.0),
+    Key("coulomb", "N m", "not negative", 0.0),
+    Key("viscous", "N m s/rad", "not negative", 0.0),
+    Key("speed", "rad/s", "positive", None),
+    Key("lag", "s", "positive", None),
+)
+
+
+def with_feedforward(
+    controller: AbstractController | None, table: Mapping[str, Any] | None, units: Units, dt: float
+) -> AbstractController | None:
+    """The controller with the [feedforward] section around it.
+
+    Args:
+        controller: of [controller]; None where it is unknown.
+        table: the section; None without one.
+        units: of the machine.
+        dt: control period [s], which the lag is where none is written.
+
+    Raises:
+        InputError: for keys or values that cannot be, or a controller that has no velocity reference.
+    """
+    if table is None:
+        return controller
+    check_keys(FEEDFORWARD, table, [key.name for key in _FORWARD])
+    values = read_values(FEEDFORWARD, table, _FORWARD, units)
+    if controller is None:
+        raise InputError(f"[{FEEDFORWARD}] needs a controller that is known: write [controller] type, or drop it.")
+    inner = controller.controller if isinstance(controller, Limited) else controller
+    if isinstance(inner, PositionLoop) or units.reference == "position":
+        raise InputError(
+            f"[{FEEDFORWARD}] follows a velocity reference, and this loop has one of position: drop [{FEEDFORWARD}]."
+        )
+    if values["speed"] is None:
+        if values["coulomb"]:
+            raise InputError(
+                f"[{FEEDFORWARD}] speed is missing: write the reference [{units.name('rad/s')}] at which three "
+                f"quarters of coulomb are given, for instance 2 % of the largest."
+            )
+        values["speed"] = 1.0
+    values["lag"] = dt if values["lag"] is None else values["lag"]
+    return Feedforward(controller, **values)
+
+
+def describe_feedforward(controller: AbstractController | None) -> dict[str, Any]:
+    """The [feedforward] section; empty without one."""
+    return numbers(controller, _FORWARD) if isinstance(controller, Feedforward) else {}
