@@ -72,6 +72,37 @@ def check_torque_unit(log: "Log", model: "Model") -> None:
         )
 
 
+def read_measured(
+    path: str,
+    model: "Model",
+    arguments: argparse.Namespace,
+    record: RunFile,
+    *,
+    role: str = "log",
+    require: tuple[str, ...] | None = None,
+) -> "Log":
+    """A log of the model's machine, noted in the run's record with what its reader warns of.
+
+    Args:
+        path: of the log.
+        model: whose motion and torque it is in.
+        arguments: with those of `add_log_options`.
+        record: of the run.
+        role: of the log in the run.
+        require: columns that must be there; None for those that every log needs.
+
+    Raises:
+        InputError: for a log that cannot be read, or whose torque has another unit than the model's.
+    """
+    from ..logs import read_log
+
+    more = {} if require is None else {"require": require}
+    log = read_log(record.read(path, role), linear=model.linear, **more, **log_options(arguments))
+    check_torque_unit(log, model)
+    record.notes.extend(log.warnings)
+    return log
+
+
 def start_jax(arguments: argparse.Namespace) -> None:
     """Double precision, and compiled programs kept for the next process unless --no-cache."""
     from ..output.progress import Stages

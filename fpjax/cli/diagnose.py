@@ -16,10 +16,10 @@ from ..output.runfile import FINISHED, RunFile, versions, write_json, write_whol
 from .common import (
     add_log_options,
     add_out,
-    check_torque_unit,
     finish,
     interruptible,
     log_options,
+    read_measured,
     running,
     say,
     start_jax,
@@ -67,8 +67,8 @@ def run(arguments: argparse.Namespace) -> int:
         start_jax(arguments)
         model = open_model(arguments.model, [], record)
         record.stage("read")
-        logs = [_log(path, "log", model, arguments, record) for path in arguments.logs]
-        holdout = [_log(path, "holdout", model, arguments, record) for path in arguments.holdout]
+        logs = [read_measured(path, model, arguments, record) for path in arguments.logs]
+        holdout = [read_measured(path, model, arguments, record, role="holdout") for path in arguments.holdout]
         assert record.folder is not None
         if not arguments.each:
             arguments.kept = (
@@ -104,15 +104,6 @@ def _key(place: int, record: RunFile, arguments: argparse.Namespace) -> str:
     own = [entry["sha256"] for entry in record.inputs if entry["role"] == "log"][place]
     content = [own, shared, log_options(arguments), arguments.no_report, versions()]
     return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()
-
-
-def _log(path: str, role: str, model: "Model", arguments: argparse.Namespace, record: RunFile) -> "Log":
-    from ..logs import read_log
-
-    log = read_log(record.read(path, role), linear=model.linear, **log_options(arguments))
-    check_torque_unit(log, model)
-    record.notes.extend(log.warnings)
-    return log
 
 
 def _earlier(folder: pathlib.Path) -> str:

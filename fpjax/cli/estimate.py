@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..output.runfile import RunFile, whole_file, write_json
-from .common import add_log_options, add_out, check_torque_unit, finish, log_options, running, say, start_jax
+from .common import add_log_options, add_out, finish, read_measured, running, say, start_jax
 from .numbers import real, whole
 from .simulate import open_model
 
@@ -92,7 +92,6 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> "tuple
     Raises:
         InputError: for what is invalid in one of them.
     """
-    from ..logs import read_log
     from ..logs.suspicions import Numbers, suspicions
 
     changes = [word for word in arguments.set if not word.startswith("observer.")]
@@ -105,10 +104,7 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> "tuple
         observer = set_parameters(model.loop.observer, read_pairs(arguments.observer_set, "--set"))
         model = dataclasses.replace(model, loop=dataclasses.replace(model.loop, observer=observer))
     record.stage("read")
-    path = record.read(arguments.log, "log")
-    log = read_log(path, linear=model.linear, **log_options(arguments))
-    check_torque_unit(log, model)
-    record.notes.extend(log.warnings)
+    log = read_measured(arguments.log, model, arguments, record)
     # its friction is what is to be found
     for one in suspicions(log, Numbers(model.nominal["inertia"], load=_known_load(model))):
         print(f"warning: {one.sentence}", file=sys.stderr)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..output.runfile import RunFile, write_json
-from .common import add_log_options, add_out, check_torque_unit, finish, log_options, running, say, start_jax, table
+from .common import add_log_options, add_out, finish, read_measured, running, say, start_jax, table
 
 if TYPE_CHECKING:
     from ..logs import Log
@@ -65,14 +65,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _log(model: "Model", arguments: argparse.Namespace, record: RunFile) -> "Log | None":
     if not arguments.log:
         return None
-    from ..logs import read_log
-
     record.stage("read")
-    path = record.read(arguments.log, "log")
-    log = read_log(path, linear=model.linear, require=("torque", "reference"), **log_options(arguments))
-    check_torque_unit(log, model)
-    record.notes.extend(log.warnings)
-    return log
+    return read_measured(arguments.log, model, arguments, record, require=("torque", "reference"))
 
 
 def _export_body(

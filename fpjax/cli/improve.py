@@ -15,10 +15,10 @@ from ..output.runfile import RunFile, versions, write_json, write_whole
 from .common import (
     add_log_options,
     add_out,
-    check_torque_unit,
     finish,
     interruptible,
     log_options,
+    read_measured,
     running,
     say,
     start_jax,
@@ -72,13 +72,9 @@ def run(arguments: argparse.Namespace) -> int:
         model = open_model(arguments.model, [], record)
         model.needed_controller()
         from ..improvement import improve
-        from ..logs import read_log
 
         record.stage("read")
-        path = record.read(arguments.log, "log")
-        log = read_log(path, linear=model.linear, **log_options(arguments))
-        check_torque_unit(log, model)
-        record.notes.extend(log.warnings)
+        log = read_measured(arguments.log, model, arguments, record)
         folder = record.folder
         assert folder is not None
         record.seeds["machines, search"] = arguments.seed

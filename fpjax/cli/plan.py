@@ -6,7 +6,7 @@ from ..errors import InputError
 from ..output.progress import Stages
 from ..output.runfile import write_json
 from .command_line import INTERRUPTED
-from .common import add_log_options, add_out, check_torque_unit, finish, log_options, running, say, start_jax
+from .common import add_log_options, add_out, finish, read_measured, running, say, start_jax
 from .numbers import real, whole
 from .simulate import open_model
 
@@ -59,11 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
         model = open_model(arguments.model, [], record)
         log = None
         if arguments.log:
-            from ..logs import read_log
-
-            log = read_log(record.read(arguments.log, "log"), linear=model.linear, **log_options(arguments))
-            check_torque_unit(log, model)
-            record.notes.extend(log.warnings)
+            log = read_measured(arguments.log, model, arguments, record)
         if arguments.diagnosis:
             record.read(f"{arguments.diagnosis}/diagnosis.json", "diagnosis")
         if arguments.seconds <= 0.0:

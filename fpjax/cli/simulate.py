@@ -12,9 +12,8 @@ from ..output.runfile import RunFile, whole_file, write_json
 from .common import (
     add_log_options,
     add_out,
-    check_torque_unit,
     finish,
-    log_options,
+    read_measured,
     read_pairs,
     running,
     say,
@@ -184,14 +183,10 @@ def write_signals(record: RunFile, signals: dict[str, np.ndarray]) -> None:
 
 
 def _replay(model: "Model", arguments: argparse.Namespace, record: RunFile) -> None:
-    from ..logs import read_log
     from .replay import replay
 
     record.stage("read")
-    path = record.read(arguments.log, "log")
-    log = read_log(path, linear=model.linear, require=("torque", "reference"), **log_options(arguments))
-    check_torque_unit(log, model)
-    record.notes.extend(log.warnings)
+    log = read_measured(arguments.log, model, arguments, record, require=("torque", "reference"))
     record.stage("replay")
     found = replay(model, log, from_rest=arguments.from_rest)
     rows = [(name, error, unit, f"{100.0 * relative:.3g} %") for name, (error, unit, relative) in found.errors.items()]

@@ -1,7 +1,10 @@
 """improve.html: the decision, what changes and what is predicted, in one file that needs nothing from anywhere."""
 
+from __future__ import annotations
+
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
@@ -10,9 +13,11 @@ from ..gap.report.markup import text
 from ..gap.report.svg import to_png, to_svg
 from ..gap.report.theme import css_variables
 from ..output.runfile import write_whole
-from .answer import Improvement, Range
 from .pictures import draw_error, draw_gains, draw_machines, draw_overview
 from .told import WORDS, headline
+
+if TYPE_CHECKING:
+    from .answer import Improvement, Range
 
 PAGE, PICTURE = "improve.html", "improve.png"
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"

@@ -1,12 +1,18 @@
 """Pictures: the tracking error before and after, machine by machine, and the gains between their bounds."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..gap.report.theme import AFTER, BEFORE, MUTED, SOFT, report_style
-from .answer import Improvement
+
+if TYPE_CHECKING:
+    from .answer import Improvement
 
 ZOOMED = 2.5  # turns of the reference in the close-up
 POINTS = 1200  # of a line: more cannot be seen

@@ -1,6 +1,11 @@
 """Told: an improvement as lines of text."""
 
-from .answer import Improvement
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .answer import Improvement
 
 WORDS = {
     "change": "Change these gains.",

@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..gap.select.thresholds import THRESHOLDS
 from ..output.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, RED, new_figure, style, thin
-from .result import NEEDED, Plan
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from .result import Plan
 
 TWINS = {"rivals": "exact twins: no run separates them", "effects": "a twin of the nominal numbers: no run shows it"}
 LEAST = 1e-2  # nats: the left end of the axis
@@ -61,15 +63,15 @@ def _bars(plan: Plan) -> list[tuple[str, float]]:
 def _evidence(axis: Axes, bars: list[tuple[str, float]], twins: str) -> None:
     place = np.arange(len(bars))[::-1]
     sizes = np.array([max(nats, LEAST) if np.isfinite(nats) else LEAST for _, nats in bars])
-    colours = [GREY if not np.isfinite(n) else BLUE if n >= NEEDED else RED for _, n in bars]
+    colours = [GREY if not np.isfinite(n) else BLUE if n >= THRESHOLDS.sure else RED for _, n in bars]
     axis.barh(place, sizes - LEAST, left=LEAST, color=colours, height=0.72)
     for at, size, (_, nats) in zip(place, sizes, bars, strict=True):
         told = f"{nats:.3g}" if np.isfinite(nats) else twins
         axis.text(size * 1.15, at, told, va="center", fontsize=7.5, color=BLACK)
-    axis.axvline(NEEDED, color=BLACK, linestyle="--", linewidth=0.9)
+    axis.axvline(THRESHOLDS.sure, color=BLACK, linestyle="--", linewidth=0.9)
     axis.set_xscale("log")
-    axis.set_xlim(LEAST, 60.0 * max(float(np.max(sizes)), NEEDED))
+    axis.set_xlim(LEAST, 60.0 * max(float(np.max(sizes)), THRESHOLDS.sure))
     axis.set_ylim(-0.7, len(bars) - 0.3)
     axis.set_yticks(place, [name.replace("_", " ") for name, _ in bars])
     axis.grid(axis="y", visible=False)
-    axis.set_xlabel(f"expected log evidence [nats]; dashed: the {NEEDED:g} that the diagnosis needs")
+    axis.set_xlabel(f"expected log evidence [nats]; dashed: the {THRESHOLDS.sure:g} that the diagnosis needs")

@@ -52,6 +52,19 @@ def _amplitude(name: str, path: str) -> Parameter:
     return Parameter(name, "N m", _ZERO, _times("effort", -2), _times("effort", 2), _times("friction", 0.2), path)
 
 
+def _periods(name: str, start: float, least: float, path: str) -> Parameter:
+    """How often a torque repeats within a turn [1/rev]: at least once within the travel."""
+    return Parameter(
+        name,
+        "1/rev",
+        lambda s: max(start, fewest_periods(s)),
+        lambda s: max(least, fewest_periods(s)),
+        lambda s: most_periods(s),
+        _constant(0.05),
+        path,
+    )
+
+
 INERTIA = Parameter(
     "inertia",
     "kg m^2",
@@ -147,15 +160,7 @@ RIPPLE = tuple(
     for order in range(3)
     for part in ("cosine", "sine")
 )
-RIPPLE_PERIODS = Parameter(
-    "ripple_periods",
-    "1/rev",
-    lambda s: max(3.0, fewest_periods(s)),
-    lambda s: max(0.5, fewest_periods(s)),
-    lambda s: most_periods(s),
-    _constant(0.05),
-    "law.position_periods",
-)
+RIPPLE_PERIODS = _periods("ripple_periods", 3.0, 0.5, "law.position_periods")
 DRIFT = Parameter(
     "drift_amplitude",
     "N m",
@@ -192,15 +197,7 @@ COGGING = tuple(
     for order in range(2)
     for part in ("cosine", "sine")
 )
-COGGING_PERIODS = Parameter(
-    "cogging_periods",
-    "1/rev",
-    lambda s: max(6.0, fewest_periods(s)),
-    lambda s: max(1.5, fewest_periods(s)),
-    lambda s: most_periods(s),
-    _constant(0.05),
-    "plant.load.parts.2.periods",
-)
+COGGING_PERIODS = _periods("cogging_periods", 6.0, 1.5, "plant.load.parts.2.periods")
 OFFSET = _amplitude("torque", "actuator.offset")
 GAIN = Parameter("gain", "1", _constant(1.0), _constant(0.2), _constant(5.0), _constant(0.1), "actuator.gain")
 

@@ -1,6 +1,9 @@
 """The head of the report: the verdict, how sure it is, one sentence, four numbers."""
 
-from ..answer.diagnosis import Diagnosis
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from .markup import (
     gap_interval,
     gap_number,
@@ -16,6 +19,9 @@ from .text import (
     verdict_title,
 )
 from .words import effect_name, join, parameter_name
+
+if TYPE_CHECKING:
+    from ..answer.diagnosis import Diagnosis
 
 
 def header(diagnosis: Diagnosis) -> str:

@@ -1,14 +1,16 @@
 """report.html: one file that needs nothing from anywhere, and every picture as PNG beside it."""
 
+from __future__ import annotations
+
 import base64
 import functools
 import hashlib
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ...errors import InputError
 from ...output.runfile import write_whole
-from ..answer.diagnosis import Diagnosis
 from . import sections
 from .heading import header
 from .markup import text
@@ -16,6 +18,9 @@ from .pictures import draw_overview, draw_pictures
 from .svg import to_png, to_svg
 from .text import TITLES, verdict_sentence, verdict_title
 from .theme import css_variables
+
+if TYPE_CHECKING:
+    from ..answer.diagnosis import Diagnosis
 
 _NAVIGATION = (
     ("record", "Record"),

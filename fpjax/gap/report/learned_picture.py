@@ -1,15 +1,19 @@
 """The learned laws, each over its variable with its band, and what is left that they were learned from."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..answer.diagnosis import Diagnosis, Learned
 from .digits import show_percent, show_unit
 from .text import variable_name
 from .theme import AFTER, BEFORE, MUTED
 from .where_picture import binned
 from .words import motion_units
+
+if TYPE_CHECKING:
+    from ..answer.diagnosis import Diagnosis, Learned
 
 MOST = 3  # panels
 

@@ -1,9 +1,15 @@
 """The few HTML elements a report is made of. Every text goes through `text`; nothing else writes what others named."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from html import escape
+from typing import TYPE_CHECKING
 
-from .digits import Estimate, readable, show, show_estimate, show_percent, show_unit
+from .digits import readable, show, show_estimate, show_percent, show_unit
+
+if TYPE_CHECKING:
+    from .digits import Estimate
 
 
 def text(given: object) -> str:

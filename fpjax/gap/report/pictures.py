@@ -1,20 +1,24 @@
 """Every picture of a report, in a wide layout and in one for a phone, and the one-page overview."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from textwrap import fill
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ..answer.diagnosis import Diagnosis
 from .learned_picture import draw_learned, laws_of
 from .record_picture import draw_record, has_record
 from .shrink_picture import draw_ranking, draw_shrink, rows_of
 from .text import confidence_sentence, verdict_sentence, verdict_title, where_sentence
 from .theme import MUTED, report_style
 from .where_picture import axes_with_places, draw_residual, draw_where, has_regimes, has_where, residual_axes
+
+if TYPE_CHECKING:
+    from ..answer.diagnosis import Diagnosis
 
 _WIDE, _NARROW = 11.2, 4.3  # inch; the page shows them at about 96 and 84 pixels per inch
 

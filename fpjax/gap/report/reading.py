@@ -1,10 +1,15 @@
 """Reading: what a report asks a diagnosis for, beside its own fields."""
 
-import math
+from __future__ import annotations
 
-from ..answer.diagnosis import Diagnosis, Identifiability, Ranked, Share, Step, Where
+import math
+from typing import TYPE_CHECKING
+
 from ..effects.estimate import Estimate
 from .digits import scale_for, scaled
+
+if TYPE_CHECKING:
+    from ..answer.diagnosis import Diagnosis, Identifiability, Ranked, Share, Step, Where
 
 AXES = ("time", "velocity", "position", "frequency")
 NEGLIGIBLE = 0.005  # probability below which an effect is folded away

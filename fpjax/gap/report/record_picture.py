@@ -1,19 +1,23 @@
 """Commanded torque against what each model needs, on withheld data: the record, the error, and the worst place."""
 
+from __future__ import annotations
+
 import itertools
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from ...output.plotting import thin
-from ..answer.diagnosis import Comparison, Diagnosis
 from .digits import show_unit
 from .reading import gap_scale
 from .text import effort_of
 from .theme import AFTER, BAND, BEFORE, FLOOR, INK, MUTED, SOFT
 from .words import clip
+
+if TYPE_CHECKING:
+    from ..answer.diagnosis import Comparison, Diagnosis
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
 """The report's sections, each a function from what is told to markup; "" where there is nothing to tell."""
 
-import math
-from typing import Any
+from __future__ import annotations
 
-from ..answer.diagnosis import Diagnosis, Ranked
+import math
+from typing import TYPE_CHECKING, Any
+
 from .digits import show_percent, show_unit
 from .markup import (
     data,
@@ -29,6 +30,9 @@ from .text import (
     where_sentence,
 )
 from .words import effect_meaning, effect_name, effect_title, join, parameter_name, state_meaning
+
+if TYPE_CHECKING:
+    from ..answer.diagnosis import Diagnosis, Ranked
 
 
 def record(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:

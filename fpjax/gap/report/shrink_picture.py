@@ -1,15 +1,19 @@
 """How far the gap shrinks: one row per cause, what is left solid, what went away pale, the noise floor as a line."""
 
-import math
-from typing import Any
+from __future__ import annotations
 
-from ..answer.diagnosis import Diagnosis
-from ..effects.estimate import Estimate
+import math
+from typing import TYPE_CHECKING, Any
+
 from .digits import show, show_percent, show_unit
 from .reading import gap_scale, shown_gap, step_gap, twins_of
 from .text import effort_of, learned_name
 from .theme import AFTER, BEFORE, FLOOR, INK, MUTED, PAPER, SOFT
 from .words import clip, effect_title
+
+if TYPE_CHECKING:
+    from ..answer.diagnosis import Diagnosis
+    from ..effects.estimate import Estimate
 
 
 def rows_of(diagnosis: Diagnosis) -> list[tuple[str, Estimate]]:

@@ -1,13 +1,18 @@
 """The report's sentences, as plain text: the verdict, where the gap lies, what cannot be told apart."""
 
+from __future__ import annotations
+
 import math
 import re
+from typing import TYPE_CHECKING
 
-from ..answer.diagnosis import Diagnosis, Share
 from ..answer.told import MUCH, nothing_closes
 from .digits import readable, show_percent, show_unit, show_with_unit
 from .reading import AXES, classes, main_regime, places, shown_gap, tracking, twins_of
 from .words import EFFECTS, effect_name, is_wrong_value, join, motion_units, regime_name, sure
+
+if TYPE_CHECKING:
+    from ..answer.diagnosis import Diagnosis, Share
 
 TITLES = {
     "no_gap": "No gap",

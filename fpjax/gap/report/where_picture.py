@@ -1,18 +1,22 @@
 """Where the gap lies: its energy along time, velocity, position and frequency, by regime, and the residual itself."""
 
+from __future__ import annotations
+
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
-from ..answer.diagnosis import Diagnosis, Share
 from .digits import show_percent, show_unit
 from .reading import AXES, bins, places
 from .theme import AFTER, BEFORE, INK, MUTED, SOFT
 from .words import clip, motion_units, regime_name
+
+if TYPE_CHECKING:
+    from ..answer.diagnosis import Diagnosis, Share
 
 
 def axes_with_places(diagnosis: Diagnosis) -> list[str]:
