@@ -28,7 +28,9 @@ class First:
 
     def __init__(self, identity: Identity, periods: int):
         self.case = first.build(identity, periods)
-        self.case.machine.physics.setdefault("forward_velocity", TURNING * self.case.plan.draw.kind.speed)
+        physics = self.case.machine.physics
+        physics.setdefault("forward_velocity", TURNING * self.case.plan.draw.kind.speed)
+        physics["forward_late"] = 1.0  # the drive runs the law that servo.toml and the exported code have
 
     @property
     def nominal(self) -> dict[str, float]:

@@ -89,8 +89,12 @@ def run(
 
 
 def error(record: Record) -> float:
-    """Rms of reference less true velocity where `improve` counts it [rad/s]; infinite where the loop is none."""
-    start = min(SETTLING * len(record.time) * (record.time[1] - record.time[0]), LONGEST_SETTLING)
+    """Rms of reference less true velocity where `improve` counts it [rad/s]; infinite where the loop is none.
+
+    A part of a log counts from where the whole one does: what the start leaves is not what gains are tuned for.
+    """
+    length = len(record.time) * (record.time[1] - record.time[0])
+    start = LONGEST_SETTLING if length > 2.0 * LONGEST_SETTLING else SETTLING * length
     left = (record.reference - record.true_velocity)[record.time >= start]
     value = float(np.sqrt(np.mean(np.square(left))))
     return value if math.isfinite(value) and value < 100.0 * float(np.std(record.reference)) else math.inf

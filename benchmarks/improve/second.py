@@ -31,7 +31,9 @@ class Second:
             identity.seed, drawn["words"], identity.set, identity.sensors, identity.system, identity.effects, periods,
             drawn["grow"],
         )  # fmt: skip
-        self.case.world.values.setdefault("forward_speed", TURNING * self.case.plan.drawn.kind.speed)
+        values = self.case.world.values
+        values.setdefault("forward_speed", TURNING * self.case.plan.drawn.kind.speed)
+        values["forward_late"] = 1.0  # the drive runs the law that servo.toml and the exported code have
 
     @property
     def nominal(self) -> dict[str, float]:

@@ -15,6 +15,8 @@ from .judge import Judge, assemble_loop, start_state
 from .machines import Ground, Machines, rms
 
 SHOWN = 12  # machines
+OVER = 0.02  # s over which speeds are compared without a rate sensor
+REPEATED = 0.3  # of the error with the gains that ran: what a loop that made the log differs by at most
 
 Values = np.ndarray
 
@@ -84,20 +86,34 @@ def run_traces(judge: Judge, values: Values, machines: Machines) -> Traces:
     return Traces(np.asarray(judge.time), judge.reference, error, measured[0])
 
 
-def unlike(traces: Traces, judge: Judge, record: Record, ground: Ground) -> float:
-    """By how much the log's own motion differs from the simulated one with the gains that ran, rms [the error's unit].
+def unlike(traces: Traces, judge: Judge, record: Record, ground: Ground) -> tuple[float, bool] | None:
+    """(by how much the log's own motion differs from the simulated one with the gains that ran, rms [the error's unit];
+    whether that stands out of the sensor's noise).
 
     The rms of the error may agree where its course does not; the course is what new gains change. The noise of both
-    readings is taken out. Without a rate sensor the log's smoothed speed stands for its reading.
+    readings is taken out. Without a rate sensor the mean speed over 20 ms is compared, from the encoder's readings at
+    both ends.
+
+    Returns:
+        None where the motions have little to do with each other: other gains made the log.
     """
     first, last = math.ceil(judge.start / judge.dt), len(judge.reference)
+    rate, angle = ground.noise
     channel = record.position if judge.position else record.reading
-    if channel is None:
-        left = (traces.reference - traces.error[0, 0] - record.speed[:last])[first:]
-        return rms(left)
-    noise = ground.noise[1] if judge.position else ground.noise[0]
-    left = (traces.measured - channel.values[:last])[first:]
-    return math.sqrt(max(rms(left) ** 2 - 2.0 * noise**2, 0.0))
+    if channel is not None:
+        noise = math.sqrt(2.0) * (angle if judge.position else rate)
+        left = (traces.measured - channel.values[:last])[first:]
+    elif record.position is not None:
+        span = max(round(OVER / judge.dt), 1)
+        noise = math.sqrt(2.0) * angle / (span * judge.dt)
+        speed = traces.reference - traces.error[0, 0]
+        travel = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * judge.dt)])
+        left = (travel - record.position.values[:last])[first:]
+        left = (left[span:] - left[:-span]) / (span * judge.dt)
+    else:
+        return None
+    found = math.sqrt(max(rms(left) ** 2 - noise**2, 0.0))
+    return (found, found > noise) if found < REPEATED * rms(traces.error[0, 0, first:]) else None
 
 
 def passed_on(traces: Traces, judge: Judge) -> float:

@@ -31,6 +31,7 @@ TUNED_ON, JUDGED_ON, MARGINED = 16, 48, 12  # machines for the search; others fo
 LONGEST = 20_000  # samples of the log that are simulated
 BLENDS = (1.0, 0.6, 0.3)  # of the way from the current gains to the best ones, on the search's scales
 LEAST_DOUBT = 0.03  # of the error: half of the interval that one draw of the noise and one integrator leave anyway
+UNHELD = 0.08  # likewise, where no log shows what the prediction is worth
 MOST_DOUBT = math.log(2.0)
 NO_LIMIT = 1e29
 
@@ -155,7 +156,7 @@ def improve_known(
     seen = chosen or 1
     clock("runs over time")
     runs = run_traces(judge, tried[[0, seen]], judged_on)
-    if told:
+    if ran:
         judged.compare(unlike(runs, judge, record, ground), passed_on(runs, judge))
     ratios = scores.error[seen] / scores.error[0]
     side = judged.side(tried[seen], scores.of(seen), margins[seen], new=True)
@@ -258,20 +259,23 @@ class _Judged:
         )
         values = [one for one in (value, None if own is None else float(own)) if one is not None and one < NO_LIMIT]
         self.limit = min(values, default=None)
-        self.unlike = 0.0
+        self.unlike: float | None = None
+        self.resolved = False
 
     def margins(self, values: Values) -> list[dict[str, Values]]:
         """Of each candidate, around the first machines."""
         return margins_of(self.judge, values, self.machines.first(MARGINED), self.speed)
 
-    def compare(self, unlike: float, passed_on: float) -> None:
+    def compare(self, unlike: tuple[float, bool] | None, passed_on: float) -> None:
         """What the log's own run says of the prediction.
 
         Args:
-            unlike: rms of the log's motion less the simulated one with the gains that ran.
+            unlike: rms of the log's motion less the simulated one with the gains that ran, and whether that stands out
+                of the noise; None where other gains ran.
             passed_on: share of it that is left with the new gains [1].
         """
-        self.unlike = unlike * passed_on
+        if unlike is not None:
+            self.unlike, self.resolved = unlike[0] * passed_on, unlike[1]
 
     def doubt(self, score: Score, *, new: bool) -> float:
         """Of a predicted error, as a standard deviation of its logarithm [1]."""
@@ -280,9 +284,12 @@ class _Judged:
             return MOST_DOUBT
         # What the simulation misses of the motion adds to the predicted error or takes away from it; an error that
         # new gains make ten times smaller is in ten times the doubt.
-        found = self.unlike / middle if new else 0.0
-        if not new and self.measured is not None:
-            found = abs(math.log(self.measured / middle))
+        if not new:
+            found = UNHELD if self.measured is None else abs(math.log(self.measured / middle))
+        elif self.unlike is None:
+            found = UNHELD
+        else:
+            found = self.unlike / middle if self.resolved else min(self.unlike / middle, UNHELD)
         return min(max(found, LEAST_DOUBT), MOST_DOUBT)
 
     def side(self, values: Values, score: Score, margins: dict[str, Values], *, new: bool = False) -> Side:

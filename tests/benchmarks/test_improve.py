@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import fpjax as fp
-from benchmarks.improve.command import cases_wanted
+from benchmarks.improve.command import VERSION, cases_wanted
 from benchmarks.improve.command import run as run_check
 from benchmarks.improve.score import goals, held, share_won, table, worse
 from benchmarks.withheld.identity import identities
@@ -72,6 +72,21 @@ def some_identity(generator):
     return next(one for one in identities(0, generator) if one.set == "none" and one.sensors in ("rate", "both"))
 
 
+@pytest.mark.parametrize("generator", [1, 2])
+def test_the_true_drive_runs_the_law_of_the_file(generator):
+    """Its torque is that of our `Feedforward`, sample by sample: the difference to the sample before."""
+    from benchmarks.improve.machines import build, run
+
+    true = build(some_identity(generator), 601)
+    gains = dict.fromkeys(true.now, 0.0) | {"feedforward.inertia": 1.0}
+    (record,) = run([(true, gains)], substeps=4)
+    expected = np.diff(record.reference) / float(record.time[1] - record.time[0])
+    commanded = getattr(record, "command", record.torque)[1:]
+    rounding = true.case.case.world.values["torque_step"] if generator == 2 else 1e-9
+    limit = true.case.case.world.values["rating"] if generator == 2 else np.inf
+    assert commanded == pytest.approx(np.clip(expected, -limit, limit), abs=rounding)
+
+
 def test_machines_of_the_second_generator_run_with_other_gains_too(tmp_path):
     from benchmarks.improve.machines import build, error, run, settled, write
 
@@ -109,9 +124,10 @@ def test_an_interrupted_check_goes_on_where_it_stopped(tmp_path, monkeypatch, ca
         own = tmp_path / one.name
         (own / "improve").mkdir(parents=True)
         for name, content in (
-            ("made.json", {"now": {"controller.kp": 2.0}}), ("nominal.json", {"gains": {"controller.kp": 1.5}}),
+            ("made.json", {"version": VERSION, "now": {"controller.kp": 2.0}}),
+            ("nominal.json", {"gains": {"controller.kp": 1.5}}),
             ("improve/improve.json", said), ("cost.json", {"processor_s": 1.0}),
-            ("driven.json", {"now": 1.2, "nominal": 1.0, "improve": 0.5}),
+            ("driven.json", {"now": 1.2, "nominal": None, "improve": 0.5}),  # the nominal gains are unstable
         ):  # fmt: skip
             (own / name).write_text(json.dumps(content))
     assert run_check(asked) == 0
@@ -119,3 +135,7 @@ def test_an_interrupted_check_goes_on_where_it_stopped(tmp_path, monkeypatch, ca
     assert "2 of 2 machines" in told
     assert "not measured" in told
     assert json.loads((tmp_path / "improve.json").read_text())["machines"] == 2
+    old = tmp_path / cases_wanted(asked)[0].name / "made.json"
+    old.write_text(json.dumps({"version": VERSION - 1}))
+    with pytest.raises(fp.InputError, match="earlier version"):
+        run_check(asked)

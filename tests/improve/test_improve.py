@@ -110,6 +110,29 @@ def test_what_the_simulation_misses_of_the_log_widens_the_promise(found, small):
     assert width(told.after.error) > 2.0 * width(found.after.error)
 
 
+def test_where_other_gains_made_the_log_the_promise_is_in_doubt(found, small):
+    log = case.log()
+    softer = dataclasses.replace(case.TRUE, kp=0.5)
+    other = gap_machine.record(softer, seconds=1.5, reference=log.reference, velocity_noise=5e-3)
+    known, model = dataclasses.replace(case.known(), made=False), case.model()
+    told = improve_known(
+        known, other, model, followed(other, model, "log"), ["controller"], 0, _Clock(None), None, None
+    )
+    assert told.measured is None
+    assert width(told.after.error) > 0.15 > width(found.after.error)
+
+
+def test_without_a_rate_sensor_the_encoder_tells_what_the_prediction_is_worth(small):
+    log = case.log()
+    machine = gap_machine.record(case.TRUE, seconds=1.5, reference=log.reference, position_noise=1e-5)
+    alone = dataclasses.replace(machine, velocity=None)
+    known, model = dataclasses.replace(case.known(), made=False), case.model()
+    told = improve_known(
+        known, alone, model, followed(alone, model, "log"), ["controller"], 0, _Clock(None), None, None
+    )
+    assert width(told.after.error) < 0.15
+
+
 def test_a_log_of_another_reference_says_nothing_of_the_prediction(small):
     log, model = case.log(), case.model()
     table = 0.5 * followed(log, model, "log")

@@ -194,6 +194,9 @@ def _simulate(worlds: list[World], substeps: int, progress: Callable[[float], No
     actuator = Actuator(plant, step)
     reference = np.stack([world.reference for world in worlds])
     slope = np.gradient(reference, dt, axis=1)
+    if "forward_late" in plant.has:
+        late = np.diff(reference, axis=1, prepend=reference[:, :1]) / dt
+        slope = slope + p["forward_late"][:, None] * (late - slope)
     wanted = p["start"][:, None] + np.cumsum(reference, axis=1) * dt - reference * dt
     normals = np.stack([np.random.default_rng(world.seed).normal(size=(3, periods)) for world in worlds], axis=1)
     push = np.stack([np.zeros(periods) if w.push is None else w.push for w in worlds])

@@ -231,6 +231,8 @@ def run_group(machines: list[Machine], substeps: int, progress: Callable[[float]
     body.change = body.friction.base(body.position, -1.0)
     sensor = VelocitySensor(p, dt, substeps)
     slope = np.gradient(reference, dt, axis=0)
+    if np.any(p["forward_late"]):
+        slope = slope + p["forward_late"] * (np.diff(reference, axis=0, prepend=reference[:1]) / dt - slope)
     forward = p["forward_coulomb"] * np.tanh(reference / p["forward_velocity"])
     forward = forward + p["forward_viscous"] * reference + p["forward_inertia"] * slope
     integral, last_reading, last_sent = np.zeros(count), np.zeros(count), np.zeros(count)
