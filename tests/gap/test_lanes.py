@@ -8,8 +8,10 @@ import pytest
 from gap_machine import record
 from gap_search import search_of
 
+from fpjax.gap.data.record import make_records, tables_of
+from fpjax.gap.precision import double_precision
 from fpjax.gap.simulate import family as families
-from fpjax.gap.simulate.family import window_fields
+from fpjax.gap.simulate.family import Runner, window_fields
 from fpjax.gap.simulate.replay import LANES, as_rows, from_rows
 
 
@@ -86,3 +88,18 @@ def test_threads_have_the_callers_settings_and_errors_reach_it(search, runner, m
         runner.run(0, *given)
     monkeypatch.setattr(runner, "kernel", kernel)
     assert np.all(np.isfinite(runner.run(0, *given)[0]))  # and nothing stays locked
+
+
+def test_a_log_of_another_length_or_rate_compiles_nothing(search, runner):
+    runner.run(0, *lanes(search, 3))
+    compiled = runner.kernel._cache_size()
+    for seconds, dt in ((4.3, 1e-3), (5.0, 2e-3)):
+        others = make_records([record(seconds=seconds, dt=dt)], [], search.setting.inertia)
+        assert others[0].samples != search.records[0].samples
+        with double_precision():
+            other = Runner(runner.family, others, [tables_of(others[0])])
+        fields = window_fields(others[0], np.arange(3), np.zeros((2, len(others[0].starts))))
+        found, _ = other.run(0, lanes(search, 3)[0], np.zeros((2, 3)), fields)
+        assert found.shape == (other.channels, others[0].samples, 3)
+        assert other.kernel is runner.kernel
+    assert runner.kernel._cache_size() == compiled

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fpjax.gap.fit.modes import make_modes
+from fpjax.gap.fit.modes import BURST_SCALE, BURSTS, make_modes
 
 SAMPLES, DT, INERTIA, ANGLE_NOISE, RATE_NOISE = 200, 1e-3, 0.05, 2e-5, 3e-3
 
@@ -120,3 +120,28 @@ def test_the_sensors_noise_is_told_from_a_torque():
     noisy = c + np.sqrt(8.0) * rng.standard_normal(c.shape)  # three times the noise in all
     assert modes.best_noise(np.ones(40), c) == pytest.approx(1.0, rel=0.1)
     assert modes.best_noise(np.ones(40), noisy) == pytest.approx(3.0, rel=0.1)
+
+
+@pytest.mark.parametrize("white", [True, False])
+@pytest.mark.parametrize("rate_noise", [0.0, 2e-3])
+def test_the_cost_is_that_of_every_coefficient_with_its_tiles_burst_integrated_out(rate_noise, white):
+    modes = make_modes(SAMPLES, DT, INERTIA, rate_noise, ANGLE_NOISE)
+    rng = np.random.default_rng(7)
+    level, noise = modes.levels[rng.integers(20, 40, modes.bands), np.arange(modes.bands)], np.array([1.0, 4.0, 1.0])
+    c = rng.standard_normal((3, len(modes.flat))) * np.sqrt(noise[:, None] + level[modes.band] ** 2 * modes.flat)
+    group = modes.sensor.astype(int) if white else modes.tile
+    variance = noise[:, None, None] + (level[modes.band] ** 2 * modes.flat)[:, None] * 4.0 ** BURSTS.astype(float)
+    each = c[:, :, None] ** 2 / variance + np.log(variance)
+    law = np.exp(-np.abs(BURSTS) * np.log(2.0) / BURST_SCALE) * np.gradient(BURSTS.astype(float))
+    law /= np.sum(law)
+    cost, precision = np.zeros(3), np.empty_like(c)
+    for one in np.unique(group):
+        own = group == one
+        together = np.sum(each[:, own], axis=1)
+        least = np.min(together, axis=1, keepdims=True)
+        likely = law * np.exp(-0.5 * (together - least))
+        cost += least[:, 0] - 2.0 * np.log(np.sum(likely, axis=1))
+        share = likely / np.sum(likely, axis=1, keepdims=True)
+        precision[:, own] = np.sum(share[:, None] / variance[:, own], axis=2)
+    np.testing.assert_allclose(modes.cost(level, noise, c, white=white), cost, rtol=1e-10)
+    np.testing.assert_allclose(modes.precision(level, noise, c, white=white), precision, rtol=1e-9)

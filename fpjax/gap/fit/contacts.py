@@ -102,10 +102,7 @@ class _Look:
         turning = np.tanh(speed / (MOVING * setting.speed))
         self.inertial = nominal["inertia"] * np.diff(record.speed) / record.dt
         self.friction = nominal["coulomb"] * turning + nominal["viscous"] * speed
-        corners = [np.tan(np.pi * share * highest_frequency(setting) * record.dt) for share in BANDS]
-        size = -(-(len(speed) + 2 * EDGE) // 1024) * 1024  # small factors: a fast transform
-        warped = np.tan(np.pi * np.minimum(np.fft.rfftfreq(size), 0.4999))
-        self.size, self.filters = size, [1.0 / (1.0 + (warped / corner) ** (2 * ORDER)) for corner in corners]
+        self.filters = _filters(len(speed), [share * highest_frequency(setting) * record.dt for share in BANDS])
         course = course[:-1]
         half = record.samples // 2
         starts = np.concatenate([record.starts, record.starts + half])
@@ -144,9 +141,20 @@ class _Look:
     def _energies(self, course: Values) -> list[Values]:
         """By band, mean square in each stretch about its mean, shape (stretches, lanes): slow errors are others'."""
         known = np.where(np.isfinite(course), course, 0.0)
-        edge = min(EDGE, len(known) - 1)
-        # Butterworth low-passes forwards and backwards, the ends turned over (scipy.signal takes a second to import).
-        before, after = 2.0 * known[0] - known[edge:0:-1], 2.0 * known[-1] - known[-2 : -2 - edge : -1]
-        spectrum = np.fft.rfft(np.concatenate([before, known, after]), self.size, axis=0)
-        passed = [np.fft.irfft(spectrum * band[:, None], self.size, axis=0)[edge:] for band in self.filters]
-        return [np.var(one[self.rows], axis=1) for one in passed]
+        return [np.var(passed[self.rows], axis=1) for passed in _passed(known, self.filters)]
+
+
+def _filters(samples: int, corners: list[float]) -> list[Values]:
+    """Butterworth low-passes forwards and backwards, for `_passed`; corners in periods a sample [1]."""
+    size = -(-(samples + 2 * EDGE) // 1024) * 1024  # small factors: a fast transform
+    warped = np.tan(np.pi * np.minimum(np.fft.rfftfreq(size), 0.4999))
+    return [1.0 / (1.0 + (warped / np.tan(np.pi * corner)) ** (2 * ORDER)) for corner in corners]
+
+
+def _passed(course: Values, filters: list[Values]) -> list[Values]:
+    """A course of shape (samples, lanes) through each filter, its ends turned over (scipy.signal is slow to import)."""
+    edge, size = min(EDGE, len(course) - 1), 2 * (len(filters[0]) - 1)
+    before, after = 2.0 * course[0] - course[edge:0:-1], 2.0 * course[-1] - course[-2 : -2 - edge : -1]
+    spectrum = np.fft.rfft(np.concatenate([before, course, after]), size, axis=0)
+    inside = slice(edge, edge + len(course))
+    return [np.fft.irfft(spectrum * one[:, None], size, axis=0)[inside] for one in filters]

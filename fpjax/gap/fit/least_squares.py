@@ -201,9 +201,13 @@ class Fitter:
         costs = np.array([self._parameter_prior(c) for c in everything])
         for which, chosen in enumerate(windows):
             if len(chosen):
-                for index, out in enumerate(self.coefficients(everything, which, chosen)):
-                    trial = everything[index]
-                    costs[index] += np.sum(self.window_costs(trial, which, chosen, out))
+                found = self.coefficients(everything, which, chosen)
+                tries = len(DAMPINGS)
+                for place, c in enumerate(active):  # whose trials have one level
+                    some = slice(place * tries, (place + 1) * tries)
+                    own = self.window_costs(c, which, np.tile(chosen, tries), np.concatenate(found[some]))
+                    costs[some] += np.sum(own.reshape(tries, -1), axis=1)
+                for index, trial in enumerate(everything):
                     costs[index] += np.sum(self._state_prior(trial, which, chosen, hidden=hidden))
         costs = np.where(np.isfinite(costs), costs, np.inf).reshape(len(active), -1)
         for c, group, cost in zip(active, trials, costs, strict=True):
