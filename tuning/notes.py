@@ -121,7 +121,11 @@ def notes_of(
 
 
 def _accuracy(off: dict[str, float]) -> list[str]:
-    wrong = [f"{name} {100.0 * value:+.3g} %" for name, value in off.items() if abs(value) > AT_THE_TRUTH]
+    wrong = [
+        f"{name} {100.0 * value:+.3g} %" if np.isfinite(value) else f"{name} without an end"
+        for name, value in off.items()
+        if not abs(value) <= AT_THE_TRUTH
+    ]
     if not wrong:
         return []
     return [

@@ -129,13 +129,16 @@ def make_problem(
     return problem, start, labels
 
 
-def under_noise(problem: Problem) -> Problem | None:
-    """The problem with one draw of its sensor's noise; None where it has noise already, or its sensor has none."""
+def under_noise(problem: Problem, draws: int) -> list[Problem]:
+    """The problem under draws of its sensor's noise; none where it has noise already, or its sensor has none."""
     if not problem.noise or any(bool(np.any(np.asarray(table))) for table in problem.noise):
-        return None
-    random = np.random.default_rng(0)  # on the host: nothing to compile
-    drawn = tuple(jax.device_put(random.standard_normal(table.shape).astype(table.dtype)) for table in problem.noise)
-    return eqx.tree_at(lambda one: one.noise, problem, drawn)
+        return []
+    found = []
+    for seed in range(draws):
+        random = np.random.default_rng(seed)  # on the host: nothing to compile
+        drawn = tuple(jax.device_put(random.standard_normal(each.shape).astype(each.dtype)) for each in problem.noise)
+        found.append(eqx.tree_at(lambda one: one.noise, problem, drawn))
+    return found
 
 
 def label_references(references: References) -> tuple[tuple[str, ...], list[AbstractReference]]:

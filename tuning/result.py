@@ -49,8 +49,9 @@ class TuningResult:
         notes: sentences on what to look at before the gains are used.
         path: of the best start, the value of every parameter after each iteration, by parameter name.
         settled: by estimate whose truth is known, how far off the truth it ends, (mean of the last quarter - truth) /
-            |truth|, in the case where that is largest [1]; under one draw of the sensor's noise, where it has some,
-            also if none was tuned for.
+            |truth|, in the case where that is largest [1]; under draws of the sensor's noise, where it has some, also
+            if none was tuned for.
+        noisy_cost: the cost under the worst of these draws [1]; None where there are none.
     """
 
     method: str
@@ -79,6 +80,7 @@ class TuningResult:
     notes: tuple[str, ...] = ()
     path: dict[str, list[float]] = dataclasses.field(default_factory=dict)
     settled: dict[str, float] = dataclasses.field(default_factory=dict)
+    noisy_cost: float | None = None
 
     @property
     def diverged(self) -> bool:

@@ -150,7 +150,8 @@ def _one(
     if kept.lost:
         say(record, f"{kept.path} could not be written ({kept.lost}): an interrupt would have kept nothing")
     found = dataclasses.replace(found, provenance=_provenance(found, record))
-    print(found)
+    # What the reader said of the logs stands above.
+    print(dataclasses.replace(found, warnings=tuple(each for each in found.warnings if each not in record.notes)))
     record.stage("write")
     write_json(record.path(f"{prefix}{DIAGNOSIS}"), found.to_dict())
     if found.model:

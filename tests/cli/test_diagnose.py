@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import signal
+import sys
 import threading
 import time
 from pathlib import Path
@@ -207,6 +208,24 @@ def test_an_interrupted_diagnosis_leaves_a_marked_folder_and_says_how_to_go_on(m
     assert f"{out / 'diagnosis.json'} is the earlier one" in capsys.readouterr().err
     assert not (out / "run.unfinished").exists()
     assert len(asked) == 3
+
+
+def test_what_the_reader_says_is_said_once(made, quick, tmp_path, capsys, monkeypatch):
+    found = sys.modules["fpjax.gap"].diagnose
+    monkeypatch.setattr(
+        "fpjax.gap.diagnose",
+        lambda logs, model, **words: dataclasses.replace(
+            found(logs, model, **words), warnings=(*logs[0].warnings, "new")
+        ),
+    )
+    text = (made / "log.csv").read_text().replace("time,torque,velocity", "Zeit,Drehmoment,velocity")
+    (tmp_path / "log.csv").write_text(text)
+    words = ["diagnose", str(tmp_path / "log.csv"), "--model", str(made / "nominal.toml"), "--no-report", "--no-cache"]
+    assert main([*words, "--out", str(tmp_path / "why")]) == 0
+    shown = capsys.readouterr()
+    assert (shown.out + shown.err).count("taken by their names") == 1
+    assert shown.out.count("warning: new") == 1
+    assert "taken by their names" in json.loads((tmp_path / "why" / "diagnosis.json").read_text())["warnings"][0]
 
 
 @pytest.mark.parametrize("name", ["...csv", "..csv"])
