@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..gap import Diagnosis
 from ..gap.answer.diagnosis import Learned
 from ..gap.answer.posterior import FILE, Posterior, load_posterior
+from ..gap.data.record import MOST
 from ..logs import Log
 from ..output.runfile import refuse_unfinished
 
@@ -95,7 +96,8 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
             f"{folder} is a diagnosis of {len(samples)} logs: improve judges gains on one; diagnose "
             f"the log that stands for the machine's work alone."
         )
-    if samples[0] != len(log.time):
+    # Of a log that is too long to be simulated as a whole, the diagnosis holds stretches.
+    if samples[0] != len(log.time) and len(log.time) <= MOST:
         raise InputError(
             f"{log.name} has {len(log.time)} samples and was diagnosed with {samples[0]}: use the "
             f"same --from, --to and --every, or leave --diagnosis out."

@@ -17,7 +17,7 @@ from ..blocks.signals import Motion
 from ..gap.answer.diagnosis import Learned
 from ..gap.answer.learned import blocks
 from ..gap.answer.posterior import Posterior
-from ..gap.data.record import Record, make_records
+from ..gap.data.record import Record, in_one_piece, make_records
 from ..gap.machine import FEATURES, Machine, nominal_machine, structure_of
 from ..gap.precision import double_precision
 from ..gap.simulate.replay import SUBSTEPS
@@ -100,7 +100,8 @@ class Ground:
     """What all machines of one log share.
 
     Attributes:
-        record: the log as the diagnosis read it.
+        record: the log as the diagnosis read it, from sample to sample.
+        whole: all stretches of it that were diagnosed.
         courses: driving torque that the laws do not say [N m], shape (explanations x courses, samples).
         noise: standard deviation of a reading of (rate [rad/s], position [rad]).
         substeps: of the plant in a control period.
@@ -108,6 +109,7 @@ class Ground:
     """
 
     record: Record
+    whole: Record
     courses: Values
     noise: tuple[float, float]
     substeps: int
@@ -115,29 +117,46 @@ class Ground:
 
 
 def record_of(log: Log, model: Model) -> Record:
-    """The log as the diagnosis reads it."""
+    """The log as the diagnosis reads it: of one that is too long, stretches."""
     return make_records([log], [], model.nominal["inertia"])[0]
 
 
-def make_ground(known: Known, record: Record, seed: int) -> Ground:
+def one_piece(record: Record, log: Log, table: Values) -> tuple[Record, Values]:
+    """(the record from sample to sample, what is followed along it): of a long log its first stretch.
+
+    Args:
+        record: of the log.
+        log: whole.
+        table: reference along the whole log, or another one, shape (samples,).
+    """
+    piece = in_one_piece(record)
+    own = log.reference is not None and np.array_equal(table, np.asarray(log.reference)[: len(table)])
+    if piece is not record and own and piece.reference is not None:
+        table = np.asarray(piece.reference, float)[: len(table)]
+    return piece, table
+
+
+def make_ground(known: Known, whole: Record, seed: int) -> Ground:
     """What the machines of a log share.
 
     Args:
         known: from the diagnosis of the log.
-        record: the log.
+        whole: the log.
         seed: of the phases.
     """
+    record = in_one_piece(whole)
     posterior, laws = known.posterior, known.learned
     rows = _courses(posterior.missing[0], known.gap_after, laws, record, seed)
     for place, (_, rival) in enumerate(posterior.rivals):
         rows += _courses(rival.missing[0], rival.gap, (), record, seed + COURSES * (place + 1))
     structures = [posterior.key[0], *(rival.key[0] for _, rival in posterior.rivals)]
     substeps = max(SUBSTEPS[structure] for structure in structures)
-    return Ground(record, np.array(rows), posterior.noise, substeps, laws)
+    return Ground(record, whole, np.array(rows), posterior.noise, substeps, laws)
 
 
 def _courses(recorded: Values, gap: float, laws: Sequence[Learned], record: Record, seed: int) -> list[Values]:
     """The recorded course of one explanation's missing torque, and surrogates of it."""
+    recorded = recorded[: len(record.time)]
     course = np.nan_to_num(recorded, nan=0.0)
     size = rms(course[np.isfinite(recorded)])
     if size > 0.0 and np.isfinite(gap):
@@ -164,7 +183,7 @@ def draw_machines(posterior: Posterior, model: Model, ground: Ground, count: int
     for place, (kind, some) in enumerate(zip(kinds, many, strict=True)):
         own = seed + 100 * place
         if some:
-            machine = kind.machines(model, [ground.record], some, own)
+            machine = kind.machines(model, [ground.whole], some, own)
             drawn.append(Machines(machine, _padded(draw_shares(some, own), ground, place)))
     with double_precision():
         machine = with_laws(drawn[0].machine, ground.laws, many[0])

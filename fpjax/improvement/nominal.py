@@ -8,7 +8,7 @@ from ..logs import Log
 from ..model_file import Model
 from .gains import freed, guesses
 from .judge import Judge
-from .machines import COURSES, Ground, nominal_machines, ready, record_of
+from .machines import COURSES, Ground, nominal_machines, one_piece, ready, record_of
 from .search import limits_of, search
 from .verb import followed, largest_torque
 
@@ -23,13 +23,14 @@ def nominal_gains(log: Log, model: Model, free: Sequence[str] = (), seed: int = 
         seed: of the search.
     """
     table = followed(log, model, "log")
-    record = record_of(log, model)
+    whole = record_of(log, model)
+    record, table = one_piece(whole, log, table)
     machine = {name: model.nominal[name] for name in ("inertia", "coulomb", "viscous")}
     gains = freed(model, machine, table, free)
     noise = tuple(0.0 if channel is None else float(channel.noise) for channel in (record.reading, record.position))
     machines = nominal_machines(model)
     silent = np.zeros((COURSES, len(record.time)))
-    ground = Ground(record, silent, (noise[0], noise[1]), machines.substeps, ())
+    ground = Ground(record, whole, silent, (noise[0], noise[1]), machines.substeps, ())
     machines = ready(machines, ground, machines.periods(record.dt))
     judge = Judge(gains.model, gains.names, ground, table, seed + 3)
     limits = limits_of(judge(gains.now[None], machines).of(0), largest_torque(record))

@@ -22,7 +22,7 @@ from .decide import hopeless, objection, range_of
 from .gains import Gains, freed, guesses
 from .judge import Judge, Score
 from .known import Known, known_in, known_of
-from .machines import Ground, Machines, draw_machines, make_ground, ready, record_of, rms
+from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, record_of, rms
 from .margins import NAMES, UNITS, margins_of
 from .search import Found, limits_of, search
 from .traces import passed_on, run_traces, unlike
@@ -106,8 +106,9 @@ def improve_known(
 ) -> Improvement:  # fmt: skip
     """The improvement from what is known of the machine."""
     clock("machines")
-    record = record_of(log, nominal)
-    ground = make_ground(known, record, seed)
+    whole = record_of(log, nominal)
+    record, table = one_piece(whole, log, table)
+    ground = make_ground(known, whole, seed)
     tuned_on = draw_machines(known.posterior, nominal, ground, TUNED_ON, seed + 1)
     judged_on = draw_machines(known.posterior, nominal, ground, JUDGED_ON, seed + 2)
     one, two = tuned_on.periods(record.dt), judged_on.periods(record.dt)
@@ -116,7 +117,7 @@ def improve_known(
     machine = corrected_values(judged_on)
     gains = freed(nominal, machine, table, free)
     judge = Judge(gains.model, gains.names, ground, table, seed + 3)
-    notes = _notes(known, gains, log, table)
+    notes = _notes(known, gains, record, table)
     clock("compiling the closed loop")
     now = judge(gains.now[None], judged_on)
     speed = _steady_speed(judge)
@@ -348,7 +349,7 @@ def _steady_speed(judge: Judge) -> float:
     return rms(moving)
 
 
-def _notes(known: Known, gains: Gains, log: Log, table: Values) -> list[str]:
+def _notes(known: Known, gains: Gains, record: Record, table: Values) -> list[str]:
     notes = []
     if gains.added:
         notes.append(f"[{gains.added[0]}] is not in the model: it was added, starting from nothing.")
@@ -358,8 +359,11 @@ def _notes(known: Known, gains: Gains, log: Log, table: Values) -> list[str]:
             "adds to it, or the log has no such column), so the prediction could not be held against the log: "
             '"before" is what the file\'s gains would do.'
         )
-    if len(table) == LONGEST:
-        notes.append(f"The first {LONGEST * log.dt:.3g} s of the reference were simulated.")
+    if record.recorded > len(record.time):
+        begin, length = record.time[0], len(table) * record.dt
+        notes.append(f"The log is long: {length:.3g} s of it were followed, from {begin:.3g} s on.")
+    elif len(table) == LONGEST:
+        notes.append(f"The first {LONGEST * record.dt:.3g} s of the reference were simulated.")
     if known.posterior.rivals:
         names = [f"{', '.join(rival.causes) or 'nothing'} ({share:.0%})" for share, rival in known.posterior.rivals]
         notes.append(f"The log leaves other explanations open: {'; '.join(names)}. They are among the machines.")

@@ -12,6 +12,7 @@ import pytest
 import fpjax as fp
 from fpjax.blocks.signals import Motion
 from fpjax.gap.answer.diagnosis import Learned
+from fpjax.gap.data.record import in_one_piece
 from fpjax.improvement.answer import Improvement
 from fpjax.improvement.decide import hopeless, objection
 from fpjax.improvement.gains import freed
@@ -22,6 +23,7 @@ from fpjax.improvement.machines import (
     draw_machines,
     draw_shares,
     make_ground,
+    one_piece,
     opposing,
     ready,
     record_of,
@@ -207,6 +209,37 @@ def test_a_command_beyond_the_actuators_limit_costs_nothing_of_its_own():
     limits = limits_of(score.of(0), 4.0)
     assert limits.peak == pytest.approx(5.0)
     assert robust_costs(score, limits) == pytest.approx([1.0, 1.0])
+
+
+def long_log():
+    """(a log too long to be simulated as a whole, what is known; missing torque only where nothing is followed)."""
+    log = case.log(60.0)
+    whole = record_of(log, case.model())
+    missing = np.full(len(whole.time), 100.0)
+    missing[: len(in_one_piece(whole).time)] = 0.0
+    posterior = dataclasses.replace(case.known().posterior, missing=(missing,))
+    return log, dataclasses.replace(case.known(), posterior=posterior)
+
+
+def test_of_a_long_log_one_stretch_is_followed_with_its_own_missing_torque():
+    log, known = long_log()
+    whole = record_of(log, case.model())
+    piece, table = one_piece(whole, log, followed(log, case.model(), "log"))
+    assert len(piece.time) < len(log.time) / 2
+    at = np.searchsorted(log.time, piece.time - 5e-4)
+    assert table == pytest.approx(log.reference[at][: len(table)])
+    ground = make_ground(known, whole, 0)
+    assert ground.courses.shape == (3, len(piece.time))
+    assert not ground.courses.any()
+
+
+@pytest.mark.long
+def test_a_long_log_is_improved_and_it_is_said_what_was_followed(small):
+    log, known = long_log()
+    model = case.model()
+    found = improve_known(known, log, model, followed(log, model, "log"), ["controller"], 0, _Clock(None), None, None)
+    assert found.measured == pytest.approx(found.before.error.value, rel=0.05)
+    assert any("The log is long" in note for note in found.notes)
 
 
 def test_a_machine_that_nobody_knows_is_promised_nothing(small):
