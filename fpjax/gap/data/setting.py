@@ -32,7 +32,8 @@ class Setting:
         nominal: parameters of the nominal model by name.
         unknown_origin: a known load turns with a position that no sensor tells.
         periods: per revolution [1/rev], at which "torque" and "friction" repeat with the position.
-        contacts: values by name of backlashes that the log may show, the most likely first; None: not looked for.
+        contacts: values by name of backlashes that the log may show, the most likely first; None or empty: not looked
+            for, or nothing to look at.
     """
 
     inertia: float

@@ -105,7 +105,7 @@ def _compliance_starts(setting: Setting) -> list[dict[str, float]]:
 
 def _backlash_starts(setting: Setting) -> list[dict[str, float]]:
     """Where the log shows contacts; as a rule of thumb has it where nobody has looked for them."""
-    if setting.contacts is not None:
+    if setting.contacts:
         return [dict(start) for start in setting.contacts]
     frequency = 0.7 * highest_frequency(setting)
     return [_two_mass_start(setting, frequency, 0.5, 0.2, 0.0, gap=gap * setting.speed) for gap in (1e-3, 2.5e-3, 6e-3)]

@@ -15,6 +15,7 @@ from ..simulate.replay import LANES
 
 Values = np.ndarray
 
+NAMES = ("gap", "load_share", "frequency", "damping_ratio", "friction_share")  # of a row of parameters
 GAPS = np.geomspace(3e-4, 2e-2, 16)  # of the way at top speed in a second
 SHARES = (0.15, 0.35, 0.6)  # of the inertia, on the load
 RATIOS = (0.15, 0.8)  # of a face's damping to its critical one
@@ -67,9 +68,6 @@ def contact_starts(
             break
     found = [_values(np.exp(one)) for one in chosen]
     return (*found, *(one | {"damping_ratio": LIVELY * one["damping_ratio"]} for one in found))
-
-
-NAMES = ("gap", "load_share", "frequency", "damping_ratio", "friction_share")
 
 
 def _values(row: Values) -> dict[str, float]:
