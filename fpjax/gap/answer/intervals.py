@@ -24,7 +24,7 @@ def covariance(search: Search, fit: Fit) -> Values:
     "Maximum likelihood estimation of misspecified models", 1982): a law of another form leaves windows that disagree.
     What a machine's model leaves is no noise either: it is a function of the same few states in every window, and does
     not average out over a log as noise does. So the modes that hold missing torque and not noise count as `PIECES`
-    observations at most; where there is no missing torque, this changes nothing.
+    observations at most; where there is no missing torque, this changes nothing. What the sampling blurs is added.
     """
     c = fit.candidate
     inside = ~at_bound(c)
@@ -41,6 +41,7 @@ def covariance(search: Search, fit: Fit) -> Values:
     variance = np.maximum(np.diag(inverse), 1e-300)
     wider = np.sqrt(np.maximum(np.maximum(sandwich / variance, 1.0), _observations(search, c) / PIECES))
     found[block] = inverse * wider[:, None] * wider * c.scale[index][:, None] * c.scale[index]
+    found[index, index] += np.square([c.family.parameters[c.free[i]].blur(search.setting) for i in index])
     return found
 
 

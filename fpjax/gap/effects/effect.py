@@ -27,7 +27,7 @@ class Parameter:
         scale: typical size, for the fit's steps.
         path: dotted name of the leaf of `Machine`, "law." standing for the static friction law; "" where the effect's
             `apply` sets it.
-        prior: standard deviation around the start, 0 for none.
+        blur: standard deviation that the sampling of a log leaves it, however well a model follows; 0 for none.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Parameter:
     high: Size
     scale: Size
     path: str = ""
-    prior: Size = lambda setting: 0.0
+    blur: Size = lambda setting: 0.0
 
 
 Report = Callable[[dict[str, float], Setting], dict[str, tuple[float, str]]]

@@ -226,7 +226,17 @@ BIAS = Parameter(
     "bias", "rad/s", _ZERO, _times("speed", -0.5), _times("speed", 0.5), _times("speed", 0.02), "sensor.bias"
 )
 SCALE = Parameter("scale", "1", _constant(1.0), _constant(0.2), _constant(5.0), _constant(0.1), "sensor.scale")
-GAP = Parameter("gap", "rad", _ZERO, _ZERO, _times("speed", 0.05), _times("speed", 1e-3), "plant.gap")
+
+
+def _between_samples(setting: Setting) -> float:
+    """The way at top speed in a period, within which a face is met unseen, over a log's reversals [rad]."""
+    reversals = max(setting.duration / setting.window, 1.0)  # a window is about the time from one to the next
+    return setting.speed * setting.dt / (12.0 * reversals) ** 0.5
+
+
+GAP = Parameter(
+    "gap", "rad", _ZERO, _ZERO, _times("speed", 0.05), _times("speed", 1e-3), "plant.gap", _between_samples
+)  # fmt: skip
 # A resonance that the data can show: at least one period a window, and at most a third of half the sampling rate.
 FREQUENCY = Parameter(
     "frequency",
