@@ -170,3 +170,12 @@ def test_the_worst_place_is_where_the_nominal_model_is_most_wrong():
     error = np.abs(series.commanded - series.before)
     assert first <= int(np.argmax(error)) <= last
     assert last - first < 0.3 * len(series.time)
+
+
+def test_an_interval_that_nobody_knows_is_not_printed():
+    full = CASES["explained"]()
+    first, *rest = full.ranking
+    bounded = Estimate(0.0, math.nan, math.nan, "s", at_bound=True)
+    lost = dataclasses.replace(full, ranking=(dataclasses.replace(first, parameters={"delay": bounded}), *rest))
+    assert "delay 0 s (at a bound)" in str(lost)
+    assert "nan" not in str(lost)

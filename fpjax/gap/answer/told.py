@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ..effects.estimate import Estimate
     from .diagnosis import Diagnosis, Ranked
 
 PLACES = {
@@ -83,10 +85,14 @@ def told(diagnosis: Diagnosis) -> str:
 
 
 def _entry(entry: Ranked, asserted: bool) -> str:
-    values = ", ".join(
-        f"{name} {p.value:.4g} [{p.low:.4g}, {p.high:.4g}] {p.unit}" for name, p in entry.parameters.items()
-    )
+    values = ", ".join(_value(name, p) for name, p in entry.parameters.items())
     same = f" (not told apart from {', '.join(entry.indistinguishable_from)})" if entry.indistinguishable_from else ""
     # A companion may be certain without being the main cause.
     probability = max(entry.probability, entry.cause_probability if asserted else 0.0)
     return f"  {probability:6.1%}  {entry.effect:28s} gap {entry.gap_after:.4g}  {values}{same}"
+
+
+def _value(name: str, found: Estimate) -> str:
+    if math.isfinite(found.low) and math.isfinite(found.high):
+        return f"{name} {found.value:.4g} [{found.low:.4g}, {found.high:.4g}] {found.unit}"
+    return f"{name} {found.value:.4g} {found.unit}{' (at a bound)' if found.at_bound else ''}"

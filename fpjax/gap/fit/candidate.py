@@ -116,7 +116,7 @@ def make_candidate(
         setting: sizes for bounds.
         records: of the logs.
         start: values that are not neutral.
-        exact: nothing is free; the nominal model as it was given.
+        exact: nothing is free but the origin, where no sensor tells it; the nominal model as it was given.
     """
     names = [p.name for p in family.parameters]
     vector = family.neutral(setting)
@@ -128,7 +128,9 @@ def make_candidate(
     wanted = [*(n for n in NOMINAL if n not in own), *own]
     if setting.unknown_origin:
         wanted = ["origin", *wanted]
-    free = np.array([] if exact else [names.index(n) for n in wanted], int)
+    if exact:
+        wanted = [n for n in wanted if n == "origin"]  # no number of the model: where the log happened to start
+    free = np.array([names.index(n) for n in wanted], int)
     # What effects share, each bounds as it needs it.
     bounded = {p.name: p for effect in effects for p in effect.parameters}
     parameters = [bounded[names[i]] if names[i] in bounded else family.parameters[i] for i in free]

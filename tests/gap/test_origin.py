@@ -1,0 +1,27 @@
+"""A known load that turns with the position, and a log that does not tell where the position starts."""
+
+import gap_machine
+import gap_search
+import numpy as np
+
+from fpjax.gap.diagnose import make_search
+from fpjax.model_file import load_model
+
+WEIGHT, START = 0.5, 0.7  # N m, rad
+MODEL = gap_search.MODEL + f'[load]\ntype = "unbalance"\namplitude = {WEIGHT}\n'
+
+
+def left(sensors):
+    """Missing torque of the nominal model as given, of the commanded torque's rms."""
+    log = gap_machine.record(
+        seconds=4.0, sensors=sensors, extra=lambda time, speed, angle, command: -WEIGHT * np.sin(angle + START)
+    )
+    search = make_search([log], [], load_model(MODEL))
+    windows = [np.arange(len(record.starts)) for record in search.records]
+    return search.finish([search.exact])[0].missing_rms(windows) / np.sqrt(np.mean(log.torque**2))
+
+
+def test_the_model_as_given_is_not_judged_at_another_angle_than_the_log_s():
+    assert left(("velocity",)) < 0.01
+    # An encoder that is zero elsewhere than the model's load is a gap.
+    assert left(("velocity", "position")) > 0.1
