@@ -84,6 +84,16 @@ class Estimation:
         """Unit of a quantity by its name."""
         return UNITS[self.linear].get(name, "")
 
+    def to_dataframe(self) -> Any:
+        """The estimates and the velocity they were made from as a `pandas.DataFrame`, the time [s] as its index.
+
+        Raises:
+            InputError: where pandas is not installed.
+        """
+        from ..output.frames import to_frame
+
+        return to_frame({**self.estimates, "velocity": self.velocity}, self.time)
+
     def to_dict(self) -> dict[str, Any]:
         """Numbers for a JSON file (without the traces)."""
         excitation = None

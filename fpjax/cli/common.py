@@ -166,6 +166,16 @@ def interruptible(work: Callable[[], T]) -> T:
                 raise
 
 
+@contextlib.contextmanager
+def busy(title: str, what: str) -> Iterator[None]:
+    """One stage of a command that has no share of its own: drawing, writing."""
+    from ..output.progress import Stages
+
+    with Stages(title) as stages:
+        stages.stage(what)
+        yield
+
+
 def say(record: RunFile, sentence: str) -> None:
     """A note for the user, kept in run.json."""
     record.notes.append(sentence)

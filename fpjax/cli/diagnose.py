@@ -16,6 +16,7 @@ from ..output.runfile import FINISHED, RunFile, versions, write_json, write_whol
 from .common import (
     add_log_options,
     add_out,
+    busy,
     finish,
     interruptible,
     log_options,
@@ -78,6 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
             _one(model, logs, holdout, record.folder, record, arguments)
         else:
             names = folder_names([log.name for log in logs])
+            bar, begun = None, 0
             for place, (log, name) in enumerate(zip(logs, names, strict=True)):
                 arguments.kept = (
                     f"{place} of {len(logs)} logs are diagnosed in {record.folder}; add --resume to the same command "
@@ -91,7 +93,11 @@ def run(arguments: argparse.Namespace) -> int:
                     record.path(f"{name}/{DIAGNOSIS}")
                     continue
                 finished.unlink(missing_ok=True)
-                _one(model, [log], holdout, record.folder / name, record, arguments)
+                # Those before that were finished took no time: what is left counts from the first that is not.
+                begun = place if bar is None else begun
+                bar = Stages("diagnose", after=bar)
+                part = (place - begun, len(logs) - begun)
+                _one(model, [log], holdout, record.folder / name, record, arguments, bar, part)
                 write_json(finished, {"key": key, "diagnosis": _digest(finished.with_name(DIAGNOSIS))})
         arguments.kept = ""
         finish(record)
@@ -131,7 +137,10 @@ def _one(
     folder: pathlib.Path,
     record: RunFile,
     arguments: argparse.Namespace,
+    bar: Stages | None = None,
+    part: tuple[int, int] = (0, 1),
 ) -> None:
+    """Diagnose and write; of several logs this is the part (place, of how many), whose pace the bar knows."""
     from ..gap import diagnose
     from ..gap.fit.kept import NAME, Kept
 
@@ -140,8 +149,13 @@ def _one(
     folder.mkdir(parents=True, exist_ok=True)
     kept = Kept(folder / NAME)
     try:
-        with Stages("diagnose") as stages:
-            found = interruptible(lambda: diagnose(logs, model, holdout=holdout, progress=stages.stage, keep=kept))
+        with bar or Stages("diagnose") as stages:
+
+            def progress(stage: str, share: float) -> None:
+                named = stage if part[1] == 1 else f"log {part[0] + 1} of {part[1]}, {stage}"
+                stages.stage(named, (part[0] + share) / part[1])
+
+            found = interruptible(lambda: diagnose(logs, model, holdout=holdout, progress=progress, keep=kept))
     except InputError:
         kept.discard()  # the same input is refused again
         raise
@@ -162,7 +176,8 @@ def _one(
         found.posterior.save(record.path(f"{prefix}posterior.npz"))
     if not arguments.no_report:
         record.path(f"{prefix}report.html")
-        found.report(folder)
+        with busy("diagnose", "drawing the report"):
+            found.report(folder)
     kept.discard()
     sys.stdout.flush()
 

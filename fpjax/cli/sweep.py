@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..output.runfile import RunFile, read_run, write_json
-from .common import add_out, finish, running, say, start_jax
+from .common import add_out, busy, finish, running, say, start_jax
 from .cost import add_cost_arguments, cost_settings
 from .numbers import real, whole
 
@@ -80,8 +80,9 @@ def run(arguments: argparse.Namespace) -> int:
         result.save(record.path("sweep.npz"))
         write_json(record.path("sweep.json"), result.to_dict())
         if not arguments.no_plots:
-            result.plot(record.path("sweep.png"), paths=paths)
-            result.page(record.path("sweep.html"), paths=paths)
+            with busy("sweep", "drawing"):
+                result.plot(record.path("sweep.png"), paths=paths)
+                result.page(record.path("sweep.html"), paths=paths)
         del result
         shutil.rmtree(chunks, ignore_errors=True)  # sweep.npz holds it all
         arguments.kept = ""

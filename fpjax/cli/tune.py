@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..output.runfile import RunFile, write_json, write_whole
-from .common import add_out, finish, interruptible, running, say, start_jax, table
+from .common import add_out, busy, finish, interruptible, running, say, start_jax, table
 from .cost import add_cost_arguments, cost_settings
 from .numbers import real, whole
 
@@ -151,10 +151,11 @@ def check(model: "Model", tuned: "Model", best: "TuningResult", duration: float,
     estimates = [f"estimates.{name}" for name in model.loop.observer.estimated]
     record_these = ("reference", "position" if position else "velocity", *estimates)
     begun = dataclasses.replace(model, loop=set_parameters(model.loop, best.start))
-    runs = {
-        name: simulate(one, duration=duration, record=record_these)
-        for name, one in (("before", begun), ("after", tuned))
-    }
+    with busy("tune", "compiling, then running before and after"):
+        runs = {
+            name: simulate(one, duration=duration, record=record_these)
+            for name, one in (("before", begun), ("after", tuned))
+        }
     rows = []
     for name, value in runs["after"].settled.items():
         true = model.nominal.get(name)
@@ -188,4 +189,5 @@ def _write(
     if not arguments.no_plots:
         from .pictures import draw_tuning
 
-        draw_tuning(tuned, runs, results, record.path("tune.png"))
+        with busy("tune", "drawing"):
+            draw_tuning(tuned, runs, results, record.path("tune.png"))

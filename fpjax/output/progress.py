@@ -15,13 +15,24 @@ class Stages:
         total: number of stages; 0 where unknown.
     """
 
-    def __init__(self, title: str, total: int = 0) -> None:
+    def __init__(self, title: str, total: int = 0, after: "Stages | None" = None) -> None:
+        """Begin.
+
+        Args:
+            title: the command.
+            total: number of stages; 0 where unknown.
+            after: of the same work, ended: time and pace go on from there.
+        """
         self.title, self.total = title, total
         self._name, self._share, self._count, self._drawn = "", None, 0, False
         self._begin = time.monotonic()
         self._before = 0.0
         self._first: tuple[float, float] | None = None  # when the first share was told, and what it was
         self._left: tuple[float, float] | None = None  # when the last one was, and the seconds that were left then
+        self._compiling = False  # the time before the first share says nothing of the pace
+        if after is not None:
+            self._begin, self._before = after._begin, after._before
+            self._first, self._compiling = after._first, after._compiling
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         if sys.stderr.isatty():
@@ -34,6 +45,7 @@ class Stages:
             self._count += 1
         self._name, self._share = name, share
         if share is None:
+            self._compiling |= self._first is None and name.startswith("compiling")
             return
         now = time.monotonic()
         if self._first is None or share < self._first[1]:
@@ -72,8 +84,8 @@ class Stages:
         which = f" {self._count}/{self.total}" if self.total else ""
         left = ""
         if self._share and self._share - self._before > 0.02:
-            seconds = spent * (1.0 - self._share) / (self._share - self._before)
+            seconds = None if self._compiling else spent * (1.0 - self._share) / (self._share - self._before)
             if self._left is not None:  # between two reports it counts down
                 seconds = max(self._left[1] - (self._begin + spent - self._left[0]), 0.0)
-            left = f", about {seconds:.0f} s left"
+            left = "" if seconds is None else f", about {seconds:.0f} s left"
         return f"{self.title}{which}: {self._name}  {spent:.0f} s{left}"[:110]

@@ -210,6 +210,26 @@ def test_an_interrupted_diagnosis_leaves_a_marked_folder_and_says_how_to_go_on(m
     assert len(asked) == 3
 
 
+def test_the_time_left_is_that_of_all_logs(made, three, quick, tmp_path, monkeypatch):
+    found, told = sys.modules["fpjax.gap"].diagnose, []
+
+    def diagnose(logs, model, *, progress, **words):
+        for share in (0.1, 0.5, 1.0):
+            progress("effects", share)
+        return found(logs, model, **words)
+
+    monkeypatch.setattr("fpjax.gap.diagnose", diagnose)
+    monkeypatch.setattr("fpjax.cli.diagnose.Stages.stage", lambda self, *words: told.append(words))
+    words = ["diagnose", *three, "--each", "--model", str(made / "nominal.toml"), "--no-report", "--no-cache"]
+    assert main([*words, "--out", str(tmp_path / "why")]) == 0
+    of_logs = [words for words in told if words[0].startswith("log ")]
+    assert [name for name, _ in of_logs[::3]] == [f"log {place} of 3, effects" for place in (1, 2, 3)]
+    shares = [share for _, share in of_logs]
+    assert shares == sorted(shares)
+    assert shares[4] == pytest.approx(1.5 / 3)
+    assert shares[-1] == 1.0
+
+
 def test_what_the_reader_says_is_said_once(made, quick, tmp_path, capsys, monkeypatch):
     found = sys.modules["fpjax.gap"].diagnose
     monkeypatch.setattr(

@@ -98,6 +98,22 @@ def test_stages_name_what_is_under_way(monkeypatch):
     assert "about 35 s left" in compiled._line(40.0)
     assert "about 25 s left" in compiled._line(50.0)  # no report since: it counts down
     compiled.end()
+    # A first share that compiling is in says nothing of the pace.
+    first = progress.Stages("sweep")
+    first.stage("compiling, then the first chunk")
+    clock[0] += 30.0
+    first.stage("1 of 6 chunks", 1 / 6)
+    assert "left" not in first._line(30.0)
+    clock[0] += 2.0
+    first.stage("2 of 6 chunks", 2 / 6)
+    assert "about 8 s left" in first._line(32.0)
+    first.end()
+    # Another part of the same work goes on with its pace.
+    further = progress.Stages("sweep", after=first)
+    clock[0] += 2.0
+    further.stage("3 of 6 chunks", 3 / 6)
+    assert "34 s, about 6 s left" in further._line(34.0)
+    further.end()
     monkeypatch.undo()
     quiet = io.StringIO()
     monkeypatch.setattr(sys, "stderr", quiet)
