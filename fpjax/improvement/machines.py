@@ -149,8 +149,7 @@ def make_ground(known: Known, whole: Record, seed: int) -> Ground:
     rows = _courses(posterior.missing[0], known.gap_after, laws, record, seed)
     for place, (_, rival) in enumerate(posterior.rivals):
         rows += _courses(rival.missing[0], rival.gap, (), record, seed + COURSES * (place + 1))
-    structures = [posterior.key[0], *(rival.key[0] for _, rival in posterior.rivals)]
-    substeps = max(SUBSTEPS[structure] for structure in structures)
+    substeps = max(SUBSTEPS[one.key[0]] for one in (posterior, *(rival for _, rival in posterior.rivals)))
     return Ground(record, whole, np.array(rows), posterior.noise, substeps, laws)
 
 

@@ -152,7 +152,8 @@ class Posterior:
             words["rivals"].append(own | {"share": share})
             arrays |= more
         stream = io.BytesIO()
-        np.savez_compressed(stream, words=np.array(json.dumps(words)), **arrays)
+        stored: dict[str, Any] = arrays | {"words": np.array(json.dumps(words))}
+        np.savez_compressed(stream, **stored)
         write_whole(pathlib.Path(path), stream.getvalue())
 
     def _parts(self, prefix: str) -> tuple[dict[str, Any], dict[str, Values]]:

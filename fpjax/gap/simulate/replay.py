@@ -233,7 +233,7 @@ def residual_kernel(
     channels: tuple[bool, bool],
     fine: bool,
     fixed: Any,
-) -> Callable[[list[Array], Array, Array, Array], tuple[Array, Array]]:
+) -> Callable[[list[Array], Array, Array, Array | np.integer], tuple[Array, Array]]:
     """The compiled loop: (leaves, rows, start, samples) -> residuals; the same one for every log and model alike.
 
     Args:
