@@ -156,7 +156,7 @@ class Posterior:
         np.savez_compressed(stream, **stored)
         write_whole(pathlib.Path(path), stream.getvalue())
 
-    def _parts(self, prefix: str) -> tuple[dict[str, Any], dict[str, Values]]:
+    def _parts(self, prefix: str) -> tuple[dict[str, Any], dict[str, Any]]:
         words = {
             "version": VERSION, "structure": self.key[0], "features": list(self.key[1]), "names": list(self.names),
             "free": list(self.free), "sensor": {name: list(pair) for name, pair in self.sensor.items()},
