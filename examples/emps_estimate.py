@@ -113,7 +113,7 @@ def stand_in(model: fp.Model) -> fp.Log:
     return fp.Log(time, torque, None, position, program, 1e-3, "simulated axis", True, "N")
 
 
-def main(path: str | None = None, out: pathlib.Path = pathlib.Path("out"), seed: int = 0) -> fp.Estimation:
+def main(path: str | None = None, out: pathlib.Path = pathlib.Path("out"), seed: int = 0) -> fp.Estimated:
     """Tune in simulation, estimate on the record."""
     model = fp.load_model(MODEL)
     log = stand_in(model) if path is None else fp.read_log(path, columns="emps")

@@ -25,6 +25,9 @@ def __getattr__(name: str) -> Any:
     if hasattr(public, name):
         globals()[name] = getattr(public, name)
         return globals()[name]
+    if name in _moved.RENAMED:
+        _moved.warn_of(f"fpjax.{name}", f"fpjax.{_moved.RENAMED[name]}")
+        return getattr(public, _moved.RENAMED[name])
     if name in _moved.MOVED:
         return importlib.import_module(f"fpjax.{name}")
     raise AttributeError(f"module 'fpjax' has no attribute {name!r}")

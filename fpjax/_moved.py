@@ -28,6 +28,8 @@ MOVED = {
     "simulate": "public",
 }
 """Old name of a module -> where it is now, both without `fpjax.`."""
+RENAMED = {"Estimation": "Estimated"}
+"""Old name of a public symbol -> its name now: what `estimate` found, no longer the name of a tuning's objective."""
 
 
 class _OldName(types.ModuleType):
@@ -63,6 +65,11 @@ class _OldNames(MetaPathFinder, Loader):
 
     def exec_module(self, module: types.ModuleType) -> None:
         pass
+
+
+def warn_of(old: str, now: str) -> None:
+    """Say to whoever asks for the old name what it is called now."""
+    warnings.warn(f"{old} is now {now}; the old name goes with the next version", DeprecationWarning, stacklevel=3)
 
 
 def keep_old_names() -> None:

@@ -2,7 +2,7 @@
 
 from ._simulate import Run as Run
 from ._simulate import Status as Status
-from .analysis.estimate import Estimation as Estimation
+from .analysis.estimate import Estimated as Estimated
 from .analysis.excitation import Excitation as Excitation
 from .analysis.excitation import assess_excitation as assess_excitation
 from .analysis.identify import Identified as Identified

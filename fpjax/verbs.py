@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 from ._simulate import Run
 from ._simulate import simulate as simulate_loop
-from .analysis.estimate import Differentiator, Estimation
+from .analysis.estimate import Differentiator, Estimated
 from .analysis.estimate import estimate as estimate_with
 from .blocks.actuators import AbstractActuator
 from .blocks.block import with_arrays
@@ -153,7 +153,7 @@ def estimate(
     differentiator: Differentiator = "zero_phase",
     cutoff: float | None = None,
     passes: int = 1,
-) -> Estimation:
+) -> Estimated:
     """Run an observer over a log.
 
     Args:

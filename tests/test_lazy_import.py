@@ -56,6 +56,17 @@ def test_an_old_name_of_a_module_warns_and_works(old, now, name):
     assert same == "True"
 
 
+def test_an_old_name_of_a_symbol_warns_and_works():
+    code = (
+        "import warnings; warnings.simplefilter('error'); import fpjax\n"
+        "try: fpjax.Estimation\nexcept DeprecationWarning as warning: print(warning)\n"
+        "warnings.simplefilter('ignore')\nprint(fpjax.Estimation is fpjax.Estimated)"
+    )
+    told, same = run(code).splitlines()
+    assert told == "fpjax.Estimation is now fpjax.Estimated; the old name goes with the next version"
+    assert same == "True"
+
+
 def test_an_old_module_does_not_hide_the_function_of_its_name():
     code = (
         "import warnings; warnings.simplefilter('ignore')\nimport fpjax\nfrom fpjax.simulate import make_inputs\n"

@@ -6,13 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from fpjax.analysis.verdicts import FLAT, verdicts
+
 from .lanes import Lanes
 
-DEAD = 1e-9  # slope, as a fraction of the largest, below which a parameter moves nothing
-FLAT = 1e-2  # the same, below which it moves next to nothing
-PARALLEL = 0.999  # |cosine| of two slopes above which the two trade off
 PINNED = 1e-3  # singular value, as a fraction of the largest, below which a direction is not pinned
-BOUND = 0.96  # share of the way to a bound from which a parameter counts as at it
+SHARE = 0.3  # of a direction, above which a parameter has a share in it
 STEP = 1e-2  # finite-difference step [e-folds] where a set-valued law has no derivative
 
 
@@ -63,39 +62,17 @@ def judge(
     jacobian = np.where(np.isfinite(jacobian), jacobian, 0.0)
     lengths = np.linalg.norm(jacobian, axis=0)
     largest = float(lengths.max(initial=0.0))
-    words: dict[str, list[str]] = {name: [] for name in names}
-    alive = np.zeros(n, bool)
-    for place, name in enumerate(names):
-        if largest == 0.0 or lengths[place] <= DEAD * largest:
-            words[name].append("dead")
-        elif lengths[place] <= FLAT * largest:
-            words[name].append("flat")
-        else:
-            alive[place] = True
-    for i in range(n):
-        for j in range(i + 1, n):
-            if not (alive[i] and alive[j]):
-                continue
-            cosine = float(jacobian[:, i] @ jacobian[:, j]) / (lengths[i] * lengths[j])
-            if abs(cosine) > PARALLEL:
-                words[names[i]].append(f"traded off with {names[j]}")
-                words[names[j]].append(f"traded off with {names[i]}")
+    unit = jacobian / np.where(lengths > 0.0, lengths, 1.0)
     _, singular, directions = np.linalg.svd(jacobian, full_matrices=True)
     padded = np.concatenate([singular, np.zeros(n - singular.size)])
-    for value, direction in zip(padded, directions, strict=True):
-        if value <= PINNED * largest:
-            for place, name in enumerate(names):
-                if abs(direction[place]) > 0.3 and not words[name]:
-                    words[name].append("not pinned")
-    for place, name in enumerate(names):
-        if abs(share[place]) >= BOUND:
-            words[name].append(f"at its {'high' if share[place] > 0 else 'low'} bound")
+    # A direction that moves nothing leaves open every parameter with a share in it.
+    unpinned = np.any((np.abs(directions) > SHARE) & (padded <= PINNED * largest)[:, None], axis=0)
     smallest = float(padded.min()) if n else 0.0
     weakest = directions[-1] / directions[-1][int(np.argmax(np.abs(directions[-1])))]
     return Identifiability(
         names,
         {name: float(length) for name, length in zip(names, lengths, strict=True)},
-        {name: ", ".join(words[name]) or "pinned" for name in names},
+        verdicts(names, lengths, unit.T @ unit, unpinned, share, flat=FLAT),
         largest / smallest if smallest > 0.0 else math.inf,
         {name: float(part) for name, part in zip(names, weakest, strict=True)},
         derivative,

@@ -38,7 +38,7 @@ UNITS = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Estimation:
+class Estimated:
     """What an observer made of a log.
 
     Attributes:
@@ -159,7 +159,7 @@ def estimate(
     differentiator: Differentiator = "zero_phase",
     cutoff: float | None = None,
     passes: int = 1,
-) -> Estimation:
+) -> Estimated:
     """Run an observer over a log; `fpjax.estimate` takes files and models too.
 
     Args:
@@ -199,7 +199,7 @@ def estimate(
         raise InputError(f"average must be positive and at most the log's {log.duration:g} s, got {span:g} s.")
     last = slice(-max(round(span / log.dt), 1), None)
     fitted = least_squares(torque, velocity, log.dt, float(observer.inertia))
-    return Estimation(
+    return Estimated(
         time=np.asarray(log.time[1:]),
         estimates=estimates,
         final={name: float(np.mean(trace[last])) for name, trace in estimates.items()},

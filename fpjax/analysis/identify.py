@@ -23,12 +23,10 @@ from ..loop import ClosedLoop, LoopState
 from ..parameters import get_parameters, set_parameters
 from ..scan import Inputs, Stepper, Stepping, loop_dtype, make_inputs, make_stepper, roll
 from ..solvers import AbstractPlantSolver
+from .verdicts import is_alive, verdicts
 
 WIDTH = 100.0  # default bounds: this factor to either side of the start
-DEAD = 1e-9  # slope, as a fraction of the largest, below which a parameter moves nothing
-PARALLEL = 0.999  # |correlation| above which two parameters are traded off
 NOT_PINNED = 0.5  # relative standard error above which the data do not pin a parameter
-AT_BOUND = 0.98  # share of the way to a bound from which a parameter counts as at it
 WORST = 1e6  # a residual of more standard deviations counts as this many: a diverged trial must not be NaN
 
 
@@ -232,22 +230,7 @@ def _report(problem: _Problem, names: tuple[str, ...], at: np.ndarray, steps: in
     covariance = directions / np.maximum(powers, 1e-14 * powers[-1]) @ directions.T
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     correlation = covariance / np.maximum(np.outer(deviation, deviation), 1e-300)
-    alive = lengths > DEAD * max(float(lengths.max()), 1e-300)
-    error = np.where(alive, deviation / np.maximum(lengths, 1e-300), np.inf)
-    verdicts: dict[str, list[str]] = {name: [] for name in names}
-    for i, name in enumerate(names):
-        if not alive[i]:
-            verdicts[name].append("dead")
-            continue
-        verdicts[name] += [
-            f"traded off with {other}"
-            for j, other in enumerate(names)
-            if j != i and alive[j] and abs(correlation[i, j]) > PARALLEL
-        ]
-        if error[i] > NOT_PINNED:
-            verdicts[name].append("not pinned")
-        if abs(2.0 * share[i] - 1.0) > AT_BOUND:
-            verdicts[name].append(f"at its {'high' if share[i] > 0.5 else 'low'} bound")
+    error = np.where(is_alive(lengths), deviation / np.maximum(lengths, 1e-300), np.inf)
     logarithmic = low > 0.0
     absolute = np.where(logarithmic, np.abs(values), 0.5 * (high - low)) * error
     with np.errstate(over="ignore", invalid="ignore"):
@@ -261,7 +244,7 @@ def _report(problem: _Problem, names: tuple[str, ...], at: np.ndarray, steps: in
         values=dict(zip(names, map(float, values), strict=True)),
         standard_errors=dict(zip(names, map(float, absolute), strict=True)),
         intervals={name: (float(below[i]), float(above[i])) for i, name in enumerate(names)},
-        verdicts={name: ", ".join(words) or "pinned" for name, words in verdicts.items()},
+        verdicts=verdicts(names, lengths, correlation, error > NOT_PINNED, 2.0 * share - 1.0),
         correlation=correlation,
         residual_rms=dict(zip(problem.measured, map(float, rms), strict=True)),
         steps=steps,

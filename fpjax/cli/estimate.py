@@ -15,7 +15,7 @@ from .numbers import real, whole
 from .simulate import open_model
 
 if TYPE_CHECKING:
-    from ..analysis.estimate import Estimation
+    from ..analysis.estimate import Estimated
     from ..blocks.observers import AbstractObserver
     from ..logs import Log
     from ..model_file import Model
@@ -148,7 +148,7 @@ def default_observer(model: "Model", log: "Log", velocity: np.ndarray, record: R
     return ExtendedFriedlandPark(inertia=inertia, gain_1=gain_1, gain_2=gain_2, steepness=steepness)
 
 
-def _write_traces(found: "Estimation", record: RunFile) -> None:
+def _write_traces(found: "Estimated", record: RunFile) -> None:
     columns = np.column_stack([found.time, found.velocity, *found.estimates.values()])
     header = ",".join(["time", "velocity", *found.estimates])
     with whole_file(record.path("estimate.csv")) as file:
