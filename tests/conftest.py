@@ -34,7 +34,8 @@ matplotlib.use("Agg")
 
 # A worker of a whole run grew to 4.7 GB: compiled programs that no later module uses, and memory that the compiler's
 # threads gave back to the allocator, which kept it (396 MB after one module, 301 after the trim).
-MOST_KEPT = 1e9  # bytes of a worker, above which compiled programs are forgotten
+# What is forgotten is compiled again by the next module that needs it, down to every operation outside of a program.
+MOST_KEPT = 2e9  # bytes of a worker, above which compiled programs are forgotten
 
 
 def pytest_runtest_teardown(item, nextitem):
@@ -58,6 +59,35 @@ def _resident():
 def pytest_unconfigure():
     if _MADE_HERE is not None:
         shutil.rmtree(_MADE_HERE, ignore_errors=True)
+
+
+# Files that take longest begin first, so that at the end no worker waits for another's last file.
+LONGEST_FIRST = (
+    # of the default set
+    *("test_gradient.py", "test_in_loop.py", "test_alone.py", "test_c.py", "test_grid_search.py", "test_starts.py"),
+    *("test_withheld_truth.py", "test_withheld_second_truth.py", "test_result_notes.py", "test_sweep_store.py"),
+    *("test_improve.py", "test_at_rest.py", "test_native.py", "test_corrected.py", "test_report.py", "test_sweep.py"),
+    # of `long`
+    *("test_plan.py", "test_diagnose.py", "test_learned.py", "test_gallery.py", "test_examples.py", "test_loops.py"),
+    *("test_emps.py", "test_pages.py", "test_tutorial.py", "test_command.py"),
+)
+
+
+def pytest_collection_modifyitems(config, items):
+    if hasattr(config, "workerinput"):
+        place = {name: at for at, name in enumerate(LONGEST_FIRST)}
+        items.sort(key=lambda item: place.get(item.path.name, len(place)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """A file's tests stay in one worker: what they simulate, draw and compile is made once and not once a worker."""
+    if config.getvalue("dist") != "load":  # what `-n` alone means; another one was asked for
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    config.option.loadscopereorder = False  # by number of tests, which says little of their time
+    return LoadFileScheduling(config, log)
 
 
 @pytest.fixture

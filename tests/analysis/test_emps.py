@@ -102,7 +102,7 @@ def example():
     return emps_estimate
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.long), pytest.param(1, marks=pytest.mark.slow)])
 def test_an_observer_tuned_in_simulation_comes_within_five_per_cent(example, seed, tmp_path):
     """Goal: 5 % of 20.39 N and 203.5 N s/m, by gains that never saw the record's torque."""
     found = example.main(str(RECORD), tmp_path, seed)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import tolerances
 from catalogue import CASES, one_of_each_kind
+from compiling import quick
 
 import fpjax
 import fpjax as fp
@@ -105,18 +106,18 @@ def test_jit_is_eager_and_vmap_is_a_loop(case):
         traces += 1
         return outputs(xi, point)
 
-    quick = jax.jit(counted)
+    compiled = jax.jit(counted)
     generator = np.random.default_rng(1)
     xis = jnp.asarray(0.05 * generator.uniform(-1, 1, (len(case.points), count)))
     places = jnp.stack(points(case))
-    rows = [quick(xi, place) for xi, place in zip(xis, places, strict=True)]
+    rows = [compiled(xi, place) for xi, place in zip(xis, places, strict=True)]
     assert traces == 1, "another parameter or input value traced the block again"
     size = max([1e-30, *(float(jnp.max(jnp.abs(row), initial=0.0)) for row in rows)])
     eager = [outputs(xi, place) for xi, place in zip(xis, places, strict=True)]
     for row, plain in zip(rows, eager, strict=True):
         assert np.all(np.isfinite(row))
         close(row, plain, tolerances.JIT_IS_EAGER, size)
-    batch = jax.jit(jax.vmap(outputs))(xis, places)
+    batch = quick(jax.vmap(outputs))(xis, places)
     close(batch, jnp.stack(rows), tolerances.VMAP_IS_LOOP, size)
 
 
@@ -124,7 +125,7 @@ def test_jit_is_eager_and_vmap_is_a_loop(case):
 def test_gradients_are_finite_and_reverse_is_forward_is_finite_differences(case):
     block = case.build()
     outputs, count = scaled(case, block)
-    forward, reverse, value = jax.jit(jax.jacfwd(outputs)), jax.jit(jax.jacrev(outputs)), jax.jit(outputs)
+    forward, reverse, value = quick(jax.jacfwd(outputs)), quick(jax.jacrev(outputs)), quick(outputs)
     zero = jnp.zeros(count)
     step = tolerances.DIFFERENCE_STEP
     places = points(case)

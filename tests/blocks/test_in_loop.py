@@ -5,9 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import tolerances
-from catalogue import one_of_each_kind
+from catalogue import in_a_loop, one_of_each_kind
 from catalogue_case import DT
 from catalogue_machine import SENSORS
+from compiling import quick
 
 import fpjax as fp
 from fpjax.compiled.gradients import value_and_gradient
@@ -16,6 +17,7 @@ SAMPLES = 40
 
 
 ids = pytest.mark.parametrize("case", one_of_each_kind(), ids=str)
+compiled_whole = pytest.mark.parametrize("case", in_a_loop(), ids=str)
 
 
 def measures():
@@ -32,11 +34,6 @@ def _velocity(signals):
 
 def _torque(signals):
     return signals.torque
-
-
-def quick(function):
-    """Compiled without LLVM's optimisation, which takes most of the time of a program that runs once."""
-    return jax.jit(function, compiler_options={"xla_backend_optimization_level": 0})
 
 
 def runner(case):
@@ -68,7 +65,7 @@ def _moved_names(tree):
     return names
 
 
-@ids
+@compiled_whole
 def test_gradients_batches_and_traces(case):
     cost, count, names = runner(case)
     traces = 0
@@ -78,7 +75,8 @@ def test_gradients_batches_and_traces(case):
         traces += 1
         return cost(xi, dt)
 
-    compiled = quick(counted)
+    traced = jax.jit(counted)  # once, for all that follows
+    compiled = quick(traced)
     dt = jnp.asarray(DT)
     zero = jnp.zeros(count)
     value, gradient = quick(value_and_gradient(cost, mode="reverse"))(zero, dt)
@@ -86,7 +84,7 @@ def test_gradients_batches_and_traces(case):
     size = max(float(jnp.max(jnp.abs(gradient))), float(jnp.abs(value)))
     # One direction that no entry can hide in; test_blocks_alone compares entry by entry.
     direction = jnp.asarray(np.random.default_rng(1).uniform(0.5, 1.5, count))
-    _, forward = quick(lambda xi, dt, along: jax.jvp(lambda x: cost(x, dt), (xi,), (along,)))(zero, dt, direction)
+    _, forward = quick(lambda xi, dt, along: jax.jvp(lambda x: traced(x, dt), (xi,), (along,)))(zero, dt, direction)
     tolerance = tolerances.REVERSE_IS_FORWARD_IN_A_LOOP * size * count
     np.testing.assert_allclose(jnp.dot(gradient, direction), forward, rtol=0, atol=tolerance)
 
@@ -106,12 +104,12 @@ def test_gradients_batches_and_traces(case):
     rows = np.asarray([compiled(xi, dt) for xi in xis])
     compiled(xis[0], 0.5 * dt)
     assert traces == 1
-    batch = quick(jax.vmap(cost, in_axes=(0, None)))(xis, dt)
+    batch = quick(jax.vmap(traced, in_axes=(0, None)))(xis, dt)
     size = np.max(np.abs(rows))
     np.testing.assert_allclose(batch, rows, rtol=0, atol=tolerances.VMAP_IS_LOOP_IN_A_LOOP * size)
 
 
-@ids
+@compiled_whole
 def test_jit_is_eager(case):
     loop, reference = case.loop(case.build())
     stepper = fp.make_stepper(dt=DT, samples=6, stepping=case.stepping)

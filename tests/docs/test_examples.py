@@ -8,9 +8,12 @@ import sys
 import pytest
 
 ROOT = pathlib.Path(__file__).parents[2]
-LONG = {"02_tune", "04_tune_for_estimation", "05_diagnose", "06_own_effect", "emps_estimate"}  # ten seconds and more
+LONG = {"02_tune", "05_diagnose", "06_own_effect"}  # ten seconds and more
+# What tests/tuning/test_slow_mode.py and tests/analysis/test_emps.py run as well.
+SLOW = {"04_tune_for_estimation", "emps_estimate"}
+MARKS = dict.fromkeys(LONG, pytest.mark.long) | dict.fromkeys(SLOW, pytest.mark.slow)
 EXAMPLES = [
-    pytest.param(path, id=path.stem, marks=[pytest.mark.long] if path.stem in LONG else [])
+    pytest.param(path, id=path.stem, marks=MARKS.get(path.stem, ()))
     for path in sorted((ROOT / "examples").glob("*.py"))
 ]
 

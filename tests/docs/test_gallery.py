@@ -10,6 +10,7 @@ import fpjax as fp
 import tuning
 
 GALLERY = sorted((pathlib.Path(__file__).parents[2] / "examples" / "gallery").glob("*.toml"))
+LONG = {"gimbal", "robot_joint"}
 LOADED = {"robot_joint", "hobby_servo"}  # friction grows with the load: a law of two numbers holds its mean at best
 
 
@@ -19,8 +20,14 @@ def test_there_are_six():
     }  # fmt: skip
 
 
-@pytest.mark.long  # twenty seconds of processor time each
-@pytest.mark.parametrize("path", GALLERY, ids=lambda path: path.stem)
+# Twenty seconds of processor time each: the two that differ most are in `.ci/run`.
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, id=path.stem, marks=pytest.mark.long if path.stem in LONG else pytest.mark.slow)
+        for path in GALLERY
+    ],
+)
 def test_it_is_simulated_and_tuned_by_default(path):
     model = fp.load_model(path)
     assert sum("chosen by pole placement" in note for note in model.notes) == 2

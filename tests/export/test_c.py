@@ -9,6 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from catalogue import one_of_each_kind
+from catalogue_case import Case
 from catalogue_drive import CONTROLLERS, OBSERVERS
 
 import fpjax as fp
@@ -30,8 +32,16 @@ def exported(loop, reference, folder, **options):
         return fp.export_c(model_of(loop, reference), folder, check=True, **options)
 
 
-@pytest.mark.parametrize("precision", ["double", pytest.param("float", marks=pytest.mark.long)])
-@pytest.mark.parametrize("case", [*CONTROLLERS, *OBSERVERS], ids=str)
+def every_law():
+    """Each kind of block in double precision; `long` in single precision, and the variants; `slow` these in single."""
+    for case in one_of_each_kind([*CONTROLLERS, *OBSERVERS]):
+        variant = not isinstance(case, Case)
+        (law,) = case.values if variant else (case,)
+        yield pytest.param(law, "double", id=f"{law}-double", marks=[pytest.mark.long] if variant else [])
+        yield pytest.param(law, "float", id=f"{law}-float", marks=pytest.mark.slow if variant else pytest.mark.long)
+
+
+@pytest.mark.parametrize(("case", "precision"), list(every_law()))
 def test_the_c_of_every_controller_and_observer_is_the_simulation(case, precision, tmp_path):
     loop, reference = case.loop(case.build())
     found = exported(loop, reference, tmp_path, precision=precision, duration=1.0)

@@ -2,6 +2,7 @@
 
 import jax
 import pytest
+from catalogue_case import Case
 from catalogue_drive import CONTROLLERS, OBSERVERS, REFERENCES
 from catalogue_machine import ACTUATORS, FRICTION, LOADS, PLANTS, SENSORS
 
@@ -11,13 +12,28 @@ import fpjax as fp
 CASES = [*FRICTION, *LOADS, *PLANTS, *OBSERVERS, *CONTROLLERS, *ACTUATORS, *SENSORS, *REFERENCES]
 
 
-def one_of_each_kind():
+def one_of_each_kind(cases=CASES):
     """All cases for `parametrize`; one that holds no kind of block that an earlier one has not held is `long`."""
     seen, tried = set(), []
-    for case in CASES:
+    for case in cases:
         kind = (case.kind, case.stepping, frozenset(type(part) for part in _parts(case.build())))
         tried.append(pytest.param(case, marks=pytest.mark.long) if kind in seen else case)
         seen.add(kind)
+    return tried
+
+
+def in_a_loop():
+    """Cases for what compiles several whole loops: the first of each kind and stepping; `long` the other blocks; `slow`
+    the variants, which `one_of_each_kind` tries alone."""
+    seen, tried = set(), []
+    for case in one_of_each_kind():
+        if not isinstance(case, Case):  # a variant
+            tried.append(pytest.param(*case.values, marks=pytest.mark.slow))
+        elif (case.kind, case.stepping) in seen:
+            tried.append(pytest.param(case, marks=pytest.mark.long))
+        else:
+            tried.append(case)
+            seen.add((case.kind, case.stepping))
     return tried
 
 

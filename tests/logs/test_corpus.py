@@ -141,7 +141,7 @@ def test_wpilog_of_any_bits(tmp_path, kind):
 LINES = [",".join(log())] + [",".join(f"{cell:.9g}" for cell in row) for row in zip(*log().values(), strict=True)]
 
 
-@settings(deadline=None, max_examples=120, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(
         st.tuples(

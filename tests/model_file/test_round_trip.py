@@ -160,7 +160,7 @@ MODEL = st.fixed_dictionaries(
         "learned": LEARNED | st.lists(LEARNED, min_size=2, max_size=3), "actuator": ACTUATOR, "sensor": SENSOR, "reference": REFERENCE,
     },
 )  # fmt: skip
-QUIET = settings(deadline=None, max_examples=120, suppress_health_check=list(HealthCheck))
+QUIET = settings(deadline=None, max_examples=50, suppress_health_check=list(HealthCheck))
 
 
 MEMORY = {"bristle_deflection", "dahl", "lugre"}  # friction that two bodies cannot share

@@ -65,7 +65,7 @@ def test_a_model_alone_makes_every_effect_visible_that_a_run_can_show(tmp_path, 
 @pytest.mark.parametrize(("reference", "sensors"), [("velocity", "velocity"), ("position", "both")])
 def test_an_unknown_controller_plans_the_motion_itself(reference, sensors):
     model = servo(sensors, "unknown", "", reference)
-    found = fp.plan(model, diagnosis=RIVALS, seconds=30.0, **GIVEN)
+    found = fp.plan(model, diagnosis=RIVALS, seconds=12.0, **GIVEN)  # however good the run is
     assert any("unknown" in note for note in found.notes)
     moving = np.abs(found.motion["speed"]) > 0.5
     speed, acceleration = found.motion["speed"][moving], found.motion["acceleration"][moving]

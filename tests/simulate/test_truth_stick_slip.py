@@ -2,6 +2,7 @@
 
 import itertools
 
+import equinox as eqx
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -90,14 +91,14 @@ def test_tanh_converges_to_it_as_its_steepness_grows():
 
 def test_the_sticking_step_is_second_order_at_periods_a_hundred_times_longer():
     """`advance_exact` with the torque's mean held over each period: rest is rest, and the error falls as dt^2."""
-    plant = fp.OneMass(INERTIA, fp.Coulomb(COULOMB))
+    plant, step = fp.OneMass(INERTIA, fp.Coulomb(COULOMB)), eqx.filter_jit(advance_exact)
 
     def largest(dt):
         times = np.arange(round(2.0 / dt) + 1) * dt
         torque = AMPLITUDE / OMEGA / dt * (np.cos(OMEGA * times[:-1]) - np.cos(OMEGA * times[1:]))
         state, velocity = plant.init(), [0.0]
         for index, held in enumerate(torque):
-            state = advance_exact(plant, state, np.asarray(held), np.asarray(times[index]), np.asarray(dt))
+            state = step(plant, state, np.asarray(held), np.asarray(times[index]), np.asarray(dt))
             velocity.append(float(state.velocity))
         truth = exact(times)[0]
         return np.max(np.abs(np.asarray(velocity) - truth)), np.mean(np.asarray(velocity) == 0.0)

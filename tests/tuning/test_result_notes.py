@@ -60,6 +60,7 @@ def test_starts_that_fill_up_a_kernel_are_not_counted(short):
     assert short.simulations <= tuning.starts.SCREENED + 1 + each * max(len(short.path[name]) for name in GAINS)
 
 
+@pytest.mark.long  # another loop: its Jacobian compiles for nine seconds
 def test_a_machine_that_friction_holds_is_said_first_and_why():
     held = fp.ClosedLoop(
         fp.OneMass(10.0, fp.CoulombViscous(20.0, 5.0)),
@@ -71,6 +72,7 @@ def test_a_machine_that_friction_holds_is_said_first_and_why():
     assert any("the machine never moves" in note for note in result.notes)
 
 
+@pytest.mark.long  # another loop: its Jacobian compiles for nine seconds
 def test_estimates_are_judged_under_the_noise_of_the_sensor():
     """A noise of a tenth of the speed throws off an observer that was tuned without it."""
 

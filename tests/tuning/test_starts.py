@@ -30,6 +30,7 @@ def test_gains_far_off_end_where_fair_ones_do(from_fair_gains):
     assert "NOT AN OPTIMUM" not in str(far)
 
 
+@pytest.mark.long
 def test_more_starts_find_nothing_better(from_fair_gains):
     many = tuning.tune(loop(100.0, 100.0), fp.Sine(1.0, 0.5), parameters=GAINS, starts=16, spread=2.0, **RUN)
     assert from_fair_gains.cost <= 1.1 * many.cost
