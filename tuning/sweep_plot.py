@@ -9,12 +9,14 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from fpjax.errors import InputError
 from fpjax.output.plotting import BLACK, BLUE, GREY, SERIES, STYLE, new_figure, save
 
 from .axis import Axis, Paths
 
+APART = 30.0  # dots between labels of contours
 LEVELS = 24
 MOST_POINTS = 400  # drawn along an axis; a denser grid is thinned for the picture
 
@@ -117,6 +119,7 @@ def _draw(shown: Slice, paths: Paths) -> Figure:
             axes.set_yscale("log")
     else:
         second = shown.axes[1]
+        axes.set(xlabel=second.name, ylabel=first.name, xscale=second.scale, yscale=first.scale)  # labels need them
         _contours(figure, axes, shown)
         limits = axes.get_xlim(), axes.get_ylim()
         for color, (method, points) in zip(SERIES[1:], paths.items(), strict=False):
@@ -126,7 +129,6 @@ def _draw(shown: Slice, paths: Paths) -> Figure:
         axes.plot(
             gains[second.name], gains[first.name], "o", color="white", markeredgecolor=BLACK, label=label, zorder=5
         )
-        axes.set(xlabel=second.name, ylabel=first.name, xscale=second.scale, yscale=first.scale)
         axes.grid(False)
     axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.14), borderaxespad=0.0, frameon=False)
     return figure
@@ -164,6 +166,17 @@ def _labelled(levels: np.ndarray) -> np.ndarray:
     return inside if inside.size else levels[levels.size // 2 : levels.size // 2 + 1]
 
 
+def _spread(axes: Axes, labels: Sequence[Text]) -> None:
+    """Take away the labels that lie over another one: at a cliff the lines are close."""
+    kept: list[np.ndarray] = []
+    for label in labels:
+        place = axes.transData.transform(label.get_position())
+        if any(np.hypot(*(place - other)) < APART for other in kept):
+            label.remove()
+        else:
+            kept.append(place)
+
+
 def _contours(figure: Figure, axes: Axes, shown: Slice) -> None:
     down, across = shown.values
     finite = np.isfinite(shown.cost)
@@ -184,7 +197,7 @@ def _contours(figure: Figure, axes: Axes, shown: Slice) -> None:
     def cost_of(level: float) -> float:
         return 10.0**level if logarithmic else level
 
-    axes.clabel(lines, fontsize=8, fmt=lambda level: f"{float(f'{cost_of(level):.2g}'):g}")
+    _spread(axes, axes.clabel(lines, fontsize=8, fmt=lambda level: f"{float(f'{cost_of(level):.2g}'):g}"))
     bar = figure.colorbar(filled, ax=axes, label="cost, equal shares of the grid (diverged: grey)")
     bar.set_ticks(list(levels[:: max(1, levels.size // 6)]))
     bar.set_ticklabels([f"{cost_of(level):.3g}" for level in levels[:: max(1, levels.size // 6)]])

@@ -4,8 +4,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import LogFormatter, LogLocator, NullFormatter
 
 from fpjax.output.plotting import BLUE, GREY, RED, new_figure, save, style
+
+ENDS = (1e-2, 1e3)  # % that are shown: an error of more is drawn at the end
 
 
 def draw_defaults(rows: list[dict[str, Any]], near: float, path: Path) -> Path:
@@ -31,11 +34,15 @@ def draw_defaults(rows: list[dict[str, Any]], near: float, path: Path) -> Path:
             left.loglog(ends, near * ends, color=GREY, linewidth=0.8, linestyle="--", label=f"{near:g} times the best")
         left.set(xlabel="best cost of many starts", ylabel="cost of the default tuning")
         left.legend(loc="upper left")
+        for axis in (left.xaxis, left.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(np.inf, np.inf)))
+            axis.set_minor_formatter(NullFormatter())
         for color, name in ((BLUE, "coulomb"), (RED, "viscous")):
             values = sorted(100.0 * abs(row["off"][name]) for row in rows if row["off"].get(name) is not None)
             share = 100.0 * (np.arange(len(values)) + 1.0) / len(rows)
-            right.step(np.maximum(values, 1e-3), share, where="post", color=color, label=name)
+            right.step(np.clip(values, *ENDS), share, where="post", color=color, label=name)
         right.axvline(3.0, color=GREY, linestyle="--", label="3 %")
-        right.set(xscale="log", xlabel="error of the settled estimate [%]", ylabel="machines up to it [%]")
-        right.legend(loc="upper left")
+        right.set(xscale="log", xlabel="error of the settled estimate [%]", ylabel="machines up to it [%]", xlim=ENDS)
+        right.legend(loc="lower right")
     return save(figure, path)

@@ -102,7 +102,7 @@ def check_regular(path: pathlib.Path) -> None:
         kind = path.stat().st_mode
     except FileNotFoundError as error:
         near = _neighbours(path)
-        raise InputError(f"{path} does not exist: {near or 'check the path'}.") from error
+        raise InputError(f"{path} does not exist: {near}") from error
     except (OSError, ValueError) as error:  # a name too long, a zero byte in it, a loop of links
         raise InputError(
             f"{str(path)[:80]!r} cannot be read ({getattr(error, 'strerror', None) or error}): check the path."
@@ -168,7 +168,7 @@ def _neighbours(path: pathlib.Path) -> str:
 
     folder = path.parent
     if not folder.is_dir():
-        return f"the folder {folder} does not exist either"
+        return f"the folder {folder} does not exist either."
     names = [entry.name for entry in folder.iterdir() if entry.suffix.lower() in READERS]
     near = difflib.get_close_matches(path.name, names, n=1)
-    return f"did you mean {near[0]!r}" if near else ""
+    return f"did you mean {near[0]!r}?" if near else "check the path."

@@ -31,7 +31,7 @@ def read_source(source: str | os.PathLike[str]) -> tuple[str, pathlib.Path | Non
     except InputError:  # a ValueError too
         raise
     except FileNotFoundError:
-        raise InputError(f"{path} does not exist: {_neighbour(path)}.") from None
+        raise InputError(f"{path} does not exist: {_neighbour(path)}") from None
     except IsADirectoryError:
         raise InputError(f"{path} is a folder, not a model: name the servo.toml in it.") from None
     except (OSError, UnicodeDecodeError, ValueError) as error:
@@ -59,9 +59,9 @@ def _neighbour(path: pathlib.Path) -> str:
     try:
         names = [entry.name for entry in path.parent.iterdir() if entry.suffix == ".toml"]
     except OSError:
-        return f"the folder {path.parent} does not exist either"
+        return f"the folder {path.parent} does not exist either."
     near = difflib.get_close_matches(path.name, names, n=1)
-    return f"did you mean {near[0]!r}" if near else "give the path of a servo.toml"
+    return f"did you mean {near[0]!r}?" if near else "give the path of a servo.toml."
 
 
 def parse(text: str, name: str) -> dict[str, Any]:

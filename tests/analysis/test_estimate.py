@@ -46,6 +46,7 @@ def test_friction_is_recovered_from_either_motion(motion):
     assert found.least_squares["free inertia"] == pytest.approx(INERTIA, rel=0.01)
     assert found.sentences == ()
     assert len(found.time) == len(found.estimates["coulomb"]) == found.velocity.size
+    pytest.importorskip("pandas")
     frame = found.to_dataframe()
     assert list(frame.columns) == [*found.estimates, "velocity"]
     assert frame["coulomb"].iloc[-1] == found.estimates["coulomb"][-1]

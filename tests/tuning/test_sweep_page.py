@@ -89,3 +89,16 @@ def test_the_picture_names_every_path():
     axes = result().plot(paths={"grid": PATH}).axes[0]
     assert "grid" in [text.get_text() for text in axes.get_legend().get_texts()]
     assert not [line for line in result().plot().axes[0].get_lines() if line.get_label() == "grid"]
+
+
+def test_labels_of_contours_do_not_lie_over_each_other():
+    """A valley in front of a cliff of six decades within one row of the grid."""
+    axes = (Axis("observer.gain_1", 1e-6, 1e-3, 40), Axis("observer.gain_2", 1e-4, 0.1, 40))
+    down, across = np.meshgrid(np.log10(axes[0].values), np.log10(axes[1].values), indexing="ij")
+    cost = 0.02 + (down - across + 2.0) ** 2 * 5.0 + 10.0 ** np.clip(60.0 * (down + 3.6), -10.0, 6.0)
+    figure = result(axes, cost).plot()
+    shown = figure.axes[0]
+    places = [shown.transData.transform(text.get_position()) for text in shown.texts]
+    assert len(places) >= 3
+    apart = [np.hypot(*(a - b)) for i, a in enumerate(places) for b in places[:i]]
+    assert min(apart) > 25.0  # dots
