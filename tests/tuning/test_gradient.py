@@ -99,6 +99,7 @@ def test_starts_that_diverge_are_dropped_and_counted():
         assert np.all(np.isfinite(list(result.gains.values())))
 
 
+@pytest.mark.long  # tests/cli/test_bad_input.py has one such run
 def test_where_every_start_diverges_the_result_says_so():
     far = [tuning.Parameter("observer.gain_2", 1e9, 1e8, 1e10), tuning.Parameter("observer.gain_1", 1e9, 1e8, 1e10)]
     result = tuning.tune(efp(150.0), SINE, parameters=far, objective=THESIS, starts=2, method="lbfgs", **SHORT)
@@ -112,7 +113,7 @@ def test_where_every_start_diverges_the_result_says_so():
     "method",
     [
         pytest.param("levenberg_marquardt", marks=pytest.mark.long),
-        "lbfgs",
+        pytest.param("lbfgs", marks=pytest.mark.long),
         pytest.param("adam", marks=pytest.mark.long),
         "nelder_mead",
         tuning.RepairedGridSearch(threshold=0.0),
@@ -191,9 +192,8 @@ def test_float32_tunes_too():
         assert result.cost < result.start_cost
 
 
-@pytest.mark.parametrize(
-    "method", ["lbfgs", *(pytest.param(other, marks=pytest.mark.long) for other in ("levenberg_marquardt", "adam"))]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("method", ["lbfgs", "levenberg_marquardt", "adam"])
 def test_all_compiling_of_a_search_is_on_the_clock(method, monkeypatch):
     """Else `run_seconds` holds compile time: 2.3 s of a run that takes 0.09 s the second time."""
     jax.clear_caches()

@@ -324,7 +324,7 @@ def answer(whole):
 @pytest.mark.usefixtures("answer")
 class TestStore(Store.TestCase):
     settings = settings(
-        max_examples=10,
+        max_examples=25,
         stateful_step_count=12,
         deadline=None,
         suppress_health_check=list(HealthCheck),
