@@ -33,7 +33,18 @@ def weighed(names, evidence, wide=(), left=0.2):
 
 
 def judged(
-    chosen, rivals, *, left=0.02, before=1.0, shares=None, readings=(), exact=0.0, allowed=(), numbers=1.0, **more
+    chosen,
+    rivals,
+    *,
+    left=0.02,
+    before=1.0,
+    shares=None,
+    readings=(),
+    exact=0.0,
+    allowed=(),
+    numbers=1.0,
+    floor=1e-3,
+    **more,
 ):
     decision = SimpleNamespace(
         exact=SimpleNamespace(evidence=exact),
@@ -43,7 +54,7 @@ def judged(
         rivals=tuple(rivals),
         shares=shares or dict.fromkeys(chosen.structural, 0.5),
     )
-    return verdict(decision, Seen(before, left * before, 1e-3, 5.0, {}, tuple(readings), frozenset(allowed), **more))
+    return verdict(decision, Seen(before, left * before, floor, 5.0, {}, tuple(readings), frozenset(allowed), **more))
 
 
 def test_the_word_follows_what_is_left_and_how_sure_the_cause_is():
@@ -131,6 +142,21 @@ def test_an_effect_is_measured_by_what_no_choice_of_the_numbers_closes():
     assert judged(chosen, [], shares=small, numbers=0.2).causes == ("friction_drift", "inertia_error")
     # Unless that is next to nothing beside the torque.
     assert judged(chosen, [], shares=small, numbers=0.2, before=0.5).causes == ("inertia_error",)
+
+
+def test_an_effect_whose_size_may_be_nothing_is_not_asserted():
+    chosen, shares = weighed("backlash+stribeck", 500.0), {"backlash": 0.6, "stribeck": 0.3}
+    assert judged(chosen, [], shares=shares).causes == ("backlash", "stribeck")
+    assert judged(chosen, [], shares=shares, unshown=frozenset({"stribeck"})).causes == ("backlash",)
+    lost = judged(chosen, [], shares=shares, unshown=frozenset({"backlash"}))
+    assert (lost.word, lost.causes) == ("unexplained", ())
+
+
+def test_below_the_noise_is_no_gap_unless_effects_follow_it():
+    assert judged(weighed("stribeck", 3.0), [], before=0.2, left=0.0, floor=0.5).word == "no_gap"
+    assert judged(weighed("stribeck", 180.0), [], before=0.2, left=0.9, floor=0.5).word == "unexplained"
+    assert judged(weighed("stribeck", 180.0), [], before=0.04, floor=0.5).word == "no_gap"
+    assert judged(weighed("stribeck", 180.0), [], before=0.0, floor=0.5).word == "no_gap"
 
 
 def test_an_exact_twin_is_no_rival_but_shares_the_probability():

@@ -24,6 +24,7 @@ from .learned import learn
 from .machines import machine_of, with_reading
 from .posterior import left_open, make_posterior
 from .ranking import log_of, rank
+from .shown import not_shown
 from .shrink import gap_of, noise_floor, rms_of, steps_of, withheld
 from .stages import StageClock
 from .tracking import Side, tracking_error
@@ -54,7 +55,10 @@ def assemble(
     read = tuple(one for one in read if not allowed or one.effect in allowed)
     wrong = (*(one.effect for one in read), *([ROUNDING] if step > 0.0 else []))
     gap = gap_of(search, decision, linear_unit("N m", linear))
-    found = verdict(decision, _seen(search, decision, gap, torque=torque, wrong=wrong, read=read, allowed=allowed))
+    spread = covariance(search, chosen)
+    unshown = not_shown(search, chosen, spread)
+    seen_sizes = _seen(search, decision, gap, torque=torque, wrong=wrong, read=read, allowed=allowed)
+    found = verdict(decision, replace(seen_sizes, unshown=unshown))
     causes = [name for name in found.causes if name not in wrong]
     steps = steps_of(search, decision, causes) if causes else ()
     steps = (*steps, *(Step(name, gap.after, gap.after_interval) for name in wrong))
@@ -67,7 +71,6 @@ def assemble(
     read_values = {name: value for one in read for name, value in one.values.items()}
     machine = with_reading(machine_of(told.candidate), read_values)
     text, missing = corrected_model(model, machine, step)
-    spread = covariance(search, chosen)
     graded = found.word in ("partly_explained", "unexplained")
     clock("learned law", 0.92)
     laws = learn(search, chosen) if graded else None

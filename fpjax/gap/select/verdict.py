@@ -31,6 +31,7 @@ class Seen:
         allowed: effects that may be asserted; empty for all.
         doubts: of a reading's error, what it may be instead, and the probability that it is not [1].
         twins: by effect, what makes the same log in its place: no rival, since it is named beside it.
+        unshown: effects of the chosen model whose size the log does not tell from nothing: they are not asserted.
     """
 
     before: float
@@ -42,6 +43,7 @@ class Seen:
     allowed: frozenset[str] = frozenset()
     doubts: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     twins: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    unshown: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,7 @@ def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, .
         if decision.shares[n] > t.matters or (shown and not _is_number(n) and weight[n] > t.beside)
     ]
     names = names or list(decision.chosen.structural[:1])
+    names = [n for n in names if n == names[0] or n not in seen.unshown]
     return tuple(n for n in names if not seen.allowed or n in seen.allowed)
 
 
@@ -172,11 +175,13 @@ def _near(sets: Sequence[_Set], chosen: _Set, seen: Seen, t: Thresholds) -> int:
 
 
 def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, t: Thresholds) -> Word:
-    gained = decision.chosen.gain
-    immaterial = max(t.nothing * seen.torque, seen.floor)
-    if seen.before < immaterial or (gained < t.chance and seen.before < t.slight * seen.torque):
+    # Below the noise a gap may still be one that effects follow, as one voice in a hum.
+    hidden = seen.before < max(seen.floor, t.slight * seen.torque) and decision.chosen.gain < t.chance
+    if seen.before < t.nothing * seen.torque or hidden:
         return "no_gap"
-    left = seen.after / seen.before
+    if chosen.names and chosen.names[0] in seen.unshown:
+        return "unexplained"
+    left = seen.after / seen.before if seen.before > 0.0 else 1.0
     # A cause and what this log cannot tell from it are told together; a class of everything says nothing.
     few = bool(chosen.names) and (near <= t.alike or _is_number(chosen.names[0]))
     if few and (left < t.closes or seen.after < t.nothing * seen.torque):
