@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .blocks.actuators import AbstractActuator, IdealActuator
-from .blocks.block import with_arrays
+from .blocks.block import show_fields, with_arrays
 from .blocks.controllers import AbstractController
 from .blocks.observers import AbstractObserver, NoObserver
 from .blocks.plants import AbstractPlant
@@ -93,6 +93,10 @@ class ClosedLoop(eqx.Module):
     actuator: AbstractActuator = eqx.field(converter=with_arrays, default=IdealActuator())
     sensor: AbstractSensor = eqx.field(converter=with_arrays, default=IdealSensor())
     linearise: ClassVar[Callable[..., Any]]
+
+    def __repr__(self) -> str:
+        """The blocks with their numbers."""
+        return show_fields(self)
 
     def init(self) -> LoopState:
         """Every block at rest."""

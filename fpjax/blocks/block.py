@@ -1,5 +1,7 @@
 """What every block shares: parameters as array leaves, checked where they are concrete."""
 
+import dataclasses
+import textwrap
 from typing import Any
 
 import equinox as eqx
@@ -18,6 +20,41 @@ class Block(eqx.Module):
     one never recompiles. A block has `init` (its state), `derivative` or `step` (how the state moves) and `readout`
     (its signals); a block without a state uses the empty tuple.
     """
+
+    def __repr__(self) -> str:
+        """The block with its numbers."""
+        return show_fields(self)
+
+
+LINE = 100  # characters of a block on one line
+MOST_SHOWN = 8  # numbers of an array that are written out
+
+
+def show_fields(module: Any) -> str:
+    """A module with the values of its fields: one line, or a line a field where that would be long."""
+    parts = [
+        f"{field.name}={_shown(getattr(module, field.name))}" for field in dataclasses.fields(module) if field.repr
+    ]
+    name = type(module).__name__
+    line = f"{name}({', '.join(parts)})"
+    if len(line) <= LINE and "\n" not in line:
+        return line
+    lines = textwrap.indent(",\n".join(parts), "  ")
+    return f"{name}(\n{lines},\n)"
+
+
+def _shown(value: Any) -> str:
+    if not isinstance(value, jax.Array | np.ndarray) or isinstance(value, Tracer):
+        return repr(value)
+    if not jnp.issubdtype(value.dtype, jnp.number):
+        return repr(value)
+    numbers = np.asarray(value)
+    if numbers.ndim == 0:
+        return f"{numbers.item():.7g}"
+    if numbers.size > MOST_SHOWN or not numbers.size:
+        ends = f" from {numbers.min():.4g} to {numbers.max():.4g}" if numbers.size else ""
+        return f"<{'x'.join(map(str, numbers.shape))} numbers{ends}>"
+    return np.array2string(numbers, separator=", ", precision=6, floatmode="maxprec")
 
 
 def as_parameter(value: Any) -> Any:
