@@ -2,13 +2,14 @@
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import improve_case as case
 import numpy as np
 import pytest
 
 import fpjax as fp
-from fpjax.gap.answer.posterior import load_posterior
+from fpjax.gap.answer.posterior import left_open, load_posterior
 from fpjax.improvement.known import known_in
 from fpjax.improvement.machines import record_of
 
@@ -98,3 +99,23 @@ def test_the_diagnosis_of_another_log_is_refused(tmp_path):
         known_in(folder_of(tmp_path), other)
     with pytest.raises(fp.InputError, match="samples"):
         known_in(tmp_path, case.log(2.0))
+
+
+def weighed(*names, worth=1.0, wide=()):
+    """A fit as `left_open` sees it."""
+    candidate = SimpleNamespace(names=(*names, *(f"{one}_error" for one in wide)), wide=frozenset(wide))
+    return SimpleNamespace(fit=SimpleNamespace(candidate=candidate), structural=names, worth=worth)
+
+
+def test_what_the_log_leaves_open_is_drawn_from_and_an_exact_twin_is():
+    chosen = weighed("unbalance", "velocity_delay", worth=9.0)
+    twin = weighed("unbalance", "actuator_delay", worth=9.0)
+    alone = weighed("actuator_delay", worth=2.0)
+    nominal = weighed(wide=("inertia",))
+    decision = SimpleNamespace(chosen=chosen, rivals=(chosen, twin), singles=(alone,), nominal=nominal)
+    likely = {
+        "unbalance": 0.83, "velocity_delay": 0.4, "actuator_delay": 0.4, "velocity_quantisation": 0.98,
+        "inertia_error": 0.06, "stribeck": 0.01, "cogging": float("nan"),
+    }  # fmt: skip
+    found = left_open(decision, ("unbalance", "velocity_delay", "velocity_quantisation"), likely)
+    assert [(share, fit) for share, fit in found] == [(0.4, twin.fit), (0.06, nominal.fit)]

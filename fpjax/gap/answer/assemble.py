@@ -110,7 +110,13 @@ def assemble(
         learned=() if laws is None else laws.laws,
         learned_model=learned_text,
         posterior=make_posterior(
-            search, chosen, spread, read, step, [course.torque for course in after], left_open(decision, found.main)
+            search,
+            chosen,
+            spread,
+            read,
+            step,
+            [course.torque for course in after],
+            left_open(decision, found.causes, {one.effect: one.cause_probability for one in ranking.entries}),
         ),
     )
 

@@ -215,19 +215,21 @@ def _of_parts(words: Mapping[str, Any], file: Mapping[str, Any], prefix: str) ->
     )
 
 
-def left_open(decision: Decision, main: Mapping[str, float]) -> list[tuple[float, Fit]]:
+def left_open(decision: Decision, causes: Sequence[str], likely: Mapping[str, float]) -> list[tuple[float, Fit]]:
     """Explanations beside the chosen one that the log leaves open: (probability [1], fit), the likeliest first.
+
+    An exact twin of a cause is one of them: its log is the same, what other gains make of it is not.
 
     Args:
         decision: what the fits led to.
-        main: probability that an effect is the main cause, by name.
+        causes: asserted, those that a reading shows among them.
+        likely: probability that an effect is among the causes [1], by name.
     """
-    chosen = decision.chosen.fit.candidate
-    told = set(chosen.names)
+    told = {*decision.chosen.fit.candidate.names, *causes}
     tried = sorted((*decision.rivals, *decision.singles), key=lambda one: -one.worth)
     found: list[tuple[float, Fit]] = []
-    for name, share in sorted(main.items(), key=lambda one: -one[1]):
-        if name in told or share < OPEN:
+    for name, share in sorted(likely.items(), key=lambda one: -one[1]):
+        if name in told or not share >= OPEN:
             continue
         fits = [one.fit for one in tried if name in one.structural]
         if name.removesuffix("_error") in decision.nominal.fit.candidate.wide:
