@@ -19,6 +19,11 @@ def test_importing_fpjax_and_its_log_reader_imports_no_jax():
     assert run(code).strip() == "[]"
 
 
+def test_a_diagnosis_waits_for_nothing_that_only_pictures_or_filters_need():
+    slow = {"matplotlib", "scipy.signal", "scipy.stats", "optax"}
+    assert run(f"import sys, fpjax.gap; print(sorted({slow} & set(sys.modules)))").strip() == "[]"
+
+
 def test_no_module_has_the_name_of_a_public_function():
     from fpjax import public
 
