@@ -135,7 +135,7 @@ def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
     told = set(decision.chosen.structural)
     for w in (decision.nominal, *decision.singles, *decision.rivals):
         # The chosen causes with more beside them are the chosen ones with details, and were not worth telling.
-        if set(w.structural) == told or (told and set(w.structural) > told) or _adds_to(w, chosen, told, seen):
+        if set(w.structural) == told or (told and set(w.structural) > told) or _adds_to(w, chosen, seen):
             continue
         own = _Set(_names(w, seen), decision.chosen.gain - max(w.behind(decision.chosen), 0.0))
         if own.names and (own.names not in best or best[own.names].worth < own.worth):
@@ -143,12 +143,12 @@ def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
     return ([chosen] if chosen.names else []) + list(best.values())
 
 
-def _adds_to(w: Weighed, chosen: _Set, told: set[str], seen: Seen) -> bool:
-    """Whether wrong numbers alone were chosen, and a model has the same numbers wrong beside an effect."""
-    if told or not chosen.names or not w.structural:
+def _adds_to(w: Weighed, chosen: _Set, seen: Seen) -> bool:
+    """Whether a wrong number leads, and a model has the same number wrong beside an effect: it says no other thing."""
+    if not chosen.names or not _is_number(chosen.names[0]) or not w.structural:
         return False
-    wrong = {f"{n}_error" for n in wrong_numbers(w.fit, seen.sizes)[1]}
-    return set(chosen.names) <= wrong
+    number = chosen.names[0].removesuffix("_error")
+    return number in w.fit.candidate.wide and number in wrong_numbers(w.fit, seen.sizes)[1]
 
 
 def _names(w: Weighed, seen: Seen) -> tuple[str, ...]:
