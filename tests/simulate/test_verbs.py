@@ -68,6 +68,7 @@ def test_a_log_and_its_estimation(run, tmp_path):
     assert by_path.final == pytest.approx(by_block.final, rel=1e-9)
 
 
+@pytest.mark.long  # fifteen seconds of compiling
 def test_tune_takes_a_file(tmp_path):
     result = tuning.tune(GIMBAL, duration=1.0, method=tuning.LevenbergMarquardt(2), starts=1)
     assert list(result.gains) == ["observer.gain_1", "observer.gain_2"]
