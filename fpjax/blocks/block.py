@@ -120,5 +120,13 @@ def require_below(owner: object, name: str, limit: float) -> None:
         raise InputError(f"{type(owner).__name__}: {name} must be below {limit:g}, got {_show(value)}.")
 
 
+def require_not_below(owner: object, name: str, other: str, unit: str) -> None:
+    """Raise `InputError` unless the concrete field `name` of `owner` is at least its field `other`."""
+    value, least = _concrete(getattr(owner, name)), _concrete(getattr(owner, other))
+    if value is not None and least is not None and not np.all(value >= least):
+        told = f"{name} must be at least {other} = {_show(least)} {unit}, got {_show(value)} {unit}."
+        raise InputError(f"{type(owner).__name__}: {told}")
+
+
 def _show(value: np.ndarray) -> str:
     return f"{float(value):g}" if value.ndim == 0 else f"an array from {value.min():g} to {value.max():g}"

@@ -59,3 +59,16 @@ def test_a_sliding_body_comes_to_rest_and_stays(solver, stepping):
     position = np.asarray(run.signals["position"])
     assert float(np.max(run.signals["velocity"])) > 0.5
     assert abs(position[-1] - position[-200]) < 1e-6  # no creep in the last 0.2 s
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: fp.Stribeck(20.0, 15.0, 0.05),
+        lambda: fp.LuGre(20.0, 15.0, 0.05, 2000.0),
+        lambda: fp.CoulombViscousStiction(20.0, 15.0),
+    ],
+)
+def test_a_body_does_not_break_away_below_what_slides(make):
+    with pytest.raises(fp.InputError, match="static must be at least coulomb = 20 N m, got 15 N m"):
+        make()

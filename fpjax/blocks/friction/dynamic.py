@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ..block import as_parameter, require_not_negative, require_positive
+from ..block import as_parameter, require_not_below, require_not_negative, require_positive
 from ..signals import Motion
 from .base import AbstractFriction, safe_power
 from .bristles import Bristles
@@ -67,7 +67,7 @@ class LuGre(AbstractFriction):
 
     Attributes:
         coulomb: F_c [N m].
-        static: F_s [N m].
+        static: F_s [N m], at least F_c.
         stribeck_velocity: v_s [rad/s].
         bristle_stiffness: sigma_0 [N m/rad].
         bristle_damping: sigma_1 [N m s/rad].
@@ -85,7 +85,7 @@ class LuGre(AbstractFriction):
 
     def __check_init__(self) -> None:
         require_positive(self, "coulomb", "N m")
-        require_positive(self, "static", "N m")
+        require_not_below(self, "static", "coulomb", "N m")
         require_positive(self, "stribeck_velocity", "rad/s")
         require_positive(self, "bristle_stiffness", "N m/rad")
         require_not_negative(self, "bristle_damping", "N m s/rad")

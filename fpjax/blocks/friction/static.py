@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ...compiled.hyperbolic import tanh
-from ..block import as_optional, as_parameter, require_not_negative, require_positive
+from ..block import as_optional, as_parameter, require_not_below, require_not_negative, require_positive
 from ..signals import Motion
 from .base import AbstractFriction, AbstractStaticFriction, safe_power
 from .general import GeneralFriction
@@ -163,7 +163,7 @@ class Stribeck(AbstractStaticFriction):
 
     def __check_init__(self) -> None:
         require_not_negative(self, "coulomb", "N m")
-        require_not_negative(self, "static", "N m")
+        require_not_below(self, "static", "coulomb", "N m")
         require_positive(self, "stribeck_velocity", "rad/s")
         require_not_negative(self, "viscous", "N m s/rad")
         require_positive(self, "exponent", "1")
@@ -199,7 +199,7 @@ class CoulombViscousStiction(AbstractStaticFriction):
 
     Attributes:
         coulomb: F_c [N m], while sliding.
-        static: F_s [N m], to break away.
+        static: F_s [N m], to break away; at least F_c.
         viscous: b [N m s/rad].
         stick_velocity: half-width of the band that counts as rest [rad/s].
         steepness: lambda [s/rad] while sliding; None for sign.
@@ -213,7 +213,7 @@ class CoulombViscousStiction(AbstractStaticFriction):
 
     def __check_init__(self) -> None:
         require_not_negative(self, "coulomb", "N m")
-        require_not_negative(self, "static", "N m")
+        require_not_below(self, "static", "coulomb", "N m")
         require_not_negative(self, "viscous", "N m s/rad")
         require_positive(self, "stick_velocity", "rad/s")
         require_positive(self, "steepness", "s/rad")
