@@ -23,7 +23,6 @@ Values = np.ndarray
 SCREEN = 12  # windows that a start is screened on
 SCREEN_STEPS = 5
 STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # steps on all fitted windows, and how many sets go on before them
-HOPELESS = 2.0  # nats a sample: a set this far behind the best after the screening is not fitted on all windows
 COLOURED = 25  # steps with a level of the missing torque for each octave
 PROPER = 3  # steps for the start states of withheld windows
 BAND = 0.25  # of the Nyquist frequency: above it lie the drive's own sampling and rounding, and no cause of a gap
