@@ -166,12 +166,6 @@ def lanes(machine: Machine, count: int, dtype: Any = float) -> Machine:
     return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, dtype), (count,)), machine)
 
 
-def known_load(machine: Machine) -> AbstractLoad:
-    """The load that the nominal model knows."""
-    assert isinstance(machine.plant.load, Loads)
-    return machine.plant.load.parts[0]
-
-
 def _neutral_torque(periods: float, harmonics: int) -> PositionTorque:
     return PositionTorque(_zeros(harmonics), _zeros(harmonics), periods)
 

@@ -12,7 +12,6 @@ from ..parameters import parameter_names
 from .keys import Units, nearest
 
 SECTION = "bounds"
-TUNED = ("controller", "feedforward", "observer")
 _NOT_TUNED = ("limit", "tracking_time", "lag", "coefficients")
 
 Bounds = Mapping[str, tuple[float, float]]

@@ -94,7 +94,7 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     main, among = _by_effect(shares)
     if seen.readings:
         return _with_readings(Verdict(word, asserted, 0.0, main, among, margin, lead), seen, thresholds)
-    right = _right(word, asserted, shares, main)
+    right = _right(asserted, shares, main)
     return Verdict(word, asserted, right, main, among, margin, lead)
 
 
@@ -236,12 +236,9 @@ def _by_effect(shares: Sequence[tuple[_Set, float]]) -> tuple[dict[str, float], 
     return main, among
 
 
-def _right(
-    word: Word, asserted: Sequence[str], shares: Sequence[tuple[_Set, float]], main: Mapping[str, float]
-) -> float:
+def _right(asserted: Sequence[str], shares: Sequence[tuple[_Set, float]], main: Mapping[str, float]) -> float:
     if asserted:
         return sum(share for found, share in shares if set(found.names) == set(asserted))
-    del word
     return max(1.0 - sum(main.values()), 0.0)
 
 
