@@ -75,7 +75,8 @@ class Search:
         self.base = base
         """The nominal model with its numbers free."""
         course = self.missing_course(base)
-        longest = max(range(len(records)), key=lambda which: len(records[which].time))
+        # Of the fitted ones: of a log that is only scored, the course is unknown.
+        longest = max(range(len(records)), key=lambda which: len(self.train[which]))
         self.setting = replace(
             self.setting, periods=repeating_periods(course[longest], records[longest], self.setting),
             contacts=self._contacts(course, longest),
