@@ -137,9 +137,11 @@ class _Look:
         return np.where(np.isfinite(out), out, np.inf)
 
     def _energies(self, course: Values) -> list[Values]:
-        """By band, mean square in each stretch about its mean, shape (stretches, lanes): slow errors are others'."""
-        known = np.where(np.isfinite(course), course, 0.0)
-        return [np.var(passed[self.rows], axis=1) for passed in _passed(known, self.filters)]
+        """By band, mean square in each stretch about its mean, shape (stretches, lanes): slow errors are others'.
+
+        NaN in a lane whose course has one: were it taken for nothing missing, a load that diverged would score best.
+        """
+        return [np.var(passed[self.rows], axis=1) for passed in _passed(course, self.filters)]
 
 
 def _filters(samples: int, corners: list[float]) -> list[Values]:
