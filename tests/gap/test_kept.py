@@ -1,6 +1,7 @@
 """An interrupted diagnosis goes on where it was and ends with the same numbers, whatever became of its file."""
 
 import errno
+import hashlib
 import io
 import os
 import pickle
@@ -147,6 +148,12 @@ def test_a_file_runs_nothing(tmp_path, monkeypatch):
     asked(tmp_path / "kept", "a")
     monkeypatch.undo()
     os.chdir(tmp_path)
+    assert asked(tmp_path / "kept", "a") == ["a"]
+    assert not (tmp_path / "ran").exists()
+    # Nor does one whose question is evil, and it is no traceback either.
+    part = pickle.dumps((Evil(), b""))
+    head = module._HEAD.pack(len(part), hashlib.sha256(part).digest())
+    (tmp_path / "kept").write_bytes(module._MAGIC + KEY.encode() + b"\n" + head + part)
     assert asked(tmp_path / "kept", "a") == ["a"]
     assert not (tmp_path / "ran").exists()
     with pytest.raises(pickle.UnpicklingError, match="no part of a fit"):
