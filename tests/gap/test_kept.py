@@ -160,6 +160,32 @@ def test_a_file_runs_nothing(tmp_path, monkeypatch):
         module._Plain(io.BytesIO(pickle.dumps(Evil()))).load()
 
 
+def test_numbers_are_the_same_bits_and_one_array_stays_one():
+    one = np.asfortranarray(np.random.default_rng(0).standard_normal((3, 2)))
+    written = {"one": one, "again": one, "every": one[:, ::2], "flat": np.float64(0.1), "yes": np.array(True)}
+    stream = io.BytesIO()
+    module._Writer(stream, Bare()).dump(written)
+    found = module._Reader(io.BytesIO(stream.getvalue()), Bare()).load()
+    for name, value in written.items():
+        assert type(found[name]) is type(value)
+        assert (found[name].dtype, found[name].shape) == (value.dtype, value.shape)
+        assert found[name].tobytes() == value.tobytes()
+    assert found["one"] is found["again"]
+    assert found["one"].flags.f_contiguous
+    assert found["one"].flags.writeable
+
+
+class Address:
+    def __reduce__(self):
+        return np.ndarray, ((1,), np.dtype("O"), b"\0" * 7 + b"\1")
+
+
+@pytest.mark.parametrize("content", [Address(), np.array([None]), np.arange(3.0)])
+def test_bytes_are_never_taken_for_addresses(content):
+    with pytest.raises(pickle.UnpicklingError, match="no part of a fit"):
+        module._Reader(io.BytesIO(pickle.dumps(content)), Bare()).load()
+
+
 def test_one_diagnosis_at_a_time_writes_to_a_file(tmp_path):
     path = tmp_path / "kept"
     first = Kept(path)

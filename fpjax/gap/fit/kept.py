@@ -34,14 +34,10 @@ T = TypeVar("T")
 NAME = "diagnosis.kept"
 _MAGIC = b"fpjax kept fits 1\n"
 _HEAD = struct.Struct("<Q32s")  # length of what follows, its SHA-256
-# All that a fit is made of: nothing else is made of what stands in the file.
-_KNOWN = {
-    *((f"numpy.{core}.multiarray", name) for core in ("core", "_core") for name in ("_reconstruct", "scalar")),
-    ("numpy", "ndarray"),
-    ("numpy", "dtype"),
-    (Candidate.__module__, "Candidate"),
-    (Fit.__module__, "Fit"),
-}
+# All that a fit is made of: nothing else is made of what stands in the file. Nothing of numpy is among it: its ndarray
+# takes any bytes for addresses of objects.
+_KNOWN = {(Candidate.__module__, "Candidate"), (Fit.__module__, "Fit")}
+_NUMBERS = "fiub"  # kinds of numbers
 
 
 class Kept:
@@ -267,11 +263,12 @@ def _lock(handle: int, path: Path) -> None:
 
 
 class _Writer(pickle.Pickler):
-    """Effects and families stand in the file by their names."""
+    """Effects and families stand in the file by their names, arrays as their bytes."""
 
     def __init__(self, stream: io.BytesIO, search: Search):
         super().__init__(stream, protocol=4)
         self._effects = {id(effect): effect.name for effect in search.effects}
+        self._arrays: dict[int, int] = {}
 
     def persistent_id(self, obj: Any) -> Any:
         """The name of what is not written itself."""
@@ -279,11 +276,23 @@ class _Writer(pickle.Pickler):
             if id(obj) not in self._effects:
                 raise pickle.PicklingError(f"{obj.name} is not of the vocabulary")
             return "effect", obj.name
+        if isinstance(obj, np.ndarray | np.generic) and obj.dtype.kind in _NUMBERS:
+            return self._numbers(obj)
         return ("family", obj.key) if isinstance(obj, Family) else None
+
+    def _numbers(self, obj: np.ndarray | np.generic) -> tuple[Any, ...]:
+        if isinstance(obj, np.generic):
+            return "scalar", (obj.dtype.str, obj.tobytes())
+        known = id(obj) in self._arrays
+        place = self._arrays.setdefault(id(obj), len(self._arrays))
+        if known:  # one array in two places stays one
+            return "array", (place,)
+        order = "F" if obj.flags.fnc else "C"
+        return "array", (place, obj.dtype.str, obj.shape, order, obj.tobytes(order))
 
 
 class _Plain(pickle.Unpickler):
-    """Numbers, text and nothing else."""
+    """Text, bytes, and fits made of them."""
 
     def find_class(self, module: str, name: str) -> Any:
         """Refuse what no fit is made of: a file is not to run anything."""
@@ -297,11 +306,27 @@ class _Reader(_Plain):
         super().__init__(stream)
         self._search = search
         self._effects = {effect.name: effect for effect in search.effects}
+        self._arrays: dict[int, np.ndarray] = {}
 
     def persistent_load(self, pid: Any) -> Any:
-        """The effect or the family of a name."""
+        """The effect or the family of a name; numbers of their bytes."""
         kind, name = pid
+        if kind == "scalar":
+            return _of_bytes(*name)[0]
+        if kind == "array":
+            place, *parts = name
+            if parts:
+                word, shape, order, content = parts
+                self._arrays[place] = _of_bytes(word, content).reshape(shape, order=order).copy(order="K")
+            return self._arrays[place]
         return self._effects[name] if kind == "effect" else self._search.fitter(name).family
+
+
+def _of_bytes(word: str, content: bytes) -> np.ndarray:
+    dtype = np.dtype(word)
+    if dtype.kind not in _NUMBERS:
+        raise pickle.UnpicklingError(f"{word} is no number")
+    return np.frombuffer(content, dtype)
 
 
 def _of_candidate(c: Candidate) -> str:
