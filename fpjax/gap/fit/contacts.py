@@ -141,7 +141,8 @@ class _Look:
 
         NaN in a lane whose course has one: were it taken for nothing missing, a load that diverged would score best.
         """
-        return [np.var(passed[self.rows], axis=1) for passed in _passed(course, self.filters)]
+        with np.errstate(invalid="ignore", over="ignore"):
+            return [np.var(passed[self.rows], axis=1) for passed in _passed(course, self.filters)]
 
 
 def _filters(samples: int, corners: list[float]) -> list[Values]:
