@@ -38,6 +38,13 @@ def test_machines_have_the_drawn_values():
     assert np.asarray(machine.sensor.step_size) == pytest.approx(0.01)
 
 
+@pytest.mark.parametrize("content", [b"", b"no zip", b"PK\x03\x04" + b"x" * 60])
+def test_a_damaged_posterior_is_one_sentence(tmp_path, content):
+    (tmp_path / "posterior.npz").write_bytes(content)
+    with pytest.raises(fp.InputError, match="no posterior of this version"):
+        load_posterior(tmp_path / "posterior.npz")
+
+
 def test_a_posterior_is_the_same_after_writing(tmp_path):
     rival = dataclasses.replace(
         case.known(missing=0.05).posterior, key=("bristles", ("shape",)), gap=0.05, causes=("a",)

@@ -6,6 +6,8 @@ import json
 import math
 import os
 import pathlib
+import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -193,7 +195,7 @@ def load_posterior(path: str | os.PathLike[str]) -> Posterior:
             f"{path} does not exist: give the --out of a `fpjax diagnose` that has finished, or leave the option out "
             f"and diagnose now."
         ) from None
-    except (OSError, ValueError, KeyError, TypeError, EOFError):
+    except (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile, zlib.error):
         raise InputError(f"{path} is no posterior of this version of fpjax: diagnose the log again.") from None
 
 
