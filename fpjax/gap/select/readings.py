@@ -66,7 +66,8 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     errors = {name: np.array([fit[2] for fit in some]) for name, some in fits.items()}
     name, other = sorted(errors, key=lambda key: float(np.min(errors[key])))
     # What neither leaves is a fault of both models, and no noise: it counts as few observations, however long the log.
-    nats = 0.5 * FEW * float(np.log(np.min(errors[other]) / max(np.min(errors[name]), 1e-300)))
+    one, two = (max(float(np.min(errors[key])), 1e-300) for key in (name, other))
+    nats = 0.5 * FEW * float(np.log(two / one))
     sure = float(1.0 / (1.0 + np.exp(-nats)))
     place = int(np.argmin(errors[name]))
     scale, bias, least = fits[name][place]
