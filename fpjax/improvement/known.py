@@ -96,10 +96,12 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
             f"{folder} is a diagnosis of {len(samples)} logs: improve judges gains on one; diagnose "
             f"the log that stands for the machine's work alone."
         )
-    # Of a log that is too long to be simulated as a whole, the diagnosis holds stretches.
-    if samples[0] != len(log.time) and len(log.time) <= MOST:
+    # Of a log that is too long to be simulated as a whole, the diagnosis holds stretches, and notes how long it was.
+    whole = [entry["samples"] for entry in inputs if entry.get("role") == "fitted" and "samples" in entry]
+    diagnosed = whole[0] if len(log.time) > MOST and whole else samples[0]
+    if diagnosed != len(log.time):
         raise InputError(
-            f"{log.name} has {len(log.time)} samples and was diagnosed with {samples[0]}: use the "
+            f"{log.name} has {len(log.time)} samples and was diagnosed with {diagnosed}: use the "
             f"same --from, --to and --every, or leave --diagnosis out."
         )
     return found
