@@ -159,6 +159,10 @@ def _one(
     except InputError:
         kept.discard()  # the same input is refused again
         raise
+    except KeyboardInterrupt:
+        if kept.lost and not arguments.each:
+            arguments.kept = f"nothing is kept, because {kept.path} could not be written ({kept.lost})"
+        raise
     if kept.taken:
         say(record, f"{kept.taken} fits of the run that was interrupted are taken over")
     if kept.lost:
