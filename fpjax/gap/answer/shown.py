@@ -40,6 +40,8 @@ def not_shown(search: Search, fit: Fit, spread: np.ndarray) -> frozenset[str]:
     for effect in fit.candidate.effects:
         if effect.name in SIZES:
             size = estimates(search, fit, effect, spread)[SIZES[effect.name]]
-            if math.isfinite(size.low) and math.isfinite(size.high) and size.low <= 0.0 <= size.high:
+            # One that ended at its bound of zero has no interval.
+            known = math.isfinite(size.low) and math.isfinite(size.high)
+            if (size.low <= 0.0 <= size.high) if known else size.value == 0.0:
                 found.add(effect.name)
     return frozenset(found)
