@@ -147,7 +147,7 @@ def test_a_file_runs_nothing(tmp_path, monkeypatch):
     )
     asked(tmp_path / "kept", "a")
     monkeypatch.undo()
-    os.chdir(tmp_path)
+    monkeypatch.chdir(tmp_path)
     assert asked(tmp_path / "kept", "a") == ["a"]
     assert not (tmp_path / "ran").exists()
     # Nor does one whose question is evil, and it is no traceback either.
