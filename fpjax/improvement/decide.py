@@ -78,7 +78,7 @@ def _lowest(values: Values) -> float:
 
 
 def range_of(values: Values, unit: str, doubt: float = 0.0) -> Range:
-    """Median and 90 % interval, widened by a doubt of the model itself (a standard deviation of the logarithm)."""
+    """Median and 90 % interval, widened by a doubt of the model itself (half an interval of the logarithm)."""
     low, middle, high = (float(each) for each in np.quantile(values, (0.05, 0.5, 0.95), method="nearest"))
     if doubt > 0.0 and all(math.isfinite(each) and each > 0.0 for each in (low, middle, high)):
         low = middle * math.exp(-math.hypot(math.log(middle / low), doubt))

@@ -279,7 +279,7 @@ class _Judged:
             self.unlike, self.resolved = unlike[0] * passed_on, unlike[1]
 
     def doubt(self, score: Score, *, new: bool) -> float:
-        """Of a predicted error, as a standard deviation of its logarithm [1]."""
+        """Of a predicted error, as half of a 90 % interval of its logarithm [1]."""
         middle = float(np.median(score.error))
         if not (np.isfinite(middle) and middle > 0.0):
             return MOST_DOUBT
