@@ -31,7 +31,7 @@ class Ranked:
         gap_after: missing torque on withheld windows with this effect (beside the causes before it) in the model.
         parameters: by the contract's name.
         indistinguishable_from: effects that this log cannot tell from it.
-        cause_probability: that it is among the causes, the main one or not: of a sure pair, 1 for either.
+        cause_probability: that it is among the causes, the main one or not: of a sure pair, the same for either.
         evidence: log evidence less that of the nominal model [1], for those who want to look behind the probability.
     """
 
