@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from fpjax.gap import Estimate, Ranked
+from fpjax.gap.answer.assemble import _instead
 from fpjax.gap.answer.confusable import indistinguishable
 from fpjax.gap.answer.ranking import share_alike
 from fpjax.gap.effects.twins import Log, Twin, exact_twins, single_twins
 from fpjax.gap.select.decision import Weighed
+from fpjax.gap.select.readings import Reading
 from fpjax.gap.select.thresholds import THRESHOLDS
 from fpjax.gap.select.verdict import Seen, verdict
 
@@ -302,3 +304,10 @@ def test_a_class_holds_three_names_and_the_exact_twin_comes_first():
     several = Twin(frozenset({"constant_torque"}), ("a", "b"))
     assert classes(chosen, [], "constant_torque", [several]) == ("a", "b")
     assert classes(chosen, rivals[:1], "constant_torque", [several]) == ("velocity_bias",)
+
+
+def test_a_lag_that_may_be_a_delay_names_it():
+    torn, sure = (Reading("velocity_lag", {}, 0.1, 1.0, 50.0, "velocity_delay", share) for share in (0.7, 0.999))
+    assert _instead((torn,), ()) == {"velocity_lag": ("velocity_delay",)}
+    assert _instead((sure,), ()) == {}
+    assert _instead((torn,), ("velocity_lag",)) == {}  # it was not allowed

@@ -1,5 +1,6 @@
 """Assemble: from what the fits led to, to a `Diagnosis`."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,6 +16,7 @@ from ..fit.candidate import Fit, nominal_sizes
 from ..fit.search import Search
 from ..select.decision import Decision
 from ..select.readings import Reading, readings
+from ..select.thresholds import THRESHOLDS
 from ..select.verdict import ROUNDING, Seen, Verdict, material, verdict
 from .corrected import corrected_model
 from .course import Course, course_of
@@ -65,7 +67,7 @@ def assemble(
     seen = {one.effect: read_estimates(one, linear=linear) for one in read}
     if step > 0.0:
         seen[ROUNDING] = {"step": Estimate(step, 0.9999 * step, 1.0001 * step, linear_unit("rad/s", linear))}
-    ranking = rank(search, decision, found, gap, steps, seen, allowed)
+    ranking = rank(search, decision, found, gap, steps, seen, allowed, _instead(read, allowed))
     gapless = found.word == "no_gap" or (found.word == "explained" and not causes)
     told = decision.exact if gapless else chosen
     read_values = {name: value for one in read for name, value in one.values.items()}
@@ -119,6 +121,13 @@ def assemble(
             left_open(decision, found.causes, {one.effect: one.cause_probability for one in ranking.entries}),
         ),
     )
+
+
+def _instead(read: Sequence[Reading], allowed: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """What a reading may have in the place of an error of it, by effect: the likelihoods decide from `close` on."""
+    decided = 1.0 / (1.0 + math.exp(-THRESHOLDS.close))
+    rivals = [one for one in read if one.rival and one.sure < decided]
+    return {one.effect: (one.rival,) for one in rivals if not allowed or one.rival in allowed}
 
 
 def _alike(ranking: tuple[Ranked, ...], found: Verdict) -> float:

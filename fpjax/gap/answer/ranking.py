@@ -39,7 +39,7 @@ class Ranking:
 
 def rank(
     search: Search, decision: Decision, found: Verdict, gap: Gap, steps: Sequence[Step],
-    read: Mapping[str, dict[str, Estimate]], allowed: Sequence[str],
+    read: Mapping[str, dict[str, Estimate]], allowed: Sequence[str], instead: Mapping[str, tuple[str, ...]],
 ) -> Ranking:  # fmt: skip
     """Rank every effect.
 
@@ -51,6 +51,7 @@ def rank(
         steps: the ladder.
         read: parameters of the causes that the velocity column itself shows, by effect.
         allowed: names of the effects that were tried; empty for the whole vocabulary.
+        instead: what the velocity column does not tell from those, by effect.
     """
     chosen, exact = decision.chosen, decision.exact.evidence
     causes = [name for name in found.causes if name not in read]
@@ -66,7 +67,7 @@ def rank(
             same = indistinguishable(decision, name, twins)
             entries[name] = Ranked(name, 0.0, left.get(name, gap.after), values[name], same, chosen.evidence - exact)
     for name, known in read.items():
-        entries[name] = Ranked(name, 0.0, gap.after, known)
+        entries[name] = Ranked(name, 0.0, gap.after, known, instead.get(name, ()))
     asserted = list(entries)
     tried = [(w.fit, w.fit.candidate.effects[0], w.evidence) for w in decision.singles]
     tried += [(decision.nominal.fit, effect, decision.nominal.evidence) for effect in ERRORS.values()]
