@@ -135,7 +135,9 @@ class _Store:
         hashes = [entry["sha256"] for entry in record.inputs]
         # A model's recorded reference is a file of its own; its folder's contents are not followed further.
         self.key = _hash([hashes, log_options(arguments), versions()])
-        self.search_key = _hash([self.key, arguments.free, arguments.reference, arguments.seed, arguments.diagnosis])
+        # Of a diagnosis elsewhere what it says counts, not its folder: that may hold another one by now.
+        given = [] if arguments.diagnosis is None else _contents(pathlib.Path(arguments.diagnosis))
+        self.search_key = _hash([self.key, arguments.free, arguments.reference, arguments.seed, given])
 
     def diagnosis(self, log: Any) -> Any:
         """The diagnosis that this command would make, where it is finished."""
@@ -183,6 +185,14 @@ class _Store:
             self.arguments.kept = (
                 f"the diagnosis and the search are kept in {self.folder}; the same command goes on from there"
             )
+
+
+def _contents(folder: pathlib.Path) -> list[str]:
+    found = []
+    for name in ("diagnosis.json", "posterior.npz"):
+        with contextlib.suppress(OSError):  # told where it is read
+            found.append(hashlib.sha256((folder / name).read_bytes()).hexdigest())
+    return found
 
 
 def _read(path: pathlib.Path) -> dict[str, Any]:
