@@ -101,6 +101,15 @@ def check_range(section: str, name: str, unit: str, shown: str, number: float, *
     )
 
 
+def check_levels(static: float, coulomb: float, name: Any) -> None:
+    """Refuse a law that holds less than it rubs [N m], with the machine's units (`Units.name`)."""
+    if static < coulomb:
+        raise InputError(
+            f"[friction] static = {static:g} {name('N m')} must be at least coulomb = {coulomb:g} {name('N m')}: what "
+            "holds at rest is not less than what rubs in motion; exchange the two?"
+        )
+
+
 def check_friction(law: AbstractFriction, name: Any) -> list[str]:
     """Refuse a law that drives its machine; sentences on one that may.
 
@@ -114,11 +123,8 @@ def check_friction(law: AbstractFriction, name: Any) -> list[str]:
     if isinstance(law, Bristles):
         law = law.law
     static, coulomb = _number(law, "static"), _number(law, "coulomb")
-    if static is not None and coulomb is not None and static < coulomb:
-        raise InputError(
-            f"[friction] static = {static:g} {name('N m')} must be at least coulomb = {coulomb:g} {name('N m')}: what "
-            "holds at rest is not less than what rubs in motion; exchange the two?"
-        )
+    if static is not None and coulomb is not None:
+        check_levels(static, coulomb, name)
     if not isinstance(law, GeneralFriction):
         return []
     drag = float(law.drag_coefficient)

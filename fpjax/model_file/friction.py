@@ -21,6 +21,7 @@ from ..blocks.friction import (
 from ..blocks.friction.bristles import Bristles
 from ..blocks.friction.general import GeneralFriction
 from ..errors import InputError
+from .admissible import check_levels
 from .forms import Form, form_for, form_of, number, numbers, pick
 from .keys import Key, Units, check_keys, missing, read_number, read_values
 
@@ -135,6 +136,9 @@ def build_friction(table: Mapping[str, Any], units: Units, steepness: "Steepness
     if name == "coulomb_viscous":
         law = _coulomb_viscous(table, units)
     else:
+        if {"static", "coulomb"} <= set(table):  # before the block refuses them without the file's words and units
+            static, coulomb = (read_number(SECTION, key, table[key.name], units) for key in (_STATIC, COULOMB))
+            check_levels(static, coulomb, units.name)
         law = pick(FORMS, name).build(SECTION, table, units)
     if sign and "steepness" not in type(law).__dataclass_fields__ and not isinstance(law, Bristles):
         raise InputError(f'[{SECTION}] steepness = "sign" has no meaning for type = {name!r}: drop it.')

@@ -88,7 +88,7 @@ def test_an_interrupt_keeps_the_best_run_so_far():
     assert any("interrupted" in note for note in found.notes)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_an_unstable_loop_is_one_sentence():
     unstable = servo(gains="kp = 80.0\nki = 4000.0")
     with pytest.raises(InputError, match="blows up"):
