@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fpjax.gap.answer import intervals
+from fpjax.gap import Estimate
+from fpjax.gap.answer import intervals, shown
 from fpjax.gap.fit.modes import make_modes
 
 
@@ -47,3 +48,14 @@ def test_a_torque_that_is_left_widens_them_and_more_windows_do_not_narrow_them(w
 
 def test_what_the_sampling_blurs_is_never_known_better(width):
     np.testing.assert_allclose(width(0.0, blur=0.2), np.hypot([1 / 20, 1 / 10], 0.2), rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("low", "value", "high", "hidden"),
+    [(-0.1, 0.2, 0.5, True), (0.1, 0.2, 0.5, False), (-0.5, -0.2, -0.1, False), (np.nan, 0.0, np.nan, True)],
+)
+def test_a_size_that_may_be_nothing_is_not_shown(monkeypatch, low, value, high, hidden):
+    monkeypatch.setattr(shown, "estimates", lambda *_: {"gap": Estimate(value, low, high, "rad")})
+    effects = [SimpleNamespace(name=name) for name in ("backlash", "asymmetric_friction")]
+    fit = SimpleNamespace(candidate=SimpleNamespace(effects=effects))
+    assert shown.not_shown(None, fit, np.zeros((1, 1))) == (frozenset({"backlash"}) if hidden else frozenset())
