@@ -1,6 +1,5 @@
 """`tune` and `tune_each`: any method, any objective, one call."""
 
-import dataclasses
 import os
 import time
 from collections.abc import Callable, Sequence
@@ -28,6 +27,7 @@ from .lanes import Clock, Lanes, Outcome
 from .levenberg_marquardt import levenberg_marquardt
 from .methods import LBFGS, METHODS, Adam, GridSearch, LevenbergMarquardt, Method, NelderMead, RepairedGridSearch
 from .nelder_mead import nelder_mead
+from .noisy import calmer, upset
 from .notes import SETTLED, judging_measures, notes_of
 from .objective import Thesis, get_objective
 from .parameters import Parameter, default_parameters
@@ -39,7 +39,6 @@ from .starts import KEPT, placed_parameters, screen
 from .stopping import Stop
 
 DRAWS = 8  # of the sensor's noise, under which tuned gains are looked at
-UPSET = 2.0  # times the cost without noise, above which gains are none to run a machine with
 
 _SEARCHES: dict[type, Callable[[Lanes, Any, Stop], Outcome]] = {
     GridSearch: algorithm_1,
@@ -149,39 +148,16 @@ def tune(
         stop = Stop(target, max_simulations, bar)
         draws = under_noise(problem, DRAWS)
         (result,) = _search(lanes, [labels], settings, stop, len(drawn), screened, draws)
-        if _searches(method, judged.objective, target, max_simulations) and _upset(result):
+        if _searches(method, judged.objective, target, max_simulations) and upset(result):
             # Without noise a search may end where the observer is unstable: nothing there pushes it off the truth.
             lanes = Lanes(draws[0], lanes.start, None)
             stop = Stop(target, max_simulations, bar)
             (again,) = _search(lanes, [labels], settings, stop, len(drawn), screened, draws)
-            result = _calmer(result, again)
+            result = calmer(result, again)
     finally:
         if bar is not None:
             bar.end()
     return result
-
-
-def _upset(result: TuningResult) -> bool:
-    """Whether the sensor's noise throws the tuned loop off."""
-    return result.noisy_cost is not None and not result.diverged and not result.noisy_cost <= UPSET * result.cost
-
-
-def _calmer(result: TuningResult, again: TuningResult) -> TuningResult:
-    """The gains that were tuned under a draw of the noise, in place of those that it upsets; both searches counted."""
-    assert result.noisy_cost is not None
-    if again.noisy_cost is None or not again.noisy_cost < result.noisy_cost:
-        return result
-    gains = ", ".join(f"{name} = {value:.4g}" for name, value in result.gains.items())
-    cost = f"goes from {result.cost:.3g} to {result.noisy_cost:.3g}" if np.isfinite(result.noisy_cost) else "diverges"
-    said = f"tuned under the sensor's noise: with the best gains without it ({gains}) the cost {cost} under it."
-    return dataclasses.replace(
-        again,
-        notes=(said, *again.notes),
-        simulations=result.simulations + again.simulations,
-        simulated_steps=result.simulated_steps + again.simulated_steps,
-        run_seconds=result.run_seconds + again.run_seconds,
-        compile_seconds=result.compile_seconds + again.compile_seconds,
-    )
 
 
 def _listed(parameters: Sequence[str | Parameter] | None) -> Sequence[str | Parameter] | None:

@@ -85,9 +85,10 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     """
     chosen = _Set(_chosen_names(decision, seen, thresholds), decision.chosen.gain)
     sets = _sets(decision, chosen, seen)
-    margin = _margin(sets, chosen, seen)
+    others = _others(sets, chosen, seen)
+    margin = chosen.worth - max([0.0, *(s.worth for s in others)]) if chosen.names else 0.0
     lead = _lead(decision, chosen, margin)
-    near = _near(sets, chosen, seen, thresholds)
+    near = len({s.names[0] for s in others if chosen.worth - s.worth <= thresholds.sure})
     word = _word(decision, seen, chosen, near, lead, thresholds)
     asserted = chosen.names if word in ("explained", "partly_explained") else ()
     shares = _shares(sets, _top(word, lead, thresholds), thresholds.temper)
@@ -157,21 +158,12 @@ def _names(w: Weighed, seen: Seen) -> tuple[str, ...]:
     return tuple(f"{n}_error" for n in wrong_numbers(w.fit, seen.sizes)[1])
 
 
-def _margin(sets: Sequence[_Set], chosen: _Set, seen: Seen) -> float:
+def _others(sets: Sequence[_Set], chosen: _Set, seen: Seen) -> list[_Set]:
+    """Sets of causes without the leading one, nor what makes the same log in its place."""
     if not chosen.names:
-        return 0.0
-    first = chosen.names[0]
-    alike = {first} | seen.twins.get(first, frozenset())
-    return chosen.worth - max([0.0, *(s.worth for s in sets if not alike & set(s.names))])
-
-
-def _near(sets: Sequence[_Set], chosen: _Set, seen: Seen, t: Thresholds) -> int:
-    """How many other causes explain the log as well in the leading one's place."""
-    if not chosen.names:
-        return 0
+        return []
     alike = {chosen.names[0]} | seen.twins.get(chosen.names[0], frozenset())
-    others = {s.names[0] for s in sets if not alike & set(s.names) and chosen.worth - s.worth <= t.sure}
-    return len(others)
+    return [s for s in sets if not alike & set(s.names)]
 
 
 def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, t: Thresholds) -> Word:
