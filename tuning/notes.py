@@ -13,6 +13,7 @@ from fpjax.blocks.controllers import PositionLoop
 from fpjax.blocks.observers import AbstractObserver
 from fpjax.blocks.signals import Signals
 from fpjax.errors import InputError
+from fpjax.logs.derivative import slope
 from fpjax.loop import ClosedLoop
 from fpjax.metrics import AbstractMeasure
 from fpjax.parameters import set_parameters
@@ -161,7 +162,7 @@ def _excitation(
         dt = float(np.asarray(problem.stepper.dt)) * every
         velocity = np.asarray(table, dtype=float)[::every]
         if isinstance(loop.controller, PositionLoop):
-            velocity = np.gradient(velocity, dt)
+            velocity = slope(velocity, dt)
         try:
             found = assess_excitation(loop.observer, velocity, dt, parameters, duration=float(horizon(problem)))
         except (InputError, AttributeError, KeyError):

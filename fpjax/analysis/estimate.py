@@ -12,7 +12,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,11 +26,12 @@ from ..compiled.native import scan_loop
 from ..compiled.programs import jit_by
 from ..errors import InputError
 from ..logs import Log
+from ..logs.derivative import Differentiator, measured_velocity, travel
+from ..logs.regression import solved
 from .excitation import SYMBOLS, Excitation, assess_excitation
 
-Differentiator = Literal["zero_phase", "causal"]
-CUTOFF = 0.1  # of the control rate: the differentiator's low-pass, where none is given
 SLIDING = 0.01  # share of the largest speed below which least squares does not look: sticking friction is no law
+RANK = 1e-10  # of the regression's columns at length one: below it, direction and speed say the same
 UNITS = {
     True: {"coulomb": "N", "viscous": "N s/m", "steepness": "s/m", "inertia": "kg", "offset": "N"},
     False: {"coulomb": "N m", "viscous": "N m s/rad", "steepness": "s/rad", "inertia": "kg m^2", "offset": "N m"},
@@ -256,45 +257,6 @@ def observe(
 _observe_jit = jit_by(lambda observer, torque, velocity, dt, passes: (torque.shape, passes))(observe)
 
 
-def measured_velocity(
-    log: Log, *, differentiator: Differentiator = "zero_phase", cutoff: float | None = None
-) -> tuple[Float[np.ndarray, " samples"], str]:
-    """Velocity [rad/s] at the start of each period, shape (samples,), and how it came about in words.
-
-    Args:
-        log: with velocity or position.
-        differentiator: "zero_phase" or "causal", see `estimate`.
-        cutoff: of the low-pass on a differentiated position [Hz]; None for a tenth of the control rate.
-
-    Raises:
-        InputError: for a log without motion, and for an invalid cutoff.
-    """
-    if log.velocity is not None:
-        return np.asarray(log.velocity, dtype=float), "as logged"
-    if log.position is None:
-        raise InputError(f"{log.name} has neither velocity nor position: an observer needs the motion.")
-    frequency = CUTOFF * log.rate if cutoff is None else float(cutoff)
-    if not 0.0 < frequency < 0.5 * log.rate:
-        raise InputError(f"cutoff must lie between 0 and {0.5 * log.rate:g} Hz, got {frequency:g} Hz.")
-    position = np.asarray(log.position, dtype=float)
-    if differentiator == "zero_phase":
-        from scipy import signal
-
-        low_pass: Any = signal.butter(4, 2.0 * frequency / log.rate)
-        smooth = signal.filtfilt(low_pass[0], low_pass[1], position)
-        how = f"by central differences of the position, zero-phase low-pass at {frequency:.4g} Hz"
-        return np.gradient(smooth, log.dt), how
-    if differentiator != "causal":
-        raise InputError(f'differentiator = {differentiator!r} is not known: choose "zero_phase" or "causal".')
-    from scipy import signal
-
-    keep = math.exp(-2.0 * math.pi * frequency * log.dt)
-    difference = np.diff(position, prepend=position[0]) / log.dt
-    delay = (0.5 + keep / (1.0 - keep)) * log.dt
-    how = f"by backward differences of the position, low-pass at {frequency:.4g} Hz, {1e3 * delay:.3g} ms late"
-    return np.asarray(signal.lfilter([1.0 - keep], [1.0, -keep], difference)), how
-
-
 def least_squares(
     torque: Float[np.ndarray, " periods"], velocity: Float[np.ndarray, " periods+1"], dt: float, inertia: float
 ) -> dict[str, float]:
@@ -313,26 +275,16 @@ def least_squares(
     """
     middle, acceleration = 0.5 * (velocity[1:] + velocity[:-1]), np.diff(velocity) / dt
     slides = (np.abs(middle) > SLIDING * np.max(np.abs(middle))) & (velocity[1:] * velocity[:-1] > 0.0)
-    columns = [np.sign(middle), middle, np.ones_like(middle)]
-    given = _solve(columns, torque - inertia * acceleration, slides)
-    free = _solve([*columns, acceleration], torque, slides)
-    return dict(zip(("coulomb", "viscous", "offset"), given, strict=True)) | {"free inertia": free[3]}
-
-
-def _solve(columns: list[np.ndarray], target: np.ndarray, rows: np.ndarray) -> list[float]:
-    matrix = np.stack(columns, axis=1)[rows]
-    size = np.linalg.norm(matrix, axis=0)
-    if len(matrix) <= len(columns) or np.any(size == 0.0):
-        return [math.nan] * len(columns)
-    solution, _, rank, _ = np.linalg.lstsq(matrix / size, target[rows], rcond=1e-10)
-    return [float(value) for value in solution / size] if rank == len(columns) else [math.nan] * len(columns)
+    motion = np.stack([np.sign(middle), middle, np.ones_like(middle), acceleration], axis=1)[slides]
+    given = solved(motion[:, :3], (torque - inertia * acceleration)[slides], rank=RANK)
+    free = solved(motion, torque[slides], rank=RANK)
+    numbers = np.full(3, np.nan) if given is None else given
+    found = {name: float(value) for name, value in zip(("coulomb", "viscous", "offset"), numbers, strict=True)}
+    return found | {"free inertia": math.nan if free is None else float(free[3])}
 
 
 def _load(load: AbstractLoad, log: Log, velocity: np.ndarray) -> np.ndarray:
-    if log.position is None:
-        position = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]))]) * log.dt
-    else:
-        position = np.asarray(log.position, dtype=float)
+    position = travel(velocity, log.dt) if log.position is None else np.asarray(log.position, dtype=float)
 
     def middle(values: np.ndarray) -> Array:
         return jnp.asarray(0.5 * (values[1:] + values[:-1]))

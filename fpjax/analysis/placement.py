@@ -8,6 +8,7 @@ import numpy as np
 
 from ..blocks.controllers import PositionLoop
 from ..errors import InputError
+from ..logs.derivative import slope
 from ..loop import ClosedLoop
 from ..parameters import get_parameter, set_parameters
 from .excitation import error_matrix
@@ -100,7 +101,7 @@ def _unit_rate(
     speeds = []
     for table in tables:
         velocity = np.asarray(table, dtype=float)
-        velocity = np.gradient(velocity, dt) if isinstance(loop.controller, PositionLoop) else velocity
+        velocity = slope(velocity, dt) if isinstance(loop.controller, PositionLoop) else velocity
         speeds.append(velocity[:: -(-len(velocity) // PROBE)])
     try:
         matrix = error_matrix(alone.observer, jnp.asarray(np.concatenate(speeds)), truths)

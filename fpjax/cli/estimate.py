@@ -59,7 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
         record.stage("start")
         start_jax(arguments)
         model, log = open_model_and_log(arguments, record)
-        from ..analysis.estimate import estimate, measured_velocity
+        from ..analysis.estimate import estimate
+        from ..logs.derivative import measured_velocity
         from ..parameters import set_parameters
         from .common import read_pairs
 

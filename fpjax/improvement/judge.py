@@ -14,6 +14,7 @@ from ..blocks.signals import Signals
 from ..compiled.batch import map_chunks
 from ..gap.machine import Machine
 from ..gap.precision import double_precision
+from ..logs.derivative import slope
 from ..loop import ClosedLoop, LoopState
 from ..metrics import AbstractMeasure
 from ..model_file import Model
@@ -127,7 +128,7 @@ class Judge:
         self.dt = float(ground.record.dt)
         count = len(reference)
         self.reference = np.asarray(reference, float)
-        moving = np.gradient(self.reference, self.dt) if self.position else self.reference
+        moving = slope(self.reference, self.dt) if self.position else self.reference
         self.start = min(SETTLING * count * self.dt, LONGEST_SETTLING)
         self.slow = SLOW * float(np.quantile(np.abs(moving), 0.95))
         self.size = max(float(np.std(self.reference)), 1e-12)

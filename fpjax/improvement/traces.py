@@ -10,6 +10,7 @@ import numpy as np
 
 from ..gap.data.record import Record
 from ..gap.precision import double_precision
+from ..logs.derivative import travel
 from ..scan import Inputs, roll
 from .judge import Judge, assemble_loop, start_state
 from .machines import Ground, Machines, rms
@@ -107,8 +108,7 @@ def unlike(traces: Traces, judge: Judge, record: Record, ground: Ground) -> tupl
         span = max(round(OVER / judge.dt), 1)
         noise = math.sqrt(2.0) * angle / (span * judge.dt)
         speed = traces.reference - traces.error[0, 0]
-        travel = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * judge.dt)])
-        left = (travel - record.position.values[:last])[first:]
+        left = (travel(speed, judge.dt) - record.position.values[:last])[first:]
         left = (left[span:] - left[:-span]) / (span * judge.dt)
     else:
         return None

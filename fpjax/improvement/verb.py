@@ -15,6 +15,7 @@ from ..gap import Diagnosis, diagnose
 from ..gap.data.record import Record
 from ..gap.precision import double_precision
 from ..logs import Log, read_log
+from ..logs.derivative import slope
 from ..model_file import Model, dump_model, load_model
 from ..scan import astype
 from .answer import Change, Decision, Improvement, Range, Side
@@ -345,7 +346,7 @@ def tuned_text(known: Known, gains: Gains, values: Values) -> tuple[str, str]:
 
 def _steady_speed(judge: Judge) -> float:
     """The speed at which margins are told: the rms of the reference's speed."""
-    moving = np.gradient(judge.reference, judge.dt) if judge.position else judge.reference
+    moving = slope(judge.reference, judge.dt) if judge.position else judge.reference
     return rms(moving)
 
 

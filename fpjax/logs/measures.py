@@ -1,4 +1,4 @@
-"""The one measure of a column's rounding step, noise and derivative, and of a velocity that is only a derivative.
+"""The one measure of a column's rounding step and noise, and of a velocity that is only a derivative.
 
 Everything that asks "how noisy is this reading" asks here: the log's checks, `fpjax inspect`, the starter model and the
 diagnosis. numpy only, float64, any finite input.
@@ -22,7 +22,7 @@ PIECE = 50  # samples over which the noise is taken to be constant
 FOURTH = np.sqrt(70.0)  # the fourth difference of white noise has 70 times its variance
 
 
-def _pieces(values: Values, longest: int = LOOKED_AT) -> Values:
+def even_pieces(values: Values, longest: int = LOOKED_AT) -> Values:
     """Evenly spaced pieces of a long column, each of consecutive samples, shape (pieces, samples)."""
     if values.size <= longest:
         return values[None, :]
@@ -57,7 +57,7 @@ def rounding_step(column: Values) -> float:
     values, size = _scaled(column)
     if size == 0.0 or values.size < SHORTEST:
         return 0.0
-    blocks = _pieces(values)
+    blocks = even_pieces(values)
     moves = np.diff(blocks, axis=1).ravel()
     # a float carries about 1e-16 of the largest value; the same reading written twice may differ by that much
     equal = 4.0 * np.finfo(np.float64).eps
@@ -165,7 +165,7 @@ def noise_level(column: Values, step: float | None = None) -> float:
     if size == 0.0 or values.size < SHORTEST:
         return float(max((step or 0.0) / np.sqrt(12.0), np.finfo(np.float64).tiny))
     step = rounding_step(column) if step is None else step
-    fourth = np.diff(_pieces(values), 4, axis=1) / FOURTH
+    fourth = np.diff(even_pieces(values), 4, axis=1) / FOURTH
     length = min(PIECE, fourth.shape[1])
     whole = fourth[:, : fourth.shape[1] // length * length].reshape(-1, length)
     level = float(np.median(np.sqrt(np.mean(whole**2, axis=1))))
@@ -173,86 +173,6 @@ def noise_level(column: Values, step: float | None = None) -> float:
     level = min(level, spread) if spread > 0.0 else level
     floor = 1e-12 * float(np.median(np.abs(values - np.median(values)))) * size
     return float(max(level * size, step / np.sqrt(12.0), floor, np.finfo(np.float64).tiny))
-
-
-# ----------------------------------------------------------------------------------------------- derivative
-
-
-def local_polynomial(values: Values, half: int, *, dt: float = 1.0, degree: int = 2, derivative: int = 0) -> Values:
-    """Value or derivative of a polynomial fitted to 2 half + 1 samples around each (Savitzky, Golay, 1964).
-
-    At the ends, where the window would leave the record, the first and the last whole window's polynomial is read off
-    at its own places.
-
-    Args:
-        values: shape (samples,), at least degree + 1 of them.
-        half: samples on either side; cut to what the record and the degree allow.
-        dt: from sample to sample [s].
-        degree: of the polynomial: 2 for velocities, 3 or 4 for accelerations with less bias.
-        derivative: 0 for the value, 1 for the slope [unit/s], 2 for the curvature [unit/s^2].
-    """
-    values = np.asarray(values, dtype=np.float64)
-    half = min(max(int(half), (degree + 1) // 2), (values.size - 1) // 2)
-    degree = min(degree, 2 * half)
-    if derivative > degree:
-        return np.zeros_like(values)
-    places = np.arange(-half, half + 1) / max(half, 1)
-    powers = places[:, None] ** np.arange(degree + 1)
-    solve = np.linalg.pinv(powers)  # coefficients of each power, from the samples
-    scale = float(np.prod(np.arange(1, derivative + 1))) / (max(half, 1) * dt) ** derivative
-    found = np.empty_like(values)
-    found[half : values.size - half] = np.convolve(values, solve[derivative][::-1], "valid") * scale
-    steps = np.arange(derivative, degree + 1)
-    # d^m/dx^m of x^k is k (k - 1) ... (k - m + 1) x^(k - m)
-    factors = np.array([np.prod(np.arange(k - derivative + 1, k + 1)) for k in steps])
-    slope = places[:, None] ** (steps - derivative) * factors
-    unit = 1.0 / (max(half, 1) * dt) ** derivative
-    found[:half] = (slope @ (solve[steps] @ values[: 2 * half + 1]) * unit)[:half]
-    found[values.size - half :] = (slope @ (solve[steps] @ values[-(2 * half + 1) :]) * unit)[half + 1 :]
-    return found
-
-
-def quiet_half(values: Values, noise: float, *, degree: int = 2, derivative: int = 1, widest: int = 400) -> int:
-    """The half-width [samples] whose local polynomial has the least error: noise and bias together.
-
-    The noise that a width lets through is known; its bias is what the estimate differs by from that of half the width,
-    beyond what noise explains (the wider fit is the best unbiased one on its window, so that their difference has the
-    difference of their variances).
-
-    Args:
-        values: shape (samples,).
-        noise: standard deviation of one reading, from `noise_level`, in the unit of values.
-        degree: of the polynomial.
-        derivative: which one is wanted with the least error; 1 for a velocity.
-        widest: samples; nothing wider is tried.
-    """
-    pieces = _pieces(np.asarray(values, dtype=np.float64).ravel(), 20_000)
-    half = narrow = max((degree + 1) // 2, 1)
-    best, least = narrow, (_noise_gain(narrow, degree, derivative) * noise) ** 2
-    while True:
-        half, narrow = max(half + 1, round(1.25 * half)), max((degree + 1) // 2, 1, half // 2)
-        if half > min(widest, (pieces.shape[1] - 1) // 4):
-            return best
-        away = [
-            local_polynomial(piece, half, degree=degree, derivative=derivative)
-            - local_polynomial(piece, narrow, degree=degree, derivative=derivative)
-            for piece in pieces
-        ]
-        inner = np.concatenate([difference[half:-half] for difference in away])
-        wide_noise = (_noise_gain(half, degree, derivative) * noise) ** 2
-        narrow_noise = (_noise_gain(narrow, degree, derivative) * noise) ** 2
-        bias = max(float(np.mean(inner**2)) - max(narrow_noise - wide_noise, 0.0), 0.0)
-        if bias + wide_noise < least:
-            best, least = half, bias + wide_noise
-        elif bias > 4.0 * least:
-            return best
-
-
-def _noise_gain(half: int, degree: int, derivative: int) -> float:
-    """Standard deviation of a middle estimate for white noise of one, a sample apart."""
-    powers = (np.arange(-half, half + 1) / half)[:, None] ** np.arange(degree + 1)
-    weights = np.linalg.pinv(powers)[derivative] * np.prod(np.arange(1.0, derivative + 1)) / half**derivative
-    return float(np.sqrt(weights @ weights))
 
 
 # ----------------------------------------------------------------------------------------- derived velocity

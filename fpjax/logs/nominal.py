@@ -19,8 +19,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .derivative import local_polynomial, quiet_half, smooth_motion
 from .log import Log
-from .measures import local_polynomial, noise_level, quiet_half
+from .measures import noise_level
+from .regression import solved
 
 Values = np.ndarray
 Load = Callable[[Values], Values]
@@ -98,12 +100,12 @@ class Nominal:
 
 def speed_of(log: Log) -> Values:
     """Velocity with little noise: smoothed where it was measured, else the derivative of the position."""
-    return _smooth_motion(log.velocity, log.position, log.dt)[0]
+    return smooth_motion(log.velocity, log.position, log.dt)[0]
 
 
 def angle_of(log: Log) -> Values:
     """Position with little noise, or the integral of the velocity."""
-    return _smooth_motion(log.velocity, log.position, log.dt)[1]
+    return smooth_motion(log.velocity, log.position, log.dt)[1]
 
 
 def acceleration_of(log: Log) -> Values:
@@ -114,17 +116,6 @@ def acceleration_of(log: Log) -> Values:
     assert log.position is not None
     half = quiet_half(log.position, noise_level(log.position), degree=3, derivative=2)
     return local_polynomial(log.position, half, dt=log.dt, degree=3, derivative=2)
-
-
-def _smooth_motion(velocity: Values | None, position: Values | None, dt: float) -> tuple[Values, Values]:
-    if velocity is not None:
-        speed = local_polynomial(velocity, quiet_half(velocity, noise_level(velocity), derivative=0))
-        if position is None:
-            return speed, np.concatenate([[0.0], np.cumsum(0.5 * dt * (velocity[1:] + velocity[:-1]))])
-        return speed, position
-    assert position is not None
-    half = quiet_half(position, noise_level(position))
-    return local_polynomial(position, half, dt=dt, derivative=1), position
 
 
 def fit_nominal(log: Log, *, load: Load | None = None) -> Nominal | None:
@@ -190,7 +181,7 @@ def _pieces(torque: Values, velocity: Values | None, position: Values | None, dt
         rate = None if velocity is None else velocity[part]
         place = None if position is None else position[part]
         # A drive's own velocity is late by its filter: the position knows better when the motion turns.
-        speed, angle = _smooth_motion(None if place is not None else rate, place, dt)
+        speed, angle = smooth_motion(None if place is not None else rate, place, dt)
         reading = place if place is not None else rate
         assert reading is not None
         noise = noise_level(reading) if noise is None else noise
@@ -337,6 +328,5 @@ def _least_inertia(y: Values, x: Values, weight: Values) -> float:
     torque = (x[:, :, 0] * root).ravel()
     others = np.concatenate([y[:, :, None], -x[:, :, 1:]], axis=2) * root[:, :, None]
     table = others.reshape(-1, others.shape[2])
-    scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    solution, *_ = np.linalg.lstsq(table / scale, torque, rcond=1e-12)
-    return float(solution[0] / scale[0])
+    found = solved(table, torque)
+    return 0.0 if found is None else float(found[0])

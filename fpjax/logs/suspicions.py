@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from .clock import TIME_UNITS, likely_unit
-from .measures import local_polynomial, noise_level, rounding_step
+from .derivative import local_polynomial, smooth_motion, travel
+from .log import Log
+from .measures import noise_level, rounding_step
 from .suspicion import LIKE, unit_of
 from .suspicion import Expected as Expected
 from .suspicion import Numbers as Numbers
@@ -28,11 +30,11 @@ REPEATED = 0.002
 MOST_ROWS = 400_000  # a longer log is judged by its middle
 
 
-def suspicions(log: Any, model: Expected | None = None) -> list[Suspicion]:
+def suspicions(log: Log, model: Expected | None = None) -> list[Suspicion]:
     """What looks wrong with a log, or with the model for it; the worst first.
 
     Args:
-        log: a `fpjax.logs.Log`, or anything with its fields.
+        log: in SI units, on one clock.
         model: what the nominal model says; None to look at the log alone.
     """
     columns = {name: _values(getattr(log, name)) for name in ("time", "torque", "velocity", "position")}
@@ -59,7 +61,7 @@ def suspicions(log: Any, model: Expected | None = None) -> list[Suspicion]:
     return sorted(found, key=lambda s: s.severity == "warn")
 
 
-def _missing(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
+def _missing(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     for name, values in columns.items():
         bad = int(np.sum(~np.isfinite(values)))
         if bad:
@@ -71,7 +73,7 @@ def _missing(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
             )
 
 
-def _still(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
+def _still(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     for name in ("torque", "velocity", "position"):
         values = columns.get(name)
         if values is None:
@@ -95,8 +97,8 @@ def _still(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
             )
 
 
-def _one_way(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
-    speed = _speed(log, columns)
+def _one_way(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
+    speed, _ = smooth_motion(columns.get("velocity"), columns.get("position"), log.dt)
     moving = np.abs(speed) > 0.05 * np.quantile(np.abs(speed), 0.95)
     forward = float(np.mean(speed[moving] > 0.0)) if np.any(moving) else 0.5
     if min(forward, 1.0 - forward) < ONE_WAY:
@@ -109,7 +111,7 @@ def _one_way(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
         )
 
 
-def _clock(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
+def _clock(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     steps = np.diff(columns["time"])
     if np.any(steps <= 0.0):
         row = int(np.argmax(steps <= 0.0)) + 1
@@ -129,7 +131,7 @@ def _clock(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
         )
 
 
-def _repeated(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
+def _repeated(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     """Readings that equal the one before exactly, where noise should make that impossible."""
     for name in ("torque", "velocity", "position"):
         values = columns.get(name)
@@ -149,7 +151,7 @@ def _repeated(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
             )
 
 
-def _clipped(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
+def _clipped(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     for name in ("torque", "velocity"):
         values = columns.get(name)
         if values is None or rounding_step(values) > 0.05 * np.ptp(values) or _few_levels(values):
@@ -173,7 +175,7 @@ def _few_levels(values: Values) -> bool:
     return np.unique(values).size <= FEW_LEVELS
 
 
-def _unit_of_time(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
+def _unit_of_time(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     """Stamps in milliseconds that were read as seconds; a second sensor can confirm it or speak against it."""
     unit = likely_unit(log.dt)
     if unit is None:
@@ -193,7 +195,7 @@ def _unit_of_time(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
     )
 
 
-def _position_against_velocity(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
+def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     velocity, position = columns.get("velocity"), columns.get("position")
     if velocity is None or position is None:
         return
@@ -239,9 +241,9 @@ def _position_against_velocity(log: Any, columns: dict[str, Values]) -> Iterator
         )
 
 
-def _velocity_against_reference(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
+def _velocity_against_reference(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     """Only a velocity without a position needs it, and only a reference that is followed in another unit can tell."""
-    reference = _values(getattr(log, "reference", None))
+    reference = _values(log.reference)
     if "position" in columns or "velocity" not in columns or reference is None or not np.all(np.isfinite(reference)):
         return
     half = max(1, min(round(0.01 / log.dt), len(reference) // 20))
@@ -250,7 +252,7 @@ def _velocity_against_reference(log: Any, columns: dict[str, Values]) -> Iterato
     if size == 0.0 or power == 0.0 or float(velocity @ wanted) < 0.8 * np.sqrt(size * power):
         return
     ratio = float(np.sqrt(power / size))
-    named = unit_of(ratio, linear=bool(getattr(log, "linear", False)))
+    named = unit_of(ratio, linear=log.linear)
     if named:
         yield Suspicion(
             f"{log.name}: velocity looks like {named}: {ratio:.3g} x the reference; give its unit, such as --columns "
@@ -270,7 +272,7 @@ def travelled(velocity: Values, position: Values, dt: float) -> tuple[float, flo
     """
     size = int(np.clip(len(velocity) // 100, 4, 200))
     ends = np.arange(0, len(velocity), size)
-    walked = np.concatenate([[0.0], np.cumsum(0.5 * dt * (velocity[1:] + velocity[:-1]))])
+    walked = travel(velocity, dt)
     by_rate, by_angle = np.diff(walked[ends]), np.diff(position[ends])
     power, rate_power = float(by_angle @ by_angle), float(by_rate @ by_rate)
     if power == 0.0 or rate_power == 0.0:
@@ -278,12 +280,6 @@ def travelled(velocity: Values, position: Values, dt: float) -> tuple[float, flo
     across = float(by_rate @ by_angle)
     # both are noisy: the ratio of their sizes, with the sign of what they share
     return float(np.sign(across) * np.sqrt(rate_power / power)), abs(across) / np.sqrt(power * rate_power)
-
-
-def _speed(log: Any, columns: dict[str, Values]) -> Values:
-    if "velocity" in columns:
-        return columns["velocity"]
-    return np.gradient(columns["position"], log.dt)
 
 
 def _middle(values: Values) -> Values:

@@ -1,10 +1,11 @@
 """What the torque says about the motion: exchanged columns, a wrong sign, a model of another machine."""
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
+from .derivative import smooth_motion
+from .log import Log
 from .nominal import SIGNIFICANT, Nominal, fit_rigid
 from .suspicion import Expected, Suspicion, unit_of
 
@@ -15,7 +16,7 @@ EXPLAINED = 0.5  # of the motion within windows: below it the fit says nothing
 SURE = 8.0  # standard deviations of the inertia
 
 
-def swapped(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
+def swapped(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     """Torque and velocity exchanged: where the rigid machine explains far more the other way round."""
     if "velocity" not in columns:
         return
@@ -34,12 +35,12 @@ def swapped(log: Any, columns: dict[str, Values]) -> Iterator[Suspicion]:
         )
 
 
-def torque_against_motion(log: Any, columns: dict[str, Values], model: Expected | None) -> Iterator[Suspicion]:
+def torque_against_motion(log: Log, columns: dict[str, Values], model: Expected | None) -> Iterator[Suspicion]:
     """Signs and sizes of inertia and friction, with a sine and cosine of the position and the known load taken out."""
-    torque, linear = columns["torque"], bool(getattr(log, "linear", False))
+    torque, linear = columns["torque"], log.linear
     known = getattr(model, "load", None)
     if known is not None:
-        velocity, angle = _motion(columns, log.dt)
+        velocity, angle = smooth_motion(columns.get("velocity"), columns.get("position"), log.dt)
         torque = torque - np.asarray(known(velocity, angle, columns["time"] - columns["time"][0]), float)
     found = fit_rigid(torque, columns.get("velocity"), columns.get("position"), log.dt, gravity=not linear)
     if found is None or found.share < EXPLAINED:
@@ -66,9 +67,9 @@ def torque_against_motion(log: Any, columns: dict[str, Values], model: Expected 
 
 
 def _nominal(
-    log: Any, found: Nominal, model: Expected, columns: dict[str, Values], size: float, *, sure: bool
+    log: Log, found: Nominal, model: Expected, columns: dict[str, Values], size: float, *, sure: bool
 ) -> Iterator[Suspicion]:
-    linear = bool(getattr(log, "linear", False))
+    linear = log.linear
     what, unit = ("mass", "kg") if linear else ("inertia", "kg m^2")
     # Whatever lies between the regressions of either direction is the log's own inertia, for all that it says.
     ratio = model.inertia / max(found.inertia, 1e-300)
@@ -96,7 +97,7 @@ def _nominal(
                 "nominal",
             )
         return
-    velocity, _ = _motion(columns, log.dt)
+    velocity, _ = smooth_motion(columns.get("velocity"), columns.get("position"), log.dt)
     fast = float(np.quantile(np.abs(velocity), 0.95))
     for name, unit, here, there, speed in (
         ("coulomb", "N" if linear else "N m", found.coulomb, model.coulomb, 1.0),
@@ -110,14 +111,3 @@ def _nominal(
                 "warn",
                 "nominal",
             )
-
-
-def _motion(columns: dict[str, Values], dt: float) -> tuple[Values, Values]:
-    """Velocity and position, each from the other where one is missing; noise hardly matters here."""
-    velocity, position = columns.get("velocity"), columns.get("position")
-    if velocity is None:
-        assert position is not None
-        velocity = np.gradient(position, dt)
-    if position is None:
-        position = np.concatenate([[0.0], np.cumsum(0.5 * dt * (velocity[1:] + velocity[:-1]))])
-    return velocity, position

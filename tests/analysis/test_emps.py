@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import fpjax as fp
-from fpjax.analysis.estimate import least_squares, measured_velocity
+from fpjax.analysis.estimate import least_squares
 from fpjax.blocks.signals import Measurement
+from fpjax.logs.derivative import measured_velocity
 
 ROOT = pathlib.Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data" / "emps"

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import fpjax as fp
-from fpjax.analysis.estimate import least_squares, measured_velocity, observe
+from fpjax.analysis.estimate import least_squares, observe
+from fpjax.logs.derivative import measured_velocity
 
 DT = 1e-3
 INERTIA, COULOMB, VISCOUS = 10.0, 20.0, 30.0

@@ -1,13 +1,11 @@
-"""Rounding step, noise, derivative and the origin of a velocity, on columns whose truth is known."""
+"""Rounding step, noise and the origin of a velocity, on columns whose truth is known."""
 
 import numpy as np
 import pytest
 
 from fpjax.logs.measures import (
     is_derived,
-    local_polynomial,
     noise_level,
-    quiet_half,
     renewed,
     rounding_step,
     velocity_origin,
@@ -73,30 +71,6 @@ def test_noise_is_measured_beside_a_motion_and_its_corners():
 
 def test_a_run_of_equal_readings_is_one_reading():
     assert renewed(np.array([1.0, 1.0, 2.0, 2.0, 2.0, 1.0])).tolist() == [True, False, True, False, False, True]
-
-
-@pytest.mark.parametrize("half", [2, 7, 31])
-@pytest.mark.parametrize("derivative", [0, 1, 2])
-def test_a_polynomial_is_its_own_local_polynomial_to_the_ends(half, derivative):
-    t = TIME[:400]
-    cubic = np.polynomial.Polynomial([0.3, -1.0, 4.0, 2.0])
-    found = local_polynomial(cubic(t), half, dt=1e-3, degree=3, derivative=derivative)
-    expected = cubic.deriv(derivative)(t) if derivative else cubic(t)
-    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7)
-
-
-def test_the_window_widens_with_the_noise():
-    noise = np.random.default_rng(3).normal(size=TIME.size)
-    halves = [quiet_half(SWING + level * noise, level) for level in (1e-6, 1e-4, 1e-2)]
-    assert halves == sorted(halves)
-    assert halves[0] < halves[-1]
-    truth = np.gradient(SWING, 1e-3)
-    inner = slice(halves[-1], -halves[-1])  # half a window is worth less at the ends
-    errors = [
-        np.std((local_polynomial(SWING + 1e-2 * noise, half, dt=1e-3, derivative=1) - truth)[inner])
-        for half in (halves[-1] // 2, halves[-1], halves[-1] * 2)
-    ]
-    assert errors[1] == min(errors)
 
 
 # ------------------------------------------------------------------ is a velocity only a derivative?

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...logs.measures import local_polynomial
+from ...logs.derivative import local_polynomial
 from .channel import Channel
 
 Values = np.ndarray
