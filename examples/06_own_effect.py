@@ -16,7 +16,7 @@ import fpjax as fp
 from fpjax.blocks.block import as_parameter
 from fpjax.blocks.position_torque import Loads
 from fpjax.blocks.signals import Motion
-from fpjax.gap import EFFECTS, Effect, Machine, Parameter, diagnose
+from fpjax.gap import EFFECTS, Effect, EffectParameter, Machine, diagnose
 
 NOMINAL = """
 [units]
@@ -66,7 +66,7 @@ def add_cable(machine: Machine, values: Mapping[str, Array]) -> Machine:
 
 
 # 3. What is fitted, between which bounds; sizes come from the log and the nominal model.
-STIFFNESS = Parameter(
+STIFFNESS = EffectParameter(
     name="cable_stiffness",
     unit="N m/rad",
     neutral=lambda setting: 0.0,

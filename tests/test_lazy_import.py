@@ -72,6 +72,19 @@ def test_an_old_name_of_a_symbol_warns_and_works():
     assert same == "True"
 
 
+def test_old_names_of_the_diagnosis_warn_and_work():
+    """`Parameter`, `Tracking` and `Identifiability` are words of tuning."""
+    code = (
+        "import warnings; warnings.simplefilter('error')\nfrom fpjax import gap\n"
+        "try: gap.Tracking\nexcept DeprecationWarning as warning: print(warning)\n"
+        "warnings.simplefilter('ignore')\nfrom fpjax.gap import Identifiability, Parameter, Tracking\n"
+        "print((Identifiability, Parameter, Tracking) == (gap.FittedParameter, gap.EffectParameter, gap.TrackingError))"
+    )
+    told, same = run(code).splitlines()
+    assert told == "fpjax.gap.Tracking is now fpjax.gap.TrackingError; the old name goes with the next version"
+    assert same == "True"
+
+
 def test_an_old_module_does_not_hide_the_function_of_its_name():
     code = (
         "import warnings; warnings.simplefilter('ignore')\nimport fpjax\nfrom fpjax.simulate import make_inputs\n"

@@ -3,13 +3,13 @@
 import dataclasses
 import datetime
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, overload
+from typing import Literal, overload
 
 import numpy as np
 
 from ..errors import InputError
-from ..logs import Log
-from ..model_file import Model
+from ..logs import Log, LogSource
+from ..model_file import Model, ModelSource
 from .answer.assemble import assemble
 from .answer.diagnosis import Diagnosis
 from .answer.provenance import provenance
@@ -25,26 +25,29 @@ from .precision import double_precision
 from .select.decision import decide
 from .simulate.family import Nominal
 
+Logs = LogSource | Sequence[LogSource]
+
 
 @overload
 def diagnose(
-    log: Any, model: Any, *, holdout: Any = (), each: Literal[False] = False, effects: tuple[Effect, ...] = EFFECTS,
-    progress: Callable[[str, float], None] | None = None, keep: Kept | None = None,
+    log: Logs, model: ModelSource, *, holdout: Logs = (), each: Literal[False] = False,
+    effects: tuple[Effect, ...] = EFFECTS, progress: Callable[[str, float], None] | None = None,
+    keep: Kept | None = None,
 ) -> Diagnosis: ...  # fmt: skip
 
 
 @overload
 def diagnose(
-    log: Any, model: Any, *, holdout: Any = (), each: Literal[True], effects: tuple[Effect, ...] = EFFECTS,
+    log: Logs, model: ModelSource, *, holdout: Logs = (), each: Literal[True], effects: tuple[Effect, ...] = EFFECTS,
     progress: Callable[[str, float], None] | None = None, keep: Kept | None = None,
 ) -> tuple[Diagnosis, ...]: ...  # fmt: skip
 
 
 def diagnose(
-    log: Any,
-    model: Any,
+    log: Logs,
+    model: ModelSource,
     *,
-    holdout: Any = (),
+    holdout: Logs = (),
     each: bool = False,
     effects: tuple[Effect, ...] = EFFECTS,
     progress: Callable[[str, float], None] | None = None,

@@ -5,7 +5,6 @@ import math
 import os
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,9 +13,9 @@ from ..errors import InputError
 from ..gap import Diagnosis, diagnose
 from ..gap.data.record import Record
 from ..gap.precision import double_precision
-from ..logs import Log, read_log
+from ..logs import Log, LogSource, read_log
 from ..logs.derivative import slope
-from ..model_file import Model, dump_model, load_model
+from ..model_file import Model, ModelSource, dump_model, load_model
 from ..scan import astype
 from .answer import Change, Decision, Improvement, Range, Side
 from .decide import hopeless, objection, range_of
@@ -37,12 +36,12 @@ MOST_DOUBT = math.log(2.0)
 NO_LIMIT = 1e29
 
 Values = np.ndarray
-Keep = Callable[[str, Any], None]
+Keep = Callable[[str, Diagnosis | Found], None]
 
 
 def improve(
-    log: Any,
-    model: Any,
+    log: LogSource,
+    model: ModelSource,
     *,
     free: Sequence[str] = (),
     diagnosis: Diagnosis | Known | str | os.PathLike[str] | None = None,

@@ -1,8 +1,9 @@
 """Log: what a machine recorded, in SI units, on one uniform clock."""
 
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -118,3 +119,15 @@ class Log:
             f"{self.name}: {self.samples} samples at {self.rate:.6g} Hz ({self.duration:.4g} s), "
             f"{', '.join(self.columns())}"
         )
+
+
+class NamedArrays(Protocol):
+    """Columns by name: a mapping of arrays, a pandas or polars DataFrame, a pyarrow table."""
+
+    def __getitem__(self, name: Any, /) -> Any:
+        """One column, anything that numpy makes an array of numbers of, shape (samples,)."""
+        ...
+
+
+LogSource = Log | str | os.PathLike[str] | NamedArrays
+"""What a verb takes for a log: one that is read, the path of its file, or its columns."""

@@ -21,7 +21,7 @@ from .columns import (
     parse_columns,
     scale_of,
 )
-from .log import Log
+from .log import Log, NamedArrays
 from .measured import following
 from .measures import noise_level, rounding_step
 from .readings import filled, unread_rows, without_absurd
@@ -34,7 +34,7 @@ ROUNDED = 0.02  # of the torque's rms: a step that is said
 
 
 def read_log(
-    source: str | os.PathLike[str] | Any,
+    source: str | os.PathLike[str] | NamedArrays,
     *,
     columns: Columns = None,
     torque_scale: float = 1.0,

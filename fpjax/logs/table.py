@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from .log import NamedArrays
 
 
 @dataclass
@@ -128,13 +129,13 @@ def need(module: str, path: pathlib.Path) -> Any:
         ) from error
 
 
-def from_arrays(data: Any) -> Table:
+def from_arrays(data: NamedArrays) -> Table:
     """Columns of a DataFrame (pandas, polars), a pyarrow table or a mapping of arrays.
 
     Raises:
         InputError: for anything else.
     """
-    names = getattr(data, "column_names", None) or (list(data.keys()) if hasattr(data, "keys") else None)
+    names = getattr(data, "column_names", None) or list(getattr(data, "keys", tuple)()) or None
     if names is None or not hasattr(data, "__getitem__"):
         raise InputError(
             f"A log cannot be made of {type(data).__name__}: give a path, a DataFrame, or a dict of arrays such as "

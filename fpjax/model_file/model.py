@@ -166,6 +166,10 @@ class Model:
         return self.loop.controller
 
 
+ModelSource = Model | str | os.PathLike[str]
+"""What a verb takes for a model: one that is read, the path of a servo.toml, or its text."""
+
+
 def load_model(source: str | os.PathLike[str]) -> Model:
     """Read a servo.toml.
 

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from report_cases import CASES
 
-from fpjax.gap import EFFECTS, Estimate, Identifiability, Share, Where
+from fpjax.gap import EFFECTS, Estimate, FittedParameter, Share, Where
 from fpjax.gap.report import (
     digits,
     markup,
@@ -88,7 +88,7 @@ def test_digits_are_those_that_the_interval_earns(value, low, high, shown, inter
 
 def test_a_parameter_at_its_bound_has_no_interval():
     pinned, bound = (
-        Identifiability("gap", 1e-3, deviation, "rad", verdict)
+        FittedParameter("gap", 1e-3, deviation, "rad", verdict)
         for deviation, verdict in ((1e-5, "pinned"), (0.0, "at a bound"))
     )
     told = [reading.fixed(found) for found in (pinned, bound)]

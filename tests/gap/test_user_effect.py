@@ -5,14 +5,14 @@ import numpy as np
 
 from fpjax.blocks.friction import CoulombViscous
 from fpjax.blocks.plants import OneMass
-from fpjax.gap import Effect, Parameter, Setting, place
+from fpjax.gap import Effect, EffectParameter, Setting, place
 from fpjax.gap.simulate.family import Nominal, make_family
 from fpjax.gap.simulate.replay import assembled
 
 
 def spring() -> Effect:
     """A torque that grows with the first harmonic of half a turn, as a weak return spring would."""
-    size = Parameter(
+    size = EffectParameter(
         name="spring_torque",
         unit="N m",
         neutral=lambda s: 0.0,

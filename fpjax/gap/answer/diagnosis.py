@@ -195,7 +195,7 @@ class Comparison:
 
 
 @dataclass(frozen=True)
-class Identifiability:
+class FittedParameter:
     """What the final fit knows about each of its parameters.
 
     Attributes:
@@ -214,7 +214,7 @@ class Identifiability:
 
 
 @dataclass(frozen=True)
-class Tracking:
+class TrackingError:
     """The closed loop's tracking error on withheld data, where the controller is known.
 
     The controller follows the recorded reference around the nominal and around the corrected machine, whose sensors
@@ -314,13 +314,13 @@ class Diagnosis:
     model: str
     warnings: tuple[str, ...]
     comparisons: tuple[Comparison, ...] = ()
-    identifiability: tuple[Identifiability, ...] = ()
+    identifiability: tuple[FittedParameter, ...] = ()
     residual_where: Where | None = None
     probability: float = 0.0
     seconds: dict[str, float] = field(default_factory=dict)
     motion: Literal["rotary", "linear"] = "rotary"
     nominal: str = ""
-    tracking: Tracking | None = None
+    tracking: TrackingError | None = None
     provenance: dict[str, Any] = field(default_factory=dict)
     allowed: tuple[str, ...] = ()
     model_missing: str = ""

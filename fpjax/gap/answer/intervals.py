@@ -9,7 +9,7 @@ from ..effects.estimate import Estimate
 from ..fit.candidate import Candidate, Fit
 from ..fit.search import Search
 from ..select.readings import Reading
-from .diagnosis import Identifiability
+from .diagnosis import FittedParameter
 
 NINETY = 1.645  # standard deviations of a 90 % interval
 PIECES = 10.0  # observations that a log's missing torque counts as, at most: set on eight development values
@@ -103,7 +103,7 @@ def linear_unit(unit: str, linear: bool) -> str:
     return unit.replace("kg m^2", "kg").replace("N m", "N").replace("rad", "m").replace("1/rev", "rad/m")
 
 
-def identifiability(search: Search, fit: Fit, spread: Values) -> tuple[Identifiability, ...]:
+def identifiability(search: Search, fit: Fit, spread: Values) -> tuple[FittedParameter, ...]:
     """What the fit knows about each free parameter."""
     c = fit.candidate
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
@@ -123,7 +123,7 @@ def identifiability(search: Search, fit: Fit, spread: Values) -> tuple[Identifia
             traded = others[other] > 0.95
             verdict = f"traded off with {c.family.parameters[c.free[other]].name}" if traded else "pinned"
         unit = linear_unit(parameter.unit, search.records[0].linear)
-        found.append(Identifiability(parameter.name, float(c.vector[index]), float(deviation[j]), unit, verdict))
+        found.append(FittedParameter(parameter.name, float(c.vector[index]), float(deviation[j]), unit, verdict))
     return tuple(found)
 
 

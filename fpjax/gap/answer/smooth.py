@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ...blocks.signals import Motion
-from ..effects.effect import Effect, Parameter
+from ..effects.effect import Effect, EffectParameter
 from ..fit.candidate import Candidate
 from ..fit.least_squares import Fitter, Linear
 from ..fit.search import Search
@@ -128,8 +128,8 @@ def _misread(search: Search, c: Candidate, part: Linear) -> Values:
 
 @functools.partial(jax.jit, static_argnums=(1, 2))
 def _own_torque(
-    nominal: Machine, effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], vector: Array, motion: Motion,
-    rest: float,
+    nominal: Machine, effects: tuple[Effect, ...], parameters: tuple[EffectParameter, ...], vector: Array,
+    motion: Motion, rest: float,
 ) -> Array:  # fmt: skip
     """Friction and load of a model [N m] along a motion; at rest, friction holds what it is given, up to its level."""
     machine = assembled(nominal, effects, parameters, vector)

@@ -24,7 +24,7 @@ from ..data.record import Record
 from ..machine import Machine, structure_of
 from ..precision import double_precision
 from ..simulate.replay import SUBSTEPS
-from .diagnosis import Tracking
+from .diagnosis import TrackingError
 from .shrink import SEED
 
 REPRODUCED = 0.03  # of the torque's rms that a known controller may leave unexplained
@@ -46,7 +46,7 @@ class Side:
 
 def tracking_error(
     model: Any, records: list[Record], before: Side, after: Side, warnings: list[str]
-) -> Tracking | None:
+) -> TrackingError | None:
     """The tracking error on withheld samples; None where there is nothing to predict it with.
 
     Args:
@@ -80,7 +80,7 @@ def tracking_error(
             machine = "nominal" if name == "before" else "corrected"
             warnings.append(f"The closed loop around the {machine} machine is not stable in simulation.")
     unit = model.units.name("rad" if position else "rad/s")
-    return Tracking(unit, signal=signal, controller_error=worst, **values)
+    return TrackingError(unit, signal=signal, controller_error=worst, **values)
 
 
 def _other_torque(error: float) -> str:

@@ -3,15 +3,14 @@
 import dataclasses
 import os
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from ...errors import InputError
-from ...logs import Log, read_log
+from ...logs import Log, LogSource, read_log
 from ...logs.nominal import speed_of
 from ...logs.suspicions import Numbers, suspicions
-from ...model_file import Model, load_model
+from ...model_file import Model, ModelSource, load_model
 from .setting import turns_with_position
 
 SAME_PERIOD = 1e-3  # relative
@@ -19,15 +18,16 @@ UNIFORM = 0.02  # of the speed: a machine whose speed varies by less shows no ef
 MOST_ROWS = 400_000  # a longer log is judged by its middle
 
 
-def read_logs(logs: Any) -> list[Log]:
+def read_logs(logs: LogSource | Sequence[LogSource] | None) -> list[Log]:
     """One log or several, each a `Log`, a path or a mapping of arrays."""
     if logs is None:
         return []
-    several = isinstance(logs, Sequence) and not isinstance(logs, (str, os.PathLike))
-    return [one if isinstance(one, Log) else read_log(one) for one in (logs if several else [logs])]
+    several = isinstance(logs, Sequence) and not isinstance(logs, str | os.PathLike)
+    every: Sequence[LogSource] = logs if several else [logs]  # pyright: ignore[reportAssignmentType]
+    return [one if isinstance(one, Log) else read_log(one) for one in every]
 
 
-def read_model(model: Any) -> Model:
+def read_model(model: ModelSource) -> Model:
     """A `Model`, or the path or text of one."""
     return model if isinstance(model, Model) else load_model(model)
 

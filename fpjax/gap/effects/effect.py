@@ -15,7 +15,7 @@ Size = Callable[[Setting], float]
 
 
 @dataclass(frozen=True)
-class Parameter:
+class EffectParameter:
     """One number that an effect frees.
 
     Attributes:
@@ -60,13 +60,13 @@ class Effect:
     """
 
     name: str
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[EffectParameter, ...]
     apply: Callable[[Machine, Values], Machine] | None = None
     starts: Callable[[Setting], list[dict[str, float]]] = lambda setting: [{}]
     report: Report | None = None
     structure: Structure = "rigid"
     wide: bool = False
-    fixed: tuple[Parameter, ...] = ()
+    fixed: tuple[EffectParameter, ...] = ()
     features: tuple[Feature, ...] = FEATURES
 
     def change(self, machine: Machine, values: Values) -> Machine:
@@ -105,9 +105,9 @@ def _prefix(machine: Machine) -> str:
     return "plant.friction.law." if hasattr(machine.plant.friction, "law") else "plant.friction."
 
 
-def free(effects: tuple[Effect, ...]) -> tuple[Parameter, ...]:
+def free(effects: tuple[Effect, ...]) -> tuple[EffectParameter, ...]:
     """The parameters of several effects, each name once."""
-    found: dict[str, Parameter] = {}
+    found: dict[str, EffectParameter] = {}
     for effect in effects:
         for parameter in (*effect.parameters, *effect.fixed):
             found.setdefault(parameter.name, parameter)

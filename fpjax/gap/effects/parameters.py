@@ -5,7 +5,7 @@ from math import pi
 
 from ..data.setting import Setting
 from ..machine import NO_LIMIT
-from .effect import Parameter, Size
+from .effect import EffectParameter, Size
 
 HIGHEST_RATIO = 0.5  # of a shaft's damping to its critical one
 HIGHEST_FACE_RATIO = 2.0  # likewise, of the faces of a backlash: what meets there may hardly spring back
@@ -47,14 +47,14 @@ def highest_contact(setting: Setting) -> float:
     return 2.0 * highest_frequency(setting)
 
 
-def _amplitude(name: str, path: str) -> Parameter:
+def _amplitude(name: str, path: str) -> EffectParameter:
     """A torque amplitude of either sign [N m], bounded by what the motor gave."""
-    return Parameter(name, "N m", _ZERO, _times("effort", -2), _times("effort", 2), _times("friction", 0.2), path)
+    return EffectParameter(name, "N m", _ZERO, _times("effort", -2), _times("effort", 2), _times("friction", 0.2), path)
 
 
-def _periods(name: str, start: float, least: float, path: str) -> Parameter:
+def _periods(name: str, start: float, least: float, path: str) -> EffectParameter:
     """How often a torque repeats within a turn [1/rev]: at least once within the travel."""
-    return Parameter(
+    return EffectParameter(
         name,
         "1/rev",
         lambda s: max(start, fewest_periods(s)),
@@ -65,7 +65,7 @@ def _periods(name: str, start: float, least: float, path: str) -> Parameter:
     )
 
 
-INERTIA = Parameter(
+INERTIA = EffectParameter(
     "inertia",
     "kg m^2",
     lambda s: s.inertia,
@@ -74,10 +74,10 @@ INERTIA = Parameter(
     _times("inertia", 0.2),
     "plant.inertia",
 )
-COULOMB = Parameter(
+COULOMB = EffectParameter(
     "coulomb", "N m", lambda s: s.coulomb, _ZERO, _times("torque", 1), _times("friction", 0.2), "law.coulomb"
 )
-VISCOUS = Parameter(
+VISCOUS = EffectParameter(
     "viscous",
     "N m s/rad",
     lambda s: s.viscous,
@@ -86,11 +86,11 @@ VISCOUS = Parameter(
     lambda s: 0.2 * s.viscous + 0.05 * s.friction / s.speed,
     "law.viscous",
 )
-ORIGIN = Parameter("origin", "rad", _ZERO, _constant(-20.0), _constant(20.0), _constant(0.1), "origin")
+ORIGIN = EffectParameter("origin", "rad", _ZERO, _constant(-20.0), _constant(20.0), _constant(0.1), "origin")
 NOMINAL = (INERTIA, COULOMB, VISCOUS, ORIGIN)
 
 COULOMB_DIFFERENCE = _amplitude("coulomb_difference", "law.coulomb_difference")
-VISCOUS_DIFFERENCE = Parameter(
+VISCOUS_DIFFERENCE = EffectParameter(
     "viscous_difference",
     "N m s/rad",
     _ZERO,
@@ -99,7 +99,7 @@ VISCOUS_DIFFERENCE = Parameter(
     lambda s: 0.2 * s.viscous + 0.05 * s.friction / s.speed,
     "law.viscous_difference",
 )
-STRIBECK_TORQUE = Parameter(
+STRIBECK_TORQUE = EffectParameter(
     "stribeck_torque",
     "N m",
     _ZERO,
@@ -108,7 +108,7 @@ STRIBECK_TORQUE = Parameter(
     _times("friction", 0.2),
     "law.stribeck_torque",
 )
-STRIBECK_VELOCITY = Parameter(
+STRIBECK_VELOCITY = EffectParameter(
     "stribeck_velocity",
     "rad/s",
     _times("speed", 0.05),
@@ -117,7 +117,7 @@ STRIBECK_VELOCITY = Parameter(
     _times("speed", 0.02),
     "law.stribeck_velocity",
 )
-STRIBECK_EXPONENT = Parameter(
+STRIBECK_EXPONENT = EffectParameter(
     "stribeck_exponent",
     "1",
     _constant(1.5),
@@ -127,7 +127,7 @@ STRIBECK_EXPONENT = Parameter(
     "law.stribeck_exponent",
     lambda s: 1.0,
 )
-DEFLECTION = Parameter(
+DEFLECTION = EffectParameter(
     "bristle_deflection",
     "rad",
     _times("speed", 2e-3),
@@ -136,7 +136,7 @@ DEFLECTION = Parameter(
     _times("speed", 1e-3),
     "plant.friction.deflection",
 )
-BRISTLE_DAMPING = Parameter(
+BRISTLE_DAMPING = EffectParameter(
     "bristle_damping",
     "N m s/rad",
     _ZERO,
@@ -145,7 +145,7 @@ BRISTLE_DAMPING = Parameter(
     lambda s: 0.3 * (s.friction * s.inertia / (1e-3 * s.speed)) ** 0.5,
     "plant.friction.damping",
 )
-BRISTLE_EXPONENT = Parameter(
+BRISTLE_EXPONENT = EffectParameter(
     "bristle_exponent",
     "1",
     _constant(1.0),
@@ -161,7 +161,7 @@ RIPPLE = tuple(
     for part in ("cosine", "sine")
 )
 RIPPLE_PERIODS = _periods("ripple_periods", 3.0, 0.5, "law.position_periods")
-DRIFT = Parameter(
+DRIFT = EffectParameter(
     "drift_amplitude",
     "N m",
     _ZERO,
@@ -170,7 +170,7 @@ DRIFT = Parameter(
     _times("friction", 0.2),
     "law.drift_amplitude",
 )
-DRIFT_TIME = Parameter(
+DRIFT_TIME = EffectParameter(
     "drift_time",
     "s",
     _times("duration", 0.25),
@@ -179,10 +179,10 @@ DRIFT_TIME = Parameter(
     _times("duration", 0.1),
     "law.drift_time",
 )
-LOAD_COEFFICIENT = Parameter(
+LOAD_COEFFICIENT = EffectParameter(
     "load_coefficient", "1", _ZERO, _ZERO, _constant(0.6), _constant(0.02), "law.load_coefficient"
 )
-DRAG = Parameter(
+DRAG = EffectParameter(
     "drag_coefficient",
     "N m s^2/rad^2",
     _ZERO,
@@ -199,18 +199,18 @@ COGGING = tuple(
 )
 COGGING_PERIODS = _periods("cogging_periods", 6.0, 1.5, "plant.load.parts.2.periods")
 OFFSET = _amplitude("torque", "actuator.offset")
-GAIN = Parameter("gain", "1", _constant(1.0), _constant(0.2), _constant(5.0), _constant(0.1), "actuator.gain")
+GAIN = EffectParameter("gain", "1", _constant(1.0), _constant(0.2), _constant(5.0), _constant(0.1), "actuator.gain")
 
 
-def _time(name: str, path: str) -> Parameter:
-    return Parameter(name, "s", _ZERO, _ZERO, _times("dt", 30), _times("dt", 1), path)
+def _time(name: str, path: str) -> EffectParameter:
+    return EffectParameter(name, "s", _ZERO, _ZERO, _times("dt", 30), _times("dt", 1), path)
 
 
 ACTUATOR_LAG = _time("actuator_lag", "actuator.lag")
 ACTUATOR_DELAY = _time("actuator_delay", "actuator.delay")
 VELOCITY_LAG = _time("velocity_lag", "sensor.lag")
 VELOCITY_DELAY = _time("velocity_delay", "sensor.delay")
-LIMIT = Parameter(
+LIMIT = EffectParameter(
     "limit",
     "N m",
     _constant(NO_LIMIT),
@@ -219,13 +219,13 @@ LIMIT = Parameter(
     _times("torque", 0.1),
     "actuator.limit",
 )
-DEAD_ZONE = Parameter(
+DEAD_ZONE = EffectParameter(
     "dead_zone", "N m", _ZERO, _ZERO, _times("torque", 0.8), _times("friction", 0.1), "actuator.dead_zone"
 )
-BIAS = Parameter(
+BIAS = EffectParameter(
     "bias", "rad/s", _ZERO, _times("speed", -0.5), _times("speed", 0.5), _times("speed", 0.02), "sensor.bias"
 )
-SCALE = Parameter("scale", "1", _constant(1.0), _constant(0.2), _constant(5.0), _constant(0.1), "sensor.scale")
+SCALE = EffectParameter("scale", "1", _constant(1.0), _constant(0.2), _constant(5.0), _constant(0.1), "sensor.scale")
 
 
 def _between_samples(setting: Setting) -> float:
@@ -234,11 +234,11 @@ def _between_samples(setting: Setting) -> float:
     return setting.speed * setting.dt / (12.0 * reversals) ** 0.5
 
 
-GAP = Parameter(
+GAP = EffectParameter(
     "gap", "rad", _ZERO, _ZERO, _times("speed", 0.05), _times("speed", 1e-3), "plant.gap", _between_samples
 )  # fmt: skip
 # A resonance that the data can show: at least one period a window, and at most a third of half the sampling rate.
-FREQUENCY = Parameter(
+FREQUENCY = EffectParameter(
     "frequency",
     "Hz",
     lambda s: (lowest_frequency(s) * highest_frequency(s)) ** 0.5,
@@ -247,14 +247,14 @@ FREQUENCY = Parameter(
     lambda s: 0.05 * (lowest_frequency(s) * highest_frequency(s)) ** 0.5,
 )
 # A shaft rings: were it overdamped, its free start would be a slow torque that explains anything.
-DAMPING_RATIO = Parameter("damping_ratio", "1", _constant(0.1), _ZERO, _constant(HIGHEST_RATIO), _constant(0.1))
+DAMPING_RATIO = EffectParameter("damping_ratio", "1", _constant(0.1), _ZERO, _constant(HIGHEST_RATIO), _constant(0.1))
 # Behind a gap both reach further.
 FACE_FREQUENCY = replace(FREQUENCY, high=highest_contact)
 FACE_RATIO = replace(DAMPING_RATIO, high=_constant(HIGHEST_FACE_RATIO))
-LOAD_SHARE = Parameter(
+LOAD_SHARE = EffectParameter(
     "load_share", "1", _constant(0.5), _constant(0.05), _constant(0.95), _constant(0.1), "plant.load_share"
 )
-FRICTION_SHARE = Parameter(
+FRICTION_SHARE = EffectParameter(
     "friction_share", "1", _constant(0.5), _ZERO, _constant(1.0), _constant(0.2), "plant.friction_share"
 )
-LOAD_SIDE = Parameter("load_side", "1", _ZERO, _ZERO, _constant(1.0), _constant(1.0), "sensor.load_side")
+LOAD_SIDE = EffectParameter("load_side", "1", _ZERO, _ZERO, _constant(1.0), _constant(1.0), "sensor.load_side")

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..data.setting import Setting
 from ..machine import Feature, Machine
-from .effect import Effect, Parameter, Values, place
+from .effect import Effect, EffectParameter, Values, place
 from .parameters import (
     ACTUATOR_DELAY,
     ACTUATOR_LAG,
@@ -111,7 +111,7 @@ def _backlash_starts(setting: Setting) -> list[dict[str, float]]:
     return [_two_mass_start(setting, frequency, 0.5, 0.2, 0.0, gap=gap * setting.speed) for gap in (1e-3, 2.5e-3, 6e-3)]
 
 
-def _joined(*more: Parameter) -> Callable[[Machine, Values], Machine]:
+def _joined(*more: EffectParameter) -> Callable[[Machine, Values], Machine]:
     """A machine's transmission set by stiffness, damping ratio and shares, and what else has a path."""
 
     def apply(machine: Machine, values: Values) -> Machine:
@@ -142,11 +142,11 @@ def _periods(setting: Setting, kind: str, usual: float) -> tuple[float, ...]:
     return setting.periods.get(kind, (max(usual, fewest), max(2.0 * usual, 2.0 * fewest)))
 
 
-def _names(parameters: tuple[Parameter, ...]) -> tuple[str, ...]:
+def _names(parameters: tuple[EffectParameter, ...]) -> tuple[str, ...]:
     return tuple(p.name for p in parameters)
 
 
-def _effect(name: str, parameters: tuple[Parameter, ...], **words: Any) -> Effect:
+def _effect(name: str, parameters: tuple[EffectParameter, ...], **words: Any) -> Effect:
     features: dict[str, tuple[Feature, ...]] = {
         "stribeck": ("shape",),
         "friction_drift": ("shape",),

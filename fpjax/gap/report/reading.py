@@ -9,7 +9,7 @@ from ..effects.estimate import Estimate
 from .digits import scale_for, scaled
 
 if TYPE_CHECKING:
-    from ..answer.diagnosis import Diagnosis, Identifiability, Ranked, Share, Step, Where
+    from ..answer.diagnosis import Diagnosis, FittedParameter, Ranked, Share, Step, Where
 
 AXES = ("time", "velocity", "position", "frequency")
 NEGLIGIBLE = 0.005  # probability below which an effect is folded away
@@ -87,7 +87,7 @@ def classes(diagnosis: Diagnosis) -> list[tuple[str, ...]]:
     return sorted(found, key=lambda group: order.get(group[0], len(order)))
 
 
-def fixed(found: Identifiability) -> Estimate:
+def fixed(found: FittedParameter) -> Estimate:
     """A parameter with the 90 % interval of its standard deviation; none at a bound, where it counts as known."""
     deviation = found.standard_deviation
     half = 1.645 * deviation if math.isfinite(deviation) and deviation > 0.0 else math.nan

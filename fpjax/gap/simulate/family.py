@@ -13,7 +13,7 @@ from ...compiled.threads import on_threads, settings, under
 from ..data.record import LONGEST, Record
 from ..data.setting import Setting
 from ..data.tables import TAPS, Tables
-from ..effects.effect import Effect, Parameter, free, leaf
+from ..effects.effect import Effect, EffectParameter, free, leaf
 from ..effects.parameters import NOMINAL
 from ..machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
 from ..precision import double_precision
@@ -53,7 +53,7 @@ class Family:
     key: Key
     machine: Machine
     effects: tuple[Effect, ...]
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[EffectParameter, ...]
     known: dict[str, float]
 
     @property

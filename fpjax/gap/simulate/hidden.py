@@ -20,7 +20,7 @@ from ...blocks.plants.transmission import Transmission
 from ...blocks.signals import Motion
 from ..data.record import Record
 from ..data.tables import TAPS, Tables
-from ..effects.effect import Effect, Parameter
+from ..effects.effect import Effect, EffectParameter
 from ..machine import Machine, Structure
 from ..precision import double_precision
 from .family import Family
@@ -92,7 +92,7 @@ class Observer:
 
 @functools.lru_cache(maxsize=16)
 def _kernel(
-    structure: Structure, effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], fixed: Any
+    structure: Structure, effects: tuple[Effect, ...], parameters: tuple[EffectParameter, ...], fixed: Any
 ) -> Callable[..., tuple[Array, Array]]:
     observe = _bristles if structure == "bristles" else _transmission
 
@@ -104,7 +104,9 @@ def _kernel(
 
 
 @functools.lru_cache(maxsize=16)
-def _whole_kernel(effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], fixed: Any) -> Callable[..., Array]:
+def _whole_kernel(
+    effects: tuple[Effect, ...], parameters: tuple[EffectParameter, ...], fixed: Any
+) -> Callable[..., Array]:
     def run(fixed: tuple[Machine, Tables], vector: Array, angle: Array, speed: Array, past: Array) -> Array:
         nominal, tables = fixed
         machine = assembled(nominal, effects, parameters, vector)

@@ -22,7 +22,7 @@ from ...blocks.plants import OneMassState, TwoMassState
 from ...blocks.plants.sticking import advance_exact
 from ...blocks.signals import Motion, PlantOutput
 from ..data.tables import TAPS, Tables
-from ..effects.effect import Effect, Parameter
+from ..effects.effect import Effect, EffectParameter
 from ..machine import Machine, Structure, lanes, structure_of
 
 LANES = 64
@@ -104,7 +104,7 @@ def lane_kernel(run: Callable[..., Any], fixed: Any) -> Callable[..., Any]:
 
 
 def assembled(
-    nominal: Machine, effects: tuple[Effect, ...], parameters: tuple[Parameter, ...], vector: Array
+    nominal: Machine, effects: tuple[Effect, ...], parameters: tuple[EffectParameter, ...], vector: Array
 ) -> Machine:
     """The nominal machine with every effect in, from a parameter vector of shape (parameters, lanes)."""
     values = {p.name: vector[index] for index, p in enumerate(parameters)}
@@ -228,7 +228,7 @@ def residuals(
 @functools.lru_cache(maxsize=64)
 def residual_kernel(
     effects: tuple[Effect, ...],
-    parameters: tuple[Parameter, ...],
+    parameters: tuple[EffectParameter, ...],
     longest: int,
     channels: tuple[bool, bool],
     fine: bool,
