@@ -1,4 +1,4 @@
-"""Best: gains tuned in the truth itself, by a derivative-free search on its own closed loop."""
+"""Best: candidates for the gains that are best in the truth, by a derivative-free search on its own closed loop."""
 
 from collections.abc import Callable, Sequence
 
@@ -6,24 +6,31 @@ import numpy as np
 
 from fpjax.improvement.search import FINE, ROUGHEST
 
-from .machines import Gains, Truth, error, rough, run
+from .machines import Gains, Record, Truth, error, rough, run
 
-CANDIDATES, ELITE, GENERATIONS = 24, 5, 6  # a candidate more costs little side by side, a generation as much again
+# The truth steps its machines as vectors and the interpreter's cost is by step: sixty loops of a machine take 1.2 times
+# as long as one (8 substeps of 1 ms, 1 s: 0.62 and 0.74 s). So generations are large and few, and of a part of the log.
+CANDIDATES, ELITE, GENERATIONS = 32, 6, 5
 WIDE = 0.2  # standard deviation of the first draws, of the range
-SUBSTEPS, SECONDS = 8, 4.0  # of the search; the score is over the whole log
+SUBSTEPS, SECONDS = 8, 4.0
 NARROW = 0.01
+KEPT, POLISHED = 6, 14  # of the search's best, and drawn close to them, that run over the whole log at the end
+CLOSE = 0.04  # standard deviation of those draws
 
 
-def best_gains(
+def candidates(
     machines: Sequence[Truth], starts: Sequence[Sequence[Gains]], seed: int, tell: Callable[[float], None]
-) -> list[Gains]:
-    """The gains that follow best in each true machine, all machines side by side.
+) -> list[list[Gains]]:
+    """Gains that follow well in each true machine over a part of its log, all machines side by side.
 
     Args:
         machines: the truth.
         starts: gains to begin with for each machine; the best of them is where the search begins.
         seed: of the draws.
         tell: called with the share done.
+
+    Returns:
+        `KEPT` + `POLISHED` gains a machine, the best of the search first; `chosen` decides over the whole log.
     """
     random = np.random.default_rng(seed)
     words = list(machines[0].now)
@@ -37,36 +44,45 @@ def best_gains(
         found = np.array([values[word] for word in words])
         return np.clip((found - low[place]) / (high[place] - low[place]), 0.0, 1.0)
 
-    now = run([(true, true.now) for true in machines], SUBSTEPS, SECONDS)
-    unit = np.array([[error(record), rough(record)] for record in now])
-
-    def costs(shares: list[np.ndarray]) -> list[np.ndarray]:
+    def costs_of(shares: list[np.ndarray]) -> list[np.ndarray]:
         asked = [(true, gains(i, one)) for i, true in enumerate(machines) for one in shares[i]]
-        records = iter(run(asked, SUBSTEPS, SECONDS))
-        found = []
-        for i, some in enumerate(shares):
-            rows = [next(records) for _ in some]
-            over = [max(rough(one) / (ROUGHEST * unit[i, 1]) - 1.0, 0.0) for one in rows]
-            cost = np.array([error(one) for one in rows]) / unit[i, 0] + FINE * np.nan_to_num(np.array(over), nan=1e3)
-            found.append(np.where(np.isfinite(cost), cost, 1e6))
-        return found
+        records = iter(run([*((true, true.now) for true in machines), *asked], SUBSTEPS, SECONDS))
+        now = [next(records) for _ in machines]
+        return [costs(now[i], [next(records) for _ in some]) for i, some in enumerate(shares)]
 
-    first = [np.array([share(i, one) for one in some]) for i, some in enumerate(starts)]
-    scored = costs(first)
-    best = [some[int(np.argmin(cost))] for some, cost in zip(first, scored, strict=True)]
-    least = [float(cost.min()) for cost in scored]
-    middle, deviation = [one.copy() for one in best], [np.full(len(words), WIDE) for _ in machines]
+    seen = [np.array([share(i, one) for one in some]) for i, some in enumerate(starts)]
+    # The first generation looks over the whole range as well: far from the starts may be better.
+    latin = [np.stack([random.permutation(CANDIDATES) for _ in words], axis=1) for _ in machines]
+    wide = [(one + random.random(one.shape)) / CANDIDATES for one in latin]
+    seen = [np.concatenate([some, more]) for some, more in zip(seen, wide, strict=True)]
+    scored = costs_of(seen)
+    deviation = [np.full(len(words), WIDE) for _ in machines]
+    middle = [some[int(np.argmin(cost))] for some, cost in zip(seen, scored, strict=True)]
+    tell(1.0 / (GENERATIONS + 1))
     for generation in range(GENERATIONS):
         drawn = [
             np.clip(middle[i] + deviation[i] * random.standard_normal((CANDIDATES, len(words))), 0.0, 1.0)
             for i in range(len(machines))
         ]
-        for i, (some, cost) in enumerate(zip(drawn, costs(drawn), strict=True)):
-            if cost.min() < least[i]:
-                best[i], least[i] = some[int(np.argmin(cost))], float(cost.min())
+        for i, (some, cost) in enumerate(zip(drawn, costs_of(drawn), strict=True)):
+            seen[i], scored[i] = np.concatenate([seen[i], some]), np.concatenate([scored[i], cost])
             elite = some[np.argsort(cost)[:ELITE]]
-            middle[i] = 0.5 * best[i] + 0.5 * elite.mean(axis=0)
+            middle[i] = 0.5 * seen[i][int(np.argmin(scored[i]))] + 0.5 * elite.mean(axis=0)
             spread = np.sqrt(np.mean((elite - middle[i]) ** 2, axis=0))
             deviation[i] = np.clip(0.3 * deviation[i] + 0.7 * spread, NARROW, WIDE)
-        tell((generation + 1) / GENERATIONS)
-    return [gains(i, one) for i, one in enumerate(best)]
+        tell((generation + 2) / (GENERATIONS + 1))
+    found = []
+    for i, (some, cost) in enumerate(zip(seen, scored, strict=True)):
+        best = some[np.argsort(cost)[:KEPT]]
+        near = best[np.arange(POLISHED) % 2] + CLOSE * random.standard_normal((POLISHED, len(words)))
+        found.append([gains(i, one) for one in np.concatenate([best, np.clip(near, 0.0, 1.0)])])
+    return found
+
+
+def costs(now: Record, records: Sequence[Record]) -> np.ndarray:
+    """Tracking errors in units of that with the gains that ran, as `improve` fines a rougher torque."""
+    unit, allowed = error(now), ROUGHEST * rough(now)
+    unit = unit if np.isfinite(unit) else 1.0
+    over = np.array([max(rough(one) / allowed - 1.0, 0.0) for one in records])
+    cost = np.array([error(one) for one in records]) / unit + FINE * np.nan_to_num(over, nan=1e3)
+    return np.where(np.isfinite(cost), cost, 1e6)

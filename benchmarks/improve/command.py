@@ -23,7 +23,7 @@ CHUNK = 12  # machines that run side by side in the truth: one more costs little
 # Substeps of a run that is scored: the first generator's own are 50, for logs whose noise floor counts. Over five
 # development machines the error with the gains that ran is the same to 3e-4 with 12, where no noise is on it.
 SCORED = 12
-VERSION = 2  # of the runs: raise it when a folder of earlier ones must not be reused
+VERSION = 3  # of the runs: raise it when a folder of earlier ones must not be reused
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--machines", type=int, default=8, metavar="N", help="how many (default 8)")
     parser.add_argument("--half", default="development", choices=("development", "reported"))
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="seeds of the half they are drawn from")
+    parser.add_argument("--skip", type=int, default=0, metavar="N", help="of the half's seeds, those before the first")
     parser.add_argument("--generator", default="both", choices=("1", "2", "both"), help="whose machines (default both)")
     parser.add_argument("--periods", type=int, default=PERIODS, help="of a log (default 10001, 10 s)")
     parser.add_argument("--no-best", action="store_true", help="do not search the gains that are best in the truth")
@@ -42,6 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Record, tune in three ways, run in the truth, score; what is finished is not done again."""
     if arguments.machines < 1 or arguments.seeds < 1:
         raise InputError(f"--machines {arguments.machines} and --seeds {arguments.seeds} must be at least 1.")
+    if arguments.skip < 0:
+        raise InputError(f"--skip must not be negative, got {arguments.skip}.")
     if arguments.periods < 2000:
         raise InputError(f"--periods must be at least 2000 (2 s), got {arguments.periods}.")
     wanted = cases_wanted(arguments)
@@ -51,9 +54,9 @@ def run(arguments: argparse.Namespace) -> int:
             some = wanted[first : first + CHUNK]
             _record(folder, some, arguments.periods)
             _tune(folder, some)
-            _drive(folder, some, arguments.periods)
             if not arguments.no_best:
-                _best(folder, some, arguments.periods)
+                _search(folder, some, arguments.periods)
+            _drive(folder, some, arguments.periods)
     rows = [row for one in wanted if (row := _row(folder / one.name, one)) is not None]
     if not rows:
         raise InputError(f"{folder} holds no finished machine: leave --score-only out.")
@@ -70,7 +73,7 @@ def cases_wanted(arguments: argparse.Namespace) -> list[Identity]:
     truths = (1, 2) if arguments.generator == "both" else (int(arguments.generator),)
     found = [
         one
-        for seed in seeds_of(arguments.half, arguments.seeds)
+        for seed in seeds_of(arguments.half, arguments.seeds, arguments.skip)
         for truth in truths
         for one in identities(seed, truth)
         if one.set in SETS and one.sensors in SENSORS[truth] and not one.recording
@@ -133,46 +136,59 @@ def _tune(folder: Path, wanted: list[Identity]) -> None:
     progress.end(f"{len(wanted)} machines")
 
 
-def _drive(folder: Path, wanted: list[Identity], periods: int) -> None:
-    """The truth with the gains that ran, the nominal model's, and improve's."""
-    missing = [one for one in wanted if not (folder / one.name / "driven.json").exists()]
+def _search(folder: Path, wanted: list[Identity], periods: int) -> None:
+    """Candidates for the gains that are best in the truth."""
+    missing = [one for one in wanted if not (folder / one.name / "searched.json").exists()]
     if not missing:
         return
-    from .machines import error, run
+    from .best import candidates
 
-    progress = Progress("drive")
-    machines = _built(folder, missing, periods)
-    gains = [
-        (true.now, _read(own / "nominal.json")["gains"], _proposed(own, true.now)["gains"])
-        for true, own in zip(machines, [folder / one.name for one in missing], strict=True)
-    ]
-    asked = [(true, some) for true, three in zip(machines, gains, strict=True) for some in three]
-    errors = iter([error(record) for record in run(asked, SCORED)])
-    for one in missing:
-        now, nominal, ours = (next(errors) for _ in range(3))
-        write_json(folder / one.name / "driven.json", {"now": now, "nominal": nominal, "improve": ours})
-    progress.end(f"{len(missing)} machines")
-
-
-def _best(folder: Path, wanted: list[Identity], periods: int) -> None:
-    """The gains that are best in the truth, and what they come to."""
-    missing = [one for one in wanted if not (folder / one.name / "best.json").exists()]
-    if not missing:
-        return
-    from .best import best_gains
-    from .machines import error, run
-
-    progress = Progress("best in the truth")
+    progress = Progress("search in the truth")
     machines, places = _built(folder, missing, periods), [folder / one.name for one in missing]
-    starts = [
-        [true.now, _read(own / "nominal.json")["gains"], _proposed(own, true.now)["gains"]]
-        for true, own in zip(machines, places, strict=True)
-    ]
-    best = best_gains(machines, starts, 0, lambda share: progress.share(0.9 * share))
-    records = run(list(zip(machines, best, strict=True)), SCORED)
-    for own, gains, record in zip(places, best, records, strict=True):
-        write_json(own / "best.json", {"gains": gains, "error": error(record)})
+    starts = [list(_tuned(own, true.now).values()) for true, own in zip(machines, places, strict=True)]
+    for own, found in zip(places, candidates(machines, starts, 0, progress.share), strict=True):
+        write_json(own / "searched.json", {"gains": found})
     progress.end(f"{len(missing)} machines")
+
+
+def _tuned(own: Path, now: dict[str, float]) -> dict[str, dict[str, float]]:
+    """The gains that ran, the nominal model's and improve's."""
+    return {"now": now, "nominal": _read(own / "nominal.json")["gains"], "improve": _proposed(own, now)["gains"]}
+
+
+def _drive(folder: Path, wanted: list[Identity], periods: int) -> None:
+    """The truth over the whole log: with the gains that ran, the nominal model's, improve's, and with what a search in
+    the truth found, the best of which counts.
+    """
+    from .best import costs
+    from .machines import error, run
+
+    def is_missing(own: Path) -> bool:
+        return not (own / "driven.json").exists() or ((own / "searched.json").exists() and not _best_of(own))
+
+    missing = [one for one in wanted if is_missing(folder / one.name)]
+    if not missing:
+        return
+    progress = Progress("drive")
+    machines, places = _built(folder, missing, periods), [folder / one.name for one in missing]
+    tuned = [_tuned(own, true.now) for true, own in zip(machines, places, strict=True)]
+    searched = [_read(own / "searched.json")["gains"] if (own / "searched.json").exists() else [] for own in places]
+    tried = [[*some.values(), *more] for some, more in zip(tuned, searched, strict=True)]
+    records = iter(run([(true, one) for true, some in zip(machines, tried, strict=True) for one in some], SCORED))
+    for own, some, names in zip(places, tried, tuned, strict=True):
+        rows = [next(records) for _ in some]
+        if len(rows) > len(names):
+            # A search that may not be rougher than improve's may be; improve's and the nominal's count in any case.
+            cost = costs(rows[0], rows)
+            cost[: len(names)] = [error(one) / error(rows[0]) for one in rows[: len(names)]]
+            best = int(cost.argmin())
+            write_json(own / "best.json", {"gains": some[best], "error": error(rows[best]), "tried": len(rows)})
+        write_json(own / "driven.json", {name: error(one) for name, one in zip(names, rows, strict=False)})
+    progress.end(f"{len(missing)} machines")
+
+
+def _best_of(own: Path) -> dict[str, Any] | None:
+    return _read(own / "best.json") if (own / "best.json").exists() else None
 
 
 def _row(own: Path, one: Identity) -> Row | None:
@@ -182,9 +198,8 @@ def _row(own: Path, one: Identity) -> Row | None:
     driven = {name: _size(value) for name, value in _read(own / "driven.json").items()}
     nominal = _read(own / "nominal.json")["gains"]
     ours = _proposed(own, _read(own / "made.json")["now"])
-    best = _read(own / "best.json") if (own / "best.json").exists() else None
-    # The search in the truth saw a part of the log: what was tried beside it and follows better counts too.
-    least = None if best is None else min(_size(best["error"]), *driven.values())
+    best = _best_of(own)
+    least = None if best is None else _size(best["error"])
     return {
         "case": one.name, "generator": one.truth, "set": one.set, "sensors": one.sensors, "system": one.system,
         "effects": list(one.effects), "error_now": driven["now"], "error_nominal": driven["nominal"],

@@ -105,7 +105,7 @@ def test_machines_of_the_second_generator_run_with_other_gains_too(tmp_path):
 
 @pytest.mark.parametrize("generator", ["1", "2", "both"])
 def test_what_is_asked_has_a_controller_that_is_known(generator):
-    asked = argparse.Namespace(half="development", seeds=1, generator=generator, machines=12)
+    asked = argparse.Namespace(half="development", seeds=1, skip=0, generator=generator, machines=12)
     wanted = cases_wanted(asked)
     assert len(set(wanted)) == 12
     assert {one.truth for one in wanted} == ({1, 2} if generator == "both" else {int(generator)})
@@ -115,7 +115,7 @@ def test_what_is_asked_has_a_controller_that_is_known(generator):
 def test_an_interrupted_check_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys):
     """What is on disk is not done again; without the best gains the share of what is possible is not measured."""
     asked = argparse.Namespace(
-        half="development", seeds=1, generator="1", machines=2, periods=2001, out=tmp_path, no_best=True,
+        half="development", seeds=1, skip=0, generator="1", machines=2, periods=2001, out=tmp_path, no_best=True,
         score_only=False,
     )  # fmt: skip
     side = {"gains": {"controller.kp": 1.0}, "error": {"low": 0.4, "high": 0.6}}
