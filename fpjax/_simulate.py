@@ -72,9 +72,18 @@ class Run(eqx.Module):
     @property
     def settled(self) -> dict[str, float]:
         """Mean over the last quarter of every estimate that was recorded, by name."""
+        return {name: float(np.mean(values)) for name, values in self._last_quarter.items()}
+
+    @property
+    def scatter(self) -> dict[str, float]:
+        """Standard deviation over the last quarter of every estimate that was recorded, by name."""
+        return {name: float(np.std(values)) for name, values in self._last_quarter.items()}
+
+    @property
+    def _last_quarter(self) -> dict[str, np.ndarray]:
         quarter = max(len(self.time) // 4, 1)
         return {
-            name.removeprefix("estimates."): float(np.mean(np.asarray(values)[-quarter:]))
+            name.removeprefix("estimates."): np.asarray(values, float)[-quarter:]
             for name, values in self.signals.items()
             if name.startswith("estimates.")
         }
@@ -89,10 +98,10 @@ class Run(eqx.Module):
             row = np.asarray(values, dtype=float)
             rms = float(np.sqrt(np.mean(row**2)))
             lines.append(f"  {name:<32} rms {rms:<11.5g} from {row.min():.5g} to {row.max():.5g}, last {row[-1]:.5g}")
-        truths = dict(self.about.truths) if self.about else {}
+        truths, scatter = dict(self.about.truths) if self.about else {}, self.scatter
         for name, value in self.settled.items():
             true = f" (true {truths[name]:.5g})" if truths.get(name) else ""
-            lines.append(f"  {name + ', mean of the last quarter':<32} {value:.5g}{true}")
+            lines.append(f"  {name + ', mean of the last quarter':<32} {value:.5g} +- {scatter[name]:.2g}{true}")
         return "\n".join(lines)
 
     __repr__ = __str__

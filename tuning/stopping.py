@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from fpjax.output.progress import Stages
+from fpjax.output.share import Share
 
 from .lanes import Best
 
@@ -17,7 +18,7 @@ class Stop:
         target: a lane is over once its cost is at most this.
         budget: simulations that a lane may use; None for no limit.
         bar: the progress bar, or None.
-        expected: iterations that the bar counts to.
+        expected: iterations that it may take.
     """
 
     target: float = 0.0
@@ -38,4 +39,6 @@ class Stop:
     def progress(self, best: Best) -> None:
         """Draw the bar."""
         if self.bar is not None:
-            self.bar.stage(f"best {best.costs.min():.4g}", float(best.iterations.max()) / max(1, self.expected))
+            done = float(best.iterations.max())
+            # Most searches end before their last iteration, and none says when.
+            self.bar.stage(f"best {best.costs.min():.4g}", Share(done, 0.0, self.expected - done))

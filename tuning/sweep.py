@@ -9,7 +9,7 @@ import numpy as np
 
 from fpjax.errors import InputError
 from fpjax.loop import ClosedLoop
-from fpjax.output.progress import Stages
+from fpjax.output.progress import Stages, drawing
 from fpjax.parameters import get_parameter
 
 from .axis import Axis
@@ -24,6 +24,7 @@ from .sweep_store import SweepStore, fingerprint
 
 CHUNK = 4096  # candidates of one chunk: of one file, of one task of a cluster
 LARGEST = 10**10  # candidates; more is a slip of a count, not a sweep
+PICTURES = 3.0  # times the processor time of starting that the command's pictures and page take
 STEPS_A_SECOND = 1e8  # of one machine, to say how long; an estimate
 
 
@@ -110,7 +111,7 @@ def _fill(
     """Compute what the store has not."""
     there = store.finished()
     finished, missing = len(there), store.missing(there)
-    bar = Stages(f"sweep of {total:,} candidates") if progress else None
+    bar = Stages(f"sweep of {total:,} candidates", tail=drawing(PICTURES)) if progress else None
     if bar is not None:
         bar.begin_at(finished / pieces)
         bar.stage("compiling, then the first chunk")

@@ -128,7 +128,7 @@ def tune(
         parameters = placed_parameters(loop, tables, float(judged.dt), parameters, get_objective(judged.objective))
     problem, start, labels = make_problem(loop, references, parameters, **judged.words())
     settings = _settings(method, loop, stepper.solver)
-    bar = Stages(f"tune {_name(settings)}") if progress else None
+    bar = Stages(f"tune {_name(settings)}", what="the search") if progress else None
     try:
         middle, screened = np.asarray(start, float), 0
         if automatic:
@@ -224,7 +224,7 @@ def tune_each(
     index = np.repeat(np.arange(len(labels)), starts)
     lanes = Lanes(problem, np.tile(drawn, (len(labels), 1)), index)
     settings = _settings(method, loop, judged.stepper().solver)
-    bar = Stages(f"tune {_name(settings)}") if progress else None
+    bar = Stages(f"tune {_name(settings)}", what="the search") if progress else None
     groups = [(label,) for label in labels]
     try:
         draws = under_noise(problem, DRAWS)

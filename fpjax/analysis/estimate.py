@@ -28,7 +28,7 @@ from ..errors import InputError
 from ..logs import Log
 from ..logs.derivative import Differentiator, measured_velocity, travel
 from ..logs.regression import solved
-from .excitation import SYMBOLS, Excitation, assess_excitation
+from .excitation import Excitation, assess_excitation
 
 SLIDING = 0.01  # share of the largest speed below which least squares does not look: sticking friction is no law
 RANK = 1e-10  # of the regression's columns at length one: below it, direction and speed say the same
@@ -141,7 +141,7 @@ class Estimated:
             axes[0, 0].plot(time, velocity, color=GREY)
             axes[0, 0].set_ylabel("velocity [m/s]" if self.linear else "velocity [rad/s]")
             for panel, (name, values) in zip(axes[1:, 0], self.estimates.items(), strict=True):
-                panel.plot(*thin(self.time, values), color=BLUE, label=f"{SYMBOLS.get(name, name)}, observer")
+                panel.plot(*thin(self.time, values), color=BLUE, label=f"{name}, observer")
                 panel.axvspan(self.time[-1] - self.average, self.time[-1], color=BLUE, alpha=0.08, lw=0)
                 if name in self.least_squares:
                     panel.axhline(self.least_squares[name], color=RED, ls="--", label="least squares")

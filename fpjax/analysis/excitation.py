@@ -23,7 +23,10 @@ from jaxtyping import Array, Float
 from ..blocks.observers import AbstractObserver
 from ..errors import InputError
 
-SYMBOLS = {"coulomb": "k_hat", "viscous": "b_hat", "steepness": "lambda_hat"}
+WORDS = {
+    "coulomb": "the Coulomb estimate (k_hat)", "viscous": "the viscous estimate (b_hat)",
+    "steepness": "the steepness estimate (lambda_hat)",
+}  # fmt: skip
 AT_THE_TRUTH = 0.03  # of the true value: an estimate that ends within it is not said to be wrong
 CONVERGED = 0.05  # an error predicted above this fraction of the true value at the end is said
 
@@ -77,18 +80,18 @@ class Excitation:
         """
         said = []
         for name, left in zip(self.names, self.remaining, strict=True):
-            symbol, error = SYMBOLS.get(name, name), off.get(name, math.inf)
+            word, error = WORDS.get(name, f"the estimate of {name}"), off.get(name, math.inf)
             if left <= CONVERGED:
                 continue
             modes = f"slow mode {_seconds(self.slow_mode)} against a run of {_seconds(self.duration)}"
             if abs(error) <= AT_THE_TRUTH:
                 said.append(
-                    f"{symbol} ends {100.0 * error:+.2g} % from the truth, yet it is not settled there: {modes}; check "
+                    f"{word} ends {100.0 * error:+.2g} % from the truth, yet it is not settled there: {modes}; check "
                     f"with a longer run."
                 )
             else:
                 said.append(
-                    f"{symbol} cannot converge here: {modes}; {100.0 * left:.0f} % of its initial error would be left."
+                    f"{word} cannot converge here: {modes}; {100.0 * left:.0f} % of its initial error would be left."
                 )
         return tuple(said)
 

@@ -105,9 +105,9 @@ def read_measured(
 
 def start_jax(arguments: argparse.Namespace) -> None:
     """Double precision, and compiled programs kept for the next process unless --no-cache."""
-    from ..output.progress import Stages
+    from ..output.progress import Stages, starting
 
-    with Stages("fpjax") as stages:
+    with starting(), Stages("fpjax") as stages:
         stages.stage("starting jax")
         import jax
 

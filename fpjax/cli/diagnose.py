@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..output.folder_names import folder_names
-from ..output.progress import Stages
+from ..output.progress import Stages, drawing
 from ..output.runfile import FINISHED, RunFile, versions, write_json, write_whole
+from ..output.share import part_of
 from .common import (
     add_log_options,
     add_out,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from ..logs import Log
     from ..model_file import Model
 
+REPORT = 3.0  # times the processor time of starting that drawing the report takes
 EXAMPLES = """\
 examples:
   fpjax diagnose run.csv --model servo.toml --out why
@@ -149,11 +151,11 @@ def _one(
     folder.mkdir(parents=True, exist_ok=True)
     kept = Kept(folder / NAME)
     try:
-        with bar or Stages("diagnose") as stages:
+        with bar or Stages("diagnose", tail=0.0 if arguments.no_report else drawing(REPORT)) as stages:
 
             def progress(stage: str, share: float) -> None:
                 named = stage if part[1] == 1 else f"log {part[0] + 1} of {part[1]}, {stage}"
-                stages.stage(named, (part[0] + share) / part[1])
+                stages.stage(named, part_of(share, *part))
 
             found = interruptible(lambda: diagnose(logs, model, holdout=holdout, progress=progress, keep=kept))
     except InputError:

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from .._simulate import Run
 
 LOOKED_AT = 4000  # samples of a run that the excitation is judged by
+WITHIN = 0.05  # of the truth, where an estimate counts as settled
+SMOOTHED = 0.05  # of the run: an estimate is settled as its mean over so much is, or its noise would unsettle it
 
 
 def excitation_sentences(model: Model, velocity: np.ndarray, settled: dict[str, float]) -> tuple[str, ...]:
@@ -58,36 +60,65 @@ def measures_of(model: Model) -> dict[str, Any]:
         "tracking error, rms of gradient": metrics.GradientRootMeanSquare(error),
         "control effort, rms": metrics.control_effort(),
     }
-    nominal = model.nominal
     for name in model.loop.observer.estimated:
-        found[f"{name}, final estimate"] = metrics.EstimateFinal(name)
         found[f"{name}, largest on the way"] = metrics.EstimatePeak(name)
-        if nominal.get(name):
-            found[f"{name}, settled to 5 %"] = metrics.SettlingTime(name, nominal[name])
     if "coulomb" in model.loop.observer.estimated:
-        found["Coulomb torque error, mean"] = metrics.CoulombTorqueError(nominal["coulomb"])
+        found["Coulomb torque error, mean"] = metrics.CoulombTorqueError(model.nominal["coulomb"])
     return found
+
+
+def settling_time(time: np.ndarray, estimate: np.ndarray, truth: float) -> float:
+    """Time [s] after which an estimate's moving mean stays within 5 % of the truth; infinite where it ends outside.
+
+    The mean is over a twentieth of the run, so the time is known to a fortieth of it; of the estimate itself the first
+    noisy sample after an hour would say that it never settled.
+
+    Args:
+        time: [s], shape (samples,).
+        estimate: in the truth's unit, shape (samples,).
+        truth: not zero.
+    """
+    count = max(round(SMOOTHED * len(estimate)), 1)
+    total = np.concatenate([[0.0], np.cumsum(np.asarray(estimate, float))])
+    mean = (total[count:] - total[:-count]) / count
+    outside = np.flatnonzero(~(np.abs(mean - truth) <= WITHIN * abs(truth)))
+    if outside.size and outside[-1] == len(mean) - 1:
+        return float("inf")
+    return float(time[0]) if outside.size == 0 else float(time[outside[-1] + 1 + count // 2])
 
 
 def summary(model: Model, run: "Run") -> list[tuple[str, float, str]]:
     """(quantity, value, unit) rows."""
-    units, nominal = model.units, model.nominal
+    units = model.units
     motion = units.name("rad" if units.reference == "position" else "rad/s")
-    estimate = {"coulomb": "N m", "viscous": "N m s/rad", "steepness": "s/rad"}
     rows: list[tuple[str, float, str]] = []
     for quantity in measures_of(model):  # jit hands them back in the alphabet's order
         number = float(np.asarray(run.measures[quantity]))
-        name = quantity.partition(",")[0]
+        name, _, which = quantity.partition(", ")
         unit = motion
         if quantity.startswith(("control effort", "Coulomb torque")):
             unit = units.name("N m")
-        elif quantity.endswith("settled to 5 %"):
-            unit = "s" if np.isfinite(number) else "s (never)"
-        elif name in estimate:
-            unit = units.name(estimate[name])
-            if quantity.endswith("final estimate") and nominal.get(name):
-                unit += f"  (true {nominal[name]:g})"
+        elif name in run.settled:
+            unit = units.name(ESTIMATES.get(name, ""))
         elif quantity.endswith("gradient"):
             unit = f"{motion} a sample"
+        if which == "largest on the way" and name in run.settled:
+            rows += _settled_rows(model, run, name, unit)
         rows.append((quantity, number, unit))
+    return rows
+
+
+ESTIMATES = {"coulomb": "N m", "viscous": "N m s/rad", "steepness": "s/rad"}
+
+
+def _settled_rows(model: Model, run: "Run", name: str, unit: str) -> list[tuple[str, float, str]]:
+    """What an estimate came to: one noisy last sample says less than the last quarter, which `tune` judges too."""
+    true = model.nominal.get(name)
+    rows = [
+        (f"{name}, mean of the last quarter", run.settled[name], f"{unit}  (true {true:g})" if true else unit),
+        (f"{name}, scatter about it", run.scatter[name], unit),
+    ]
+    if true:
+        after = settling_time(np.asarray(run.time), np.asarray(run.signals[f"estimates.{name}"]), true)
+        rows.append((f"{name}, settled to 5 %", after, "s" if np.isfinite(after) else "s (never)"))
     return rows

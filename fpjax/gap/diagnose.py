@@ -61,7 +61,7 @@ def diagnose(
         holdout: further logs that are scored and never fitted.
         each: take the logs as separate machines.
         effects: the vocabulary; append your own `Effect` to `fpjax.gap.EFFECTS`.
-        progress: called with (name of the stage, share done [1]).
+        progress: called with (name of the stage, share done [1]; an `fpjax.output.share.Share`, with what is left).
         keep: a file for what is fitted on the way, `fpjax.gap.fit.kept.Kept(path)`: an interrupted diagnosis of the
             same input goes on with what it holds and ends with the same numbers. Its `discard` removes the file.
 
@@ -73,7 +73,7 @@ def diagnose(
     """
     allowed = allowed_effects(effects)
     clock = StageClock(progress)
-    clock("reading", 0.0)
+    clock("reading")
     logs, withheld = read_logs(log), read_logs(holdout)
     if not logs:
         raise InputError("No log was given: pass a path, a Log or a mapping of arrays.")
@@ -97,7 +97,7 @@ def _diagnose(
     clock: StageClock, keep: Kept | None,
 ) -> Diagnosis:  # fmt: skip
     started = datetime.datetime.now(datetime.UTC)
-    clock("looking", 0.01)
+    clock("looking")
     if model.units.motion == "linear":
         logs, withheld = ([dataclasses.replace(one, linear=True) for one in some] for some in (logs, withheld))
     everything = [*logs, *withheld]
@@ -107,7 +107,7 @@ def _diagnose(
         search = make_search(logs, withheld, model, effects, keep)
         warnings += about_stretches(search.records)
         decision = decide(search, clock)
-        clock("intervals and curves", 0.9)
+        clock("intervals and curves")
         found = assemble(search, decision, model, warnings, allowed, clock)
     except np.linalg.LinAlgError as error:
         names = ", ".join(log.name for log in everything[:3])

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import os
-import time
 from collections.abc import Callable, Sequence
 
 import jax.numpy as jnp
@@ -25,6 +24,7 @@ from .known import Known, known_in, known_of
 from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, record_of, rms
 from .margins import NAMES, UNITS, margins_of
 from .search import Found, limits_of, search
+from .stages import StageClock
 from .traces import passed_on, run_traces, unlike
 
 TUNED_ON, JUDGED_ON, MARGINED = 16, 48, 12  # machines for the search; others for the prediction; of them for margins
@@ -47,7 +47,7 @@ def improve(
     diagnosis: Diagnosis | Known | str | os.PathLike[str] | None = None,
     reference: str = "log",
     seed: int = 0,
-    progress: Callable[[str, float | None], None] | None = None,
+    progress: Callable[[str, float], None] | None = None,
     keep: Keep | None = None,
     kept: Found | None = None,
 ) -> Improvement:
@@ -65,7 +65,7 @@ def improve(
         diagnosis: a finished one of this log and model, or the --out of `fpjax diagnose`; None: diagnose now.
         reference: "log", what the log followed, or "model", the file's own.
         seed: of all draws.
-        progress: called with (name of the stage, share of it done or None).
+        progress: called with (name of the stage, share of the whole that is done [1]).
         keep: called with ("diagnosis", Diagnosis) and ("search", Found) as they are done.
         kept: a search that was done before, instead of another one.
 
@@ -75,7 +75,7 @@ def improve(
     Raises:
         InputError: for a log without a reference, a controller that is not known, nothing that may change.
     """
-    clock = _Clock(progress)
+    clock = StageClock(progress)
     clock("reading")
     with double_precision():
         nominal = model if isinstance(model, Model) else load_model(model)
@@ -101,7 +101,7 @@ def improve(
 
 
 def improve_known(
-    known: Known, log: Log, nominal: Model, table: Values, free: Sequence[str], seed: int, clock: "_Clock",
+    known: Known, log: Log, nominal: Model, table: Values, free: Sequence[str], seed: int, clock: StageClock,
     keep: Keep | None, kept: Found | None,
 ) -> Improvement:  # fmt: skip
     """The improvement from what is known of the machine."""
@@ -130,7 +130,7 @@ def improve_known(
         clock("margins")
         before = judged.side(gains.now, now.of(0), judged.margins(gains.now[None])[0])
         return judged.answer(decision, reason, before, before, None, (), 0.0, None, 0, notes)
-    clock("searching", 0.0)
+    clock("searching")
     if kept is not None and len(kept.values) == len(gains.gains):
         found = kept
     else:
@@ -373,31 +373,3 @@ def _notes(known: Known, gains: Gains, record: Record, table: Values) -> list[st
             "that it was, with its size and colour."
         )
     return notes
-
-
-class _Clock:
-    """Seconds by stage, and progress."""
-
-    def __init__(self, progress: Callable[[str, float | None], None] | None) -> None:
-        self.seconds: dict[str, float] = {}
-        self._progress, self._stage, self._began = progress, "", time.perf_counter()
-
-    def __call__(self, stage: str, share: float | None = None) -> None:
-        """Begin a stage, or say how far it is."""
-        if stage != self._stage:
-            self._end()
-            self._stage = stage
-        if self._progress is not None:
-            self._progress(stage, share)
-
-    def _end(self) -> None:
-        if self._stage:
-            name = self._stage.partition(":")[0]
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - self._began
-        self._began = time.perf_counter()
-
-    def done(self) -> dict[str, float]:
-        """The seconds; the last stage ends."""
-        self._end()
-        self._stage = ""
-        return self.seconds

@@ -1,10 +1,64 @@
 """Progress on stderr by stages, for what takes over a second; nothing where stderr is not a terminal."""
 
+import contextlib
 import sys
 import threading
 import time
+from collections.abc import Iterator
+
+from .share import Share
 
 FIRST_SHOWN, REDRAWN = 1.0, 0.25  # s
+LEAST_DONE = 0.02  # of the whole: before it nothing is known of the pace
+ALIKE = 1.25  # of two bounds of the time left: closer ones are told as one number
+FAR = 0.25  # a lower bound below this share of the upper one is not told
+
+_start_up = 0.0  # [s], what starting took in this process
+
+
+@contextlib.contextmanager
+def starting() -> Iterator[None]:
+    """What runs within is the start of a command: importing, which every computer does at its own pace."""
+    global _start_up
+    begin = time.monotonic()
+    yield
+    _start_up = time.monotonic() - begin
+
+
+def drawing(ratio: float) -> float:
+    """What drawing will take [s], before anything was drawn.
+
+    Args:
+        ratio: of its processor time to that of the start, which was measured in this process, under this load.
+    """
+    return ratio * _start_up
+
+
+class Pace:
+    """Seconds that are left, from when work was reported done.
+
+    Seconds a unit of work are those of its last half: what a stage takes is expected in proportion to others, and
+    its own pace says better what its rest takes.
+    """
+
+    def __init__(self) -> None:
+        self._reports: list[tuple[float, float]] = []  # (when, work done by then), both ascending
+
+    def report(self, now: float, share: Share) -> None:
+        """So much is done [s]; work that is less than before begins anew."""
+        while self._reports and self._reports[-1][1] > share.done:
+            self._reports.pop()
+        self._reports.append((now, share.done))
+
+    def left(self, share: Share) -> tuple[float, float] | None:
+        """(least, most) that is left at the last report [s]; None where nothing was done since the first."""
+        now, done = self._reports[-1]
+        half = 0.5 * (self._reports[0][1] + done)
+        earlier = [one for one in self._reports if one[1] <= half]
+        when, before = earlier[-1] if earlier else self._reports[0]
+        if done <= before:
+            return None
+        return tuple((now - when) / (done - before) * work for work in (share.least, share.most))
 
 
 class Stages:
@@ -15,24 +69,29 @@ class Stages:
         total: number of stages; 0 where unknown.
     """
 
-    def __init__(self, title: str, total: int = 0, after: "Stages | None" = None) -> None:
+    def __init__(
+        self, title: str, total: int = 0, after: "Stages | None" = None, *, tail: float = 0.0, what: str = ""
+    ) -> None:
         """Begin.
 
         Args:
             title: the command.
             total: number of stages; 0 where unknown.
             after: of the same work, ended: time and pace go on from there.
+            tail: what follows when all is done, drawing for instance [s].
+            what: the time left is of, where more follows.
         """
-        self.title, self.total = title, total
+        self.title, self.total, self.tail, self.what = title, total, tail, what
         self._name, self._share, self._count, self._drawn = "", None, 0, False
         self._begin = time.monotonic()
         self._before = 0.0
-        self._first: tuple[float, float] | None = None  # when the first share was told, and what it was
-        self._left: tuple[float, float] | None = None  # when the last one was, and the seconds that were left then
+        self._pace = Pace()
+        self._left: tuple[float, float, float] | None = None  # when the last share was told, least and most left [s]
         self._compiling = False  # the time before the first share says nothing of the pace
+        self._begun = False  # whether a share was told
         if after is not None:
-            self._begin, self._before = after._begin, after._before
-            self._first, self._compiling = after._first, after._compiling
+            self._begin, self._before, self._begun = after._begin, after._before, after._begun
+            self._pace, self._compiling = after._pace, after._compiling
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         if sys.stderr.isatty():
@@ -45,14 +104,16 @@ class Stages:
             self._count += 1
         self._name, self._share = name, share
         if share is None:
-            self._compiling |= self._first is None and name.startswith("compiling")
+            self._compiling |= not self._begun and name.startswith("compiling")
             return
-        now = time.monotonic()
-        if self._first is None or share < self._first[1]:
-            self._first = (now, share)
-        # What came before the first share was compiling, which does not come again: the pace counts from there.
-        since, begun = self._first
-        self._left = (now, (now - since) * (1.0 - share) / (share - begun)) if share > begun else None
+        told, now = Share.of(share), time.monotonic()
+        if not self._begun and not self._compiling and float(told) > self._before:
+            # What came before the first share counts, unless it was compiling, which does not come again.
+            self._pace.report(self._begin, Share(told.done * self._before / float(told), 0.0, 0.0))
+        self._begun = True
+        self._pace.report(now, told)
+        left = self._pace.left(told)
+        self._left = None if left is None else (now, *left)
 
     def begin_at(self, share: float) -> None:
         """So much of the whole was done before: the time left is reckoned from what is done now [1]."""
@@ -83,9 +144,15 @@ class Stages:
     def _line(self, spent: float) -> str:
         which = f" {self._count}/{self.total}" if self.total else ""
         left = ""
-        if self._share and self._share - self._before > 0.02:
-            seconds = None if self._compiling else spent * (1.0 - self._share) / (self._share - self._before)
-            if self._left is not None:  # between two reports it counts down
-                seconds = max(self._left[1] - (self._begin + spent - self._left[0]), 0.0)
-            left = "" if seconds is None else f", about {seconds:.0f} s left"
+        if self._left is not None and self._share is not None and self._share - self._before > LEAST_DONE:
+            since = self._begin + spent - self._left[0]  # between two reports it counts down
+            left = told_left(*(max(each - since, 0.0) + self.tail for each in self._left[1:]))
+            left = f", {left}{f' of {self.what}' if self.what else ''}"
         return f"{self.title}{which}: {self._name}  {spent:.0f} s{left}"[:110]
+
+
+def told_left(least: float, most: float) -> str:
+    """The time left in words [s]: one number only where both bounds come to nearly the same."""
+    if most <= ALIKE * least or most < 2.0:
+        return f"about {0.5 * (least + most):.0f} s left"
+    return f"at most {most:.0f} s left" if least < FAR * most else f"{least:.0f} to {most:.0f} s left"

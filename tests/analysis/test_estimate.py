@@ -113,8 +113,8 @@ def test_the_causal_differentiator_says_how_late_it_is():
 
 def test_an_estimate_that_cannot_converge_is_told():
     found = fp.estimate(record(duration=2.0), fp.ExtendedFriedlandPark(INERTIA, 0.1, 40.0))
-    assert any(said.startswith("b_hat cannot converge here") for said in found.sentences)
-    assert "b_hat cannot converge here" in str(found)
+    assert any(said.startswith("the viscous estimate (b_hat) cannot converge here") for said in found.sentences)
+    assert "(b_hat) cannot converge here" in str(found)
 
 
 @pytest.mark.parametrize(

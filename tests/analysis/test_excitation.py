@@ -28,7 +28,9 @@ def test_slow_mode_at_the_thesis_gains(gain_2, gain_1, printed):
     report = assess_excitation(efp(gain_1, gain_2), SINE, 1e-4, TRUTH, duration=0.5)
     assert report.slow_mode == pytest.approx(printed, rel=0.02)
     assert not report.converges
-    assert any(said.startswith("b_hat cannot converge here: slow mode") for said in report.sentences)
+    assert any(
+        said.startswith("the viscous estimate (b_hat) cannot converge here: slow mode") for said in report.sentences
+    )
 
 
 def test_fast_gains_converge_in_half_a_minute_and_say_nothing():
@@ -140,5 +142,5 @@ def test_simulate_says_which_estimates_cannot_converge(tmp_path, capsys):
         (tmp_path / f"{name}.toml").write_text(text.format(duration))
         assert main(["simulate", str(tmp_path / f"{name}.toml"), "--no-cache"]) == 0
         said[name] = capsys.readouterr().err
-    assert "b_hat cannot converge here" in said["short"]
+    assert "(b_hat) cannot converge here" in said["short"]
     assert "cannot converge" not in said["long"]

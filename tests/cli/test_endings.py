@@ -1,6 +1,7 @@
 """How a command ends that meets a defect, a full memory, an interrupt, a reader that has enough; and its progress."""
 
 import os
+import re
 import subprocess
 import sys
 import time
@@ -65,6 +66,50 @@ def test_progress_is_shown_on_a_terminal_only(servo, tmp_path):
     assert "s left" not in printed
 
 
+def test_time_left_is_told_between_bounds_where_it_is_not_known(monkeypatch):
+    """A second round of causes may come or not: both are told, and the round's own pace once it runs."""
+    from fpjax.gap.answer import stages as of_gap
+    from fpjax.output import progress
+
+    clock = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    bar = progress.Stages("diagnose")
+    work = {name: cost[1] for name, cost in of_gap.COSTS.items()}
+    shares = []
+    inner = bar.stage
+    monkeypatch.setattr(bar, "stage", lambda name, share: (shares.append(float(share)), inner(name, share)))
+    told = of_gap.StageClock(bar.stage)
+    told("looking")
+    clock[0] += 10.0 * work["looking"]  # 10 s a unit of work
+    told("effects alone")
+    clock[0] += 5.0
+    told("effects alone", 0.5)
+    line = bar._line(clock[0])
+    least, most = (float(word) for word in re.search(r", (\d+) to (\d+) s left|$", line).groups(default="nan"))
+    assert least < 5.0 + 10.0 * (work["effects together (2)"]) < most or "at most" in line
+    clock[0] += 5.0
+    told("simpler causes")  # one cause was enough
+    rest = 10.0 * sum(work[name] for name in list(work)[list(work).index("simpler causes") :])
+    assert re.search(r"about \d s left|at most \d s left", bar._line(clock[0])), bar._line(clock[0])
+    clock[0] += rest
+    told.done()
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def test_the_share_of_several_works_is_between_bounds_too():
+    from fpjax.output.share import Share, part_of
+
+    one = Share(1.0, 1.0, 3.0)
+    assert float(one) == 0.25
+    assert part_of(one, 0, 1) is one
+    assert part_of(0.5, 1, 3) == 0.5
+    several = part_of(one, 1, 3)
+    assert several.done == pytest.approx(1.0 + 1.0 / 3.0)
+    assert several.least == pytest.approx(1.0 / 3.0 + 0.5)
+    assert several.most == pytest.approx(1.0 + 1.5)
+
+
 def test_stages_name_what_is_under_way(monkeypatch):
     import io
 
@@ -83,15 +128,18 @@ def test_stages_name_what_is_under_way(monkeypatch):
         time.sleep(0.2)
     assert "diagnose 1/3: fit" in screen.getvalue()
     assert "s left" in screen.getvalue()
+    clock = [0.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
     resumed = progress.Stages("sweep")
     resumed.begin_at(0.5)
+    clock[0] = 10.0
     resumed.stage("chunks", 0.75)
     # Half of what was left is done after 10 s: 10 s more, not 10 / 3.
     assert "about 10 s left" in resumed._line(10.0)
     resumed.end()
-    clock = [0.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    clock[0] = 0.0
     compiled = progress.Stages("tune")
+    compiled.stage("compiling")
     for now, share in ((30.0, 0.1), (40.0, 0.3)):  # 30 s of compiling, then a tenth of the whole every 5 s
         clock[0] = now
         compiled.stage("steps", share)
@@ -108,11 +156,11 @@ def test_stages_name_what_is_under_way(monkeypatch):
     first.stage("2 of 6 chunks", 2 / 6)
     assert "about 8 s left" in first._line(32.0)
     first.end()
-    # Another part of the same work goes on with its pace.
-    further = progress.Stages("sweep", after=first)
+    # Another part of the same work goes on with its pace; what follows it counts too.
+    further = progress.Stages("sweep", after=first, tail=3.0)
     clock[0] += 2.0
     further.stage("3 of 6 chunks", 3 / 6)
-    assert "34 s, about 6 s left" in further._line(34.0)
+    assert "34 s, about 9 s left" in further._line(34.0)
     further.end()
     monkeypatch.undo()
     quiet = io.StringIO()

@@ -7,6 +7,7 @@ import pytest
 from cli_case import EMPS, REPO, SERVO, refuse, run
 
 import fpjax
+from fpjax.cli.measured import settling_time
 from fpjax.logs import read_log
 from fpjax.model_file import load_model
 
@@ -30,6 +31,37 @@ def test_simulate_leaves_a_log_that_reads_back(servo, tmp_path, capsys):
     assert log.dt == 1e-3
     np.testing.assert_allclose(log.velocity, direct.signals["velocity"], atol=1e-9)
     np.testing.assert_allclose(log.torque, direct.signals["torque"], atol=1e-7)
+
+
+def test_a_noisy_estimate_is_told_by_its_mean_and_scatter(tmp_path):
+    """One noisy last sample is no estimate: the mean of the last quarter is told, as `tune` judges it."""
+    path = tmp_path / "noisy.toml"
+    path.write_text(SERVO + "[sensor]\nnoise = 0.02\n")
+    out = tmp_path / "out"
+    assert run("simulate", path, "--duration", 8, "--out", out, "--no-plots") == 0
+    measures = json.loads((out / "simulation.json").read_text())["measures"]
+    coulomb = read_signal(out / "simulation.csv", "estimates.coulomb")
+    quarter = coulomb[-(len(coulomb) // 4) :]
+    assert measures["coulomb, mean of the last quarter"]["value"] == pytest.approx(np.mean(quarter), rel=1e-6)
+    assert measures["coulomb, scatter about it"]["value"] == pytest.approx(np.std(quarter), rel=1e-6)
+    assert measures["coulomb, scatter about it"]["value"] > 0.0
+
+
+def test_settling_is_judged_on_the_mean_and_not_on_a_noisy_sample():
+    time = np.arange(10_000) * 1e-3
+    clean = 20.0 * (1.0 - np.exp(-time))  # within 5 % from 3 s on
+    noisy = clean + 2.0 * np.random.default_rng(0).standard_normal(len(time))
+    assert settling_time(time, clean, 20.0) == pytest.approx(-np.log(0.05), abs=0.05)
+    assert settling_time(time, noisy, 20.0) == pytest.approx(-np.log(0.05), abs=0.3)
+    assert settling_time(time, clean, 25.0) == np.inf
+    assert settling_time(time, np.full(len(time), 20.5), 20.0) == 0.0
+
+
+def read_signal(path, name):
+    with path.open() as file:
+        header = next(line for line in file if not line.startswith("#")).strip().split(",")
+        column = next(i for i, word in enumerate(header) if word.split(" ")[0] == name)
+        return np.loadtxt(file, delimiter=",", usecols=column)
 
 
 def test_run_json_traces_a_figure(servo, tmp_path):

@@ -35,10 +35,10 @@ def test_an_estimate_that_cannot_converge_is_said_as_the_excitation_says_it():
         {"coulomb": 20.0, "viscous": 2.0 * DEGREE},
         duration=SHORT["duration"],
     )
-    assert any("b_hat cannot converge" in sentence for sentence in expected.sentences)
+    assert any("(b_hat) cannot converge" in sentence for sentence in expected.sentences)
     noted = [note for note in result.notes if note.startswith("on sine, ")]
     assert noted == [f"on sine, {sentence}" for sentence in expected.told(result.settled)]
-    assert "b_hat cannot converge here" in str(result)
+    assert "(b_hat) cannot converge here" in str(result)
 
 
 def test_without_an_observer_there_is_nothing_to_note():

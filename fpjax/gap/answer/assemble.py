@@ -74,17 +74,17 @@ def assemble(
     machine = with_reading(machine_of(told.candidate), read_values)
     text, missing = corrected_model(model, machine, step)
     graded = found.word in ("partly_explained", "unexplained")
-    clock("learned law", 0.92)
+    clock("learned law")
     laws = learn(search, chosen) if graded else None
     learned_text = ""
     if laws is not None:
         size, spread_of_it = rms_of(withheld(search, laws.fit))
         gap = replace(gap, learned=size, learned_interval=spread_of_it)
         learned_text, _ = corrected_model(model, with_reading(machine_of(laws.fit.candidate), read_values), step)
-    clock("where", 0.94)
+    clock("where")
     before = [course_of(search, decision.exact, which) for which in range(len(records))]
     after = [course_of(search, chosen, which) for which in range(len(records))]
-    clock("closed loop", 0.97)
+    clock("closed loop")
     said = [*_at_bounds(chosen, linear), *warnings]
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
     tracking = tracking_error(model, [in_one_piece(record) for record in records], *sides, said)

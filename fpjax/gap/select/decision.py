@@ -91,10 +91,15 @@ def decide(search: Search, stage: Callable[[str, float], None], thresholds: Thre
 
     Args:
         search: of the logs.
-        stage: told (name of the stage, share done [1]).
+        stage: told (name of the stage, share of the stage that is done [1]).
         thresholds: of what is worth a further cause.
     """
-    stage("effects alone", 0.1)
+
+    def begin(name: str) -> None:
+        search.tick = lambda share: stage(name, share)
+        stage(name, 0.0)
+
+    begin("effects alone")
     exact = search.finish([search.exact])[0]
     fits = search.explore(_alone(search))
     weighed = _weigh(search, exact, fits)
@@ -105,7 +110,7 @@ def decide(search: Search, stage: Callable[[str, float], None], thresholds: Thre
     for size in range(2, thresholds.most_causes + 1):
         if not _worth_more(search, exact, chosen.fit, thresholds):
             break
-        stage(f"effects together ({size})", 0.3 + 0.2 * (size - 2))
+        begin(f"effects together ({size})")
         bases = [w for w in weighed if w.structural][: thresholds.bases] if size == 2 else [chosen]
         found = _weigh(search, exact, search.explore(_beside(search, bases, likely), PAIR_KEEP, white=False))
         if not found:
@@ -117,10 +122,11 @@ def decide(search: Search, stage: Callable[[str, float], None], thresholds: Thre
         chosen, rivals = best, found
         # What was no use beside one cause is hardly any beside two.
         likely = list(dict.fromkeys(name for w in found for name in w.structural))[: LIKELY + size]
+    search.tick = lambda share: None  # what follows has no share of its own
     chosen = _pruned(search, exact, chosen, thresholds)
-    stage("simpler causes", 0.7)
+    stage("simpler causes", 0.0)
     chosen = _simpler(search, exact, chosen, thresholds)
-    stage("what each cause takes", 0.8)
+    stage("what each cause takes", 0.0)
     shares = _shares(search, exact, chosen.fit)
     return Decision(exact, nominal, tuple(singles), chosen, tuple(rivals), (*path, chosen.fit), shares)
 
