@@ -24,6 +24,7 @@ from .controller import FEEDFORWARD, build_controller, describe_controller, desc
 from .friction import OFFSET, SECTION, Steepness, build_friction, describe_friction
 from .keys import Key, Units, check_keys, choose, missing, nearest, read_values
 from .learned import build_learned, describe_learned, join_load, more_coulomb
+from .limits import read_limits
 from .observer import build_observer, choose_observer_steepness, describe_observer, known_to_observer, unwritten_gains
 from .placed import with_placed_gains
 from .proportions import check_proportions
@@ -31,7 +32,7 @@ from .reference import build_reference, describe_reference
 
 SECTIONS = (
     "units", "plant", "transmission", "friction", "load", "learned", "actuator", "sensor",
-    "controller", "feedforward", "observer", "reference", "simulation", "bounds",
+    "controller", "feedforward", "observer", "reference", "simulation", "bounds", "limits",
 )  # fmt: skip
 _DT = Key("dt", "s", "positive")
 _DURATION = Key("duration", "s", "positive", None)
@@ -63,6 +64,7 @@ class Model:
         path: the file; None for text.
         notes: what was chosen for the user, a sentence each.
         bounds: (lowest, highest) of gains by the file's words, as "controller.kp".
+        limits: of what a run may ask for, by name: "speed", "acceleration", "torque", "travel".
     """
 
     loop: ClosedLoop
@@ -79,6 +81,7 @@ class Model:
     path: pathlib.Path | None = None
     notes: tuple[str, ...] = ()
     bounds: Bounds = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def linear(self) -> bool:
@@ -264,6 +267,7 @@ def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) ->
         path=path,
         notes=tuple(notes),
         bounds=read_bounds(sections.get("bounds"), loop, units),
+        limits=read_limits(sections.get("limits"), units),
     )
     return dataclasses.replace(model, notes=(*model.notes, *about_proportions(model)))
 
@@ -386,6 +390,7 @@ def describe_model(model: Model) -> dict[str, Any]:
         "reference": describe_reference(model.reference, written.get("reference", {})),
         "simulation": simulation,
         "bounds": describe_bounds(model.bounds),
+        "limits": dict(model.limits),
     }
     return {name: table for name, table in sections.items() if table}
 

@@ -61,7 +61,9 @@ def unit_of(limit: str, model: Model) -> str:
 
 
 def make_limits(model: Model, log: Log | None, given: dict[str, float | None], notes: list[str]) -> Limits:
-    """The limits that were given, completed from the log, the model and common sense; each choice is a note.
+    """The limits that were given, completed from the file's [limits], the log, the model and common sense.
+
+    What the file allows, no option widens. Each choice is a note.
 
     Args:
         model: the nominal one.
@@ -75,6 +77,7 @@ def make_limits(model: Model, log: Log | None, given: dict[str, float | None], n
     for name, value in given.items():
         if value is not None and not 0.0 < value < float("inf"):
             raise InputError(f"--{name} must be a number above zero [{unit_of(name, model)}], got {value:g}.")
+    given = _within_file(model, given, notes)
     shown = _seen(model, log)
 
     def chosen(name: str, otherwise: float, why: str) -> float:
@@ -154,6 +157,19 @@ def make_limits(model: Model, log: Log | None, given: dict[str, float | None], n
     if travel / speed > 50.0 * duration:
         travel = speed * duration
     return Limits(speed, acceleration, torque, travel, duration)
+
+
+def _within_file(model: Model, given: dict[str, float | None], notes: list[str]) -> dict[str, float | None]:
+    """What was given, no more than [limits] of the file; what it has and nobody gave."""
+    found = dict(given)
+    for name, size in model.limits.items():
+        unit, value = unit_of(name, model), given.get(name)
+        if value is None:
+            notes.append(f"--{name} is not given: {size:.4g} {unit} is used, as [limits] of the model.")
+        elif value > size:
+            notes.append(f"--{name} {value:.4g} is above [limits] {name} of the model: {size:.4g} {unit} is used.")
+        found[name] = size if value is None else min(value, size)
+    return found
 
 
 def _torque(model: Model, given: float | None, shown: dict[str, tuple[float, str]], notes: list[str]) -> float:

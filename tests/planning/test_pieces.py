@@ -12,7 +12,7 @@ from plan_case import servo, servo_text
 from fpjax.cli.command_line import main
 from fpjax.errors import InputError
 from fpjax.logs import read_log
-from fpjax.model_file import load_model
+from fpjax.model_file import dump_model, load_model
 from fpjax.planning import Plan, Separation, Visible, plan
 from fpjax.planning.expect import told_apart
 from fpjax.planning.explain import separations
@@ -97,6 +97,24 @@ def test_the_models_own_torque_limit_holds():
     model = servo(gains="kp = 4.0\nki = 40.0\nlimit = 2.0")
     assert make_limits(model, None, given(torque=9.0), []).torque == 2.0
     assert make_limits(model, None, given(), []).torque == 2.0
+
+
+def test_the_limits_of_the_file_hold_and_an_option_may_only_be_tighter(tmp_path):
+    path = tmp_path / "servo.toml"
+    plain = servo()
+    path.write_text(plain.text + "[limits]\nspeed = 4.0\ntravel = 3.0\n")
+    model, notes = load_model(path), []
+    assert load_model(dump_model(model)).limits == model.limits == {"speed": 4.0, "travel": 3.0}
+    limits = make_limits(model, None, given(speed=9.0, torque=3.0), notes)
+    assert (limits.speed, limits.travel) == (4.0, 3.0)
+    said = " ".join(notes)
+    assert "--speed 9 is above [limits] speed of the model: 4 rad/s is used" in said
+    assert "--travel is not given: 3 rad is used, as [limits] of the model" in said
+    assert make_limits(model, None, given(travel=1.0, torque=3.0), []).travel == 1.0
+    with pytest.raises(InputError, match=r"\[limits\] speeed is not known: did you mean 'speed'"):
+        load_model(plain.text + "[limits]\nspeeed = 4.0\n")
+    with pytest.raises(InputError, match=r"\[limits\] travel must be above zero, got 0 rad"):
+        load_model(plain.text + "[limits]\ntravel = 0.0\n")
 
 
 # --- motions
