@@ -1,4 +1,4 @@
-"""`python -m benchmarks plan`: an ambiguous log, then a planned run against a generic one, on withheld machines."""
+"""`python -m benchmarks plan`: an ambiguous log, then a planned run against others, on withheld machines."""
 
 import argparse
 import json
@@ -16,7 +16,7 @@ from ..withheld.score import score_case
 from . import machines
 
 SURE = 0.8  # probability from which on a statement counts as sure
-RUNS = ("planned", "generic")
+RUNS = ("planned", "generic", "sweep")  # by the plan, by habit, and a sine sweep within the same limits
 GOAL = 0.9
 
 
@@ -49,7 +49,8 @@ def run(args: argparse.Namespace) -> int:
     there = [places[i] for i in open_ones]
     _simulated(
         [_Run(cases[i], places[i], "planned", _table(places[i]), 4) for i in open_ones]
-        + [_Run(cases[i], places[i], "generic", machines.generic_reference(cases[i]), 3) for i in open_ones]
+        + [_Run(cases[i], places[i], "generic", machines.generic_reference(cases[i]), 5) for i in open_ones]
+        + [_Run(cases[i], places[i], "sweep", machines.sweep_reference(cases[i]), 3) for i in open_ones]
     )
     for number, place in enumerate(there):
         for kind in RUNS:
@@ -137,10 +138,10 @@ def _report(args: argparse.Namespace, cases: list[first.Case], places: list[Path
     print(
         f"{len(cases)} machines, development seed {args.seed}; {len(cases) - total} were decided by their first log\n"
     )
-    print(f"  {'effect':<28}{'machine':<9}{'first log':<34}{'planned':<34}generic")
+    print(f"  {'effect':<28}{'machine':<9}{'first log':<34}{'planned':<34}{'generic':<34}sweep")
     for row in rows:
         told = [_told(row.get(kind)) for kind in ("first", *RUNS)]
-        print(f"  {row['effect']:<28}{row['system']:<9}{told[0]:<34}{told[1]:<34}{told[2]}")
+        print(f"  {row['effect']:<28}{row['system']:<9}" + "".join(f"{one:<34}" for one in told).rstrip())
     print()
     for kind in RUNS:
         goal = f", goal {GOAL:.0%}" if kind == "planned" else ""

@@ -1,4 +1,4 @@
-"""Machines whose first log is ambiguous: a short travel, one speed, an encoder only; and a generic second run."""
+"""Machines whose first log is ambiguous: a short travel, one speed, an encoder only; and second runs without a plan."""
 
 import dataclasses
 from pathlib import Path
@@ -53,7 +53,15 @@ def first_reference(case: first.Case) -> np.ndarray:
 
 
 def generic_reference(case: first.Case) -> np.ndarray:
-    """A sine sweep up to the machine's highest frequency, as large as the same limits let it be [rad/s]."""
+    """What is recorded by habit: a sine as fast, as often and about as far as the first log [rad/s]."""
+    time, speed = np.arange(PERIODS) * first.DT, SHARE * KINDS[case.identity.system].speed
+    return speed * np.sin(2.0 * np.pi * max(SLOWEST, 0.5 * speed / SHORT) * time)
+
+
+def sweep_reference(case: first.Case) -> np.ndarray:
+    """The harder comparison: a sine sweep up to the machine's highest frequency, as large as the same
+    limits let it be [rad/s].
+    """
     kind, limits, time = KINDS[case.identity.system], limits_of(case), np.arange(PERIODS) * first.DT
     low, high = 0.2, kind.highest
     wave = np.sin(2.0 * np.pi * (low * time + (high - low) * time**2 / (2.0 * time[-1])))

@@ -58,7 +58,8 @@ class Pace:
         when, before = earlier[-1] if earlier else self._reports[0]
         if done <= before:
             return None
-        return tuple((now - when) / (done - before) * work for work in (share.least, share.most))
+        pace = (now - when) / (done - before)
+        return pace * share.least, pace * share.most
 
 
 class Stages:

@@ -25,9 +25,17 @@ def test_the_first_log_has_one_speed_and_a_short_travel(cases):
         assert np.ptp(np.cumsum(machines.first_reference(case))) * first.DT <= machines.SHORT
 
 
-def test_the_generic_run_keeps_the_planned_runs_limits(cases):
+def test_the_generic_run_is_of_the_first_logs_kind(cases):
     for case in cases:
-        limits, rate = machines.limits_of(case), machines.generic_reference(case)
+        known, rate = machines.first_reference(case), machines.generic_reference(case)
+        assert len(rate) == len(known)
+        assert np.max(np.abs(rate)) == pytest.approx(np.max(np.abs(known)), rel=1e-2)
+        assert np.ptp(np.cumsum(rate)) <= np.ptp(np.cumsum(known))
+
+
+def test_the_sweep_keeps_the_planned_runs_limits(cases):
+    for case in cases:
+        limits, rate = machines.limits_of(case), machines.sweep_reference(case)
         assert np.max(np.abs(rate)) <= 1.001 * limits["speed"]
         assert np.ptp(np.cumsum(rate)) * first.DT <= 1.001 * limits["travel"]
         nominal = case.plan.nominal
