@@ -10,10 +10,11 @@ import numpy as np
 from ..errors import InputError
 from ..logs import Log, LogSource
 from ..model_file import Model, ModelSource
+from ..output.stages import StageClock
 from .answer.assemble import assemble
 from .answer.diagnosis import Diagnosis
 from .answer.provenance import provenance
-from .answer.stages import StageClock
+from .answer.stages import COSTS
 from .data.inputs import about_noise, look_at, read_logs, read_model
 from .data.record import about_stretches, make_records
 from .data.setting import make_setting
@@ -72,7 +73,7 @@ def diagnose(
         InputError: for logs or a model that cannot be diagnosed, in one sentence.
     """
     allowed = allowed_effects(effects)
-    clock = StageClock(progress)
+    clock = StageClock(progress, COSTS)
     clock("reading")
     logs, withheld = read_logs(log), read_logs(holdout)
     if not logs:
@@ -85,7 +86,7 @@ def diagnose(
             nominal = read_model(model)
             for group in [[one] for one in logs] if each else [logs]:
                 found.append(_diagnose(group, withheld, nominal, effects, allowed, clock, keep))
-                clock = StageClock(progress)
+                clock = StageClock(progress, COSTS)
     finally:
         if keep is not None:
             keep.close()

@@ -15,6 +15,7 @@ from ..gap.precision import double_precision
 from ..logs import Log, LogSource, read_log
 from ..logs.derivative import slope
 from ..model_file import Model, ModelSource, dump_model, load_model
+from ..output.stages import StageClock
 from ..scan import astype
 from .answer import Change, Decision, Improvement, Range, Side
 from .decide import hopeless, objection, range_of
@@ -24,7 +25,7 @@ from .known import Known, known_in, known_of
 from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, record_of, rms
 from .margins import NAMES, UNITS, margins_of
 from .search import Found, limits_of, search
-from .stages import StageClock
+from .stages import COSTS
 from .traces import passed_on, run_traces, unlike
 
 TUNED_ON, JUDGED_ON, MARGINED = 16, 48, 12  # machines for the search; others for the prediction; of them for margins
@@ -75,7 +76,7 @@ def improve(
     Raises:
         InputError: for a log without a reference, a controller that is not known, nothing that may change.
     """
-    clock = StageClock(progress)
+    clock = StageClock(progress, COSTS)
     clock("reading")
     with double_precision():
         nominal = model if isinstance(model, Model) else load_model(model)
@@ -97,7 +98,8 @@ def improve(
     else:
         known = known_in(diagnosis, recorded)
     found = improve_known(known, recorded, nominal, table, free, seed, clock, keep, kept)
-    return dataclasses.replace(found, seconds=clock.done(), diagnosis=done)
+    clock.done()
+    return dataclasses.replace(found, seconds=clock.seconds, diagnosis=done)
 
 
 def improve_known(

@@ -16,6 +16,7 @@ from ..gap import diagnose
 from ..gap.diagnose import Diagnosis
 from ..logs import Log, read_log
 from ..model_file import Model
+from ..output.stages import StageClock
 from ..scan import astype
 from ..verbs import as_model, double_precision
 from .design import Designed, design
@@ -33,21 +34,6 @@ RISE = 0.02  # s: knots of the speed need not be nearer than what a loop follows
 TOO_FAST = 3.0  # of the speed limit: a loop that swings so far beyond its reference is unstable
 
 Progress = Callable[[str, float], None]
-
-
-class _Clock:
-    """Processor seconds by stage."""
-
-    def __init__(self, told: Progress | None) -> None:
-        self.told, self.seconds, self._stage, self._begun = told, dict[str, float](), "", 0.0
-
-    def __call__(self, stage: str, share: float) -> None:
-        now = time.process_time()
-        if self._stage:
-            self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._begun
-        self._stage, self._begun = stage, now
-        if self.told is not None:
-            self.told(stage, share)
 
 
 def plan(
@@ -107,7 +93,7 @@ def plan(
     for name, value in (("missing", missing), ("velocity_noise", velocity_noise), ("position_noise", position_noise)):
         if value is not None and not 0.0 < value < float("inf"):
             raise InputError(f"{name} must be a number above zero, got {value:g}.")
-    clock, notes = _Clock(progress), list[str]()
+    clock, notes = StageClock(progress, now=time.process_time), list[str]()
     clock("reading", 0.0)
     record = log if isinstance(log, Log) or log is None else read_log(log, linear=known.linear)
     if record is not None and diagnosis is None:
@@ -191,7 +177,7 @@ def _unstable(model: Model) -> str:
 
 def _plan(
     model: Model, limits: Limits, trial: Trial, twins: dict[frozenset[str], str], wanted: np.ndarray, found: Designed,
-    notes: list[str], clock: _Clock,
+    notes: list[str], clock: StageClock,
 ) -> Plan:  # fmt: skip
     seen, course = found.seen, trial.course
     if not float(seen.speed) < TOO_FAST * limits.speed:
@@ -218,7 +204,7 @@ def _plan(
         wheres = [where_from(trial.sight, kinds, left) for left in np.asarray(seen.left)]
         names = [v.name for v in trial.models]
         separated = separations(names, trial.comparisons, nats, wheres, twins)
-    clock("done", 1.0)
+    clock.done()
     return Plan(
         aim=aim,
         time=course.time,

@@ -70,6 +70,7 @@ def test_time_left_is_told_between_bounds_where_it_is_not_known(monkeypatch):
     """A second round of causes may come or not: both are told, and the round's own pace once it runs."""
     from fpjax.gap.answer import stages as of_gap
     from fpjax.output import progress
+    from fpjax.output.stages import StageClock
 
     clock = [0.0]
     monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
@@ -78,7 +79,7 @@ def test_time_left_is_told_between_bounds_where_it_is_not_known(monkeypatch):
     shares = []
     inner = bar.stage
     monkeypatch.setattr(bar, "stage", lambda name, share: (shares.append(float(share)), inner(name, share)))
-    told = of_gap.StageClock(bar.stage)
+    told = StageClock(bar.stage, of_gap.COSTS)
     told("looking")
     clock[0] += 10.0 * work["looking"]  # 10 s a unit of work
     told("effects alone")

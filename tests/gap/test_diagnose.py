@@ -17,7 +17,6 @@ from fpjax.blocks.plants import OneMass
 from fpjax.cli import main
 from fpjax.errors import InputError
 from fpjax.gap import EFFECTS, diagnose
-from fpjax.gap.answer.stages import StageClock
 from fpjax.gap.answer.tracking import Side, made_torque, tracking_error
 from fpjax.gap.data.record import make_records
 from fpjax.gap.diagnose import allowed_effects
@@ -282,15 +281,3 @@ def test_an_empty_vocabulary_is_refused_and_a_larger_one_is_not_restricted():
     own = dataclasses.replace(EFFECTS[0], name="mine")
     assert allowed_effects((*EFFECTS, own)) == ()
     assert allowed_effects((own,)) == ("mine",)
-
-
-def test_a_stage_that_comes_again_is_added_to(monkeypatch):
-    # read when a stage begins and when it ends
-    now = iter([0.0, 1.0, 1.0, 3.0, 3.0, 6.0])
-    monkeypatch.setattr("fpjax.gap.answer.stages.time.perf_counter", lambda: next(now))
-    clock = StageClock()
-    for name in ("fit", "look", "fit"):
-        clock(name, 0.0)
-    clock.end()
-    clock.end()
-    assert clock.seconds == {"fit": 4.0, "look": 2.0}

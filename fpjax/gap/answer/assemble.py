@@ -8,6 +8,7 @@ import numpy as np
 
 from ...logs.measures import is_derived
 from ...model_file import Model
+from ...output.stages import StageClock
 from ..data.record import Record, in_one_piece
 from ..effects.estimate import Estimate
 from ..effects.experiments import Experiment, next_experiment
@@ -28,7 +29,6 @@ from .posterior import left_open, make_posterior
 from .ranking import log_of, rank
 from .shown import not_shown
 from .shrink import gap_of, noise_floor, rms_of, steps_of, withheld
-from .stages import StageClock
 from .tracking import Side, tracking_error
 from .where import locate
 

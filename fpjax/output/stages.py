@@ -1,0 +1,71 @@
+"""StageClock: where the time of a long piece of work goes, and how much of it is left."""
+
+import time
+from collections.abc import Callable, Mapping
+
+from .share import Outline, Share
+
+
+class StageClock:
+    """Seconds by stage; calling it begins a stage, which ends when another one begins.
+
+    Attributes:
+        seconds: spent by stage [s], in the order in which they first began. Stages named "diagnose: looking" and
+            "diagnose: where" are parts of "diagnose" and counted there.
+    """
+
+    def __init__(
+        self,
+        progress: Callable[[str, float], None] | None = None,
+        costs: Mapping[str, tuple[float, float, float]] | None = None,
+        *,
+        now: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        """Begin.
+
+        Args:
+            progress: called with (name of the stage, share of the whole that is done [1]).
+            costs: what each stage takes, as `Outline` has it: shares are then those of the stage; None where they are
+                those of the whole.
+            now: the clock [s]; `time.process_time` is the processor's.
+        """
+        self.seconds: dict[str, float] = {}
+        self._progress, self._costs, self._now = progress, costs, now
+        self._outline = None if costs is None else Outline(costs)
+        self._stage: str | None = None
+        self._began = 0.0
+
+    def __call__(self, stage: str, share: float = 0.0) -> None:
+        """Begin a stage, or go on with it.
+
+        Args:
+            stage: its name.
+            share: that is done [1]; the `Share` of a work that is itself a stage, before all that have costs.
+        """
+        self.end()
+        self._stage, self._began = stage.partition(":")[0], self._now()
+        self.seconds.setdefault(self._stage, 0.0)
+        told = self._whole(stage, share)
+        if self._progress is not None:
+            self._progress(stage, told)
+
+    def end(self) -> None:
+        """End the stage; a stage that was there before is added to."""
+        if self._stage is not None:
+            self.seconds[self._stage] += self._now() - self._began
+        self._stage = None
+
+    def done(self) -> None:
+        """The last stage ends, and progress is told that all is done."""
+        self.end()
+        if self._progress is not None:
+            self._progress("done", 1.0 if self._outline is None else self._outline.end())
+
+    def _whole(self, stage: str, share: float) -> float:
+        if self._outline is None or self._costs is None:
+            return share
+        if not isinstance(share, Share):
+            return self._outline(stage, share)
+        self._outline = Outline(self._costs, share.done)
+        least, _, most = (sum(cost[which] for cost in self._costs.values()) for which in range(3))
+        return Share(share.done, share.least + least, share.most + most)
