@@ -3,7 +3,7 @@
 import difflib
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from ..errors import InputError
@@ -16,6 +16,8 @@ PRESETS = {
     "emps": "time=t,torque=vir*35.15:N,position=qm:m,reference=qg:m",
 }
 MOST_COMPARED = 400  # names that a misspelt one is compared with
+LIKE_A_WORD = 0.58  # of 1: "tork" is like torque
+STILL = 1e-3  # of the travel of the axis that moves most: below it an axis stands still
 _SCALED = re.compile(
     r"^(?P<head>.*?)\s*(?P<sign>[*/])\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<per>[A-Za-zµ°%][^*]*)?$"
 )
@@ -87,7 +89,11 @@ def parse_columns(columns: Columns) -> dict[str, str]:
 
 
 def find_sources(
-    names: Iterable[str], mapping: Mapping[str, str], where: str, units: Mapping[str, str] | None = None
+    names: Iterable[str],
+    mapping: Mapping[str, str],
+    where: str,
+    units: Mapping[str, str] | None = None,
+    travel: Callable[[str], float] | None = None,
 ) -> tuple[dict[str, Source], list[str]]:
     """For each canonical column that is there, the file's column; and what was guessed, a sentence each.
 
@@ -97,6 +103,7 @@ def find_sources(
             brackets ("velocity [deg/s]"), and then in the table of `names`.
         where: the file's name, for messages.
         units: from a row of units, by name.
+        travel: how far a column moves, so that of several axes one that stands still is not taken; None not to look.
 
     Raises:
         InputError: for a mapped column that the file does not have.
@@ -114,7 +121,7 @@ def find_sources(
         if name not in taken and plain in CANONICAL and plain not in found:
             found[plain] = Source(name, unit or units.get(name))
             taken.add(name)
-    notes = _guessed(found, taken, names, units, mapping.get("axis"), where)
+    notes = _guessed(found, taken, names, units, mapping.get("axis"), where, travel)
     # A current that was mapped by hand is as measured as one that was guessed.
     if "torque" in found and not found["torque"].measured:
         known = guess([found["torque"].column], units)
@@ -132,6 +139,7 @@ def _guessed(
     units: Mapping[str, str],
     wanted_axis: str | None,
     where: str,
+    travel: Callable[[str], float] | None,
 ) -> list[str]:
     """Fill in what the table of names knows, and say so."""
     guesses = {
@@ -141,6 +149,8 @@ def _guessed(
     axes = sorted({each.axis for listed_ in guesses.values() for each in listed_ if each.axis is not None})
     said: list[str] = []
     chosen: int | None = int(wanted_axis) if wanted_axis is not None else axes[0] if axes else None
+    if wanted_axis is None and len(axes) > 1 and travel is not None:
+        chosen = _moving(guesses, axes, travel)
     if wanted_axis is not None and chosen not in axes:
         numbers = f"its axes are {', '.join(map(str, axes))}" if axes else "no column's name ends with an axis' number"
         raise InputError(f"--columns axis={wanted_axis}: {where} has no such axis: {numbers}.")
@@ -162,11 +172,23 @@ def _guessed(
         return []
     notes = [f"{where}: taken by their names: {', '.join(said)}; say otherwise with --columns."]
     if len(axes) > 1 and wanted_axis is None and any(_axis_of(source.column) is not None for source in found.values()):
+        why = "" if chosen == axes[0] else f", since axis {axes[0]} stands still"
+        other = next(axis for axis in axes[1:] if axis != chosen) if len(axes) > 2 or chosen == axes[0] else axes[0]
         notes.append(
-            f"{where} has {len(axes)} axes ({axes[0]} to {axes[-1]}): axis {chosen} was taken; choose with "
-            f"--columns axis={axes[1]}."
+            f"{where} has {len(axes)} axes ({axes[0]} to {axes[-1]}): axis {chosen} was taken{why}; choose with "
+            f"--columns axis={other}."
         )
     return notes
+
+
+def _moving(guesses: Mapping[str, list[Guess]], axes: list[int], travel: Callable[[str], float]) -> int:
+    """The first axis, or the one that moves most where that one stands still."""
+    for motion in ("position", "velocity"):
+        moved = {each.axis: travel(each.column) for each in reversed(guesses.get(motion, [])) if each.axis is not None}
+        if len(moved) > 1:
+            most = max(moved, key=lambda axis: moved[axis])
+            return axes[0] if moved.get(axes[0], 0.0) > STILL * moved[most] else most
+    return axes[0]
 
 
 def _surer(guesses: Mapping[str, list[Guess]], other: str, than: list[Guess]) -> bool:
@@ -298,9 +320,14 @@ def missing_sentence(names: list[str], lacking: list[str], where: str) -> str:
     lower = {name.lower(): name for name in names[:MOST_COMPARED]}
     for canonical in lacking:
         for word in canonical.split(" or "):
-            near = difflib.get_close_matches(word, lower, n=1, cutoff=0.5)
-            if near:
-                hints.append(f"{word}={lower[near[0]]}")
+            # a word of the name that is like it says more than letters in common: "pi_time" is no position
+            likeness = {
+                name: max(difflib.SequenceMatcher(None, word, part).ratio() for part in re.split(r"[^a-z]+", name))
+                for name in lower
+            }
+            near = max(likeness, key=lambda name: likeness[name], default="")
+            if near and likeness[near] >= LIKE_A_WORD and f"={lower[near]}" not in "".join(hints):
+                hints.append(f"{word}={lower[near]}")
     fix = f"--columns {','.join(hints)}" if hints else f"--columns {lacking[0].split(' or ')[0]}=NAME:UNIT"
     return (
         f"{where} has no column {' and no column '.join(lacking)}: it has {listed(names)}; "

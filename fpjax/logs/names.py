@@ -19,6 +19,7 @@ _COMMANDED = """
 tau_cmd torque_cmd cmd_torque torque_command commanded_torque torque_setpoint target_torque torque_target tau_target
 desired_torque torque_desired tau_des tau_desired tau_ref torque_ref torque_reference torque_demand sollmoment
 drehmoment_soll soll_drehmoment moment_soll m_soll target_moment effort_command command_effort goal_torque torque_des
+motor_torque_command
 torque tau drehmoment moment couple par coppia force kraft u control control_torque joint_torque_command force_cmd
 cmd command control_input controller_output motor_command control_output
 iq_setpoint:A iq_ref:A iq_cmd:A iq_command:A iq_target:A iq_des:A current_setpoint:A target_current:A
@@ -29,29 +30,32 @@ pwm:PWM duty:PWM duty_cycle:PWM goal_pwm:PWM present_pwm:PWM pwm_duty:PWM
 _MEASURED = """
 torque_measured measured_torque tau_meas tau_measured torque_meas torque_actual actual_torque torque_estimate
 estimated_torque tau_est istmoment drehmoment_ist ist_drehmoment m_ist actual_moment joint_torque tau_act torque_act
-effort torque_sensor tau_sensor torque_value
+effort torque_sensor tau_sensor torque_value output_torque motor_torque motor_measured_torque
 iq:A iq_measured:A iq_meas:A iq_actual:A iq_act:A i_q:A current:A actual_current:A current_actual:A current_measured:A
 motor_current:A strom:A iststrom:A strom_ist:A i_ist:A stator_current:A torque_current:A present_current:A
-phase_current:A
+phase_current:A motor_measured_current:A output_current:A
 load:% present_load:%
 """
 _TABLE = {
     "time": """
 time t zeit temps tiempo tempo time_s zeitstempel timestamp time_stamp stamp times seconds elapsed elapsed_time clock
-pc_ts robot_time controller_time time_since_start rel_time
+pc_ts robot_time controller_time time_since_start rel_time loop_time pi_time log_time sample_time
+ms:ms millis:ms milliseconds:ms us:us micros:us
 """,
     "velocity": """
 velocity velocity_actual actual_velocity velocity_measured measured_velocity vel angular_velocity joint_velocity
-motor_velocity rotor_velocity encoder_velocity velocity_act vel_meas vel_actual
+motor_velocity rotor_velocity encoder_velocity velocity_act vel_meas vel_actual output_velocity
 actual_qd qd dq qdot q_dot theta_dot thetadot dtheta omega winkelgeschwindigkeit geschwindigkeit vitesse velocidad
 velocita vel_estimate:rev/s drehzahl:rpm istdrehzahl:rpm drehzahl_ist:rpm ist_drehzahl:rpm n_ist:rpm rpm:rpm
 motor_rpm:rpm
-speed motor_speed speed_actual actual_speed present_velocity present_speed
+speed motor_speed speed_actual actual_speed present_velocity present_speed output_speed measured_speed
+motor_measured_speed motor_measured_velocity servo_motor_speed:rpm
 w v gyro_z gyroz gyro rate
 """,
     "position": """
 position position_actual actual_position position_measured measured_position pos joint_position motor_position
-rotor_position encoder_position position_act pos_actual pos_meas joint_angle motor_angle
+rotor_position encoder_position position_act pos_actual pos_meas joint_angle motor_angle output_angle output_position
+motor_measured_position
 actual_q q qm theta angle winkel drehwinkel istlage lage istposition position_ist lage_ist posizione posicion
 pos_estimate:rev encoder_angle present_position angle_actual
 encoder enc encoder_count:counts encoder_counts:counts encoder_ticks:counts shadow_count:counts ticks:counts phi
@@ -97,6 +101,14 @@ KNOWN = _table()
 WEAK = {name: len(_TABLE[name].strip().splitlines()) - 1 for name in ("velocity", "position", "reference")}
 _BRACKETED = re.compile(r"^\s*(?P<name>[^\[\](]+?)\s*[\[(]\s*(?P<unit>[^\])]*?)\s*[\])]\s*$")
 _INDEXED = re.compile(r"^(?P<name>.*?[^0-9_.\[(])[_.\[(]?(?P<index>\d{1,2})[\])]?$")
+# "ODrive 2 Position", "motor0_vel", "joint_3_torque": whose it is comes first
+_OWNED = re.compile(
+    r"^(?:odrive|odrv|axis|motor|joint|servo|drive|actuator|j|m)_?(?P<index>\d{1,2})_(?P<name>[a-z].*)$"
+)
+_OWNER = re.compile(r"(?:odrv|axis|motor|joint|servo|drive|actuator)[_ ]?(?P<index>\d{1,2})[./:|]", re.IGNORECASE)
+_ODRIVE = {"position": "pos_estimate", "velocity": "vel_estimate", "current": "iq_measured"}  # turns, turns/s, A
+_VENDORS = ("dxl_", "dynamixel_", "odrive_", "moteus_", "vesc_")
+_GREEK = {"θ": "theta", "ϑ": "theta", "φ": "phi", "ϕ": "phi", "ω": "omega", "τ": "tau"}
 
 
 class Named(NamedTuple):
@@ -116,20 +128,26 @@ class Named(NamedTuple):
 
 
 def bracket_unit(name: str) -> tuple[str, str | None]:
-    """(name without it, unit) of "velocity [deg/s]" or "Drehmoment (mNm)"; (name, None) without."""
+    """(name without it, unit) of "velocity [deg/s]" or "Drehmoment (mNm)"; (name, None) without.
+
+    A number in brackets is an axis ("speed (5)"), and the t of "θ(t)" an argument: neither is a unit.
+    """
     found = _BRACKETED.match(name)
-    return (found["name"], found["unit"]) if found else (name, None)
+    if not found or found["unit"].isdigit():
+        return name, None
+    return found["name"], None if found["unit"] == "t" else found["unit"]
 
 
 def taken_apart(column: str) -> list[Named]:
     """A name's readings, the most literal first: whole, by its last component, without its ending."""
     text, unit = bracket_unit(column)
     found: list[Named] = []
+    owner = _OWNER.search(text)
     # "axis0.encoder.pos_estimate", "/joint_states.velocity.0", "log/Torque"
     tail = re.split(r"[./:|]", re.sub(r"[./](\d{1,2})$", r"_\1", text))[-1]
     for part in dict.fromkeys([text, tail]):
         plain = _snake(part)
-        found.append(Named(column, plain, unit or "", None))
+        found.append(Named(column, plain, unit or "", int(owner["index"]) if owner and part == tail else None))
         ending = None if unit else suffix_unit(plain)
         if ending:
             found.append(Named(column, ending[0], ending[1], None))
@@ -141,11 +159,23 @@ def taken_apart(column: str) -> list[Named]:
                 inner = None if unit or ending else suffix_unit(stem)
                 if inner:
                     found.append(Named(column, inner[0], inner[1], int(indexed["index"])))
+        owned = _OWNED.match(plain)
+        if owned:
+            inner = None if unit else suffix_unit(owned["name"])
+            word = owned["name"] if unit or not plain.startswith("od") else _ODRIVE.get(owned["name"], owned["name"])
+            found.append(Named(column, word, unit or "", int(owned["index"])))
+            found += [Named(column, *inner, int(owned["index"]))] if inner else []
+        found += [
+            Named(column, plain.removeprefix(vendor), unit or "", None)
+            for vendor in _VENDORS
+            if plain.startswith(vendor)
+        ]
     return found
 
 
 def _snake(text: str) -> str:
     text = text.strip().translate(str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "Ae", "Ö": "Oe"}))
+    text = "".join(_GREEK.get(c, c) for c in text)
     text = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
     text = re.sub(r"([a-z])([A-Z])", r"\1_\2", text)
     return re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")

@@ -4,7 +4,7 @@ import hashlib
 import os
 import pathlib
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from .columns import (
     parse_columns,
     scale_of,
 )
+from .headless import described
 from .log import Log, NamedArrays
 from .measured import following
 from .measures import noise_level, rounding_step
@@ -28,8 +29,10 @@ from .readings import filled, unread_rows, without_absurd
 from .resample import HELD, Uniform, every, to_grid
 from .table import Request, Table, from_arrays, read_table
 from .units import find_unit
+from .words import signed
 
 MOST_EXTRA = 64  # columns kept that nobody mapped
+MOST_OF_THE_TIME = (0.02, 0.98)  # quantiles: an axis that was driven to its place before the run stands still
 ROUNDED = 0.02  # of the torque's rms: a step that is said
 
 
@@ -89,11 +92,12 @@ def read_log(
         path = None
         table, name = from_arrays(source), name or "the log"
     notes = list(table.warnings)
-    sources, guessed = find_sources(_usable(table), mapping, name, table.units)
-    notes += guessed
+    sources, guessed = find_sources(_usable(table), mapping, name, table.units, _travel(table))
+    notes += guessed + _made_signed(table, sources, name)
     if table.headless:
         notes.append(f"{name} has no header: its columns are {listed(list(table.columns))}, counted from the left.")
-    _check_present(table, set(sources) | ({"time"} if dt is not None else set()), ("time", *require), name)
+    readable = {key for key, each in sources.items() if not (each.guessed and each.column in table.text)}
+    _check_present(table, readable | ({"time"} if dt is not None else set()), ("time", *require), name)
     told = motion_of(sources)
     kind = linear if linear is not None else told
     found, label = _in_si(table, sources, kind, name)
@@ -177,6 +181,33 @@ def _usable(table: Table) -> list[str]:
     return [*table.columns, *table.text]
 
 
+def _travel(table: Table) -> Callable[[str], float]:
+    """How far a column moves most of the time; 0 for text."""
+
+    def travel(column: str) -> float:
+        values = table.columns.get(column)
+        known = values[np.isfinite(values)] if values is not None else np.zeros(0)
+        return float(np.ptp(np.quantile(known, MOST_OF_THE_TIME))) if known.size else 0.0
+
+    return travel
+
+
+def _made_signed(table: Table, sources: Mapping[str, Source], name: str) -> list[str]:
+    """Columns that were read as unsigned are made signed in the table; a sentence for each."""
+    said = []
+    for canonical, source in sources.items():
+        if canonical in ("time", "temperature") or source.column not in table.columns:
+            continue
+        mended = signed(table.columns[source.column])
+        if mended is not None:
+            table.columns[source.column], example = mended
+            said.append(
+                f"{name}: {source.column!r} holds signed 16-bit numbers that were read as unsigned ({example}): they "
+                f"were made signed."
+            )
+    return said
+
+
 def _in_si(
     table: Table, sources: Mapping[str, Source], linear: bool | None, name: str
 ) -> tuple[dict[str, np.ndarray], str]:
@@ -206,13 +237,8 @@ def _check_present(table: Table, found: set[str], require: tuple[str, ...], name
         return
     names = list(table.columns) + list(table.text)
     if table.headless:
-        ranges = ", ".join(
-            f"{key} from {np.nanmin(v):.4g} to {np.nanmax(v):.4g}" if np.isfinite(v).any() else f"{key} empty"
-            for key, v in list(table.columns.items())[:8]
-        )
         raise InputError(
-            f"{name} has no header, so its columns must be named by their places: {ranges}; write for instance "
-            f"--columns time=1,torque=2,velocity=3."
+            f"{name} has no header, so its columns must be named by their places: {described(table.columns)}."
         )
     sentence = missing_sentence(names, lacking, name)
     if len(names) == 2:

@@ -31,6 +31,14 @@ FROM_PEOPLE = {
     "WPILib": ({"timestamp": 1, "appliedVolts": 1, "rotorVelocity": 1}, "V", {}),
     "French": ({"temps": 1, "couple": 1, "vitesse": 1}, "", {}),
     "measured": ({"time": 1, "Iq": 1, "omega": 1}, "A", {"torque_measured": True}),
+    "ODrive by number": (
+        {"time": 1, "ODrive 2 Current": 1, "ODrive 2 Velocity": 1 / TURN},
+        "A",
+        {"torque_measured": True},
+    ),
+    "Dynamixel in LabVIEW": ({"t": 1, "DXL_PWM": 1, "DXL_Velocity": 1, "θ(t)": None}, "PWM", {}),
+    "T-Motor": ({"pi_time": 1, "output_torque": 1, "output_velocity": 1}, "", {"torque_measured": True}),
+    "Mitsubishi": ({"ms": 1e3, "Torque": 1, "Servo motor speed": 60 / TURN}, "", {}),
     "ROS": ({"stamp": 1, "/joint_states.effort.0": 1, "/joint_states.velocity.0": 1}, "", {"torque_measured": True}),
 }
 
@@ -61,6 +69,48 @@ def test_one_of_several_axes_is_taken_and_said(columns):
         assert read_log(data, columns="axis=2").torque[0] == columns["torque"][0] + 2
     with pytest.raises(InputError, match="no such axis: its axes are 0, 1, 2"):
         read_log(data, columns="axis=7")
+
+
+def test_an_axis_that_stands_still_is_not_taken(columns):
+    data = {"timestamp": columns["time"]}
+    for axis in range(3):
+        data[f"torque ({axis})"] = columns["torque"] + axis
+        data[f"speed ({axis})"] = columns["velocity"] * (axis == 1)
+    with pytest.warns(FpjaxWarning, match="axis 1 was taken, since axis 0 stands still; choose with --columns axis=2"):
+        assert read_log(data).torque[0] == columns["torque"][0] + 1
+    with pytest.warns(FpjaxWarning, match="by their names"):
+        assert read_log(data, columns="axis=2").torque[0] == columns["torque"][0] + 2
+
+
+def test_a_number_in_brackets_is_an_axis_and_no_unit(columns):
+    data = {"time": columns["time"], "torque": columns["torque"], "speed (5)": columns["velocity"]}
+    np.testing.assert_array_equal(read_log(data).velocity, columns["velocity"])
+
+
+@pytest.mark.parametrize("code", ["two's complement", "sign bit"])
+def test_signed_words_that_were_read_as_unsigned_are_made_signed_and_said(columns, code):
+    meant = np.round(500.0 * columns["torque"] / np.abs(columns["torque"]).max())
+    read = np.where(meant < 0, meant + 65536.0 if code == "two's complement" else 32768.0 - meant, meant)
+    with pytest.warns(FpjaxWarning, match="'load' holds signed 16-bit numbers that were read as unsigned"):
+        log = read_log({**{k: columns[k] for k in ("time", "velocity")}, "load": read})
+    np.testing.assert_array_equal(log.torque, meant)
+
+
+def test_a_counter_that_runs_through_its_range_is_left_alone(columns):
+    counter = np.round(np.linspace(0.0, 65535.0, columns["time"].size))
+    log = read_log({**{k: columns[k] for k in ("time", "torque", "velocity")}, "position": counter})
+    np.testing.assert_array_equal(log.position, counter)
+
+
+def test_a_hint_goes_by_the_words_of_a_name(columns):
+    data = {
+        "time": columns["time"],
+        "pi_timer": columns["time"],
+        "tork": columns["torque"],
+        "my_velocity_raw": columns["velocity"],
+    }
+    with pytest.raises(InputError, match=r"--columns torque=tork,velocity=my_velocity_raw \(guessed"):
+        read_log(data)
 
 
 @pytest.mark.parametrize(

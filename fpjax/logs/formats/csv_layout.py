@@ -3,6 +3,7 @@
 import csv
 from collections import Counter
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 
 from ...errors import InputError
 from ..units import find_unit
@@ -41,7 +42,7 @@ class Layout:
 
 
 def number(cell: str, *, comma: bool) -> float | None:
-    """The number in a cell, or None; with `comma`, 1,5 is one and a half."""
+    """The number in a cell, or None; with `comma`, 1,5 is one and a half; a date or a time of day in seconds."""
     if "_" in cell:  # python reads 1_0 as ten
         return None
     try:
@@ -49,7 +50,22 @@ def number(cell: str, *, comma: bool) -> float | None:
     except ValueError:
         if comma and cell.count(",") == 1:
             return number(cell.replace(".", "").replace(",", "."), comma=False)
+        if cell.count(":") >= 2:
+            return _clock(cell)
         return {"true": 1.0, "false": 0.0}.get(cell.lower())
+
+
+def _clock(cell: str) -> float | None:
+    """Seconds of "2025-11-09T09:27:03.748Z" (since 1970) or "09:27:03.748" (since midnight), or None."""
+    text = cell.strip().strip('"').replace(",", ".")
+    try:
+        if "-" in text or "/" in text:
+            moment = datetime.fromisoformat(text.replace("/", "-"))
+            return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+        hours, minutes, seconds = text.split(":")
+        return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
+    except ValueError:
+        return None
 
 
 def split(line: str, separator: str | None) -> list[str]:
@@ -127,6 +143,10 @@ def _with_header(lines: list[str], filled: list[int], separator: str | None, fir
     for place in reversed(above[-3:]):
         line = lines[place].strip()
         parts = [part.strip().strip('"').strip() for part in _cells(line.lstrip("#%").strip(), separator)]
+        if len(parts) > width and len(named := [part for part in parts if part]) == width:
+            parts = named  # two separators between the names, one between the numbers
+        if separator is not None and len(parts) == width + 1 == len(split(lines[first], separator)):
+            width += 1  # the first row's last cell is empty, not left out
         if len(parts) != width and separator is None:
             parts = [part.strip() for part in line.lstrip("#%").strip().split(",")]
         if len(parts) != width:

@@ -1,0 +1,66 @@
+"""What the columns of a file without a header may be: which rises like a time, which is the rate of which."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+SHOWN = 10  # columns that move, of which the range is told
+COMPARED = 64  # columns looked at
+ROWS = 20_000  # looked at
+RATE = 0.97  # correlation of a column with another one's rate
+
+
+def described(columns: Mapping[str, np.ndarray]) -> str:
+    """The columns that move, with their range, and what to write for --columns.
+
+    Args:
+        columns: by their places "1", "2", ..., each of shape (rows,).
+    """
+    moving = {key: values for key, values in columns.items() if np.isfinite(values).any() and np.nanstd(values) > 0.0}
+    told = [f"{key} from {np.nanmin(v):.4g} to {np.nanmax(v):.4g}" for key, v in list(moving.items())[:SHOWN]]
+    more = f" and {len(moving) - SHOWN} more" if len(moving) > SHOWN else ""
+    still = len(columns) - len(moving)
+    rest = f" ({still} of {len(columns)} never change)" if still else ""
+    time = next((key for key, values in moving.items() if _rises(values)), None)
+    pair = None if time is None else _motion(moving[time], {key: v for key, v in moving.items() if key != time})
+    if pair is not None:
+        position, velocity = pair
+        hint = (
+            f"{time} rises like a time, and {velocity} is the rate of {position}; write --columns "
+            f"time={time},position={position},velocity={velocity},torque=N with the torque's place for N"
+        )
+    else:
+        free = [key for key in moving if key != time] or ["2", "3"]
+        places = [time or "1", free[0], free[1] if len(free) > 1 else "3"]
+        hint = f"write for instance --columns time={places[0]},torque={places[1]},velocity={places[2]}"
+    return f"{hint}; there are {', '.join(told)}{more}{rest}"
+
+
+def _rises(values: np.ndarray) -> bool:
+    steps = np.diff(values[np.isfinite(values)][:ROWS])
+    return bool(steps.size and (steps >= 0.0).all() and (steps > 0.0).mean() > 0.9)
+
+
+def _motion(time: np.ndarray, columns: Mapping[str, np.ndarray]) -> tuple[str, str] | None:
+    """(position, velocity) of what is the rate of another column and moves most; None where nothing is."""
+    rows = slice(None, min(time.size, ROWS))
+    keys = [key for key in list(columns)[:COMPARED] if columns[key].size == time.size]
+    keys = [key for key in keys if np.isfinite(columns[key][rows]).all()]
+    if len(keys) < 2 or time[rows].size < 3 or not (np.diff(time[rows]) > 0.0).all():
+        return None
+    values = np.array([columns[key][rows] for key in keys])
+    rates = np.gradient(values, time[rows], axis=1)
+    like = _unit(rates) @ _unit(values).T
+    np.fill_diagonal(like, 0.0)
+    fitting = np.argwhere(like > RATE)
+    if not fitting.size:
+        return None
+    # a rate in other units, or a joint that only trembles, is told from the one that moves by its size
+    position, velocity = max(fitting, key=lambda pair: float(values[pair[1]].std()))
+    return keys[position], keys[velocity]
+
+
+def _unit(rows: np.ndarray) -> np.ndarray:
+    """Rows of zero mean and length one; zero where nothing changes."""
+    centred = rows - rows.mean(axis=1, keepdims=True)
+    return centred / np.maximum(np.linalg.norm(centred, axis=1, keepdims=True), 1e-300)
