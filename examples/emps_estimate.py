@@ -18,7 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import fpjax as fp
-from fpjax.analysis.estimate import measured_velocity, observe
+from fpjax.analysis.estimate import observe
+from fpjax.logs.derivative import measured_velocity
 
 MODEL = pathlib.Path(__file__).parent / "emps.toml"
 LAP = 6.24  # s, the program's period

@@ -32,6 +32,22 @@ import matplotlib
 matplotlib.use("Agg")
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session):
+    """No search for garbage among what stays: modules and their tests live until the end.
+
+    It took 2.4 of 9.8 s of collecting 3774 tests, and 0.7 of 7.4 s of the loops with each friction law and observer
+    (0.3 with these thresholds): tracing makes many objects, and every round of the oldest generation looks at 400,000.
+    """
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.set_threshold(20_000, 20, 50)
+        gc.enable()
+
+
 # A worker of a whole run grew to 4.7 GB: compiled programs that no later module uses, and memory that the compiler's
 # threads gave back to the allocator, which kept it (396 MB after one module, 301 after the trim).
 # What is forgotten is compiled again by the next module that needs it, down to every operation outside of a program.

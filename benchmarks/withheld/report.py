@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+from matplotlib.axes import Axes
+
 from .calibration import print_by_verdict, print_curves
 from .contract import EFFECTS
 from .goals import print_goals
@@ -110,7 +112,7 @@ def words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def draw_confusion(axes: Any, summary: dict[str, Any]) -> None:
+def draw_confusion(axes: Axes, summary: dict[str, Any]) -> None:
     """Truth by row, first asserted cause by column, shares of a row as colour, counts as text."""
     import numpy as np
 
@@ -150,7 +152,7 @@ def draw_confusion(axes: Any, summary: dict[str, Any]) -> None:
     axes.set_title("What was there, and what the diagnosis asserted", loc="left", fontsize=12)
 
 
-def draw_calibration(axes: Any, summary: dict[str, Any]) -> None:
+def draw_calibration(axes: Axes, summary: dict[str, Any]) -> None:
     """Stated probability against the share that was right, by kind of sensors, with Wilson intervals and counts."""
     import numpy as np
 
@@ -196,7 +198,7 @@ def draw_calibration(axes: Any, summary: dict[str, Any]) -> None:
     axes.set_title(f"Calibration: Brier score {shown(summary['brier'])}", loc="left", fontsize=11)
 
 
-def draw_parameters(axes: Any, summary: dict[str, Any]) -> None:
+def draw_parameters(axes: Axes, summary: dict[str, Any]) -> None:
     """Median and 90th percentile of the parameter error of each effect that was found."""
     rows = [
         (name, figures["parameters"]) for name, figures in summary["effects"].items() if figures["parameters"]["count"]

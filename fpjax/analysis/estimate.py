@@ -161,21 +161,7 @@ def estimate(
     cutoff: float | None = None,
     passes: int = 1,
 ) -> Estimated:
-    """Run an observer over a log; `fpjax.estimate` takes files and models too.
-
-    Args:
-        log: torque and velocity or position on one clock.
-        observer: with its gains and the axis' inertia.
-        load: known load torque (an unbalance, an offset), subtracted from the log's torque.
-        average: seconds at the end over which the estimates are averaged (a lap of a periodic program); None for the
-            last quarter.
-        differentiator: how a log without velocity gets one: "zero_phase" (central difference of the position passed
-            forwards and backwards through a low-pass: no delay, not possible online) or "causal" (backward difference
-            and a first-order low-pass, as a drive would).
-        cutoff: of that low-pass [Hz]; None for a tenth of the control rate. A logged velocity is taken as it is.
-        passes: over the log, each starting from the last one's estimates; the last one is returned. Slow gains need
-            the time, and are worth it: in their limit the observer solves the normal equations of least squares, while
-            fast ones follow friction that depends on direction and place.
+    """Run an observer over a log, both as blocks; `fpjax.estimate` reads files and models, and says what each is.
 
     Raises:
         InputError: for a log that is too short, an observer without estimates, or estimates that left the finite range.

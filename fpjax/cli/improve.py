@@ -1,5 +1,7 @@
 """`fpjax improve`: from a log to gains that hold around every machine it leaves possible."""
 
+from __future__ import annotations
+
 import argparse
 import contextlib
 import dataclasses
@@ -7,7 +9,7 @@ import hashlib
 import json
 import pathlib
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..output.progress import Stages
@@ -25,6 +27,12 @@ from .common import (
 )
 from .numbers import whole
 from .simulate import open_model
+
+if TYPE_CHECKING:
+    from ..improvement.answer import Improvement
+    from ..improvement.known import Known
+    from ..improvement.search import Found
+    from ..logs import Log
 
 EXAMPLES = """\
 examples:
@@ -100,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _write(found: Any, log: Any, record: RunFile, arguments: argparse.Namespace) -> None:
+def _write(found: Improvement, log: Log, record: RunFile, arguments: argparse.Namespace) -> None:
     record.notes.extend(found.notes)
     write_json(record.path("improve.json"), found.to_dict())
     tuned = record.path("tuned.toml")
@@ -116,7 +124,7 @@ def _write(found: Any, log: Any, record: RunFile, arguments: argparse.Namespace)
         found.report(record.folder)
 
 
-def _with_reference(text: str, log: Any, record: RunFile) -> str:
+def _with_reference(text: str, log: Log, record: RunFile) -> str:
     """The tuned model as one that can be simulated: where it has no reference, the log's, in a file beside it."""
     if "[reference]" in text or log.reference is None:
         return text
@@ -139,7 +147,7 @@ class _Store:
         given = [] if arguments.diagnosis is None else _contents(pathlib.Path(arguments.diagnosis))
         self.search_key = _hash([self.key, arguments.free, arguments.reference, arguments.seed, given])
 
-    def diagnosis(self, log: Any) -> Any:
+    def diagnosis(self, log: Log) -> Known | None:
         """The diagnosis that this command would make, where it is finished."""
         if _read(self.folder / DIAGNOSIS).get("key") != self.key:
             return None
@@ -153,7 +161,7 @@ class _Store:
             return found
         return None
 
-    def search(self) -> Any:
+    def search(self) -> Found | None:
         """The search that this command would make, where it is finished."""
         content = _read(self.folder / SEARCH)
         if content.get("key") != self.search_key:

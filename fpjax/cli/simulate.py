@@ -87,7 +87,7 @@ def open_model(path: str, changes: list[str], record: RunFile) -> "Model":
     if changes:
         pairs = read_pairs(changes, "--set")
         model = dataclasses.replace(model, loop=set_parameters(model.loop, pairs))
-        changed = [*check_changes(model.loop, pairs, model.units), *about_proportions(model)]
+        changed = [*check_changes(model.loop, pairs, model.units.name), *about_proportions(model)]
         for note in changed:
             if note not in model.notes:
                 say(record, note)

@@ -11,7 +11,9 @@ import numpy as np
 from .._simulate import simulate
 from ..blocks.references import AbstractReference
 from ..errors import InputError
+from ..loop import ClosedLoop
 from ..scan import astype
+from ..solvers import AbstractPlantSolver
 from .law import INPUTS, Law, double_enabled, memory_at_rest, run
 from .rounding import Trace, run_bound
 
@@ -54,9 +56,9 @@ def make_vectors(
     reference: AbstractReference,
     *,
     samples: int,
-    solver: Any = "rk4",
+    solver: str | AbstractPlantSolver = "rk4",
     substeps: int = 1,
-    loop: Any = None,
+    loop: ClosedLoop | None = None,
 ) -> Vectors:
     """Vectors of a law from a sampled run of its loop in double precision.
 

@@ -4,7 +4,7 @@ The one place of these rules. A refusal is an `InputError`; what is possible but
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -27,6 +27,9 @@ from ..blocks.learned import LearnedTorque
 from ..blocks.references import AbstractReference, Chirp, Multisine, Sine, Square, Triangle
 from ..blocks.signals import Motion
 from ..errors import InputError
+from ..loop import ClosedLoop
+
+UnitName = Callable[[str], str]
 
 # Magnitudes of a number that is not zero, (smallest, largest). Single precision ends at 1e-38 and 3e38, and the
 # simulator squares and divides: what lies beyond 1e30 leaves it.
@@ -101,7 +104,7 @@ def check_range(section: str, name: str, unit: str, shown: str, number: float, *
     )
 
 
-def check_levels(static: float, coulomb: float, name: Any) -> None:
+def check_levels(static: float, coulomb: float, name: UnitName) -> None:
     """Refuse a law that holds less than it rubs [N m], with the machine's units (`Units.name`)."""
     if static < coulomb:
         raise InputError(
@@ -110,7 +113,7 @@ def check_levels(static: float, coulomb: float, name: Any) -> None:
         )
 
 
-def check_friction(law: AbstractFriction, name: Any) -> list[str]:
+def check_friction(law: AbstractFriction, name: UnitName) -> list[str]:
     """Refuse a law that drives its machine; sentences on one that may.
 
     Args:
@@ -157,7 +160,7 @@ def check_friction(law: AbstractFriction, name: Any) -> list[str]:
     return said
 
 
-def check_learned(parts: Sequence[LearnedTorque], law: AbstractFriction, name: Any) -> list[str]:
+def check_learned(parts: Sequence[LearnedTorque], law: AbstractFriction, name: UnitName) -> list[str]:
     """A sentence on a learned law of the velocity that gives the machine more energy than its friction takes.
 
     Args:
@@ -338,18 +341,18 @@ def check_all(
     ]
 
 
-def check_changes(loop: Any, changes: Mapping[str, float], units: Any) -> list[str]:
+def check_changes(loop: ClosedLoop, changes: Mapping[str, float], name: UnitName) -> list[str]:
     """The same rules for parameters that are changed by name; sentences for the user.
 
     Args:
         loop: after the change.
         changes: values by dotted name.
-        units: of the machine.
+        name: a rotary unit -> the machine's (`Units.name`).
 
     Raises:
         InputError: for invalid input.
     """
     for path, number in changes.items():
-        section, _, name = path.rpartition(".")
-        check_range(section, name, "", "", number)
-    return check_friction(loop.plant.friction, units.name)
+        section, _, key = path.rpartition(".")
+        check_range(section, key, "", "", number)
+    return check_friction(loop.plant.friction, name)

@@ -10,6 +10,7 @@ import numpy as np
 from .plotting import BLUE, GREY, RED, new_figure, style, thin
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 KINDS = {"coulomb": "N m", "viscous": "N m s/rad", "steepness": "s/rad"}
@@ -99,12 +100,12 @@ def columns_figure(
     return figure
 
 
-def beside(panel: Any) -> None:
+def beside(panel: Axes) -> None:
     """The legend outside the axes, to the right: never over data."""
     panel.legend(loc="upper left", bbox_to_anchor=(1.01, 1.02), borderaxespad=0.0, frameon=False)
 
 
-def line(axes: Any, time: np.ndarray, values: np.ndarray, color: str, label: str = "", **more: Any) -> None:
+def line(axes: Axes, time: np.ndarray, values: np.ndarray, color: str, label: str = "", **more: Any) -> None:
     """A signal; one of more periods than a picture resolves is drawn as the band that it fills, with its edges."""
     values = np.asarray(values)
     if turns(values) < 400:
@@ -133,7 +134,7 @@ def envelope(time: np.ndarray, values: np.ndarray, bins: int = 350) -> tuple[np.
     return np.add.reduceat(time, edges) / np.diff([*edges, len(values)]), low, high
 
 
-def _motion(axes: Any, time: np.ndarray, signals: Mapping[str, np.ndarray], motion: str, unit: str) -> None:
+def _motion(axes: Axes, time: np.ndarray, signals: Mapping[str, np.ndarray], motion: str, unit: str) -> None:
     if "reference" in signals:
         line(axes, time, signals["reference"], GREY, "reference", linestyle="--")
     if motion in signals:
@@ -142,12 +143,12 @@ def _motion(axes: Any, time: np.ndarray, signals: Mapping[str, np.ndarray], moti
     beside(axes)
 
 
-def _error(axes: Any, time: np.ndarray, signals: Mapping[str, np.ndarray], motion: str, unit: str) -> None:
+def _error(axes: Axes, time: np.ndarray, signals: Mapping[str, np.ndarray], motion: str, unit: str) -> None:
     line(axes, time, signals["reference"] - signals[motion], RED)
     axes.set_ylabel(f"error [{unit}]")
 
 
-def _torques(axes: Any, time: np.ndarray, signals: Mapping[str, np.ndarray], label: str) -> None:
+def _torques(axes: Axes, time: np.ndarray, signals: Mapping[str, np.ndarray], label: str) -> None:
     if "torque" in signals:
         line(axes, time, signals["torque"], BLUE, "commanded")
     if "friction" in signals:
@@ -158,7 +159,7 @@ def _torques(axes: Any, time: np.ndarray, signals: Mapping[str, np.ndarray], lab
     beside(axes)
 
 
-def _estimate(axes: Any, time: np.ndarray, values: np.ndarray, truth: float | None, label: str) -> None:
+def _estimate(axes: Axes, time: np.ndarray, values: np.ndarray, truth: float | None, label: str) -> None:
     line(axes, time, values, BLUE, "estimate")
     if truth:
         axes.axhline(truth, color=GREY, linestyle="--", label=f"true {truth:g}")
@@ -173,6 +174,6 @@ def _estimate(axes: Any, time: np.ndarray, values: np.ndarray, truth: float | No
     beside(axes)
 
 
-def _plain(axes: Any, time: np.ndarray, values: np.ndarray, label: str) -> None:
+def _plain(axes: Axes, time: np.ndarray, values: np.ndarray, label: str) -> None:
     line(axes, time, values, BLUE)
     axes.set_ylabel(label)

@@ -197,7 +197,7 @@ def _structures(variants: Sequence[Variant]) -> tuple[Structure, ...]:
     return tuple(dict.fromkeys(variant.structure for variant in variants))
 
 
-def loop_of(model: Model, machine: Any, speed: float) -> ClosedLoop:
+def loop_of(model: Model, machine: Machine, speed: float) -> ClosedLoop:
     """The model's loop around a machine; where its controller is unknown, a stiff one stands in.
 
     The stand-in gives the inverse dynamics of the planned motion by the nominal numbers as a feed-forward, so that the

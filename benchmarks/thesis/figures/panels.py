@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 import fpjax
@@ -105,7 +106,7 @@ def outer_labels(axes: np.ndarray, horizontal: str = SECONDS) -> None:
         axis.set_ylabel("")
 
 
-def legend(figure: Any, axis: Any, columns: int = 3) -> None:
+def legend(figure: Figure, axis: Axes, columns: int = 3) -> None:
     """One legend for the whole figure, below the panels."""
     handles, labels = axis.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)

@@ -1,15 +1,14 @@
 """Corrected: the model with the causes in, as servo.toml text."""
 
 import dataclasses
-from typing import Any
 
 from ...errors import InputError
 from ...loop import ClosedLoop
-from ...model_file import dump_model, simplified
+from ...model_file import Model, dump_model, simplified
 from ..machine import Machine
 
 
-def corrected_loop(model: Any, machine: Machine, step: float = 0.0) -> ClosedLoop:
+def corrected_loop(model: Model, machine: Machine, step: float = 0.0) -> ClosedLoop:
     """The model's loop around a fitted machine.
 
     Args:
@@ -21,7 +20,7 @@ def corrected_loop(model: Any, machine: Machine, step: float = 0.0) -> ClosedLoo
     return dataclasses.replace(model.loop, plant=machine.plant, actuator=machine.actuator, sensor=sensor)
 
 
-def corrected_model(model: Any, machine: Machine, step: float = 0.0) -> tuple[str, str]:
+def corrected_model(model: Model, machine: Machine, step: float = 0.0) -> tuple[str, str]:
     """(servo.toml text of the corrected model, ""), or ("", why the file has no words for it).
 
     Args:

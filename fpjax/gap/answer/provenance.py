@@ -4,13 +4,15 @@ import datetime
 import hashlib
 from typing import Any
 
+from ...logs import Log
+from ...model_file import Model
 from ...output.runfile import versions
 from ..data.record import Record
 from .shrink import SEED
 
 
 def provenance(
-    logs: list[Any], records: list[Record], model: Any, allowed: tuple[str, ...], started: datetime.datetime
+    logs: list[Log], records: list[Record], model: Model, allowed: tuple[str, ...], started: datetime.datetime
 ) -> dict[str, Any]:
     """What `diagnosis.json` and the report say of a diagnosis' making.
 
@@ -44,7 +46,7 @@ def provenance(
     }
 
 
-def _log(log: Any, record: Record) -> dict[str, Any]:
+def _log(log: Log, record: Record) -> dict[str, Any]:
     withheld = int(record.withheld.sum())
     return {
         "name": log.name,
@@ -56,7 +58,7 @@ def _log(log: Any, record: Record) -> dict[str, Any]:
     }
 
 
-def columns_hash(log: Any) -> str:
+def columns_hash(log: Log) -> str:
     """SHA-256 of a log that was no file: its columns as little-endian doubles, each after its name."""
     digest = hashlib.sha256()
     for name in ("time", "torque", "velocity", "position", "reference"):
@@ -67,7 +69,7 @@ def columns_hash(log: Any) -> str:
     return digest.hexdigest()
 
 
-def _model_hash(model: Any) -> str:
+def _model_hash(model: Model) -> str:
     """SHA-256 of the model's file, or of its text where it is none (any more)."""
     content = model.text.encode()
     if model.path is not None and model.path.is_file():

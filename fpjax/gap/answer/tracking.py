@@ -18,6 +18,7 @@ from ..._simulate import simulate
 from ...blocks.references import Recorded
 from ...blocks.signals import Measurement
 from ...loop import ClosedLoop, Period
+from ...model_file import Model
 from ...scan import astype
 from ..data.channel import Channel
 from ..data.record import Record
@@ -45,7 +46,7 @@ class Side:
 
 
 def tracking_error(
-    model: Any, records: list[Record], before: Side, after: Side, warnings: list[str]
+    model: Model, records: list[Record], before: Side, after: Side, warnings: list[str]
 ) -> TrackingError | None:
     """The tracking error on withheld samples; None where there is nothing to predict it with.
 
@@ -91,7 +92,7 @@ def _other_torque(error: float) -> str:
     return f"{told}: they differ by {error:.1%} of its rms (something adds to the command, or the gains are others)"
 
 
-def made_torque(model: Any, record: Record) -> tuple[float, Any]:
+def made_torque(model: Model, record: Record) -> tuple[float, Any]:
     """(rms of what the model's controller does not make of the torque column, relative to the torque's rms [1]; state
     of controller and observer at the log's start).
 
@@ -131,7 +132,7 @@ def made_torque(model: Any, record: Record) -> tuple[float, Any]:
     return rms_or_infinite(left) / max(rms(measured), 1e-300), unravel(start)
 
 
-def followed(model: Any, record: Record, side: Side, start: Any, position: bool) -> np.ndarray:
+def followed(model: Model, record: Record, side: Side, start: Any, position: bool) -> np.ndarray:
     """What the sensor of a machine reads in the closed loop under the recorded reference, shape (samples,).
 
     Args:

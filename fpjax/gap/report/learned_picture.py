@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from .where_picture import binned
 from .words import motion_units
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ..answer.diagnosis import Diagnosis, Learned
 
 MOST = 3  # panels
@@ -23,7 +25,7 @@ def laws_of(diagnosis: Diagnosis) -> tuple[Learned, ...]:
     return diagnosis.learned[:MOST]
 
 
-def draw_learned(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
+def draw_learned(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
     """Draw on a figure or subfigure.
 
     Args:

@@ -110,17 +110,17 @@ def _where_picture(name: str, description: str, diagnosis: Diagnosis) -> Picture
     return _picture(name, description, draw_where, diagnosis, 2.3 * rows + 0.2, 2.0 * panels + 0.2)
 
 
-def _draw_nothing(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
+def _draw_nothing(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
     del figure, diagnosis, narrow
 
 
-def _draw_shrink_and_ranking(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
+def _draw_shrink_and_ranking(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
     if not diagnosis.ranking:
         draw_shrink(figure, diagnosis, narrow=narrow)
         return
-    left, right = figure.subfigures(1, 2, width_ratios=[1.9, 1.0])
-    draw_shrink(left, diagnosis, narrow=narrow)
-    draw_ranking(right, diagnosis)
+    halves: Any = figure.subfigures(1, 2, width_ratios=[1.9, 1.0])
+    draw_shrink(halves[0], diagnosis, narrow=narrow)
+    draw_ranking(halves[1], diagnosis)
 
 
 def _record_description() -> str:

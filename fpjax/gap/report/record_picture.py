@@ -17,6 +17,8 @@ from .theme import AFTER, BAND, BEFORE, FLOOR, INK, MUTED, SOFT
 from .words import clip
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ..answer.diagnosis import Comparison, Diagnosis
 
 
@@ -72,7 +74,7 @@ def model_names(diagnosis: Diagnosis) -> tuple[str, str]:
     return "nominal model", "corrected model" if diagnosis.causes else "best attempt"
 
 
-def draw_record(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
+def draw_record(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
     """Draw on a figure or subfigure.
 
     Args:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .digits import show, show_percent, show_unit
 from .reading import gap_scale, shown_gap, step_gap, twins_of
@@ -12,6 +12,8 @@ from .theme import AFTER, BEFORE, FLOOR, INK, MUTED, PAPER, SOFT
 from .words import clip, effect_title
 
 if TYPE_CHECKING:
+    from matplotlib.figure import FigureBase
+
     from ..answer.diagnosis import Diagnosis
     from ..effects.estimate import Estimate
 
@@ -30,7 +32,7 @@ def rows_of(diagnosis: Diagnosis) -> list[tuple[str, Estimate]]:
     return [(name, gap) for name, gap in rows if gap.known]
 
 
-def draw_shrink(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
+def draw_shrink(figure: FigureBase, diagnosis: Diagnosis, *, narrow: bool) -> None:
     """Draw on a figure or subfigure.
 
     Args:
@@ -95,7 +97,7 @@ def draw_shrink(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
     )
 
 
-def draw_ranking(figure: Any, diagnosis: Diagnosis) -> None:
+def draw_ranking(figure: FigureBase, diagnosis: Diagnosis) -> None:
     """Draw how probable the first few effects are, as a main cause or a companion, on a figure or subfigure.
 
     Args:

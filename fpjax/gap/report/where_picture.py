@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,6 +16,8 @@ from .theme import AFTER, BEFORE, INK, MUTED, SOFT
 from .words import clip, motion_units, regime_name
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ..answer.diagnosis import Diagnosis, Share
 
 
@@ -40,7 +42,7 @@ def has_where(diagnosis: Diagnosis) -> bool:
     return bool(axes_with_places(diagnosis)) or has_regimes(diagnosis)
 
 
-def draw_where(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
+def draw_where(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
     """Draw the maps on a figure or subfigure: what stands out in colour, the rest in grey.
 
     Args:
@@ -67,7 +69,7 @@ def draw_where(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
         spots["regime"].set_title("By regime")
 
 
-def _stacked(figure: Any, names: list[str]) -> dict[str, Axes]:
+def _stacked(figure: Figure, names: list[str]) -> dict[str, Axes]:
     drawn = figure.subplots(len(names), 1, squeeze=False)[:, 0]
     for axes, name in zip(drawn, names, strict=True):
         if name != "regime":
@@ -75,7 +77,7 @@ def _stacked(figure: Any, names: list[str]) -> dict[str, Axes]:
     return dict(zip(names, drawn, strict=True))
 
 
-def _side_by_side(figure: Any, names: list[str]) -> dict[str, Axes]:
+def _side_by_side(figure: Figure, names: list[str]) -> dict[str, Axes]:
     """Time and regime above, the other axes below."""
     rows = [[n for n in ("time", "regime") if n in names], [n for n in names if n not in ("time", "regime")]]
     rows = [row for row in rows if row]
@@ -172,7 +174,7 @@ def residual_axes(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
-def draw_residual(figure: Any, diagnosis: Diagnosis, *, narrow: bool) -> None:
+def draw_residual(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
     """Draw what the nominal model cannot account for against motion: the median of each bin, and the middle 80 %.
 
     The sign is that of commanded less needed, as in the record: what the motor delivers beside the model.
