@@ -40,6 +40,14 @@ def test_a_header_with_two_tabs_between_its_names(tmp_path, columns):
     np.testing.assert_array_equal(log.velocity, columns["velocity"])
 
 
+def test_rows_of_which_some_lack_the_last_reading(tmp_path):
+    lines = [f"{0.01 * k:.2f},{k % 7},{k % 5},{'' if k % 3 else k % 4}" for k in range(300)]
+    (tmp_path / "log.csv").write_text("\n".join(["time,torque,velocity,spare", *lines]))
+    log = read_log(tmp_path / "log.csv")
+    assert log.time.size == 300
+    np.testing.assert_array_equal(log.velocity, np.arange(300) % 5)
+
+
 @pytest.mark.parametrize("form", ["2025-11-09T09:27:{:06.3f}Z", "2025-11-09 09:27:{:06.3f}", "09:27:{:06.3f}"])
 def test_stamps_that_are_dates_or_times_of_day(tmp_path, form):
     lines = [f"{form.format(0.01 * k)},{k % 7},{k % 5}" for k in range(300)]

@@ -105,9 +105,19 @@ def find_layout(lines: list[str], name: str) -> Layout:
     return _with_header(lines, filled, separator, first, name)
 
 
-def _cells(line: str, separator: str | None) -> list[str]:
+def _cells(line: str, separator: str | None, *, all_of_them: bool = False) -> list[str]:
+    """The cells of a line, without an empty last one where that is no cell but a separator at the line's end."""
     parts = [part.strip() for part in split(line, separator)]
-    return parts[:-1] if len(parts) > 1 and not parts[-1] else parts
+    return parts[:-1] if len(parts) > 1 and not parts[-1] and not all_of_them else parts
+
+
+def _last_cells_count(lines: list[str], separator: str | None) -> bool:
+    """Whether an empty last cell is a cell: some row of numbers has something there, in as many cells."""
+    if separator is None:
+        return False
+    rows = [[part.strip() for part in split(line, separator)] for line in lines]
+    widths = {bool(parts[-1]): len(parts) for parts in rows if len(parts) > 1 and _numeric(parts, separator) >= 0.5}
+    return len(widths) == 2 and widths[True] == widths[False]
 
 
 def _numeric(parts: list[str], separator: str | None) -> float:
@@ -118,7 +128,8 @@ def _numeric(parts: list[str], separator: str | None) -> float:
 
 def _first_numbers(lines: list[str], filled: list[int], separator: str | None) -> tuple[int, float] | None:
     """(line of the first row of numbers, share of numbers in the rows from there), or None."""
-    rows = {place: _cells(lines[place], separator) for place in filled}
+    count = _last_cells_count([lines[place] for place in filled], separator)
+    rows = {place: _cells(lines[place], separator, all_of_them=count) for place in filled}
     widths = Counter(len(parts) for place, parts in rows.items() if _numeric(parts, separator) >= 0.5)
     widths.pop(1, None)
     if not widths:
@@ -135,8 +146,8 @@ def _first_numbers(lines: list[str], filled: list[int], separator: str | None) -
 
 
 def _with_header(lines: list[str], filled: list[int], separator: str | None, first: int, name: str) -> Layout:
-    row = _cells(lines[first], separator)
-    width = len(row)
+    count = _last_cells_count([lines[place] for place in filled], separator)
+    width = len(_cells(lines[first], separator, all_of_them=count))
     above = [place for place in filled if place < first]
     units: list[str] = []
     header: list[str] | None = None
@@ -145,8 +156,6 @@ def _with_header(lines: list[str], filled: list[int], separator: str | None, fir
         parts = [part.strip().strip('"').strip() for part in _cells(line.lstrip("#%").strip(), separator)]
         if len(parts) > width and len(named := [part for part in parts if part]) == width:
             parts = named  # two separators between the names, one between the numbers
-        if separator is not None and len(parts) == width + 1 == len(split(lines[first], separator)):
-            width += 1  # the first row's last cell is empty, not left out
         if len(parts) != width and separator is None:
             parts = [part.strip() for part in line.lstrip("#%").strip().split(",")]
         if len(parts) != width:
