@@ -10,9 +10,9 @@ from .machines import Gains, Record, Truth, error, rough, run
 
 # The truth steps its machines as vectors and the interpreter's cost is by step: sixty loops of a machine take 1.2 times
 # as long as one (8 substeps of 1 ms, 1 s: 0.62 and 0.74 s). So generations are large and few, and of a part of the log.
-CANDIDATES, ELITE, GENERATIONS = 32, 6, 5
+CANDIDATES, ELITE, GENERATIONS = 32, 6, 4
 WIDE = 0.2  # standard deviation of the first draws, of the range
-SUBSTEPS, SECONDS = 8, 4.0
+SUBSTEPS, SECONDS = 8, 3.0
 NARROW = 0.01
 KEPT, POLISHED = 6, 14  # of the search's best, and drawn close to them, that run over the whole log at the end
 CLOSE = 0.04  # standard deviation of those draws
