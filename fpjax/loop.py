@@ -157,6 +157,7 @@ class ClosedLoop(eqx.Module):
         noise: tuple[Array, ...],
         solver: AbstractPlantSolver,
         substeps: int,
+        following: Array | None = None,
     ) -> tuple[LoopState, Signals]:
         """One control period: read, control, observe, hold the torque while the plant takes `substeps` solver steps.
 
@@ -168,13 +169,15 @@ class ClosedLoop(eqx.Module):
             noise: the sensor's standard normals of this sample.
             solver: for the plant.
             substeps: solver steps per period.
+            following: r at `time` + dt [rad/s] for a controller that looks ahead; None where it is not known.
 
         Returns:
             (state at time + dt, signals at `time`).
         """
         output = self.plant.readout(state.plant, jnp.zeros_like(time), time)
         sensor, measurement = self.sensor.step(state.sensor, output, noise, dt)
-        command = self.control_law((state.controller, state.observer, state.period), reference, measurement, dt)
+        memory = state.controller, state.observer, state.period
+        command = self.control_law(memory, reference, measurement, dt, following)
         motion = Motion(output.motor_velocity, output.motor_position, time)
         actuator, applied = self.actuator.step(state.actuator, command.torque, motion, dt)
         output = self.plant.readout(state.plant, applied, time)
@@ -197,7 +200,12 @@ class ClosedLoop(eqx.Module):
         return LoopState(plant, controller, observer, actuator, sensor, period), now
 
     def control_law(
-        self, memory: tuple[Any, Any, Any], reference: Array, measurement: Measurement, dt: Array
+        self,
+        memory: tuple[Any, Any, Any],
+        reference: Array,
+        measurement: Measurement,
+        dt: Array,
+        following: Array | None = None,
     ) -> Command:
         """One period of the sampled control law, the plant left out: what `fpjax.export` writes as C.
 
@@ -206,7 +214,11 @@ class ClosedLoop(eqx.Module):
             reference: r [rad/s] (or [rad] for a position loop).
             measurement: what the sensor reads now.
             dt: control period [s].
+            following: the next sample's reference for a controller that looks ahead; None where it is not known.
         """
+        if following is not None and self.controller.looks_ahead:
+            told = eqx.tree_at(lambda at: at.controller, self, self.controller.knowing(following))
+            return told.control_law(memory, reference, measurement, dt)
         before, observer, period = memory
         observer = self._observe(observer, period, measurement.velocity, dt)
         compensation, estimates = self.observer.readout(observer, measurement.velocity)
@@ -215,8 +227,8 @@ class ClosedLoop(eqx.Module):
         back = None if excess is None else self.controller.follow(excess)
         if back is not None:
             controller = jax.tree.map(lambda value, rate: value + dt * rate, controller, back)
-        following = Period(torque, measurement.velocity, jnp.ones_like(dt)) if self.observer.estimated else ()
-        return Command((controller, observer, following), control, compensation, torque, estimates)
+        period = Period(torque, measurement.velocity, jnp.ones_like(dt)) if self.observer.estimated else ()
+        return Command((controller, observer, period), control, compensation, torque, estimates)
 
     def _unbounded(self) -> AbstractController:
         return self.controller.unbounded() if self.controller.bounded else self.controller

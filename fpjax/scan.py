@@ -9,6 +9,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from .blocks.block import as_parameter
+from .blocks.controllers import AbstractController
 from .blocks.references import AbstractReference
 from .blocks.signals import Signals
 from .compiled.native import scan_loop
@@ -102,7 +103,8 @@ class Inputs(NamedTuple):
 
     Attributes:
         time: start of each sample [s], shape (samples,).
-        references: one table per node of the solver, each of shape (samples,) [rad/s].
+        references: one table per node of the solver, each of shape (samples,) [rad/s]; sampled that of the samples, and
+            that of the next samples for a controller that looks ahead.
         noise: one table of standard normals per channel of the sensor, each of shape (samples,).
     """
 
@@ -125,7 +127,9 @@ def make_inputs(loop: ClosedLoop, reference: AbstractReference, stepper: Stepper
     # Rounding: k * dt in float32 is off by 1e-7 relative, which no reference notices.
     time = jnp.arange(stepper.samples).astype(dtype) * dt
     solver = stepper.solver
-    nodes = solver.nodes if isinstance(solver, AbstractSolver) and stepper.stepping == "continuous" else (0.0,)
+    nodes = (0.0, 1.0) if loop.controller.looks_ahead else (0.0,)
+    if isinstance(solver, AbstractSolver) and stepper.stepping == "continuous":
+        nodes = solver.nodes
     references = tuple(reference.readout(time + node * dt).astype(dtype) for node in nodes)
     channels = loop.sensor.noise_channels
     if key is None:
@@ -133,6 +137,16 @@ def make_inputs(loop: ClosedLoop, reference: AbstractReference, stepper: Stepper
     else:
         noise = tuple(jax.random.normal(jax.random.fold_in(key, i), (stepper.samples,), dtype) for i in range(channels))
     return Inputs(time, references, noise)
+
+
+def sampled_tables(controller: AbstractController, reference: Array) -> tuple[Array, ...]:
+    """`Inputs.references` of a table that is run sample by sample; its last value continues.
+
+    Args:
+        controller: whether it looks ahead.
+        reference: r [rad/s], shape (samples,).
+    """
+    return (reference, jnp.append(reference[1:], reference[-1])) if controller.looks_ahead else (reference,)
 
 
 def roll(
@@ -181,8 +195,9 @@ def advance(
     if stepper.stepping == "continuous":
         assert isinstance(stepper.solver, AbstractSolver)  # `make_stepper` lets nothing else through
         return loop.advance_continuous(state, sample.references, sample.time, dt, stepper.solver)
+    reference, *following = sample.references
     return loop.advance_sampled(
-        state, sample.references[0], sample.time, dt, sample.noise, stepper.solver, stepper.substeps
+        state, reference, sample.time, dt, sample.noise, stepper.solver, stepper.substeps, *following
     )
 
 

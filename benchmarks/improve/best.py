@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fpjax.improvement.search import FINE, ROUGHEST
+from fpjax.improvement.search import FINE, HARDEST, ROUGHEST
 
-from .machines import Gains, Record, Truth, error, rough, run
+from .machines import Gains, Record, Truth, error, peak, rough, run
 
 # The truth steps its machines as vectors and the interpreter's cost is by step: sixty loops of a machine take 1.2 times
 # as long as one (8 substeps of 1 ms, 1 s: 0.62 and 0.74 s). So generations are large and few, and of a part of the log.
@@ -80,9 +80,13 @@ def candidates(
 
 
 def costs(now: Record, records: Sequence[Record]) -> np.ndarray:
-    """Tracking errors in units of that with the gains that ran, as `improve` fines a rougher torque."""
-    unit, allowed = error(now), ROUGHEST * rough(now)
+    """Tracking errors in units of that with the gains that ran, with `improve`'s own fines: a torque that is rougher or
+    much larger than what the machine was given before is not to be had for a smaller error.
+    """
+    unit = error(now)
     unit = unit if np.isfinite(unit) else 1.0
-    over = np.array([max(rough(one) / allowed - 1.0, 0.0) for one in records])
-    cost = np.array([error(one) for one in records]) / unit + FINE * np.nan_to_num(over, nan=1e3)
+    cost = np.array([error(one) for one in records]) / unit
+    for size, allowed in ((rough, ROUGHEST * rough(now)), (peak, HARDEST * peak(now))):
+        over = np.array([max(size(one) / allowed - 1.0, 0.0) for one in records])
+        cost = cost + FINE * np.nan_to_num(over, nan=1e3)
     return np.where(np.isfinite(cost), cost, 1e6)

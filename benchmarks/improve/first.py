@@ -30,7 +30,7 @@ class First:
         self.case = first.build(identity, periods)
         physics = self.case.machine.physics
         physics.setdefault("forward_velocity", TURNING * self.case.plan.draw.kind.speed)
-        physics["forward_late"] = 1.0  # the drive runs the law that servo.toml and the exported code have
+        physics["forward_ahead"] = 1.0  # the drive runs the law that servo.toml and the exported code have
 
     @property
     def nominal(self) -> dict[str, float]:

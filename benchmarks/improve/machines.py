@@ -93,9 +93,7 @@ def error(record: Record) -> float:
 
     A part of a log counts from where the whole one does: what the start leaves is not what gains are tuned for.
     """
-    length = len(record.time) * (record.time[1] - record.time[0])
-    start = LONGEST_SETTLING if length > 2.0 * LONGEST_SETTLING else SETTLING * length
-    left = (record.reference - record.true_velocity)[record.time >= start]
+    left = (record.reference - record.true_velocity)[record.time >= _start(record)]
     value = float(np.sqrt(np.mean(np.square(left))))
     return value if math.isfinite(value) and value < 100.0 * float(np.std(record.reference)) else math.inf
 
@@ -103,6 +101,16 @@ def error(record: Record) -> float:
 def rough(record: Record) -> float:
     """Size of the torque's second difference [N m], as `improve` counts it."""
     return float(np.mean(np.abs(np.diff(record.torque, n=2)) ** 0.25) ** 4)
+
+
+def peak(record: Record) -> float:
+    """Largest commanded torque where the error counts [N m]."""
+    return float(np.max(np.abs(record.torque[record.time >= _start(record)])))
+
+
+def _start(record: Record) -> float:
+    length = len(record.time) * (record.time[1] - record.time[0])
+    return LONGEST_SETTLING if length > 2.0 * LONGEST_SETTLING else SETTLING * length
 
 
 def write(folder: Path, true: Truth, record: Any) -> None:

@@ -33,7 +33,7 @@ class Second:
         )  # fmt: skip
         values = self.case.world.values
         values.setdefault("forward_speed", TURNING * self.case.plan.drawn.kind.speed)
-        values["forward_late"] = 1.0  # the drive runs the law that servo.toml and the exported code have
+        values["forward_ahead"] = 1.0  # the drive runs the law that servo.toml and the exported code have
 
     @property
     def nominal(self) -> dict[str, float]:

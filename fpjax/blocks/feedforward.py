@@ -16,8 +16,14 @@ from .signals import Measurement
 class Feedforward(AbstractController):
     """u = controller + inertia dr/dt + coulomb tanh(r / speed) + viscous r, for a velocity reference r.
 
-    dr/dt is (r - x) / lag with x' = (r - x) / lag; sampled, with a lag of one period, that is the difference of two
-    samples. Nothing of it depends on a measurement, so it moves no pole and costs no margin.
+    dr/dt is (r - x) / lag with x' = (r - x) / lag. Nothing of it depends on a measurement, so it moves no pole and
+    costs no margin.
+
+    Sampled, a torque is held from one sample to the next, and what moves the machine from r_k to r_k+1 is the
+    difference of both over the period and the friction at their mean. A reference that comes from a table or a formula
+    is known a sample ahead: with `ahead` that is what is given (lag = one period; a longer one lags behind it). The
+    difference to the sample before is half a period late, and the friction at r_k likewise: so much is left to the
+    feedback in a drive that is told its reference no sooner (`ahead` = False), or where no next sample is passed.
 
     Attributes:
         controller: what the torque is added to.
@@ -26,6 +32,8 @@ class Feedforward(AbstractController):
         viscous: likewise, in proportion to its speed [N m s/rad].
         speed: reference at which three quarters of `coulomb` are given [rad/s].
         lag: of the derivative of the reference [s]; a control period at least when sampled.
+        ahead: the reference of the next sample is known when sampled (static).
+        following: that reference [rad/s], which the loop puts here for one sample; no parameter.
     """
 
     controller: AbstractController
@@ -34,6 +42,8 @@ class Feedforward(AbstractController):
     viscous: Array = eqx.field(converter=as_parameter)
     speed: Array = eqx.field(converter=as_parameter)
     lag: Array = eqx.field(converter=as_parameter)
+    ahead: bool = eqx.field(static=True, default=True)
+    following: Array | None = eqx.field(default=None, repr=False)
 
     def __check_init__(self) -> None:
         for name, unit in (("inertia", "kg m^2"), ("coulomb", "N m"), ("viscous", "N m s/rad")):
@@ -52,20 +62,34 @@ class Feedforward(AbstractController):
         return self.controller.derivative(inner, reference, measurement), (reference - late) / self.lag, 1.0 / self.lag
 
     def step(self, state: Any, reference: Array, measurement: Measurement, dt: Array) -> tuple[Any, Array, Array]:
-        """The wrapped controller's step; a lag shorter than a period follows at once, as does the first sample."""
+        """The wrapped controller's step; a lag shorter than a period follows at once."""
         inner, late, begun = state
-        share = jnp.where(begun > 0.0, jnp.minimum(dt / self.lag, 1.0), 1.0)
         after = self.controller.step(inner, reference, measurement, dt)
-        return after, late + share * (reference - late), jnp.ones_like(begun)
+        before, wanted = jnp.where(begun > 0.0, late, reference), self._wanted(reference)
+        return after, before + jnp.minimum(dt / self.lag, 1.0) * (wanted - before), jnp.ones_like(begun)
 
     def readout(self, state: Any, reference: Array, measurement: Measurement) -> Array:
         """u [N m]; where there is a limit, it holds for the sum."""
         inner, late, begun = state
         law = self.controller.unbounded() if self.controller.bounded else self.controller
-        # Nothing is known of the reference before the first sample: no acceleration, rather than one from zero.
-        slope = jnp.where(begun > 0.0, (reference - late) / self.lag, 0.0)
-        torque = law.readout(inner, reference, measurement) + self.inertia * slope + self.viscous * reference
-        return self.limited(torque + self.coulomb * tanh(reference / self.speed))
+        wanted = self._wanted(reference)
+        # Nothing is known of the reference before the first sample: no acceleration until then, rather than from zero.
+        slope = (wanted - jnp.where(begun > 0.0, late, reference)) / self.lag
+        held = reference if self.following is None else 0.5 * (reference + wanted)
+        torque = law.readout(inner, reference, measurement) + self.inertia * slope + self.viscous * held
+        return self.limited(torque + self.coulomb * tanh(held / self.speed))
+
+    def _wanted(self, reference: Array) -> Array:
+        return reference if self.following is None else self.following
+
+    @property
+    def looks_ahead(self) -> bool:
+        """Where the drive knows its reference a sample ahead."""
+        return self.ahead
+
+    def knowing(self, following: Array) -> "Feedforward":
+        """Told the reference of the next sample [rad/s]."""
+        return dataclasses.replace(self, following=following)
 
     @property
     def bounded(self) -> bool:

@@ -11,7 +11,7 @@ from .._version import __version__
 from ..errors import InputError
 from ..model_file import Units
 from .c_helpers import helper_text
-from .law import INPUTS, Law
+from .law import Law
 from .operations import C_TYPES, OPERATIONS
 from .program import Atom, Constant, Operation
 
@@ -77,7 +77,7 @@ class _Body:
         self.written_out = 0
         self.lines: list[str] = []
         program = law.program
-        words = [f"in->{name}" for name in INPUTS] + [f"state->{name}" for name in law.states]
+        words = [f"in->{name}" for name in law.inputs] + [f"state->{name}" for name in law.states]
         self.expressions = {v.index: word for v, word in zip(program.inputs, words, strict=True)}
         uses = program.uses()
         for number, operation in enumerate(program.operations):
@@ -94,7 +94,7 @@ class _Body:
         shown = len(law.outputs)
         self.outputs = outputs[:shown]
         self.next_state = outputs[shown:]
-        self.state_kinds = [v.kind for v in program.inputs[len(INPUTS) :]]
+        self.state_kinds = [v.kind for v in program.inputs[len(law.inputs) :]]
 
     def expression(self, operation: Operation) -> str:
         form = OPERATIONS[operation.name]
@@ -163,7 +163,8 @@ def unit_of(name: str, units: Units) -> str:
     """The unit of an input or an output."""
     motion = "rad" if units.reference == "position" else "rad/s"
     words = {
-        "reference": motion, "velocity": "rad/s", "position": "rad", "torque": "N m", "control": "N m",
+        "reference": motion, "next_reference": motion, "velocity": "rad/s", "position": "rad",
+        "torque": "N m", "control": "N m",
         "compensation": "N m", "coulomb_estimate": "N m", "viscous_estimate": "N m s/rad",
         "steepness_estimate": "s/rad",
     }  # fmt: skip
@@ -171,7 +172,8 @@ def unit_of(name: str, units: Units) -> str:
 
 
 _WORDS = {
-    "reference": "what the loop is to follow", "velocity": "as measured", "position": "as measured",
+    "reference": "what the loop is to follow", "next_reference": "what it is to follow one period later",
+    "velocity": "as measured", "position": "as measured",
     "torque": "commanded: control + compensation", "control": "the controller's part",
     "compensation": "the observer's part",
 }  # fmt: skip
@@ -201,8 +203,11 @@ def _header(law: Law, name: str, units: Units, origin: str, libm: Sequence[str])
         f"Compile as C99 without -ffast-math and with -ffp-contract=off, as -std=c99 has it: then it is the simulation "
         f"to the rounding. Generated: change the model and write it again instead."
     )
-    states = [f"    {C_TYPES[v.kind]} {word};" for v, word in zip(law.program.inputs[3:], law.states, strict=True)]
-    inputs = [_member(kind, word, units, _WORDS.get(word, "")) for word in INPUTS]
+    states = [
+        f"    {C_TYPES[v.kind]} {word};"
+        for v, word in zip(law.program.inputs[len(law.inputs) :], law.states, strict=True)
+    ]
+    inputs = [_member(kind, word, units, _WORDS.get(word, "")) for word in law.inputs]
     outputs = [_member(kind, word, units, _WORDS.get(word, "")) for word in law.outputs]
     guard = f"{name.upper()}_CONTROL_H"
     needs_integers = any(v.kind not in ("float32", "float64", "bool") for v in law.program.inputs)

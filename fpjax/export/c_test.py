@@ -3,7 +3,7 @@
 import numpy as np
 
 from .c_code import Code
-from .law import INPUTS, Law
+from .law import Law
 from .vectors import ULPS, Vectors
 
 EMBEDDED = 64  # rows that fit a target's memory
@@ -134,15 +134,17 @@ def test_program(law: Law, code: Code) -> str:
     """The text of NAME_test.c."""
     name, kind = code.name, "float" if law.precision == "float" else "double"
     kinds = {"float32": "float", "float64": "double"}
-    types = [kinds.get(v.kind, f"{v.kind}_t" if v.kind != "bool" else "int") for v in law.program.inputs[len(INPUTS) :]]
+    types = [
+        kinds.get(v.kind, f"{v.kind}_t" if v.kind != "bool" else "int") for v in law.program.inputs[len(law.inputs) :]
+    ]
     states = list(enumerate(zip(law.states, types, strict=True)))
     text = _PROGRAM.format(
-        inputs=len(INPUTS),
+        inputs=len(law.inputs),
         states=len(law.states),
         outputs=len(law.outputs),
         ulps=f"{ULPS:.1f}",
         names=", ".join(f'"{word}"' for word in (*law.outputs, *law.states)),
-        read_input="\n".join(f"    in->{word} = ({kind})row[{i}];" for i, word in enumerate(INPUTS)),
+        read_input="\n".join(f"    in->{word} = ({kind})row[{i}];" for i, word in enumerate(law.inputs)),
         read_output="\n".join(f"    values[{i}] = (double)out->{word};" for i, word in enumerate(law.outputs)),
         load_state="\n".join(f"    state.{word} = ({each})states[{i}];" for i, (word, each) in states)
         or "    (void)states;",

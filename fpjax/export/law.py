@@ -24,6 +24,7 @@ from .program import Program
 Precision = Literal["double", "float"]
 DTYPES: dict[str, Any] = {"double": np.float64, "float": np.float32}
 INPUTS = ("reference", "velocity", "position")
+NEXT = "next_reference"  # a fourth input of a law that looks ahead
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Law:
         loop: its blocks, in the law's precision.
         dt: control period [s].
         precision: "double" or "float".
-        program: inputs are the three of `INPUTS`, then the state; outputs are `outputs`, then the next state.
+        program: inputs are `inputs`, then the state; outputs are `outputs`, then the next state.
         states: a name for each number of the state.
         start: the state at rest, shape (states,).
         outputs: "torque", "control", "compensation", then the estimates.
@@ -49,6 +50,11 @@ class Law:
     start: np.ndarray
     outputs: tuple[str, ...]
     parameters: dict[str, str]
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """What it reads, by name."""
+        return inputs_of(self.loop)
 
     @property
     def dtype(self) -> Any:
@@ -92,7 +98,7 @@ def trace_law(loop: ClosedLoop, dt: float, precision: Precision = "double") -> L
             return run(ClosedLoop(loop.plant, controller, observer), inputs, state, dt)
 
         zero = jnp.zeros((), DTYPES[precision])
-        closed, shapes = jax.make_jaxpr(step, return_shape=True)(leaves, period, (zero,) * len(INPUTS), state)
+        closed, shapes = jax.make_jaxpr(step, return_shape=True)(leaves, period, (zero,) * len(inputs_of(loop)), state)
         known = [constants(leaf, name) for leaf, name in zip(leaves, names, strict=True)]
         known.append(constants(period, "period"))
         free: list[Any] = [None] * (len(closed.jaxpr.invars) - len(known))
@@ -104,10 +110,15 @@ def trace_law(loop: ClosedLoop, dt: float, precision: Precision = "double") -> L
     return Law(loop, dt, precision, program, states, start, outputs, descriptions)
 
 
+def inputs_of(loop: ClosedLoop) -> tuple[str, ...]:
+    """Names of what the control law of a loop reads every period."""
+    return (*INPUTS, NEXT) if loop.controller.looks_ahead else INPUTS
+
+
 def run(loop: ClosedLoop, inputs: Any, state: Any, dt: Any) -> tuple[Any, Any]:
-    """((torque, control, compensation, estimates), next state) of one period, for inputs in the order of `INPUTS`."""
-    reference, velocity, position = inputs
-    made: Command = loop.control_law(state, reference, Measurement(velocity, position), dt)
+    """((torque, control, compensation, estimates), next state) of one period, for inputs in `inputs_of` order."""
+    reference, velocity, position, *following = inputs
+    made: Command = loop.control_law(state, reference, Measurement(velocity, position), dt, *following)
     return (made.torque, made.control, made.compensation, made.estimates), made.memory
 
 

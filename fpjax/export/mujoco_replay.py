@@ -74,15 +74,17 @@ def replay_mujoco(
     silent = tuple(zero for _ in range(loop.sensor.noise_channels))
 
     @jax.jit
-    def control(memory: Any, sensor: Any, velocity: Any, position: Any, asked: Any) -> Any:
+    def control(memory: Any, sensor: Any, velocity: Any, position: Any, asked: Any, following: Any) -> Any:
         output = PlantOutput(velocity[-1], position[-1], velocity[0], position[0], zero)
         sensor, measurement = loop.sensor.step(sensor, output, silent, period)
-        made = loop.control_law(memory, asked, measurement, period)
+        made = loop.control_law(memory, asked, measurement, period, following)
         return made.memory, sensor, (made.torque, measurement.velocity, measurement.position)
 
     shown = np.empty((len(reference), 3))
+    following = np.append(reference[1:], reference[-1])
     for sample, asked in enumerate(reference):
-        memory, sensor, signals = control(memory, sensor, data.qvel.copy(), data.qpos.copy(), asked)
+        motion = data.qvel.copy(), data.qpos.copy()
+        memory, sensor, signals = control(memory, sensor, *motion, asked, following[sample])
         shown[sample] = [float(each) for each in signals]
         torque = shown[sample, 0]
         if motor >= 0:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._simulate import simulate
-from ..blocks.references import AbstractReference
+from ..blocks.references import AbstractReference, Recorded
 from ..errors import InputError
 from ..loop import ClosedLoop
 from ..scan import astype
@@ -26,7 +26,7 @@ class Vectors:
     """A row a sample; every array is float64.
 
     Attributes:
-        inputs: what the law reads, shape (samples, 3).
+        inputs: what the law reads, shape (samples, inputs).
         states: the state before the step, as the simulation has it, shape (samples, states).
         outputs: what the step must answer, shape (samples, outputs).
         following: the state after the step, shape (samples, states).
@@ -79,8 +79,13 @@ def make_vectors(
         outputs = ("torque", "control", "compensation", *estimates)
         read = ("reference", "measured_velocity", "measured_position")
         assert len(read) == len(INPUTS)
+        reference, ahead = astype(reference, np.float64), law.inputs != INPUTS
+        if ahead:
+            # A formula that is evaluated twice may differ in its last bit; a table does not.
+            table = np.asarray(reference.readout(jnp.asarray(law.dt * np.arange(samples + 1))), float)
+            reference = Recorded(table, law.dt)
         found = simulate(
-            exact, astype(reference, np.float64), dt=law.dt, samples=samples, stepping="sampled", solver=solver,
+            exact, reference, dt=law.dt, samples=samples, stepping="sampled", solver=solver,
             substeps=substeps, record=(*read, *outputs),
         )  # fmt: skip
         if found.diverged:
@@ -89,12 +94,15 @@ def make_vectors(
                 f'use smaller gains or a smaller period, and try fpjax simulate with [simulation] stepping = "sampled".'
             )
         signals = {name: np.asarray(values, dtype=float) for name, values in found.signals.items()}
-        inputs = np.stack([signals[name] for name in read], axis=1).astype(law.dtype)
+        columns = [signals[name] for name in read]
+        if ahead:
+            columns.append(table[1:])
+        inputs = np.stack(columns, axis=1).astype(law.dtype)
         states, answers, following = _stepped(law, inputs)
         trace = Trace(law.program, np.hstack([inputs.astype(float), states]))
         unit = UNITS[law.precision]
         ulps = np.spacing(np.maximum(trace.term_sizes(), np.finfo(law.dtype).tiny).astype(law.dtype)).astype(float)
-        bounds = run_bound(trace, len(INPUTS), (unit, UNITS["double"]), law.precision == "float")
+        bounds = run_bound(trace, len(law.inputs), (unit, UNITS["double"]), law.precision == "float")
     count = len(law.outputs)
     simulated = np.stack([signals[name] for name in outputs], axis=1)
     # The run's bound is first order: its own second order, and the place of its last digit, are within these.

@@ -19,7 +19,7 @@ from ..loop import ClosedLoop, LoopState
 from ..metrics import AbstractMeasure
 from ..model_file import Model
 from ..parameters import set_parameters
-from ..scan import Inputs, Stepper, astype, make_stepper, roll
+from ..scan import Inputs, Stepper, astype, make_stepper, roll, sampled_tables
 from .machines import Ground, Machines, Missing
 
 LANES = 256  # closed loops of one call: every call has as many, so that nothing compiles twice
@@ -235,6 +235,7 @@ def _one(
     state = start_state(loop, machine, speed, angle)
     side = dataclasses.replace(measure, side=machine.sensor.load_side)
     finals, _, last = roll(
-        loop, Inputs(time, (reference,), (noise[0], noise[1])), stepper, {"following": side}, initial=state
-    )
+        loop, Inputs(time, sampled_tables(loop.controller, reference), (noise[0], noise[1])), stepper,
+        {"following": side}, initial=state,
+    )  # fmt: skip
     return finals["following"], last

@@ -11,7 +11,7 @@ import numpy as np
 from ..gap.data.record import Record
 from ..gap.precision import double_precision
 from ..logs.derivative import travel
-from ..scan import Inputs, roll
+from ..scan import Inputs, roll, sampled_tables
 from .judge import Judge, assemble_loop, start_state
 from .machines import Ground, Machines, rms
 
@@ -69,7 +69,8 @@ def run_traces(judge: Judge, values: Values, machines: Machines) -> Traces:
             jnp.asarray(some.shares[index]),
             {n: jnp.asarray(rows[:, i]) for i, n in enumerate(judge.names)},
         )
-        inputs = Inputs(judge.time, (jnp.asarray(judge.reference),), (judge.noise[0], judge.noise[1]))
+        tables = sampled_tables(judge.law[0], jnp.asarray(judge.reference))
+        inputs = Inputs(judge.time, tables, (judge.noise[0], judge.noise[1]))
         courses = jnp.asarray(judge.ground.courses)
         kind = "position" if judge.position else "velocity"
         names = (f"motor_{kind}", kind, f"measured_{kind}")

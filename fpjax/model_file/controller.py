@@ -138,7 +138,10 @@ def with_feedforward(
     """
     if table is None:
         return controller
-    check_keys(FEEDFORWARD, table, [key.name for key in _FORWARD])
+    check_keys(FEEDFORWARD, table, [*(key.name for key in _FORWARD), "ahead"])
+    ahead = table.get("ahead", True)
+    if not isinstance(ahead, bool):
+        raise InputError(f"[{FEEDFORWARD}] ahead = {ahead!r} is not true or false: write one of them, without quotes.")
     values = read_values(FEEDFORWARD, table, _FORWARD, units)
     if controller is None:
         raise InputError(f"[{FEEDFORWARD}] needs a controller that is known: write [controller] type, or drop it.")
@@ -155,9 +158,11 @@ def with_feedforward(
             )
         values["speed"] = 1.0
     values["lag"] = dt if values["lag"] is None else values["lag"]
-    return Feedforward(controller, **values)
+    return Feedforward(controller, **values, ahead=ahead)
 
 
 def describe_feedforward(controller: AbstractController | None) -> dict[str, Any]:
     """The [feedforward] section; empty without one."""
-    return numbers(controller, _FORWARD) if isinstance(controller, Feedforward) else {}
+    if not isinstance(controller, Feedforward):
+        return {}
+    return numbers(controller, _FORWARD) | ({} if controller.ahead else {"ahead": False})

@@ -22,7 +22,7 @@ from ..gap.simulate.family import Family
 from ..gap.simulate.replay import SUBSTEPS, assembled
 from ..loop import ClosedLoop
 from ..model_file import Model
-from ..scan import Inputs, make_stepper, roll
+from ..scan import Inputs, make_stepper, roll, sampled_tables
 from .expect import Lanes, Readings, Told, coefficients, make_lanes, told_apart
 from .machines import NOMINAL_VARIANT, Shop, Variant
 from .sight import Sight
@@ -153,10 +153,10 @@ class Trial:
                 substeps=SUBSTEPS[family.key[0]],
             )  # fmt: skip
             silence = tuple(jnp.zeros(len(self.course.time)) for _ in range(machines.sensor.noise_channels))
-            inputs = Inputs(jnp.asarray(self.course.time), (reference,), silence)
 
-            def one(machine: Machine, inputs: Inputs = inputs, stepper: Any = stepper) -> tuple[Array, Array, Array]:
+            def one(machine: Machine, silence: Any = silence, stepper: Any = stepper) -> tuple[Array, Array, Array]:
                 loop = loop_of(self.shop.model, machine, self.course.limits.speed)
+                inputs = Inputs(jnp.asarray(self.course.time), sampled_tables(loop.controller, reference), silence)
                 _, recorded, _ = roll(loop, inputs, stepper, {}, RECORD)
                 return recorded["torque"], recorded["measured_velocity"], recorded["measured_position"]
 

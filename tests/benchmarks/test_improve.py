@@ -74,14 +74,14 @@ def some_identity(generator):
 
 @pytest.mark.parametrize("generator", [1, 2])
 def test_the_true_drive_runs_the_law_of_the_file(generator):
-    """Its torque is that of our `Feedforward`, sample by sample: the difference to the sample before."""
+    """Its torque is that of our `Feedforward`, sample by sample: the difference to the sample that follows."""
     from benchmarks.improve.machines import build, run
 
     true = build(some_identity(generator), 601)
     gains = dict.fromkeys(true.now, 0.0) | {"feedforward.inertia": 1.0}
     (record,) = run([(true, gains)], substeps=4)
     expected = np.diff(record.reference) / float(record.time[1] - record.time[0])
-    commanded = getattr(record, "command", record.torque)[1:]
+    commanded = getattr(record, "command", record.torque)[:-1]
     rounding = true.case.case.world.values["torque_step"] if generator == 2 else 1e-9
     limit = true.case.case.world.values["rating"] if generator == 2 else np.inf
     assert commanded == pytest.approx(np.clip(expected, -limit, limit), abs=rounding)

@@ -87,3 +87,37 @@ def test_a_chirp_stays_at_its_last_frequency():
     time = jnp.linspace(2.0, 3.0, 2001)
     crossings = int(np.sum(np.diff(np.sign(np.asarray(chirp.readout(time)))) != 0))
     assert crossings in (9, 10, 11)  # 5 Hz over one second
+
+
+def tracking(controller, dt=1e-3):
+    """Rms error of a sampled loop that follows a sine, after its first quarter [rad/s]."""
+    loop = fp.ClosedLoop(fp.OneMass(0.05, fp.CoulombViscous(0.0, 0.4, steepness=1.0)), controller)
+    run = fp.simulate(
+        loop, fp.Sine(2.0, 5.0), dt=dt, duration=0.4, stepping="sampled", substeps=8, record=("reference", "velocity")
+    )
+    error = np.asarray(run.signals["reference"] - run.signals["velocity"], float)
+    return float(np.sqrt(np.mean(error[len(error) // 4 :] ** 2)))
+
+
+def test_a_feedforward_that_knows_the_next_sample_leaves_nothing_to_the_feedback():
+    """Held torques of second order: half the period leaves a quarter of the error; the difference to the sample before
+    is half a period late, which leaves inertia x acceleration x dt for the feedback.
+    """
+    weak = fp.Proportional(0.02)
+
+    def forward(**words):
+        return fp.Feedforward(weak, 0.05, 0.0, 0.4, 1.0, **words)
+
+    late = tracking(forward(lag=1e-3, ahead=False))
+    ahead = tracking(forward(lag=1e-3))
+    assert ahead < 0.05 * late
+    assert tracking(forward(lag=5e-4), 5e-4) == pytest.approx(0.25 * ahead, rel=0.3)
+    limited = tracking(fp.Limited(forward(lag=1e-3), 1e3))
+    assert limited == pytest.approx(ahead, rel=1e-6)
+
+
+def test_the_first_sample_gives_no_acceleration_from_zero():
+    controller = fp.Feedforward(fp.Proportional(0.0), 1.0, 0.0, 0.0, 1.0, 1e-3)
+    state, rest, now = controller.init(), Measurement(jnp.asarray(0.0), jnp.asarray(0.0)), jnp.asarray(3.0)
+    assert float(controller.readout(state, now, rest)) == 0.0
+    assert float(controller.knowing(jnp.asarray(3.5)).readout(state, now, rest)) == pytest.approx(500.0)

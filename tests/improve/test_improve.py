@@ -32,14 +32,15 @@ from fpjax.improvement.machines import (
 )
 from fpjax.improvement.page import to_page
 from fpjax.improvement.search import Limits, limits_of, robust_costs
-from fpjax.improvement.verb import _Clock, followed, improve_known
+from fpjax.improvement.stages import StageClock
+from fpjax.improvement.verb import followed, improve_known
 
 MACHINE = {"inertia": 0.05, "coulomb": 0.4, "viscous": 0.03}
 
 
 def improved(known, model, free=()):
     log = case.log()
-    return improve_known(known, log, model, followed(log, model, "log"), free, 0, _Clock(None), None, None)
+    return improve_known(known, log, model, followed(log, model, "log"), free, 0, StageClock(None), None, None)
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +107,7 @@ def test_what_the_simulation_misses_of_the_log_widens_the_promise(found, small):
     other = dataclasses.replace(log, velocity=log.reference - size * (error + added))
     model = case.model()
     table = followed(other, model, "log")
-    told = improve_known(case.known(), other, model, table, ["controller"], 0, _Clock(None), None, None)
+    told = improve_known(case.known(), other, model, table, ["controller"], 0, StageClock(None), None, None)
     assert told.measured == pytest.approx(found.measured, rel=0.02)
     assert width(told.before.error) < 1.5 * width(found.before.error)
     assert width(told.after.error) > 2.0 * width(found.after.error)
@@ -118,7 +119,7 @@ def test_where_other_gains_made_the_log_the_promise_is_in_doubt(found, small):
     other = gap_machine.record(softer, seconds=1.5, reference=log.reference, velocity_noise=5e-3)
     known, model = dataclasses.replace(case.known(), made=False), case.model()
     told = improve_known(
-        known, other, model, followed(other, model, "log"), ["controller"], 0, _Clock(None), None, None
+        known, other, model, followed(other, model, "log"), ["controller"], 0, StageClock(None), None, None
     )
     assert told.measured is None
     assert width(told.after.error) > 0.15 > width(found.after.error)
@@ -130,7 +131,7 @@ def test_without_a_rate_sensor_the_encoder_tells_what_the_prediction_is_worth(sm
     alone = dataclasses.replace(machine, velocity=None)
     known, model = dataclasses.replace(case.known(), made=False), case.model()
     told = improve_known(
-        known, alone, model, followed(alone, model, "log"), ["controller"], 0, _Clock(None), None, None
+        known, alone, model, followed(alone, model, "log"), ["controller"], 0, StageClock(None), None, None
     )
     assert width(told.after.error) < 0.15
 
@@ -138,7 +139,7 @@ def test_without_a_rate_sensor_the_encoder_tells_what_the_prediction_is_worth(sm
 def test_a_log_of_another_reference_says_nothing_of_the_prediction(small):
     log, model = case.log(), case.model()
     table = 0.5 * followed(log, model, "log")
-    found = improve_known(case.known(), log, model, table, ["controller"], 0, _Clock(None), None, None)
+    found = improve_known(case.known(), log, model, table, ["controller"], 0, StageClock(None), None, None)
     assert found.measured is None
 
 
@@ -237,7 +238,9 @@ def test_of_a_long_log_one_stretch_is_followed_with_its_own_missing_torque():
 def test_a_long_log_is_improved_and_it_is_said_what_was_followed(small):
     log, known = long_log()
     model = case.model()
-    found = improve_known(known, log, model, followed(log, model, "log"), ["controller"], 0, _Clock(None), None, None)
+    found = improve_known(
+        known, log, model, followed(log, model, "log"), ["controller"], 0, StageClock(None), None, None
+    )
     assert found.measured == pytest.approx(found.before.error.value, rel=0.05)
     assert any("The log is long" in note for note in found.notes)
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import fpjax as fp
-from fpjax.improvement.verb import _Clock, followed, improve_known
+from fpjax.improvement.stages import StageClock
+from fpjax.improvement.verb import followed, improve_known
 from fpjax.logs import Log
 
 pytestmark = pytest.mark.long
@@ -40,7 +41,7 @@ def test_an_observers_gains_and_inertia_are_tuned():
     log, model = simulated(case.MODEL + OBSERVER, 5.0)
     corrected = (case.MODEL + OBSERVER).format(inertia=0.05, coulomb=0.4) + SINE.format(amplitude=5.0)
     known = dataclasses.replace(case.known(), model=corrected)
-    found = improve_known(known, log, model, followed(log, model, "log"), [], 0, _Clock(None), None, None)
+    found = improve_known(known, log, model, followed(log, model, "log"), [], 0, StageClock(None), None, None)
     assert {change.gain for change in found.changes} == {"observer.gain_1", "observer.gain_2", "observer.inertia"}
     assert found.before.unstable == 0.0
     assert found.measured == pytest.approx(found.before.error.value, rel=0.05)
@@ -52,7 +53,7 @@ def test_a_position_cascade_is_judged_by_its_position():
     log, model = simulated(CASCADE, 0.6)
     known = dataclasses.replace(case.known(), model=CASCADE.format(inertia=0.05, coulomb=0.4))
     table = followed(log, model, "log")
-    found = improve_known(known, log, model, table, ["controller"], 0, _Clock(None), None, None)
+    found = improve_known(known, log, model, table, ["controller"], 0, StageClock(None), None, None)
     assert found.signal == "position"
     assert found.before.error.unit == "rad"
     assert found.measured == pytest.approx(found.before.error.value, rel=0.05)
@@ -60,4 +61,4 @@ def test_a_position_cascade_is_judged_by_its_position():
     assert {change.gain for change in found.changes} == {"controller.kp", "controller.kv", "controller.ki"}
     assert set(found.after.margins) == {"modulus", "gain", "phase", "delay"}
     with pytest.raises(fp.InputError, match="has one of position"):
-        improve_known(known, log, model, table, ["feedforward"], 0, _Clock(None), None, None)
+        improve_known(known, log, model, table, ["feedforward"], 0, StageClock(None), None, None)

@@ -194,9 +194,11 @@ def _simulate(worlds: list[World], substeps: int, progress: Callable[[float], No
     actuator = Actuator(plant, step)
     reference = np.stack([world.reference for world in worlds])
     slope = np.gradient(reference, dt, axis=1)
-    if "forward_late" in plant.has:
-        late = np.diff(reference, axis=1, prepend=reference[:, :1]) / dt
-        slope = slope + p["forward_late"][:, None] * (late - slope)
+    aimed = reference
+    if "forward_ahead" in plant.has:
+        change = np.diff(reference, axis=1, append=reference[:, -1:])
+        slope = slope + p["forward_ahead"][:, None] * (change / dt - slope)
+        aimed = reference + 0.5 * p["forward_ahead"][:, None] * change
     wanted = p["start"][:, None] + np.cumsum(reference, axis=1) * dt - reference * dt
     normals = np.stack([np.random.default_rng(world.seed).normal(size=(3, periods)) for world in worlds], axis=1)
     push = np.stack([np.zeros(periods) if w.push is None else w.push for w in worlds])
@@ -230,7 +232,7 @@ def _simulate(worlds: list[World], substeps: int, progress: Callable[[float], No
         used = np.where(p["reads_rate"] > 0, rate, derived)
         target = reference[:, k] + p["position_gain"] * (wanted[:, k] - encoder) * (p["position_gain"] > 0)
         error = target - used
-        forward = p["forward_coulomb"] * np.tanh(target / p["forward_speed"]) + p["forward_viscous"] * target
+        forward = p["forward_coulomb"] * np.tanh(aimed[:, k] / p["forward_speed"]) + p["forward_viscous"] * aimed[:, k]
         command = p["kp"] * error + integral + forward + p["forward_inertia"] * slope[:, k]
         held = np.clip(command, -p["rating"], p["rating"])
         integral = integral + p["ki"] * dt * error * (held == command)

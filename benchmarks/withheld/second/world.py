@@ -91,7 +91,7 @@ NEUTRAL: dict[str, float] = {
     "forward_coulomb": 0.0,
     "forward_viscous": 0.0,
     "forward_inertia": 0.0,
-    "forward_late": 0.0,  # 1: its acceleration is the difference to the sample before, as a drive has it; 0: central
+    "forward_ahead": 0.0,  # 1: it is for the period that begins: difference to the next sample, friction at their mean
     "forward_speed": 1.0,
     "rating": 1e9,
     "start": 0.0,

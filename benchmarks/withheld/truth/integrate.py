@@ -231,10 +231,13 @@ def run_group(machines: list[Machine], substeps: int, progress: Callable[[float]
     body.change = body.friction.base(body.position, -1.0)
     sensor = VelocitySensor(p, dt, substeps)
     slope = np.gradient(reference, dt, axis=0)
-    if np.any(p["forward_late"]):
-        slope = slope + p["forward_late"] * (np.diff(reference, axis=0, prepend=reference[:1]) / dt - slope)
-    forward = p["forward_coulomb"] * np.tanh(reference / p["forward_velocity"])
-    forward = forward + p["forward_viscous"] * reference + p["forward_inertia"] * slope
+    aimed = reference
+    if np.any(p["forward_ahead"]):
+        change = np.diff(reference, axis=0, append=reference[-1:])
+        slope = slope + p["forward_ahead"] * (change / dt - slope)
+        aimed = reference + 0.5 * p["forward_ahead"] * change
+    forward = p["forward_coulomb"] * np.tanh(aimed / p["forward_velocity"])
+    forward = forward + p["forward_viscous"] * aimed + p["forward_inertia"] * slope
     integral, last_reading, last_sent = np.zeros(count), np.zeros(count), np.zeros(count)
     on_load = p["sensor_on_load"] > 0
     out = {

@@ -83,7 +83,7 @@ NEUTRAL: dict[str, float] = {
     "forward_viscous": 0.0,
     "forward_velocity": 1.0,
     "forward_inertia": 0.0,
-    "forward_late": 0.0,  # 1: its acceleration is the difference to the sample before, as a drive has it; 0: central
+    "forward_ahead": 0.0,  # 1: it is for the period that begins: difference to the next sample, friction at their mean
     "start_position": 0.0,
     # outside the vocabulary: a spring to a position that follows with play (N m, rad, rad)
     "hysteresis": 0.0,

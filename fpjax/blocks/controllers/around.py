@@ -92,6 +92,15 @@ class Limited(AbstractController):
         return self.controller.step(state, reference, measurement, dt)
 
     @property
+    def looks_ahead(self) -> bool:
+        """Whether the wrapped controller does."""
+        return self.controller.looks_ahead
+
+    def knowing(self, following: Array) -> "Limited":
+        """Around the wrapped controller that is told."""
+        return Limited(self.controller.knowing(following), self.limit)
+
+    @property
     def bounded(self) -> bool:
         """It has a limit."""
         return True

@@ -30,6 +30,16 @@ class AbstractController(Block):
         rates = self.derivative(state, reference, measurement)
         return jax.tree.map(lambda value, rate: value + dt * rate, state, rates)
 
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether it asks for the reference of the next sample too (sampled stepping)."""
+        return False
+
+    def knowing(self, following: Array) -> "AbstractController":
+        """The same controller, told the reference of the next sample [rad/s]."""
+        del following
+        return self
+
     # A limit holds for what leaves the controller: its control and the observer's compensation together. The loop
     # therefore asks for the control without the limit, adds the compensation, limits the sum, and lets the state
     # follow what was cut off.

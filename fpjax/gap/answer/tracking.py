@@ -106,7 +106,8 @@ def made_torque(model: Model, record: Record) -> tuple[float, Any]:
         assert angle is not None
         rate = np.concatenate([[0.0], np.diff(angle)]) / record.dt
     angle = np.zeros_like(rate) if angle is None else angle
-    columns = tuple(jnp.asarray(column, float) for column in (record.reference, rate, angle))
+    asked = np.asarray(record.reference)
+    columns = tuple(jnp.asarray(column, float) for column in (asked, rate, angle, np.append(asked[1:], asked[-1])))
 
     dt = jnp.asarray(record.dt)
     loop = ClosedLoop(model.loop.plant, controller, observer)
@@ -115,8 +116,8 @@ def made_torque(model: Model, record: Record) -> tuple[float, Any]:
 
     def torque(flat: Any) -> Any:
         def period(memory: Any, sample: Any) -> tuple[Any, Any]:
-            reference, velocity, place = sample
-            command = loop.control_law(memory, reference, Measurement(velocity, place), dt)
+            reference, velocity, place, following = sample
+            command = loop.control_law(memory, reference, Measurement(velocity, place), dt, following)
             return command.memory, command.torque
 
         return jax.lax.scan(period, (*unravel(flat), first), columns)[1]
