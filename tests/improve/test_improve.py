@@ -32,8 +32,8 @@ from fpjax.improvement.machines import (
 )
 from fpjax.improvement.page import to_page
 from fpjax.improvement.search import Limits, limits_of, robust_costs
-from fpjax.improvement.stages import StageClock
 from fpjax.improvement.verb import followed, improve_known
+from fpjax.output.stages import StageClock
 
 MACHINE = {"inertia": 0.05, "coulomb": 0.4, "viscous": 0.03}
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import fpjax as fp
-from fpjax.improvement.stages import StageClock
 from fpjax.improvement.verb import followed, improve_known
 from fpjax.logs import Log
+from fpjax.output.stages import StageClock
 
 pytestmark = pytest.mark.long
 OBSERVER = '[observer]\ntype = "efp"\n'  # its gains by pole placement
