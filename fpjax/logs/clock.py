@@ -18,6 +18,7 @@ from ..errors import InputError
 
 SHORTEST = 20  # rows
 JITTER_WARNED, JITTER_ALLOWED = 0.01, 0.25  # of a period
+UNCLOCKED = 0.02  # share of steps below half the median from which on no clock is behind the stamps
 LONGEST_FILLED = 10  # periods
 FEW_AT_START = 0.002  # of the rows: what stands before a start-up gap is dropped, not joined
 LATE = 5  # places that a row may have come late
@@ -238,6 +239,10 @@ def read_clock(time: np.ndarray, name: str, dt: float | None = None) -> Clock:
         period = _short_number(period, max(3.0 * error, 1e-3 * period / places[-1]))
         # A clock that drifts against its own count (steps that are no multiple) is counted anew.
         if np.abs(centred - period * spread).max() > JITTER_ALLOWED * period:
+            median = float(np.median(steps))
+            if np.mean(steps < 0.5 * median) > UNCLOCKED:
+                # nothing ticks behind such stamps (a device that was polled): no more rows than came are in them
+                period = _short_number(median, 0.02 * median)
             places = np.round((time - time[0]) / period)
             places = np.maximum.accumulate(places)
     start = float(np.mean(time - period * places))

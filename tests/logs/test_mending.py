@@ -160,3 +160,13 @@ def test_one_number_that_no_sensor_gives_is_left_out_and_said(columns, name, val
 def test_a_column_of_absurd_numbers_is_refused(columns):
     with pytest.raises(InputError, match=r"velocity has values of up to 1e\+150 in .* which no machine has"):
         read_log({**columns, "velocity": 1e150 * columns["velocity"]})
+
+
+def test_stamps_of_a_polled_device_are_not_made_finer_than_they_came():
+    """Rows 1 to 60 ms apart with no clock behind them: the grid has their median step."""
+    rng = np.random.default_rng(3)
+    steps = np.where(rng.random(2000) < 0.2, rng.uniform(0.001, 0.006, 2000), rng.uniform(0.028, 0.06, 2000))
+    time = np.cumsum(steps)
+    log = read_log({"time": time, "torque": np.cos(time), "velocity": np.sin(time)})
+    assert 0.9 * np.median(steps) < log.dt < 1.1 * np.median(steps)
+    np.testing.assert_allclose(log.velocity, np.sin(log.time), atol=2e-3)
