@@ -3,6 +3,7 @@
 import gap_machine
 import gap_search
 import numpy as np
+import pytest
 
 from fpjax.gap.diagnose import make_search
 from fpjax.model_file import load_model
@@ -23,5 +24,8 @@ def left(sensors):
 
 def test_the_model_as_given_is_not_judged_at_another_angle_than_the_log_s():
     assert left(("velocity",)) < 0.01
-    # An encoder that is zero elsewhere than the model's load is a gap.
+
+
+@pytest.mark.long  # the same fit with one channel more compiles for 6 s of processor time
+def test_an_encoder_that_is_zero_elsewhere_than_the_load_is_a_gap():
     assert left(("velocity", "position")) > 0.1

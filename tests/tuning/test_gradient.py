@@ -53,6 +53,7 @@ def test_residuals_and_their_jacobian_give_cost_and_gradient():
     np.testing.assert_allclose(2.0 * np.einsum("lm,lmn->ln", residuals, slopes), gradient, rtol=1e-7)
 
 
+@pytest.mark.long  # each of the two searches is in a test of the default set
 def test_levenberg_marquardt_needs_18_simulations_where_algorithm_1_needs_84():
     """Both with the smooth law, tangents counted."""
     common = {"parameters": GAINS, "objective": THESIS, **SETUP}
@@ -116,7 +117,7 @@ def test_where_every_start_diverges_the_result_says_so():
         pytest.param("lbfgs", marks=pytest.mark.long),
         pytest.param("adam", marks=pytest.mark.long),
         "nelder_mead",
-        tuning.RepairedGridSearch(threshold=0.0),
+        pytest.param(tuning.RepairedGridSearch(threshold=0.0), marks=pytest.mark.long),
     ],
 )
 def test_bounds_hold_and_are_reported(method):
