@@ -63,7 +63,8 @@ def _show(found: "Inspection") -> None:
     for column in found.columns[: len(log.columns()) - 1 + EXTRAS]:
         step = "" if column.step is None else f"{column.step:.3g}"
         limit = "" if not column.at_limit else f"{100 * column.at_limit:.2g} %"
-        rows.append((column.name, column.unit, column.low, column.high, column.rms, column.noise, step, limit))
+        noise = column.noise if column.noise > 1e-12 * column.rms else 0.0  # of a constant column: of its last bit
+        rows.append((column.name, column.unit, column.low, column.high, column.rms, noise, step, limit))
     print(table(rows, ("column", "unit", "low", "high", "rms", "noise", "step", "at its limit")))
     rate, unit = ("m/s", "m") if log.linear else ("rad/s", "rad")
     print(
