@@ -78,6 +78,19 @@ class SweepResult:
             "versions": self.versions,
         }
 
+    def to_dataframe(self) -> Any:
+        """A `pandas.DataFrame` with a row a candidate: its values by the axes' names, its cost by reference.
+
+        Raises:
+            InputError: where pandas is not installed.
+        """
+        from fpjax.output.frames import to_frame
+
+        grid = np.meshgrid(*(axis.values for axis in self.axes), indexing="ij")
+        columns = {axis.name: values.ravel() for axis, values in zip(self.axes, grid, strict=True)}
+        costs = {f"cost on {label}": self.costs[..., i].ravel() for i, label in enumerate(self.references)}
+        return to_frame(columns | costs)
+
     def save(self, path: str | Path) -> Path:
         """Write an `.npz`: `cost`, an array of values for each axis by its name, `axes` and `references` in order.
 

@@ -133,6 +133,10 @@ def test_the_file_names_its_axes(tmp_path):
     np.testing.assert_array_equal(content["cost"], result.costs)
     np.testing.assert_array_equal(content["observer.gain_1"], AXES[0].values)
     assert content["summary"]["best"]["a"]["cost"] == result.best("a")[1]
+    frame = pytest.importorskip("pandas") and result.to_dataframe()
+    row = frame.loc[frame["cost on b"].idxmin()]
+    assert {axis.name: row[axis.name] for axis in AXES} == result.best("b")[0]
+    assert len(frame) == result.simulations / 2
 
 
 @pytest.mark.parametrize("axes", [AXES[:1], AXES, (*AXES, Axis("controller.kp", 100.0, 200.0, 3))])
