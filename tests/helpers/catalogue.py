@@ -22,14 +22,17 @@ def one_of_each_kind(cases=CASES):
     return tried
 
 
+NEUTRAL = ("none", "ideal")  # blocks that do nothing: the loops of all other cases hold them
+
+
 def in_a_loop():
-    """Cases for what compiles several whole loops: the first of each kind and stepping; `long` the other blocks; `slow`
-    the variants, which `one_of_each_kind` tries alone."""
+    """Cases for what compiles several whole loops: the first of each kind and stepping that does something; `long` the
+    other blocks; `slow` the variants, which `one_of_each_kind` tries alone."""
     seen, tried = set(), []
     for case in one_of_each_kind():
         if not isinstance(case, Case):  # a variant
             tried.append(pytest.param(*case.values, marks=pytest.mark.slow))
-        elif (case.kind, case.stepping) in seen:
+        elif (case.kind, case.stepping) in seen or case.name in NEUTRAL:
             tried.append(pytest.param(case, marks=pytest.mark.long))
         else:
             tried.append(case)
