@@ -33,6 +33,6 @@ def nominal_gains(log: Log, model: Model, free: Sequence[str] = (), seed: int = 
     ground = Ground(record, whole, silent, (noise[0], noise[1]), machines.substeps, ())
     machines = ready(machines, ground, machines.periods(record.dt))
     judge = Judge(gains.model, gains.names, ground, table, seed + 3)
-    limits = limits_of(judge(gains.now[None], machines).of(0), largest_torque(record))
+    limits = limits_of(judge(gains.now[None], machines).of(0), largest_torque(record), model.limits.get("torque"))
     found = search(judge, gains, machines, guesses(gains, machine), limits, seed + 4)
     return {gain.word: float(value) for gain, value in zip(gains.gains, found.values, strict=True)}

@@ -40,7 +40,7 @@ class Limits:
     peak: float
 
 
-def limits_of(current: Score, largest: float) -> Limits:
+def limits_of(current: Score, largest: float, allowed: float | None = None) -> Limits:
     """What the current gains cost.
 
     A limit of the actuator is in the machines: a command beyond it comes to nothing there, and winds up what winds up.
@@ -49,11 +49,12 @@ def limits_of(current: Score, largest: float) -> Limits:
     Args:
         current: scores of the current gains, each of shape (machines,).
         largest: torque of the log [N m].
+        allowed: that the machine may be given, [limits] torque of its file [N m]; None: a quarter more than it was.
     """
     fine = np.isfinite(current.error)
     if not fine.any():
         return Limits(1.0, np.inf, np.inf)
-    peak = HARDEST * max(largest, float(np.median(current.peak[fine])))
+    peak = HARDEST * max(largest, float(np.median(current.peak[fine]))) if allowed is None else allowed
     rough = float(np.median(allowed_roughness(current)[fine]))
     return Limits(float(np.median(current.error[fine])), rough, max(peak, 1e-300))
 

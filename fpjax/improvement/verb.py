@@ -24,13 +24,14 @@ from .judge import Judge, Score
 from .known import Known, known_in, known_of
 from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, record_of, rms
 from .margins import NAMES, UNITS, margins_of
-from .search import Found, limits_of, search
+from .search import HARDEST, Found, limits_of, search
 from .stages import COSTS
 from .traces import passed_on, run_traces, unlike
 
 TUNED_ON, JUDGED_ON, MARGINED = 16, 48, 12  # machines for the search; others for the prediction; of them for margins
 LONGEST = 20_000  # samples of the log that are simulated
 BLENDS = (1.0, 0.6, 0.3)  # of the way from the current gains to the best ones, on the search's scales
+AT_MOST = 0.95  # of the largest torque that is allowed, from where it is taken to have held the gains back
 LEAST_DOUBT = 0.03  # of the error: half of the interval that one draw of the noise and one integrator leave anyway
 UNHELD = 0.08  # likewise, where no log shows what the prediction is worth
 MOST_DOUBT = math.log(2.0)
@@ -133,10 +134,11 @@ def improve_known(
         before = judged.side(gains.now, now.of(0), judged.margins(gains.now[None])[0])
         return judged.answer(decision, reason, before, before, None, (), 0.0, None, 0, notes)
     clock("searching")
+    allowed = nominal.limits.get("torque")
+    limits = limits_of(judge(gains.now[None], tuned_on).of(0), largest_torque(record), allowed)
     if kept is not None and len(kept.values) == len(gains.gains):
         found = kept
     else:
-        limits = limits_of(judge(gains.now[None], tuned_on).of(0), largest_torque(record))
         first = guesses(gains, machine)
         found = search(judge, gains, tuned_on, first, limits, seed + 4, lambda share: clock("searching", share))
         if keep is not None:
@@ -184,6 +186,12 @@ def improve_known(
                 f"{change.gain} ended at its {change.at} bound ({change.after:.4g}): the bound and not the machine "
                 f"chose it; a wider one, [bounds] {change.gain} = [low, high], may follow better."
             )
+    peak = float(np.median(scores.peak[seen]))
+    if chosen and allowed is None and peak > AT_MOST * limits.peak:
+        notes.append(
+            f"The largest torque came to what was allowed, {limits.peak:.3g} {judged.torque_unit}: {HARDEST - 1.0:.0%} "
+            f"more than the log's. Where the machine stands more, [limits] torque in the model file may win more."
+        )
     answer = judged.answer(
         "change" if chosen else "keep", reason, before, side if chosen else before, side, changes, wins, middle,
         found.simulations, notes, tried[chosen],

@@ -55,6 +55,13 @@ def found(small) -> Improvement:
     return improved(case.known(), case.model(), ["controller"])
 
 
+def test_no_more_torque_is_asked_for_than_the_file_allows(small, found):
+    most = 0.95 * found.after.peak.value
+    tight = improved(case.known(), case.model(f"[limits]\ntorque = {most}\n"), ["controller"])
+    assert tight.after.peak.value < 1.01 * most
+    assert not any("[limits] torque" in note for note in tight.notes)
+
+
 def test_the_proposal_follows_as_promised_on_a_machine_that_is_no_code_of_ours(found):
     assert found.decision == "change"
     gains = found.after.gains
@@ -209,6 +216,7 @@ def test_a_command_beyond_the_actuators_limit_costs_nothing_of_its_own():
     score = Score(*(np.full((2, 3), value) for value in (0.5, 0.5, 1.0, 4.0, 0.1)))
     limits = limits_of(score.of(0), 4.0)
     assert limits.peak == pytest.approx(5.0)
+    assert limits_of(score.of(0), 4.0, allowed=9.0).peak == 9.0
     assert robust_costs(score, limits) == pytest.approx([1.0, 1.0])
 
 
