@@ -12,6 +12,7 @@ from ..logs import Log, LogSource
 from ..model_file import Model, ModelSource
 from ..output.stages import StageClock
 from .answer.assemble import assemble
+from .answer.curves import curves_of
 from .answer.diagnosis import Diagnosis
 from .answer.provenance import provenance
 from .answer.stages import COSTS
@@ -107,9 +108,10 @@ def _diagnose(
     try:
         search = make_search(logs, withheld, model, effects, keep)
         warnings += about_stretches(search.records)
-        decision = decide(search, clock)
+        curves = curves_of(search)
+        decision = decide(search, clock, curves.by)
         clock("intervals and curves")
-        found = assemble(search, decision, model, warnings, allowed, clock)
+        found = assemble(search, decision, curves, model, warnings, allowed, clock)
     except np.linalg.LinAlgError as error:
         names = ", ".join(log.name for log in everything[:3])
         raise InputError(

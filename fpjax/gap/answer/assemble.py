@@ -12,23 +12,23 @@ from ...output.stages import StageClock
 from ..data.record import Record, in_one_piece
 from ..effects.estimate import Estimate
 from ..effects.experiments import Experiment, next_experiment
-from ..effects.twins import single_twins
-from ..fit.candidate import Fit, nominal_sizes
+from ..fit.candidate import Fit
 from ..fit.search import Search
 from ..select.decision import Decision
 from ..select.readings import Reading, readings
 from ..select.thresholds import THRESHOLDS
-from ..select.verdict import ROUNDING, Seen, Verdict, material, verdict
+from ..select.verdict import ROUNDING, Verdict, material
 from .corrected import corrected_model
-from .course import Course, course_of
-from .diagnosis import Comparison, Diagnosis, Gap, Ranked, Step
-from .intervals import covariance, identifiability, linear_unit, read_estimates
+from .course import Course
+from .curves import Curves
+from .diagnosis import Comparison, Diagnosis, Ranked, Step
+from .intervals import identifiability, linear_unit, read_estimates
+from .judge import Read, judge
 from .learned import learn
 from .machines import machine_of, with_reading
 from .posterior import left_open, make_posterior
-from .ranking import log_of, rank
-from .shown import not_shown
-from .shrink import gap_of, noise_floor, rms_of, steps_of, withheld
+from .ranking import rank
+from .shrink import rms_of, steps_of, withheld
 from .tracking import Side, tracking_error
 from .where import locate
 
@@ -36,7 +36,7 @@ ROUNDED = 1.5  # steps of a reading that its noise must be below for its roundin
 
 
 def assemble(
-    search: Search, decision: Decision, model: Model, warnings: Sequence[str], allowed: tuple[str, ...],
+    search: Search, decision: Decision, curves: Curves, model: Model, warnings: Sequence[str], allowed: tuple[str, ...],
     clock: StageClock,
 ) -> Diagnosis:  # fmt: skip
     """The answer.
@@ -44,23 +44,22 @@ def assemble(
     Args:
         search: of the logs.
         decision: what its fits led to.
+        curves: what a table of each recorded variable holds.
         model: the nominal one.
         warnings: about the logs.
         allowed: names of the effects, where not the whole vocabulary was tried.
         clock: of the stages.
     """
-    records, chosen = search.records, decision.chosen.fit
+    records = search.records
     linear = records[0].linear
     step = unknown_step(search)
     torque = float(np.sqrt(np.mean(np.concatenate([record.torque for record in records]) ** 2)))
     read = material(readings(in_one_piece(records[0]), search.setting.inertia), torque)
     read = tuple(one for one in read if not allowed or one.effect in allowed)
     wrong = (*(one.effect for one in read), *([ROUNDING] if step > 0.0 else []))
-    gap = gap_of(search, decision, linear_unit("N m", linear))
-    spread = covariance(search, chosen)
-    unshown = not_shown(search, chosen, spread)
-    seen_sizes = _seen(search, decision, gap, torque=torque, wrong=wrong, read=read, allowed=allowed)
-    found = verdict(decision, replace(seen_sizes, unshown=unshown))
+    judged = judge(search, decision, Read(torque, wrong, read, allowed), curves, linear_unit("N m", linear))
+    decision, found, gap, spread = judged.decision, judged.verdict, judged.gap, judged.spread
+    before, after, chosen = judged.before, judged.after, judged.decision.chosen.fit
     causes = [name for name in found.causes if name not in wrong]
     steps = steps_of(search, decision, causes) if causes else ()
     steps = (*steps, *(Step(name, gap.after, gap.after_interval) for name in wrong))
@@ -82,8 +81,6 @@ def assemble(
         gap = replace(gap, learned=size, learned_interval=spread_of_it)
         learned_text, _ = corrected_model(model, with_reading(machine_of(laws.fit.candidate), read_values), step)
     clock("where")
-    before = [course_of(search, decision.exact, which) for which in range(len(records))]
-    after = [course_of(search, chosen, which) for which in range(len(records))]
     clock("closed loop")
     said = [*_at_bounds(chosen, linear), *warnings]
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
@@ -155,25 +152,6 @@ def _step(record: Record) -> float:
         # Derived by the drive: its steps are the encoder's, and no fault of a sensor.
         channel = None if is_derived(channel.values, record.position.values) else channel
     return channel.step if channel is not None and channel.step > ROUNDED * channel.noise else 0.0
-
-
-def _seen(
-    search: Search, decision: Decision, gap: Gap, *, torque: float, wrong: tuple[str, ...],
-    read: Sequence[Reading], allowed: tuple[str, ...],
-) -> Seen:  # fmt: skip
-    windows = [np.arange(len(record.starts)) for record in search.records]
-    before, after = (fit.missing_rms(windows) for fit in (decision.exact, decision.chosen.fit))
-    return Seen(
-        before=before,
-        after=max(after, (1.0 - gap.closed) * before),  # the word may not say more than the number beside it
-        floor=noise_floor(search, windows),
-        torque=torque,
-        sizes=nominal_sizes(search.setting),
-        readings=wrong,
-        allowed=frozenset(allowed),
-        doubts={one.effect: (one.rival, one.sure) for one in read if one.rival},
-        twins=single_twins(log_of(search)),
-    )
 
 
 def _at_bounds(fit: Fit, linear: bool) -> list[str]:

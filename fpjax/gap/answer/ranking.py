@@ -87,6 +87,8 @@ def rank(
     for twin in twins:
         share_alike(entries, twin)
     _both_ways(entries, asserted)
+    if found.word == "unexplained":
+        asserted = []  # a wrong reading beside a torque that nobody explains comes where its probability is
     rest = [entry for entry in entries.values() if entry.effect not in asserted]
     rest.sort(key=lambda entry: (-entry.probability, -entry.evidence))
     return Ranking((*(entries[name] for name in asserted), *rest), tuple(twins))

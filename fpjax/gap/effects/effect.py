@@ -57,6 +57,8 @@ class Effect:
         wide: the nominal parameters lose their tight prior (they are confounded with the effect).
         features: terms of the machine that it changes; all, unless it says less (what is left out costs no time).
         fixed: parameters that a start may set and the fit leaves alone.
+        follows: what its torque is a function of, of "velocity", "position", "torque" and "time"; empty where it
+            depends on the past or on an acceleration, or where nothing is said.
     """
 
     name: str
@@ -68,6 +70,7 @@ class Effect:
     wide: bool = False
     fixed: tuple[EffectParameter, ...] = ()
     features: tuple[Feature, ...] = FEATURES
+    follows: tuple[str, ...] = ()
 
     def change(self, machine: Machine, values: Values) -> Machine:
         """The machine with this effect at these values; at the neutral ones it is the same machine."""

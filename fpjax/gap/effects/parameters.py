@@ -69,8 +69,8 @@ INERTIA = EffectParameter(
     "inertia",
     "kg m^2",
     lambda s: s.inertia,
-    _times("inertia", 0.1),
-    _times("inertia", 10),
+    _times("inertia", 1 / 3),
+    _times("inertia", 3),
     _times("inertia", 0.2),
     "plant.inertia",
 )

@@ -155,7 +155,24 @@ def _effect(name: str, parameters: tuple[EffectParameter, ...], **words: Any) ->
         "unbalance": ("torque",),
         "cogging": ("torque",),
     }
-    return Effect(name, parameters, features=features.get(name, ()), **words)
+    return Effect(name, parameters, features=features.get(name, ()), follows=_FOLLOWS.get(name, ()), **words)
+
+
+_FOLLOWS: dict[str, tuple[str, ...]] = {
+    "coulomb_error": ("velocity",),
+    "viscous_error": ("velocity",),
+    "stribeck": ("velocity",),
+    "asymmetric_friction": ("velocity",),
+    "quadratic_drag": ("velocity",),
+    "position_dependent_friction": ("velocity", "position"),
+    "friction_drift": ("velocity", "time"),
+    "load_dependent_friction": ("velocity", "torque"),
+    "unbalance": ("position",),
+    "cogging": ("position",),
+    "torque_gain_error": ("torque",),
+    "torque_saturation": ("torque",),
+    "torque_dead_zone": ("torque",),
+}
 
 
 EFFECTS: tuple[Effect, ...] = (

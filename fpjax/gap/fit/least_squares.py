@@ -21,6 +21,7 @@ DAMPINGS = (1e-6, 1e-2, 1.0, 100.0)  # tried at once, times the candidate's own 
 LOADED = 0.05  # of the friction: how well the torque in a spring at a window's start is known beforehand
 BRISTLE = 0.1  # how well the bristles' share is known beforehand [1]
 MOVED = 0.02  # of the top speed: how well a speed from positions is known, beside its noise
+ANSWERING = ("inertia", "viscous", "gain", "actuator_lag", "drag_coefficient", "load_coefficient")
 GAINED = 0.02  # fall of twice the negative log posterior below which a fit has converged
 
 Values = np.ndarray
@@ -56,6 +57,10 @@ class Fitter:
     def __init__(self, runner: Runner, setting: Setting, modes: Modes):
         self.runner, self.family, self.setting, self.modes = runner, runner.family, setting, modes
         self.records: list[Record] = runner.records
+        speed = np.concatenate([record.speed for record in self.records])
+        torque = np.concatenate([record.torque for record in self.records])
+        self.speed, self.effort = float(np.sqrt(np.mean(speed**2))), np.abs(torque)
+        self.driving = float(np.clip(np.mean(np.sign(torque) * np.sign(speed)), 0.0, 1.0))
         # Windows whose readings repeat have more noise.
         self.noise = [2.0 ** np.round(np.log2(record.runs)) for record in self.records]
 
@@ -165,6 +170,37 @@ class Fitter:
     def _parameter_prior(self, c: Candidate) -> float:
         return float(np.sum(((c.vector[c.free] - c.center) / c.spread) ** 2))
 
+    def torques(self, c: Candidate, windows: Windows) -> Values:
+        """How many coefficients of each mode show torque and not noise at a candidate's level [1], shape (modes,)."""
+        noise = np.concatenate([self.noise[which][chosen] for which, chosen in enumerate(windows)])
+        return np.sum(self.modes.wiener(c.level, noise), axis=0)
+
+    def stiffer(self, c: Candidate, vector: Values | None = None) -> Values:
+        """By how much a candidate answers a torque at its command less than the nominal model does, at least 1.
+
+        Under a stiff position loop the motion is imposed and the torque answers. A model that hardly moves whatever
+        acts on it, a heavy mass, much friction, a lag, a limit, then leaves small residuals without knowing the torque.
+        What it leaves is read as a torque with its own answer, never with a livelier one than the nominal model's: a
+        light mass or a large gain would shrink it likewise.
+
+        Returns:
+            Shape (modes,) [1]; 1 for modes without torque.
+        """
+        found = dict(zip([p.name for p in c.family.parameters], c.vector if vector is None else vector, strict=True))
+        viscous = found["viscous"] + 2.0 * found.get("drag_coefficient", 0.0) * self.speed
+        passed = np.mean((self.effort > found.get("dead_zone", 0.0)) & (self.effort < found.get("limit", np.inf)))
+        gain = found.get("gain", 1.0) * max(1.0 - found.get("load_coefficient", 0.0) * self.driving, 0.05)
+        own = found["inertia"], max(viscous, 0.0), gain * max(passed, 0.05), max(found.get("actuator_lag", 0.0), 0.0)
+        nominal = self.modes.answer(self.setting.inertia, self.setting.viscous, 1.0, 0.0)
+        return np.where(self.modes.sensor, 1.0, np.maximum(nominal / self.modes.answer(*own), 1.0))
+
+    def answering(self, c: Candidate, torques: Values, vector: Values | None = None) -> float:
+        """Twice the negative log of the volume of torques that a volume of residuals stands for."""
+        if not np.any(torques > 0.0):
+            return 0.0
+        stiffer = self.stiffer(c, vector)
+        return 2.0 * float(torques @ np.log(stiffer))
+
     # --- the iteration
 
     def go_on(
@@ -189,16 +225,25 @@ class Fitter:
 
     def _iterate(self, active: list[Candidate], windows: Windows, *, white: bool, hidden: bool, adapt: bool) -> None:
         trials: list[list[Candidate]] = []
+        shown: list[Values] = []
         for c, parts in zip(active, self.linearise(active, windows, hidden=hidden), strict=True):
             if adapt:
                 c.white = white
                 c.level = self.best_level([(p.which, p.windows, p.c) for p in parts], white=white)
             c.cost = sum(float(np.sum(self.window_costs(c, p.which, p.windows, p.c))) for p in parts)
             c.cost += sum(float(np.sum(self._state_prior(c, p.which, p.windows, hidden=hidden))) for p in parts)
-            c.cost += self._parameter_prior(c)
-            trials.append(self._steps(c, parts, c.damping * np.array(DAMPINGS), hidden=hidden))
+            torques = self.torques(c, windows)
+            shown.append(torques)
+            c.cost += self._parameter_prior(c) + self.answering(c, torques)
+            trials.append(self._steps(c, parts, c.damping * np.array(DAMPINGS), torques, hidden=hidden))
         everything = [trial for group in trials for trial in group]
-        costs = np.array([self._parameter_prior(c) for c in everything])
+        costs = np.array(
+            [
+                self._parameter_prior(c) + self.answering(c, torques)
+                for group, torques in zip(trials, shown, strict=True)
+                for c in group
+            ]
+        )
         for which, chosen in enumerate(windows):
             if len(chosen):
                 found = self.coefficients(everything, which, chosen)
@@ -221,14 +266,16 @@ class Fitter:
             c.damping = float(np.clip(group[best].damping, 1e-5, 1e4))
             c.converged = gain < GAINED
 
-    def _steps(self, c: Candidate, parts: list[Linear], dampings: Values, *, hidden: bool) -> list[Candidate]:
+    def _steps(
+        self, c: Candidate, parts: list[Linear], dampings: Values, torques: Values, *, hidden: bool
+    ) -> list[Candidate]:
         """The candidate after one step for each damping; each window's start states are eliminated."""
         count = len(c.free)
         matrix, slope, kept = self.reduced(c, parts, dampings, hidden=hidden)
         c.normal = matrix[-1]
         unit = c.scale / c.spread
         prior = np.diag(unit**2)
-        pull = (c.vector[c.free] - c.center) / c.spread * unit
+        pull = (c.vector[c.free] - c.center) / c.spread * unit + self._answering_slope(c, torques)
         stepped = []
         for place, damping in enumerate(dampings):
             step = _bounded(c, matrix[place] + prior, slope[place] + pull, damping) if count else np.zeros(0)
@@ -241,6 +288,17 @@ class Fitter:
                 states[part.which][np.ix_(live, part.windows)] += (move * deviation[live]).T
             stepped.append(replace(c, vector=vector, states=states, damping=float(damping)))
         return stepped
+
+    def _answering_slope(self, c: Candidate, torques: Values) -> Values:
+        """Half the slope of `answering` by the free parameters in units of their scale, shape (free,)."""
+        found, here = np.zeros(len(c.free)), self.answering(c, torques)
+        for place, index in enumerate(c.free):
+            if c.family.parameters[index].name in ANSWERING:
+                step = 1e-4 * c.scale[place]
+                moved = c.vector.copy()
+                moved[index] += step
+                found[place] = 0.5 * (self.answering(c, torques, moved) - here) / 1e-4
+        return found
 
     def reduced(self, c: Candidate, parts: list[Linear], dampings: Values, *, hidden: bool = True) -> tuple:
         """(normal matrices, gradients) of the free parameters in units of `scale`, by damping; and what steps need."""

@@ -79,6 +79,7 @@ class Modes:
         frequency: of each mode's torque [Hz], shape (modes,).
         levels: values of q to try [N m], and of the disagreement [standard deviations], shape (levels, bands).
         sensor: whether a mode holds no torque, shape (modes,).
+        inertia: nominal J [kg m^2].
     """
 
     basis: Values
@@ -91,6 +92,7 @@ class Modes:
     frequency: Values
     levels: Values
     sensor: Values
+    inertia: float
 
     @property
     def bands(self) -> int:
@@ -112,6 +114,14 @@ class Modes:
         """Share of a coefficient that is torque and not noise, shape (windows, modes); 0 for modes without torque."""
         signal = np.where(self.sensor, 0.0, level[self.band] ** 2 * self.gain)
         return signal / (noise[:, None] + signal)
+
+    def answer(self, inertia: float, viscous: float, gain: float, lag: float) -> Values:
+        """How a machine answers a torque at its command, over how the nominal rigid mass alone does, by mode [1].
+
+        g / |(J j w + B) (1 + j w T)| of its inertia J, viscous friction B, torque gain g and lag T, times J_nominal w.
+        """
+        speed = 2.0 * np.pi * self.frequency
+        return gain * self.inertia / (np.hypot(inertia, viscous / speed) * np.hypot(1.0, lag * speed))
 
     def plain(self, coefficients: Values) -> Values:
         """c = U' r of turned coefficients; both of shape (windows, modes)."""
@@ -336,7 +346,7 @@ def make_modes(samples: int, dt: float, inertia: float, rate_noise: float, angle
     turn, flat, tile = _turned(place[kept], alive[kept], gain[kept], torque[:, kept])
     return Modes(
         np.ascontiguousarray(basis[:, kept] @ turn), turn, flat, tile, gain[kept], torque[:, kept], band[kept],
-        frequency[kept], levels, (~alive)[kept],
+        frequency[kept], levels, (~alive)[kept], inertia,
     )  # fmt: skip
 
 

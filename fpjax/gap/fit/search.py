@@ -30,6 +30,7 @@ COLOURED = 25  # steps with a level of the missing torque for each octave
 PROPER = 3  # steps for the start states of withheld windows
 BAND = 0.25  # of the Nyquist frequency: above it lie the drive's own sampling and rounding, and no cause of a gap
 
+HEARD = 0.99  # of the speed's power: above the frequency that holds it, a torque moves less and less
 QUIET = 0.3  # share of a mode's variance that is torque, below which it shows the noise
 FEW_QUIET = 30  # coefficients: fewer do not tell a variance
 
@@ -86,8 +87,11 @@ class Search:
         )  # fmt: skip
         self.exact = self._base(wide=None)
         """The nominal model as it was given."""
-        self.band = self.modes.wiener(self.exact.level, np.ones(1))[0]
+        self.band = self.modes.wiener(self._energy_level(self.exact), np.ones(1))[0]
         """Wiener filter of the nominal model's missing torque, by which every model's is told, shape (modes,)."""
+        self.moves = 1.0 / (1.0 + (self.modes.frequency / _highest(records)) ** 2)
+        """Share of a torque's energy that is felt in the motion, shape (modes,): above the frequencies that the log's
+        speed holds, a torque moves the machine less and less, and a reading's noise looks like more and more of it."""
         self.real_noise = self._real_noise(base)
         """Variance of modes that hold hardly any torque, over what the sensors' noise says [1], at most 1."""
 
@@ -174,6 +178,22 @@ class Search:
         # The median of a chi-square of one degree of freedom: a few modes with a torque in them do not count.
         return float(min(np.median(found) / 0.4549, 1.0)) if len(found) > FEW_QUIET else 1.0
 
+    def _energy_level(self, c: Candidate) -> Values:
+        """q by octave [N m], bursts included: a log that is quiet but for a few pushes has no level and a torque."""
+        fitter, modes, found = self.fitters[c.family.key], self.modes, c.level.copy()
+        squares, noise = np.zeros(len(modes.gain)), 0.0
+        for which, chosen in enumerate(self.train):
+            if len(chosen):
+                squares += np.sum(modes.plain(fitter.coefficients([c], which, chosen)[0]) ** 2, axis=0)
+                noise += float(np.sum(fitter.noise[which][chosen]))
+        count = sum(len(chosen) for chosen in self.train)
+        for band in range(modes.bands):
+            own = (modes.band == band) & ~modes.sensor
+            if np.any(own):
+                energy = np.sum(squares[own] - noise) / (count * np.sum(modes.gain[own]))
+                found[band] = max(found[band], np.sqrt(max(energy, 0.0)))
+        return found
+
     def _material_modes(self) -> int:
         """Modes with torque up to a share of the Nyquist frequency."""
         return max(16, int(np.sum(~self.modes.sensor & (self.modes.frequency < BAND * 0.5 / self.setting.dt))))
@@ -182,6 +202,7 @@ class Search:
         """The most likely missing torque [N m] along each record, shape (samples,); NaN outside the fitted windows."""
         fitter, found = self.fitters[c.family.key], []
         reach = np.where(self.modes.sensor, 0.0, 1.0 / np.sqrt(np.where(self.modes.sensor, 1.0, self.modes.gain)))
+        reach = reach * self.fitters[c.family.key].stiffer(c)
         for which, record in enumerate(self.records):
             course, chosen = np.full(len(record.time), np.nan), self.train[which]
             if len(chosen):
@@ -374,10 +395,14 @@ class Search:
             evidence += self._log_evidence(fixed, fitter, withheld, hidden=False)
             parts = [*parts, *withheld]
         c.states, c.hidden = fixed.states, fixed.hidden
-        return Fit(c, evidence, self._missing(parts, fitter), self.modes.mean_level(c.level, self.band))
+        return Fit(c, evidence, self._missing(c, parts, fitter), self.modes.mean_level(c.level, self.band))
 
     def _log_evidence(self, c: Candidate, fitter: Fitter, parts: list[Linear], *, hidden: bool = True) -> float:
         cost = fitter._parameter_prior(c)
+        chosen = [np.zeros(0, int) for _ in self.records]
+        for p in parts:
+            chosen[p.which] = p.windows
+        cost += fitter.answering(c, fitter.torques(c, chosen))
         for p in parts:
             cost += float(np.sum(fitter.window_costs(c, p.which, p.windows, p.c)))
             cost += float(np.sum(fitter._state_prior(c, p.which, p.windows, hidden=hidden)))
@@ -387,13 +412,24 @@ class Search:
         precision = np.eye(len(unit)) + matrix[0] * unit[:, None] * unit
         return -0.5 * (cost + c.occam + float(np.linalg.slogdet(precision)[1]))
 
-    def _missing(self, parts: list[Linear], fitter: Fitter) -> tuple[Values, ...]:
+    def _missing(self, c: Candidate, parts: list[Linear], fitter: Fitter) -> tuple[Values, ...]:
         """Mean square of the missing torque in each window [N^2 m^2], noise's share taken out."""
         found = [np.full(len(record.starts), np.nan) for record in self.records]
         weight = np.where(self.modes.sensor, 0.0, self.band**2 / np.where(self.modes.sensor, 1.0, self.modes.gain))
+        weight = weight * self.fitters[c.family.key].stiffer(c) ** 2
         for p in parts:
             noise = self.real_noise * fitter.noise[p.which][p.windows]
             found[p.which][p.windows] = (
                 (self.modes.plain(p.c) ** 2 - noise[:, None]) @ weight / self.records[p.which].samples
             )
         return tuple(found)
+
+
+def _highest(records: Sequence[Record]) -> float:
+    """Frequency [Hz] below which nearly all of the speed's power lies."""
+    found = []
+    for record in records:
+        power = np.abs(np.fft.rfft((record.speed - np.mean(record.speed)) * np.hanning(len(record.speed)))) ** 2
+        place = np.searchsorted(np.cumsum(power), HEARD * np.sum(power))
+        found.append(max(place, 1) / (len(record.speed) * record.dt))
+    return max(found)

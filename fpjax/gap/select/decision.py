@@ -1,7 +1,7 @@
 """Decision: which causes, from fits that no longer change, and the order in which they were tried."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from ..fit.candidate import NOMINAL, Fit, nominal_sizes
 from ..fit.search import Search, Start
 from .nominal_errors import wrong_numbers
 from .thresholds import THRESHOLDS, Thresholds
+from .witness import Curve, believed
 
 IMPOSSIBLE = ({"presliding", "compliance"}, {"presliding", "backlash"}, {"compliance", "backlash"})
 SIMPLER = {
@@ -36,12 +37,14 @@ class Weighed:
         evidence: with the prior odds of the numbers [1].
         gain: evidence over the nominal model as given [1].
         left: missing torque, of that of the nominal model as given [1].
+        believed: share of its worth that a witness leaves it (`fpjax.gap.select.witness`) [1].
     """
 
     fit: Fit
     evidence: float
     gain: float
     left: float
+    believed: float = 1.0
 
     @property
     def worth(self) -> float:
@@ -50,7 +53,7 @@ class Weighed:
         On a real machine no model is right. Evidence alone then goes to what follows the fast, small details best, and
         the missing torque alone to what is most flexible; among models that leave next to nothing, evidence decides.
         """
-        return max(self.gain, 0.0) * float(np.log(1.0 / np.clip(self.left, RESOLVED, SHRUNK)))
+        return self.believed * max(self.gain, 0.0) * float(np.log(1.0 / np.clip(self.left, RESOLVED, SHRUNK)))
 
     def behind(self, chosen: "Weighed") -> float:
         """By how much its worth is less than the chosen model's, in such nats as that one gains."""
@@ -86,12 +89,29 @@ class Decision:
     shares: dict[str, float]
 
 
-def decide(search: Search, stage: Callable[[str, float], None], thresholds: Thresholds = THRESHOLDS) -> Decision:
+@dataclass(frozen=True)
+class Exact:
+    """What every model is weighed against.
+
+    Attributes:
+        fit: the nominal model as given.
+        curves: what a table of each recorded variable holds.
+    """
+
+    fit: Fit
+    curves: Mapping[str, Curve] = field(default_factory=dict)
+
+
+def decide(
+    search: Search, stage: Callable[[str, float], None], curves: Mapping[str, Curve] | None = None,
+    thresholds: Thresholds = THRESHOLDS,
+) -> Decision:  # fmt: skip
     """Fit effects alone, then together while more than one is needed.
 
     Args:
         search: of the logs.
         stage: told (name of the stage, share of the stage that is done [1]).
+        curves: what a table of each recorded variable holds.
         thresholds: of what is worth a further cause.
     """
 
@@ -100,13 +120,13 @@ def decide(search: Search, stage: Callable[[str, float], None], thresholds: Thre
         stage(name, 0.0)
 
     begin("effects alone")
-    exact = search.finish([search.exact])[0]
+    exact = Exact(search.finish([search.exact])[0], curves or {})
     fits = search.explore(_alone(search))
     weighed = _weigh(search, exact, fits)
     nominal = next(w for w in weighed if not w.structural)
     singles = [w for w in weighed if w.structural]
     chosen = _settled(search, exact, weighed[0])
-    rivals, path, likely = weighed, [exact], [effect.name for effect in search.effects]
+    rivals, path, likely = weighed, [exact.fit], [effect.name for effect in search.effects]
     for size in range(2, thresholds.most_causes + 1):
         if not _worth_more(search, exact, chosen.fit, thresholds):
             break
@@ -127,24 +147,46 @@ def decide(search: Search, stage: Callable[[str, float], None], thresholds: Thre
     stage("simpler causes", 0.0)
     chosen = _simpler(search, exact, chosen, thresholds)
     stage("what each cause takes", 0.0)
-    shares = _shares(search, exact, chosen.fit)
-    return Decision(exact, nominal, tuple(singles), chosen, tuple(rivals), (*path, chosen.fit), shares)
+    shares = _shares(search, exact, chosen.fit, [w.fit for w in (*weighed, *rivals)])
+    return Decision(exact.fit, nominal, tuple(singles), chosen, tuple(rivals), (*path, chosen.fit), shares)
 
 
-def _shares(search: Search, exact: Fit, fit: Fit) -> dict[str, float]:
-    """What would come back of the nominal model's missing energy without each cause [1], the largest first."""
-    whole, now = _left(search, exact) ** 2, _left(search, fit) ** 2
+def by_numbers(search: Search, decision: Decision) -> Decision:
+    """The same decision without an effect: what the nominal numbers alone are to blame for."""
+    numbers = _settled(search, Exact(decision.exact), decision.nominal)
+    known = [w.fit for w in (decision.nominal, *decision.singles)]
+    shares = _shares(search, Exact(decision.exact), numbers.fit, known)
+    return replace(decision, chosen=numbers, rivals=decision.singles, path=(decision.exact, numbers.fit), shares=shares)
+
+
+def _shares(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> dict[str, float]:
+    """What would come back of the nominal model's missing energy without each cause [1], the largest first.
+
+    What is left without a cause is that of the most likely fit without it: from where the whole stands, from the
+    numbers as they were given, or as it was found before.
+    """
+    whole, now = _left(search, exact.fit) ** 2, _left(search, fit) ** 2
     c, found = fit.candidate, {}
     starts, names = [], []
     for effect in c.effects:
         rest = tuple(e for e in c.effects if e is not effect)
-        starts.append(Start(rest, tuple(c.wide), _without(fit, effect, rest), c))
-        names.append(effect.name)
+        values = _without(fit, effect, rest)
+        given = {k: v for k, v in values.items() if k not in NOMINAL}
+        starts += [Start(rest, tuple(c.wide), values, c), Start(rest, tuple(c.wide), given, c)]
+        names += [effect.name] * 2
     for number in c.wide:
         values = {k: v for k, v in c.values().items() if k != number}
-        starts.append(Start(c.effects, tuple(c.wide - {number}), values, c))
-        names.append(f"{number}_error")
-    for name, without in zip(names, search.fitted(starts), strict=True):
+        given = {k: v for k, v in values.items() if k not in NOMINAL}
+        wide = tuple(c.wide - {number})
+        starts += [Start(c.effects, wide, values, c), Start(c.effects, wide, given, c)]
+        names += [f"{number}_error"] * 2
+    best: dict[str, Fit] = {}
+    for name, start, without in zip(names, starts, search.fitted(starts), strict=True):
+        same = [k for k in known if k.candidate.effects == start.effects and k.candidate.wide <= set(start.wide)]
+        for one in (without, *same):
+            if name not in best or one.evidence > best[name].evidence:
+                best[name] = one
+    for name, without in best.items():
         found[name] = max(_left(search, without) ** 2 - now, 0.0) / max(whole, 1e-300)
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
@@ -189,12 +231,17 @@ def _beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> 
     return starts
 
 
-def _weigh(search: Search, exact: Fit, fits: Sequence[Fit]) -> list[Weighed]:
+def _weigh(search: Search, exact: Exact, fits: Sequence[Fit]) -> list[Weighed]:
     """The fits by their worth, each with the nominal numbers that it needs."""
     sizes = nominal_sizes(search.setting)
     found = [_weighed(search, exact, fit, wrong_numbers(fit, sizes)[0]) for fit in fits]
-    plain = max((w.evidence for w in found if not w.structural), default=-np.inf)
-    found = [w if _resolved(w.fit) else _weighed(search, exact, w.fit, min(w.evidence, plain - 1.0)) for w in found]
+    plain = max((w.evidence for w in found if not w.structural), default=exact.fit.evidence)
+    most = max((w.left for w in found if not w.structural), default=1.0)
+    found = [
+        w if _resolved(w.fit) else replace(w, evidence=min(w.evidence, plain - 1.0), left=max(w.left, most))
+        for w in found
+    ]
+    found = [w if _resolved(w.fit) else replace(w, gain=w.evidence - exact.fit.evidence) for w in found]
     found = sorted(found, key=lambda w: (-w.worth, -w.evidence))
     best: dict[tuple[str, ...], Weighed] = {}  # of the same effects with more and with fewer wrong numbers
     for weighed in found:
@@ -202,9 +249,12 @@ def _weigh(search: Search, exact: Fit, fits: Sequence[Fit]) -> list[Weighed]:
     return list(best.values())
 
 
-def _weighed(search: Search, exact: Fit, fit: Fit, evidence: float) -> Weighed:
-    left = _left(search, fit) / max(_left(search, exact), 1e-300)
-    return Weighed(fit, evidence, evidence - exact.evidence, left)
+def _weighed(search: Search, exact: Exact, fit: Fit, evidence: float) -> Weighed:
+    left = _left(search, fit) / max(_left(search, exact.fit), 1e-300)
+    # Wrong numbers need no witness: every model has them.
+    follows = {variable for effect in fit.candidate.effects for variable in effect.follows}
+    share = believed(exact.curves, follows) if fit.candidate.effects else 1.0
+    return Weighed(fit, evidence, evidence - exact.fit.evidence, left, share)
 
 
 def _resolved(fit: Fit) -> bool:
@@ -217,7 +267,7 @@ def _resolved(fit: Fit) -> bool:
     return not (spring or ("backlash" in fit.candidate.structural and "gap" in ends))
 
 
-def _settled(search: Search, exact: Fit, weighed: Weighed) -> Weighed:
+def _settled(search: Search, exact: Exact, weighed: Weighed) -> Weighed:
     """The same effects fitted once more with only those nominal numbers wide that are wrong."""
     evidence, wrong = wrong_numbers(weighed.fit, nominal_sizes(search.setting))
     if set(wrong) == set(weighed.fit.candidate.wide):
@@ -231,11 +281,11 @@ def _left(search: Search, fit: Fit) -> float:
     return fit.missing_rms([np.arange(len(record.starts)) for record in search.records])
 
 
-def _worth_more(search: Search, exact: Fit, fit: Fit, t: Thresholds) -> bool:
-    return _left(search, fit) > t.immaterial * _left(search, exact)
+def _worth_more(search: Search, exact: Exact, fit: Fit, t: Thresholds) -> bool:
+    return _left(search, fit) > t.immaterial * _left(search, exact.fit)
 
 
-def _better(search: Search, exact: Fit, chosen: Weighed, best: Weighed, t: Thresholds) -> bool:
+def _better(search: Search, exact: Exact, chosen: Weighed, best: Weighed, t: Thresholds) -> bool:
     """Whether a further cause is sure, and takes a share of what is left that matters or is worth a good deal more."""
     before, after = _left(search, chosen.fit), _left(search, best.fit)
     removed = 1.0 - (after / before) ** 2
@@ -243,7 +293,7 @@ def _better(search: Search, exact: Fit, chosen: Weighed, best: Weighed, t: Thres
     return best.evidence - chosen.evidence > t.decisive and (removed > t.removes or more > t.adds)
 
 
-def _pruned(search: Search, exact: Fit, chosen: Weighed, t: Thresholds) -> Weighed:
+def _pruned(search: Search, exact: Exact, chosen: Weighed, t: Thresholds) -> Weighed:
     """Without the effects that the rest of a larger model can do without."""
     while len(chosen.structural) > 1:
         options = []
@@ -259,20 +309,20 @@ def _pruned(search: Search, exact: Fit, chosen: Weighed, t: Thresholds) -> Weigh
     return chosen
 
 
-def _simpler(search: Search, exact: Fit, chosen: Weighed, t: Thresholds) -> Weighed:
+def _simpler(search: Search, exact: Exact, chosen: Weighed, t: Thresholds) -> Weighed:
     """Fewer or simpler causes in the place of others, where no torque that matters would be missing for it.
 
     A flexible cause takes some clutter along and so wins by evidence; what it is asked for here is torque.
     """
     by_name = {effect.name: effect for effect in search.effects}
-    whole = _left(search, exact) ** 2
+    whole = _left(search, exact.fit) ** 2
     while True:
         starts = list(_instead(chosen.fit, by_name))
         if not starts:
             return chosen
         now = _left(search, chosen.fit) ** 2
         options = [(fit, _left(search, fit) ** 2 - now) for fit in search.fitted(starts)]
-        gained = max(chosen.fit.evidence - exact.evidence, 0.0)
+        gained = max(chosen.fit.evidence - exact.fit.evidence, 0.0)
         near = []
         for fit, more in options:
             lost = (chosen.fit.evidence - fit.evidence) / max(gained, 1e-300)

@@ -47,6 +47,10 @@ class Thresholds:
         factor: likewise, for one factor in the place of several wrong nominal numbers.
         beside: share [1] of what the nominal numbers alone leave of the missing energy, from which on an effect is told
             as a cause however much of the gap the numbers make.
+        curve: share [1] of the missing torque's energy, as far as it moves the machine, that a table of one variable
+            must hold for that variable to be a witness of its named laws.
+        curve_ahead: by how much more [1] than a table of any other variable.
+        curve_named: share [1] of what a table holds, that named causes must hold beside it.
         reading: error of the velocity reading, of the speed's rms [1], from which on it is told.
     """
 
@@ -76,6 +80,9 @@ class Thresholds:
     simpler: float = 0.05
     factor: float = 0.01
     beside: float = 0.5
+    curve: float = 0.5
+    curve_ahead: float = 0.25
+    curve_named: float = 0.75
     reading: float = 0.01
 
 

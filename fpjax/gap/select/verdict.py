@@ -11,9 +11,11 @@ from .decision import Decision, Weighed
 from .nominal_errors import wrong_numbers
 from .readings import Reading
 from .thresholds import THRESHOLDS, Thresholds
+from .witness import Curve, witness
 
 Word = Literal["no_gap", "explained", "partly_explained", "unexplained"]
 ROUNDING = "velocity_quantisation"
+BEHIND = 0.5  # of the likeliest cause's probability: a reading's error beside a missing torque that nobody explains
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,9 @@ class Seen:
         doubts: of a reading's error, what it may be instead, and the probability that it is not [1].
         twins: by effect, what makes the same log in its place: no rival, since it is named beside it.
         unshown: effects of the chosen model whose size the log does not tell from nothing: they are not asserted.
+        curves: by recorded variable, where they were looked at.
+        named: what the chosen model holds of the missing torque in the measure of the curves [1].
+        follows: by effect, the variables that its torque is a function of.
     """
 
     before: float
@@ -44,6 +49,9 @@ class Seen:
     doubts: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     twins: Mapping[str, frozenset[str]] = field(default_factory=dict)
     unshown: frozenset[str] = frozenset()
+    curves: Mapping[str, Curve] = field(default_factory=dict)
+    named: float = 0.0
+    follows: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -180,7 +188,24 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
         return "explained"
     sure = few and (near == 0 or _is_number(chosen.names[0]))
     # Where much is left, a cause that is not far ahead may be the one that bends best: pushes pass for a soft spring.
-    return "partly_explained" if sure and left < t.part and lead >= t.clear else "unexplained"
+    if not (sure and lead >= t.clear) or _bends(seen, t):
+        return "unexplained"
+    return "partly_explained" if left < t.part or _witnessed(seen, chosen, t) else "unexplained"
+
+
+def _bends(seen: Seen, t: Thresholds) -> bool:
+    """Whether a table of one variable holds more than all the named causes do: they only bend after it."""
+    held = seen.named / t.curve_named
+    return any(curve.share > held and curve.evidence > t.decisive for curve in seen.curves.values())
+
+
+def _witnessed(seen: Seen, chosen: _Set, t: Thresholds) -> bool:
+    """Whether the missing torque is a law of the variable that the leading cause follows, and nearly that law.
+
+    Then the machine shows that it lacks such a law, however much else it lacks.
+    """
+    first = witness(seen.curves, t)
+    return first in seen.follows.get(chosen.names[0], ()) and seen.named > t.curve_named * seen.curves[first].share
 
 
 def _is_number(name: str) -> bool:
@@ -250,6 +275,10 @@ def _with_readings(found: Verdict, seen: Seen, t: Thresholds) -> Verdict:
         if other:
             main[other] = t.right_read * (1.0 - sure)
     else:
-        main = main | {first: max(right[first] - sum(main.values()), 0.0)}
+        rest = max(right[first] - sum(main.values()), 0.0)
+        if word == "unexplained" and main:
+            # It is wrong, and makes none of a torque that is missing whatever the reading says.
+            rest = min(rest, BEHIND * max(main.values()))
+        main = main | {first: rest}
         probability = sum(main[name] for name in asserted[:1]) if asserted else max(1.0 - sum(main.values()), 0.0)
     return replace(found, word=word, causes=names, probability=probability, main=main, among=among)

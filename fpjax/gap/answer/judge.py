@@ -1,0 +1,113 @@
+"""Judge: the verdict on a decision, with everything that it is judged by, from the fits' own posterior."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..effects.twins import single_twins
+from ..fit.candidate import Fit, nominal_sizes
+from ..fit.search import Search
+from ..select.decision import Decision, by_numbers
+from ..select.readings import Reading
+from ..select.verdict import Seen, Verdict, verdict
+from .course import Course, course_of
+from .curves import Curves, named_share
+from .diagnosis import Gap
+from .intervals import covariance
+from .ranking import log_of
+from .shown import not_shown
+from .shrink import gap_of, noise_floor
+
+Values = np.ndarray
+
+
+@dataclass(frozen=True)
+class Read:
+    """What is known of a log beside its fits.
+
+    Attributes:
+        torque: rms of the commanded torque [N m].
+        wrong: errors of the velocity column, the most important first.
+        readings: those of them that the encoder tells.
+        allowed: effects that may be asserted; empty for all.
+    """
+
+    torque: float
+    wrong: tuple[str, ...]
+    readings: Sequence[Reading]
+    allowed: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A decision and what is said of it.
+
+    Attributes:
+        decision: the one that is told: as it was found, or by the nominal numbers alone.
+        verdict: on it.
+        gap: before and after, on withheld windows.
+        spread: covariance of the chosen model's free parameters.
+        before: course of the missing torque of the nominal model, one a log.
+        after: likewise, of the chosen model.
+    """
+
+    decision: Decision
+    verdict: Verdict
+    gap: Gap
+    spread: Values
+    before: tuple[Course, ...]
+    after: tuple[Course, ...]
+
+
+def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: str) -> Judged:
+    """The verdict.
+
+    Where no effect is sure beside wrong nominal numbers, and those alone explain the gap or a part of it, they are what
+    is told: which detail stands beside them stays open, and they are wrong whatever it is.
+
+    Args:
+        search: of the logs.
+        decision: what its fits led to.
+        read: what is known beside them.
+        curves: what a table of each recorded variable holds.
+        unit: of the missing torque.
+    """
+    found = _judge(search, decision, read, curves, unit)
+    wrong = decision.nominal.fit.candidate.wide
+    if found.verdict.word != "unexplained" or not decision.chosen.structural or not wrong:
+        return found
+    numbers = _judge(search, by_numbers(search, decision), read, curves, unit)
+    return numbers if numbers.verdict.word in ("explained", "partly_explained") else found
+
+
+def _alone(decision: Decision) -> list[Fit]:
+    """The effects of the chosen model, each alone."""
+    return [w.fit for w in decision.singles if w.structural[0] in decision.chosen.structural]
+
+
+def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: str) -> Judged:
+    gap, chosen = gap_of(search, decision, unit), decision.chosen.fit
+    spread = covariance(search, chosen)
+    logs = range(len(search.records))
+    before = tuple(course_of(search, decision.exact, which) for which in logs)
+    after = tuple(course_of(search, chosen, which) for which in logs)
+    windows = [np.arange(len(record.starts)) for record in search.records]
+    first, then = (fit.missing_rms(windows) for fit in (decision.exact, chosen))
+    seen = Seen(
+        before=first,
+        after=max(then, (1.0 - gap.closed) * first),  # the word may not say more than the number beside it
+        floor=noise_floor(search, windows),
+        torque=read.torque,
+        sizes=nominal_sizes(search.setting),
+        readings=read.wrong,
+        allowed=frozenset(read.allowed),
+        doubts={one.effect: (one.rival, one.sure) for one in read.readings if one.rival},
+        twins=single_twins(log_of(search)),
+        unshown=not_shown(search, chosen, spread),
+        follows={effect.name: effect.follows for effect in search.effects},
+        curves=curves.by,
+        named=max(named_share(search, fit, curves) for fit in (chosen, *_alone(decision))),
+    )
+    found = verdict(decision, seen)
+    return Judged(decision, found, gap, spread, before, after)
