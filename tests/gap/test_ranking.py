@@ -15,6 +15,7 @@ from fpjax.gap.select.decision import Weighed
 from fpjax.gap.select.readings import Reading
 from fpjax.gap.select.thresholds import THRESHOLDS
 from fpjax.gap.select.verdict import Seen, verdict
+from fpjax.gap.select.witness import Curve, believed, witness
 
 NOMINAL = {"inertia": 2.0, "coulomb": 0.5, "viscous": 0.1}
 RATE_ONLY = Log(position=False, known_torque=False, known_turning=False, nominal=NOMINAL)
@@ -85,6 +86,62 @@ def test_a_share_of_a_sure_pair_is_the_main_cause_and_each_of_it_is_sure():
     assert found.among["stribeck"] == pytest.approx(found.among["unbalance"])
     assert sum(found.main.values()) <= 1.0
     assert found.probability == pytest.approx(found.main["unbalance"])
+
+
+VELOCITY = {"velocity": Curve(0.9, 200.0), "position": Curve(0.1, 20.0), "torque": Curve(0.2, -5.0)}
+FOLLOWS = {"asymmetric_friction": ("velocity",), "unbalance": ("position",), "load_dependent_friction": ("torque",)}
+
+
+def test_a_curve_of_its_own_variable_stands_for_a_cause_that_leaves_much():
+    def said(curves, named, name="asymmetric_friction", rival=100.0):
+        chosen = weighed(name, 500.0)
+        return judged(chosen, [weighed("cogging", rival)], left=0.95, curves=curves, named=named, follows=FOLLOWS)
+
+    assert said(VELOCITY, 0.8).word == "partly_explained"
+    assert said(VELOCITY, 0.8).causes == ("asymmetric_friction",)
+    assert said({}, 0.8).word == "unexplained"
+    # The law with the name is not nearly the curve, the curve is of something else, or another effect does as well.
+    assert said(VELOCITY, 0.5).word == "unexplained"
+    assert said(VELOCITY, 0.8, name="unbalance").word == "unexplained"
+    assert said(VELOCITY, 0.8, rival=450.0).word == "unexplained"
+    # No variable stands out, or its curve holds little, or on windows left out nothing.
+    assert said(VELOCITY | {"position": Curve(0.8, 150.0)}, 0.9).word == "unexplained"
+    assert said({"velocity": Curve(0.3, 200.0)}, 0.3).word == "unexplained"
+    assert said({"velocity": Curve(0.9, 3.0)}, 0.9).word == "unexplained"
+
+
+def test_a_cause_that_a_curve_outdoes_only_bends_after_it():
+    chosen, rivals = weighed("torque_saturation", 500.0), [weighed("presliding", 200.0)]
+    assert judged(chosen, rivals, left=0.5, named=0.6).word == "partly_explained"
+    outdone = judged(chosen, rivals, left=0.5, named=0.3, curves={"torque": Curve(0.44, 28.0)})
+    assert (outdone.word, outdone.causes) == ("unexplained", ())
+    by_chance = judged(chosen, rivals, left=0.5, named=0.3, curves={"torque": Curve(0.44, 5.0)})
+    assert by_chance.word == "partly_explained"
+
+
+def test_of_several_effects_the_one_that_the_witness_speaks_for_comes_first():
+    chosen = weighed("asymmetric_friction+load_dependent_friction", 500.0)
+    shares = {"asymmetric_friction": 0.9, "load_dependent_friction": 0.4}
+    torque = {"torque": Curve(0.85, 97.0), "velocity": Curve(0.0, 40.0)}
+    found = judged(chosen, [], shares=shares, curves=torque, named=0.9, follows=FOLLOWS)
+    assert found.causes == ("load_dependent_friction", "asymmetric_friction")
+    assert judged(chosen, [], shares=shares, named=0.9, follows=FOLLOWS).causes[0] == "asymmetric_friction"
+
+
+def test_a_name_keeps_of_its_worth_what_its_variable_keeps_of_the_witness_curve():
+    assert witness(VELOCITY) == "velocity"
+    assert believed(VELOCITY, ("velocity", "position")) == 1.0
+    assert believed(VELOCITY, ("position",)) == pytest.approx(1.0 - 0.8)
+    assert believed(VELOCITY, ()) == pytest.approx(1.0 - 0.9)
+    assert witness({}) == ""
+    assert believed({}, ()) == 1.0
+
+
+def test_a_wrong_reading_does_not_lead_where_a_torque_is_missing_that_nobody_explains():
+    lost = judged(weighed("stribeck", 500.0), [weighed("presliding", 100.0)], left=0.97, readings=("velocity_lag",))
+    assert (lost.word, lost.causes) == ("unexplained", ("velocity_lag",))
+    assert lost.main["velocity_lag"] < lost.main["stribeck"]
+    assert lost.among["velocity_lag"] > 0.9
 
 
 def test_nothing_is_sure_where_nothing_explains():

@@ -108,6 +108,7 @@ def assemble(
         allowed=allowed,
         learned=() if laws is None else laws.laws,
         learned_model=learned_text,
+        witness=judged.witness if graded else None,
         posterior=make_posterior(
             search,
             chosen,

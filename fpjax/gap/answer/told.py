@@ -33,12 +33,31 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "explained":
         return f"Explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data."
     if diagnosis.verdict == "partly_explained":
+        closed = max(gap.closed, 0.0)
         return (
-            f"Partly explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data, "
-            f"{1.0 - gap.closed:.1%} is left{_place(diagnosis)}."
+            f"Partly explained by {causes}: {closed:.1%} of the gap is closed on withheld data, "
+            f"{1.0 - closed:.1%} is left{_place(diagnosis)}."
         )
     beside = f" beside {causes}" if diagnosis.causes else ""
     return f"Unexplained: there is a gap{beside}, and {nothing_closes(diagnosis.allowed)}."
+
+
+def witness_sentence(diagnosis: Diagnosis, of: str = "") -> str:
+    """Which variable alone holds the missing torque, and how much of that the causes hold; "" where none does.
+
+    Args:
+        diagnosis: the answer.
+        of: the variable in a reader's word; as recorded where not given.
+    """
+    found = diagnosis.witness
+    if found is None:
+        return ""
+    effort = "force" if diagnosis.motion == "linear" else "torque"
+    named = f", and {' + '.join(diagnosis.causes)} {found.named:.0%}" if diagnosis.causes else ""
+    return (
+        f"As far as it moves the machine, the missing {effort} is mostly a law of the {of or found.of}: a curve of it "
+        f"alone holds {found.share:.0%} of the energy (any other variable at most {found.next:.0%}){named}."
+    )
 
 
 def _place(diagnosis: Diagnosis) -> str:
@@ -76,6 +95,8 @@ def told(diagnosis: Diagnosis) -> str:
             f"{error.before:.4g} before, {error.after:.4g} {error.unit} after the correction"
         )
     lines += [_entry(entry, entry.effect in diagnosis.causes) for entry in diagnosis.ranking[:SHOWN]]
+    if diagnosis.witness is not None:
+        lines.append(witness_sentence(diagnosis))
     if diagnosis.learned:
         follows = ", ".join(f"{law.share:.0%} follows the {law.of}" for law in diagnosis.learned)
         lines.append(f"learned: of the energy of what is left {follows}; with that gap {gap.learned:.4g} {gap.unit}")

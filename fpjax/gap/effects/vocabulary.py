@@ -98,6 +98,8 @@ def _two_mass_start(
 
 def _compliance_starts(setting: Setting) -> list[dict[str, float]]:
     low, high = 1.5 * lowest_frequency(setting), 0.8 * highest_frequency(setting)
+    if not low < high:
+        return []
     count = int(np.clip(np.ceil(np.log(high / low) / np.log(1.8)), 2, 6))
     frequencies = np.geomspace(low, high, count)
     return [_two_mass_start(setting, float(f), 0.4, 0.05, side) for f in frequencies for side in (0.0, 1.0)]

@@ -188,7 +188,7 @@ class Fitter:
         """
         found = dict(zip([p.name for p in c.family.parameters], c.vector if vector is None else vector, strict=True))
         viscous = found["viscous"] + 2.0 * found.get("drag_coefficient", 0.0) * self.speed
-        passed = np.mean((self.effort > found.get("dead_zone", 0.0)) & (self.effort < found.get("limit", np.inf)))
+        passed = np.mean((self.effort >= found.get("dead_zone", 0.0)) & (self.effort <= found.get("limit", np.inf)))
         gain = found.get("gain", 1.0) * max(1.0 - found.get("load_coefficient", 0.0) * self.driving, 0.05)
         own = found["inertia"], max(viscous, 0.0), gain * max(passed, 0.05), max(found.get("actuator_lag", 0.0), 0.0)
         nominal = self.modes.answer(self.setting.inertia, self.setting.viscous, 1.0, 0.0)

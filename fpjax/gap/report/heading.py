@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..answer.told import witness_sentence
 from .markup import (
     gap_interval,
     gap_number,
@@ -15,6 +16,7 @@ from .reading import at_bound, shown_gap, twins_of
 from .text import (
     confidence_sentence,
     learned_sentence,
+    variable_name,
     verdict_sentence,
     verdict_title,
 )
@@ -38,7 +40,7 @@ def header(diagnosis: Diagnosis) -> str:
     return (
         f'<header class="{diagnosis.verdict}">\n<p class="origin">{text(origin)}</p>\n'
         f'<div class="verdict">{badge}{confidence}</div>\n<h1>{_sentence(diagnosis)}</h1>\n'
-        f"{_facts(diagnosis)}{_caution(diagnosis)}{paragraph(learned_sentence(diagnosis))}\n</header>"
+        f"{_facts(diagnosis)}{_caution(diagnosis)}{_witness(diagnosis)}{paragraph(learned_sentence(diagnosis))}\n</header>"
     )
 
 
@@ -62,6 +64,12 @@ def _caution(diagnosis: Diagnosis) -> str:
         f"{parameter_name(name)} of {effect_name(e.effect, diagnosis.motion)}" for e in told for name in at_bound(e)
     ]
     return paragraph(f"At a limit of the search, and so not measured: {join(names)}.") if names else ""
+
+
+def _witness(diagnosis: Diagnosis) -> str:
+    if diagnosis.witness is None:
+        return ""
+    return paragraph(witness_sentence(diagnosis, variable_name(diagnosis.witness.of, diagnosis)))
 
 
 def _facts(diagnosis: Diagnosis) -> str:

@@ -11,7 +11,7 @@ from .decision import Decision, Weighed
 from .nominal_errors import wrong_numbers
 from .readings import Reading
 from .thresholds import THRESHOLDS, Thresholds
-from .witness import Curve, witness
+from .witness import Curve, believed, witness
 
 Word = Literal["no_gap", "explained", "partly_explained", "unexplained"]
 ROUNDING = "velocity_quantisation"
@@ -123,10 +123,14 @@ def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, .
     """The causes of the chosen model without which a share that matters would come back, the largest first.
 
     A nominal number is measured by the whole gap, an effect by what no choice of the numbers would have closed: with
-    numbers that are guesses, most of a gap is theirs, and what is sought stands beside them.
+    numbers that are guesses, most of a gap is theirs, and what is sought stands beside them. Of several effects, the
+    one that a witness speaks for comes before what mends its details.
     """
     rest = float(np.clip(decision.nominal.left**2, 1e-12, 1.0))
-    weight = {n: s if _is_number(n) else s / rest for n, s in decision.shares.items()}
+    weight = {
+        n: s if _is_number(n) else s / rest * believed(seen.curves, seen.follows.get(n, ()), t)
+        for n, s in decision.shares.items()
+    }
     shown = decision.nominal.left * seen.before > t.slight * seen.torque
     names = [
         n

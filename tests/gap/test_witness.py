@@ -1,0 +1,77 @@
+"""What a log itself says of a missing torque, beside any name: its curves, its masses, its rare events."""
+
+import gap_machine
+import gap_search
+import numpy as np
+import pytest
+
+from fpjax.gap.answer.curves import curves_of, named_share
+from fpjax.gap.effects.vocabulary import EFFECTS
+from fpjax.gap.fit.search import Start
+from fpjax.gap.select.witness import witness
+
+
+@pytest.fixture(scope="module")
+def hanging():
+    """A weight that no model knows."""
+    return gap_search.search_of(
+        gap_machine.record(seconds=6.0, sensors=("position",), extra=lambda time, speed, angle, u: -0.5 * np.sin(angle))
+    )
+
+
+def effect(name):
+    return next(one for one in EFFECTS if one.name == name)
+
+
+def test_a_weight_is_a_law_of_the_position_and_its_name_holds_what_the_curve_holds(hanging):
+    curves = curves_of(hanging)
+    assert witness(curves.by) == "position"
+    assert curves.by["position"].share > 0.9
+    for name, most, least in (("unbalance", 1.01, 0.9), ("stribeck", 0.5, -1.0)):
+        starts = [
+            Start((effect(name),), ("inertia", "coulomb", "viscous"), v) for v in effect(name).starts(hanging.setting)
+        ]
+        fit = hanging.explore(starts)[0]
+        assert least < named_share(hanging, fit, curves) < most, name
+
+
+def answering(search, **values):
+    """By how much a candidate answers a torque less than the nominal model does, at the lowest frequency."""
+    changes = {"actuator_lag": "actuator_lag", "limit": "torque_saturation", "gain": "torque_gain_error"}
+    effects = tuple(effect(name) for value, name in changes.items() if value in values)
+    c = search.candidate(Start(effects, ("inertia", "coulomb", "viscous"), values))
+    fitter = search.fitters[c.family.key]
+    return fitter.stiffer(c), fitter, c
+
+
+def test_what_a_sluggish_model_leaves_is_read_as_the_larger_torque_that_it_is(hanging):
+    own = hanging.setting
+    heavy, fitter, c = answering(hanging, inertia=2.0 * own.inertia)
+    assert np.all(heavy[~fitter.modes.sensor] > 1.0)
+    assert heavy.max() == pytest.approx(2.0, rel=0.05)  # where inertia is all that holds it
+    assert answering(hanging, viscous=own.viscous + 1.0)[0].max() > 2.0
+    assert answering(hanging, actuator_lag=0.05)[0].max() > 1.5
+    assert answering(hanging, limit=0.3 * own.torque)[0].min() > 1.5
+    # A livelier model is not read as a smaller torque: a light mass would shrink what it is judged by.
+    for livelier in ({"inertia": 0.5 * own.inertia}, {"gain": 3.0}, {}):
+        assert answering(hanging, **livelier)[0] == pytest.approx(1.0), livelier
+    # Mass and gain in proportion move alike, and are judged alike.
+    assert answering(hanging, inertia=2.0 * own.inertia, viscous=2.0 * own.viscous, gain=2.0)[0] == pytest.approx(1.0)
+    # The volume of torques counts only where a torque is seen above the noise.
+    count = len(fitter.modes.gain)
+    assert fitter.answering(c, np.zeros(count)) == 0.0
+    assert fitter.answering(c, np.where(fitter.modes.sensor, 0.0, 3.0)) > 0.0
+
+
+def test_a_log_that_is_quiet_but_for_a_few_pushes_has_a_gap():
+    def push(time, speed, angle, command):
+        return 3.0 if 2.0 < time % 4.0 < 2.15 else 0.0
+
+    search = gap_search.search_of(gap_machine.record(seconds=8.0, sensors=("position",), extra=push))
+    quiet = gap_search.search_of(gap_machine.record(seconds=8.0, sensors=("position",)))
+
+    def missing(one):
+        return one.finish([one.exact])[0].missing_rms(one.train)
+
+    assert missing(search) > 0.1
+    assert missing(quiet) < 0.1 * missing(search)
