@@ -19,6 +19,7 @@ FEW = 8  # levels: below it the readings must go through them one by one, or the
 ONE_MOVE = 0.995  # share of the moves: a ramp moves by one amount only
 SHORTEST = 8  # samples
 PIECE = 50  # samples over which the noise is taken to be constant
+RESTING = 1e-9  # of the largest piece's noise, below which a piece holds one reading and the arithmetic's rounding
 FOURTH = np.sqrt(70.0)  # the fourth difference of white noise has 70 times its variance
 
 
@@ -155,7 +156,8 @@ def noise_level(column: Values, step: float | None = None) -> float:
     """Standard deviation of one reading, in the column's unit: what is new from sample to sample.
 
     From fourth differences, which a motion hardly has, in many short pieces, and of these the median, so that corners
-    of the motion do not count. At least step / sqrt(12), the rounding's own; above zero for any column.
+    of the motion do not count; of those that move where most hold one reading. At least step / sqrt(12), the rounding's
+    own; above zero for any column.
 
     Args:
         column: readings, any unit, finite, shape (samples,).
@@ -168,7 +170,12 @@ def noise_level(column: Values, step: float | None = None) -> float:
     fourth = np.diff(even_pieces(values), 4, axis=1) / FOURTH
     length = min(PIECE, fourth.shape[1])
     whole = fourth[:, : fourth.shape[1] // length * length].reshape(-1, length)
-    level = float(np.median(np.sqrt(np.mean(whole**2, axis=1))))
+    pieces = np.sqrt(np.mean(whole**2, axis=1))
+    moving = pieces > RESTING * np.max(pieces)
+    if np.any(moving) and not np.median(moving):
+        # A machine that mostly rests shows its reading's noise where it moves: at rest a rounded reading has none.
+        pieces, fourth = pieces[moving], whole[moving]
+    level = float(np.median(pieces))
     spread = float(1.4826 * np.median(np.abs(fourth - np.median(fourth))))
     level = min(level, spread) if spread > 0.0 else level
     floor = 1e-12 * float(np.median(np.abs(values - np.median(values)))) * size

@@ -142,3 +142,13 @@ def test_a_rate_sensor_is_not_a_derivative(moved, bits):
 def test_columns_that_say_nothing_are_not_called_derived():
     assert not is_derived(np.zeros(1000), np.zeros(1000))
     assert not is_derived(np.ones(10), np.arange(10.0))
+
+
+def test_a_machine_that_mostly_rests_has_the_noise_of_its_reading_where_it_moves():
+    time = np.arange(4000) * 5e-3
+    angle = np.where(time < 4.0, 0.8 * np.sin(3.0 * time) ** 2, 0.8 * np.sin(12.0) ** 2)
+    step = 3e-3
+    read = step * np.round(angle / step)
+    polled = np.interp(time + 2e-4 * np.sin(9.0 * time), time, read)  # resampled: between two readings, on no grid
+    polled[time > 4.1] = read[-1]
+    assert step / np.sqrt(12.0) / 3.0 < noise_level(polled) < step

@@ -12,6 +12,7 @@ from ..effects.effect import Effect
 from ..precision import double_precision
 from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
 from ..simulate.hidden import Observer
+from .band import highest_of_speed, level_with_bursts, real_noise
 from .candidate import NOMINAL, Candidate, Fit, make_candidate
 from .contacts import contact_starts
 from .least_squares import Fitter, Linear
@@ -29,10 +30,6 @@ HEAVY = 3.0  # times the time of a rigid candidate that one with a transmission 
 COLOURED = 25  # steps with a level of the missing torque for each octave
 PROPER = 3  # steps for the start states of withheld windows
 BAND = 0.25  # of the Nyquist frequency: above it lie the drive's own sampling and rounding, and no cause of a gap
-
-HEARD = 0.99  # of the speed's power: above the frequency that holds it, a torque moves less and less
-QUIET = 0.3  # share of a mode's variance that is torque, below which it shows the noise
-FEW_QUIET = 30  # coefficients: fewer do not tell a variance
 
 
 @dataclass(frozen=True)
@@ -87,12 +84,14 @@ class Search:
         )  # fmt: skip
         self.exact = self._base(wide=None)
         """The nominal model as it was given."""
-        self.band = self.modes.wiener(self._energy_level(self.exact), np.ones(1))[0]
+        self.band = self.modes.wiener(
+            level_with_bursts(self.modes, self.exact.level, self._coefficients(self.exact)), np.ones(1)
+        )[0]
         """Wiener filter of the nominal model's missing torque, by which every model's is told, shape (modes,)."""
-        self.moves = 1.0 / (1.0 + (self.modes.frequency / _highest(records)) ** 2)
+        self.moves = 1.0 / (1.0 + (self.modes.frequency / highest_of_speed(records)) ** 2)
         """Share of a torque's energy that is felt in the motion, shape (modes,): above the frequencies that the log's
         speed holds, a torque moves the machine less and less, and a reading's noise looks like more and more of it."""
-        self.real_noise = self._real_noise(base)
+        self.real_noise = real_noise(self.modes, base.level, self._coefficients(base))
         """Variance of modes that hold hardly any torque, over what the sensors' noise says [1], at most 1."""
 
     def _prepare(self, records: list[Record], most: int) -> None:
@@ -165,34 +164,13 @@ class Search:
         used = [(which, chosen) for which, chosen in enumerate(self.train) if len(chosen)]
         return fitter.best_noise([(which, w, fitter.coefficients([base], which, w)[0]) for which, w in used])
 
-    def _real_noise(self, base: Candidate) -> float:
-        """At most 1: rounding of slow motion is less than a sample's variance says, and must not be taken off twice."""
-        fitter, ratios = self.fitters[base.family.key], [np.zeros(0)]
-        for which, chosen in enumerate(self.train):
-            if len(chosen):
-                noise = fitter.noise[which][chosen]
-                quiet = self.modes.wiener(base.level, noise) < QUIET
-                squares = self.modes.plain(fitter.coefficients([base], which, chosen)[0]) ** 2 / noise[:, None]
-                ratios.append(squares[quiet & ~self.modes.sensor])
-        found = np.concatenate(ratios)
-        # The median of a chi-square of one degree of freedom: a few modes with a torque in them do not count.
-        return float(min(np.median(found) / 0.4549, 1.0)) if len(found) > FEW_QUIET else 1.0
-
-    def _energy_level(self, c: Candidate) -> Values:
-        """q by octave [N m], bursts included: a log that is quiet but for a few pushes has no level and a torque."""
-        fitter, modes, found = self.fitters[c.family.key], self.modes, c.level.copy()
-        squares, noise = np.zeros(len(modes.gain)), 0.0
-        for which, chosen in enumerate(self.train):
-            if len(chosen):
-                squares += np.sum(modes.plain(fitter.coefficients([c], which, chosen)[0]) ** 2, axis=0)
-                noise += float(np.sum(fitter.noise[which][chosen]))
-        count = sum(len(chosen) for chosen in self.train)
-        for band in range(modes.bands):
-            own = (modes.band == band) & ~modes.sensor
-            if np.any(own):
-                energy = np.sum(squares[own] - noise) / (count * np.sum(modes.gain[own]))
-                found[band] = max(found[band], np.sqrt(max(energy, 0.0)))
-        return found
+    def _coefficients(self, c: Candidate) -> list[tuple[Values, Values]]:
+        """(noise, plain coefficients) of a candidate on the fitted windows, one entry a record with any."""
+        fitter = self.fitters[c.family.key]
+        used = [(which, chosen) for which, chosen in enumerate(self.train) if len(chosen)]
+        return [
+            (fitter.noise[w][chosen], self.modes.plain(fitter.coefficients([c], w, chosen)[0])) for w, chosen in used
+        ]
 
     def _material_modes(self) -> int:
         """Modes with torque up to a share of the Nyquist frequency."""
@@ -423,13 +401,3 @@ class Search:
                 (self.modes.plain(p.c) ** 2 - noise[:, None]) @ weight / self.records[p.which].samples
             )
         return tuple(found)
-
-
-def _highest(records: Sequence[Record]) -> float:
-    """Frequency [Hz] below which nearly all of the speed's power lies."""
-    found = []
-    for record in records:
-        power = np.abs(np.fft.rfft((record.speed - np.mean(record.speed)) * np.hanning(len(record.speed)))) ** 2
-        place = np.searchsorted(np.cumsum(power), HEARD * np.sum(power))
-        found.append(max(place, 1) / (len(record.speed) * record.dt))
-    return max(found)

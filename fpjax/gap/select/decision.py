@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..effects.effect import Effect
-from ..effects.vocabulary import stiffness_of
 from ..fit.candidate import NOMINAL, Fit, nominal_sizes
 from ..fit.search import Search, Start
 from .nominal_errors import wrong_numbers
+from .resolved import resolved
 from .thresholds import THRESHOLDS, Thresholds
 from .witness import Curve, believed
 
@@ -24,7 +24,6 @@ SIMPLER = {
 FACTORS = ("torque_gain_error", "velocity_scale_error")
 """One factor that makes several nominal numbers wrong in proportion."""
 RESOLVED = 0.05  # missing torque, of the nominal model's, below which less is no better
-TWIST = 0.2  # of the travel: by which the largest torque may wind up a shaft
 SHRUNK = 0.999  # likewise, above which nothing has shrunk
 LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
 PAIR_KEEP = (24, 10, 5, 4)  # sets of causes that go on to each stage where causes are added
@@ -240,10 +239,10 @@ def _weigh(search: Search, exact: Exact, fits: Sequence[Fit]) -> list[Weighed]:
     plain = max((w.evidence for w in found if not w.structural), default=exact.fit.evidence)
     most = max((w.left for w in found if not w.structural), default=1.0)
     found = [
-        w if _resolved(search, w.fit) else replace(w, evidence=min(w.evidence, plain - 1.0), left=max(w.left, most))
+        w if resolved(search, w.fit) else replace(w, evidence=min(w.evidence, plain - 1.0), left=max(w.left, most))
         for w in found
     ]
-    found = [w if _resolved(search, w.fit) else replace(w, gain=w.evidence - exact.fit.evidence) for w in found]
+    found = [w if resolved(search, w.fit) else replace(w, gain=w.evidence - exact.fit.evidence) for w in found]
     found = sorted(found, key=lambda w: (-w.worth, -w.evidence))
     best: dict[tuple[str, ...], Weighed] = {}  # of the same effects with more and with fewer wrong numbers
     for weighed in found:
@@ -257,20 +256,6 @@ def _weighed(search: Search, exact: Exact, fit: Fit, evidence: float) -> Weighed
     follows = {variable for effect in fit.candidate.effects for variable in effect.follows}
     share = believed(exact.curves, follows) if fit.candidate.effects else 1.0
     return Weighed(fit, evidence, evidence - exact.fit.evidence, left, share)
-
-
-def _resolved(search: Search, fit: Fit) -> bool:
-    """Whether a spring is one: at the end of what the data can show, or overdamped, it only absorbs what is left.
-
-    So does one that the motor winds up by a good part of the travel: it follows any slow torque that is missing, and is
-    no machine's transmission. A backlash may be overdamped, its contacts tell of it; without a gap it is such a spring.
-    """
-    ends, setting = set(fit.candidate.at_bound()), search.setting
-    if "compliance" in fit.candidate.structural:
-        if {"frequency", "damping_ratio"} & ends:
-            return False
-        return float(stiffness_of(fit.candidate.values())) * TWIST * setting.travel > setting.torque
-    return not ("backlash" in fit.candidate.structural and "gap" in ends)
 
 
 def _settled(search: Search, exact: Exact, weighed: Weighed) -> Weighed:
