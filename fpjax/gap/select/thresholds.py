@@ -5,7 +5,9 @@ clutter and effects outside the vocabulary among them; `removes`, `adds`, `part`
 cause was truly there (the withheld effect, clutter that is there, a nominal number that is wrong), clear / between /
 contested: in 25 of 25, 6 of 6 and 4 of 4 cases that an explaining model led, in 11 of 13 of a part; where more was left
 in 2 of 8. The reported half of seed 1, measured with an engine before, had 11 of 12, 3 of 3, 2 of 2; 8 of 9; 1 of 6.
-(k + 1) / (n + 2) of both together are the probabilities, so that another odd seed must judge them.
+(k + 1) / (n + 2) of both together are the probabilities, so that another odd seed must judge them. `curve`,
+`curve_ahead` and `curve_named` were set on 21 of those cases in which much is left and on three real records (EMPS, two
+of a pendulum).
 """
 
 from dataclasses import dataclass
