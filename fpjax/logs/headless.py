@@ -16,8 +16,9 @@ def described(columns: Mapping[str, np.ndarray]) -> str:
     Args:
         columns: by their places "1", "2", ..., each of shape (rows,).
     """
-    moving = {key: values for key, values in columns.items() if np.isfinite(values).any() and np.nanstd(values) > 0.0}
-    told = [f"{key} from {np.nanmin(v):.4g} to {np.nanmax(v):.4g}" for key, v in list(moving.items())[:SHOWN]]
+    finite = {key: values[np.isfinite(values)] for key, values in columns.items()}
+    moving = {key: columns[key] for key, known in finite.items() if known.size and np.min(known) < np.max(known)}
+    told = [f"{key} from {np.min(finite[key]):.4g} to {np.max(finite[key]):.4g}" for key in list(moving)[:SHOWN]]
     more = f" and {len(moving) - SHOWN} more" if len(moving) > SHOWN else ""
     still = len(columns) - len(moving)
     rest = f" ({still} of {len(columns)} never change)" if still else ""
@@ -49,14 +50,15 @@ def _motion(time: np.ndarray, columns: Mapping[str, np.ndarray]) -> tuple[str, s
     if len(keys) < 2 or time[rows].size < 3 or not (np.diff(time[rows]) > 0.0).all():
         return None
     values = np.array([columns[key][rows] for key in keys])
-    rates = np.gradient(values, time[rows], axis=1)
-    like = _unit(rates) @ _unit(values).T
+    with np.errstate(all="ignore"):  # values near the largest float have no rate, and are like nothing
+        rates = np.gradient(values, time[rows], axis=1)
+        like = np.nan_to_num(_unit(rates) @ _unit(values).T)
     np.fill_diagonal(like, 0.0)
     fitting = np.argwhere(like > RATE)
     if not fitting.size:
         return None
     # a rate in other units, or a joint that only trembles, is told from the one that moves by its size
-    position, velocity = max(fitting, key=lambda pair: float(values[pair[1]].std()))
+    position, velocity = max(fitting, key=lambda pair: float(np.ptp(values[pair[1]])))
     return keys[position], keys[velocity]
 
 
