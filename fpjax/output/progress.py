@@ -37,8 +37,8 @@ def drawing(ratio: float) -> float:
 class Pace:
     """Seconds that are left, from when work was reported done.
 
-    Seconds a unit of work are those of its last half: what a stage takes is expected in proportion to others, and
-    its own pace says better what its rest takes.
+    What a stage takes is expected in proportion to others: its own pace says better what its rest takes, the pace of
+    all before what the stages after it take. Where the two differ, the bounds of the time left are as far apart.
     """
 
     def __init__(self) -> None:
@@ -52,14 +52,12 @@ class Pace:
 
     def left(self, share: Share) -> tuple[float, float] | None:
         """(least, most) that is left at the last report [s]; None where nothing was done since the first."""
-        now, done = self._reports[-1]
-        half = 0.5 * (self._reports[0][1] + done)
-        earlier = [one for one in self._reports if one[1] <= half]
-        when, before = earlier[-1] if earlier else self._reports[0]
-        if done <= before:
+        first, (now, done) = self._reports[0], self._reports[-1]
+        if done <= first[1]:
             return None
-        pace = (now - when) / (done - before)
-        return pace * share.least, pace * share.most
+        half = [one for one in self._reports if one[1] <= 0.5 * (first[1] + done)][-1]
+        paces = [(now - when) / (done - before) for when, before in (first, half)]
+        return min(paces) * share.least, max(paces) * share.most
 
 
 class Stages:
