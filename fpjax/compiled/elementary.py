@@ -64,7 +64,7 @@ _ROOT = 0x3FE6A09E667F3BCD  # the bits of sqrt(1/2)
 
 _WRITTEN_OUT: dict[str, Callable[[Array], list[Array]]] = {}
 
-NAME = "fpjax_elementary"  # under which reverse mode finds what is dear to recompute (see `native`)
+NAME = "fpjax_elementary"  # under which reverse mode finds what is expensive to recompute (see `native`)
 
 
 def sincos(x: Any) -> tuple[Array, Array]:

@@ -123,7 +123,7 @@ def freed(model: Model, machine: Mapping[str, float], reference: Values, free: S
             the file has it, "controller.kp", or with bounds, "controller.kp=1:5".
 
     Raises:
-        InputError: where nothing may change, or a name or bounds cannot be.
+        InputError: where nothing may change, or a name or bounds are not valid.
     """
     model.needed_controller()
     model, added = _with_feedforward(model, reference, free)

@@ -307,7 +307,8 @@ dt = 0.001
         where,
         (
             Experiment(
-                ("backlash", "compliance"), "Slow reversals at two payloads: play keeps its width, a spring does not."
+                ("backlash", "compliance"),
+                "Slow reversals at two payloads: backlash keeps its width, a spring does not.",
             ),
         ),
         model,

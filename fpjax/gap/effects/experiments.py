@@ -75,7 +75,7 @@ TELLS = {
     "time": "only a drift changes from the first lap to the last",
     "angle": "a torque tied to the angle comes back at the same angle whatever the speed",
     "constant": "a constant torque acts at rest and in both directions alike",
-    "transmission": "play and twist show as a difference between motor and load",
+    "transmission": "backlash and twist show as a difference between motor and load",
     "gain": "a gain error scales the known torque too",
     "late_actuator": "a late actuator shifts the motion itself, in proportion at any amplitude",
     "late_sensor": "a late sensor disagrees with the position, a late torque does not",
@@ -228,11 +228,11 @@ PAIRS: dict[frozenset[str], str] = {
         ),
         (
             ("torque_dead_zone", "backlash"),
-            "Record an encoder on the load: in play the load stays behind the motor, in a dead zone both stay.",
+            "Record an encoder on the load: with backlash the load stays behind the motor, in a dead zone both stay.",
         ),
         (
             ("backlash", "compliance"),
-            "Record an encoder on the load, and make slow reversals at two payloads: play keeps its width, "
+            "Record an encoder on the load, and make slow reversals at two payloads: backlash keeps its width, "
             "twist grows with the torque.",
         ),
         (

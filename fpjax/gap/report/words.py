@@ -35,7 +35,7 @@ EFFECTS = {
         "load-dependent friction", "the Coulomb level grows with the torque through the gear"
     ),
     "quadratic_drag": EffectWords("quadratic drag", "a torque that grows with the square of the speed"),
-    "backlash": EffectWords("backlash", "play between motor and load"),
+    "backlash": EffectWords("backlash", "lost motion between motor and load"),
     "compliance": EffectWords("compliance", "an elastic transmission between motor and load"),
     "unbalance": EffectWords("unbalance", "gravity on an off-centre mass, one period per turn"),
     "cogging": EffectWords("cogging", "a torque locked to the angle, several periods per turn"),

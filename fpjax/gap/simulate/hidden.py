@@ -1,6 +1,6 @@
 """Hidden states from what was measured: the motion is imposed, and only what no sensor sees is integrated.
 
-A window that starts with the wrong bristle or the wrong side of the play is a window lost; the recorded past says
+A window that starts with the wrong bristle or the wrong side of the backlash is a window lost; the recorded past says
 which it is.
 """
 
