@@ -18,6 +18,7 @@ RATE = 0.12  # of Adam: the numbers are of order one
 PATIENCE = 25  # steps without a better one, after which it ends
 BETTER = 1e-3  # of the cost, to count as better
 SMALLER, LEAST_SHARE = 0.85, 0.2  # a motion that needs too much torque is made smaller by this, until it is this small
+UNSEEN = 0.1  # nats: what no start shows by so much has no slope either, and would be all that the worst case sees
 CALMER = 0.5  # of the rate, where a step left the finite numbers
 
 
@@ -66,6 +67,7 @@ def design(
     weights, whole = jnp.asarray(wanted, float), jnp.ones(())
     evaluate = jax.jit(jax.value_and_grad(trial.cost, has_aux=True))
     best: tuple[float, Shape, Seen] | None = None
+    shown = np.zeros(np.shape(wanted))  # the most that any start brings of each comparison [nats]
     first: Seen | None = None
     history: list[float] = []
     slope: Shape | None = None
@@ -75,6 +77,7 @@ def design(
         return (time.process_time() - begun) / seconds
 
     def tried(shape: Shape) -> tuple[float, Seen, Shape]:
+        # The weights as they are now: what no start shows is left out after the starts.
         (cost, seen), slopes = jax.block_until_ready(evaluate(shape, weights, whole))
         history.append(float(cost))
         return float(cost), seen, slopes
@@ -85,12 +88,23 @@ def design(
         for number, start in enumerate(starts):
             cost, seen, slopes = tried(start)
             progress("trying starts", min(0.1 + 0.2 * number / len(starts), 1.0))
+            if np.isfinite(cost):
+                shown = np.fmax(shown, np.asarray(seen.nats))
             if np.isfinite(cost) and (best is None or cost < best[0]):
                 best, slope = (cost, start, seen), slopes
             if spent() > 0.8 and best is not None:
                 break
         if best is None or slope is None:
             return None
+        within = np.where(shown < UNSEEN, 0.0, wanted)
+        if within.any() and not np.array_equal(within, wanted):
+            # Else the worst case is one that no motion within the limits can mend, and nothing is improved at all.
+            weights, best = jnp.asarray(within, float), None
+            for start in starts[: len(history)]:
+                cost, seen, slopes = tried(start)
+                if np.isfinite(cost) and (best is None or cost < best[0]):
+                    best, slope = (cost, start, seen), slopes
+            assert best is not None
         first = best[2]
         optimiser = optax.adam(RATE)
         shape, state, stale = best[1], optimiser.init(best[1]), 0
