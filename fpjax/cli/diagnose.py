@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ..logs import Log
     from ..model_file import Model
 
-REPORT = 3.5  # times the processor time of starting that drawing the report takes
+REPORT = 4.0  # times the processor time of starting that drawing the report takes
 EXAMPLES = """\
 examples:
   fpjax diagnose run.csv --model servo.toml --out why
