@@ -79,10 +79,11 @@ def pytest_unconfigure():
 
 # Files that take longest begin first, so that at the end no worker waits for another's last file.
 LONGEST_FIRST = (
-    # of the default set
-    *("test_gradient.py", "test_in_loop.py", "test_alone.py", "test_c.py", "test_grid_search.py", "test_starts.py"),
-    *("test_withheld_truth.py", "test_withheld_second_truth.py", "test_result_notes.py", "test_sweep_store.py"),
-    *("test_improve.py", "test_at_rest.py", "test_native.py", "test_corrected.py", "test_report.py", "test_sweep.py"),
+    # of the default set, by processor time: 60 to 11 s
+    *("test_alone.py", "test_in_loop.py", "test_native.py", "test_report.py", "test_c.py", "test_withheld_truth.py"),
+    *("test_withheld_second_truth.py", "test_truth_solvers.py", "test_at_rest.py", "test_identify.py"),
+    *("test_gradient.py", "test_sweep.py", "test_thesis.py", "test_grid_search.py", "test_objective.py"),
+    *("test_estimate.py", "test_notes.py", "test_batch.py", "test_improve.py", "test_sweep_store.py", "test_starts.py"),
     # of `long`
     *("test_plan.py", "test_diagnose.py", "test_learned.py", "test_gallery.py", "test_examples.py", "test_loops.py"),
     *("test_emps.py", "test_pages.py", "test_tutorial.py", "test_command.py"),
