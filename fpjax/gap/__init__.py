@@ -15,6 +15,7 @@ from .answer.diagnosis import Share as Share
 from .answer.diagnosis import Step as Step
 from .answer.diagnosis import TrackingError as TrackingError
 from .answer.diagnosis import Where as Where
+from .answer.diagnosis import Witness as Witness
 from .data.setting import Setting as Setting
 from .effects.effect import Effect as Effect
 from .effects.effect import EffectParameter as EffectParameter

@@ -104,6 +104,10 @@ def test_a_curve_of_its_own_variable_stands_for_a_cause_that_leaves_much():
     assert said(VELOCITY, 0.5).word == "unexplained"
     assert said(VELOCITY, 0.8, name="unbalance").word == "unexplained"
     assert said(VELOCITY, 0.8, rival=450.0).word == "unexplained"
+    assert said(VELOCITY, 0.8).main["asymmetric_friction"] == pytest.approx(THRESHOLDS.right_witnessed)
+    # A model that leaves more than there was is asserted for no witness.
+    worse = judged(weighed("asymmetric_friction", 500.0), [], left=1.1, curves=VELOCITY, named=0.8, follows=FOLLOWS)
+    assert worse.word == "unexplained"
     # No variable stands out, or its curve holds little, or on windows left out nothing.
     assert said(VELOCITY | {"position": Curve(0.8, 150.0)}, 0.9).word == "unexplained"
     assert said({"velocity": Curve(0.3, 200.0)}, 0.3).word == "unexplained"
@@ -115,6 +119,11 @@ def test_a_cause_that_a_curve_outdoes_only_bends_after_it():
     assert judged(chosen, rivals, left=0.5, named=0.6).word == "partly_explained"
     outdone = judged(chosen, rivals, left=0.5, named=0.3, curves={"torque": Curve(0.44, 28.0)})
     assert (outdone.word, outdone.causes) == ("unexplained", ())
+    numbers = judged(
+        weighed("asymmetric_friction", 500.0, wide=("inertia",)), [], left=0.5, named=0.0,
+        shares={"inertia_error": 0.6, "asymmetric_friction": 0.01}, curves={"torque": Curve(0.44, 28.0)},
+    )  # fmt: skip
+    assert (numbers.word, numbers.causes) == ("partly_explained", ("inertia_error",))
     by_chance = judged(chosen, rivals, left=0.5, named=0.3, curves={"torque": Curve(0.44, 5.0)})
     assert by_chance.word == "partly_explained"
 
@@ -131,8 +140,11 @@ def test_of_several_effects_the_one_that_the_witness_speaks_for_comes_first():
 def test_a_name_keeps_of_its_worth_what_its_variable_keeps_of_the_witness_curve():
     assert witness(VELOCITY) == "velocity"
     assert believed(VELOCITY, ("velocity", "position")) == 1.0
-    assert believed(VELOCITY, ("position",)) == pytest.approx(1.0 - 0.8)
-    assert believed(VELOCITY, ()) == pytest.approx(1.0 - 0.9)
+    assert believed(VELOCITY, ("position",)) == pytest.approx(0.1 / 0.9)
+    assert believed(VELOCITY, ("torque",)) == pytest.approx(0.2 / 0.9)
+    # What says nothing of its variables, or follows one that no table was made of, is not spoken against.
+    assert believed(VELOCITY, ()) == 1.0
+    assert believed({"velocity": Curve(0.9, 200.0)}, ("position",)) == 1.0
     assert witness({}) == ""
     assert believed({}, ()) == 1.0
 

@@ -1,22 +1,35 @@
 """What a log itself says of a missing torque, beside any name: its curves, its masses, its rare events."""
 
+from dataclasses import replace
+
 import gap_machine
 import gap_search
 import numpy as np
 import pytest
 
 from fpjax.gap.answer.curves import curves_of, named_share
+from fpjax.gap.diagnose import make_search
 from fpjax.gap.effects.vocabulary import EFFECTS
 from fpjax.gap.fit.search import Start
 from fpjax.gap.select.witness import witness
+from fpjax.model_file import load_model
 
 
 @pytest.fixture(scope="module")
 def hanging():
     """A weight that no model knows."""
     return gap_search.search_of(
-        gap_machine.record(seconds=6.0, sensors=("position",), extra=lambda time, speed, angle, u: -0.5 * np.sin(angle))
+        gap_machine.record(
+            seconds=12.0, sensors=("position",), extra=lambda time, speed, angle, u: -2.0 * np.sin(angle)
+        )
     )
+
+
+def test_a_large_weight_is_found_from_where_the_missing_torque_points(hanging):
+    found = hanging.explore([Start((effect("unbalance"),), (), v) for v in effect("unbalance").starts(hanging.setting)])
+    values = next(f for f in found if f.names == ("unbalance",)).candidate.values()
+    assert values["unbalance_sine"] == pytest.approx(2.0, rel=0.01)
+    assert abs(values["unbalance_cosine"]) < 0.02
 
 
 def effect(name):
@@ -44,6 +57,14 @@ def answering(search, **values):
     return fitter.stiffer(c), fitter, c
 
 
+@pytest.mark.parametrize("actuator", ["gain = 0.5", "lag = 5e-3", "limit = 3.0"])
+def test_the_nominal_model_as_given_is_no_sluggish_one(actuator):
+    log = gap_machine.record(seconds=3.0, sensors=("position",))
+    search = make_search([log], [], load_model(gap_search.MODEL + f"[actuator]\n{actuator}\n"))
+    fitter = search.fitters[search.exact.family.key]
+    assert fitter.stiffer(search.exact) == pytest.approx(1.0)
+
+
 def test_what_a_sluggish_model_leaves_is_read_as_the_larger_torque_that_it_is(hanging):
     own = hanging.setting
     heavy, fitter, c = answering(hanging, inertia=2.0 * own.inertia)
@@ -57,10 +78,14 @@ def test_what_a_sluggish_model_leaves_is_read_as_the_larger_torque_that_it_is(ha
         assert answering(hanging, **livelier)[0] == pytest.approx(1.0), livelier
     # Mass and gain in proportion move alike, and are judged alike.
     assert answering(hanging, inertia=2.0 * own.inertia, viscous=2.0 * own.viscous, gain=2.0)[0] == pytest.approx(1.0)
-    # The volume of torques counts only where a torque is seen above the noise.
+    # The volume of torques counts where a torque is seen above the noise, and is not small beside the inertial torque.
     count = len(fitter.modes.gain)
     assert fitter.answering(c, np.zeros(count)) == 0.0
     assert fitter.answering(c, np.where(fitter.modes.sensor, 0.0, 3.0)) > 0.0
+    few, many = (fitter.torques(replace(c, level=np.full(fitter.modes.bands, q)), hanging.train) for q in (1e-4, 1e3))
+    windows = sum(len(chosen) for chosen in hanging.train)
+    assert few[0] < 0.01 * windows
+    assert many[0] > 0.9 * windows
 
 
 def test_a_log_that_is_quiet_but_for_a_few_pushes_has_a_gap():

@@ -78,14 +78,16 @@ def make_windows(search: Search, candidate: Candidate) -> Windows:
     c = replace(candidate, free=np.zeros(0, int), low=empty, high=empty, center=empty, spread=empty, scale=empty)
     fitter = search.fitters[c.family.key]
     which, coefficients, starts, noise, fold = [], [], [], [], []
+    heavier = c.values()["inertia"] / search.setting.inertia  # the modes hold the nominal mass, the residual this one's
     for part in fitter.linearise([c], search.train, hidden=False)[0]:
         deviation = fitter.deviations(c, part.which, hidden=False)
         live = np.flatnonzero(deviation > 0)
         states = c.states[part.which][live][:, part.windows].T
         which.append((part.which, part.windows))
-        coefficients.append(part.c - (part.slope @ states[:, :, None])[:, :, 0] + _misread(search, c, part))
-        starts.append(part.slope * deviation[live])
-        noise.append(fitter.noise[part.which][part.windows])
+        still = part.c - (part.slope @ states[:, :, None])[:, :, 0]
+        coefficients.append(heavier * still + _misread(search, c, part))
+        starts.append(heavier * part.slope * deviation[live])
+        noise.append(heavier**2 * fitter.noise[part.which][part.windows])
         fold.append(np.arange(len(part.windows)) // BLOCK % FOLDS)
     return Windows(fitter, tuple(which), *(np.concatenate(each) for each in (coefficients, starts, noise, fold)))
 

@@ -33,29 +33,24 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "explained":
         return f"Explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data."
     if diagnosis.verdict == "partly_explained":
-        closed = max(gap.closed, 0.0)
         return (
-            f"Partly explained by {causes}: {closed:.1%} of the gap is closed on withheld data, "
-            f"{1.0 - closed:.1%} is left{_place(diagnosis)}."
+            f"Partly explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data, "
+            f"{1.0 - gap.closed:.1%} is left{_place(diagnosis)}."
         )
     beside = f" beside {causes}" if diagnosis.causes else ""
     return f"Unexplained: there is a gap{beside}, and {nothing_closes(diagnosis.allowed)}."
 
 
-def witness_sentence(diagnosis: Diagnosis, of: str = "") -> str:
-    """Which variable alone holds the missing torque, and how much of that the causes hold; "" where none does.
-
-    Args:
-        diagnosis: the answer.
-        of: the variable in a reader's word; as recorded where not given.
-    """
+def witness_sentence(diagnosis: Diagnosis) -> str:
+    """Which variable alone holds the missing torque, and how much of that the causes hold; "" where none does."""
     found = diagnosis.witness
     if found is None:
         return ""
     effort = "force" if diagnosis.motion == "linear" else "torque"
-    named = f", and {' + '.join(diagnosis.causes)} {found.named:.0%}" if diagnosis.causes else ""
+    variable = f"commanded {effort}" if found.of == "torque" else found.of
+    named = f"; the causes hold {found.named:.0%}" if diagnosis.verdict in ("explained", "partly_explained") else ""
     return (
-        f"As far as it moves the machine, the missing {effort} is mostly a law of the {of or found.of}: a curve of it "
+        f"As far as it moves the machine, the missing {effort} is mostly a law of the {variable}: a curve of it "
         f"alone holds {found.share:.0%} of the energy (any other variable at most {found.next:.0%}){named}."
     )
 

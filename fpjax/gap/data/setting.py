@@ -32,6 +32,7 @@ class Setting:
         nominal: parameters of the nominal model by name.
         unknown_origin: a known load turns with a position that no sensor tells.
         periods: per revolution [1/rev], at which "torque" and "friction" repeat with the position.
+        weight: values by name of the unbalance that the missing torque is most like; empty where none was looked for.
         contacts: values by name of backlashes that the log may show, the most likely first; None or empty: not looked
             for, or nothing to look at.
     """
@@ -50,6 +51,7 @@ class Setting:
     nominal: Mapping[str, float] = field(default_factory=dict)
     unknown_origin: bool = False
     periods: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    weight: Mapping[str, float] = field(default_factory=dict)
     contacts: tuple[Mapping[str, float], ...] | None = None
 
 

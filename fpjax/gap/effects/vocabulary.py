@@ -243,7 +243,13 @@ EFFECTS: tuple[Effect, ...] = (
         structure="transmission",
         fixed=(LOAD_SIDE,),
     ),
-    _effect("unbalance", UNBALANCE, report=lambda v, s: _sines(_names(UNBALANCE), v, None)),
+    _effect(
+        "unbalance",
+        UNBALANCE,
+        # From none, and from the weight that the missing torque is most like: a large one is far from none.
+        starts=lambda s: [{}, *([dict(s.weight)] if s.weight else [])],
+        report=lambda v, s: _sines(_names(UNBALANCE), v, None),
+    ),
     _effect(
         "cogging",
         (*COGGING, COGGING_PERIODS),

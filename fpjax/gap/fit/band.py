@@ -8,6 +8,7 @@ from ..data.record import Record
 from .modes import Modes
 
 HEARD = 0.99  # of the speed's power: above the frequency that holds it, a torque moves less and less
+CHANCE = 3.0  # standard deviations of the noise's energy, below which an octave's is noise
 QUIET = 0.3  # share of a mode's variance that is torque, below which it shows the noise
 FEW_QUIET = 30  # coefficients: fewer do not tell a variance
 
@@ -30,8 +31,9 @@ def level_with_bursts(modes: Modes, level: Values, coefficients: Coefficients) -
     for band in range(modes.bands):
         own = (modes.band == band) & ~modes.sensor
         if np.any(own):
-            energy = np.sum(squares[own] - noise) / (count * np.sum(modes.gain[own]))
-            found[band] = max(found[band], np.sqrt(max(energy, 0.0)))
+            energy, chance = float(np.sum(squares[own] - noise)), CHANCE * noise * np.sqrt(2.0 * np.sum(own) / count)
+            if energy > chance:
+                found[band] = max(found[band], np.sqrt(energy / (count * np.sum(modes.gain[own]))))
     return found
 
 

@@ -22,6 +22,7 @@ LOADED = 0.05  # of the friction: how well the torque in a spring at a window's 
 BRISTLE = 0.1  # how well the bristles' share is known beforehand [1]
 MOVED = 0.02  # of the top speed: how well a speed from positions is known, beside its noise
 ANSWERING = ("inertia", "viscous", "gain", "actuator_lag", "drag_coefficient", "load_coefficient")
+LEAST_PASSED = 0.05  # of a torque: less of it than this reaches no machine that is driven
 GAINED = 0.02  # fall of twice the negative log posterior below which a fit has converged
 
 Values = np.ndarray
@@ -61,8 +62,23 @@ class Fitter:
         torque = np.concatenate([record.torque for record in self.records])
         self.speed, self.effort = float(np.sqrt(np.mean(speed**2))), np.abs(torque)
         self.driving = float(np.clip(np.mean(np.sign(torque) * np.sign(speed)), 0.0, 1.0))
+        self.inertial = self._inertial()
+        self._nominal = self._answer(self.family.neutral(setting))
         # Windows whose readings repeat have more noise.
         self.noise = [2.0 ** np.round(np.log2(record.runs)) for record in self.records]
+
+    def _inertial(self) -> Values:
+        """Mean square of the inertial torque in each mode [N^2 m^2], by octave, shape (modes,)."""
+        modes, squares = self.modes, []
+        for record in self.records:
+            rows = record.starts[:, None] + np.arange(record.samples)
+            squares.append((self.setting.inertia * record.acceleration[rows] @ modes.torque) ** 2)
+        each = np.mean(np.concatenate(squares), axis=0)
+        found = np.zeros(len(each))
+        for band in np.unique(modes.band[~modes.sensor]):
+            own = (modes.band == band) & ~modes.sensor
+            found[own] = np.mean(each[own])
+        return found
 
     def deviations(self, c: Candidate, which: int, *, hidden: bool = True) -> Values:
         """Prior standard deviations of a window's start values, shape (states,); 0 where one is not free.
@@ -171,28 +187,41 @@ class Fitter:
         return float(np.sum(((c.vector[c.free] - c.center) / c.spread) ** 2))
 
     def torques(self, c: Candidate, windows: Windows) -> Values:
-        """How many coefficients of each mode show torque and not noise at a candidate's level [1], shape (modes,)."""
+        """How many coefficients of each mode show a torque that the model knows less of than of its own motion.
+
+        A torque that is seen above the noise counts as far as it is not small beside the inertial torque: where that is
+        the larger, torque makes the motion, and the motion is not imposed.
+
+        Returns:
+            Shape (modes,) [1].
+        """
         noise = np.concatenate([self.noise[which][chosen] for which, chosen in enumerate(windows)])
-        return np.sum(self.modes.wiener(c.level, noise), axis=0)
+        seen = np.sum(self.modes.wiener(c.level, noise), axis=0)
+        missing = c.level[self.modes.band] ** 2
+        return seen * missing / np.maximum(missing + self.inertial, 1e-300)
 
     def stiffer(self, c: Candidate, vector: Values | None = None) -> Values:
         """By how much a candidate answers a torque at its command less than the nominal model does, at least 1.
 
         Under a stiff position loop the motion is imposed and the torque answers. A model that hardly moves whatever
-        acts on it, a heavy mass, much friction, a lag, a limit, then leaves small residuals without knowing the torque.
+        acts on it, a heavy mass, much damping, a lag, a limit, then leaves small residuals without knowing the torque.
         What it leaves is read as a torque with its own answer, never with a livelier one than the nominal model's: a
         light mass or a large gain would shrink it likewise.
 
         Returns:
             Shape (modes,) [1]; 1 for modes without torque.
         """
-        found = dict(zip([p.name for p in c.family.parameters], c.vector if vector is None else vector, strict=True))
+        own = self._answer(c.vector if vector is None else vector)
+        return np.where(self.modes.sensor, 1.0, np.maximum(self._nominal / own, 1.0))
+
+    def _answer(self, vector: Values) -> Values:
+        """How a machine with these parameters answers a torque at its command, shape (modes,) (`Modes.answer`)."""
+        found = dict(zip([p.name for p in self.family.parameters], vector, strict=True))
         viscous = found["viscous"] + 2.0 * found.get("drag_coefficient", 0.0) * self.speed
         passed = np.mean((self.effort >= found.get("dead_zone", 0.0)) & (self.effort <= found.get("limit", np.inf)))
-        gain = found.get("gain", 1.0) * max(1.0 - found.get("load_coefficient", 0.0) * self.driving, 0.05)
-        own = found["inertia"], max(viscous, 0.0), gain * max(passed, 0.05), max(found.get("actuator_lag", 0.0), 0.0)
-        nominal = self.modes.answer(self.setting.inertia, self.setting.viscous, 1.0, 0.0)
-        return np.where(self.modes.sensor, 1.0, np.maximum(nominal / self.modes.answer(*own), 1.0))
+        gain = found.get("gain", 1.0) * max(1.0 - found.get("load_coefficient", 0.0) * self.driving, LEAST_PASSED)
+        lag = max(found.get("actuator_lag", 0.0), 0.0)
+        return self.modes.answer(found["inertia"], max(viscous, 0.0), gain * max(passed, LEAST_PASSED), lag)
 
     def answering(self, c: Candidate, torques: Values, vector: Values | None = None) -> float:
         """Twice the negative log of the volume of torques that a volume of residuals stands for."""

@@ -50,6 +50,25 @@ def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[
     return found
 
 
+def turning_weight(course: Values, record: Record) -> dict[str, float]:
+    """Values of an unbalance that a missing torque is most like, by name [N m]; nothing where too little is known.
+
+    Args:
+        course: the missing torque [N m], NaN where unknown, shape (samples,).
+        record: its motion.
+    """
+    keep = np.flatnonzero(np.isfinite(course))
+    if len(keep) < 50:
+        return {}
+    angle, speed = record.angle[keep], record.speed[keep]
+    beside = np.stack([np.ones_like(speed), np.sign(speed), speed, record.acceleration[keep]], 1)
+    columns = np.concatenate([np.stack([np.cos(angle), np.sin(angle)], 1), beside], 1)
+    sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
+    found = np.linalg.lstsq(columns / sizes, course[keep], rcond=1e-6)[0] / sizes
+    # What the machine has and the model lacks drives; a load holds back.
+    return {"unbalance_cosine": -float(found[0]), "unbalance_sine": -float(found[1])}
+
+
 def _energies(left: Values, angle: Values, side: Values, periods: Values, basis: Values) -> tuple[Values, Values]:
     """What a sine of each of the periods explains, as it is and times `side` (1 or -1), beside the basis.
 

@@ -17,7 +17,7 @@ from .candidate import NOMINAL, Candidate, Fit, make_candidate
 from .contacts import contact_starts
 from .least_squares import Fitter, Linear
 from .modes import Modes, make_modes
-from .periods import repeating_periods
+from .periods import repeating_periods, turning_weight
 
 Values = np.ndarray
 
@@ -84,6 +84,8 @@ class Search:
         )  # fmt: skip
         self.exact = self._base(wide=None)
         """The nominal model as it was given."""
+        weight = turning_weight(self.missing_course(self.exact)[longest], records[longest])
+        self.setting = replace(self.setting, weight=weight)
         self.band = self.modes.wiener(
             level_with_bursts(self.modes, self.exact.level, self._coefficients(self.exact)), np.ones(1)
         )[0]

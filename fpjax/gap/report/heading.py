@@ -16,7 +16,6 @@ from .reading import at_bound, shown_gap, twins_of
 from .text import (
     confidence_sentence,
     learned_sentence,
-    variable_name,
     verdict_sentence,
     verdict_title,
 )
@@ -69,7 +68,7 @@ def _caution(diagnosis: Diagnosis) -> str:
 def _witness(diagnosis: Diagnosis) -> str:
     if diagnosis.witness is None:
         return ""
-    return paragraph(witness_sentence(diagnosis, variable_name(diagnosis.witness.of, diagnosis)))
+    return paragraph(witness_sentence(diagnosis))
 
 
 def _facts(diagnosis: Diagnosis) -> str:

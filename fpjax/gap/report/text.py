@@ -48,11 +48,11 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         share, regime = main_regime(diagnosis.residual_where)
         place = regime_name(regime, diagnosis.motion)
         where = f", {show_percent(share)} of its energy {place}" if share >= MUCH else ""
-        asserted, closed = _asserted(diagnosis), max(gap.closed, 0.0)
+        asserted = _asserted(diagnosis)
         verb = "explains" if len(diagnosis.causes) == 1 else "explain"
         return (
-            f"{asserted[:1].upper()}{asserted[1:]} {verb} {show_percent(closed)} of the missing {effort}; "
-            f"{show_percent(1.0 - closed)} is left ({after} of {before} rms on withheld data){where}."
+            f"{asserted[:1].upper()}{asserted[1:]} {verb} {show_percent(gap.closed)} of the missing {effort}; "
+            f"{show_percent(1.0 - gap.closed)} is left ({after} of {before} rms on withheld data){where}."
         )
     differs = f"The simulation misses {before} rms of {effort} on withheld data{over_floor}"
     if diagnosis.causes:

@@ -15,7 +15,6 @@ from .witness import Curve, believed, witness
 
 Word = Literal["no_gap", "explained", "partly_explained", "unexplained"]
 ROUNDING = "velocity_quantisation"
-BEHIND = 0.5  # of the likeliest cause's probability: a reading's error beside a missing torque that nobody explains
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,8 @@ class Seen:
         twins: by effect, what makes the same log in its place: no rival, since it is named beside it.
         unshown: effects of the chosen model whose size the log does not tell from nothing: they are not asserted.
         curves: by recorded variable, where they were looked at.
-        named: what the chosen model holds of the missing torque in the measure of the curves [1].
+        named: what the chosen model, or one of its effects alone, holds of the missing torque in the measure of the
+            curves [1].
         follows: by effect, the variables that its torque is a function of.
     """
 
@@ -99,7 +99,9 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     near = len({s.names[0] for s in others if chosen.worth - s.worth <= thresholds.sure})
     word = _word(decision, seen, chosen, near, lead, thresholds)
     asserted = chosen.names if word in ("explained", "partly_explained") else ()
-    shares = _shares(sets, _top(word, lead, thresholds), thresholds.temper)
+    witnessed = word == "partly_explained" and seen.after >= thresholds.part * seen.before
+    top = thresholds.right_witnessed if witnessed else _top(word, lead, thresholds)
+    shares = _shares(sets, top, thresholds.temper)
     main, among = _by_effect(shares)
     if seen.readings:
         return _with_readings(Verdict(word, asserted, 0.0, main, among, margin, lead), seen, thresholds)
@@ -192,9 +194,9 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
         return "explained"
     sure = few and (near == 0 or _is_number(chosen.names[0]))
     # Where much is left, a cause that is not far ahead may be the one that bends best: pushes pass for a soft spring.
-    if not (sure and lead >= t.clear) or _bends(seen, t):
+    if not (sure and lead >= t.clear) or (_bends(seen, t) and not _is_number(chosen.names[0])):
         return "unexplained"
-    return "partly_explained" if left < t.part or _witnessed(seen, chosen, t) else "unexplained"
+    return "partly_explained" if left < t.part or (left < 1.0 and _witnessed(seen, chosen, t)) else "unexplained"
 
 
 def _bends(seen: Seen, t: Thresholds) -> bool:
@@ -282,7 +284,7 @@ def _with_readings(found: Verdict, seen: Seen, t: Thresholds) -> Verdict:
         rest = max(right[first] - sum(main.values()), 0.0)
         if word == "unexplained" and main:
             # It is wrong, and makes none of a torque that is missing whatever the reading says.
-            rest = min(rest, BEHIND * max(main.values()))
+            rest = min(rest, t.behind * max(main.values()))
         main = main | {first: rest}
         probability = sum(main[name] for name in asserted[:1]) if asserted else max(1.0 - sum(main.values()), 0.0)
     return replace(found, word=word, causes=names, probability=probability, main=main, among=among)

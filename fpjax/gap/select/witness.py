@@ -31,9 +31,12 @@ def witness(curves: Mapping[str, Curve], t: Thresholds = THRESHOLDS) -> str:
 
 
 def believed(curves: Mapping[str, Curve], followed: Iterable[str], t: Thresholds = THRESHOLDS) -> float:
-    """What a name keeps of its worth [1]: all, but where a witness speaks for a variable that it does not follow."""
-    first, followed = witness(curves, t), set(followed)
-    if not first or first in followed:
+    """What a name keeps of its worth [1]: all, but where a witness speaks for a variable that it does not follow.
+
+    A name that says nothing of what it follows, or follows what no table could be made of, keeps it too.
+    """
+    first, followed = witness(curves, t), [variable for variable in followed if variable in curves]
+    if not first or not followed or first in followed:
         return 1.0
-    best = max((curves[variable].share for variable in followed if variable in curves), default=0.0)
-    return 1.0 - (curves[first].share - best)
+    best = max(curves[variable].share for variable in followed)
+    return max(best / curves[first].share, 1.0 - curves[first].share)
