@@ -61,6 +61,7 @@ def measures_of(model: Model) -> dict[str, Any]:
         "control effort, rms": metrics.control_effort(),
     }
     for name in model.loop.observer.estimated:
+        found[f"{name}, final estimate"] = metrics.EstimateFinal(name)
         found[f"{name}, largest on the way"] = metrics.EstimatePeak(name)
     if "coulomb" in model.loop.observer.estimated:
         found["Coulomb torque error, mean"] = metrics.CoulombTorqueError(model.nominal["coulomb"])
@@ -102,7 +103,7 @@ def summary(model: Model, run: "Run") -> list[tuple[str, float, str]]:
             unit = units.name(ESTIMATES.get(name, ""))
         elif quantity.endswith("gradient"):
             unit = f"{motion} a sample"
-        if which == "largest on the way" and name in run.settled:
+        if which == "final estimate" and name in run.settled:
             rows += _settled_rows(model, run, name, unit)
         rows.append((quantity, number, unit))
     return rows

@@ -1,11 +1,8 @@
 """The one place where a motion is differentiated and integrated over time.
 
-Three kinds of signals need three ways:
-
-* A reading has noise that nobody states: `local_polynomial`, as wide as `quiet_half` finds best; `smooth_motion` does
-  both.
-* An observer gets the velocity that a low-pass of a stated cutoff leaves: `measured_velocity`.
-* A reference or a simulated motion has no noise: central differences, `slope`.
+Three kinds of signals need three ways. A reading has noise that nobody states: `local_polynomial`, as wide as
+`quiet_half` finds best, and `smooth_motion` for both. An observer gets the velocity that a low-pass of a stated cutoff
+leaves: `measured_velocity`. A reference or a simulated motion has no noise: central differences, `slope`.
 
 numpy only, float64.
 """
