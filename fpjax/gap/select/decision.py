@@ -277,11 +277,14 @@ def _worth_more(search: Search, exact: Exact, fit: Fit, t: Thresholds) -> bool:
 
 
 def _better(search: Search, exact: Exact, chosen: Weighed, best: Weighed, t: Thresholds) -> bool:
-    """Whether a further cause is sure, and takes a share of what is left that matters or is worth a good deal more."""
+    """Whether a further cause is sure, and takes a share of what is left that matters, or some and is worth much more.
+
+    One that leaves more torque than before follows details (a resonance, a sensor's timing) at the others' cost.
+    """
     before, after = _left(search, chosen.fit), _left(search, best.fit)
     removed = 1.0 - (after / before) ** 2 if before > 0.0 else 0.0
     more = best.worth / max(chosen.worth, 1e-300) - 1.0
-    return best.evidence - chosen.evidence > t.decisive and (removed > t.removes or more > t.adds)
+    return best.evidence - chosen.evidence > t.decisive and (removed > t.removes or (removed > 0.0 and more > t.adds))
 
 
 def _pruned(search: Search, exact: Exact, chosen: Weighed, t: Thresholds) -> Weighed:

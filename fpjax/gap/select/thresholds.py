@@ -53,7 +53,7 @@ class Thresholds:
         curve: share [1] of the missing torque's energy, as far as it moves the machine, that a table of one variable
             must hold for that variable to be a witness of its named laws.
         curve_ahead: by how much more [1] than a table of any other variable.
-        curve_named: share [1] of what a table holds, that named causes must hold beside it.
+        curve_named: share [1] of what a witness' table holds, that the causes it speaks for must hold.
         right_witnessed: probability [1] that the leading cause is right where more is left and a witness speaks for it.
         behind: of the likeliest cause's probability [1], the most of a wrong reading's where a torque is missing that
             nobody explains.
@@ -91,7 +91,7 @@ class Thresholds:
     beside: float = 0.5
     curve: float = 0.5
     curve_ahead: float = 0.25
-    curve_named: float = 0.75
+    curve_named: float = 2 / 3
     right_witnessed: float = 0.8
     behind: float = 0.5
     twist: float = 0.2

@@ -194,15 +194,21 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
         return "explained"
     sure = few and (near == 0 or _is_number(chosen.names[0]))
     # Where much is left, a cause that is not far ahead may be the one that bends best: pushes pass for a soft spring.
-    if not (sure and lead >= t.clear) or (_bends(seen, t) and not _is_number(chosen.names[0])):
+    if not (sure and lead >= t.clear) or (_bends(seen, chosen, t) and not _is_number(chosen.names[0])):
         return "unexplained"
     return "partly_explained" if left < t.part or (left < 1.0 and _witnessed(seen, chosen, t)) else "unexplained"
 
 
-def _bends(seen: Seen, t: Thresholds) -> bool:
-    """Whether a table of one variable holds more than all the named causes do: they only bend after it."""
-    held = seen.named / t.curve_named
-    return any(curve.share > held and curve.evidence > t.decisive for curve in seen.curves.values())
+def _bends(seen: Seen, chosen: _Set, t: Thresholds) -> bool:
+    """Whether a table of one variable holds more than all the named causes do: they only bend after it.
+
+    A law with a name may hold a little less than the table of its own variable.
+    """
+    followed = {variable for name in chosen.names for variable in seen.follows.get(name, ())}
+    return any(
+        curve.evidence > t.decisive and (t.curve_named if variable in followed else 1.0) * curve.share > seen.named
+        for variable, curve in seen.curves.items()
+    )
 
 
 def _witnessed(seen: Seen, chosen: _Set, t: Thresholds) -> bool:
