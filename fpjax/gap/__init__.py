@@ -15,13 +15,13 @@ from .answer.diagnosis import Share as Share
 from .answer.diagnosis import Step as Step
 from .answer.diagnosis import TrackingError as TrackingError
 from .answer.diagnosis import Where as Where
-from .answer.diagnosis import Witness as Witness
 from .data.setting import Setting as Setting
 from .effects.effect import Effect as Effect
 from .effects.effect import EffectParameter as EffectParameter
 from .effects.effect import place as place
 from .effects.vocabulary import EFFECTS as EFFECTS
 from .machine import Machine as Machine
+from .select.dominant import DominantVariable as DominantVariable
 
 from .diagnose import diagnose as diagnose  # isort: skip
 

@@ -12,10 +12,10 @@ from fpjax.gap.answer.confusable import indistinguishable
 from fpjax.gap.answer.ranking import share_alike
 from fpjax.gap.effects.twins import Log, Twin, exact_twins, single_twins
 from fpjax.gap.select.decision import Weighed
+from fpjax.gap.select.dominant import Curve, believed, dominant
 from fpjax.gap.select.readings import Reading
 from fpjax.gap.select.thresholds import THRESHOLDS
 from fpjax.gap.select.verdict import Seen, verdict
-from fpjax.gap.select.witness import Curve, believed, witness
 
 NOMINAL = {"inertia": 2.0, "coulomb": 0.5, "viscous": 0.1}
 RATE_ONLY = Log(position=False, known_torque=False, known_turning=False, nominal=NOMINAL)
@@ -104,8 +104,8 @@ def test_a_curve_of_its_own_variable_stands_for_a_cause_that_leaves_much():
     assert said(VELOCITY, 0.5).word == "unexplained"
     assert said(VELOCITY, 0.8, name="unbalance").word == "unexplained"
     assert said(VELOCITY, 0.8, rival=450.0).word == "unexplained"
-    assert said(VELOCITY, 0.8).main["asymmetric_friction"] == pytest.approx(THRESHOLDS.right_witnessed)
-    # A model that leaves more than there was is asserted for no witness.
+    assert said(VELOCITY, 0.8).main["asymmetric_friction"] == pytest.approx(THRESHOLDS.right_dominant)
+    # A model that leaves more than there was is not asserted for its variable.
     worse = judged(weighed("asymmetric_friction", 500.0), [], left=1.1, curves=VELOCITY, named=0.8, follows=FOLLOWS)
     assert worse.word == "unexplained"
     # No variable stands out, or its curve holds little, or on windows left out nothing.
@@ -128,7 +128,7 @@ def test_a_cause_that_a_curve_outdoes_only_bends_after_it():
     assert by_chance.word == "partly_explained"
 
 
-def test_of_several_effects_the_one_that_the_witness_speaks_for_comes_first():
+def test_of_several_effects_the_one_that_follows_the_dominant_variable_comes_first():
     chosen = weighed("asymmetric_friction+load_dependent_friction", 500.0)
     shares = {"asymmetric_friction": 0.9, "load_dependent_friction": 0.4}
     torque = {"torque": Curve(0.85, 97.0), "velocity": Curve(0.0, 40.0)}
@@ -137,15 +137,17 @@ def test_of_several_effects_the_one_that_the_witness_speaks_for_comes_first():
     assert judged(chosen, [], shares=shares, named=0.9, follows=FOLLOWS).causes[0] == "asymmetric_friction"
 
 
-def test_a_name_keeps_of_its_worth_what_its_variable_keeps_of_the_witness_curve():
-    assert witness(VELOCITY) == "velocity"
+def test_a_name_keeps_of_its_worth_what_its_variable_holds_beside_the_dominant_one():
+    found = dominant(VELOCITY)
+    assert found is not None
+    assert (found.of, found.share, found.next) == ("velocity", 0.9, 0.2)
     assert believed(VELOCITY, ("velocity", "position")) == 1.0
     assert believed(VELOCITY, ("position",)) == pytest.approx(0.1 / 0.9)
     assert believed(VELOCITY, ("torque",)) == pytest.approx(0.2 / 0.9)
     # What says nothing of its variables, or follows one that no table was made of, is not spoken against.
     assert believed(VELOCITY, ()) == 1.0
     assert believed({"velocity": Curve(0.9, 200.0)}, ("position",)) == 1.0
-    assert witness({}) == ""
+    assert dominant({}) is None
     assert believed({}, ()) == 1.0
 
 

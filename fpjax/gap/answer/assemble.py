@@ -80,11 +80,11 @@ def assemble(
         size, spread_of_it = rms_of(withheld(search, laws.fit))
         gap = replace(gap, learned=size, learned_interval=spread_of_it)
         learned_text, _ = corrected_model(model, with_reading(machine_of(laws.fit.candidate), read_values), step)
-    clock("where")
     clock("closed loop")
     said = [*_at_bounds(chosen, linear), *warnings]
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
     tracking = tracking_error(model, [in_one_piece(record) for record in records], *sides, said)
+    clock("where")
     return Diagnosis(
         verdict=found.word,
         causes=found.causes,
@@ -108,7 +108,7 @@ def assemble(
         allowed=allowed,
         learned=() if laws is None else laws.laws,
         learned_model=learned_text,
-        witness=judged.witness if graded else None,
+        dominant_variable=judged.dominant_variable if graded else None,
         posterior=make_posterior(
             search,
             chosen,

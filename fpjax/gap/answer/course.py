@@ -48,7 +48,7 @@ def course_of(search: Search, fit: Fit, which: int) -> Course:
     windows = np.arange(len(record.starts))
     share = np.where(modes.sensor, 0.0, search.band)
     root = np.where(modes.sensor | (modes.gain <= 0.0), 0.0, share / np.sqrt(np.maximum(modes.gain, 1e-300)))
-    root = root * fitter.stiffer(fit.candidate)
+    root = root * fitter.torque_scale(fit.candidate)
     c = modes.plain(fitter.coefficients([fit.candidate], which, windows)[0])
     noise = search.real_noise * fitter.noise[which][windows]
     # The residual is simulated less measured: what the model lacks has the other sign.

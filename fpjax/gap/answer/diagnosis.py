@@ -11,6 +11,7 @@ import numpy as np
 
 from ..effects.estimate import Estimate as Estimate
 from ..effects.experiments import Experiment as Experiment
+from ..select.dominant import DominantVariable
 from ..select.verdict import Word
 from .told import told, verdict_sentence
 
@@ -270,30 +271,6 @@ class Learned:
 
 
 @dataclass(frozen=True)
-class Witness:
-    """The one recorded variable that the missing torque is a law of, whatever the law's name.
-
-    Shares are of the energy of what the nominal model lacks with its numbers free, at the measured motion, each
-    frequency weighed by how far it moves the machine.
-
-    Attributes:
-        of: "velocity", "position", "torque" or "time".
-        share: that a table of it holds alone [1].
-        next: that a table of any other variable holds at most [1].
-        named: that the named causes hold [1].
-    """
-
-    of: str
-    share: float
-    next: float
-    named: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """All of it, by name."""
-        return asdict(self)
-
-
-@dataclass(frozen=True)
 class Diagnosis:
     """Where the simulation is wrong, which effect causes it, how far the gap shrinks.
 
@@ -324,7 +301,7 @@ class Diagnosis:
         model_missing: why there is no corrected model as text; "" where there is one.
         same_as: exact twins of the causes, a sentence each.
         learned: what is left as laws of what was recorded, the largest share first; () where none could be learned.
-        witness: the variable that the missing torque is a law of; None where no table of one stands out.
+        dominant_variable: that the missing torque is a law of; None where no table of one variable stands out.
         learned_model: the corrected model with the learned laws beside the causes, as `servo.toml` text; "" without.
         posterior: what is known of the machine, with its correlations, for drawing machines from; None where unknown.
     """
@@ -352,7 +329,7 @@ class Diagnosis:
     same_as: tuple[str, ...] = ()
     learned: tuple[Learned, ...] = ()
     learned_model: str = ""
-    witness: Witness | None = None
+    dominant_variable: DominantVariable | None = None
     ahead: float = 0.0
     posterior: Posterior | None = None
 
@@ -394,7 +371,7 @@ class Diagnosis:
             "same_as": list(self.same_as),
             "learned": [law.to_dict() for law in self.learned],
             "learned_model": self.learned_model,
-            "witness": None if self.witness is None else self.witness.to_dict(),
+            "dominant_variable": None if self.dominant_variable is None else self.dominant_variable.to_dict(),
             "model_missing": self.model_missing,
             "tracking": None if self.tracking is None else self.tracking.to_dict(),
             "allowed_effects": list(self.allowed) if self.allowed else "all",

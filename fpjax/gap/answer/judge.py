@@ -1,7 +1,7 @@
 """Judge: the verdict on a decision, with everything that it is judged by, from the fits' own posterior."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from ..effects.twins import single_twins
 from ..fit.candidate import Fit, nominal_sizes
 from ..fit.search import Search
 from ..select.decision import Decision, by_numbers
+from ..select.dominant import DominantVariable, dominant
 from ..select.readings import Reading
 from ..select.verdict import Seen, Verdict, verdict
-from ..select.witness import witness
 from .course import Course, course_of
 from .curves import Curves, named_share
-from .diagnosis import Gap, Witness
+from .diagnosis import Gap
 from .intervals import covariance
 from .ranking import log_of
 from .shown import not_shown
@@ -49,7 +49,7 @@ class Judged:
         verdict: on it.
         gap: before and after, on withheld windows.
         spread: covariance of the chosen model's free parameters.
-        witness: the variable that the missing torque is a law of; None where no table of one stands out.
+        dominant_variable: that the missing torque is a law of; None where no table of one variable stands out.
         before: course of the missing torque of the nominal model, one a log.
         after: likewise, of the chosen model.
     """
@@ -58,7 +58,7 @@ class Judged:
     verdict: Verdict
     gap: Gap
     spread: Values
-    witness: Witness | None
+    dominant_variable: DominantVariable | None
     before: tuple[Course, ...]
     after: tuple[Course, ...]
 
@@ -112,13 +112,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         curves=curves.by,
         named=max(named_share(search, fit, curves) for fit in (chosen, *_alone(decision))),
     )
-    found = verdict(decision, seen)
-    return Judged(decision, found, gap, spread, _spoken_for(seen), before, after)
-
-
-def _spoken_for(seen: Seen) -> Witness | None:
-    first = witness(seen.curves)
-    if not first:
-        return None
-    rest = max((curve.share for variable, curve in seen.curves.items() if variable != first), default=0.0)
-    return Witness(first, seen.curves[first].share, rest, float(np.clip(seen.named, 0.0, 1.0)))
+    variable = dominant(curves.by)
+    if variable is not None:
+        variable = replace(variable, named=float(np.clip(seen.named, 0.0, 1.0)))
+    return Judged(decision, verdict(decision, seen), gap, spread, variable, before, after)

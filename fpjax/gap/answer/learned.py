@@ -20,7 +20,7 @@ from ..fit.candidate import Fit
 from ..fit.search import Search, Start
 from .diagnosis import Learned
 from .shrink import draws, interval, withheld
-from .smooth import Smooth, Smoother, make_windows
+from .smooth import Smooth, smoother_of
 from .smooth_tables import make_tables
 
 SURE = 5.0  # nats on windows left out, without the best fold: four variables, one in forty by chance
@@ -112,11 +112,10 @@ def proposed(search: Search, fit: Fit) -> tuple[Learned, ...]:
     No withheld window is looked at: they are to judge. A share is of the energy on the fitted windows, what was found
     before in, as the linear model has it.
     """
-    setting = search.setting
-    smoother = Smoother(make_windows(search, fit.candidate), setting.friction, max(setting.effort, setting.torque))
-    tables = make_tables(search.records, setting.periods.get("torque", ())[:1])
-    current = smoother.base(fit.candidate.level)
-    energies = [_energy(search, smoother, current)]
+    smoother, current = smoother_of(search, fit.candidate)
+    tables = make_tables(search.records, search.setting.periods.get("torque", ())[:1])
+    band = search.band**2
+    energies = [smoother.energy(current, band)]
     while tables:
         tried = [(table, *smoother.gains(current, table)) for some in tables.values() for table in some]
         sure = [one for one in tried if _sure(one[1])]
@@ -124,7 +123,7 @@ def proposed(search: Search, fit: Fit) -> tuple[Learned, ...]:
             break
         table, _, penalty = max(sure, key=lambda one: np.sum(one[1]))
         after = smoother.fit((*current.tables, table), (*current.penalties, penalty), current.weight)
-        energies.append(_energy(search, smoother, after))
+        energies.append(smoother.energy(after, band))
         if energies[-2] - energies[-1] < LEAST * energies[0]:
             energies.pop()
             break
@@ -139,13 +138,6 @@ def _sure(gains: Values) -> bool:
         return False
     error = np.std(gains, ddof=1) / np.sqrt(len(gains))
     return bool(np.mean(gains) > ERRORS * error or np.min(gains) > HARMLESS)
-
-
-def _energy(search: Search, smoother: Smoother, fit: Smooth) -> float:
-    """Mean square of the missing torque [N^2 m^2], in the nominal model's band, without noise's."""
-    modes, w = smoother.windows.fitter.modes, smoother.windows
-    weight = np.where(modes.sensor, 0.0, search.band**2 / np.where(modes.sensor, 1.0, np.maximum(modes.gain, 1e-300)))
-    return float(np.mean((modes.plain(fit.left) ** 2 - w.noise[:, None]) @ weight)) / search.records[0].samples
 
 
 def _laws(fit: Smooth, shares: Values) -> tuple[Learned, ...]:

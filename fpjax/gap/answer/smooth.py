@@ -224,6 +224,17 @@ class Smoother:
         best = int(np.argmax([np.sum(gain) for gain in found]))
         return found[best], float(tried[best])
 
+    def energy(self, fit: Smooth, weight: Values) -> float:
+        """Mean square of the missing torque that is left [N^2 m^2], noise's share taken out.
+
+        Args:
+            fit: tables, or none.
+            weight: of each mode's torque [1], shape (modes,).
+        """
+        modes, w = self.windows.fitter.modes, self.windows
+        weight = np.where(modes.sensor, 0.0, weight / np.where(modes.sensor, 1.0, np.maximum(modes.gain, 1e-300)))
+        return float(np.mean((modes.plain(fit.left) ** 2 - w.noise[:, None]) @ weight)) / w.fitter.records[0].samples
+
     def _errors(self, parts: Sequence[Values], total: Values, prior: Values) -> Values:
         """Weighted square of what each fold is mispredicted by, the others fitted, shape (folds,)."""
         betas = [np.concatenate([[1.0], -_solve(total - part, prior)]) for part in parts]
@@ -279,3 +290,10 @@ def _solve(normal: Values, prior: Values) -> Values:
     if not len(prior):
         return np.zeros(0)
     return np.linalg.solve(normal[1:, 1:] + prior, normal[1:, 0])
+
+
+def smoother_of(search: Search, candidate: Candidate) -> tuple[Smoother, Smooth]:
+    """(a smoother of a candidate's windows, its fit without a table)."""
+    setting = search.setting
+    smoother = Smoother(make_windows(search, candidate), setting.friction, max(setting.effort, setting.torque))
+    return smoother, smoother.base(candidate.level)

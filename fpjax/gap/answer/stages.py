@@ -11,6 +11,6 @@ COSTS = {
     "what each cause takes": (0.02, 0.12, 0.3),
     "intervals and curves": (0.02, 0.05, 0.1),
     "learned law": (0.0, 0.01, 0.02),
-    "where": (0.0, 0.0, 0.01),
     "closed loop": (0.0, 0.01, 0.05),
+    "where": (0.0, 0.0, 0.01),
 }

@@ -41,9 +41,9 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     return f"Unexplained: there is a gap{beside}, and {nothing_closes(diagnosis.allowed)}."
 
 
-def witness_sentence(diagnosis: Diagnosis) -> str:
+def dominant_sentence(diagnosis: Diagnosis) -> str:
     """Which variable alone holds the missing torque, and how much of that the causes hold; "" where none does."""
-    found = diagnosis.witness
+    found = diagnosis.dominant_variable
     if found is None:
         return ""
     effort = "force" if diagnosis.motion == "linear" else "torque"
@@ -90,8 +90,8 @@ def told(diagnosis: Diagnosis) -> str:
             f"{error.before:.4g} before, {error.after:.4g} {error.unit} after the correction"
         )
     lines += [_entry(entry, entry.effect in diagnosis.causes) for entry in diagnosis.ranking[:SHOWN]]
-    if diagnosis.witness is not None:
-        lines.append(witness_sentence(diagnosis))
+    if diagnosis.dominant_variable is not None:
+        lines.append(dominant_sentence(diagnosis))
     if diagnosis.learned:
         follows = ", ".join(f"{law.share:.0%} follows the {law.of}" for law in diagnosis.learned)
         lines.append(f"learned: of the energy of what is left {follows}; with that gap {gap.learned:.4g} {gap.unit}")

@@ -21,7 +21,7 @@ DAMPINGS = (1e-6, 1e-2, 1.0, 100.0)  # tried at once, times the candidate's own 
 LOADED = 0.05  # of the friction: how well the torque in a spring at a window's start is known beforehand
 BRISTLE = 0.1  # how well the bristles' share is known beforehand [1]
 MOVED = 0.02  # of the top speed: how well a speed from positions is known, beside its noise
-ANSWERING = ("inertia", "viscous", "gain", "actuator_lag", "drag_coefficient", "load_coefficient")
+RESPONSE = ("inertia", "viscous", "gain", "actuator_lag", "drag_coefficient", "load_coefficient")
 LEAST_PASSED = 0.05  # of a torque: less of it than this reaches no machine that is driven
 GAINED = 0.02  # fall of twice the negative log posterior below which a fit has converged
 
@@ -60,10 +60,10 @@ class Fitter:
         self.records: list[Record] = runner.records
         speed = np.concatenate([record.speed for record in self.records])
         torque = np.concatenate([record.torque for record in self.records])
-        self.speed, self.effort = float(np.sqrt(np.mean(speed**2))), np.abs(torque)
+        self.speed, self.effort = float(np.sqrt(np.mean(speed**2))), np.sort(np.abs(torque))
         self.driving = float(np.clip(np.mean(np.sign(torque) * np.sign(speed)), 0.0, 1.0))
         self.inertial = self._inertial()
-        self._nominal = self._answer(self.family.neutral(setting))
+        self._nominal = self._response(self.family.neutral(setting))
         # Windows whose readings repeat have more noise.
         self.noise = [2.0 ** np.round(np.log2(record.runs)) for record in self.records]
 
@@ -200,35 +200,36 @@ class Fitter:
         missing = c.level[self.modes.band] ** 2
         return seen * missing / np.maximum(missing + self.inertial, 1e-300)
 
-    def stiffer(self, c: Candidate, vector: Values | None = None) -> Values:
-        """By how much a candidate answers a torque at its command less than the nominal model does, at least 1.
+    def torque_scale(self, c: Candidate, vector: Values | None = None) -> Values:
+        """By how much a torque at a candidate's command is larger than its residual says through the nominal mass.
 
-        Under a stiff position loop the motion is imposed and the torque answers. A model that hardly moves whatever
-        acts on it, a heavy mass, much damping, a lag, a limit, then leaves small residuals without knowing the torque.
-        What it leaves is read as a torque with its own answer, never with a livelier one than the nominal model's: a
-        light mass or a large gain would shrink it likewise.
+        The ratio of the nominal model's frequency response to its own, at least 1. Under a stiff position loop the
+        motion is imposed and the torque follows from it. A model that hardly moves whatever acts on it (a heavy mass,
+        much damping, a lag, a limit) then leaves small residuals without knowing the torque. A model that moves more
+        than the nominal one is not scaled: a light mass or a large gain would shrink what it is judged by likewise.
 
         Returns:
             Shape (modes,) [1]; 1 for modes without torque.
         """
-        own = self._answer(c.vector if vector is None else vector)
+        own = self._response(c.vector if vector is None else vector)
         return np.where(self.modes.sensor, 1.0, np.maximum(self._nominal / own, 1.0))
 
-    def _answer(self, vector: Values) -> Values:
-        """How a machine with these parameters answers a torque at its command, shape (modes,) (`Modes.answer`)."""
+    def _response(self, vector: Values) -> Values:
+        """Of a machine with these parameters, shape (modes,) (`Modes.response`)."""
         found = dict(zip([p.name for p in self.family.parameters], vector, strict=True))
         viscous = found["viscous"] + 2.0 * found.get("drag_coefficient", 0.0) * self.speed
-        passed = np.mean((self.effort >= found.get("dead_zone", 0.0)) & (self.effort <= found.get("limit", np.inf)))
+        above, within = found.get("dead_zone", 0.0), found.get("limit", np.inf)
+        count = np.searchsorted(self.effort, within, "right") - np.searchsorted(self.effort, above, "left")
+        passed = max(count, 0) / len(self.effort)
         gain = found.get("gain", 1.0) * max(1.0 - found.get("load_coefficient", 0.0) * self.driving, LEAST_PASSED)
         lag = max(found.get("actuator_lag", 0.0), 0.0)
-        return self.modes.answer(found["inertia"], max(viscous, 0.0), gain * max(passed, LEAST_PASSED), lag)
+        return self.modes.response(found["inertia"], max(viscous, 0.0), gain * max(passed, LEAST_PASSED), lag)
 
-    def answering(self, c: Candidate, torques: Values, vector: Values | None = None) -> float:
-        """Twice the negative log of the volume of torques that a volume of residuals stands for."""
+    def log_volume(self, c: Candidate, torques: Values, vector: Values | None = None) -> float:
+        """Twice the negative log of the Jacobian from torques to motion, of so many coefficients a mode."""
         if not np.any(torques > 0.0):
             return 0.0
-        stiffer = self.stiffer(c, vector)
-        return 2.0 * float(torques @ np.log(stiffer))
+        return 2.0 * float(torques @ np.log(self.torque_scale(c, vector)))
 
     # --- the iteration
 
@@ -263,12 +264,12 @@ class Fitter:
             c.cost += sum(float(np.sum(self._state_prior(c, p.which, p.windows, hidden=hidden))) for p in parts)
             torques = self.torques(c, windows)
             shown.append(torques)
-            c.cost += self._parameter_prior(c) + self.answering(c, torques)
+            c.cost += self._parameter_prior(c) + self.log_volume(c, torques)
             trials.append(self._steps(c, parts, c.damping * np.array(DAMPINGS), torques, hidden=hidden))
         everything = [trial for group in trials for trial in group]
         costs = np.array(
             [
-                self._parameter_prior(c) + self.answering(c, torques)
+                self._parameter_prior(c) + self.log_volume(c, torques)
                 for group, torques in zip(trials, shown, strict=True)
                 for c in group
             ]
@@ -304,7 +305,7 @@ class Fitter:
         c.normal = matrix[-1]
         unit = c.scale / c.spread
         prior = np.diag(unit**2)
-        pull = (c.vector[c.free] - c.center) / c.spread * unit + self._answering_slope(c, torques)
+        pull = (c.vector[c.free] - c.center) / c.spread * unit + self._log_volume_slope(c, torques)
         stepped = []
         for place, damping in enumerate(dampings):
             step = _bounded(c, matrix[place] + prior, slope[place] + pull, damping) if count else np.zeros(0)
@@ -318,15 +319,15 @@ class Fitter:
             stepped.append(replace(c, vector=vector, states=states, damping=float(damping)))
         return stepped
 
-    def _answering_slope(self, c: Candidate, torques: Values) -> Values:
-        """Half the slope of `answering` by the free parameters in units of their scale, shape (free,)."""
-        found, here = np.zeros(len(c.free)), self.answering(c, torques)
+    def _log_volume_slope(self, c: Candidate, torques: Values) -> Values:
+        """Half the slope of `log_volume` by the free parameters in units of their scale, shape (free,)."""
+        found, here = np.zeros(len(c.free)), self.log_volume(c, torques)
         for place, index in enumerate(c.free):
-            if c.family.parameters[index].name in ANSWERING:
+            if c.family.parameters[index].name in RESPONSE:
                 step = 1e-4 * c.scale[place]
                 moved = c.vector.copy()
                 moved[index] += step
-                found[place] = 0.5 * (self.answering(c, torques, moved) - here) / 1e-4
+                found[place] = 0.5 * (self.log_volume(c, torques, moved) - here) / 1e-4
         return found
 
     def reduced(self, c: Candidate, parts: list[Linear], dampings: Values, *, hidden: bool = True) -> tuple:

@@ -115,10 +115,11 @@ class Modes:
         signal = np.where(self.sensor, 0.0, level[self.band] ** 2 * self.gain)
         return signal / (noise[:, None] + signal)
 
-    def answer(self, inertia: float, viscous: float, gain: float, lag: float) -> Values:
-        """How a machine answers a torque at its command, over how the nominal rigid mass alone does, by mode [1].
+    def response(self, inertia: float, viscous: float, gain: float, lag: float) -> Values:
+        """Frequency response of the speed to a torque at the command, over that of the nominal rigid mass, by mode [1].
 
-        g / |(J j w + B) (1 + j w T)| of its inertia J, viscous friction B, torque gain g and lag T, times J_nominal w.
+        Its magnitude: g J_nominal w / |(J j w + B) (1 + j w T)| of inertia J [kg m^2], viscous friction B [N m s/rad],
+        torque gain g [1] and lag T [s].
         """
         speed = 2.0 * np.pi * self.frequency
         return gain * self.inertia / (np.hypot(inertia, viscous / speed) * np.hypot(1.0, lag * speed))

@@ -75,17 +75,9 @@ class Search:
         base = self._base(wide=NOMINAL)
         self.base = base
         """The nominal model with its numbers free."""
-        course = self.missing_course(base)
-        # Of the fitted ones: of a log that is only scored, the course is unknown.
-        longest = max(range(len(records)), key=lambda which: len(self.train[which]))
-        self.setting = replace(
-            self.setting, periods=repeating_periods(course[longest], records[longest], self.setting),
-            contacts=self._contacts(course, longest),
-        )  # fmt: skip
         self.exact = self._base(wide=None)
         """The nominal model as it was given."""
-        weight = turning_weight(self.missing_course(self.exact)[longest], records[longest])
-        self.setting = replace(self.setting, weight=weight)
+        self._look_for_starts()
         self.band = self.modes.wiener(
             level_with_bursts(self.modes, self.exact.level, self._coefficients(self.exact)), np.ones(1)
         )[0]
@@ -151,14 +143,20 @@ class Search:
         self.go_on([base], self.train, COLOURED, white=False)
         return base
 
-    def _contacts(self, courses: list[Values], which: int) -> tuple[dict[str, float], ...] | None:
+    def _look_for_starts(self) -> None:
+        """Values that fits start from, as the missing torque of the log with the most fitted windows shows them."""
+        which = max(range(len(self.records)), key=lambda i: len(self.train[i]))
+        free, given = (self.missing_course(c)[which] for c in (self.base, self.exact))
+        record, contacts = self.records[which], None
         backlash = [effect for effect in self.effects if effect.name == "backlash"]
-        if not backlash:
-            return None
-        fitter = self.fitter(key_for(tuple(backlash)))
-        observer = self.observers[fitter.family.key]
-        nominal = {name: self.base.values()[name] for name in NOMINAL}
-        return contact_starts(observer, which, self.records[which], courses[which], nominal, self.setting)
+        if backlash:
+            observer = self.observers[self.fitter(key_for(tuple(backlash))).family.key]
+            nominal = {name: self.base.values()[name] for name in NOMINAL}
+            contacts = contact_starts(observer, which, record, free, nominal, self.setting)
+        periods = repeating_periods(free, record, self.setting)
+        self.setting = replace(
+            self.setting, periods=periods, contacts=contacts, weight=turning_weight(given, record)
+        )  # fmt: skip
 
     def _noise_scale(self, base: Candidate) -> float:
         """By what the sensors' noise is larger than its differences say [1]."""
@@ -182,7 +180,7 @@ class Search:
         """The most likely missing torque [N m] along each record, shape (samples,); NaN outside the fitted windows."""
         fitter, found = self.fitters[c.family.key], []
         reach = np.where(self.modes.sensor, 0.0, 1.0 / np.sqrt(np.where(self.modes.sensor, 1.0, self.modes.gain)))
-        reach = reach * self.fitters[c.family.key].stiffer(c)
+        reach = reach * self.fitters[c.family.key].torque_scale(c)
         for which, record in enumerate(self.records):
             course, chosen = np.full(len(record.time), np.nan), self.train[which]
             if len(chosen):
@@ -382,7 +380,7 @@ class Search:
         chosen = [np.zeros(0, int) for _ in self.records]
         for p in parts:
             chosen[p.which] = p.windows
-        cost += fitter.answering(c, fitter.torques(c, chosen))
+        cost += fitter.log_volume(c, fitter.torques(c, chosen))
         for p in parts:
             cost += float(np.sum(fitter.window_costs(c, p.which, p.windows, p.c)))
             cost += float(np.sum(fitter._state_prior(c, p.which, p.windows, hidden=hidden)))
@@ -396,7 +394,7 @@ class Search:
         """Mean square of the missing torque in each window [N^2 m^2], noise's share taken out."""
         found = [np.full(len(record.starts), np.nan) for record in self.records]
         weight = np.where(self.modes.sensor, 0.0, self.band**2 / np.where(self.modes.sensor, 1.0, self.modes.gain))
-        weight = weight * self.fitters[c.family.key].stiffer(c) ** 2
+        weight = weight * self.fitters[c.family.key].torque_scale(c) ** 2
         for p in parts:
             noise = self.real_noise * fitter.noise[p.which][p.windows]
             found[p.which][p.windows] = (

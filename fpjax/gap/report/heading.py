@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..answer.told import witness_sentence
+from ..answer.told import dominant_sentence
 from .markup import (
     gap_interval,
     gap_number,
@@ -39,7 +39,7 @@ def header(diagnosis: Diagnosis) -> str:
     return (
         f'<header class="{diagnosis.verdict}">\n<p class="origin">{text(origin)}</p>\n'
         f'<div class="verdict">{badge}{confidence}</div>\n<h1>{_sentence(diagnosis)}</h1>\n'
-        f"{_facts(diagnosis)}{_caution(diagnosis)}{_witness(diagnosis)}{paragraph(learned_sentence(diagnosis))}\n</header>"
+        f"{_facts(diagnosis)}{_caution(diagnosis)}{_dominant(diagnosis)}{paragraph(learned_sentence(diagnosis))}\n</header>"
     )
 
 
@@ -65,10 +65,10 @@ def _caution(diagnosis: Diagnosis) -> str:
     return paragraph(f"At a limit of the search, and so not measured: {join(names)}.") if names else ""
 
 
-def _witness(diagnosis: Diagnosis) -> str:
-    if diagnosis.witness is None:
+def _dominant(diagnosis: Diagnosis) -> str:
+    if diagnosis.dominant_variable is None:
         return ""
-    return paragraph(witness_sentence(diagnosis))
+    return paragraph(dominant_sentence(diagnosis))
 
 
 def _facts(diagnosis: Diagnosis) -> str:

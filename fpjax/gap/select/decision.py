@@ -8,10 +8,10 @@ import numpy as np
 from ..effects.effect import Effect
 from ..fit.candidate import NOMINAL, Fit, nominal_sizes
 from ..fit.search import Search, Start
+from .dominant import Curve, believed
 from .nominal_errors import wrong_numbers
 from .resolved import resolved
 from .thresholds import THRESHOLDS, Thresholds
-from .witness import Curve, believed
 
 IMPOSSIBLE = ({"presliding", "compliance"}, {"presliding", "backlash"}, {"compliance", "backlash"})
 SIMPLER = {
@@ -38,7 +38,7 @@ class Weighed:
         evidence: with the prior odds of the numbers [1].
         gain: evidence over the nominal model as given [1].
         left: missing torque, of that of the nominal model as given [1].
-        believed: share of its worth that a witness leaves it (`fpjax.gap.select.witness`) [1].
+        believed: share of its worth that a dominant variable leaves it (`fpjax.gap.select.dominant`) [1].
     """
 
     fit: Fit
@@ -252,7 +252,7 @@ def _weigh(search: Search, exact: Exact, fits: Sequence[Fit]) -> list[Weighed]:
 
 def _weighed(search: Search, exact: Exact, fit: Fit, evidence: float) -> Weighed:
     left = _left(search, fit) / max(_left(search, exact.fit), 1e-300)
-    # Wrong numbers need no witness: every model has them.
+    # Wrong numbers follow none: every model has them.
     follows = {variable for effect in fit.candidate.effects for variable in effect.follows}
     share = believed(exact.curves, follows) if fit.candidate.effects else 1.0
     return Weighed(fit, evidence, evidence - exact.fit.evidence, left, share)

@@ -7,7 +7,7 @@ contested: in 25 of 25, 6 of 6 and 4 of 4 cases that an explaining model led, in
 in 2 of 8. The reported half of seed 1, measured with an engine before, had 11 of 12, 3 of 3, 2 of 2; 8 of 9; 1 of 6.
 (k + 1) / (n + 2) of both together are the probabilities, so that another odd seed must judge them. `curve`,
 `curve_ahead` and `curve_named` were set on 21 of those cases in which much is left and on three real records (EMPS, two
-of a pendulum), which are the three of three behind `right_witnessed`; `twist`, `ripple` and `behind` on sixteen further
+of a pendulum), the three of three behind `right_dominant`; `twist`, `ripple` and `behind` on sixteen further
 records of three machines.
 """
 
@@ -51,10 +51,11 @@ class Thresholds:
         beside: share [1] of what the nominal numbers alone leave of the missing energy, from which on an effect is told
             as a cause however much of the gap the numbers make.
         curve: share [1] of the missing torque's energy, as far as it moves the machine, that a table of one variable
-            must hold for that variable to be a witness of its named laws.
+            must hold for that variable to be the dominant one.
         curve_ahead: by how much more [1] than a table of any other variable.
-        curve_named: share [1] of what a witness' table holds, that the causes it speaks for must hold.
-        right_witnessed: probability [1] that the leading cause is right where more is left and a witness speaks for it.
+        curve_named: share [1] of what a table holds, that the causes that follow its variable must hold.
+        right_dominant: probability [1] that the leading cause is right where more is left and it follows the
+            dominant variable.
         behind: of the likeliest cause's probability [1], the most of a wrong reading's where a torque is missing that
             nobody explains.
         twist: of the travel [1], by which friction alone may wind up a shaft.
@@ -92,7 +93,7 @@ class Thresholds:
     curve: float = 0.5
     curve_ahead: float = 0.25
     curve_named: float = 2 / 3
-    right_witnessed: float = 0.8
+    right_dominant: float = 0.8
     behind: float = 0.5
     twist: float = 0.2
     ripple: float = 0.3

@@ -8,10 +8,10 @@ import numpy as np
 
 from ..fit.candidate import NOMINAL
 from .decision import Decision, Weighed
+from .dominant import Curve, believed, dominant
 from .nominal_errors import wrong_numbers
 from .readings import Reading
 from .thresholds import THRESHOLDS, Thresholds
-from .witness import Curve, believed, witness
 
 Word = Literal["no_gap", "explained", "partly_explained", "unexplained"]
 ROUNDING = "velocity_quantisation"
@@ -99,8 +99,8 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     near = len({s.names[0] for s in others if chosen.worth - s.worth <= thresholds.sure})
     word = _word(decision, seen, chosen, near, lead, thresholds)
     asserted = chosen.names if word in ("explained", "partly_explained") else ()
-    witnessed = word == "partly_explained" and seen.after >= thresholds.part * seen.before
-    top = thresholds.right_witnessed if witnessed else _top(word, lead, thresholds)
+    little = word == "partly_explained" and seen.after >= thresholds.part * seen.before
+    top = thresholds.right_dominant if little else _top(word, lead, thresholds)
     shares = _shares(sets, top, thresholds.temper)
     main, among = _by_effect(shares)
     if seen.readings:
@@ -126,7 +126,7 @@ def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, .
 
     A nominal number is measured by the whole gap, an effect by what no choice of the numbers would have closed: with
     numbers that are guesses, most of a gap is theirs, and what is sought stands beside them. Of several effects, the
-    one that a witness speaks for comes before what mends its details.
+    one that follows the dominant variable comes before what mends its details.
     """
     rest = float(np.clip(decision.nominal.left**2, 1e-12, 1.0))
     weight = {
@@ -196,7 +196,7 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
     # Where much is left, a cause that is not far ahead may be the one that bends best: pushes pass for a soft spring.
     if not (sure and lead >= t.clear) or (_bends(seen, chosen, t) and not _is_number(chosen.names[0])):
         return "unexplained"
-    return "partly_explained" if left < t.part or (left < 1.0 and _witnessed(seen, chosen, t)) else "unexplained"
+    return "partly_explained" if left < t.part or (left < 1.0 and _follows_dominant(seen, chosen, t)) else "unexplained"
 
 
 def _bends(seen: Seen, chosen: _Set, t: Thresholds) -> bool:
@@ -211,13 +211,15 @@ def _bends(seen: Seen, chosen: _Set, t: Thresholds) -> bool:
     )
 
 
-def _witnessed(seen: Seen, chosen: _Set, t: Thresholds) -> bool:
+def _follows_dominant(seen: Seen, chosen: _Set, t: Thresholds) -> bool:
     """Whether the missing torque is a law of the variable that the leading cause follows, and nearly that law.
 
     Then the machine shows that it lacks such a law, however much else it lacks.
     """
-    first = witness(seen.curves, t)
-    return first in seen.follows.get(chosen.names[0], ()) and seen.named > t.curve_named * seen.curves[first].share
+    found = dominant(seen.curves, t)
+    if found is None or found.of not in seen.follows.get(chosen.names[0], ()):
+        return False
+    return seen.named > t.curve_named * found.share
 
 
 def _is_number(name: str) -> bool:

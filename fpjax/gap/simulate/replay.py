@@ -114,8 +114,8 @@ def assembled(
     return machine
 
 
-def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -> tuple[Any, Array, Array, Array]:
-    """(plant's state, lagged torque, lagged rate, rate one period before) at the start of the windows.
+def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -> tuple[Any, Array, Array]:
+    """(plant's state, lagged torque [N m], lagged rate [rad/s]) at the start of the windows.
 
     Args:
         machine: of the lanes.
@@ -156,7 +156,7 @@ def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -
     (lagged, _), _ = jax.lax.scan(tap, (jnp.zeros_like(rate), 1.0 - decay), taps)
     offset = jnp.zeros_like(rate) if actuator.offset is None else actuator.offset
     reading = (windows.velocity + states[0] - sensor.bias) / sensor.scale + sensor.delay * windows.slope
-    return plant, lagged - offset, reading, rate - tables.dt * windows.slope / sensor.scale
+    return plant, lagged - offset, reading
 
 
 def command_at(tables: Tables, index: Array, delay: Array) -> Array:
@@ -169,21 +169,18 @@ def command_at(tables: Tables, index: Array, delay: Array) -> Array:
 
 
 class Carry(eqx.Module):
-    """State of a lane: the plant's, the lagged torque [N m], the lagged rate now and one period ago, the rate one
-    period ago.
-    """
+    """State of a lane: the plant's, the lagged torque [N m], the lagged rate now and one period ago [rad/s]."""
 
     plant: Any
     torque: Array
     lagged: Array
     lagged_before: Array
-    rate_before: Array
 
 
 def begin(machine: Machine, windows: Windows, states: Array, tables: Tables) -> Carry:
     """The carry before the first sample."""
-    plant, torque, reading, before = initial(machine, windows, states, tables)
-    return Carry(plant, torque, reading, reading - tables.dt * windows.slope / machine.sensor.scale, before)
+    plant, torque, reading = initial(machine, windows, states, tables)
+    return Carry(plant, torque, reading, reading - tables.dt * windows.slope / machine.sensor.scale)
 
 
 def advance(
@@ -210,7 +207,7 @@ def advance(
     rate_after, _ = sensor.seen(output_of(following))
     lagged = sensor.follow(carry.lagged, rate, rate_after, tables.dt)
     torque = carry.torque if after.lagged is None else after.lagged
-    return Carry(following, torque, lagged, carry.lagged, rate), predicted
+    return Carry(following, torque, lagged, carry.lagged), predicted
 
 
 def residuals(

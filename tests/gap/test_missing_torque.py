@@ -11,7 +11,7 @@ from fpjax.gap.answer.curves import curves_of, named_share
 from fpjax.gap.diagnose import make_search
 from fpjax.gap.effects.vocabulary import EFFECTS
 from fpjax.gap.fit.search import Start
-from fpjax.gap.select.witness import witness
+from fpjax.gap.select.dominant import dominant
 from fpjax.model_file import load_model
 
 
@@ -38,7 +38,9 @@ def effect(name):
 
 def test_a_weight_is_a_law_of_the_position_and_its_name_holds_what_the_curve_holds(hanging):
     curves = curves_of(hanging)
-    assert witness(curves.by) == "position"
+    found = dominant(curves.by)
+    assert found is not None
+    assert found.of == "position"
     assert curves.by["position"].share > 0.9
     for name, most, least in (("unbalance", 1.01, 0.9), ("stribeck", 0.5, -1.0)):
         starts = [
@@ -48,13 +50,13 @@ def test_a_weight_is_a_law_of_the_position_and_its_name_holds_what_the_curve_hol
         assert least < named_share(hanging, fit, curves) < most, name
 
 
-def answering(search, **values):
-    """By how much a candidate answers a torque less than the nominal model does, at the lowest frequency."""
+def scale(search, **values):
+    """(the torque scale of a candidate by mode, its fitter, the candidate)."""
     changes = {"actuator_lag": "actuator_lag", "limit": "torque_saturation", "gain": "torque_gain_error"}
     effects = tuple(effect(name) for value, name in changes.items() if value in values)
     c = search.candidate(Start(effects, ("inertia", "coulomb", "viscous"), values))
     fitter = search.fitters[c.family.key]
-    return fitter.stiffer(c), fitter, c
+    return fitter.torque_scale(c), fitter, c
 
 
 @pytest.mark.parametrize("actuator", ["gain = 0.5", "lag = 5e-3", "limit = 3.0"])
@@ -62,26 +64,26 @@ def test_the_nominal_model_as_given_is_no_sluggish_one(actuator):
     log = gap_machine.record(seconds=3.0, sensors=("position",))
     search = make_search([log], [], load_model(gap_search.MODEL + f"[actuator]\n{actuator}\n"))
     fitter = search.fitters[search.exact.family.key]
-    assert fitter.stiffer(search.exact) == pytest.approx(1.0)
+    assert fitter.torque_scale(search.exact) == pytest.approx(1.0)
 
 
 def test_what_a_sluggish_model_leaves_is_read_as_the_larger_torque_that_it_is(hanging):
     own = hanging.setting
-    heavy, fitter, c = answering(hanging, inertia=2.0 * own.inertia)
+    heavy, fitter, c = scale(hanging, inertia=2.0 * own.inertia)
     assert np.all(heavy[~fitter.modes.sensor] > 1.0)
     assert heavy.max() == pytest.approx(2.0, rel=0.05)  # where inertia is all that holds it
-    assert answering(hanging, viscous=own.viscous + 1.0)[0].max() > 2.0
-    assert answering(hanging, actuator_lag=0.05)[0].max() > 1.5
-    assert answering(hanging, limit=0.3 * own.torque)[0].min() > 1.5
+    assert scale(hanging, viscous=own.viscous + 1.0)[0].max() > 2.0
+    assert scale(hanging, actuator_lag=0.05)[0].max() > 1.5
+    assert scale(hanging, limit=0.3 * own.torque)[0].min() > 1.5
     # A livelier model is not read as a smaller torque: a light mass would shrink what it is judged by.
     for livelier in ({"inertia": 0.5 * own.inertia}, {"gain": 3.0}, {}):
-        assert answering(hanging, **livelier)[0] == pytest.approx(1.0), livelier
+        assert scale(hanging, **livelier)[0] == pytest.approx(1.0), livelier
     # Mass and gain in proportion move alike, and are judged alike.
-    assert answering(hanging, inertia=2.0 * own.inertia, viscous=2.0 * own.viscous, gain=2.0)[0] == pytest.approx(1.0)
+    assert scale(hanging, inertia=2.0 * own.inertia, viscous=2.0 * own.viscous, gain=2.0)[0] == pytest.approx(1.0)
     # The volume of torques counts where a torque is seen above the noise, and is not small beside the inertial torque.
     count = len(fitter.modes.gain)
-    assert fitter.answering(c, np.zeros(count)) == 0.0
-    assert fitter.answering(c, np.where(fitter.modes.sensor, 0.0, 3.0)) > 0.0
+    assert fitter.log_volume(c, np.zeros(count)) == 0.0
+    assert fitter.log_volume(c, np.where(fitter.modes.sensor, 0.0, 3.0)) > 0.0
     few, many = (fitter.torques(replace(c, level=np.full(fitter.modes.bands, q)), hanging.train) for q in (1e-4, 1e3))
     windows = sum(len(chosen) for chosen in hanging.train)
     assert few[0] < 0.01 * windows
