@@ -27,11 +27,9 @@ from ..compiled.programs import jit_by
 from ..errors import InputError
 from ..logs import Log
 from ..logs.derivative import Differentiator, measured_velocity, travel
-from ..logs.regression import solved
+from ..logs.regression import fit_pairs
 from .excitation import Excitation, assess_excitation
 
-SLIDING = 0.01  # share of the largest speed below which least squares does not look: sticking friction is no law
-RANK = 1e-10  # of the regression's columns at length one: below it, direction and speed say the same
 UNITS = {
     True: {"coulomb": "N", "viscous": "N s/m", "steepness": "s/m", "inertia": "kg", "offset": "N"},
     False: {"coulomb": "N m", "viscous": "N m s/rad", "steepness": "s/rad", "inertia": "kg m^2", "offset": "N m"},
@@ -185,7 +183,7 @@ def estimate(
     if not 0.0 < span <= log.duration:
         raise InputError(f"average must be positive and at most the log's {log.duration:g} s, got {span:g} s.")
     last = slice(-max(round(span / log.dt), 1), None)
-    fitted = least_squares(torque, velocity, log.dt, float(observer.inertia))
+    fitted = fit_pairs(torque, velocity, log.dt, float(observer.inertia))
     return Estimated(
         time=np.asarray(log.time[1:]),
         estimates=estimates,
@@ -241,32 +239,6 @@ def observe(
 
 
 _observe_jit = jit_by(lambda observer, torque, velocity, dt, passes: (torque.shape, passes))(observe)
-
-
-def least_squares(
-    torque: Float[np.ndarray, " periods"], velocity: Float[np.ndarray, " periods+1"], dt: float, inertia: float
-) -> dict[str, float]:
-    """Coulomb, viscous and offset torque by least squares on the pairs that the observer gets.
-
-    Periods below 1 % of the largest speed, and those in which it changes its sign, are left out.
-
-    Args:
-        torque: held over each period [N m], shape (samples - 1,).
-        velocity: at the start of each period and at the last one's end [rad/s], shape (samples,).
-        dt: control period [s].
-        inertia: J [kg m^2], taken as given for coulomb, viscous and offset.
-
-    Returns:
-        "coulomb", "viscous", "offset", and "free inertia" where it is fitted too; NaN where the log cannot tell.
-    """
-    middle, acceleration = 0.5 * (velocity[1:] + velocity[:-1]), np.diff(velocity) / dt
-    slides = (np.abs(middle) > SLIDING * np.max(np.abs(middle))) & (velocity[1:] * velocity[:-1] > 0.0)
-    motion = np.stack([np.sign(middle), middle, np.ones_like(middle), acceleration], axis=1)[slides]
-    given = solved(motion[:, :3], (torque - inertia * acceleration)[slides], rank=RANK)
-    free = solved(motion, torque[slides], rank=RANK)
-    numbers = np.full(3, np.nan) if given is None else given
-    found = {name: float(value) for name, value in zip(("coulomb", "viscous", "offset"), numbers, strict=True)}
-    return found | {"free inertia": math.nan if free is None else float(free[3])}
 
 
 def _load(load: AbstractLoad, log: Log, velocity: np.ndarray) -> np.ndarray:

@@ -7,8 +7,9 @@ errors to zero, and how fast it does is the slow mode of the window: of the aver
 monodromy matrix over a period (Floquet).
 
 The law holds for the smooth forms (tanh, ln cosh). With sign and |w| it holds while sliding only: while the mass
-sticks, d|w|/dt is not sign(w) w', and the estimate obeys k_hat' = (alpha/J) u^2 / (k - k_hat) instead
-(`sticking_rate`), which converges without any motion.
+sticks, d|w|/dt is not sign(w) w', and the estimate obeys k_hat' = (alpha/J) u^2 / (k - k_hat) instead, which converges
+without any motion: a fixed-step solver chatters about zero such that the mean friction balances k_hat sign(w) + u, the
+mass is on each side for the share of time that does, and z moves with sign(w) u (docs/thesis.md).
 """
 
 import dataclasses
@@ -175,48 +176,6 @@ def pole(observer: AbstractObserver, velocity: float, parameters: Mapping[str, A
             "pole: use assess_excitation(...).time_constants."
         )
     return float(error_matrix(observer, float(velocity), parameters)[0, 0])
-
-
-def propagate(
-    observer: AbstractObserver, velocity: Any, dt: float, parameters: Mapping[str, Any], error: Any
-) -> np.ndarray:
-    """The errors that (4.12) predicts along a motion.
-
-    Args:
-        observer: with its gains and its inertia.
-        velocity: w [rad/s], shape (samples,).
-        dt: time between samples [s].
-        parameters: values by name at which a nonlinear regressor is taken.
-        error: at the first sample, in the order of `observer.estimated`, shape (n,).
-
-    Returns:
-        Errors at every sample, shape (samples, n).
-    """
-    speed = _checked_velocity(velocity, dt)
-    middle = 0.5 * (speed[1:] + speed[:-1])
-    slopes, regressor = _vectors(observer, middle, parameters)
-    errors = np.empty((len(speed), slopes.shape[1]))
-    errors[0] = np.asarray(error, dtype=float)
-    inertia = float(np.asarray(observer.inertia))
-    for index, factor in enumerate(_factors(slopes, regressor, inertia, dt)):
-        errors[index + 1] = errors[index] - slopes[index] * (factor * (regressor[index] @ errors[index]))
-    return errors
-
-
-def sticking_rate(gain: Any, inertia: Any, control: Any, coulomb: Any, estimate: Any) -> Any:
-    """k_hat' = (alpha/J) u^2 / (k - k_hat) [N m/s]: how k_hat moves while the mass sticks under sign and |w|.
-
-    At rest the fixed-step solver chatters about zero such that the mean friction balances k_hat sign(w) + u: the mass
-    is on each side for the share of time that does, and z moves with sign(w) u (docs/thesis.md).
-
-    Args:
-        gain: alpha of g2.
-        inertia: J [kg m^2].
-        control: u [N m].
-        coulomb: k [N m].
-        estimate: k_hat [N m].
-    """
-    return gain / inertia * control * control / (coulomb - estimate)
 
 
 def _checked_velocity(velocity: Any, dt: float) -> np.ndarray:

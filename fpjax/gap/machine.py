@@ -1,4 +1,3 @@
-# pyright: reportArgumentType=false, reportCallIssue=false
 """Machine: the simulator's own blocks without the controller, as a recorded torque drives them."""
 
 from typing import Any, Literal

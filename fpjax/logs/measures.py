@@ -136,19 +136,6 @@ def _lies_on(levels: Values, step: float) -> bool:
     return float(np.mean(away < OFF_GRID)) >= ON_LATTICE
 
 
-def renewed(column: Values) -> np.ndarray:
-    """Which samples bring a reading of their own, bool, shape (samples,): a run of equal readings is one reading.
-
-    Where a rounded column rests for several samples, their rounding errors are one error and not several: weigh each
-    run once.
-
-    Args:
-        column: readings, shape (samples,).
-    """
-    values = np.asarray(column, dtype=np.float64).ravel()
-    return np.concatenate([np.ones(min(values.size, 1), bool), np.diff(values) != 0.0])
-
-
 # ---------------------------------------------------------------------------------------------------- noise
 
 

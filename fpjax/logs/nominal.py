@@ -11,7 +11,7 @@ held torque exactly. Start angle and speed of every window are free. Windows in 
 impact, a push) are weighed down by Cauchy's law of their rms. The windows are as long as lets what the model leaves
 grow to a few times the noise: shorter ones give their information away to noise, in longer ones unmodelled torques pile
 up. Deviations are those of the windows among themselves (the sandwich estimator) and of one length of window against
-the next, so they hold model errors too.
+the next, so they hold model errors too. Why `estimate` regresses pairs of samples instead: `fpjax.logs.regression`.
 """
 
 from collections.abc import Callable, Iterator
@@ -22,7 +22,7 @@ import numpy as np
 from .derivative import local_polynomial, quiet_half, smooth_motion
 from .log import Log
 from .measures import noise_level
-from .regression import solved
+from .regression import mean_direction, mean_held, solved
 
 Values = np.ndarray
 Load = Callable[[Values], Values]
@@ -186,23 +186,10 @@ def _pieces(torque: Values, velocity: Values | None, position: Values | None, dt
         assert reading is not None
         noise = noise_level(reading) if noise is None else noise
         columns = [
-            torque[part], -_mean_sign(speed), -_held(speed), -np.ones(speed.size), -_held(np.sin(angle)),
-            -_held(np.cos(angle)),
+            torque[part], -mean_direction(speed), -mean_held(speed), -np.ones(speed.size), -mean_held(np.sin(angle)),
+            -mean_held(np.cos(angle)),
         ]  # fmt: skip
         yield _Piece(reading, np.stack(columns, axis=1), noise, 2 if place is not None else 1, dt)
-
-
-def _held(values: Values) -> Values:
-    """Mean over each period, of what is known at its ends."""
-    return 0.5 * (values + np.append(values[1:], values[-1]))
-
-
-def _mean_sign(speed: Values) -> Values:
-    """Mean direction over each period: a reversal within it counts by its parts."""
-    after = np.append(speed[1:], speed[-1])
-    total = np.abs(speed) + np.abs(after)
-    turned = np.divide(speed + after, total, out=np.zeros_like(speed), where=total > 0.0)
-    return np.where(speed * after < 0.0, turned, np.sign(speed + after))
 
 
 def _best(pieces: list[_Piece], gravity: bool) -> Nominal | None:

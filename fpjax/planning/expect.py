@@ -23,7 +23,7 @@ from .machines import Shop, Variant
 from .sight import Sight
 
 RIDGE = 1e-9  # beside a prior of one: keeps a solve regular
-SPEED_STEP, ANGLE_STEP = 1e-4, 1e-4  # of the start states' priors, for their tangents
+SPEED_STEP = 1e-4  # of the start states' priors, for their tangents
 SHARE_DEVIATION = 0.5  # of bristles at a window's start, which no sensor tells [1]
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import fpjax as fp
-from fpjax.analysis.estimate import least_squares
 from fpjax.blocks.signals import Measurement
 from fpjax.logs.derivative import measured_velocity
+from fpjax.logs.regression import fit_pairs
 
 ROOT = pathlib.Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data" / "emps"
@@ -86,7 +86,7 @@ def test_replay_of_the_published_model(log):
 def test_least_squares_pairs_the_torque_with_its_period(log):
     """The published least squares: 95.11 kg, 20.39 N, 203.5 N s/m, -3.16 N, from the positions alone."""
     velocity, _ = measured_velocity(log)
-    found = least_squares(log.torque[:-1], velocity, log.dt, 95.1089)
+    found = fit_pairs(log.torque[:-1], velocity, log.dt, 95.1089)
     assert found["coulomb"] == pytest.approx(20.39, rel=0.01)
     assert found["viscous"] == pytest.approx(203.5, rel=0.01)
     assert found["offset"] == pytest.approx(-3.165, abs=0.1)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import fpjax as fp
-from fpjax.analysis.estimate import least_squares, observe
+from fpjax.analysis.estimate import observe
 from fpjax.logs.derivative import measured_velocity
+from fpjax.logs.regression import fit_pairs
 
 DT = 1e-3
 INERTIA, COULOMB, VISCOUS = 10.0, 20.0, 30.0
@@ -76,9 +77,9 @@ def test_a_known_load_is_subtracted():
 def test_pairing_half_a_period_wrong_biases_the_viscous_part():
     """Why the torque is paired with the middle of its period: at t_k the mass times half a period leaks in."""
     log = record()
-    right = least_squares(log.torque[:-1], log.velocity, DT, INERTIA)
+    right = fit_pairs(log.torque[:-1], log.velocity, DT, INERTIA)
     # A shift of the velocity by a whole period is two half periods to one side.
-    late = least_squares(log.torque[1:-1], log.velocity[:-1], DT, INERTIA)
+    late = fit_pairs(log.torque[1:-1], log.velocity[:-1], DT, INERTIA)
     assert abs(right["viscous"] - VISCOUS) < 0.2
     assert abs(late["viscous"] - VISCOUS) > 5.0 * abs(right["viscous"] - VISCOUS)
 
@@ -87,7 +88,7 @@ def test_slow_gains_over_many_passes_are_least_squares():
     """In the limit the observer's average error equation is the normal equations, slopes being the regressor."""
     log = record(duration=10.0)
     inertia = INERTIA * 1.02  # wrong, so that least squares is not simply the truth
-    fitted = least_squares(log.torque[:-1], log.velocity, DT, inertia)
+    fitted = fit_pairs(log.torque[:-1], log.velocity, DT, inertia)
     # Offset-free normal equations, with instruments (sign, w) over all periods.
     middle, rate = 0.5 * (log.velocity[1:] + log.velocity[:-1]), np.diff(log.velocity) / DT
     instruments = np.stack([np.sign(middle), middle])

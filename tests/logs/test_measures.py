@@ -6,7 +6,6 @@ import pytest
 from fpjax.logs.measures import (
     is_derived,
     noise_level,
-    renewed,
     rounding_step,
     velocity_origin,
 )
@@ -67,10 +66,6 @@ def test_noise_is_measured_beside_a_motion_and_its_corners():
     for level in (1e-3, 1e-6):
         column = np.abs(SWING) + level * noise
         assert noise_level(column) == pytest.approx(level, rel=0.05)
-
-
-def test_a_run_of_equal_readings_is_one_reading():
-    assert renewed(np.array([1.0, 1.0, 2.0, 2.0, 2.0, 1.0])).tolist() == [True, False, True, False, False, True]
 
 
 # ------------------------------------------------------------------ is a velocity only a derivative?
