@@ -249,6 +249,7 @@ def test_the_integrator_is_converged_for_what_the_sensors_see():
         assert error < share * case.plan.drawn.rate_noise, case.plan.parameters
 
 
+@pytest.mark.long  # makes every case twice
 def test_a_case_is_its_words_and_seed_alone_whoever_is_beside_it():
     asked = [
         Asked(0, "a", "single", "rate", "hobby", ("cogging",)),

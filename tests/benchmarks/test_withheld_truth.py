@@ -246,6 +246,7 @@ def test_a_nominal_machine_leaves_nothing_but_noise():
     assert abs(ratio - 1) < 5 * np.sqrt(2 / residual.size)
 
 
+@pytest.mark.long  # makes every case twice
 def test_a_case_does_not_depend_on_its_company_and_its_path_tells_nothing():
     wanted = [
         one

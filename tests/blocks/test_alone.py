@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import tolerances
-from catalogue import CASES, one_of_each_kind
+from catalogue import CASES, first_of_each_kind, one_of_each_kind
 from compiling import quick
 
 import fpjax
@@ -95,7 +95,7 @@ def test_every_block_of_the_package_is_in_the_catalogue():
     assert not missing, f"not in tests/catalogue.py: {sorted(missing)}"
 
 
-@compiled
+@pytest.mark.parametrize("case", first_of_each_kind(), ids=str)  # the gradients below compile every kind of block
 def test_jit_is_eager_and_vmap_is_a_loop(case):
     block = case.build()
     outputs, count = scaled(case, block)

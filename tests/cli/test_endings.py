@@ -40,6 +40,7 @@ def test_a_reader_that_has_enough_is_no_error(servo):
     assert "Traceback" not in error
 
 
+@pytest.mark.long  # a sweep that is long enough to tell its time left
 def test_progress_is_shown_on_a_terminal_only(servo, tmp_path):
     pty = pytest.importorskip("pty")
     axes = ["--axis", "observer.gain_1=10:1e4:400", "--axis", "observer.gain_2=1:100:400", "--chunk", "256"]

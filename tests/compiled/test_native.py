@@ -74,7 +74,13 @@ UNDER = {
 }
 
 
-@pytest.mark.parametrize("where", UNDER)
+# By default; `long` the others.
+FEW = ("alone", "jit of vmap", "jit of grad", "jvp", "vmap of grad", "map of vmap", "nested", "shard_map")
+
+
+@pytest.mark.parametrize(
+    "where", [where if where in FEW else pytest.param(where, marks=pytest.mark.long) for where in UNDER]
+)
 def test_same_numbers_on_and_off(where):
     with native_mode(False):
         off = UNDER[where](native)
@@ -322,6 +328,7 @@ def test_auto_checkpoint_follows_the_reverse_pass():
     assert _auto_scratch(4_000, candidates=64, scratch=10**6) == _scratch(4_000, "nested")
 
 
+@pytest.mark.long  # compiles three horizons
 def test_deeper_blocks_hold_the_memory_at_any_horizon():
     allowed = 20_000
     for steps in (1_000, 30_000, 300_000):

@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import fpjax as fp
 from fpjax import _simulate
@@ -35,6 +36,7 @@ def test_too_many_programs_are_forgotten_at_once():
     assert traced[-1] == (1,)  # forgotten, and compiled again
 
 
+@pytest.mark.long  # compiles many lengths
 def test_runs_of_many_lengths_keep_a_bounded_number_of_programs():
     loop = fp.ClosedLoop(fp.OneMass(1.0, fp.NoFriction()), fp.Proportional(1.0))
     for samples in range(10, 10 + MOST + 2):

@@ -41,6 +41,7 @@ def log():
     )  # fmt: skip
 
 
+@pytest.mark.long  # makes a search of its own: 7 s
 def test_the_motion_shows_the_gap_before_anything_is_fitted(log):
     search = gap_search.search_of(log)
     first = search.setting.contacts[0]

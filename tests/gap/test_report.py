@@ -49,9 +49,9 @@ def written(tmp_path_factory):
     return write
 
 
-# Drawing a page takes 3 to 7 s of processor time. These hold every section, picture and verdict but "explained", whose
-# page `test_diagnose` writes; the sentences of all cases are in `test_report_words`.
-DRAWN = ("no_gap", "partly_explained", "unexplained", "bare")
+# Drawing a page takes 3 to 7 s of processor time. These hold every section and picture, and all verdicts but
+# "explained", whose page `test_diagnose` writes, and "unexplained"; the sentences of all are in `test_report_words`.
+DRAWN = ("no_gap", "partly_explained", "bare")
 
 
 @pytest.fixture(
@@ -178,6 +178,7 @@ def test_what_is_shown_is_the_number_rounded(report):
         assert any(near) or almost_all, (exact, shown)
 
 
+@pytest.mark.long  # draws that page
 def test_a_linear_axis_is_told_in_its_own_words(written):
     _, _, _, source = written("unexplained")
     shown = "".join(Page(source).text)

@@ -61,6 +61,7 @@ def shown(tmp_path_factory):
     return json.loads(found.group(1).replace("&lt;", "<").replace("&amp;", "&"))
 
 
+@pytest.mark.long  # starts a browser
 def test_every_way_zooms_and_comes_back(shown):
     whole = pytest.approx(shown["whole"], rel=1e-5)
     for name in ("wheel over a picture that nobody clicked", "zero", "double click", "reset"):

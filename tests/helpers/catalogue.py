@@ -22,6 +22,17 @@ def one_of_each_kind(cases=CASES):
     return tried
 
 
+def first_of_each_kind():
+    """Cases for what the kind does, whichever block it is: the first of each kind and stepping; `long` the others."""
+    seen, tried = set(), []
+    for case in CASES:
+        kind = (case.kind, case.stepping)
+        tried.append(pytest.param(case, marks=pytest.mark.long) if kind in seen or case.name in NEUTRAL else case)
+        if case.name not in NEUTRAL:
+            seen.add(kind)
+    return tried
+
+
 NEUTRAL = ("none", "ideal")  # blocks that do nothing: the loops of all other cases hold them
 
 

@@ -51,7 +51,7 @@ def test_the_sampled_return_ratio_is_the_held_plants():
     assert np.allclose(linear.ratio.response(np.angle(z) / DT)[:, 0, 0], expected, rtol=1e-8)
 
 
-@pytest.mark.parametrize("stepping", ["continuous", "sampled"])
+@pytest.mark.parametrize("stepping", [pytest.param("continuous", marks=pytest.mark.long), "sampled"])
 def test_margins_are_python_controls(stepping):
     two = fp.TwoMass(4.0, 6.0, 1e5, 50.0, fp.Viscous(2.0))
     made = fp.ClosedLoop(two, fp.ProportionalIntegral(300.0, 2000.0), sensor=fp.IdealSensor("motor"))

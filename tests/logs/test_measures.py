@@ -108,7 +108,7 @@ def derivatives(position):
     }
 
 
-@pytest.mark.parametrize("bits", [12, 14])
+@pytest.mark.parametrize("bits", [pytest.param(12, marks=pytest.mark.long), 14])
 def test_a_derived_velocity_is_known_however_it_was_filtered(moved, bits):
     position = rounded(moved[1], 2 * np.pi / 2**bits)
     for name, velocity in derivatives(position).items():
@@ -116,7 +116,7 @@ def test_a_derived_velocity_is_known_however_it_was_filtered(moved, bits):
     assert velocity_origin(derivatives(position)["difference"], position).left < 1e-9
 
 
-@pytest.mark.parametrize("bits", [12, 14, 17, 20, 24])
+@pytest.mark.parametrize("bits", [14, 20, *(pytest.param(bits, marks=pytest.mark.long) for bits in (12, 17, 24))])
 def test_a_rate_sensor_is_not_a_derivative(moved, bits):
     from scipy.signal import lfilter
 

@@ -165,7 +165,7 @@ def test_a_velocity_of_another_axis(log):
 
 
 @pytest.mark.skipif(not EMPS.exists(), reason="the EMPS records are not bundled")
-@pytest.mark.parametrize("name", ["DATA_EMPS", "DATA_EMPS_PULSES"])
+@pytest.mark.parametrize("name", ["DATA_EMPS", pytest.param("DATA_EMPS_PULSES", marks=pytest.mark.long)])
 def test_a_real_axis(name):
     from scipy.io import loadmat
 

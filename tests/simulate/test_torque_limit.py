@@ -25,7 +25,7 @@ def run(limit, stepping, controller="pi", observer=True, dt=1e-3, reference=None
     )
 
 
-@pytest.mark.parametrize("stepping", ["continuous", "sampled"])
+@pytest.mark.parametrize("stepping", [pytest.param("continuous", marks=pytest.mark.long), "sampled"])
 @pytest.mark.parametrize("controller", CONTROLLERS)
 def test_no_torque_beyond_the_limit_leaves(stepping, controller):
     free = run(None, stepping, controller).signals

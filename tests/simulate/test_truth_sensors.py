@@ -122,6 +122,7 @@ def test_fusion_is_the_textbook_kalman_filter():
     np.testing.assert_allclose(signals["measured_velocity"], rates - states[:, 1], atol=1e-9)
 
 
+@pytest.mark.long  # thirty runs and their filters in numpy
 def test_fusion_is_consistent():
     """Its errors are as large as its own covariance says: NEES of two states averages 2 (95 % band over 30 runs)."""
     runs, total = 30, 0.0

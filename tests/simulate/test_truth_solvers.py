@@ -51,7 +51,13 @@ def efp_rates(time, state):
 
 # The largest step of each is one at which its error already falls as it should, and not yet to rounding.
 @pytest.mark.parametrize(
-    ("solver", "order", "largest"), [("euler", 1, 1e-3), ("heun", 2, 5e-4), ("ode3", 3, 2e-3), ("rk4", 4, 4e-3)]
+    ("solver", "order", "largest"),
+    [
+        ("euler", 1, 1e-3),
+        pytest.param("heun", 2, 5e-4, marks=pytest.mark.long),
+        pytest.param("ode3", 3, 2e-3, marks=pytest.mark.long),
+        ("rk4", 4, 4e-3),
+    ],
 )
 def test_order_of_convergence_of_a_compensated_loop(solver, order, largest):
     exact = truth(efp_rates, 4)

@@ -73,6 +73,7 @@ def test_a_gain_that_was_placed_is_moved_into_its_bounds_and_a_written_one_is_re
         bounded_parameters(fp.load_model(text(bounds)))
 
 
+@pytest.mark.long  # its Jacobian compiles for six seconds
 def test_python_and_the_command_line_stay_within(tmp_path):
     """Unbounded, both gains end far beyond: the bound is where they end, and it is said."""
     source = text("observer.gain_1 = [90.0, 110.0]\nobserver.gain_2 = [90.0, 110.0]")

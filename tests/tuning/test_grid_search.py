@@ -81,6 +81,7 @@ def test_algorithm_1_moves_exactly_two_parameters(names):
         tuning.tune(efp(), SINE, parameters=names, method="grid", objective=THESIS, **SHORT)
 
 
+@pytest.mark.long  # other parameters, so a program of its own: 5 s
 def test_ties_go_to_the_first_move():
     """A cost that no gain moves: (+, +) always, and the steps halve from the second iteration on."""
     loop = efp(150.0)
@@ -101,7 +102,7 @@ def test_steps_must_fit_the_parameters():
         tuning.tune(efp(), SINE, parameters=GAINS, method=tuning.GridSearch(steps=(1.0,)), objective=THESIS, **SHORT)
 
 
-@pytest.mark.parametrize("method", [tuning.GridSearch, tuning.RepairedGridSearch])
+@pytest.mark.parametrize("method", [tuning.GridSearch, pytest.param(tuning.RepairedGridSearch, marks=pytest.mark.long)])
 def test_no_simulation_leaves_the_bounds_that_were_given(method, monkeypatch):
     from tuning.lanes import Lanes
 

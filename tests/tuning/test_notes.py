@@ -8,7 +8,8 @@ import fpjax
 import tuning
 
 
-@pytest.mark.parametrize(("share", "close"), [(0.85, True), pytest.param(0.5, False, marks=pytest.mark.long)])
+@pytest.mark.long  # a search each
+@pytest.mark.parametrize(("share", "close"), [(0.85, True), (0.5, False)])
 def test_gains_at_the_solvers_stability_limit_are_marked(share, close):
     """|w| excites tanh^2 -> 1 as soon as the mass slides: the rate is (gain_2 + gain_1 w^2) / J."""
     limit = fpjax.get_solver("ode3").stability_limit
@@ -41,6 +42,7 @@ def test_an_estimate_that_cannot_converge_is_said_as_the_excitation_says_it():
     assert "(b_hat) cannot converge here" in str(result)
 
 
+@pytest.mark.long  # a search over another loop
 def test_without_an_observer_there_is_nothing_to_note():
     bare = fpjax.ClosedLoop(efp(150.0).plant, efp().controller)
     result = tuning.tune(

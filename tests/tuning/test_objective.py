@@ -28,7 +28,7 @@ def test_the_thesis_cost_is_the_final_error_in_the_thesis_units():
     np.testing.assert_allclose(lane_cost(start, None, problem), expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("start_time", [0.0, 0.02])
+@pytest.mark.parametrize("start_time", [pytest.param(0.0, marks=pytest.mark.long), 0.02])
 def test_the_estimation_cost_is_the_mean_of_squares_and_the_residuals_sum_to_it(start_time):
     objective = tuning.Estimation(start=start_time, noise=0.01, noise_weight=0.5)
     problem, start, _ = make_problem(efp(150.0), SINE, GAINS, objective=objective, **SHORT)

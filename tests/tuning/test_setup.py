@@ -24,6 +24,7 @@ def test_a_keyword_stands_in_place_of_the_setups_field():
     np.testing.assert_array_equal(shortened.costs, tuning.sweep(efp(150.0), SINE, axes=AXES, setup=SETUP).costs)
 
 
+@pytest.mark.long  # two tunings; `sweep` above takes the same setup
 def test_tune_and_tune_each_take_it_too():
     common = {"parameters": GAINS, "setup": SETUP, "method": "grid", "max_simulations": 6}
     alone = tuning.tune(efp(150.0), SINE, **common)

@@ -47,6 +47,7 @@ def test_a_result_at_a_bound_is_said_first():
     assert str(result).startswith("NOT AN OPTIMUM: observer.gain")
 
 
+@pytest.mark.long  # another objective: its Jacobian compiles for four seconds
 def test_what_is_there_for_comparing_starts_where_it_is_told():
     result = tuning.tune(
         loop(100.0, 100.0), fp.Sine(1.0, 0.5), parameters=GAINS, objective="thesis", max_simulations=12, **RUN

@@ -139,7 +139,9 @@ def test_the_file_names_its_axes(tmp_path):
     assert len(frame) == result.simulations / 2
 
 
-@pytest.mark.parametrize("axes", [AXES[:1], AXES, (*AXES, Axis("controller.kp", 100.0, 200.0, 3))])
+@pytest.mark.parametrize(
+    "axes", [pytest.param(AXES[:1], marks=pytest.mark.long), AXES, (*AXES, Axis("controller.kp", 100.0, 200.0, 3))]
+)
 def test_pictures(axes, tmp_path):
     result = tuning.sweep(efp(150.0), SINE, **{**COMMON, "axes": axes, "duration": 0.01})
     figure = result.plot(tmp_path / "sweep.png")
