@@ -73,7 +73,7 @@ def main() -> None:
     found = diagnose(record(), NOMINAL, effects=tuple(effect for effect in EFFECTS if effect.name in CANDIDATES))
     print(found)
     print(f"wrote {found.report(out)}")
-    found.plot().savefig(out / "05_diagnose.png", dpi=150)
+    found.plot(out / "05_diagnose.png")
 
 
 if __name__ == "__main__":

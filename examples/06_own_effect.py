@@ -105,7 +105,7 @@ def main() -> None:
     found = diagnose(record(), NOMINAL, effects=(*candidates, CABLE))
     print(found)
     print(f"wrote {found.report(out)}")
-    found.plot().savefig(out / "06_own_effect.png", dpi=150)
+    found.plot(out / "06_own_effect.png")
 
 
 if __name__ == "__main__":

@@ -128,7 +128,8 @@ def main(path: str | None = None, out: pathlib.Path = pathlib.Path("out"), seed:
     for name, value in truth.items():
         print(f"{name}: {found.final[name]:.4g} {found.unit(name)}, ", end="")
         print(f"{'true' if path is None else 'published'} {value}, {100.0 * (found.final[name] / value - 1.0):+.1f} %")
-    print(f"picture: {found.plot(out / 'emps_estimate.png')}")
+    found.plot(out / "emps_estimate.png")
+    print(f"picture: {out / 'emps_estimate.png'}")
     return found
 
 

@@ -123,14 +123,11 @@ class Run(eqx.Module):
                 'Nothing was recorded: give simulate record=("reference", "velocity", "torque"), or a model, which '
                 "records all."
             )
-        from .output.plotting import save
+        from .output.plotting import saved
         from .output.run_picture import run_figure
 
         signals = {name: np.asarray(values) for name, values in self.signals.items()}
-        figure = run_figure(np.asarray(self.time), signals, self.about or About())
-        if path is not None:
-            save(figure, path)
-        return figure
+        return saved(run_figure(np.asarray(self.time), signals, self.about or About()), path)
 
     def to_dataframe(self) -> Any:
         """The recorded signals as a `pandas.DataFrame`, the time [s] as its index.

@@ -83,6 +83,8 @@ from .export import ExportedC as ExportedC
 from .export import export_c as export_c
 from .export import export_mujoco as export_mujoco
 from .export import export_urdf as export_urdf
+from .gap import Diagnosis as Diagnosis
+from .gap import diagnose as diagnose
 from .improvement import Improvement as Improvement
 from .improvement import improve as improve
 from .linear import LinearLoop as LinearLoop

@@ -9,7 +9,7 @@ import numpy as np
 
 from fpjax.loop import ClosedLoop
 from fpjax.output.frames import to_frame
-from fpjax.output.plotting import new_figure, save, style
+from fpjax.output.plotting import new_figure, saved, style
 from fpjax.output.runfile import plain
 from fpjax.output.runfile import versions as all_versions
 from fpjax.parameters import set_parameters
@@ -120,9 +120,7 @@ class TuningResult:
             shown = np.isfinite(cost)
             axes[0, 0].step(np.asarray(used)[shown], np.minimum.accumulate(np.asarray(cost)[shown]), where="post")
             axes[0, 0].set(xlabel="simulations (tangents counted)", ylabel="best cost so far", yscale="log")
-        if path is not None:
-            save(figure, path)
-        return figure
+        return saved(figure, path)
 
     def to_dataframe(self) -> Any:
         """The history as a `pandas.DataFrame`: best cost so far by the simulations used.

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from fpjax.errors import InputError
-from fpjax.output.plotting import BLACK, BLUE, GREY, SERIES, STYLE, new_figure, save
+from fpjax.output.plotting import BLACK, BLUE, GREY, SERIES, STYLE, new_figure, saved
 
 from .axis import Axis, Paths
 
@@ -100,10 +100,7 @@ def draw(shown: Slice, path: Path | None, paths: Paths) -> Figure:
         paths: as `checked_paths` gives them.
     """
     with rc_context(STYLE):
-        figure = _draw(shown, paths)
-        if path is not None:
-            save(figure, path)
-    return figure
+        return saved(_draw(shown, paths), path)
 
 
 def _draw(shown: Slice, paths: Paths) -> Figure:

@@ -167,6 +167,8 @@ class SweepResult:
             lines.append(f"  {self.diverged:,} candidates diverged")
         return "\n".join(lines)
 
+    __repr__ = __str__
+
 
 def load_sweep(path: str | Path) -> dict[str, Any]:
     """What `SweepResult.save` wrote: arrays by name, `summary` as a dictionary.

@@ -12,7 +12,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -29,6 +29,9 @@ from ..logs import Log
 from ..logs.derivative import Differentiator, measured_velocity, travel
 from ..logs.regression import fit_pairs
 from .excitation import Excitation, assess_excitation
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 UNITS = {
     True: {"coulomb": "N", "viscous": "N s/m", "steepness": "s/m", "inertia": "kg", "offset": "N"},
@@ -123,13 +126,21 @@ class Estimated:
             rows.append(f"  {name:<10}{value:12.5g}{self.spread[name]:12.2g}{other} {self.unit(name)}")
         return "\n".join([head, *rows, *self.sentences])
 
-    def plot(self, path: str | Path) -> Path:
-        """Draw the velocity and every estimate against time with the least-squares value; returns the file's path.
+    __repr__ = __str__
+
+    def plot(self, path: str | Path | None = None) -> "Figure":
+        """The velocity and every estimate against time, with the least-squares value.
 
         Args:
-            path: picture file to write.
+            path: picture file to write; None to write none.
+
+        Returns:
+            The matplotlib figure.
+
+        Raises:
+            InputError: where the file cannot be written.
         """
-        from ..output.plotting import BLUE, GREY, RED, new_figure, save, style, thin
+        from ..output.plotting import BLUE, GREY, RED, new_figure, saved, style, thin
 
         figure, axes = new_figure(
             1 + len(self.estimates), share_x=True, title=f"Friction estimated from {self.name}{self._pass}"
@@ -146,7 +157,7 @@ class Estimated:
                 panel.set_ylabel(f"{name} [{self.unit(name)}]")
                 panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
             axes[-1, 0].set_xlabel("time [s]")
-        return save(figure, path)
+        return saved(figure, path)
 
 
 def estimate(

@@ -66,6 +66,8 @@ class Identified:
         rms = ", ".join(f"{name} {value:.3g}" for name, value in self.residual_rms.items())
         return "\n".join([f"identified in {self.steps} steps ({state}); residual rms: {rms}", *rows])
 
+    __repr__ = __str__
+
 
 def identify(
     loop: ClosedLoop,

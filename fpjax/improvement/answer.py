@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -40,6 +41,9 @@ class Range:
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit not in ("", "1") else ""
         return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g}){unit}"
+
+
+_UNKNOWN = Range(math.nan, math.nan, math.nan, "")
 
 
 @dataclass(frozen=True)
@@ -191,11 +195,44 @@ class Improvement:
 
         return told(self)
 
-    def plot(self) -> Figure:
-        """Tracking error before and after, and how sure the change is."""
+    __repr__ = __str__
+
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """Tracking error before and after, and how sure the change is.
+
+        Args:
+            path: picture file to write; None to write none.
+
+        Raises:
+            InputError: where the file cannot be written.
+        """
+        from ..output.plotting import saved
         from .pictures import draw_overview
 
-        return draw_overview(self)
+        return saved(draw_overview(self), path)
+
+    def to_dataframe(self) -> Any:
+        """What is predicted as a `pandas.DataFrame`, the quantity as its index.
+
+        Columns: unit, and of each of before, after and found (where something was searched) its value, low and high
+        (90 % interval): before, before_low, before_high, after, ... A quantity that a side lacks is NaN.
+
+        Raises:
+            InputError: where pandas is not installed.
+        """
+        from ..output.frames import to_frame
+
+        sides = {name: dict(side.rows()) for name in ("before", "after", "found") if (side := getattr(self, name))}
+        units = {quantity: value.unit for rows in sides.values() for quantity, value in rows.items()}
+        columns: dict[str, list[Any]] = {"unit": list(units.values())}
+        for name, rows in sides.items():
+            found = [rows.get(quantity, _UNKNOWN) for quantity in units]
+            columns |= {
+                name: [each.value for each in found],
+                f"{name}_low": [each.low for each in found],
+                f"{name}_high": [each.high for each in found],
+            }
+        return to_frame(columns, list(units), "quantity")
 
     def report(self, path: str | Path) -> Path:
         """Write `improve.html`, one self-contained page, and the pictures as PNG.

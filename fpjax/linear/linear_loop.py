@@ -1,6 +1,7 @@
 """What a linearised loop tells: margins, bandwidth, step response, Bode diagram."""
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,14 @@ class LinearLoop:
     def dt(self) -> float | None:
         """Control period [s]; None in continuous time."""
         return self.closed.dt
+
+    def __str__(self) -> str:
+        clock = "continuous" if self.dt is None else f"sampled at {self.dt:.4g} s"
+        bandwidth = self.bandwidth() / (2.0 * math.pi)
+        head = f"loop at {self.speed:.4g} rad/s, {clock}; bandwidth of the {self.tracked} {bandwidth:.4g} Hz"
+        return f"{head}; {self.margins()}"
+
+    __repr__ = __str__
 
     def margins(self) -> Margins:
         """Gain, phase, delay and modulus margin of `ratio`."""

@@ -54,6 +54,12 @@ class Margins:
             ("modulus margin", self.modulus_margin, at(self.modulus_frequency, "1")),
         ]
 
+    def __str__(self) -> str:
+        rows = [f"  {name:<22} {value:10.4g} {unit}" for name, value, unit in self.rows()]
+        return "\n".join(["stable" if self.stable else "UNSTABLE", *rows])
+
+    __repr__ = __str__
+
 
 def margins(ratio: StateSpace, *, points: int = POINTS) -> Margins:
     """The margins of a return ratio.

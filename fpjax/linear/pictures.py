@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..output.plotting import BLUE, GREY, RED, new_figure, save, style
+from ..output.plotting import BLUE, GREY, RED, new_figure, saved, style
 from .margins import Margins, frequency_grid
 from .state_space import StateSpace
 
@@ -61,9 +61,7 @@ def draw_linear(
             step.step(*response, where="post", color=BLUE)
         step.axhline(1.0, color=GREY, linewidth=0.8, linestyle="--")
         step.set(xlabel="time [s]", ylabel=f"{tracked}, unit step")
-    if path is not None:
-        save(figure, path)
-    return figure
+    return saved(figure, path)
 
 
 def _title(found: Margins) -> str:

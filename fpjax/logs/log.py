@@ -105,20 +105,20 @@ class Log:
         Raises:
             InputError: where the file cannot be written.
         """
-        from ..output.plotting import save
+        from ..output.plotting import saved
         from ..output.run_picture import columns_figure
 
         units = {"position": self.motion_unit, "velocity": f"{self.motion_unit}/s", "torque": self.torque_unit}
-        figure = columns_figure(self.time, {n: v for n, v in self.columns().items() if n != "time"}, units, self.name)
-        if path is not None:
-            save(figure, path)
-        return figure
+        columns = {name: values for name, values in self.columns().items() if name != "time"}
+        return saved(columns_figure(self.time, columns, units, self.name), path)
 
     def __str__(self) -> str:
         return (
             f"{self.name}: {self.samples} samples at {self.rate:.6g} Hz ({self.duration:.4g} s), "
             f"{', '.join(self.columns())}"
         )
+
+    __repr__ = __str__
 
 
 class NamedArrays(Protocol):

@@ -149,6 +149,21 @@ def save(figure: Figure, path: str | Path) -> Path:
     return path
 
 
+def saved(figure: Figure, path: str | Path | None) -> Figure:
+    """A figure, written too where a path is given: what every `plot` of a result ends with.
+
+    Args:
+        figure: drawn.
+        path: file to write; None to write none.
+
+    Raises:
+        InputError: where it cannot be written.
+    """
+    if path is not None:
+        save(figure, path)
+    return figure
+
+
 def thin(time: Any, *signals: Any, points: int = 4000) -> tuple[np.ndarray, ...]:
     """Signals with few enough points to draw fast, every peak kept: the lowest and highest of each bin.
 

@@ -149,13 +149,21 @@ class Plan:
         Raises:
             InputError: where the file cannot be written.
         """
-        from ..output.plotting import save
+        from ..output.plotting import saved
         from .picture import draw
 
-        figure = draw(self)
-        if path is not None:
-            save(figure, path)
-        return figure
+        return saved(draw(self), path)
+
+    def to_dataframe(self) -> Any:
+        """The run as a `pandas.DataFrame`, the time [s] as its index: reference.csv's columns and `planned_torque`.
+
+        Raises:
+            InputError: where pandas is not installed.
+        """
+        from ..output.frames import to_frame
+
+        planned = {f"planned_{name}": self.motion[name] for name in ("speed", "acceleration", "position")}
+        return to_frame({"reference": self.reference, **planned, "planned_torque": self.torque}, self.time)
 
     def write(self, folder: str | Path) -> dict[str, Path]:
         """Leave plan.json, reference.csv and plan.png in a folder.
@@ -237,3 +245,5 @@ class Plan:
         use = ", ".join(f"{name} {share:.0%}" for name, share in self.used.items())
         lines.append(f"  used of the limits: {use}")
         return "\n".join(lines)
+
+    __repr__ = __str__

@@ -333,11 +333,32 @@ class Diagnosis:
     ahead: float = 0.0
     posterior: Posterior | None = None
 
-    def plot(self) -> Figure:
-        """One page: the verdict, measured against simulated, where, and how far the gap shrinks."""
+    def plot(self, path: str | Path | None = None) -> Figure:
+        """One page: the verdict, measured against simulated, where, and how far the gap shrinks.
+
+        Args:
+            path: picture file to write; None to write none.
+
+        Raises:
+            InputError: where the file cannot be written.
+        """
+        from ...output.plotting import saved
         from ..report import draw_overview  # here, because a diagnosis is data that needs no pictures
 
-        return draw_overview(self)
+        return saved(draw_overview(self), path)
+
+    def to_dataframe(self) -> Any:
+        """The ranking as a `pandas.DataFrame`, the effect as its index: a row for each parameter of each effect tried.
+
+        Columns: cause (whether it is asserted), probability, cause_probability, gap_after; parameter, value, low,
+        high (90 % interval), unit.
+
+        Raises:
+            InputError: where pandas is not installed.
+        """
+        from .frame import ranking_frame
+
+        return ranking_frame(self)
 
     def report(self, path: str | Path) -> Path:
         """Write `report.html` and every picture as PNG.
@@ -381,6 +402,8 @@ class Diagnosis:
 
     def __str__(self) -> str:
         return told(self)
+
+    __repr__ = __str__
 
     def sentence(self) -> str:
         """The verdict in one sentence."""

@@ -52,18 +52,19 @@ def write_report(diagnosis: Diagnosis, out_dir: str | Path) -> Path:
     """
     if diagnosis.verdict not in TITLES:
         raise InputError(f"The diagnosis' verdict is {diagnosis.verdict!r}; a report knows {', '.join(TITLES)}.")
-    pictures = draw_pictures(diagnosis)
-    drawn = {
-        picture.name: (
-            to_svg(picture.wide, f"{picture.name}-wide", picture.description),
-            to_svg(picture.narrow, f"{picture.name}-narrow", picture.description),
-        )
-        for picture in pictures
-    }
     folder = Path(out_dir)
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        # first, so that somebody who waits has all of it on one sheet seconds before the page
         write_whole(folder / "overview.png", to_png(draw_overview(diagnosis)))
+        pictures = draw_pictures(diagnosis)
+        drawn = {
+            picture.name: (
+                to_svg(picture.wide, f"{picture.name}-wide", picture.description),
+                to_svg(picture.narrow, f"{picture.name}-narrow", picture.description),
+            )
+            for picture in pictures
+        }
         for picture in pictures:
             write_whole(folder / f"{picture.name}.png", to_png(picture.wide))
         write_whole(folder / "report.html", to_page(diagnosis, drawn))

@@ -1,0 +1,28 @@
+"""The ranking of a diagnosis as a data frame, for those who have pandas."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from ...output.frames import to_frame
+
+if TYPE_CHECKING:
+    from .diagnosis import Diagnosis
+
+
+def ranking_frame(diagnosis: Diagnosis) -> Any:
+    """A row for each parameter of each effect tried, most probable effect first; `Diagnosis.to_dataframe` tells more.
+
+    Args:
+        diagnosis: what was found.
+    """
+    rows = []
+    for entry in diagnosis.ranking:
+        head = (entry.effect in diagnosis.causes, entry.probability, entry.cause_probability, entry.gap_after)
+        parameters = [(name, p.value, p.low, p.high, p.unit) for name, p in entry.parameters.items()]
+        rows += [(*head, *each) for each in parameters or [("", math.nan, math.nan, math.nan, "")]]
+    names = ("cause", "probability", "cause_probability", "gap_after", "parameter", "value", "low", "high", "unit")
+    columns = {name: [row[i] for row in rows] for i, name in enumerate(names)}
+    effects = [entry.effect for entry in diagnosis.ranking for _ in range(max(len(entry.parameters), 1))]
+    return to_frame(columns, effects, "effect")
