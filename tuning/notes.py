@@ -118,10 +118,20 @@ def notes_of(
     """
     if fastest == 0.0:
         return [AT_REST]
-    return [*_accuracy(off), *_stability(problem, rate), *_excitation(problem, gains, off, tables)]
+    return [*_accuracy(off, _heard(problem)), *_stability(problem, rate), *_excitation(problem, gains, off, tables)]
 
 
-def _accuracy(off: dict[str, float]) -> list[str]:
+def _heard(problem: Problem) -> str:
+    """What of the sensor's noise the runs were judged under; "" for a sensor without."""
+    if not problem.noise:
+        return ""
+    if not any(bool(np.any(np.asarray(table))) for table in problem.noise):
+        return " without the sensor's noise"
+    draws = problem.seeds
+    return " under one draw of the sensor's noise" if draws == 1 else f" in the worst of {draws} draws of its noise"
+
+
+def _accuracy(off: dict[str, float], heard: str = "") -> list[str]:
     wrong = [
         f"{name} {100.0 * value:+.3g} %" if np.isfinite(value) else f"{name} without an end"
         for name, value in off.items()
@@ -130,9 +140,9 @@ def _accuracy(off: dict[str, float]) -> list[str]:
     if not wrong:
         return []
     return [
-        f"with these gains the estimates end off the truth, by the mean of the last quarter: {', '.join(wrong)}. Gains "
-        f"alone may not mend it: simulate longer (duration), let the reference change its amplitude or frequency, or "
-        f"count later (Estimation(start=...), --after)."
+        f"with these gains the estimates end off the truth, by the mean of the last quarter{heard}: "
+        f"{', '.join(wrong)}. Gains alone may not mend it: simulate longer (duration), let the reference change its "
+        f"amplitude or frequency, or count later (Estimation(start=...), --after)."
     ]
 
 

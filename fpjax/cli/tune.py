@@ -143,17 +143,23 @@ def _keep_finished(
 
 
 def check(model: "Model", tuned: "Model", best: "TuningResult", duration: float, record: RunFile) -> "dict[str, Run]":
-    """The runs before and after, on the model's own reference; what the tuned estimates come to is printed."""
+    """The runs before and after, on the model's own reference; what the tuned estimates come to is printed.
+
+    A sensor that has noise has the one that `fpjax simulate` gives it, so that both print the same numbers.
+    """
+    import jax
+
     from .. import simulate
     from ..parameters import set_parameters
 
     position = model.units.reference == "position"
     estimates = [f"estimates.{name}" for name in model.loop.observer.estimated]
     record_these = ("reference", "position" if position else "velocity", *estimates)
+    key = jax.random.key(0) if model.loop.sensor.noise_channels else None
     begun = dataclasses.replace(model, loop=set_parameters(model.loop, best.start))
     with busy("tune", "compiling, then running before and after"):
         runs = {
-            name: simulate(one, duration=duration, record=record_these)
+            name: simulate(one, duration=duration, record=record_these, key=key)
             for name, one in (("before", begun), ("after", tuned))
         }
     rows = []

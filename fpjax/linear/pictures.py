@@ -49,11 +49,15 @@ def draw_linear(
             level = -180.0 + found.phase_margin
             level += 360.0 * round((np.interp(found.gain_crossing, grid, degrees) - level) / 360.0)
             base = -180.0 + 360.0 * round((level + 180.0 - found.phase_margin) / 360.0)
-            phase.plot([at, at], [base, level], color=RED, linewidth=2.0, label=f"{found.phase_margin:.1f} deg")
+            phase.plot(
+                [at, at], [base, level], color=RED, linewidth=2.0, label=f"phase margin {found.phase_margin:.1f} deg"
+            )
             phase.legend(loc="best")
         if math.isfinite(found.phase_crossing):
             at, level = found.phase_crossing / (2.0 * math.pi), 1.0 / found.gain_margin
-            magnitude.plot([at, at], [level, 1.0], color=RED, linewidth=2.0, label=f"x {found.gain_margin:.3g}")
+            magnitude.plot(
+                [at, at], [level, 1.0], color=RED, linewidth=2.0, label=f"gain margin {found.gain_margin:.3g}"
+            )
             magnitude.legend(loc="best")
         if ratio.dt is None:
             step.plot(*response, color=BLUE)

@@ -123,6 +123,7 @@ solver = "exact"
         note.startswith("tuned under the sensor's noise: with the best gains without it") for note in result.notes
     )
     assert result.noisy_cost < 1.1 * result.cost
+    assert not any("without the sensor's noise" in note for note in result.notes)
     assert all(abs(value) < 0.03 for value in result.settled.values())
     tuned = dataclasses.replace(model, loop=result.apply(model.loop))
     for seed in range(3):  # other draws than those that it was looked at under
