@@ -11,13 +11,17 @@ from fpjax.errors import InputError
 
 from ..run_command import fpjax_command
 from ..withheld import first
+from ..withheld.identity import split
 from ..withheld.progress import Progress
 from ..withheld.score import score_case
 from . import machines
 
 SURE = 0.8  # probability from which on a statement counts as sure
 RUNS = ("planned", "generic", "sweep")  # by the plan, by habit, and a sine sweep within the same limits
+PURPOSE = {"planned": 4, "generic": 5, "sweep": 3}  # of each kind's noise
 GOAL = 0.9
+LENGTHS = (2.0,)  # s: where time is short a run has to be a good one
+SHORTEST = 1.0  # s: that `plan` takes
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,94 +30,146 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, required=True, help="folder of logs, plans and results; what is there stays"
     )
     parser.add_argument("--count", type=int, default=6, metavar="N", help="machines (default 6)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the machines: even, of development")
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="of the machines: even for development, odd to report"
+    )
+    parser.add_argument(
+        "--lengths", type=float, nargs="+", default=LENGTHS, metavar="S",
+        help="of the run that follows the first log, for all three kinds of runs (default 2)",
+    )  # fmt: skip
     parser.add_argument("--seconds", type=float, default=45.0, metavar="S", help="processor time of a design")
 
 
 def run(args: argparse.Namespace) -> int:
     """Simulate, diagnose, plan, simulate, diagnose, score; every finished step is kept."""
-    if args.seed < 0 or args.seed % 2:
-        raise InputError(f"--seed must be even (development), got {args.seed}.")
+    if args.seed < 0:
+        raise InputError(f"--seed must not be negative, got {args.seed}.")
     if not 1 <= args.count <= len(machines.EFFECTS):
         raise InputError(f"--count must be from 1 to {len(machines.EFFECTS)}, got {args.count}.")
-    cases = [first.build(one) for one in machines.chosen(args.count, args.seed)]
-    places = [args.out / case.identity.name for case in cases]
+    for length in args.lengths:
+        if not SHORTEST <= length < float("inf"):
+            raise InputError(f"--lengths must be at least {SHORTEST:g} s, the shortest run of a plan, got {length:g}.")
+    asked = [_Asked(case, args.out / case.identity.name) for case in _cases(args)]
     progress = Progress("plan")
-    both = list(zip(cases, places, strict=True))
-    _simulated([_Run(case, place, "first", machines.first_reference(case), 2) for case, place in both])
-    for number, (case, place) in enumerate(both):
-        progress.share(0.4 * number / len(cases), f"first log {number + 1}/{len(cases)}")
-        _diagnosed(place, ("first",), "why_first")
-        _planned(case, place, args.seconds)
-    open_ones = [i for i, place in enumerate(places) if not _score(place, "why_first")["decided"]]
-    there = [places[i] for i in open_ones]
-    _simulated(
-        [_Run(cases[i], places[i], "planned", _table(places[i]), 4) for i in open_ones]
-        + [_Run(cases[i], places[i], "generic", machines.generic_reference(cases[i]), 5) for i in open_ones]
-        + [_Run(cases[i], places[i], "sweep", machines.sweep_reference(cases[i]), 3) for i in open_ones]
-    )
-    for number, place in enumerate(there):
-        for kind in RUNS:
-            progress.share(0.4 + 0.6 * number / len(there), f"{kind} run {number + 1}/{len(there)}")
-            _diagnosed(place, ("first", kind), f"why_{kind}")
+    try:
+        _all(args, asked, progress)
+    except KeyboardInterrupt:
+        progress.end("interrupted")
+        _report(args, asked)
+        raise
     progress.end("")
-    _report(args, cases, places, open_ones)
+    _report(args, asked)
     return 0
 
 
-class _Run(NamedTuple):
-    """A run of a machine: the folder of its log, its reference [rad/s] and what its noise is drawn for."""
+def _cases(args: argparse.Namespace) -> list[first.Case]:
+    return [first.build(one) for one in machines.chosen(args.count, args.seed)]
+
+
+class _Asked(NamedTuple):
+    """A machine of the check and the folder of its logs, plans and diagnoses."""
 
     case: first.Case
     place: Path
+
+
+def _all(args: argparse.Namespace, asked: list[_Asked], progress: Progress) -> None:
+    """Machine by machine, so that what is finished counts when it is interrupted."""
+    _simulated([_Run(one, "first", machines.first_reference(one.case), 2) for one in asked])
+    for turn, length in enumerate(args.lengths):
+        for number, one in enumerate(asked):
+            done = (turn + number / len(asked)) / len(args.lengths)
+            said = f"machine {number + 1}/{len(asked)}, {length:g} s more"
+            progress.share(done, f"{said}: first log")
+            _diagnosed(one.place, ("first",), "why_first")
+            score = _score(one.place, "why_first")
+            if score is None or score["decided"]:
+                continue
+            progress.share(done, f"{said}: plan")
+            _planned(one, length, args.seconds)
+            references = {
+                "planned": _table(one.place / _name("plan", length)),
+                "generic": machines.generic_reference(one.case, length),
+                "sweep": machines.sweep_reference(one.case, length),
+            }
+            _simulated([_Run(one, _name(kind, length), references[kind], PURPOSE[kind]) for kind in RUNS])
+            for kind in RUNS:
+                progress.share(done, f"{said}: {kind} run")
+                _diagnosed(one.place, ("first", _name(kind, length)), "why_" + _name(kind, length))
+
+
+def _name(kind: str, length: float) -> str:
+    """Of a folder: a kind of run and its length."""
+    return f"{kind}_{length:g}s"
+
+
+class _Run(NamedTuple):
+    """A run of a machine: the name of its folder, its reference [rad/s] and what its noise is drawn for."""
+
+    asked: _Asked
     name: str
     reference: np.ndarray
     purpose: int
 
+    @property
+    def place(self) -> Path:
+        """Where its log is, or will be."""
+        return self.asked.place / self.name
+
 
 def _simulated(runs: list[_Run]) -> None:
     """The logs that are not there yet, all machines side by side: one by one they take as long each."""
-    missing = [one for one in runs if not (one.place / one.name / "log.csv").exists()]
+    missing = [one for one in runs if not (one.place / "log.csv").exists()]
     if not missing:
         return
-    records = machines.run([(one.case, one.reference, one.purpose) for one in missing])
+    records = machines.run([(one.asked.case, one.reference, one.purpose) for one in missing])
     for one, record in zip(missing, records, strict=True):
-        (one.place / one.name).mkdir(parents=True, exist_ok=True)
-        label = one.place / "label.json"
+        one.place.mkdir(parents=True, exist_ok=True)
+        label = one.asked.place / "label.json"
         if not label.exists():
-            label.write_text(json.dumps(machines.label_of(one.case, record), indent=1) + "\n")
-        machines.write(one.place / one.name, one.case, record)
+            label.write_text(json.dumps(machines.label_of(one.asked.case, record), indent=1) + "\n")
+        machines.write(one.place, one.asked.case, record)
+
+
+def _finished(folder: Path) -> bool:
+    """Whether a command of the package ended there: an interrupted one leaves its run.json too."""
+    file = folder / "run.json"
+    return file.exists() and json.loads(file.read_text())["status"] == "completed"
 
 
 def _diagnosed(place: Path, logs: tuple[str, ...], out: str) -> None:
-    if (place / out / "run.json").exists():
+    if _finished(place / out):
         return
     words = [str(place / name / "log.csv") for name in logs]
     model = str(place / "first" / "servo.toml")
     fpjax_command(["diagnose", *words, "--model", model, "--out", str(place / out), "--no-report"])
 
 
-def _planned(case: first.Case, place: Path, seconds: float) -> None:
+def _planned(one: _Asked, length: float, seconds: float) -> None:
     """From the rivals of the first diagnosis; where it left none, a run that shows every effect."""
-    if (place / "plan" / "run.json").exists():
+    place = one.place / _name("plan", length)
+    if _finished(place):
         return
-    words = ["plan", "--model", str(place / "first" / "servo.toml"), "--out", str(place / "plan")]
-    for name, value in machines.limits_of(case).items():
+    words = ["plan", "--model", str(one.place / "first" / "servo.toml"), "--out", str(place)]
+    for name, value in machines.limits_of(one.case, length).items():
         words += [f"--{name}", f"{value:.6g}"]
     words += ["--seconds", f"{seconds:g}"]
     try:
-        fpjax_command([*words, "--diagnosis", str(place / "why_first")])
+        fpjax_command([*words, "--diagnosis", str(one.place / "why_first")])
     except RuntimeError as error:
         if "rivals" not in str(error):
             raise
         fpjax_command(words)
 
 
-def _table(place: Path) -> np.ndarray:
-    return np.loadtxt(place / "plan" / "reference.csv", delimiter=",", skiprows=1)[:, 1]
+def _table(plan: Path) -> np.ndarray:
+    return np.loadtxt(plan / "reference.csv", delimiter=",", skiprows=1)[:, 1]
 
 
-def _score(place: Path, why: str) -> dict[str, Any]:
+def _score(place: Path, why: str) -> dict[str, Any] | None:
+    """Of a diagnosis; None where there is none yet."""
+    if not _finished(place / why):
+        return None
     diagnosis = json.loads((place / why / "diagnosis.json").read_text())
     score = score_case(diagnosis, json.loads((place / "label.json").read_text()), None, True)
     sure = (score.probability or 0.0) >= SURE and score.verdict in ("explained", "partly_explained")
@@ -123,38 +179,55 @@ def _score(place: Path, why: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _report(args: argparse.Namespace, cases: list[first.Case], places: list[Path], open_ones: list[int]) -> None:
-    rows = []
-    for i, (case, place) in enumerate(zip(cases, places, strict=True)):
-        row: dict[str, Any] = {"effect": case.identity.effects[0], "system": case.identity.system}
-        row["first"] = _score(place, "why_first")
-        if i in open_ones:
-            row |= {kind: _score(place, f"why_{kind}") for kind in RUNS}
-            plan = json.loads((place / "plan" / "plan.json").read_text())
-            row["plan"] = {"aim": plan["aim"], "rivals": plan["rivals"], "worst_nats": plan["worst_nats"]["plan"]}
-        rows.append(row)
-    counts = {kind: sum(row[kind]["decided"] for row in rows if kind in row) for kind in RUNS}
-    total = len(open_ones)
+def _report(args: argparse.Namespace, asked: list[_Asked]) -> None:
+    """Prints what is finished, and leaves it in plan_check.json."""
+    rows, curve = list[dict[str, Any]](), list[dict[str, Any]]()
+    for one in asked:
+        score = _score(one.place, "why_first")
+        if score is not None:
+            rows.append({"effect": one.case.identity.effects[0], "system": one.case.identity.system, "first": score})
+    ambiguous = sum(not row["first"]["decided"] for row in rows)
     print(
-        f"{len(cases)} machines, development seed {args.seed}; {len(cases) - total} were decided by their first log\n"
+        f"{len(rows)} of {len(asked)} machines, {split(args.seed)} seed {args.seed}; "
+        f"{len(rows) - ambiguous} were decided by their first log of {machines.FIRST:g} s"
     )
-    print(f"  {'effect':<28}{'machine':<9}{'first log':<34}{'planned':<34}{'generic':<34}sweep")
     for row in rows:
-        told = [_told(row.get(kind)) for kind in ("first", *RUNS)]
-        print(f"  {row['effect']:<28}{row['system']:<9}" + "".join(f"{one:<34}" for one in told).rstrip())
-    print()
-    for kind in RUNS:
-        goal = f", goal {GOAL:.0%}" if kind == "planned" else ""
-        print(
-            f"  right cause first and sure (probability {SURE:g}) after the {kind} run: {counts[kind]} of {total}{goal}"
-        )
-    content = {"seed": args.seed, "sure": SURE, "ambiguous": total, "counts": counts, "rows": rows}
+        print(f"  {row['effect']:<28}{row['system']:<9}{_told(row['first'])}")
+    for length in args.lengths:
+        pairs = [(one, _runs_of(one, length)) for one in asked]
+        whole = [(one, found) for one, found in pairs if found is not None]
+        if not whole:
+            continue
+        print(f"\nafter the first log and {length:g} s more\n  {'effect':<28}", *(f"{kind:<33}" for kind in RUNS))
+        for one, found in whole:
+            told = " ".join(f"{_told(found[kind]):<33}" for kind in RUNS)
+            print(f"  {one.case.identity.effects[0]:<28} {told}".rstrip())
+        row: dict[str, Any] = {"length": length, "machines": len(whole)}
+        for kind in RUNS:
+            scores = [found[kind] for _, found in whole]
+            row[kind] = {name: sum(one[name] for one in scores) for name in ("right", "decided", "wrongly_sure")}
+        row["rows"] = [{"effect": one.case.identity.effects[0], **found} for one, found in whole]
+        curve.append(row)
+    print(f"\nright cause first and sure (probability {SURE:g}); goal after the planned run {GOAL:.0%}")
+    print(f"  {'length':<10}{'of':>4}" + "".join(f"{kind:>10}" for kind in RUNS) + "    wrongly sure, likewise")
+    for row in curve:
+        right = "".join(f"{row[kind]['decided']:>10}" for kind in RUNS)
+        wrong = " ".join(str(row[kind]["wrongly_sure"]) for kind in RUNS)
+        print(f"  {row['length']:<4g} s    {row['machines']:>4}{right}    {wrong}")
+    content = {"seed": args.seed, "sure": SURE, "first": rows, "ambiguous": ambiguous, "curve": curve}
     (args.out / "plan_check.json").write_text(json.dumps(content, indent=1) + "\n")
 
 
-def _told(score: dict[str, Any] | None) -> str:
-    if score is None:
-        return ""
+def _runs_of(one: _Asked, length: float) -> dict[str, Any] | None:
+    """Scores after each kind of run of a length and what was expected of them; None where one is not there yet."""
+    scores = {kind: _score(one.place, "why_" + _name(kind, length)) for kind in RUNS}
+    if any(score is None for score in scores.values()):
+        return None
+    plan = json.loads((one.place / _name("plan", length) / "plan.json").read_text())
+    return scores | {"aim": plan["aim"], "rivals": plan["rivals"], "worst_nats": plan["worst_nats"]}
+
+
+def _told(score: dict[str, Any]) -> str:
     probability = 0.0 if score["probability"] is None else score["probability"]
     mark = "+" if score["decided"] else "-"
     return f"{mark} {score['first']} {probability:.2f}"

@@ -12,7 +12,7 @@ from ..withheld.truth.integrate import simulate
 from ..withheld.truth.machine import Record
 from ..withheld.truth.systems import KINDS
 
-PERIODS = first.PERIODS
+FIRST = 4.0  # s: of the first log
 SHARE, SHORT = 0.3, 0.5  # of the top speed, and the largest travel [rad], of the first log
 SLOWEST = 1.0  # Hz: its laps, where the travel lets them be slower
 EFFECTS = (
@@ -24,7 +24,7 @@ HEADROOM = 1.3  # of the torque that the withheld check's own reference needs
 
 
 def chosen(count: int, seed: int) -> list[Identity]:
-    """One machine an effect, the kinds of machines in turn.
+    """One machine an effect, the kinds of machines in turn and turned from seed to seed.
 
     Args:
         count: how many.
@@ -33,36 +33,53 @@ def chosen(count: int, seed: int) -> list[Identity]:
     alone = [one for one in identities(seed, 1) if one.set == "single" and one.sensors == "encoder"]
     systems, found = list(KINDS), []
     for number, effect in enumerate(EFFECTS[:count]):
-        wanted = systems[number % len(systems)]
+        wanted = systems[(number + seed // 2) % len(systems)]
         found += [one for one in alone if one.effects == (effect,) and one.system == wanted]
     return found
 
 
-def limits_of(case: first.Case) -> dict[str, float]:
-    """What the machine may be asked for: --speed, --torque, --travel, --duration."""
-    duration = (PERIODS - 1) * first.DT
+def limits_of(case: first.Case, length: float) -> dict[str, float]:
+    """What the machine may be asked for: --speed, --torque, --travel, --duration.
+
+    Args:
+        case: of the machine.
+        length: of the run [s].
+    """
     kind = KINDS[case.identity.system]
-    return {"speed": kind.speed, "torque": HEADROOM * case.plan.peak, "travel": TRAVEL, "duration": duration}
+    return {"speed": kind.speed, "torque": HEADROOM * case.plan.peak, "travel": TRAVEL, "duration": length}
+
+
+def _clock(length: float) -> np.ndarray:
+    return np.arange(round(length / first.DT) + 1) * first.DT
 
 
 def first_reference(case: first.Case) -> np.ndarray:
-    """To and fro at one speed within a short travel [rad/s], shape (PERIODS,)."""
-    time, speed = np.arange(PERIODS) * first.DT, SHARE * KINDS[case.identity.system].speed
+    """To and fro at one speed within a short travel [rad/s], `FIRST` long."""
+    time, speed = _clock(FIRST), SHARE * KINDS[case.identity.system].speed
     laps = max(SLOWEST, 0.5 * speed / SHORT)
     return speed * np.tanh(4.0 * np.sin(2.0 * np.pi * laps * time))
 
 
-def generic_reference(case: first.Case) -> np.ndarray:
-    """What is recorded by habit: a sine as fast, as often and about as far as the first log [rad/s]."""
-    time, speed = np.arange(PERIODS) * first.DT, SHARE * KINDS[case.identity.system].speed
+def generic_reference(case: first.Case, length: float) -> np.ndarray:
+    """What is recorded by habit: a sine as fast, as often and about as far as the first log [rad/s].
+
+    Args:
+        case: of the machine.
+        length: of the run [s].
+    """
+    time, speed = _clock(length), SHARE * KINDS[case.identity.system].speed
     return speed * np.sin(2.0 * np.pi * max(SLOWEST, 0.5 * speed / SHORT) * time)
 
 
-def sweep_reference(case: first.Case) -> np.ndarray:
-    """The harder comparison: a sine sweep up to the machine's highest frequency, as large as the same
+def sweep_reference(case: first.Case, length: float) -> np.ndarray:
+    """The harder comparison: a sine sweep up to the machine's highest frequency, as large as the plan's own
     limits let it be [rad/s].
+
+    Args:
+        case: of the machine.
+        length: of the run [s].
     """
-    kind, limits, time = KINDS[case.identity.system], limits_of(case), np.arange(PERIODS) * first.DT
+    kind, limits, time = KINDS[case.identity.system], limits_of(case, length), _clock(length)
     low, high = 0.2, kind.highest
     wave = np.sin(2.0 * np.pi * (low * time + (high - low) * time**2 / (2.0 * time[-1])))
     nominal = case.plan.nominal
@@ -79,7 +96,7 @@ def run(wanted: list[tuple[first.Case, np.ndarray, int]]) -> list[Record]:
     """The true machines on references that begin with the log; they stand still before.
 
     Args:
-        wanted: of each run: its machine, its reference [rad/s] of shape (PERIODS,), what its noise is drawn for.
+        wanted: of each run: its machine, its reference [rad/s], what its noise is drawn for.
     """
     machines = []
     for case, reference, purpose in wanted:

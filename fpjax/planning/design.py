@@ -1,13 +1,14 @@
 """Design: the best motion found in a given processor time, by gradients through the simulated loop."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
+from jaxtyping import Array
 
 from .trajectory import Shape
 from .trial import Seen, Trial
@@ -34,6 +35,7 @@ class Designed:
         evaluations: shapes that were tried, each with its gradient.
         ended: why: "converged", "time" or "interrupted".
         history: cost of each.
+        usual: what the runs that need no plan would bring, as far as they were tried.
     """
 
     shape: Shape
@@ -43,10 +45,17 @@ class Designed:
     evaluations: int
     ended: str
     history: tuple[float, ...]
+    usual: Mapping[str, Seen]
 
 
 def design(
-    trial: Trial, wanted: np.ndarray, *, seconds: float, seed: int, progress: Callable[[str, float], None]
+    trial: Trial,
+    wanted: np.ndarray,
+    *,
+    seconds: float,
+    seed: int,
+    progress: Callable[[str, float], None],
+    usual: Mapping[str, Array] | None = None,
 ) -> Designed | None:
     """Improve the best of some starts until the time is spent; an interrupt keeps the best so far.
 
@@ -56,6 +65,7 @@ def design(
         seconds: of processor time for all of it, compiling included.
         seed: of the random starts.
         progress: told (stage, share done [1]).
+        usual: references of runs that need no plan, to be held against it.
 
     Returns:
         None where every start diverged.
@@ -64,12 +74,14 @@ def design(
         KeyboardInterrupt: where nothing was found yet.
     """
     begun = time.process_time()
-    weights, whole = jnp.asarray(wanted, float), jnp.ones(())
-    evaluate = jax.jit(jax.value_and_grad(trial.cost, has_aux=True))
+    weights = jnp.asarray(wanted, float)
+    # The trial is compiled for any reference: what makes references of shapes stands outside it.
+    evaluate, refer = jax.jit(jax.value_and_grad(trial.cost, has_aux=True)), jax.jit(trial.reference)
+    pull = jax.jit(lambda shape, slope: jax.vjp(trial.reference, shape)[1](slope)[0])
     best: tuple[float, Shape, Seen] | None = None
     shown = np.zeros(np.shape(wanted))  # the most that any start brings of each comparison [nats]
     first: Seen | None = None
-    history: list[float] = []
+    history, beside = list[float](), dict[str, Seen]()
     slope: Shape | None = None
     ended = "converged"
 
@@ -78,9 +90,17 @@ def design(
 
     def tried(shape: Shape) -> tuple[float, Seen, Shape]:
         # The weights as they are now: what no start shows is left out after the starts.
-        (cost, seen), slopes = jax.block_until_ready(evaluate(shape, weights, whole))
+        (cost, seen), slope = jax.block_until_ready(evaluate(refer(shape), weights))
         history.append(float(cost))
-        return float(cost), seen, slopes
+        return float(cost), seen, pull(shape, slope)
+
+    def kept_within(reference: Array, seen: Seen) -> tuple[float, Seen]:
+        # As large a share of it as the simulated machine's limits allow, and what that brings.
+        share = 1.0
+        while trial.beyond(seen) and share > LEAST_SHARE:
+            share *= SMALLER
+            (_, seen), _ = evaluate(share * reference, weights)
+        return share, seen
 
     try:
         progress("compiling the trial", 0.0)
@@ -125,15 +145,15 @@ def design(
                 best = (cost, shape, seen)
             if stale >= PATIENCE:
                 break
+        for name, reference in (usual or {}).items():
+            beside[name] = kept_within(reference, evaluate(reference, weights)[0][1])[1]
     except KeyboardInterrupt:
         if best is None:
             raise
         ended = "interrupted"
-    share, seen = 1.0, best[2]
-    while trial.beyond(seen) and share > LEAST_SHARE:
-        share *= SMALLER
-        (_, seen), _ = evaluate(best[1], weights, jnp.asarray(share))
-    return Designed(best[1], share, seen, best[2] if first is None else first, len(history), ended, tuple(history))
+    share, seen = kept_within(refer(best[1]), best[2])
+    start = best[2] if first is None else first
+    return Designed(best[1], share, seen, start, len(history), ended, tuple(history), beside)
 
 
 def _finite(slope: Shape) -> Shape:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import isfinite, nan
 from typing import Any
 
@@ -15,7 +15,7 @@ from ..gap.effects.estimate import Estimate
 from ..gap.effects.twins import Log as Facts
 from ..gap.effects.vocabulary import EFFECTS, on_rate_sensor
 from ..gap.fit.candidate import NOMINAL, SLAB, nominal_sizes
-from ..gap.machine import FEATURES, Structure
+from ..gap.machine import FEATURES, Feature, Structure
 from ..gap.simulate.family import Family, Nominal, make_family
 from ..model_file import Model
 from .limits import Limits
@@ -52,19 +52,33 @@ class Shop:
         model: the nominal one.
         setting: sizes for bounds and detectable values.
         families: one a structure that is needed.
+        features: terms that a structure's machines need, where that is not all; the rest is not compiled.
     """
 
     model: Model
     setting: Setting
     families: dict[Structure, Family]
+    features: Mapping[Structure, tuple[Feature, ...]] = field(default_factory=dict)
 
     def family(self, structure: Structure) -> Family:
         """The family of a structure, made when it is first needed; a nominal spring makes every one a transmission."""
         if structure not in self.families:
             loop = self.model.loop
             nominal = Nominal(loop.plant, loop.actuator, loop.sensor)
-            self.families[structure] = make_family((structure, FEATURES), nominal, EFFECTS, self.setting)
+            features = self.features.get(structure, FEATURES)
+            self.families[structure] = make_family((structure, features), nominal, EFFECTS, self.setting)
         return self.families[structure]
+
+    def fitted_to(self, variants: Sequence[Variant]) -> Shop:
+        """A shop whose families hold no more terms than some variants need: most of a plan is compiling them."""
+        found: dict[Structure, tuple[Feature, ...]] = {}
+        structures: set[Structure] = {variant.structure for variant in variants}
+        for structure in structures:
+            names = {name for one in variants if one.structure == structure for name in one.values}
+            effects = [effect for effect in EFFECTS if names & {p.name for p in (*effect.parameters, *effect.fixed)}]
+            wanted = {feature for effect in effects for feature in effect.features}
+            found[structure] = tuple(feature for feature in FEATURES if feature in wanted)
+        return replace(self, families={}, features=found)
 
     def vector(self, variant: Variant) -> np.ndarray:
         """All parameters of a variant's family, shape (parameters,)."""

@@ -101,6 +101,8 @@ class Plan:
         model: name of the nominal model's file.
         evaluations: motions that were tried, each with its gradient.
         gained: the worst evidence, of the best start and of the plan [nats].
+        usual: the worst evidence that runs without a plan, a "sine" and a "sweep" within the same limits, would bring
+            [nats]; empty after an interrupt.
         ended: "converged", "time" or "interrupted".
         notes: what was chosen for the user, a sentence each.
         seconds: processor time by stage [s].
@@ -124,6 +126,7 @@ class Plan:
     evaluations: int
     gained: tuple[float, float]
     ended: str
+    usual: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -216,7 +219,7 @@ class Plan:
             "visible": [one.to_dict() for one in self.visible],
             "separations": [one.to_dict() for one in self.separations],
             "evaluations": self.evaluations,
-            "worst_nats": {"start": self.gained[0], "plan": self.gained[1]},
+            "worst_nats": {"start": self.gained[0], "plan": self.gained[1], **self.usual},
             "ended": self.ended,
             "notes": list(self.notes),
             "seconds": {stage: round(spent, 3) for stage, spent in self.seconds.items()},
@@ -236,12 +239,21 @@ class Plan:
             f"{can[0].effect} with {can[0].nats:.3g} nats, {NEEDED:g} needed."
         )
 
+    def without(self) -> str:
+        """What runs that need no plan would do, in one sentence."""
+        told = ", ".join(f"a {name} {nats:.3g}" for name, nats in self.usual.items())
+        enough = [f"a {name}" for name, nats in self.usual.items() if nats >= NEEDED]
+        more = f": {' or '.join(enough)} would do too" if enough else ""
+        return f"nats of the nearest within the same limits: this run {self.gained[1]:.3g}, {told}{more}."
+
     def __str__(self) -> str:
         lines = [self.sentence()]
         lines += [f"  {one.sentence}" for one in self.separations]
         if self.visible:
             lines += [f"  {one.effect:<28}{one.nats:10.3g} nats" for one in self.visible if not one.twin]
             lines += [f"  {one.effect:<28}{'':>10} {one.twin}" for one in self.visible if one.twin]
+        if self.usual:
+            lines.append(f"  {self.without()}")
         use = ", ".join(f"{name} {share:.0%}" for name, share in self.used.items())
         lines.append(f"  used of the limits: {use}")
         return "\n".join(lines)

@@ -73,10 +73,20 @@ class Course:
 
     def motion(self, shape: Shape, share: Array | float = 1.0) -> Motion:
         """The motion of a shape, in full or a share of it [1]; differentiable."""
-        limits = self.limits
         angle = 2.0 * jnp.pi * self.frequencies * self.time[:, None] + shape.phases[None, :]
         gate = jnp.clip(self.envelope @ (1.0 / (1.0 + jnp.exp(-shape.gates))), 0.0, 1.0)
         speed = self.spline @ jnp.tanh(shape.knots) + gate * (jnp.sin(angle) @ jnp.exp(shape.sizes))
+        return self.within(speed, share)
+
+    def within(self, speed: Array | np.ndarray, share: Array | float = 1.0) -> Motion:
+        """A motion from rest to rest at the same place, made as small as the limits ask for, or a share of that [1].
+
+        Args:
+            speed: in top speeds [1], shape (samples,).
+            share: of the motion [1].
+        """
+        limits = self.limits
+        speed = jnp.asarray(speed)
         speed = speed - jnp.mean(speed * self.ramp) / np.mean(self.ramp)  # back to where it began
         speed = limits.speed * self.ramp * speed
         acceleration = jnp.asarray(jnp.gradient(speed, self.dt))

@@ -1,4 +1,4 @@
-"""Trial: what a shape of the run would bring: the closed loop follows it, and the models are held against the logs."""
+"""Trial: what a run would bring: the closed loop follows it, and the models are held against the logs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ..scan import Inputs, make_stepper, roll, sampled_tables
 from .expect import Lanes, Readings, Told, coefficients, make_lanes, told_apart
 from .machines import NOMINAL_VARIANT, Shop, Variant
 from .sight import Sight
-from .trajectory import Course, Shape
+from .trajectory import Course, Motion, Shape
 
 STAND_IN = 0.1  # of the control rate: bandwidth of the loop that stands in for an unknown controller
 TURNING = 0.02  # of the top speed: where its feed-forward turns the Coulomb friction round
@@ -38,7 +38,7 @@ RECORD = ("torque", "measured_velocity", "measured_position")
 
 
 class Seen(NamedTuple):
-    """What a shape brings.
+    """What a run brings.
 
     Attributes:
         nats: of every comparison, shape (comparisons,).
@@ -72,7 +72,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Trial:
-    """A function from a shape to what it brings.
+    """A function from a reference to what it brings.
 
     Attributes:
         shop: makes the machines.
@@ -95,13 +95,20 @@ class Trial:
     lanes: Mapping[Structure, tuple[Lanes, Mapping[int, int]]]
     steered: frozenset[Structure]
 
-    def seen(self, shape: Shape, share: Array | float = 1.0) -> Seen:
-        """What a shape, or a share of its motion [1], brings; differentiable."""
-        motion = self.course.motion(shape, share)
+    def followed(self, motion: Motion) -> Float[Array, " samples"]:
+        """What the simulated loop is given of a motion [rad/s], or [rad] where it follows a position."""
         model = self.shop.model
         # The loop that stands in for an unknown controller is one of speed, whatever the drive's own reference is.
         position = model.controller_known and model.units.reference == "position"
-        readings = self.simulate(motion.position if position else motion.speed)
+        return motion.position if position else motion.speed
+
+    def reference(self, shape: Shape) -> Float[Array, " samples"]:
+        """What the simulated loop is given of a shape; differentiable."""
+        return self.followed(self.course.motion(shape))
+
+    def seen(self, reference: Float[Array, " samples"]) -> Seen:
+        """What a reference brings; differentiable."""
+        readings = self.simulate(reference)
         told: dict[int, Told] = {}
         for structure in _structures(self.models):
             still = readings if structure in self.steered else jax.lax.stop_gradient(readings)
@@ -111,15 +118,14 @@ class Trial:
         largest, fastest = jnp.max(jnp.abs(readings.torque)), jnp.max(jnp.abs(readings.rate))
         return Seen(nats, left, largest, fastest, readings)
 
-    def cost(self, shape: Shape, wanted: Array, share: Array) -> tuple[Array, Seen]:
+    def cost(self, reference: Float[Array, " samples"], wanted: Array) -> tuple[Array, Seen]:
         """Less the soft minimum of the logarithms of the evidence, and what goes beyond the limits all the same.
 
         Args:
-            shape: of the motion.
+            reference: from `reference` or `followed`, shape (samples,).
             wanted: weight of every comparison; 0 leaves it out.
-            share: of the motion [1].
         """
-        seen = self.seen(shape, share)
+        seen = self.seen(reference)
         worth = jnp.log(jnp.maximum(seen.nats, LEAST))
         soft = -jax.nn.logsumexp(-SHARP * worth, b=wanted) / SHARP + jnp.log(jnp.sum(wanted)) / SHARP
         mean = jnp.sum(wanted * worth) / jnp.sum(wanted)
@@ -273,6 +279,7 @@ def _trial(
     for one in comparisons:
         moving[one.model] = tuple(dict.fromkeys((*moving.get(one.model, ()), *one.moving)))
     lanes: dict[Structure, tuple[Lanes, dict[int, int]]] = {}
+    shop = shop.fitted_to((*simulated, *models))
     for structure in _structures(models):
         which = [i for i, v in enumerate(models) if v.structure == structure]
         made = make_lanes(shop, [models[i] for i in which], [moving[i] for i in which])

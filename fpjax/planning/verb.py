@@ -28,6 +28,7 @@ from .rivals import hidden_by_twin, level_of, machines_of, read_diagnosis, rival
 from .sight import Sight, make_sight
 from .trajectory import make_course
 from .trial import Trial, effects_trial, rivals_trial
+from .usual import usual
 
 SECONDS = 45.0  # processor time of the design; the rest of a minute is for what is around it
 RISE = 0.02  # s: knots of the speed need not be nearer than what a loop follows
@@ -120,7 +121,8 @@ def plan(
             )
         clock("machines", 0.05)
         trial, twins, wanted = _trial(shop, sight, course, told)
-        found = design(trial, wanted, seconds=seconds, seed=seed, progress=clock)
+        plain = {name: trial.followed(motion) for name, motion in usual(course).items()}
+        found = design(trial, wanted, seconds=seconds, seed=seed, progress=clock, usual=plain)
         clock("writing it down", 1.0)
         if found is None:
             raise InputError(_unstable(known))
@@ -229,6 +231,7 @@ def _plan(
         torque_unit=model.units.name("N m"),
         model="the model" if model.path is None else model.path.name,
         evaluations=found.evaluations,
+        usual={name: float(np.min(np.asarray(one.nats)[wanted > 0.0])) for name, one in found.usual.items()},
         gained=(float(np.min(np.asarray(found.first.nats)[wanted > 0.0])), float(np.min(live))),
         ended=found.ended,
         notes=tuple(notes),

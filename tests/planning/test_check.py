@@ -27,15 +27,16 @@ def test_the_first_log_has_one_speed_and_a_short_travel(cases):
 
 def test_the_generic_run_is_of_the_first_logs_kind(cases):
     for case in cases:
-        known, rate = machines.first_reference(case), machines.generic_reference(case)
+        known, rate = machines.first_reference(case), machines.generic_reference(case, machines.FIRST)
         assert len(rate) == len(known)
         assert np.max(np.abs(rate)) == pytest.approx(np.max(np.abs(known)), rel=1e-2)
         assert np.ptp(np.cumsum(rate)) <= np.ptp(np.cumsum(known))
 
 
-def test_the_sweep_keeps_the_planned_runs_limits(cases):
+@pytest.mark.parametrize("length", [1.0, 2.0, 10.0])
+def test_the_sweep_keeps_the_planned_runs_limits(cases, length):
     for case in cases:
-        limits, rate = machines.limits_of(case), machines.sweep_reference(case)
+        limits, rate = machines.limits_of(case, length), machines.sweep_reference(case, length)
         assert np.max(np.abs(rate)) <= 1.001 * limits["speed"]
         assert np.ptp(np.cumsum(rate)) * first.DT <= 1.001 * limits["travel"]
         nominal = case.plan.nominal

@@ -365,8 +365,11 @@ class OneNumberTrial:
         starts=lambda seed, count: [Shape(*(jnp.full(1, 0.1 * (i + 1)) for _ in range(4))) for i in range(count)]
     )
 
-    def cost(self, shape, wanted, share):
-        nats = jnp.stack([jnp.asarray(1e-7), 1e3 * jnp.exp(-4.0 * (shape.knots[0] - 1.0) ** 2)])
+    def reference(self, shape):
+        return shape.knots
+
+    def cost(self, reference, wanted):
+        nats = jnp.stack([jnp.asarray(1e-7), 1e3 * jnp.exp(-4.0 * (reference[0] - 1.0) ** 2)])
         worth = jnp.log(jnp.maximum(nats, 1e-3))
         soft = -jax.nn.logsumexp(-4.0 * worth, b=wanted) / 4.0
         return -soft, Seen(nats, jnp.zeros(1), jnp.zeros(()), jnp.zeros(()), None)
