@@ -22,6 +22,7 @@ from .blocks.controllers import TransferFunction as TransferFunction
 from .blocks.controllers import design_lead as design_lead
 from .blocks.controllers import phase_lead_for_margin as phase_lead_for_margin
 from .blocks.feedforward import Feedforward as Feedforward
+from .blocks.feedforward import PositionFeedforward as PositionFeedforward
 from .blocks.friction import AbstractFriction as AbstractFriction
 from .blocks.friction import AbstractStaticFriction as AbstractStaticFriction
 from .blocks.friction import AsymmetricCoulombViscous as AsymmetricCoulombViscous

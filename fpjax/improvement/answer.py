@@ -166,10 +166,16 @@ class Improvement:
     runs: dict[str, np.ndarray] = field(default_factory=dict)
     ratios: np.ndarray | None = None
 
+    @property
+    def promised(self) -> bool:
+        """Whether the intervals are a promise: of a log that the diagnosis does not explain they are none."""
+        return self.verdict != "unexplained"
+
     def to_dict(self) -> dict[str, Any]:
         """Numbers, strings, lists and dictionaries only; without the diagnosis and the pictures' arrays."""
         return {
             "decision": self.decision,
+            "promised": self.promised,
             "reason": self.reason,
             "signal": self.signal,
             "before": self.before.to_dict(),

@@ -5,9 +5,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..blocks.feedforward import Feedforward
+from ..blocks.controllers import Limited, PositionLoop
+from ..blocks.feedforward import AbstractFeedforward, Feedforward, PositionFeedforward
 from ..blocks.observers import NoObserver
 from ..errors import InputError
+from ..logs.derivative import slope
 from ..model_file import Model
 from ..model_file.bounds import gain_names
 from ..parameters import get_parameter, set_parameters
@@ -19,7 +21,8 @@ OBSERVER = (1e-2, 1e2)
 BELIEVED = (0.5, 2.0)  # what an observer believes of the machine, of the corrected value
 FORWARD = 2.0  # of the corrected machine's friction: as much as a feed-forward may give
 FORWARD_INERTIA = 1.5
-TURNING = 0.02  # of the reference's size: where a new feed-forward turns round
+RATE = 1.2  # of a position reference's rate: as much as its velocity loop may be told
+TURNING = 0.02  # of the reference's speed: where a new feed-forward turns round
 EDGE = 0.02  # of the range: so near to a bound a gain is at it
 
 Values = np.ndarray
@@ -171,6 +174,8 @@ def _gain(model: Model, word: str, name: str, bounds: Mapping[str, tuple[float, 
             raise InputError(
                 f"{word} = {now:g} lies outside its own bounds [{low:g}, {high:g}]: widen them, or correct the gain."
             )
+    elif word == "feedforward.velocity":
+        low, high = 0.0, max(RATE, 1.2 * now)
     elif section == "feedforward" and key != "speed":
         most = FORWARD_INERTIA * machine["inertia"] if key == "inertia" else FORWARD * machine.get(key, 0.0)
         low, high = 0.0, max(most, 1.2 * now, 1e-3 * machine["inertia"])
@@ -192,7 +197,9 @@ def guesses(gains: Gains, machine: Mapping[str, float]) -> Values:
     believed = gains.now.copy()
     for place, gain in enumerate(gains.gains):
         section, _, key = gain.word.partition(".")
-        if section in ("feedforward", "observer") and key in machine:
+        if gain.word == "feedforward.velocity":
+            believed[place] = np.clip(1.0, gain.low, gain.high)
+        elif section in ("feedforward", "observer") and key in machine:
             believed[place] = np.clip(machine[key], gain.low, gain.high)
     most = believed.copy()
     for place, gain in enumerate(gains.gains):
@@ -203,15 +210,21 @@ def guesses(gains: Gains, machine: Mapping[str, float]) -> Values:
 
 def _with_feedforward(model: Model, reference: Values, free: Sequence[str]) -> tuple[Model, tuple[str, ...]]:
     asked = any(word.partition("=")[0].partition(".")[0] == "feedforward" for word in free)
-    if not asked or isinstance(model.loop.controller, Feedforward):
+    known = model.loop.controller
+    if not asked or isinstance(known, AbstractFeedforward):
         return model, ()
-    if model.units.reference == "position":
+    inner, position = known.controller if isinstance(known, Limited) else known, model.units.reference == "position"
+    if position and not isinstance(inner, PositionLoop):
         raise InputError(
-            "A feed-forward follows a velocity reference, and this loop has one of position: leave --free feedforward "
-            "out."
+            f"A feed-forward of a position reference tells a velocity loop its rate, and {type(inner).__name__} has "
+            "none: leave --free feedforward out."
         )
-    speed = TURNING * float(np.quantile(np.abs(reference), 0.95))
-    controller = Feedforward(model.loop.controller, 0.0, 0.0, 0.0, max(speed, 1e-12), model.dt)
+    moving = slope(reference, model.dt) if position else reference
+    speed = max(TURNING * float(np.quantile(np.abs(moving), 0.95)), 1e-12)
+    nothing = (known, 0.0, 0.0, 0.0)
+    controller = (
+        PositionFeedforward(*nothing, 0.0, speed, model.dt) if position else Feedforward(*nothing, speed, model.dt)
+    )
     loop = dataclasses.replace(model.loop, controller=controller)
     return dataclasses.replace(model, loop=loop), ("feedforward",)
 

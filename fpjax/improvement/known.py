@@ -57,6 +57,29 @@ def known_of(diagnosis: Diagnosis) -> Known:
     )  # fmt: skip
 
 
+def about_left(known: Known, torque: float, unit: str) -> str:
+    """What the torque that nothing explains means for a prediction, a sentence or two.
+
+    Args:
+        known: of a log that is not wholly explained.
+        torque: rms of the log's [N m].
+        unit: of a torque.
+    """
+    size = ""
+    if math.isfinite(known.gap_after) and torque > 0.0:
+        size = f" ({known.gap_after:.3g} {unit} rms, {known.gap_after / torque:.0%} of the torque in the log)"
+    means = (
+        "it acts on the simulated machines as it was found along the log, with its size and colour. Where it hangs on "
+        "the motion, other gains change it: "
+    )
+    if known.verdict == "unexplained":
+        return (
+            f"The diagnosis does not explain this log: what is missing{size} has no cause, and {means}the intervals "
+            "are what is expected, and no promise. Try new gains in small steps, and record a log with them."
+        )
+    return f"A part of what is missing{size} has no cause: {means}the intervals hold as far as it does not."
+
+
 def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True) -> Known:
     """What the --out of a `fpjax diagnose` says.
 

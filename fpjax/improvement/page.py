@@ -87,10 +87,14 @@ def to_page(found: Improvement) -> str:
 <main>
 {body}
 </main>
-<footer>Numbers are medians over machines with 90 % intervals. Written by fpjax.</footer>
+<footer>Numbers are medians over machines with 90 % intervals{_no_promise(found)}. Written by fpjax.</footer>
 </body>
 </html>
 """
+
+
+def _no_promise(found: Improvement) -> str:
+    return "" if found.promised else ", which are no promise: the diagnosis does not explain this log"
 
 
 def _diagnosed(found: Improvement) -> str:
@@ -136,7 +140,10 @@ def _predicted(found: Improvement) -> str:
     if found.measured is not None:
         told = f'<span class="number">{found.measured:.4g} {text(found.before.error.unit)}</span>'
         rows.append(["tracking error in the log, rms", told, *([""] if changed else [])])
-    return _section("Predicted", _table(["", "now", *(["with the new gains"] if changed else [])], rows))
+    return _section(
+        "Predicted" if found.promised else "Expected, not promised",
+        _table(["", "now", *(["with the new gains"] if changed else [])], rows),
+    )
 
 
 def _number(value: Range) -> str:

@@ -22,7 +22,8 @@ def told(found: Improvement) -> str:
         header = ("gain", "before", "after", "bounds")
         rows = [(c.gain, f"{c.before:.5g}", f"{c.after:.5g}", f"{c.low:.4g} to {c.high:.4g}") for c in found.changes]
         lines += [*_table([header, *rows]), ""]
-    lines += _table([("predicted, 90 % interval", "before", "after"), *predicted(found)])
+    name = "predicted, 90 % interval" if found.promised else "expected, not promised"
+    lines += _table([(name, "before", "after"), *predicted(found)])
     if found.measured is not None:
         lines += ["", f"  measured in the log with the gains before: {found.measured:.4g} {found.before.error.unit}"]
     lines += [f"  note: {note}" for note in found.notes]

@@ -21,7 +21,7 @@ from .answer import Change, Decision, Improvement, Range, Side
 from .decide import hopeless, objection, range_of
 from .gains import Gains, freed, guesses
 from .judge import Judge, Score
-from .known import Known, known_in, known_of
+from .known import Known, about_left, known_in, known_of
 from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, record_of, rms
 from .margins import NAMES, UNITS, margins_of
 from .search import HARDEST, Found, limits_of, search
@@ -173,6 +173,8 @@ def improve_known(
             f"The tracking error becomes {better:.0%} smaller ({1.0 - middle.high:.0%} to {1.0 - middle.low:.0%}) and "
             f"smaller in {wins:.0%} of {judged_on.count} machines that the log leaves possible."
         )
+        if known.verdict == "unexplained":
+            reason = f"Expected, not promised (the diagnosis does not explain this log): t{reason[1:]}"
     changes = tuple(
         Change(
             gain.word, gain.now, float(value) if chosen else gain.now, gain.low, gain.high,
@@ -378,8 +380,5 @@ def _notes(known: Known, gains: Gains, record: Record, table: Values) -> list[st
         names = [f"{', '.join(rival.causes) or 'nothing'} ({share:.0%})" for share, rival in known.posterior.rivals]
         notes.append(f"The log leaves other explanations open: {'; '.join(names)}. They are among the machines.")
     if known.verdict in ("partly_explained", "unexplained"):
-        notes.append(
-            "The diagnosis does not explain this log: what is missing acts on the simulated machines as the torque "
-            "that it was, with its size and colour."
-        )
+        notes.append(about_left(known, rms(record.torque), gains.model.units.name("N m")))
     return notes

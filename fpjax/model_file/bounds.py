@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..blocks.controllers import Limited, PositionLoop
-from ..blocks.feedforward import Feedforward
+from ..blocks.feedforward import AbstractFeedforward
 from ..errors import InputError
 from ..loop import ClosedLoop
 from ..parameters import parameter_names
@@ -24,8 +24,8 @@ def gain_names(loop: ClosedLoop) -> dict[str, str]:
     """
     names, found = parameter_names(loop), {}
     controller, path = loop.controller, "controller"
-    if isinstance(controller, Feedforward):
-        for key in ("inertia", "coulomb", "viscous", "speed"):
+    if isinstance(controller, AbstractFeedforward):
+        for key in ("velocity", "inertia", "coulomb", "viscous", "speed"):
             found[f"feedforward.{key}"] = f"{path}.{key}"
         controller, path = controller.controller, f"{path}.controller"
     while isinstance(controller, Limited):

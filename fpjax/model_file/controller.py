@@ -14,7 +14,7 @@ from ..blocks.controllers import (
     ProportionalIntegral,
     TransferFunction,
 )
-from ..blocks.feedforward import Feedforward
+from ..blocks.feedforward import AbstractFeedforward, Feedforward, PositionFeedforward
 from ..errors import InputError
 from .forms import Form, form_for, form_of, number, numbers, pick
 from .keys import Key, Units, check_keys, read_values
@@ -77,7 +77,7 @@ def describe_controller(controller: AbstractController | None, written: Mapping[
     """
     if controller is None:
         return {"type": "unknown"}
-    if isinstance(controller, Feedforward):
+    if isinstance(controller, AbstractFeedforward):
         return describe_controller(controller.controller, written)
     if isinstance(controller, Limited):
         return describe_controller(controller.controller, written) | {"limit": number(controller.limit, "limit")}
@@ -113,6 +113,7 @@ def _polynomials(controller: TransferFunction, written: Mapping[str, Any]) -> di
 # ------------------------------------------------------------------------------------------- feed-forward
 
 FEEDFORWARD = "feedforward"
+_RATE = Key("velocity", "1", "not negative", 0.0)  # where the reference is a position
 _FORWARD = (
     Key("inertia", "kg m^2", "not negative", 0.0),
     Key("coulomb", "N m", "not negative", 0.0),
@@ -134,35 +135,34 @@ def with_feedforward(
         dt: control period [s], which the lag is where none is written.
 
     Raises:
-        InputError: for keys or values that cannot be, or a controller that has no velocity reference.
+        InputError: for keys or values that cannot be, or a controller that is not known.
     """
     if table is None:
         return controller
-    check_keys(FEEDFORWARD, table, [*(key.name for key in _FORWARD), "ahead"])
-    ahead = table.get("ahead", True)
-    if not isinstance(ahead, bool):
-        raise InputError(f"[{FEEDFORWARD}] ahead = {ahead!r} is not true or false: write one of them, without quotes.")
-    values = read_values(FEEDFORWARD, table, _FORWARD, units)
     if controller is None:
         raise InputError(f"[{FEEDFORWARD}] needs a controller that is known: write [controller] type, or drop it.")
     inner = controller.controller if isinstance(controller, Limited) else controller
-    if isinstance(inner, PositionLoop) or units.reference == "position":
-        raise InputError(
-            f"[{FEEDFORWARD}] follows a velocity reference, and this loop has one of position: drop [{FEEDFORWARD}]."
-        )
+    cascade = isinstance(inner, PositionLoop)
+    keys = (_RATE, *_FORWARD) if cascade else _FORWARD
+    check_keys(FEEDFORWARD, table, [*(key.name for key in keys), "ahead"])
+    ahead = table.get("ahead", True)
+    if not isinstance(ahead, bool):
+        raise InputError(f"[{FEEDFORWARD}] ahead = {ahead!r} is not true or false: write one of them, without quotes.")
+    values = read_values(FEEDFORWARD, table, keys, units)
     if values["speed"] is None:
         if values["coulomb"]:
             raise InputError(
-                f"[{FEEDFORWARD}] speed is missing: write the reference [{units.name('rad/s')}] at which three "
+                f"[{FEEDFORWARD}] speed is missing: write the reference's speed [{units.name('rad/s')}] at which three "
                 f"quarters of coulomb are given, for instance 2 % of the largest."
             )
         values["speed"] = 1.0
     values["lag"] = dt if values["lag"] is None else values["lag"]
-    return Feedforward(controller, **values, ahead=ahead)
+    return (PositionFeedforward if cascade else Feedforward)(controller, **values, ahead=ahead)
 
 
 def describe_feedforward(controller: AbstractController | None) -> dict[str, Any]:
     """The [feedforward] section; empty without one."""
-    if not isinstance(controller, Feedforward):
+    if not isinstance(controller, AbstractFeedforward):
         return {}
-    return numbers(controller, _FORWARD) | ({} if controller.ahead else {"ahead": False})
+    keys = (_RATE, *_FORWARD) if isinstance(controller, PositionFeedforward) else _FORWARD
+    return numbers(controller, keys) | ({} if controller.looks_ahead else {"ahead": False})

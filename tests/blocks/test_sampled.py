@@ -116,6 +116,57 @@ def test_a_feedforward_that_knows_the_next_sample_leaves_nothing_to_the_feedback
     assert limited == pytest.approx(ahead, rel=1e-6)
 
 
+def position_error(controller, dt=1e-3, reference=None):
+    """Rms error of a sampled loop that follows a position sine, after its first quarter [rad]."""
+    loop = fp.ClosedLoop(fp.OneMass(0.05, fp.CoulombViscous(0.3, 0.4, steepness=20.0)), controller)
+    run = fp.simulate(
+        loop, reference or fp.Sine(0.5, 2.0), dt=dt, duration=1.0, stepping="sampled", substeps=8,
+        record=("reference", "position"),
+    )  # fmt: skip
+    error = np.asarray(run.signals["reference"] - run.signals["position"], float)
+    return float(np.sqrt(np.mean(error[len(error) // 4 :] ** 2)))
+
+
+def test_a_cascade_that_is_told_the_rate_and_the_torque_of_its_reference_follows_it():
+    cascade = fp.PositionLoop(20.0, fp.Proportional(2.0))
+
+    def forward(velocity, share, **words):
+        return fp.PositionFeedforward(cascade, velocity, share * 0.05, share * 0.3, share * 0.4, 0.05, 1e-3, **words)
+
+    plain, rate, whole = position_error(cascade), position_error(forward(1.0, 0.0)), position_error(forward(1.0, 1.0))
+    assert position_error(forward(0.0, 0.0)) == pytest.approx(plain, rel=1e-5)
+    # A ramp's lag is v / kp: 0.5 x 4 pi / 20, rms 0.22 rad. Told its rate, what the motion takes over kp kv is left:
+    # mostly 0.05 x 0.5 x (4 pi)^2 N m over 40.
+    assert plain > 0.2
+    assert rate == pytest.approx(0.07, rel=0.2)
+    assert whole < 0.02 * rate
+    late = position_error(forward(1.0, 1.0, ahead=False))
+    assert whole < 0.3 * late < 0.1 * plain
+
+
+def test_the_feedforward_of_a_position_holds_its_limit_and_needs_a_cascade():
+    cascade = fp.PositionLoop(20.0, fp.ProportionalIntegral(2.0, 5.0, 0.5, 0.02))
+    controller = fp.PositionFeedforward(cascade, 1.0, 0.05, 0.3, 0.4, 0.05, 1e-3)
+    loop = fp.ClosedLoop(fp.OneMass(0.05, fp.CoulombViscous(0.3, 0.4, steepness=20.0)), controller)
+    run = fp.simulate(loop, fp.Sine(0.5, 2.0), dt=1e-3, duration=1.0, stepping="sampled", record=("torque",))
+    assert np.max(np.abs(np.asarray(run.signals["torque"]))) == pytest.approx(0.5, rel=1e-6)
+    with pytest.raises(fp.InputError, match="stands around a PositionLoop"):
+        fp.PositionFeedforward(fp.Proportional(2.0), 1.0, 0.05, 0.3, 0.4, 0.05, 1e-3)
+
+
+def test_the_first_sample_of_a_position_gives_no_speed_from_zero():
+    cascade = fp.PositionLoop(0.0, fp.Proportional(1.0))
+    controller = fp.PositionFeedforward(cascade, 1.0, 1.0, 0.0, 0.0, 1.0, 1e-3)
+    state, rest, now = controller.init(), Measurement(jnp.asarray(0.0), jnp.asarray(0.0)), jnp.asarray(3.0)
+    assert float(controller.readout(state, now, rest)) == 0.0
+    told = controller.knowing(jnp.asarray(3.002))
+    assert float(told.readout(state, now, rest)) == pytest.approx(2.0, rel=1e-4)  # its rate, and no acceleration
+    state = told.step(state, now, rest, jnp.asarray(1e-3))
+    told = controller.knowing(jnp.asarray(3.005))
+    # rate 3, at the sample (2 + 3) / 2, acceleration (3 - 2) / 1e-3
+    assert float(told.readout(state, jnp.asarray(3.002), rest)) == pytest.approx(1002.5, rel=2e-3)
+
+
 def test_the_first_sample_gives_no_acceleration_from_zero():
     controller = fp.Feedforward(fp.Proportional(0.0), 1.0, 0.0, 0.0, 1.0, 1e-3)
     state, rest, now = controller.init(), Measurement(jnp.asarray(0.0), jnp.asarray(0.0)), jnp.asarray(3.0)

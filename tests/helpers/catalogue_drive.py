@@ -115,6 +115,17 @@ CONTROLLERS = [
         "feedforward_limited",
         lambda: fp.Feedforward(fp.ProportionalIntegral(150.0, 2000.0, 40.0, 0.02), 9.0, 18.0, 1.8, 0.5, 0.02),
     ),
+    controller_case(
+        "position_feedforward",
+        lambda: fp.PositionFeedforward(fp.PositionLoop(20.0, controller()), 0.9, 9.0, 18.0, 1.8, 0.5, 0.02),
+    ),
+    controller_case(
+        "position_feedforward_sampled",
+        lambda: fp.PositionFeedforward(
+            fp.Limited(fp.PositionLoop(20.0, fp.Proportional(150.0)), 400.0), 0.9, 9.0, 18.0, 1.8, 0.5, 0.02
+        ),
+        "sampled",
+    ),
 ]
 
 # References --------------------------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from fpjax.improvement.answer import Improvement
 from fpjax.improvement.decide import hopeless, objection
 from fpjax.improvement.gains import freed
 from fpjax.improvement.judge import Score
+from fpjax.improvement.known import about_left
 from fpjax.improvement.machines import (
     Missing,
     divided,
@@ -258,9 +259,21 @@ def test_a_machine_that_nobody_knows_is_promised_nothing(small):
     found = improved(known, case.model(), ["controller"])
     if found.decision == "change":  # whatever it is, it must hold for nearly all
         assert found.wins >= 0.95
+        assert found.reason.startswith("Expected, not promised")
     else:
         assert found.model == ""
-    assert any("does not explain" in note for note in found.notes)
+    assert any("does not explain" in note and "no promise" in note for note in found.notes)
+    assert not found.promised
+    assert found.to_dict()["promised"] is False
+    assert "expected, not promised" in str(found)
+    assert "90 % interval" not in str(found)
+    assert "Expected, not promised" in to_page(found)
+
+
+def test_what_is_left_of_a_part_that_is_explained_is_told_with_its_size():
+    said = about_left(case.known(missing=1.5, verdict="partly_explained"), 6.0, "N m")
+    assert "1.5 N m rms, 25% of the torque" in said
+    assert "as far as it does not" in said
 
 
 # --- the decision

@@ -60,5 +60,19 @@ def test_a_position_cascade_is_judged_by_its_position():
     assert found.decision == "change"
     assert {change.gain for change in found.changes} == {"controller.kp", "controller.kv", "controller.ki"}
     assert set(found.after.margins) == {"modulus", "gain", "phase", "delay"}
-    with pytest.raises(fp.InputError, match="has one of position"):
-        improve_known(known, log, model, table, ["feedforward"], 0, StageClock(None), None, None)
+
+
+def test_a_position_cascade_is_given_a_feedforward():
+    log, model = simulated(CASCADE, 0.6)
+    known = dataclasses.replace(case.known(), model=CASCADE.format(inertia=0.05, coulomb=0.4))
+    table = followed(log, model, "log")
+    found = improve_known(known, log, model, table, ["feedforward"], 0, StageClock(None), None, None)
+    assert {change.gain for change in found.changes} == {
+        "feedforward.velocity", "feedforward.inertia", "feedforward.coulomb", "feedforward.viscous",
+    }  # fmt: skip
+    assert found.decision == "change"
+    # A cascade lags by v / kp; told the rate, it does not.
+    assert found.after.error.value < 0.2 * found.before.error.value
+    again = fp.load_model(found.model)
+    assert isinstance(again.loop.controller, fp.PositionFeedforward)
+    assert float(again.loop.controller.velocity) == pytest.approx(1.0, abs=0.2)

@@ -316,3 +316,33 @@ def test_the_documentation_names_every_key():
     words |= {key.name for keys in tables for key in keys}
     words |= {*observer.OBSERVERS, *body.SENSORS, *body.LOADS, *model.SECTIONS, "transfer_function", "unknown"}
     assert {word for word in words if f"`{word}`" not in text and f"`[{word}]`" not in text} == set()
+
+
+CASCADE = changed('type = "pi"\nkp = 150.0\nki = 200.0', 'type = "position_cascade"\nkp = 20.0\nkv = 150.0').replace(
+    "[observer]", "[feedforward]\nvelocity = 0.9\ninertia = 9.0\ncoulomb = 18.0\nspeed = 0.05\n[observer]"
+)
+POSITION = '[units]\nreference = "position"\n'
+
+
+def test_a_feedforward_of_a_position_cascade_is_written_and_read_again():
+    model = load_model(POSITION + CASCADE)
+    controller = model.loop.controller
+    assert isinstance(controller, fp.PositionFeedforward)
+    assert isinstance(controller.controller, fp.PositionLoop)
+    values = [float(getattr(controller, name)) for name in ("velocity", "inertia", "coulomb", "viscous", "lag")]
+    assert values == [0.9, 9.0, 18.0, 0.0, 1e-4]
+    assert same(model, load_model(dump_model(model)))
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (TEXT + "[feedforward]\nvelocity = 1.0\n", "velocity"),  # no key of a velocity reference's
+        (POSITION + CASCADE.replace('type = "position_cascade"\nkp = 20.0\nkv = 150.0', 'type = "p"\nkp = 2.0'), "needs a controller that follows"),
+        (POSITION + CASCADE.replace("speed = 0.05\n", ""), "speed is missing"),
+        (POSITION + CASCADE.replace("velocity = 0.9", "velocity = -1.0"), "velocity"),
+    ],
+)  # fmt: skip
+def test_a_feedforward_that_cannot_be_is_one_sentence(text, sentence):
+    with pytest.raises(InputError, match=sentence):
+        load_model(text)

@@ -1,5 +1,6 @@
 """What stands around another controller: a position loop, a limit."""
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -19,10 +20,12 @@ class PositionLoop(AbstractController):
     Attributes:
         kp: position gain [1/s].
         velocity_controller: the inner loop.
+        rate: added to the inner reference [rad/s], which a feed-forward puts here for one sample; no parameter.
     """
 
     kp: Array = eqx.field(converter=as_parameter)
     velocity_controller: AbstractController
+    rate: Array | None = eqx.field(default=None, repr=False)
 
     def init(self) -> Any:
         """The inner controller's state."""
@@ -41,7 +44,12 @@ class PositionLoop(AbstractController):
         return self.velocity_controller.step(state, self._inner(reference, measurement), measurement, dt)
 
     def _inner(self, reference: Array, measurement: Measurement) -> Array:
-        return self.kp * (reference - measurement.position)
+        inner = self.kp * (reference - measurement.position)
+        return inner if self.rate is None else inner + self.rate
+
+    def fed(self, rate: Array) -> "PositionLoop":
+        """With a rate added to the inner reference [rad/s]."""
+        return dataclasses.replace(self, rate=rate)
 
     @property
     def bounded(self) -> bool:
@@ -50,7 +58,7 @@ class PositionLoop(AbstractController):
 
     def unbounded(self) -> "PositionLoop":
         """Without the inner controller's limit."""
-        return PositionLoop(self.kp, self.velocity_controller.unbounded())
+        return dataclasses.replace(self, velocity_controller=self.velocity_controller.unbounded())
 
     def limited(self, torque: Array) -> Array:
         """By the inner controller [N m]."""
@@ -99,6 +107,10 @@ class Limited(AbstractController):
     def knowing(self, following: Array) -> "Limited":
         """Around the wrapped controller that is told."""
         return Limited(self.controller.knowing(following), self.limit)
+
+    def fed(self, rate: Array) -> "Limited":
+        """Around the wrapped controller that is told."""
+        return Limited(self.controller.fed(rate), self.limit)
 
     @property
     def bounded(self) -> bool:

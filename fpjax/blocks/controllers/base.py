@@ -40,6 +40,11 @@ class AbstractController(Block):
         del following
         return self
 
+    def fed(self, rate: Array) -> "AbstractController":
+        """The same controller, its velocity loop told the rate of the reference [rad/s] beside what it makes itself."""
+        del rate
+        return self
+
     # A limit holds for what leaves the controller: its control and the observer's compensation together. The loop
     # therefore asks for the control without the limit, adds the compensation, limits the sum, and lets the state
     # follow what was cut off.
