@@ -32,12 +32,13 @@ def add_out(parser: argparse.ArgumentParser, required: bool = False) -> None:
 
 
 def add_log_options(parser: argparse.ArgumentParser) -> None:
-    """--columns, --from, --to, --every, --strict; --repair is accepted for old scripts."""
+    """--columns, --rate, --from, --to, --every, --strict; --repair is accepted for old scripts."""
     parser.add_argument(
         "--columns", metavar="MAP",
         help='where names or units differ: "velocity=gyro_z:deg/s,torque=tau_cmd", with a scale "torque=Iq:A*0.12" '
         '(N m per A), "position=enc:counts/4096" (a turn), "torque_measured=Iq:A*0.12", "axis=2" of a robot, or "emps"',
     )  # fmt: skip
+    parser.add_argument("--rate", type=real, metavar="HZ", help="rows a second, of a log without a time column")
     parser.add_argument("--from", dest="start", type=real, metavar="S", help="leave out what is before, in log time")
     parser.add_argument("--to", dest="stop", type=real, metavar="S", help="leave out what is after, in log time")
     parser.add_argument(
@@ -50,10 +51,17 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
 
 
 def log_options(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What `add_log_options` gave, as `read_log` takes it."""
+    """What `add_log_options` gave, as `read_log` takes it.
+
+    Raises:
+        InputError: for a rate that is not positive.
+    """
+    rate = arguments.rate
+    if rate is not None and not 0.0 < rate < float("inf"):
+        raise InputError(f"--rate must be positive, got {rate:g} Hz; 1000 is usual.")
     return {
         "columns": arguments.columns, "start": arguments.start, "stop": arguments.stop,
-        "take_every": arguments.every, "strict": arguments.strict,
+        "take_every": arguments.every, "strict": arguments.strict, "dt": 1.0 / rate if rate is not None else None,
     }  # fmt: skip
 
 

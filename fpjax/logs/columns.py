@@ -329,9 +329,11 @@ def missing_sentence(names: list[str], lacking: list[str], where: str) -> str:
             if near and likeness[near] >= LIKE_A_WORD and f"={lower[near]}" not in "".join(hints):
                 hints.append(f"{word}={lower[near]}")
     fix = f"--columns {','.join(hints)}" if hints else f"--columns {lacking[0].split(' or ')[0]}=NAME:UNIT"
+    # a log that was written every period may have no stamps at all
+    rate = "; if it has no stamps, say how many rows a second with --rate" if "time" in lacking else ""
     return (
         f"{where} has no column {' and no column '.join(lacking)}: it has {listed(names)}; "
-        f"if one of them is meant, say so with {fix}{' (guessed from the names)' if hints else ''}."
+        f"if one of them is meant, say so with {fix}{' (guessed from the names)' if hints else ''}{rate}."
     )
 
 

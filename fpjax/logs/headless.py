@@ -23,17 +23,25 @@ def described(columns: Mapping[str, np.ndarray]) -> str:
     still = len(columns) - len(moving)
     rest = f" ({still} of {len(columns)} never change)" if still else ""
     time = next((key for key, values in moving.items() if _rises(values)), None)
-    pair = None if time is None else _motion(moving[time], {key: v for key, v in moving.items() if key != time})
+    rows = next(iter(moving.values()), np.zeros(0)).size
+    stamps = np.arange(float(rows)) if time is None else moving[time]
+    pair = _motion(stamps, {key: v for key, v in moving.items() if key != time})
+    option = f"--columns time={time}," if time else "--rate 1000 (its rows a second) --columns "
     if pair is not None:
         position, velocity = pair
+        rising = f"{time} rises like a time" if time else "none rises like a time"
         hint = (
-            f"{time} rises like a time, and {velocity} is the rate of {position}; write --columns "
-            f"time={time},position={position},velocity={velocity},torque=N with the torque's place for N"
+            f"{rising}, and {velocity} is the rate of {position}; write {option}"
+            f"position={position},velocity={velocity},torque=N with the torque's place for N"
+        )
+    elif time is None:
+        hint = (
+            "none rises like a time, so say its rate too: write for instance --rate 1000 (its rows a second) --columns "
+            "torque=1,velocity=2"
         )
     else:
         free = [key for key in moving if key != time] or ["2", "3"]
-        places = [time or "1", free[0], free[1] if len(free) > 1 else "3"]
-        hint = f"write for instance --columns time={places[0]},torque={places[1]},velocity={places[2]}"
+        hint = f"write for instance {option}torque={free[0]},velocity={free[1] if len(free) > 1 else '3'}"
     return f"{hint}; there are {', '.join(told)}{more}{rest}"
 
 

@@ -30,10 +30,10 @@ pwm:PWM duty:PWM duty_cycle:PWM goal_pwm:PWM present_pwm:PWM pwm_duty:PWM
 _MEASURED = """
 torque_measured measured_torque tau_meas tau_measured torque_meas torque_actual actual_torque torque_estimate
 estimated_torque tau_est istmoment drehmoment_ist ist_drehmoment m_ist actual_moment joint_torque tau_act torque_act
-effort torque_sensor tau_sensor torque_value output_torque motor_torque motor_measured_torque
+effort torque_sensor tau_sensor torque_value output_torque motor_torque motor_measured_torque act_torque
 iq:A iq_measured:A iq_meas:A iq_actual:A iq_act:A i_q:A current:A actual_current:A current_actual:A current_measured:A
 motor_current:A strom:A iststrom:A strom_ist:A i_ist:A stator_current:A torque_current:A present_current:A
-phase_current:A motor_measured_current:A output_current:A
+phase_current:A motor_measured_current:A current_feedback:A output_current:A
 load:% present_load:%
 """
 _TABLE = {
@@ -44,7 +44,7 @@ ms:ms millis:ms milliseconds:ms us:us micros:us
 """,
     "velocity": """
 velocity velocity_actual actual_velocity velocity_measured measured_velocity vel angular_velocity joint_velocity
-motor_velocity rotor_velocity encoder_velocity velocity_act vel_meas vel_actual output_velocity
+motor_velocity rotor_velocity encoder_velocity velocity_act vel_meas vel_actual output_velocity act_vel act_velocity
 actual_qd qd dq qdot q_dot theta_dot thetadot dtheta omega winkelgeschwindigkeit geschwindigkeit vitesse velocidad
 velocita vel_estimate:rev/s drehzahl:rpm istdrehzahl:rpm drehzahl_ist:rpm ist_drehzahl:rpm n_ist:rpm rpm:rpm
 motor_rpm:rpm
@@ -55,16 +55,16 @@ w v gyro_z gyroz gyro rate
     "position": """
 position position_actual actual_position position_measured measured_position pos joint_position motor_position
 rotor_position encoder_position position_act pos_actual pos_meas joint_angle motor_angle output_angle output_position
-motor_measured_position
+motor_measured_position act_pos act_position
 actual_q q qm theta angle winkel drehwinkel istlage lage istposition position_ist lage_ist posizione posicion
 pos_estimate:rev encoder_angle present_position angle_actual
 encoder enc encoder_count:counts encoder_counts:counts encoder_ticks:counts shadow_count:counts ticks:counts phi
 p x weg
 """,
     "reference": """
-reference velocity_reference position_reference velocity_ref position_ref
+reference velocity_reference position_reference velocity_ref position_ref reference_velocity reference_position
 ref setpoint velocity_setpoint position_setpoint target_qd target_q target_velocity target_position velocity_command
-position_command vel_cmd pos_cmd velocity_cmd position_cmd desired_velocity desired_position
+position_command vel_cmd pos_cmd velocity_cmd position_cmd desired_velocity desired_position set_velocity set_position
 vel_setpoint:rev/s pos_setpoint:rev input_vel:rev/s input_pos:rev goal_position goal_velocity
 sollwert solldrehzahl:rpm drehzahl_soll:rpm n_soll:rpm sollposition lage_soll sollgeschwindigkeit consigne
 qg q_des q_ref qd_ref qd_des q_desired qd_desired w_ref omega_ref
@@ -105,6 +105,8 @@ _INDEXED = re.compile(r"^(?P<name>.*?[^0-9_.\[(])[_.\[(]?(?P<index>\d{1,2})[\])]
 _OWNED = re.compile(
     r"^(?:odrive|odrv|axis|motor|joint|servo|drive|actuator|j|m)_?(?P<index>\d{1,2})_(?P<name>[a-z].*)$"
 )
+# "X_ActualPosition", "Z_CurrentFeedback" of machine tools: axes 1 to 6
+_LETTERED = re.compile(r"^(?P<letter>[xyzabc])_(?P<name>[a-z].*)$")
 _OWNER = re.compile(r"(?:odrv|axis|motor|joint|servo|drive|actuator)[_ ]?(?P<index>\d{1,2})[./:|]", re.IGNORECASE)
 _ODRIVE = {"position": "pos_estimate", "velocity": "vel_estimate", "current": "iq_measured"}  # turns, turns/s, A
 _VENDORS = ("dxl_", "dynamixel_", "odrive_", "moteus_", "vesc_")
@@ -165,6 +167,9 @@ def taken_apart(column: str) -> list[Named]:
             word = owned["name"] if unit or not plain.startswith("od") else _ODRIVE.get(owned["name"], owned["name"])
             found.append(Named(column, word, unit or "", int(owned["index"])))
             found += [Named(column, *inner, int(owned["index"]))] if inner else []
+        lettered = _LETTERED.match(plain)
+        if lettered:
+            found.append(Named(column, lettered["name"], unit or "", "xyzabc".index(lettered["letter"]) + 1))
         found += [
             Named(column, plain.removeprefix(vendor), unit or "", None)
             for vendor in _VENDORS

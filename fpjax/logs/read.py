@@ -241,7 +241,7 @@ def _check_present(table: Table, found: set[str], require: tuple[str, ...], name
             f"{name} has no header, so its columns must be named by their places: {described(table.columns)}."
         )
     sentence = missing_sentence(names, lacking, name)
-    if len(names) == 2:
+    if len(names) == 2 and lacking != ["time"]:
         sentence = (
             f"{name} has two columns ({listed(names)}), and a log needs three: time, torque, and one of velocity and "
             f"position; record the missing one too."

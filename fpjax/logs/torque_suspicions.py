@@ -47,7 +47,7 @@ def torque_against_motion(log: Log, columns: dict[str, Values], model: Expected 
         return
     size = float(np.sqrt(np.mean(torque**2)))
     sure = abs(found.inertia) > SURE * found.deviations[0]
-    if found.inertia < 0.0 and sure and found.coulomb <= SIGNIFICANT * found.deviations[1]:
+    if found.inertia < 0.0 and sure and not _dissipates(found):
         yield Suspicion(
             f"{log.name}: torque and motion have opposite signs (the motion accelerates against the torque: inertia "
             f"{found.inertia:.3g} +- {found.deviations[0]:.2g}): turn the sign of one of them, such as "
@@ -64,6 +64,18 @@ def torque_against_motion(log: Log, columns: dict[str, Values], model: Expected 
         )
     elif model is not None:
         yield from _nominal(log, found, model, columns, size, sure=sure)
+
+
+def _dissipates(found: Nominal) -> bool:
+    """Whether the friction takes power: with the sign turned both of its parts would come out negative.
+
+    An arm whose other joints move asks for torques that look like a negative inertia; its friction tells that the sign
+    is right (a KUKA KR300, axis 3).
+    """
+    coulomb, viscous = found.deviations[1:3]
+    return found.coulomb > SIGNIFICANT * coulomb or (
+        found.viscous > SIGNIFICANT * viscous and found.coulomb > -SIGNIFICANT * coulomb
+    )
 
 
 def _nominal(

@@ -241,6 +241,16 @@ def test_without_a_header_columns_are_named_by_their_places(tmp_path, columns, l
         read_log(path)
 
 
+def test_without_header_and_stamps_the_rate_is_asked_for(tmp_path, columns):
+    path = tmp_path / "log.txt"
+    rows = np.stack([columns["torque"], columns["velocity"], columns["position"]], axis=1)
+    np.savetxt(path, rows)
+    with pytest.raises(InputError, match=r"none rises like a time, and 2 is the rate of 3; write --rate 1000 "):
+        read_log(path)
+    log = read_log(path, columns="torque=1,velocity=2,position=3", dt=DT)
+    np.testing.assert_allclose(log.velocity, columns["velocity"], atol=1e-9)
+
+
 def test_a_row_of_units_under_the_header(tmp_path, columns):
     columns["time"] = 1e3 * columns["time"]
     lines = text_of(columns, ";").splitlines()

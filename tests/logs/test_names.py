@@ -38,6 +38,12 @@ FROM_PEOPLE = {
     ),
     "Dynamixel in LabVIEW": ({"t": 1, "DXL_PWM": 1, "DXL_Velocity": 1, "θ(t)": None}, "PWM", {}),
     "T-Motor": ({"pi_time": 1, "output_torque": 1, "output_velocity": 1}, "", {"torque_measured": True}),
+    "machine tool": (
+        {"time": 1, "X_CurrentFeedback": 1, "X_ActualVelocity": 1, "X_ActualPosition": None},
+        "A",
+        {"torque_measured": True},
+    ),
+    "KUKA": ({"t": 1, "act_torque": 1, "act_vel": 1, "act_pos": None}, "", {"torque_measured": True}),
     "Mitsubishi": ({"ms": 1e3, "Torque": 1, "Servo motor speed": 60 / TURN}, "", {}),
     "ROS": ({"stamp": 1, "/joint_states.effort.0": 1, "/joint_states.velocity.0": 1}, "", {"torque_measured": True}),
 }
@@ -184,3 +190,18 @@ def test_a_rounded_torque_is_noted(columns):
     with pytest.warns(FpjaxWarning, match=r"torque is rounded to steps of 0\.1"):
         log = read_log(columns)
     assert log.torque_step == pytest.approx(0.1)
+
+
+def test_the_axes_of_a_machine_tool_are_letters(columns):
+    data = {"time": columns["time"], "X_ActualVelocity": columns["velocity"], "X_CurrentFeedback": columns["torque"]}
+    data |= {"Z_ActualVelocity": -columns["velocity"], "Z_CurrentFeedback": 3.0 * columns["torque"]}
+    with pytest.warns(FpjaxWarning, match="2 axes"):
+        np.testing.assert_allclose(read_log(data).velocity, columns["velocity"])
+    np.testing.assert_allclose(read_log(data, columns="axis=3").torque, 3.0 * columns["torque"])
+
+
+def test_a_log_without_stamps_is_told_of_the_rate(columns):
+    data = {"torque": columns["torque"], "velocity": columns["velocity"]}
+    with pytest.raises(InputError, match="--rate"):
+        read_log(data)
+    assert read_log(data, dt=DT).dt == DT

@@ -78,6 +78,13 @@ def test_a_torque_of_the_wrong_sign(sensors):
     assert kinds(dataclasses.replace(made, torque=-made.torque), None) == [("warn", "sign")]
 
 
+def test_a_load_that_follows_the_acceleration_is_no_turned_sign(log):
+    """Another joint pushes with twice this one's inertia: the friction still takes power, so the sign is right."""
+    acceleration = np.gradient(log.velocity, log.dt)
+    pushed = dataclasses.replace(log, torque=log.torque - 3.0 * BODY.inertia * acceleration)
+    assert "sign" not in [kind for _, kind in kinds(pushed, None)]
+
+
 def test_a_velocity_of_the_wrong_sign(log):
     assert kinds(dataclasses.replace(log, velocity=-log.velocity)) == [("warn", "sign")]
 
