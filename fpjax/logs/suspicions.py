@@ -14,6 +14,7 @@ from .clock import TIME_UNITS, likely_unit
 from .derivative import local_polynomial, smooth_motion, travel
 from .log import Log
 from .measures import noise_level, rounding_step
+from .stamps import stamp_jitter
 from .suspicion import LIKE, unit_of
 from .suspicion import Expected as Expected
 from .suspicion import Numbers as Numbers
@@ -27,6 +28,7 @@ ONE_WAY = 0.01  # share of the samples
 CLIPPED = 0.005
 FEW_LEVELS = 8  # values that a column takes: a relay's, or steps that were commanded, and no limit
 REPEATED = 0.002
+LATE = 0.02  # of a period: drives and buses with clocks of their own stay below it
 MOST_ROWS = 400_000  # a longer log is judged by its middle
 
 
@@ -45,7 +47,8 @@ def suspicions(log: Log, model: Expected | None = None) -> list[Suspicion]:
     if not found:
         found = [*_still(log, present)]
     if not any(s.severity == "stop" for s in found):
-        found += [*_clock(log, present), *_repeated(log, present), *_clipped(log, present), *_one_way(log, present)]
+        found += [*_clock(log, present), *_repeated(log, present), *_off_their_stamps(log, present)]
+        found += [*_clipped(log, present), *_one_way(log, present)]
         # the first of these that is seen explains the others
         for look in (
             _unit_of_time(log, present),
@@ -149,6 +152,23 @@ def _repeated(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
                 "warn",
                 "repeated",
             )
+
+
+def _off_their_stamps(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
+    """Readings that a program's loop stamped late: an error of the position that grows with the speed."""
+    if "velocity" not in columns or "position" not in columns:
+        return
+    jitter = stamp_jitter(columns["velocity"], columns["position"], log.dt)
+    if jitter is None or jitter < LATE * log.dt:
+        return
+    size = jitter * float(np.sqrt(np.mean(columns["velocity"] ** 2)))
+    yield Suspicion(
+        f"{log.name}: the positions were read about {1e3 * jitter:.2g} ms (rms) off their stamps: their rate scatters "
+        f"around the velocity in proportion to the speed, which makes them {size:.2g} {'m' if log.linear else 'rad'} "
+        "uncertain on average; stamp the readings where they are taken, in the drive.",
+        "warn",
+        "stamps",
+    )
 
 
 def _clipped(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
