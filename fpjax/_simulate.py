@@ -19,6 +19,7 @@ from .compiled.programs import jit_by
 from .errors import DivergedError, InputError
 from .loop import ClosedLoop, LoopState
 from .metrics import AbstractMeasure
+from .output.json_object import JsonObject
 from .output.run_picture import About
 from .scan import Stepper, Stepping, make_inputs, make_stepper, roll
 from .solvers import AbstractPlantSolver
@@ -221,7 +222,7 @@ def _check_periods(loop: ClosedLoop, dt: float) -> None:
 
 
 def _shape_of_run(
-    loop: ClosedLoop, reference: AbstractReference, stepper: Stepper, measures: dict[str, Any], record: tuple[str, ...],
+    loop: ClosedLoop, reference: AbstractReference, stepper: Stepper, measures: JsonObject, record: tuple[str, ...],
     initial: LoopState | None, key: Array | None,
 ) -> tuple[Any, ...]:  # fmt: skip
     del loop, reference, initial, key

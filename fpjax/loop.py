@@ -1,12 +1,12 @@
 """ClosedLoop: the blocks joined; its derivative and its step."""
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from .blocks.actuators import AbstractActuator, IdealActuator
 from .blocks.block import show_fields, with_arrays
@@ -14,7 +14,7 @@ from .blocks.controllers import AbstractController
 from .blocks.observers import AbstractObserver, NoObserver
 from .blocks.plants import AbstractPlant
 from .blocks.sensors import AbstractSensor, IdealSensor
-from .blocks.signals import Measurement, Motion, Signals
+from .blocks.signals import Measurement, Motion, PlantOutput, Signals
 from .compiled.native import alike_on_devices
 from .solvers import AbstractPlantSolver, AbstractSolver
 
@@ -47,12 +47,12 @@ class LoopState(eqx.Module):
         period: a `Period` for a sampled observer; the empty tuple in continuous time and without one.
     """
 
-    plant: Any
-    controller: Any
-    observer: Any
-    actuator: Any
-    sensor: Any
-    period: Any = ()
+    plant: PyTree
+    controller: PyTree
+    observer: PyTree
+    actuator: PyTree
+    sensor: PyTree
+    period: PyTree = ()
 
 
 class Command(eqx.Module):
@@ -66,7 +66,7 @@ class Command(eqx.Module):
         estimates: the observer's estimates by name.
     """
 
-    memory: tuple[Any, Any, Any]
+    memory: tuple[PyTree, PyTree, PyTree]
     control: Array
     compensation: Array
     torque: Array
@@ -92,7 +92,7 @@ class ClosedLoop(eqx.Module):
     observer: AbstractObserver = eqx.field(converter=with_arrays, default=NoObserver())
     actuator: AbstractActuator = eqx.field(converter=with_arrays, default=IdealActuator())
     sensor: AbstractSensor = eqx.field(converter=with_arrays, default=IdealSensor())
-    linearise: ClassVar[Callable[..., Any]]
+    linearise: ClassVar[Callable[..., object]]
 
     def __repr__(self) -> str:
         """The blocks with their numbers."""
@@ -183,7 +183,7 @@ class ClosedLoop(eqx.Module):
         output = self.plant.readout(state.plant, applied, time)
         plant, step = state.plant, dt / substeps
 
-        def substep(plant: Any, start: Array) -> tuple[Any, None]:
+        def substep(plant: PyTree, start: Array) -> tuple[PyTree, None]:
             return solver.advance_plant(self.plant, plant, applied, start, step), None
 
         if substeps <= UNROLLED_SUBSTEPS:
@@ -201,7 +201,7 @@ class ClosedLoop(eqx.Module):
 
     def control_law(
         self,
-        memory: tuple[Any, Any, Any],
+        memory: tuple[PyTree, PyTree, PyTree],
         reference: Array,
         measurement: Measurement,
         dt: Array,
@@ -234,7 +234,7 @@ class ClosedLoop(eqx.Module):
         return self.controller.unbounded() if self.controller.bounded else self.controller
 
     def _command(
-        self, state: Any, reference: Array, measurement: Measurement, compensation: Array
+        self, state: PyTree, reference: Array, measurement: Measurement, compensation: Array
     ) -> tuple[Array, Array, Array | None]:
         """(control, torque that leaves the controller, what a limit moved it by) [N m]; None without a limit.
 
@@ -248,7 +248,9 @@ class ClosedLoop(eqx.Module):
         torque = self.controller.limited(wanted)
         return jnp.where(torque == wanted, control, torque - compensation), torque, torque - wanted
 
-    def _controller_rates(self, state: Any, reference: Array, measurement: Measurement, compensation: Array) -> Any:
+    def _controller_rates(
+        self, state: PyTree, reference: Array, measurement: Measurement, compensation: Array
+    ) -> PyTree:
         rates = self._unbounded().derivative(state, reference, measurement)
         if not self.controller.bounded:
             return rates
@@ -265,7 +267,7 @@ class ClosedLoop(eqx.Module):
             lambda at: at.period, state, Period(zero, zero, zero), is_leaf=lambda leaf: isinstance(leaf, tuple)
         )
 
-    def _observe(self, observer: Any, last: Any, velocity: Array, dt: Array) -> Any:
+    def _observe(self, observer: PyTree, last: PyTree, velocity: Array, dt: Array) -> PyTree:
         """The observer's state now that the velocity at the period's end is known."""
         if not isinstance(last, Period):
             return observer
@@ -276,7 +278,7 @@ class ClosedLoop(eqx.Module):
 def _signals(
     time: Array,
     reference: Array,
-    output: Any,
+    output: PlantOutput,
     measurement: Measurement,
     control: Array,
     compensation: Array,

@@ -2,12 +2,12 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jax.typing import ArrayLike
+from jaxtyping import Array, PyTree
 
 from .blocks.block import Block, as_optional, as_parameter
 from .blocks.signals import Signals
@@ -19,15 +19,15 @@ class AbstractMeasure(Block):
     """A number that a run leaves, accumulated sample by sample without storing the trace."""
 
     @abstractmethod
-    def init(self, zero: Array) -> Any:
+    def init(self, zero: Array) -> PyTree:
         """The accumulator before the first sample; `zero` is a scalar of the loop's dtype."""
 
     @abstractmethod
-    def update(self, total: Any, signals: Signals) -> Any:
+    def update(self, total: PyTree, signals: Signals) -> PyTree:
         """The accumulator after one more sample."""
 
     @abstractmethod
-    def final(self, total: Any, samples: int) -> Array:
+    def final(self, total: PyTree, samples: int) -> Array:
         """The measure after `samples` samples."""
 
 
@@ -156,12 +156,12 @@ class StandardDeviation(AbstractMeasure):
         """(sum, sum of squares)."""
         return zero, zero
 
-    def update(self, total: Any, signals: Signals) -> Any:
+    def update(self, total: PyTree, signals: Signals) -> PyTree:
         """Add the quantity and its square."""
         value = self.quantity(signals)
         return total[0] + value, total[1] + jnp.square(value)
 
-    def final(self, total: Any, samples: int) -> Array:
+    def final(self, total: PyTree, samples: int) -> Array:
         """The standard deviation (population)."""
         mean = total[0] / samples
         return safe_root(total[1] / samples - jnp.square(mean))
@@ -208,13 +208,13 @@ class GradientRootMeanSquare(AbstractMeasure):
         """(sum of squares, last value, samples seen)."""
         return zero, zero, zero
 
-    def update(self, total: Any, signals: Signals) -> Any:
+    def update(self, total: PyTree, signals: Signals) -> PyTree:
         """Add the squared difference (none at the first sample)."""
         squares, last, seen = total
         value = self.quantity(signals)
         return squares + jnp.where(seen > 0.0, jnp.square(value - last), 0.0), value, seen + 1.0
 
-    def final(self, total: Any, samples: int) -> Array:
+    def final(self, total: PyTree, samples: int) -> Array:
         """The root mean square, in the quantity's unit per sample."""
         return safe_root(total[0] / max(samples - 1, 1))
 
@@ -253,14 +253,14 @@ class EstimateError(AbstractMeasure):
         """(sum, samples counted)."""
         return zero, zero
 
-    def update(self, total: Any, signals: Signals) -> Any:
+    def update(self, total: PyTree, signals: Signals) -> PyTree:
         """Add the squared normalised error once `start` has passed."""
         scale = jnp.abs(self.truth) if self.scale is None else self.scale
         error = (signals.estimates[self.name] - self.truth) / scale
         counts = signals.time >= self.start
         return total[0] + jnp.where(counts, jnp.square(error), 0.0), total[1] + jnp.where(counts, 1.0, 0.0)
 
-    def final(self, total: Any, samples: int) -> Array:
+    def final(self, total: PyTree, samples: int) -> Array:
         """The mean square [1]."""
         del samples
         return total[0] / jnp.maximum(total[1], 1.0)
@@ -311,14 +311,14 @@ class SettlingTime(AbstractMeasure):
         """(first time inside since last outside [s], 1 while outside)."""
         return zero, zero + 1.0
 
-    def update(self, total: Any, signals: Signals) -> Any:
+    def update(self, total: PyTree, signals: Signals) -> PyTree:
         """Remember when the band was entered."""
         entered, was_outside = total
         error = jnp.abs(signals.estimates[self.name] - self.truth)
         outside = jnp.where(error <= self.tolerance * jnp.abs(self.truth), 0.0 * was_outside, 0.0 * was_outside + 1.0)
         return jnp.where(was_outside > outside, signals.time, entered), outside
 
-    def final(self, total: Any, samples: int) -> Array:
+    def final(self, total: PyTree, samples: int) -> Array:
         """The settling time [s]."""
         del samples
         return jnp.where(total[1] > 0.0, jnp.inf, total[0])
@@ -344,8 +344,8 @@ def _torque(signals: Signals) -> Array:
 
 
 def step_info(
-    time: Any,
-    response: Any,
+    time: ArrayLike,
+    response: ArrayLike,
     *,
     final_value: float | None = None,
     settling: float = 0.02,

@@ -7,23 +7,23 @@ tuple is its index (`parts.0.gain`), an entry of a dictionary its key.
 import dataclasses
 import difflib
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jax.typing import ArrayLike
+from jaxtyping import Array, PyTree
 
 from .errors import InputError
 
 
-def parameter_names(tree: Any) -> tuple[str, ...]:
+def parameter_names(tree: PyTree) -> tuple[str, ...]:
     """Dotted names of all floating-point leaves of `tree`, in order; what is None or static has none."""
     return tuple(".".join(path) for path, _ in _leaves(tree, ()))
 
 
-def get_parameter(tree: Any, name: str) -> Array:
+def get_parameter(tree: PyTree, name: str) -> Array:
     """The value of one parameter, in its own unit.
 
     Args:
@@ -39,7 +39,7 @@ def get_parameter(tree: Any, name: str) -> Array:
     raise InputError(_unknown(tree, name))
 
 
-def get_parameters(tree: Any, names: tuple[str, ...] | list[str]) -> dict[str, Array]:
+def get_parameters(tree: PyTree, names: tuple[str, ...] | list[str]) -> dict[str, Array]:
     """The values of several parameters by name, each in its own unit.
 
     Args:
@@ -56,7 +56,7 @@ def get_parameters(tree: Any, names: tuple[str, ...] | list[str]) -> dict[str, A
     return {name: known[name] for name in names}
 
 
-def set_parameters(tree: Any, values: Mapping[str, Any]) -> Any:
+def set_parameters(tree: PyTree, values: Mapping[str, PyTree]) -> PyTree:
     """A copy of the tree with new values; the structure and the dtypes stay, so nothing recompiles.
 
     A block checks its concrete values again (a negative inertia is refused); traced values pass unchecked.
@@ -84,7 +84,7 @@ def set_parameters(tree: Any, values: Mapping[str, Any]) -> Any:
     return changed
 
 
-def _leaves(tree: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Array]]:
+def _leaves(tree: PyTree, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Array]]:
     if eqx.is_inexact_array(tree):
         yield path, tree
         return
@@ -92,7 +92,7 @@ def _leaves(tree: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...],
         yield from _leaves(child, (*path, key))
 
 
-def _children(tree: Any) -> list[tuple[str, Any]]:
+def _children(tree: PyTree) -> list[tuple[str, PyTree]]:
     if isinstance(tree, eqx.Module):
         fields = [field for field in dataclasses.fields(tree) if not field.metadata.get("static", False)]
         return [(field.name, getattr(tree, field.name, None)) for field in fields]
@@ -103,27 +103,27 @@ def _children(tree: Any) -> list[tuple[str, Any]]:
     return []
 
 
-def _at(tree: Any, path: list[str]) -> Any:
+def _at(tree: PyTree, path: list[str]) -> PyTree:
     for key in path:
         tree = dict(_children(tree))[key]
     return tree
 
 
-def _owners(tree: Any, path: list[str]) -> Iterator[Any]:
+def _owners(tree: PyTree, path: list[str]) -> Iterator[PyTree]:
     for key in path:
         if isinstance(tree, eqx.Module):
             yield tree
         tree = dict(_children(tree))[key]
 
 
-def _check_again(owner: Any) -> None:
+def _check_again(owner: PyTree) -> None:
     for kind in type(owner).__mro__:
         check = kind.__dict__.get("__check_init__")
         if check is not None:
             check(owner)
 
 
-def _cast(name: str, value: Any, old: Array) -> Array:
+def _cast(name: str, value: ArrayLike, old: Array) -> Array:
     if not isinstance(value, (jax.Array, np.ndarray, np.number, int, float, list, tuple)) or isinstance(value, bool):
         raise InputError(f"{name} = {value!r} is not a number: give a number or an array of numbers.")
     new = value.astype(old.dtype) if isinstance(value, jax.Array) else jnp.asarray(value, dtype=old.dtype)
@@ -136,7 +136,7 @@ def _cast(name: str, value: Any, old: Array) -> Array:
     return new
 
 
-def _unknown(tree: Any, name: str) -> str:
+def _unknown(tree: PyTree, name: str) -> str:
     known = parameter_names(tree)
     parent, _, last = name.rpartition(".")
     try:

@@ -1,12 +1,13 @@
 """THE scan: every simulation of a closed loop, by whomever it is asked for, runs through `roll`."""
 
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple, SupportsFloat
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
 from .blocks.block import as_parameter
 from .blocks.controllers import AbstractController
@@ -44,7 +45,7 @@ class Stepper(eqx.Module):
 
 def make_stepper(
     *,
-    dt: Any,
+    dt: SupportsFloat,
     duration: float | None = None,
     samples: int | None = None,
     solver: str | AbstractPlantSolver = "rk4",
@@ -177,7 +178,7 @@ def roll(
     zero = jnp.zeros_like(dt)
     totals = {name: measure.init(zero) for name, measure in measures.items()}
 
-    def step(carry: Any, sample: Inputs) -> tuple[Any, dict[str, Array]]:
+    def step(carry: PyTree, sample: Inputs) -> tuple[PyTree, dict[str, Array]]:
         state, totals = carry
         state, signals = advance(loop, state, sample, dt, stepper)
         totals = {name: measure.update(totals[name], signals) for name, measure in measures.items()}
@@ -218,7 +219,7 @@ def signal(signals: Signals, name: str) -> Array:
     raise InputError(f"record = {name!r} is not a signal of this loop: choose among {', '.join(known)}.")
 
 
-def loop_dtype(tree: Any) -> Any:
+def loop_dtype(tree: PyTree) -> np.dtype:
     """The floating dtype of a block's leaves.
 
     Raises:
@@ -233,6 +234,6 @@ def loop_dtype(tree: Any) -> Any:
     return dtypes.pop() if dtypes else jnp.result_type(float)
 
 
-def astype(tree: Any, dtype: Any) -> Any:
+def astype(tree: PyTree, dtype: type | np.dtype) -> PyTree:
     """A copy of `tree` (a block, a loop, a reference) with every floating leaf in `dtype`."""
     return jax.tree.map(lambda leaf: leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf, tree)

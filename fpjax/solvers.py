@@ -3,11 +3,11 @@
 import math
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from .blocks.plants import AbstractPlant
 from .errors import InputError
@@ -25,7 +25,7 @@ class AbstractPlantSolver(eqx.Module):
     stability_limit: ClassVar[float]
 
     @abstractmethod
-    def advance_plant(self, plant: AbstractPlant, state: Any, torque: Array, time: Array, dt: Array) -> Any:
+    def advance_plant(self, plant: AbstractPlant, state: PyTree, torque: Array, time: Array, dt: Array) -> PyTree:
         """The plant's state one step of dt [s] after `time` [s], under a held torque [N m]."""
 
 
@@ -38,16 +38,16 @@ class AbstractSolver(AbstractPlantSolver):
 
     nodes: ClassVar[tuple[float, ...]]
 
-    def advance_plant(self, plant: AbstractPlant, state: Any, torque: Array, time: Array, dt: Array) -> Any:
+    def advance_plant(self, plant: AbstractPlant, state: PyTree, torque: Array, time: Array, dt: Array) -> PyTree:
         """A step of the plant's own derivative."""
 
-        def derivative(node: int, at: Any) -> Any:
+        def derivative(node: int, at: PyTree) -> PyTree:
             return plant.derivative(at, torque, time + self.nodes[node] * dt)
 
         return self.advance(derivative, state, dt)
 
     @abstractmethod
-    def advance(self, derivative: Callable[[int, Any], Any], state: Any, dt: Array) -> Any:
+    def advance(self, derivative: Callable[[int, PyTree], PyTree], state: PyTree, dt: Array) -> PyTree:
         """The state one step of dt [s] later; `derivative(node, state)` gets the index into `nodes`."""
 
 
@@ -58,7 +58,7 @@ class Euler(AbstractSolver):
     nodes: ClassVar[tuple[float, ...]] = (0.0,)
     stability_limit: ClassVar[float] = 2.0
 
-    def advance(self, derivative: Callable[[int, Any], Any], state: Any, dt: Array) -> Any:
+    def advance(self, derivative: Callable[[int, PyTree], PyTree], state: PyTree, dt: Array) -> PyTree:
         """y + dt f(y)."""
         return _combine(state, dt, (1.0, derivative(0, state)))
 
@@ -70,7 +70,7 @@ class Heun(AbstractSolver):
     nodes: ClassVar[tuple[float, ...]] = (0.0, 1.0)
     stability_limit: ClassVar[float] = 2.0
 
-    def advance(self, derivative: Callable[[int, Any], Any], state: Any, dt: Array) -> Any:
+    def advance(self, derivative: Callable[[int, PyTree], PyTree], state: PyTree, dt: Array) -> PyTree:
         """y + dt (k1 + k2) / 2."""
         first = derivative(0, state)
         second = derivative(1, _combine(state, dt, (1.0, first)))
@@ -84,7 +84,7 @@ class BogackiShampine(AbstractSolver):
     nodes: ClassVar[tuple[float, ...]] = (0.0, 0.5, 0.75)
     stability_limit: ClassVar[float] = 2.5127
 
-    def advance(self, derivative: Callable[[int, Any], Any], state: Any, dt: Array) -> Any:
+    def advance(self, derivative: Callable[[int, PyTree], PyTree], state: PyTree, dt: Array) -> PyTree:
         """y + dt (2 k1 + 3 k2 + 4 k3) / 9."""
         first = derivative(0, state)
         second = derivative(1, _combine(state, dt, (0.5, first)))
@@ -99,7 +99,7 @@ class RungeKutta4(AbstractSolver):
     nodes: ClassVar[tuple[float, ...]] = (0.0, 0.5, 1.0)
     stability_limit: ClassVar[float] = 2.7853
 
-    def advance(self, derivative: Callable[[int, Any], Any], state: Any, dt: Array) -> Any:
+    def advance(self, derivative: Callable[[int, PyTree], PyTree], state: PyTree, dt: Array) -> PyTree:
         """y + dt (k1 + 2 k2 + 2 k3 + k4) / 6."""
         first = derivative(0, state)
         second = derivative(1, _combine(state, dt, (0.5, first)))
@@ -117,7 +117,7 @@ class ExactSticking(AbstractPlantSolver):
     name: ClassVar[str] = "exact"
     stability_limit: ClassVar[float] = math.inf
 
-    def advance_plant(self, plant: AbstractPlant, state: Any, torque: Array, time: Array, dt: Array) -> Any:
+    def advance_plant(self, plant: AbstractPlant, state: PyTree, torque: Array, time: Array, dt: Array) -> PyTree:
         """The plant's own step."""
         return plant.advance(state, torque, time, dt)
 
@@ -136,7 +136,7 @@ def get_solver(solver: str | AbstractPlantSolver) -> AbstractPlantSolver:
     return SOLVERS[solver]
 
 
-def _combine(state: Any, dt: Array, *terms: tuple[float, Any]) -> Any:
+def _combine(state: PyTree, dt: Array, *terms: tuple[float, PyTree]) -> PyTree:
     """state + dt * sum(weight * slope), leaf by leaf."""
     weights = [weight for weight, _ in terms]
 

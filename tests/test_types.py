@@ -12,10 +12,10 @@ import jax, warnings
 from jaxtyping import TypeCheckError, install_import_hook
 jax.config.update("jax_enable_x64", True)
 warnings.simplefilter("ignore")
-checked = ("blocks", "scan", "loop", "analysis", "metrics", "solvers", "stability")
+checked = ("blocks", "scan", "loop", "analysis", "logs.regression", "metrics", "solvers", "stability")
 hook = install_import_hook([f"fpjax.{name}" for name in checked], "beartype.beartype")
 import jax.numpy as jnp, numpy as np, fpjax as fp
-from fpjax.analysis.estimate import least_squares
+from fpjax.logs.regression import fit_pairs
 from fpjax.scan import make_inputs, make_stepper, roll
 
 observer = fp.ExtendedFriedlandPark(1.0, 9.0, 9.0, 40.0)
@@ -29,7 +29,7 @@ for stepping in ("continuous", "sampled"):
 velocity = np.sin(np.linspace(0.0, 12.0, 400))
 print(fp.assess_excitation(loop.observer, velocity, 1e-3, {"coulomb": 2.0, "viscous": 0.2}).names)
 for wrong in (
-    lambda: least_squares(np.zeros(5), np.linspace(0.0, 1.0, 5), 1e-3, 1.0),
+    lambda: fit_pairs(np.zeros(5), np.linspace(0.0, 1.0, 5), 1e-3, 1.0),
     lambda: make_inputs(loop, 1.0, make_stepper(dt=1e-3, samples=4)),
 ):
     try:

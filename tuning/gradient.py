@@ -2,11 +2,11 @@
 
 import functools
 import math
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from .lanes import Best, Lanes, Outcome
 from .methods import LBFGS, Adam
@@ -75,7 +75,7 @@ def lbfgs(lanes: Lanes, settings: LBFGS, stop: Stop) -> Outcome:
     best = Best(*at.shape)
     needed = lanes.gradient_simulations(settings.mode)
     cost, slope = np.full(lanes.count, np.inf), np.zeros_like(at)
-    state: Any = lanes.clock.step(initial, at)
+    state: PyTree = lanes.clock.step(initial, at)
     direction, length = np.zeros_like(at), np.ones(lanes.count)
     trial = at.copy()
     active = np.ones(lanes.count, bool)
@@ -115,13 +115,13 @@ def lbfgs(lanes: Lanes, settings: LBFGS, stop: Stop) -> Outcome:
 
 
 @functools.lru_cache(maxsize=8)
-def _turner(memory: int) -> tuple[Any, Any]:
+def _turner(memory: int) -> tuple[PyTree, PyTree]:
     """(initial state, update of the accepted lanes) of optax' L-BFGS, the same functions each time."""
     import optax
 
     transform = optax.scale_by_lbfgs(memory_size=memory)
 
-    def turn(slope: Any, state: Any, at: Any, accepted: Any) -> Any:
+    def turn(slope: PyTree, state: PyTree, at: PyTree, accepted: PyTree) -> PyTree:
         direction, turned = transform.update(slope, state, at)
         return direction, jax.tree.map(lambda new, old: jnp.where(accepted, new, old), turned, state)
 
@@ -129,13 +129,13 @@ def _turner(memory: int) -> tuple[Any, Any]:
 
 
 @functools.lru_cache(maxsize=1)
-def _mover() -> tuple[Any, Any]:
+def _mover() -> tuple[PyTree, PyTree]:
     """(initial state, moves and state of all lanes) of optax' Adam, the same functions each time."""
     import optax
 
     optimizer = optax.scale_by_adam(b1=0.8, b2=0.95)
 
-    def turn(slope: Any, state: Any, healthy: Any) -> Any:
+    def turn(slope: PyTree, state: PyTree, healthy: PyTree) -> PyTree:
         return optimizer.update(slope, _forgotten(state, healthy))
 
     return optimizer.init, turn
@@ -148,10 +148,10 @@ def _downhill(direction: np.ndarray, slope: np.ndarray) -> np.ndarray:
     return np.where(descends[:, None] & np.all(np.isfinite(direction), axis=1, keepdims=True), direction, steepest)
 
 
-def _forgotten(state: Any, keep: Any) -> Any:
+def _forgotten(state: PyTree, keep: PyTree) -> PyTree:
     """Adam's state with the momentum of the lanes not kept at zero."""
 
-    def leaf(leaf: Any) -> Any:
+    def leaf(leaf: PyTree) -> PyTree:
         return jnp.where(keep[:, None], leaf, 0.0) if jnp.ndim(leaf) == 2 else leaf
 
     return jax.tree.map(leaf, state)

@@ -2,11 +2,11 @@
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 
 from fpjax.analysis.verdicts import FLAT, verdicts
+from fpjax.output.json_object import JsonObject
 
 from .lanes import Lanes
 
@@ -37,7 +37,7 @@ class Identifiability:
     free_direction: dict[str, float]
     derivative: str
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """As JSON takes it."""
         return dataclasses.asdict(self)
 

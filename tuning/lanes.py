@@ -5,13 +5,12 @@ import functools
 import math
 import time
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from fpjax.compiled.gradients import FORWARD_UP_TO, SCRATCH, value_and_gradient
 from fpjax.compiled.native import native, native_enabled
@@ -32,7 +31,7 @@ class Clock:
     compile_seconds: float = 0.0
     run_seconds: float = 0.0
 
-    def call(self, fn: Callable[..., Any], *arguments: Any) -> Any:
+    def call(self, fn: Callable[..., PyTree], *arguments: PyTree) -> PyTree:
         """`fn(*arguments)` as one compiled kernel, its result on the host; compiling is timed apart.
 
         Compiled once for each `fn`, structure and shape, as long as it is among the last that were used.
@@ -49,7 +48,7 @@ class Clock:
         self.run_seconds += time.perf_counter() - begin
         return result
 
-    def step(self, fn: Callable[..., Any], *arguments: Any) -> Any:
+    def step(self, fn: Callable[..., PyTree], *arguments: PyTree) -> PyTree:
         """`fn(*arguments)` for an optimiser's own algebra, its result left on the device; compiling is timed apart.
 
         Compiled once for each `fn`, structure and shape; leaves that are no arrays are static.
@@ -59,7 +58,7 @@ class Clock:
         leaves, structure = jax.tree.flatten(arrays)
         key = (fn, structure, str(static), tuple((leaf.shape, leaf.dtype) for leaf in leaves))
 
-        def make() -> Any:
+        def make() -> PyTree:
             with jax.numpy_dtype_promotion("standard"):  # optax mixes counters with floats, and int32 with int64
                 return eqx.filter_jit(fn).lower(*arguments).compile()
 
@@ -194,7 +193,7 @@ class Best:
         )
 
 
-def _on_device(tree: Any) -> Any:
+def _on_device(tree: PyTree) -> PyTree:
     """Host arrays as they are on the device; jnp.asarray would compile a copy."""
     return jax.tree.map(lambda leaf: jax.device_put(leaf) if isinstance(leaf, np.ndarray) else leaf, tree)
 
@@ -208,7 +207,7 @@ def _costs(values: Array, index: Array | None, problem: Problem) -> Array:
 
 
 @functools.lru_cache(maxsize=32)
-def _gradient_function(mode: str, cases: int) -> Callable[..., Any]:
+def _gradient_function(mode: str, cases: int) -> Callable[..., PyTree]:
     def costs(at: Array, index: Array | None, problem: Problem) -> Array:
         return _costs(jax.vmap(problem.space.values)(at), index, problem)
 
@@ -225,7 +224,7 @@ def _residuals(at: Array, index: Array | None, problem: Problem) -> Array:
 
 def _residuals_and_jacobian(at: Array, index: Array | None, problem: Problem) -> tuple[Array, Array, Array]:
     def one(at: Array, index: Array | None) -> tuple[Array, Array, Array]:
-        def residuals(at: Array) -> Any:
+        def residuals(at: Array) -> PyTree:
             return lane_residuals(problem.space.values(at), index, problem)
 
         tangents = jnp.eye(at.shape[0], dtype=at.dtype)

@@ -2,11 +2,11 @@
 
 import dataclasses
 import functools
-from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
+from jaxtyping import PyTree
 
 from fpjax.errors import InputError
 
@@ -42,9 +42,9 @@ def levenberg_marquardt(lanes: Lanes, settings: LevenbergMarquardt, stop: Stop) 
     best = Best(*trial.shape)
     needed = lanes.gradient_simulations("forward")
     start, step = _solver(settings.tolerance)
-    state: Any = None
+    state: PyTree = None
     factor = np.ones(lanes.count)
-    at: Any = trial
+    at: PyTree = trial
     active = np.ones(lanes.count, bool)
     for _ in range(settings.iterations):
         active &= ~stop.before(best, needed)
@@ -87,7 +87,7 @@ def _in_gains(lanes: Lanes) -> Lanes:
 
 
 @functools.lru_cache(maxsize=8)
-def _solver(tolerance: float) -> tuple[Any, Any]:
+def _solver(tolerance: float) -> tuple[PyTree, PyTree]:
     """(start, step) of optimistix' solver over lanes."""
     import optimistix
 
@@ -95,19 +95,19 @@ def _solver(tolerance: float) -> tuple[Any, Any]:
     # "bwd": the Jacobian is an array in the state, which may then cross from one jit to the next.
     options, tags = {"jac": "bwd"}, frozenset()
 
-    def linear(at: Any, model: Any) -> Any:
+    def linear(at: PyTree, model: PyTree) -> PyTree:
         origin, residuals, slopes = model
         return residuals + slopes @ (at - origin), None
 
-    def start(at: Any, model: Any) -> Any:
-        def one(at: Any, model: Any) -> Any:
+    def start(at: PyTree, model: PyTree) -> PyTree:
+        def one(at: PyTree, model: PyTree) -> PyTree:
             shape = jax.eval_shape(lambda: linear(at, model)[0])
             return solver.init(linear, at, model, options, shape, None, tags)
 
         return eqx.filter_vmap(one)(at, model)
 
-    def step(at: Any, model: Any, state: Any) -> Any:
-        def one(at: Any, model: Any, state: Any) -> Any:
+    def step(at: PyTree, model: PyTree, state: PyTree) -> PyTree:
+        def one(at: PyTree, model: PyTree, state: PyTree) -> PyTree:
             at, state, _ = solver.step(linear, at, model, options, state, tags)
             return at, state, state.terminate
 

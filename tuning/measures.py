@@ -1,12 +1,10 @@
 """Measures that only a tuning needs: squared errors after a start, whole or by time bins, and the noise gain."""
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from fpjax.blocks.observers import AbstractObserver
 from fpjax.blocks.signals import Signals
@@ -31,7 +29,7 @@ class SquaredAfter(AbstractMeasure):
         bins: time bins, 0 for the whole (static).
     """
 
-    quantity: Any = eqx.field(static=True)
+    quantity: PyTree = eqx.field(static=True)
     estimate: str | None = eqx.field(static=True)
     target: Array
     scale: Array
@@ -39,13 +37,13 @@ class SquaredAfter(AbstractMeasure):
     stop: Array
     bins: int = eqx.field(static=True)
 
-    def init(self, zero: Array) -> Any:
+    def init(self, zero: Array) -> PyTree:
         """(sums of squares, samples) of the whole, or (sums, sums of squares, samples) of the bins, each (bins,)."""
         # One array a sum and not one number a bin: 48 numbers and their tangents took XLA most of its time to compile.
         start = zero if self.bins == 0 else jnp.broadcast_to(zero, (self.bins,))
         return (start, start) if self.bins == 0 else (start, start, start)
 
-    def update(self, total: Any, signals: Signals) -> Any:
+    def update(self, total: PyTree, signals: Signals) -> PyTree:
         """Add the error and its square."""
         value = self.quantity(signals) if self.estimate is None else signals.estimates[self.estimate]
         error = (value - self.target) / self.scale
@@ -69,7 +67,7 @@ class SquaredAfter(AbstractMeasure):
         ends = self.start + span * jnp.asarray(end, time.dtype)
         return begins, jnp.where(jnp.asarray(place == self.bins - 1), jnp.inf, ends)
 
-    def final(self, total: Any, samples: int) -> Array:
+    def final(self, total: PyTree, samples: int) -> Array:
         """The mean square, or the residuals of shape (2 bins,)."""
         del samples
         if self.bins == 0:

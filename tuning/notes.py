@@ -1,7 +1,6 @@
 """What to look at before tuned gains are used: the solver's stability limit, and estimates that cannot converge."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -104,7 +103,7 @@ def notes_of(
     rate: float,
     fastest: float,
     off: dict[str, float],
-    tables: Sequence[tuple[str, Any]],
+    tables: Sequence[tuple[str, Array]],
 ) -> list[str]:
     """Sentences on one set of gains.
 
@@ -160,7 +159,7 @@ def _stability(problem: Problem, rate: float) -> list[str]:
 
 
 def _excitation(
-    problem: Problem, gains: dict[str, float], off: dict[str, float], tables: Sequence[tuple[str, Any]]
+    problem: Problem, gains: dict[str, float], off: dict[str, float], tables: Sequence[tuple[str, Array]]
 ) -> list[str]:
     if not problem.loop.observer.estimated:
         return []

@@ -12,13 +12,14 @@ from fpjax.blocks.block import Block, as_parameter
 from fpjax.errors import InputError
 from fpjax.loop import ClosedLoop
 from fpjax.metrics import AbstractMeasure, EstimateFinal, position_error, safe_root, velocity_error
+from fpjax.output.json_object import JsonObject
 
 from .measures import NoiseGain, SquaredAfter
 
 BINS = 16  # time bins of a residual vector
 
 
-def _parameters(values: Any) -> dict[str, Any]:
+def _parameters(values: Any) -> JsonObject:
     return {name: as_parameter(value) for name, value in dict(values).items()}
 
 

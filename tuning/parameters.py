@@ -3,12 +3,13 @@
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 from jaxtyping import Array
 
 from fpjax.errors import InputError
@@ -133,7 +134,7 @@ def _turning(at: Array) -> Array:
 
 
 def make_space(
-    loop: ClosedLoop, parameters: Sequence[str | Parameter], dtype: Any
+    loop: ClosedLoop, parameters: Sequence[str | Parameter], dtype: DTypeLike
 ) -> tuple[tuple[str, ...], Array, Space]:
     """(names, start of shape (n,), `Space`) of what is to be tuned.
 

@@ -1,13 +1,14 @@
 """A tuning problem as one pytree of arrays, and its cost for a set of gains: mean or worst over all cases."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jax.typing import DTypeLike
+from jaxtyping import Array, PyTree
 
 from fpjax.blocks.references import AbstractReference
 from fpjax.errors import InputError
@@ -60,7 +61,7 @@ class Problem(eqx.Module):
         return self.references[0].shape[0], plants, self.seeds
 
     @property
-    def dtype(self) -> Any:
+    def dtype(self) -> DTypeLike:
         """The loop's precision."""
         return self.time.dtype
 
@@ -77,7 +78,7 @@ def make_problem(
     solver: str | AbstractPlantSolver = "rk4",
     stepping: Stepping = "continuous",
     substeps: int = 1,
-    plants: Mapping[str, Any] | None = None,
+    plants: Mapping[str, PyTree] | None = None,
     noise_seeds: Sequence[int] = (),
     aggregate: Aggregate = "mean",
 ) -> tuple[Problem, Array, tuple[str, ...]]:
@@ -161,7 +162,7 @@ def label_references(references: References) -> tuple[tuple[str, ...], list[Abst
     return labels, listed
 
 
-def case_costs(values: Array, index: Array | None, problem: Problem, also: Any = None) -> Any:
+def case_costs(values: Array, index: Array | None, problem: Problem, also: PyTree = None) -> PyTree:
     """Cost of every case for one candidate, shape (references, plants, seeds); not finite where a run diverged.
 
     Args:
@@ -171,7 +172,7 @@ def case_costs(values: Array, index: Array | None, problem: Problem, also: Any =
         also: `also(loop, objective, horizon)` gives further measures by name; (costs, those measures) is then returned.
     """
 
-    def judged(loop: ClosedLoop, inputs: Inputs) -> Any:
+    def judged(loop: ClosedLoop, inputs: Inputs) -> PyTree:
         measures = problem.objective.measures(loop, horizon(problem), False)
         extra = {} if also is None else also(loop, problem.objective, horizon(problem))
         assert not set(measures) & set(extra), "a further measure has the name of one of the objective's"
@@ -212,13 +213,13 @@ def simulations_of(problem: Problem, alone: bool) -> int:
     return (1 if alone else references) * plants * seeds
 
 
-def _over_cases(judged: Any, values: Array, index: Array | None, problem: Problem) -> Any:
+def _over_cases(judged: PyTree, values: Array, index: Array | None, problem: Problem) -> PyTree:
     references = problem.references
     if index is not None:
         references = tuple(table[index][None] for table in references)
     _, plants, seeds = problem.shape
 
-    def one(tables: tuple[Array, ...], plant: dict[str, Array], noise: tuple[Array, ...]) -> Any:
+    def one(tables: tuple[Array, ...], plant: dict[str, Array], noise: tuple[Array, ...]) -> PyTree:
         candidate = {name: values[place] for place, name in enumerate(problem.parameters)}
         loop = set_parameters(problem.loop, plant | candidate)
         return judged(loop, Inputs(problem.time, tables, noise))

@@ -2,11 +2,12 @@
 
 import dataclasses
 import difflib
-from collections.abc import Mapping, Sequence
-from typing import Any, TypedDict
+from collections.abc import Sequence
+from typing import TypedDict
 
 from fpjax.errors import InputError
 from fpjax.model_file import Model
+from fpjax.output.json_object import JsonObject, TomlTable
 from fpjax.scan import Stepper, Stepping, make_stepper
 from fpjax.solvers import AbstractPlantSolver
 
@@ -24,7 +25,7 @@ class SetupWords(TypedDict, total=False):
     solver: str | AbstractPlantSolver | None
     stepping: Stepping | None
     substeps: int | None
-    plants: Mapping[str, Any] | None
+    plants: TomlTable | None
     noise_seeds: Sequence[int]
     aggregate: Aggregate
 
@@ -54,7 +55,7 @@ class Setup:
     solver: str | AbstractPlantSolver | None = None
     stepping: Stepping | None = None
     substeps: int | None = None
-    plants: Mapping[str, Any] | None = None
+    plants: TomlTable | None = None
     noise_seeds: Sequence[int] = ()
     aggregate: Aggregate = "mean"
 
@@ -74,14 +75,14 @@ class Setup:
         named = ("dt", "duration", "samples", "solver", "stepping", "substeps")
         return make_stepper(**{name: value for name, value in self.words().items() if name in named})
 
-    def words(self) -> dict[str, Any]:
+    def words(self) -> JsonObject:
         """As keywords of `make_problem`, with the solver, stepping and substeps of a loop of which nothing is said."""
         said = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         usual = {"solver": "rk4", "stepping": "continuous", "substeps": 1}
         return said | {name: said[name] or value for name, value in usual.items()}
 
 
-def settled(setup: Setup | None, words: Mapping[str, Any]) -> Setup:
+def settled(setup: Setup | None, words: TomlTable) -> Setup:
     """The setup with the keywords that were given in place of its own fields.
 
     Raises:

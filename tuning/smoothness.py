@@ -1,10 +1,10 @@
 """Whether derivatives through a loop say anything."""
 
 import dataclasses
-from typing import Any
 
 import equinox as eqx
 import jax
+from jaxtyping import PyTree
 
 from fpjax.blocks.friction import Coulomb, Viscous
 from fpjax.blocks.observers import Absolute
@@ -12,7 +12,7 @@ from fpjax.loop import ClosedLoop
 from fpjax.solvers import AbstractPlantSolver
 
 
-def set_valued(tree: Any) -> str:
+def set_valued(tree: PyTree) -> str:
     """The name of a block within that holds sign() or |.|, so that gradients through it say nothing; else empty."""
     if isinstance(tree, (Coulomb, Absolute)):
         return type(tree).__name__

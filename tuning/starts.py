@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from fpjax.analysis.placement import place_gain
 from fpjax.loop import ClosedLoop
 
 from .notes import truths
+from .objective import AbstractObjective
 from .parameters import DECADES, Parameter, Space
 
 SCREENED = 64  # candidates of the screen, one cost each, in one kernel
@@ -19,7 +19,11 @@ REACH = 2.0  # decades that the screen spans to either side of the placed gains
 
 
 def placed_parameters(
-    loop: ClosedLoop, tables: Sequence[np.ndarray], dt: float, parameters: Sequence[str | Parameter], objective: Any
+    loop: ClosedLoop,
+    tables: Sequence[np.ndarray],
+    dt: float,
+    parameters: Sequence[str | Parameter],
+    objective: AbstractObjective,
 ) -> list[Parameter]:
     """Every parameter that is given by its name alone with the start and the range of its rule.
 

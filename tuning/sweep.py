@@ -3,12 +3,13 @@
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 
 from fpjax.errors import InputError
 from fpjax.loop import ClosedLoop
+from fpjax.output.json_object import JsonObject
 from fpjax.output.progress import Stages, drawing
 from fpjax.parameters import get_parameter
 
@@ -139,7 +140,7 @@ def _local(
 
 
 def _prepare(
-    loop: ClosedLoop, references: References, axes: Sequence[Axis], settings: dict[str, Any]
+    loop: ClosedLoop, references: References, axes: Sequence[Axis], settings: JsonObject
 ) -> tuple[Problem, tuple[str, ...], tuple[Axis, ...]]:
     axes = tuple(axes)
     if not axes:

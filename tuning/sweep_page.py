@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
+from fpjax.output.json_object import JsonObject
 from fpjax.output.plotting import SERIES
 from fpjax.output.runfile import plain, write_whole
 
@@ -38,7 +39,7 @@ def write_page(shown: Slice, path: Path, paths: Paths) -> Path:
     return path
 
 
-def _content(shown: Slice, paths: Paths) -> dict[str, Any]:
+def _content(shown: Slice, paths: Paths) -> JsonObject:
     grid = shown.cost
     levels = colour_levels(grid)
     colours = colormaps["viridis_r"](np.linspace(0.0, 1.0, max(len(levels) - 1, 1)))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fpjax.errors import InputError
+from fpjax.output.json_object import JsonObject
 from fpjax.output.runfile import refuse_unfinished, whole_file
 
 from .axis import Axis, Paths
@@ -63,7 +64,7 @@ class SweepResult:
         """Candidates whose run diverged on some reference."""
         return int(np.count_nonzero(~np.all(np.isfinite(self.costs), axis=-1)))
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Summary without the grid, as JSON takes it."""
         best = {label: self.best(label) for label in self.references}
         return {
@@ -170,7 +171,7 @@ class SweepResult:
     __repr__ = __str__
 
 
-def load_sweep(path: str | Path) -> dict[str, Any]:
+def load_sweep(path: str | Path) -> JsonObject:
     """What `SweepResult.save` wrote: arrays by name, `summary` as a dictionary.
 
     Args:

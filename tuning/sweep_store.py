@@ -15,12 +15,13 @@ import stat
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
+from jax.typing import DTypeLike
 
 from fpjax.errors import FpjaxWarning, InputError
+from fpjax.output.json_object import JsonObject
 from fpjax.output.runfile import whole_file, write_whole
 
 from .axis import Axis
@@ -51,7 +52,7 @@ class SweepStore:
         total: int,
         columns: int,
         chunk: int,
-        dtype: Any,
+        dtype: DTypeLike,
         *,
         resume: bool,
     ):
@@ -269,11 +270,11 @@ def _chunk_digest(identity: str, piece: int, body: bytes) -> bytes:
     return hashlib.sha256(f"{identity} {piece} ".encode() + body).digest()
 
 
-def _checksum(content: dict[str, Any]) -> str:
+def _checksum(content: JsonObject) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _read_manifest(path: Path) -> dict[str, Any] | None:
+def _read_manifest(path: Path) -> JsonObject | None:
     """What `sweep.json` says; None where it is not there or damaged."""
     try:
         if not stat.S_ISREG(path.lstat().st_mode):

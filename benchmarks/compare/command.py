@@ -5,9 +5,9 @@ import contextlib
 import json
 import sys
 from pathlib import Path
-from typing import Any
 
 from fpjax.errors import InputError
+from fpjax.output.json_object import JsonObject
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _left(path: Path, settings: dict[str, Any]) -> tuple[list[dict[str, Any]], dict[str, float]]:
+def _left(path: Path, settings: JsonObject) -> tuple[list[JsonObject], dict[str, float]]:
     """(rows, seconds) that an interrupted run left.
 
     Raises:
@@ -120,7 +120,7 @@ def _left(path: Path, settings: dict[str, Any]) -> tuple[list[dict[str, Any]], d
     return rows, spent
 
 
-def _table(rows: list[dict[str, Any]]) -> str:
+def _table(rows: list[JsonObject]) -> str:
     head = (
         f"{'observer':<12}{'objective':<11}{'reference':<10}{'method':<21}{'gain_2':>9}{'gain_1':>10}"
         f"{'cost':>11}{'simulations':>12}{'run s':>8}{'compile s':>10}"
@@ -135,7 +135,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def _goals(judged: list[dict[str, Any]]) -> str:
+def _goals(judged: list[JsonObject]) -> str:
     """Both goals: the default method's verdicts one by one, the other methods' in one line each."""
     lines = []
     for goal in dict.fromkeys(one["goal"] for one in judged):

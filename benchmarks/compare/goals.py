@@ -1,6 +1,6 @@
 """The goals of the comparison, computed from its rows."""
 
-from typing import Any
+from fpjax.output.json_object import JsonObject
 
 from .race import DEFAULT, GRADIENTS, SWEEP
 
@@ -10,7 +10,7 @@ WITHIN = 1.01
 ZERO = {"thesis": 1e-3, "estimation": 0.0}
 
 
-def goals(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def goals(rows: list[JsonObject]) -> list[JsonObject]:
     """Of every observer, objective, reference and gradient method: steps against Algorithm 1, cost against the sweep.
 
     Each method is judged alone; the verdict of the default one is the headline: the best of three in hindsight would
@@ -37,7 +37,7 @@ def goals(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return found
 
 
-def _steps(of: dict[str, dict[str, Any]], method: str) -> dict[str, Any]:
+def _steps(of: dict[str, JsonObject], method: str) -> JsonObject:
     target, theirs = of["algorithm_1"]["cost"], of["algorithm_1"]["simulations_to_best"]
     used = next((number for number, cost in of[method]["history"] if cost is not None and cost <= target), None)
     ratio = None if used is None else used / theirs
@@ -59,7 +59,7 @@ def _steps(of: dict[str, dict[str, Any]], method: str) -> dict[str, Any]:
     }
 
 
-def _minimum(of: dict[str, dict[str, Any]], method: str, zero: float) -> dict[str, Any]:
+def _minimum(of: dict[str, JsonObject], method: str, zero: float) -> JsonObject:
     least, reached = of[SWEEP]["cost"], of[method]["cost"]
     met = reached <= max(WITHIN * least, zero)
     return {
@@ -72,7 +72,7 @@ def _minimum(of: dict[str, dict[str, Any]], method: str, zero: float) -> dict[st
     }
 
 
-def _where(of: dict[str, dict[str, Any]], method: str) -> str:
+def _where(of: dict[str, JsonObject], method: str) -> str:
     """Where the gradient ended and where the sweep's minimum lies: one start sees one basin."""
     ours, theirs = of[method]["gains"], of[SWEEP]["gains"]
     return (

@@ -1,11 +1,11 @@
 """Curves of cost against budget."""
 
 from pathlib import Path
-from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.ticker import NullFormatter
 
+from fpjax.output.json_object import JsonObject
 from fpjax.output.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, STYLE, new_figure, save
 
 from .race import SWEEP
@@ -20,7 +20,7 @@ COLOURS = {
 }
 
 
-def draw(rows: list[dict[str, Any]], observer: str, objective: str, path: Path) -> Path:
+def draw(rows: list[JsonObject], observer: str, objective: str, path: Path) -> Path:
     """One panel a reference: the best cost so far over the simulations used, and the sweep's minimum."""
     ours = [row for row in rows if (row["observer"], row["objective"]) == (observer, objective)]
     labels = list(dict.fromkeys(row["reference"] for row in ours))
@@ -32,7 +32,7 @@ def draw(rows: list[dict[str, Any]], observer: str, objective: str, path: Path) 
             size=(4.0 * columns, 2.9 * -(-len(labels) // columns) + 0.6),
             title=f"{observer}: best {objective} cost so far",
         )
-        handles: dict[str, Any] = {}
+        handles: JsonObject = {}
         for place, axes in enumerate(panels.flat):
             if place >= len(labels):
                 axes.set_visible(False)

@@ -3,10 +3,10 @@
 import dataclasses
 import time
 from collections.abc import Callable
-from typing import Any
 
 import tuning
 from fpjax import AbstractReference
+from fpjax.output.json_object import JsonObject
 from tuning.methods import Method
 
 from .cases import JOINT, Case
@@ -53,11 +53,11 @@ def race(
     references: dict[str, AbstractReference],
     settings: Settings,
     share: Callable[[str], None],
-) -> list[dict[str, Any]]:
+) -> list[JsonObject]:
     """All rows of one case and objective; a row is what `compare.json` holds."""
     groups: dict[str, dict[str, AbstractReference]] = {name: {name: one} for name, one in references.items()}
     groups[JOINT] = references
-    common: dict[str, Any] = {
+    common: JsonObject = {
         "objective": case.objective(objective),
         "dt": settings.dt,
         "duration": settings.duration,
@@ -100,8 +100,8 @@ def race(
 
 
 def _sweep_rows(
-    case: Case, objective: str, references: dict[str, AbstractReference], settings: Settings, common: dict[str, Any]
-) -> list[dict[str, Any]]:
+    case: Case, objective: str, references: dict[str, AbstractReference], settings: Settings, common: JsonObject
+) -> list[JsonObject]:
     axes = case.axes(settings.points)
     begin = time.perf_counter()
     # A first chunk of the same shape pays for compiling; the sweep after it is timed alone.

@@ -6,11 +6,11 @@ import math
 import pathlib
 import sys
 import time
-from typing import Any
 
 import numpy as np
 
 from fpjax.errors import InputError
+from fpjax.output.json_object import JsonObject
 
 from .machines import Drawn, draw
 
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def judge(machine: Drawn, starts: int) -> dict[str, Any]:
+def judge(machine: Drawn, starts: int) -> JsonObject:
     """One machine: its default tuning, the best of many starts, and the tuned estimates under noise."""
     import dataclasses
 
@@ -119,7 +119,7 @@ def judge(machine: Drawn, starts: int) -> dict[str, Any]:
     }
 
 
-def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+def summary(rows: list[JsonObject]) -> JsonObject:
     """The counts against their goals."""
     reached = float(np.mean([row["reached"] for row in rows]))
     spent = float(np.median([row["cpu_s"] for row in rows]))
@@ -137,7 +137,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _line(row: dict[str, Any]) -> str:
+def _line(row: JsonObject) -> str:
     shown = ", ".join(
         f"{name} {'?' if value is None else f'{100.0 * value:+.2g} %'}" for name, value in row["off"].items()
     )
@@ -149,7 +149,7 @@ def _line(row: dict[str, Any]) -> str:
     )
 
 
-def _left(path: pathlib.Path, settings: dict[str, Any]) -> list[dict[str, Any]]:
+def _left(path: pathlib.Path, settings: JsonObject) -> list[JsonObject]:
     """The rows that an interrupted run left.
 
     Raises:

@@ -1,17 +1,17 @@
 """The picture of the defaults: cost against the best of many starts, and how far off the estimates end."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.ticker import LogFormatter, LogLocator, NullFormatter
 
+from fpjax.output.json_object import JsonObject
 from fpjax.output.plotting import BLUE, GREY, RED, new_figure, save, style
 
 ENDS = (1e-2, 1e3)  # % that are shown: an error of more is drawn at the end
 
 
-def draw_defaults(rows: list[dict[str, Any]], near: float, path: Path) -> Path:
+def draw_defaults(rows: list[JsonObject], near: float, path: Path) -> Path:
     """Draw and save.
 
     Args:

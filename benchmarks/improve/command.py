@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fpjax.errors import InputError
+from fpjax.output.json_object import JsonObject
 from fpjax.output.runfile import versions, write_json
 
 from ..run_command import fpjax_command
@@ -187,7 +188,7 @@ def _drive(folder: Path, wanted: list[Identity], periods: int) -> None:
     progress.end(f"{len(missing)} machines")
 
 
-def _best_of(own: Path) -> dict[str, Any] | None:
+def _best_of(own: Path) -> JsonObject | None:
     return _read(own / "best.json") if (own / "best.json").exists() else None
 
 
@@ -215,11 +216,11 @@ def _size(error: float | None) -> float:
     return math.inf if error is None else error
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> JsonObject:
     return json.loads(path.read_text())
 
 
-def _proposed(own: Path, now: dict[str, float]) -> dict[str, Any]:
+def _proposed(own: Path, now: dict[str, float]) -> JsonObject:
     content = _read(own / "improve" / "improve.json")
     if "failed" in content:
         failed = {"decision": "failed", "verdict": "failed", "reason": content["failed"]}

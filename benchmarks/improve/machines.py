@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from fpjax.improvement.judge import LONGEST_SETTLING, SETTLING
+from fpjax.output.json_object import JsonObject
 
 from ..withheld.identity import Identity
 from .first import First, run_first
@@ -44,7 +45,7 @@ class Truth(NamedTuple):
     bounds: dict[str, tuple[float, float]]
 
 
-def build(identity: Identity, periods: int, drawn: dict[str, Any] | None = None) -> Truth:
+def build(identity: Identity, periods: int, drawn: JsonObject | None = None) -> Truth:
     """A machine, and between which values its gains may be tuned: the same for every way of tuning.
 
     Args:
@@ -61,7 +62,7 @@ def build(identity: Identity, periods: int, drawn: dict[str, Any] | None = None)
     return Truth(identity, case, now, bounds)
 
 
-def settled(wanted: Sequence[Identity], periods: int) -> list[dict[str, Any]]:
+def settled(wanted: Sequence[Identity], periods: int) -> list[JsonObject]:
     """What has to be known of each beside its identity to build it again: how often and how large it was drawn."""
     two = [one for one in wanted if one.truth == 2]
     found = dict(zip(two, finish_second(two, periods), strict=True)) if two else {}

@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
+
+from fpjax.output.json_object import JsonObject
 
 WON, WORSE, INTERVALS = 0.9, 0.02, (0.85, 0.95)  # goals
 NOTHING = 0.02  # of the nominal gains' error: where the truth itself wins less, there was nothing to win
 
-Row = dict[str, Any]
+Row = JsonObject
 
 
 def share_won(row: Row) -> float | None:

@@ -4,7 +4,8 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+
+from fpjax.output.json_object import JsonObject
 
 from ..withheld.identity import Identity
 from ..withheld.second import cases, label
@@ -24,7 +25,7 @@ class Second:
         drawn: `words` and `grow` with which the case came out; None: the first draw.
     """
 
-    def __init__(self, identity: Identity, periods: int, drawn: dict[str, Any] | None):
+    def __init__(self, identity: Identity, periods: int, drawn: JsonObject | None):
         drawn = drawn or {"words": f"{words_of(identity)}/0", "grow": 1.0}
         self.identity = identity
         self.case = cases.build(
@@ -59,7 +60,7 @@ def words_of(one: Identity) -> str:
     return f"{one.set}/{one.sensors}/{one.number}"
 
 
-def finish_second(wanted: Sequence[Identity], periods: int) -> list[dict[str, Any]]:
+def finish_second(wanted: Sequence[Identity], periods: int) -> list[JsonObject]:
     """With which words and which size of the effect each case came out: visible, and a log that somebody would keep."""
     asked = [
         cases.Asked(one.seed, words_of(one), one.set, one.sensors, one.system, one.effects, one.recording)

@@ -1,9 +1,10 @@
 """`python -m benchmarks plan`: an ambiguous log, then a planned run against others, on withheld machines."""
 
 import argparse
+from fpjax.output.json_object import JsonObject
 import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -166,7 +167,7 @@ def _table(plan: Path) -> np.ndarray:
     return np.loadtxt(plan / "reference.csv", delimiter=",", skiprows=1)[:, 1]
 
 
-def _score(place: Path, why: str) -> dict[str, Any] | None:
+def _score(place: Path, why: str) -> JsonObject | None:
     """Of a diagnosis; None where there is none yet."""
     if not _finished(place / why):
         return None
@@ -181,7 +182,7 @@ def _score(place: Path, why: str) -> dict[str, Any] | None:
 
 def _report(args: argparse.Namespace, asked: list[_Asked]) -> None:
     """Prints what is finished, and leaves it in plan_check.json."""
-    rows, curve = list[dict[str, Any]](), list[dict[str, Any]]()
+    rows, curve = list[JsonObject](), list[JsonObject]()
     for one in asked:
         score = _score(one.place, "why_first")
         if score is not None:
@@ -202,7 +203,7 @@ def _report(args: argparse.Namespace, asked: list[_Asked]) -> None:
         for one, found in whole:
             told = " ".join(f"{_told(found[kind]):<33}" for kind in RUNS)
             print(f"  {one.case.identity.effects[0]:<28} {told}".rstrip())
-        row: dict[str, Any] = {"length": length, "machines": len(whole)}
+        row: JsonObject = {"length": length, "machines": len(whole)}
         for kind in RUNS:
             scores = [found[kind] for _, found in whole]
             row[kind] = {name: sum(one[name] for one in scores) for name in ("right", "decided", "wrongly_sure")}
@@ -218,7 +219,7 @@ def _report(args: argparse.Namespace, asked: list[_Asked]) -> None:
     (args.out / "plan_check.json").write_text(json.dumps(content, indent=1) + "\n")
 
 
-def _runs_of(one: _Asked, length: float) -> dict[str, Any] | None:
+def _runs_of(one: _Asked, length: float) -> JsonObject | None:
     """Scores after each kind of run of a length and what was expected of them; None where one is not there yet."""
     scores = {kind: _score(one.place, "why_" + _name(kind, length)) for kind in RUNS}
     if any(score is None for score in scores.values()):
@@ -227,7 +228,7 @@ def _runs_of(one: _Asked, length: float) -> dict[str, Any] | None:
     return scores | {"aim": plan["aim"], "rivals": plan["rivals"], "worst_nats": plan["worst_nats"]}
 
 
-def _told(score: dict[str, Any]) -> str:
+def _told(score: JsonObject) -> str:
     probability = 0.0 if score["probability"] is None else score["probability"]
     mark = "+" if score["decided"] else "-"
     return f"{mark} {score['first']} {probability:.2f}"

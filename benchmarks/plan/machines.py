@@ -2,9 +2,10 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+
+from fpjax.output.json_object import JsonObject
 
 from ..withheld import first
 from ..withheld.identity import Identity, identities
@@ -120,7 +121,7 @@ def write(place: Path, case: first.Case, record: Record) -> None:
     (place / "partial").rmdir()
 
 
-def label_of(case: first.Case, record: Record) -> dict[str, Any]:
+def label_of(case: first.Case, record: Record) -> JsonObject:
     """What the scorer is told."""
     one = case.identity
     return first.label_of(case, record) | {

@@ -4,10 +4,12 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from fpjax.output.json_object import JsonObject
+
 from ..withheld.score import ASSERTING, SURE, declared, is_learned, number, ranking_of
 from .records import Goal
 
-Diagnosis = dict[str, Any]
+Diagnosis = JsonObject
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ def parameter_figure(diagnosis: Diagnosis, name: str, wanted: dict[str, float]) 
     return Figure(name, wanted["value"], wanted["within"], value, low, high, str(given.get("unit", "")), passed)
 
 
-def after_figure(diagnosis: Diagnosis, wanted: dict[str, Any]) -> Figure:
+def after_figure(diagnosis: Diagnosis, wanted: JsonObject) -> Figure:
     """The missing torque that is left on withheld data, beside the most that may be."""
     gap = diagnosis.get("gap") or {}
     value, unit = _finite(gap.get("after")), str(gap.get("unit"))
@@ -73,7 +75,7 @@ def _finite(given: Any) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def entry_of(diagnosis: Diagnosis, effect: str) -> dict[str, Any]:
+def entry_of(diagnosis: Diagnosis, effect: str) -> JsonObject:
     """An effect's entry of the ranking; empty if it has none."""
     return next((entry for entry in ranking_of(diagnosis) if entry["effect"] == effect), {})
 
@@ -110,7 +112,7 @@ def check_all(diagnosis: Diagnosis, goal: Goal, hidden: tuple[tuple[float, float
     return checks
 
 
-def probability(entry: dict[str, Any]) -> float:
+def probability(entry: JsonObject) -> float:
     """The larger of an entry's probabilities: as the main cause, and among the causes."""
     stated = [number(entry.get(name)) for name in ("probability", "cause_probability")]
     return max((p for p in stated if math.isfinite(p)), default=0.0)
@@ -129,7 +131,7 @@ def _said(figure: Figure) -> str:
     return f"{figure.value:.4g} {figure.unit}{band}"
 
 
-def check_after(diagnosis: Diagnosis, wanted: dict[str, Any]) -> Check:
+def check_after(diagnosis: Diagnosis, wanted: JsonObject) -> Check:
     """The missing torque that is left on withheld data."""
     figure = after_figure(diagnosis, wanted)
     sentence = f"withheld, at most {wanted['at_most']:g} {wanted['unit']} left"
@@ -139,7 +141,7 @@ def check_after(diagnosis: Diagnosis, wanted: dict[str, Any]) -> Check:
     return Check(sentence, figure.passed, f"{before:.3g} -> {figure.value:.3g} {figure.unit}")
 
 
-def check_located(diagnosis: Diagnosis, wanted: dict[str, Any], hidden: tuple[tuple[float, float], ...]) -> list[Check]:
+def check_located(diagnosis: Diagnosis, wanted: JsonObject, hidden: tuple[tuple[float, float], ...]) -> list[Check]:
     """Whether the hidden pushes are among the places in time that stand out, and most places are pushes."""
     places = (diagnosis.get("where") or {}).get("time") or []
     slack = float(wanted.get("slack", 0.1))

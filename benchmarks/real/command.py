@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fpjax.errors import InputError
+from fpjax.output.json_object import JsonObject
 from fpjax.output.runfile import write_whole
 
 from ..run_command import fpjax_command
@@ -73,7 +74,7 @@ def run_real(
     return 0 if right == len(results) else 1
 
 
-def run_case(case: RealCase, records: Records, out: Path, afresh: bool, tool: Tool) -> dict[str, Any]:
+def run_case(case: RealCase, records: Records, out: Path, afresh: bool, tool: Tool) -> JsonObject:
     """One case: the diagnosis through the command, and its checks."""
     place = out / case.name
     place.mkdir(parents=True, exist_ok=True)
@@ -112,9 +113,9 @@ def run_case(case: RealCase, records: Records, out: Path, afresh: bool, tool: To
 
 
 def told(
-    case: RealCase, records: Records, diagnosis: dict[str, Any], checks: list[Check], hidden: tuple[Stretch, ...],
+    case: RealCase, records: Records, diagnosis: JsonObject, checks: list[Check], hidden: tuple[Stretch, ...],
     spent: float | None, error: str,
-) -> dict[str, Any]:  # fmt: skip
+) -> JsonObject:  # fmt: skip
     """What results.json says of a case."""
     ranking = [
         {"effect": entry.get("effect"), "probability": probability(entry), "parameters": entry.get("parameters")}
@@ -143,7 +144,7 @@ def told(
     }
 
 
-def made_with(out: Path, results: list[dict[str, Any]]) -> dict[str, str]:
+def made_with(out: Path, results: list[JsonObject]) -> dict[str, str]:
     """Date and versions of the oldest diagnosis."""
     told = [json.loads(path.read_text()) for one in results if (path := out / one["case"] / "diagnosis.json").exists()]
     said = [one["provenance"] for one in told if one.get("provenance")]
@@ -154,7 +155,7 @@ def made_with(out: Path, results: list[dict[str, Any]]) -> dict[str, str]:
     return {name: versions[name] for name in ("fpjax", "jax") if name in versions} | {"of": str(oldest["started"])[:10]}
 
 
-def show(found: dict[str, Any]) -> None:
+def show(found: JsonObject) -> None:
     """Print a case: verdict, causes, figures against the documented ones."""
     spent = "" if found["seconds"] is None else f" ({found['seconds']:.1f} s of processor)"
     print(f"\n  {found['case']}: {found['question']}{spent}")

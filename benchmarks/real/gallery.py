@@ -2,7 +2,8 @@
 
 from html import escape
 from pathlib import Path
-from typing import Any
+
+from fpjax.output.json_object import JsonObject
 
 HEAD = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -16,7 +17,7 @@ img{max-width:100%;border:1px solid #e3e6ea;margin:.3rem 0}
 """
 
 
-def write_gallery(out: Path, results: list[dict[str, Any]]) -> None:
+def write_gallery(out: Path, results: list[JsonObject]) -> None:
     """Write index.html beside the cases' folders."""
     right, sure = sum(one["right"] for one in results), sum(one["wrongly_sure"] for one in results)
     parts = [HEAD, "<h1>Records of real machines</h1>"]
@@ -28,7 +29,7 @@ def write_gallery(out: Path, results: list[dict[str, Any]]) -> None:
     (out / "index.html").write_text("\n".join([*parts, "</body></html>\n"]))
 
 
-def _row(one: dict[str, Any]) -> str:
+def _row(one: JsonObject) -> str:
     mark = '<span class="yes">as documented</span>' if one["right"] else '<span class="no">not as documented</span>'
     cells = (
         f'<a href="#{escape(one["case"])}">{escape(one["case"])}</a>',
@@ -40,11 +41,11 @@ def _row(one: dict[str, Any]) -> str:
     return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
 
 
-def _causes(one: dict[str, Any]) -> str:
+def _causes(one: JsonObject) -> str:
     return ", ".join(name.replace("_", " ") for name in one["causes"]) or "none asserted"
 
 
-def gap_words(gap: dict[str, Any] | None) -> str:
+def gap_words(gap: JsonObject | None) -> str:
     """Before, after and unit."""
     if not gap or gap.get("before") is None:
         return "not given"
@@ -53,7 +54,7 @@ def gap_words(gap: dict[str, Any] | None) -> str:
     return f"{number(gap['before']):.3g} to {number(gap['after']):.3g} {gap.get('unit', '')}"
 
 
-def _section(one: dict[str, Any]) -> str:
+def _section(one: JsonObject) -> str:
     name = escape(one["case"])
     lines = [f'<h2 id="{name}">{name}</h2>', f"<p>{escape(one['question'])}</p>"]
     lines.append(f'<p class="quiet">{escape(one["records"])}. {escape(one["source"])}</p>')

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from fpjax.output.json_object import JsonObject
 from fpjax.output.runfile import write_whole
 
 from .gallery import gap_words
@@ -12,7 +13,7 @@ WIDTH = 1000  # of a picture [pixels]
 COLOURS = 64  # of its palette: the pictures are lines on white
 
 
-def write_page(page: Path, out: Path, results: Sequence[dict[str, Any]], versions: dict[str, str]) -> None:
+def write_page(page: Path, out: Path, results: Sequence[JsonObject], versions: dict[str, str]) -> None:
     """Write a MyST page, and beside it a folder of its pictures.
 
     Args:
@@ -52,7 +53,7 @@ def write_page(page: Path, out: Path, results: Sequence[dict[str, Any]], version
     write_whole(page, "\n".join(lines) + "\n")
 
 
-def _section(one: dict[str, Any], out: Path, folder: Path, page: Path) -> list[str]:
+def _section(one: JsonObject, out: Path, folder: Path, page: Path) -> list[str]:
     lines = [
         f"## {one['case']}",
         "",
@@ -78,14 +79,14 @@ def _section(one: dict[str, Any], out: Path, folder: Path, page: Path) -> list[s
     return lines
 
 
-def _parameter(name: str, value: dict[str, Any]) -> str:
+def _parameter(name: str, value: JsonObject) -> str:
     unit = "" if value["unit"] == "1" else f" {value['unit']}"
     if value.get("low") is None or value.get("high") is None:
         return f"{_words(name)} {value['value']:.4g}{unit}"
     return f"{_words(name)} {value['value']:.4g}{unit} ({value['low']:.4g} to {value['high']:.4g})"
 
 
-def _causes(one: dict[str, Any]) -> str:
+def _causes(one: JsonObject) -> str:
     return ", ".join(_words(name) for name in one["causes"]) or "no cause asserted"
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from fpjax.errors import InputError
+from fpjax.output.json_object import JsonObject
 
 OWN = Path(__file__).parent / "records"
 FILE = "cases.toml"  # in a folder of one's own
@@ -32,8 +33,8 @@ class Goal:
     first: tuple[str, ...] = ()
     may: tuple[str, ...] = ()
     parameters: dict[str, dict[str, float]] = field(default_factory=dict)
-    after: dict[str, Any] | None = None
-    located: dict[str, Any] | None = None
+    after: JsonObject | None = None
+    located: JsonObject | None = None
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ def read_records(path: Path, folder: Path) -> Records:
     return _records(said, folder)
 
 
-def _records(said: dict[str, Any], folder: Path) -> Records:
+def _records(said: JsonObject, folder: Path) -> Records:
     cases = said.get("case")
     if not isinstance(cases, list) or not cases:
         raise InputError(f"{folder / FILE} has no [[case]]: give at least one, with name, log and model.")
@@ -102,7 +103,7 @@ def _records(said: dict[str, Any], folder: Path) -> Records:
     return Records(str(said.get("title", folder.name)), str(said.get("source", "")), found)
 
 
-def _case(said: dict[str, Any], folder: Path) -> RealCase:
+def _case(said: JsonObject, folder: Path) -> RealCase:
     place = f"{folder / FILE}, case {said.get('name', '?')}"
     for key in ("name", "log", "model"):
         if key not in said:

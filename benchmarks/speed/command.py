@@ -6,9 +6,9 @@ import pathlib
 import shlex
 import sys
 import time
-from typing import Any
 
 from fpjax.errors import InputError
+from fpjax.output.json_object import JsonObject
 from fpjax.output.runfile import write_whole
 
 PARTS = ("values", "flat", "gradients", "growth", "scaling", "memory", "functions", "first_call")
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     sizes = tuple(arguments.sizes or ((1, 5, 64) if arguments.quick else SIZES))
     only = arguments.only
     bench = measure.Bench(steps, repeats, lambda line: print(line, file=sys.stderr, flush=True))
-    results: dict[str, Any] = {
+    results: JsonObject = {
         "command": shlex.join(["python", "-m", "benchmarks", *sys.argv[1:]]),
         "machine": measure.machine(),
         "versions": bench.versions,

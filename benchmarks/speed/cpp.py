@@ -6,9 +6,9 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
+from jaxtyping import PyTree
 
 from . import servo
 
@@ -16,7 +16,7 @@ FLAGS = ("-O3", "-march=native", "-mprefer-vector-width=512", "-ffast-math", "-f
 WIDTHS = (1, 2, 4, 5, 8, 16, 32, 64)
 
 
-def build() -> Any | str:
+def build() -> PyTree | str:
     """The loaded library, or a sentence why there is none."""
     compiler = shutil.which("g++")
     if compiler is None:
@@ -49,8 +49,8 @@ def version() -> str:
 
 
 def runner(
-    library: Any, candidates: dict[str, Any], reference: Any, width: int, library_tanh: bool = False
-) -> Callable[[], Any]:
+    library: PyTree, candidates: dict[str, PyTree], reference: PyTree, width: int, library_tanh: bool = False
+) -> Callable[[], PyTree]:
     """A call that runs all candidates, `width` of them in the lanes at once, on one core."""
     dtype = reference.dtype
     size = len(next(iter(candidates.values())))
@@ -61,7 +61,7 @@ def runner(
     function = getattr(library, f"run_{dtype}")
     pointers = [ctypes.c_void_p(array.ctypes.data) for array in (reference, values, cost)]
 
-    def call() -> Any:
+    def call() -> PyTree:
         code = function(
             ctypes.c_int64(library_tanh),
             ctypes.c_int64(width),

@@ -1,20 +1,22 @@
 """The functions that are written out against XLA's own: the same loop with either, interleaved."""
 
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import PyTree
 
 from fpjax.compiled import elementary, hyperbolic
 from fpjax.compiled.batch import VECTORIZED_FROM
 from fpjax.compiled.native import native
+from fpjax.output.json_object import JsonObject
 
 from . import timing
 
 # (ours, XLA's), of a state between -1 and 1: an angle of some turns, a positive number.
-PAIRS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
+PAIRS: dict[str, tuple[Callable[[PyTree], PyTree], Callable[[PyTree], PyTree]]] = {
     "tanh": (lambda x: hyperbolic.tanh(5.0 * x), lambda x: jnp.tanh(5.0 * x)),
     "sin": (lambda x: elementary.sin(50.0 * x), lambda x: jnp.sin(50.0 * x)),
     "sin + cos": (lambda x: sum(elementary.sincos(50.0 * x)), lambda x: jnp.sin(50.0 * x) + jnp.cos(50.0 * x)),
@@ -22,7 +24,7 @@ PAIRS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
 }
 
 
-def function_rows(dtype: Any, size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
+def function_rows(dtype: DTypeLike, size: int, steps: int, repeats: int) -> list[JsonObject]:
     """One row a function: nanoseconds an evaluation takes beyond the loop around it, ours and XLA's.
 
     Args:
@@ -33,8 +35,8 @@ def function_rows(dtype: Any, size: int, steps: int, repeats: int) -> list[dict[
     """
     start = jnp.asarray(np.linspace(-1.0, 1.0, size), dtype)
 
-    def loop(function: Callable[[Any], Any]) -> Callable[[], Any]:
-        def run(start: Any) -> Any:
+    def loop(function: Callable[[PyTree], PyTree]) -> Callable[[], PyTree]:
+        def run(start: PyTree) -> PyTree:
             # What the start adds keeps the states apart.
             step = lambda x, _: (0.5 * x + 0.2 * function(x) + 0.1 * start, None)  # noqa: E731
             return jax.lax.scan(step, start, None, length=steps)[0]

@@ -1,6 +1,6 @@
 """The goals' table: what was asked, what this run measured, met or not, and why not."""
 
-from typing import Any
+from fpjax.output.json_object import JsonObject
 
 ONE_KERNEL_BY_ITSELF = (
     "jax {jax} compiles the plain scan into one kernel by itself: the peer became as fast as ours (on jax 0.7 to 0.11 "
@@ -14,12 +14,12 @@ STATES = "XLA writes each state back to memory at every step, the C++ loop keeps
 FASTER_THAN_PLAIN = {1: 1.0, 5: 10.0, 64: 5.0, 1024: 2.2, 16384: 4.0, 131072: 6.0}
 
 
-def goals(results: dict[str, Any]) -> list[dict[str, Any]]:
+def goals(results: JsonObject) -> list[JsonObject]:
     """Every goal of the sizes that this run had, as {name, goal, measured, met, reason}.
 
     `measured` is None, and the goal not met, where a row is not there or its numbers disagree with the plain scan's.
     """
-    found: list[dict[str, Any]] = []
+    found: list[JsonObject] = []
     jax_version = results["versions"]["jax"]
     by_itself = tuple(int(part) for part in jax_version.split(".")[:2]) >= (0, 12)
     plain = ONE_KERNEL_BY_ITSELF if by_itself else LESS_OVERHEAD
@@ -115,7 +115,7 @@ def goals(results: dict[str, Any]) -> list[dict[str, Any]]:
     return found
 
 
-def table(found: list[dict[str, Any]]) -> str:
+def table(found: list[JsonObject]) -> str:
     """The goals as text."""
     width = max((len(goal["name"]) for goal in found), default=4)
     lines = [f"{'goal':{width}}  {'asked':>8}  {'measured':>9}  met"]

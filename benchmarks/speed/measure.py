@@ -6,15 +6,17 @@ import platform
 import resource
 import sys
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import PyTree
 
 from fpjax.compiled.batch import chunk_for, cores, map_chunks
 from fpjax.compiled.gradients import value_and_gradient
 from fpjax.compiled.native import native, native_enabled
+from fpjax.output.json_object import JsonObject
 
 from . import cpp, peers, servo, timing
 
@@ -31,7 +33,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-def machine() -> dict[str, Any]:
+def machine() -> JsonObject:
     """The processor and how many cores of it this process may use."""
     model = platform.processor() or platform.machine()
     try:
@@ -64,14 +66,14 @@ class Bench:
         self.cpp = None if isinstance(built, str) else built
         if isinstance(built, str):
             self.skipped.append({"implementation": "C++", "why": built})
-        self.peers: dict[str, Callable[..., Any]] = {"numpy": peers.with_numpy}
+        self.peers: dict[str, Callable[..., PyTree]] = {"numpy": peers.with_numpy}
         for name, make in (("numba", peers.with_numba), ("diffrax", peers.with_diffrax)):
             if importlib.util.find_spec(name) is None:
                 self.skipped.append({"implementation": name, "why": f"{name} is not installed"})
             else:
                 self.peers[name] = make
 
-    def value_rows(self, dtype: Any, size: int) -> list[dict[str, Any]]:
+    def value_rows(self, dtype: DTypeLike, size: int) -> list[JsonObject]:
         """One row an implementation: the cost of `size` candidates of two gains, on one core."""
         steps = steps_for(size, self.steps)
         batch, reference = servo.candidates(size, 2, dtype), servo.table(steps, dtype)
@@ -88,13 +90,13 @@ class Bench:
                 rows[-1]["disagrees"] = True
         return rows
 
-    def call_row(self, dtype: Any, size: int) -> dict[str, Any]:
+    def call_row(self, dtype: DTypeLike, size: int) -> JsonObject:
         """What a call of the library costs before it computes: one of two steps."""
         call = self.fpjax_value(servo.candidates(size, 2, dtype), 2, dtype, size)
         spent = timing.interleaved({"call": call}, self.repeats, budget=0.2)["call"]
         return {"dtype": np.dtype(dtype).name, "candidates": size, "processor_seconds": spent.processor_seconds}
 
-    def value(self, name: str, batch: Any, reference: Any) -> Callable[[], Any]:
+    def value(self, name: str, batch: PyTree, reference: PyTree) -> Callable[[], PyTree]:
         """The call of one implementation, by its name in the rows."""
         size, steps = len(next(iter(batch.values()))), len(reference)
         if name == "C++":
@@ -105,7 +107,9 @@ class Bench:
             return self.fpjax_value(batch, steps, reference.dtype, size)
         return self.peers[name](batch, reference)
 
-    def fpjax_value(self, batch: Any, steps: int, dtype: Any, size: int, workers: int = 1) -> Callable[[], Any]:
+    def fpjax_value(
+        self, batch: PyTree, steps: int, dtype: DTypeLike, size: int, workers: int = 1
+    ) -> Callable[[], PyTree]:
         """The library's own way: `native` under jit for a handful of candidates, `map_chunks` for more."""
         cost, shared = servo.library(steps, dtype)
         arrays = {name: jnp.asarray(value) for name, value in batch.items()}
@@ -114,13 +118,13 @@ class Bench:
             return lambda: run(arrays, *shared)
         return lambda: map_chunks(cost, arrays, shared, workers=workers, devices=jax.local_devices()[:1])
 
-    def _plain(self, batch: Any, reference: Any) -> Callable[[], Any]:
+    def _plain(self, batch: PyTree, reference: PyTree) -> Callable[[], PyTree]:
         run = jax.jit(jax.vmap(servo.by_hand, in_axes=(0, None)))
         arrays = {name: jnp.asarray(value) for name, value in batch.items()}
         table = jnp.asarray(reference)
         return lambda: run(arrays, table)
 
-    def _fastest_cpp(self, batch: Any, reference: Any, size: int) -> Callable[[], Any]:
+    def _fastest_cpp(self, batch: PyTree, reference: PyTree, size: int) -> Callable[[], PyTree]:
         part = min(size, 64) if size % 64 == 0 else size
         small = {name: value[:part] for name, value in batch.items()}
         variants = {f"{width} {tanh}": (width, tanh) for width in cpp.widths(part) for tanh in (False, True)}
@@ -129,18 +133,18 @@ class Bench:
         best = min(times, key=lambda name: times[name].processor_seconds)
         return cpp.runner(self.cpp, batch, reference, *variants[best])
 
-    def gradient_rows(self, dtype: Any, size: int, gains: int, with_plain: bool) -> list[dict[str, Any]]:
+    def gradient_rows(self, dtype: DTypeLike, size: int, gains: int, with_plain: bool) -> list[JsonObject]:
         """Value, value and gradient by every mode, and the plain gradient, of the same candidates."""
         steps = self.steps
         batch = servo.candidates(size, gains, dtype)
         arrays = {name: jnp.asarray(value) for name, value in batch.items()}
         cost, shared = servo.library(steps, dtype)
-        calls: dict[str, Callable[[], Any]] = {}
+        calls: dict[str, Callable[[], PyTree]] = {}
         scratch: dict[str, int | None] = {}
         chunk = chunk_for(arrays, size) if size > 5 else size
         block = {name: jnp.resize(value, (chunk,)) for name, value in arrays.items()}
 
-        def over_candidates(candidates: Any, *shared: Any) -> Any:
+        def over_candidates(candidates: PyTree, *shared: PyTree) -> PyTree:
             return jax.vmap(cost, in_axes=(0, None))(candidates, *shared)
 
         batched = size > 1
@@ -148,7 +152,7 @@ class Bench:
             arrays = {name: value[0] for name, value in arrays.items()}
             block = arrays
         function = over_candidates if batched else cost
-        functions: dict[str, Callable[..., Any]] = {"value": function}
+        functions: dict[str, Callable[..., PyTree]] = {"value": function}
         for mode in ("auto", "forward", "reverse"):
             functions[mode] = value_and_gradient(function, mode=mode, batched=batched)
         for name, function in functions.items():
@@ -184,7 +188,7 @@ class Bench:
             for name, spent in times.items()
         ]
 
-    def growth(self, dtype: Any, size: int = 64) -> dict[str, list[dict[str, Any]]]:
+    def growth(self, dtype: DTypeLike, size: int = 64) -> dict[str, list[JsonObject]]:
         """Cost and memory of value and gradient by horizon and by number of gains, at `size` candidates."""
         horizon, gains = [], []
         for factor in (0.25, 1.0, 4.0, 16.0):
@@ -195,10 +199,10 @@ class Bench:
             gains += self.gradient_rows(dtype, size, count, with_plain=False)
         return {"horizon": horizon, "gains": gains}
 
-    def flat(self, dtype: Any, sizes: tuple[int, ...]) -> list[dict[str, Any]]:
+    def flat(self, dtype: DTypeLike, sizes: tuple[int, ...]) -> list[JsonObject]:
         """The library by batch alone: the same steps at every size, interleaved."""
         steps = max(self.steps // 2, 1)
-        calls: dict[str, Callable[[], Any]] = {}
+        calls: dict[str, Callable[[], PyTree]] = {}
         for size in sizes:
             calls[str(size)] = self.fpjax_value(servo.candidates(size, 2, dtype), steps, dtype, size)
         # Long samples: a short batch right after a long one finds its caches filled with that one's results.
@@ -206,8 +210,8 @@ class Bench:
         return [self.row("fpjax", "value", dtype, int(size), 2, steps, spent) for size, spent in times.items()]
 
     def row(
-        self, name: str, what: str, dtype: Any, size: int, gains: int, steps: int, spent: timing.Timing
-    ) -> dict[str, Any]:
+        self, name: str, what: str, dtype: DTypeLike, size: int, gains: int, steps: int, spent: timing.Timing
+    ) -> JsonObject:
         """What every row says."""
         each = spent.processor_seconds / steps
         self.say(f"{name} {what} {np.dtype(dtype).name} B={size} gains={gains}: {each * 1e9:.1f} ns/step")
@@ -229,12 +233,12 @@ class Bench:
         }
 
 
-def _relative(a: Any, b: Any) -> float:
+def _relative(a: PyTree, b: PyTree) -> float:
     """Largest difference over the largest magnitude: single slopes pass through zero."""
     return float(jnp.max(jnp.abs(a - b)) / jnp.max(jnp.abs(b)))
 
 
-def _scratch(function: Any, *arguments: Any) -> int | None:
+def _scratch(function: PyTree, *arguments: PyTree) -> int | None:
     """Bytes that one call holds besides its inputs and outputs, by XLA's own account."""
     analysis = function.lower(*arguments).compile().memory_analysis()
     return None if analysis is None else int(analysis.temp_size_in_bytes)

@@ -2,12 +2,13 @@
 
 import json
 import sys
-from typing import Any
+
+from fpjax.output.json_object import JsonObject
 
 STEPS = 200
 
 
-def main(name: str, size: int) -> dict[str, Any]:
+def main(name: str, size: int) -> JsonObject:
     """The peak of the resident memory during one value less what was there before; on Linux.
 
     `name` is one of the benchmark's rows.

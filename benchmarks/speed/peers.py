@@ -1,21 +1,21 @@
 """The same loop in numpy, numba and diffrax, each as its users would write it."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
+from jaxtyping import PyTree
 
 from . import servo
 
 
-def with_numpy(candidates: dict[str, Any], reference: Any) -> Callable[[], Any]:
+def with_numpy(candidates: dict[str, PyTree], reference: PyTree) -> Callable[[], PyTree]:
     """A Python loop over the steps, arrays over the candidates."""
     dtype = reference.dtype
     c = servo.complete(candidates, dtype)
     size = len(next(iter(candidates.values())))
     dt, half = dtype.type(servo.DT), dtype.type(0.5)
 
-    def run() -> Any:
+    def run() -> PyTree:
         w = np.broadcast_to(c["velocity"], (size,)).astype(dtype)
         q, z1, z2, total = (np.zeros(size, dtype) for _ in range(4))
         for r in reference:
@@ -35,7 +35,7 @@ def with_numpy(candidates: dict[str, Any], reference: Any) -> Callable[[], Any]:
     return run
 
 
-def with_numba(candidates: dict[str, Any], reference: Any) -> Callable[[], Any]:
+def with_numba(candidates: dict[str, PyTree], reference: PyTree) -> Callable[[], PyTree]:
     """One candidate after the other, compiled scalar code."""
     import numba  # pyright: ignore[reportMissingImports]
 
@@ -44,7 +44,7 @@ def with_numba(candidates: dict[str, Any], reference: Any) -> Callable[[], Any]:
     values = np.stack([np.broadcast_to(v, (size,)) for v in servo.complete(candidates, dtype).values()]).astype(dtype)
     dt, zero, half = dtype.type(servo.DT), dtype.type(0.0), dtype.type(0.5)
 
-    def loop(values: Any, reference: Any) -> Any:
+    def loop(values: PyTree, reference: PyTree) -> PyTree:
         cost = np.empty(values.shape[1], values.dtype)
         for i in range(values.shape[1]):
             gain_1, gain_2, kp, ki = values[0, i], values[1, i], values[2, i], values[3, i]
@@ -70,7 +70,7 @@ def with_numba(candidates: dict[str, Any], reference: Any) -> Callable[[], Any]:
     return lambda: compiled(values, reference)
 
 
-def with_diffrax(candidates: dict[str, Any], reference: Any) -> Callable[[], Any]:
+def with_diffrax(candidates: dict[str, PyTree], reference: PyTree) -> Callable[[], PyTree]:
     """`diffeqsolve` with `Euler` at a constant step, vmapped over the candidates."""
     import diffrax
     import jax
@@ -79,7 +79,7 @@ def with_diffrax(candidates: dict[str, Any], reference: Any) -> Callable[[], Any
     steps, dtype = len(reference), reference.dtype
     dt = dtype.type(servo.DT)
 
-    def derivative(t: Any, y: Any, args: Any) -> Any:
+    def derivative(t: PyTree, y: PyTree, args: PyTree) -> PyTree:
         c, reference = args
         now = reference[jnp.round(t / dt).astype(jnp.int32)]
         unit = dtype.type(1.0)  # Euler's increment over a unit step is the derivative
@@ -87,7 +87,7 @@ def with_diffrax(candidates: dict[str, Any], reference: Any) -> Callable[[], Any
         after = servo.euler(c, w, q, z1, z2, total, now, unit)
         return (*(new - old for new, old in zip(after[:4], y[:4], strict=True)), jnp.square(now - w))
 
-    def cost(candidate: Any, reference: Any) -> Any:
+    def cost(candidate: PyTree, reference: PyTree) -> PyTree:
         c = servo.complete(candidate, dtype)
         zero = jnp.zeros_like(jnp.asarray(c["gain_1"]))
         start = (zero + c["velocity"], zero, zero, zero, zero)

@@ -1,10 +1,11 @@
 """The benchmark's picture: throughput by batch, gradient by gains, cost and memory by horizon."""
 
 import pathlib
-from typing import Any
+
+from fpjax.output.json_object import JsonObject
 
 
-def draw(results: dict[str, Any], path: pathlib.Path) -> None:
+def draw(results: JsonObject, path: pathlib.Path) -> None:
     """Write the picture of one run."""
     import matplotlib
 

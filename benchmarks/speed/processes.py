@@ -10,6 +10,7 @@ import time
 from typing import Any
 
 from fpjax.compiled.batch import cores
+from fpjax.output.json_object import JsonObject
 
 from . import cpp
 
@@ -30,7 +31,7 @@ def first_calls(repeats: int) -> dict[str, float]:
     return {name: statistics.median(samples) for name, samples in found.items()}
 
 
-def scaling(size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
+def scaling(size: int, steps: int, repeats: int) -> list[JsonObject]:
     """Rows of one batch on one core and on all: by threads, and by as many devices as there are cores."""
     rows = []
     for count in (1, cores()):
@@ -40,7 +41,7 @@ def scaling(size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
     return rows
 
 
-def memory(bench: Any, size: int) -> list[dict[str, Any]]:
+def memory(bench: Any, size: int) -> list[JsonObject]:
     """Rows of what one value of `size` candidates, 200 steps, adds to the resident memory of a fresh process."""
     if not os.path.exists("/proc/self/clear_refs"):
         bench.skipped.append({"implementation": "memory", "why": "this system does not tell a process its own peak"})

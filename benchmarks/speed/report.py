@@ -1,9 +1,9 @@
 """The rows of the benchmark as text."""
 
-from typing import Any
+from fpjax.output.json_object import JsonObject
 
 
-def rows_table(results: dict[str, Any]) -> str:
+def rows_table(results: JsonObject) -> str:
     """Throughput of the values, ratios of the gradients, scaling, and what was skipped, as text."""
     held = "one core, to which the process is bound" if results.get("on_one_core") else "all cores together: not bound"
     machine = results["machine"]
@@ -52,7 +52,7 @@ def rows_table(results: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def growth(results: dict[str, Any]) -> list[str]:
+def growth(results: JsonObject) -> list[str]:
     """How the cost of a value grows with the batch, and that of a gradient with the horizon and the number of gains."""
     lines = ["", "growth with the batch: value, time of fpjax over that of one candidate"]
     for dtype in ("float64", "float32"):

@@ -2,10 +2,13 @@
 
 import json
 import sys
-from typing import Any
+
+from jaxtyping import PyTree
+
+from fpjax.output.json_object import JsonObject
 
 
-def main(size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
+def main(size: int, steps: int, repeats: int) -> list[JsonObject]:
     """One batch by `map_chunks`: shared by threads where this process has one device, by its devices where it has more.
 
     Whether it has more is decided before jax starts, by the environment of this process.
@@ -27,8 +30,8 @@ def main(size: int, steps: int, repeats: int) -> list[dict[str, Any]]:
     devices = jax.local_devices()
     by_devices = len(devices) > 1
 
-    def call(count: int) -> Any:
-        words: dict[str, Any] = {"devices": devices[:count], "workers": 1} if by_devices else {"workers": count}
+    def call(count: int) -> PyTree:
+        words: dict[str, PyTree] = {"devices": devices[:count], "workers": 1} if by_devices else {"workers": count}
         return map_chunks(cost, batch, shared, **words)
 
     # Only what really happens: few candidates are not shared.

@@ -10,11 +10,12 @@ tanh friction, the mean square tracking error in the carry:
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import PyTree
 
 import fpjax
 from fpjax.scan import make_inputs, make_stepper, roll
@@ -38,7 +39,7 @@ NOMINAL = {
 NAMES = tuple(NOMINAL)
 
 
-def candidates(size: int, gains: int, dtype: Any) -> dict[str, np.ndarray]:
+def candidates(size: int, gains: int, dtype: DTypeLike) -> dict[str, np.ndarray]:
     """`size` candidates that differ in the first `gains` gains, by up to 10 % (the start velocity by 0.1)."""
     spread = np.random.default_rng(0).uniform(-0.1, 0.1, (gains, size))
     return {
@@ -47,22 +48,22 @@ def candidates(size: int, gains: int, dtype: Any) -> dict[str, np.ndarray]:
     }
 
 
-def complete(candidate: dict[str, Any], dtype: Any) -> dict[str, Any]:
+def complete(candidate: dict[str, PyTree], dtype: DTypeLike) -> dict[str, PyTree]:
     """All ten values: the candidate's, and the nominal ones for the rest."""
     return {name: candidate.get(name, np.asarray(value, dtype)) for name, value in NOMINAL.items()}
 
 
-def table(steps: int, dtype: Any) -> np.ndarray:
+def table(steps: int, dtype: DTypeLike) -> np.ndarray:
     """The reference at each step [rad/s]: a sine of 1 rad/s and 2 Hz."""
     return np.sin(2.0 * np.pi * 2.0 * DT * np.arange(steps)).astype(dtype)
 
 
-def by_hand(candidate: dict[str, Any], reference: Any) -> Any:
+def by_hand(candidate: dict[str, PyTree], reference: PyTree) -> PyTree:
     """The loop as a JAX user writes it: `lax.scan` and nothing else."""
     c = complete(candidate, reference.dtype)
     dt = reference.dtype.type(DT)
 
-    def step(carry: Any, r: Any) -> Any:
+    def step(carry: PyTree, r: PyTree) -> PyTree:
         w, q, z1, z2, total = carry
         return euler(c, w, q, z1, z2, total, r, dt), None
 
@@ -71,7 +72,9 @@ def by_hand(candidate: dict[str, Any], reference: Any) -> Any:
     return carry[4] / reference.shape[0]
 
 
-def euler(c: dict[str, Any], w: Any, q: Any, z1: Any, z2: Any, total: Any, r: Any, dt: Any) -> tuple[Any, ...]:
+def euler(
+    c: dict[str, PyTree], w: PyTree, q: PyTree, z1: PyTree, z2: PyTree, total: PyTree, r: PyTree, dt: PyTree
+) -> tuple[PyTree, ...]:
     """One step of the loop; the JAX peers share it."""
     error = r - w
     control = c["kp"] * error + q
@@ -88,12 +91,12 @@ def euler(c: dict[str, Any], w: Any, q: Any, z1: Any, z2: Any, total: Any, r: An
     )
 
 
-def library(steps: int, dtype: Any) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+def library(steps: int, dtype: DTypeLike) -> tuple[Callable[..., PyTree], tuple[PyTree, ...]]:
     """The same loop built of fpjax's blocks: (cost of one candidate given the shared inputs, the shared inputs)."""
     stepper = make_stepper(dt=jnp.asarray(DT, dtype), samples=steps, solver="euler")
     measures: dict[str, fpjax.AbstractMeasure] = {"cost": fpjax.MeanSquare()}
 
-    def cost(candidate: dict[str, Any], inputs: Any) -> Any:
+    def cost(candidate: dict[str, PyTree], inputs: PyTree) -> PyTree:
         c = {name: jnp.asarray(value) for name, value in complete(candidate, dtype).items()}
         loop = closed_loop(c)
         start = loop.init()
@@ -112,7 +115,7 @@ def library(steps: int, dtype: Any) -> tuple[Callable[..., Any], tuple[Any, ...]
     return cost, (make_inputs(nominal, sine, stepper),)
 
 
-def closed_loop(c: dict[str, Any]) -> fpjax.ClosedLoop:
+def closed_loop(c: dict[str, PyTree]) -> fpjax.ClosedLoop:
     """The blocks with these ten values."""
     friction = fpjax.CoulombViscous(coulomb=c["coulomb"], viscous=c["viscous"], steepness=c["steepness"])
     loop = fpjax.ClosedLoop(

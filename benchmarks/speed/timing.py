@@ -7,7 +7,8 @@ import pathlib
 import statistics
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
+
+from jaxtyping import PyTree
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,13 +48,13 @@ def _bind(cores: set[int]) -> None:
             os.sched_setaffinity(int(thread.name), cores)
 
 
-def _wait(result: Any) -> Any:
+def _wait(result: PyTree) -> PyTree:
     import jax
 
     return jax.block_until_ready(result)
 
 
-def timed(call: Callable[[], Any]) -> tuple[float, Any]:
+def timed(call: Callable[[], PyTree]) -> tuple[float, PyTree]:
     """(seconds of one call, its result, waited for)."""
     start = time.perf_counter()
     result = _wait(call())
@@ -61,7 +62,7 @@ def timed(call: Callable[[], Any]) -> tuple[float, Any]:
 
 
 def interleaved(
-    calls: dict[str, Callable[[], Any]], repeats: int, at_least: float = 0.005, budget: float = 2.0
+    calls: dict[str, Callable[[], object]], repeats: int, at_least: float = 0.005, budget: float = 2.0
 ) -> dict[str, Timing]:
     """The timing of each call by name; every call is made twice before it is timed.
 

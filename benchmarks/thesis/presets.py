@@ -9,11 +9,11 @@ import dataclasses
 import functools
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 import fpjax
+from fpjax.output.json_object import JsonObject
 
 DEGREE = math.pi / 180.0
 
@@ -200,6 +200,6 @@ def numbers(result: fpjax.Run) -> dict[str, float]:
 
 
 @functools.cache
-def velocity_and_friction() -> dict[str, Any]:
+def velocity_and_friction() -> JsonObject:
     """The two errors of most tables: mean |r - w| [deg/s] and mean |(k - k_hat) sign(w)| [N m]."""
     return {"velocity": fpjax.MeanAbsolute(), "friction": fpjax.CoulombTorqueError(COULOMB)}

@@ -2,7 +2,8 @@
 
 import itertools
 import statistics
-from typing import Any
+
+from fpjax.output.json_object import JsonObject
 
 from .goals import KINDS
 from .score import CaseScore
@@ -18,7 +19,7 @@ def laplace(count: int, of: int) -> float:
     return (count + 1) / (of + 2)
 
 
-def calibration(scores: list[CaseScore]) -> list[dict[str, Any]]:
+def calibration(scores: list[CaseScore]) -> list[JsonObject]:
     """Stated probability against the share that was so, in bins; empty bins are left out.
 
     `right`: an effect of the stated class is truly there (the cause, a twin, clutter, a nominal's error); `named`: it
@@ -55,7 +56,7 @@ def lead_of(score: CaseScore) -> str:
     return next(word for word, band in LEADS.items() if band and band[0] <= score.ahead < band[1])
 
 
-def by_verdict(scores: list[CaseScore]) -> list[dict[str, Any]]:
+def by_verdict(scores: list[CaseScore]) -> list[JsonObject]:
     """Counts of the leading statements by verdict, lead and kind of sensors; rows without a case are left out.
 
     A log without a gap has no leading cause that could be right: `no_gap` counts whether there was none.
@@ -75,7 +76,7 @@ def by_verdict(scores: list[CaseScore]) -> list[dict[str, Any]]:
             }
         if not inside:
             continue
-        row: dict[str, Any] = {"verdict": verdict, "lead": "" if verdict == "no_gap" else lead, "sensors": kind}
+        row: JsonObject = {"verdict": verdict, "lead": "" if verdict == "no_gap" else lead, "sensors": kind}
         for name, found in values.items():
             row |= {name: sum(found), f"{name}_of": len(found), f"{name}_supported": laplace(sum(found), len(found))}
         stated = [s.probability for s in inside if s.probability is not None and verdict != "no_gap"]
@@ -84,7 +85,7 @@ def by_verdict(scores: list[CaseScore]) -> list[dict[str, Any]]:
     return rows
 
 
-def print_by_verdict(rows: list[dict[str, Any]]) -> None:
+def print_by_verdict(rows: list[JsonObject]) -> None:
     """Print the counts, with (k + 1) / (n + 2) in brackets."""
     print(
         f"\nstatements by verdict and lead, (k + 1) / (n + 2) in brackets\n{'verdict':18}{'lead':12}{'logs':18}"
@@ -99,7 +100,7 @@ def print_by_verdict(rows: list[dict[str, Any]]) -> None:
         print(f"{row['verdict']:18}{row['lead']:12}{row['sensors']:18}{stated:>12}{named:>30}{there:>22}")
 
 
-def print_curves(curves: dict[str, list[dict[str, Any]]]) -> None:
+def print_curves(curves: dict[str, list[JsonObject]]) -> None:
     """Print the curves with their counts."""
     for name, rows in curves.items():
         if rows:

@@ -6,7 +6,8 @@ import tempfile
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+
+from fpjax.output.json_object import JsonObject
 
 from ..run_command import fpjax_command
 from . import first
@@ -16,7 +17,7 @@ from .second import label as second_label
 
 PERIODS = 10_001
 CHUNK = 350  # machines simulated together; a run that is interrupted loses at most these
-Label = dict[str, Any]
+Label = JsonObject
 
 
 def generate(

@@ -4,9 +4,10 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+
+from fpjax.output.json_object import JsonObject
 
 from .contract import unit_of
 from .identity import Identity
@@ -80,7 +81,7 @@ def build(identity: Identity, periods: int = PERIODS) -> Case:
     return Case(identity, machine, plan, identity.sensors != "rate", outside_law)
 
 
-def label_of(case: Case, record: Record) -> dict[str, Any]:
+def label_of(case: Case, record: Record) -> JsonObject:
     """What the scorer is told and the tool is not, but for the identity."""
     plan, identity, physics = case.plan, case.identity, case.machine.physics
     true = {

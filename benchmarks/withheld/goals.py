@@ -5,6 +5,8 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from fpjax.output.json_object import JsonObject
+
 from .score import ONE_EFFECT, SURE, CaseScore
 
 KINDS = {"rate": "rate sensor", "both": "rate sensor", "encoder": "encoder only", "derived": "derived velocity"}
@@ -32,7 +34,7 @@ class Row:
     met: bool | None
 
 
-def goals_table(scores: list[CaseScore]) -> list[dict[str, Any]]:
+def goals_table(scores: list[CaseScore]) -> list[JsonObject]:
     """The rows, in the order of the goals that were set for the diagnosis."""
 
     def some(generator: int | None, sets: Iterable[str], kind: str | None = None) -> list[CaseScore]:
@@ -117,7 +119,7 @@ def seconds(name: str, values: list[float], what: Any, goal: float) -> Row:
     return Row(name, None, len(values), found, f"{goal:g} s", None if found is None else found <= goal)
 
 
-def print_goals(rows: list[dict[str, Any]]) -> None:
+def print_goals(rows: list[JsonObject]) -> None:
     """Print the table: counts first."""
     print(f"\n{'':62}{'found':>20}{'':>9}   {'goal':18}")
     for row in rows:

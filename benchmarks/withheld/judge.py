@@ -7,7 +7,8 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+
+from fpjax.output.json_object import JsonObject
 
 from ..run_command import fpjax_command
 from .cases import Label, log_path
@@ -79,7 +80,7 @@ def read_scores(folder: Path, labels: list[Label]) -> list[CaseScore]:
     for label in labels:
         place = result_folder(folder, label["case"])
         diagnosis: Diagnosis | None = None
-        run: dict[str, Any] = {}
+        run: JsonObject = {}
         if (place / "diagnosis.json").exists():
             diagnosis = json.loads((place / "diagnosis.json").read_text())
             if (place / "run.json").exists():
@@ -113,7 +114,7 @@ def commit() -> str:
         return "unknown"
 
 
-def score_all(folder: Path, labels: list[Label], arguments: dict[str, Any]) -> None:
+def score_all(folder: Path, labels: list[Label], arguments: JsonObject) -> None:
     """Print the tables, write `withheld.json` and the pictures."""
     scores = read_scores(folder, labels)
     summary = summarise(scores)

@@ -1,9 +1,10 @@
 """Tables and pictures of the withheld check."""
 
 from pathlib import Path
-from typing import Any
 
 from matplotlib.axes import Axes
+
+from fpjax.output.json_object import JsonObject
 
 from .calibration import print_by_verdict, print_curves
 from .contract import EFFECTS
@@ -34,7 +35,7 @@ def shown(value: float | None, digits: int = 3) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
 
 
-def print_report(summary: dict[str, Any]) -> None:
+def print_report(summary: JsonObject) -> None:
     """Print the tables."""
     print_goals(summary["goals"])
     print(f"\n{'logs':32}{'cases':>6}" + "".join(f"{head:>13}" for head, _ in HEADS))
@@ -77,7 +78,7 @@ def print_report(summary: dict[str, Any]) -> None:
             )
 
 
-def _print_effects(summary: dict[str, Any]) -> None:
+def _print_effects(summary: JsonObject) -> None:
     if not summary["effects"]:
         return
     heads = "".join(f"{head:>10}" for head in ("first", "asserted", "error", "coverage", "closed"))
@@ -91,7 +92,7 @@ def _print_effects(summary: dict[str, Any]) -> None:
         )
 
 
-def write_pictures(folder: Path, summary: dict[str, Any]) -> None:
+def write_pictures(folder: Path, summary: JsonObject) -> None:
     """confusion.png, calibration.png, parameters.png."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -112,7 +113,7 @@ def words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def draw_confusion(axes: Axes, summary: dict[str, Any]) -> None:
+def draw_confusion(axes: Axes, summary: JsonObject) -> None:
     """Truth by row, first asserted cause by column, shares of a row as colour, counts as text."""
     import numpy as np
 
@@ -152,7 +153,7 @@ def draw_confusion(axes: Axes, summary: dict[str, Any]) -> None:
     axes.set_title("What was there, and what the diagnosis asserted", loc="left", fontsize=12)
 
 
-def draw_calibration(axes: Axes, summary: dict[str, Any]) -> None:
+def draw_calibration(axes: Axes, summary: JsonObject) -> None:
     """Stated probability against the share that was right, by kind of sensors, with Wilson intervals and counts."""
     import numpy as np
 
@@ -198,7 +199,7 @@ def draw_calibration(axes: Axes, summary: dict[str, Any]) -> None:
     axes.set_title(f"Calibration: Brier score {shown(summary['brier'])}", loc="left", fontsize=11)
 
 
-def draw_parameters(axes: Axes, summary: dict[str, Any]) -> None:
+def draw_parameters(axes: Axes, summary: JsonObject) -> None:
     """Median and 90th percentile of the parameter error of each effect that was found."""
     rows = [
         (name, figures["parameters"]) for name, figures in summary["effects"].items() if figures["parameters"]["count"]

@@ -22,6 +22,8 @@ import tomllib
 from dataclasses import dataclass, field
 from typing import Any
 
+from fpjax.output.json_object import JsonObject
+
 NOMINAL = ("inertia", "coulomb", "viscous")
 NOMINAL_MAY_BE_OFF = ("single_off", "wide", "starter")
 ASSERTING = ("explained", "partly_explained")
@@ -31,8 +33,8 @@ LARGEST_CLASS = 3
 SURE = 0.95
 MATTERS = 5.0  # per cent by which a number of the nominal is off, to count as an error that is to be corrected
 CORRECTED = (0.25, 2.0)  # share of the error that may be left, or per cent
-Diagnosis = dict[str, Any]
-Label = dict[str, Any]
+Diagnosis = JsonObject
+Label = JsonObject
 
 
 @dataclass
@@ -107,12 +109,12 @@ def number(value: Any) -> float:
     return float(value)
 
 
-def ranking_of(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+def ranking_of(diagnosis: Diagnosis) -> list[JsonObject]:
     """The ranking, most probable first as the tool wrote it."""
     return [entry for entry in diagnosis.get("ranking") or [] if entry.get("effect")]
 
 
-def declared(entry: dict[str, Any]) -> set[str]:
+def declared(entry: JsonObject) -> set[str]:
     """The class an entry stands for: itself and what it says cannot be told apart from it."""
     names = {entry["effect"], *(entry.get("indistinguishable_from") or [])}
     return names if len(names) <= LARGEST_CLASS else {entry["effect"]}
@@ -138,7 +140,7 @@ def nominal_errors(label: Label) -> set[str]:
     return found | ({"constant_torque", "unbalance"} if label["set"] == "starter" else set())
 
 
-def is_first(entry: dict[str, Any], causes: set[str], label: Label) -> bool:
+def is_first(entry: JsonObject, causes: set[str], label: Label) -> bool:
     """Whether an entry is the truth or an exact twin; a twin of several causes wants them all."""
     if entry["effect"] in single_names(label):
         return True
@@ -196,7 +198,7 @@ def nominal_scores(diagnosis: Diagnosis, label: Label) -> list[NominalScore]:
     return result
 
 
-def _in_model(model: dict[str, Any], name: str) -> float:
+def _in_model(model: JsonObject, name: str) -> float:
     if name == "inertia":
         plant = model.get("plant", {})
         parts = [number(plant.get(key)) for key in ("motor_inertia", "load_inertia")]
@@ -249,7 +251,7 @@ def score_case(diagnosis: Diagnosis | None, label: Label, seconds: float | None 
     return score
 
 
-def _score_one(score: CaseScore, ranking: list[dict[str, Any]], causes: set[str], label: Label, off: set[str]) -> None:
+def _score_one(score: CaseScore, ranking: list[JsonObject], causes: set[str], label: Label, off: set[str]) -> None:
     leading = [entry for entry in ranking if entry["effect"] not in off - single_names(label)]
     first = leading[0] if leading else {"effect": "nothing"}
     score.strict = bool(ranking) and is_first(ranking[0], causes, label)
@@ -258,7 +260,7 @@ def _score_one(score: CaseScore, ranking: list[dict[str, Any]], causes: set[str]
     score.top3 = score.name or any(entry["effect"] in single_names(label) for entry in leading[:3])
 
 
-def _score_pair(score: CaseScore, ranking: list[dict[str, Any]], asserts: bool, label: Label) -> None:
+def _score_pair(score: CaseScore, ranking: list[JsonObject], asserts: bool, label: Label) -> None:
     entries = {entry["effect"]: entry for entry in reversed(ranking)}
     classes = [declared(entries.get(cause, {"effect": cause})) for cause in score.asserted]
     sets = [set(one) for one in label["accepted"]]
@@ -269,7 +271,7 @@ def _score_pair(score: CaseScore, ranking: list[dict[str, Any]], asserts: bool, 
     score.both_ranked = any(_covers(one, leading) for one in sets if len(one) <= 3)
 
 
-def _score_statements(score: CaseScore, ranking: list[dict[str, Any]], label: Label, off: set[str]) -> None:
+def _score_statements(score: CaseScore, ranking: list[JsonObject], label: Label, off: set[str]) -> None:
     """The statement at the top, and whether anything that is stated above `SURE`, or asserted, is not there."""
     if not ranking and not score.asserted:
         return
@@ -314,7 +316,7 @@ def closed_share(diagnosis: Diagnosis) -> float | None:
     return (before - after) / (before - floor)
 
 
-def _column(score: CaseScore, ranking: list[dict[str, Any]], label: Label) -> str:
+def _column(score: CaseScore, ranking: list[JsonObject], label: Label) -> str:
     """Column of the confusion matrix: the first cause asserted, an exact twin as the truth."""
     if score.verdict not in ASSERTING:
         return score.verdict

@@ -2,7 +2,8 @@
 
 import statistics
 from collections.abc import Iterable
-from typing import Any
+
+from fpjax.output.json_object import JsonObject
 
 from .calibration import by_verdict, calibration
 from .goals import KINDS, goals_table
@@ -25,7 +26,7 @@ def brier(scores: list[CaseScore]) -> float | None:
     return statistics.fmean(terms) if terms else None
 
 
-def parameters(scores: Iterable[ParameterScore]) -> dict[str, Any]:
+def parameters(scores: Iterable[ParameterScore]) -> JsonObject:
     """Median and 90th percentile of the relative error, coverage of the 90 % intervals."""
     scores = list(scores)
     errors = sorted(s.relative_error for s in scores)
@@ -42,7 +43,7 @@ def parameters(scores: Iterable[ParameterScore]) -> dict[str, Any]:
     }
 
 
-def times(scores: list[CaseScore]) -> dict[str, Any]:
+def times(scores: list[CaseScore]) -> JsonObject:
     """Processor seconds a log, warm calls only, with the first calls of a process apart."""
     warm = [s.seconds for s in scores if s.seconds is not None and s.warm]
     cold = [s.seconds for s in scores if s.seconds is not None and not s.warm]
@@ -54,7 +55,7 @@ def times(scores: list[CaseScore]) -> dict[str, Any]:
     }
 
 
-def summary_of(scores: list[CaseScore]) -> dict[str, Any]:
+def summary_of(scores: list[CaseScore]) -> JsonObject:
     """Every figure of a group of cases; None where its sets do not ask."""
     closed = [s.closed for s in scores if s.closed is not None]
     nominal = [n for s in scores for n in s.nominal]
@@ -89,7 +90,7 @@ def summary_of(scores: list[CaseScore]) -> dict[str, Any]:
 VERDICTS = (*ASSERTING, "unexplained", "no_gap", "failed")
 
 
-def summarise(scores: list[CaseScore]) -> dict[str, Any]:
+def summarise(scores: list[CaseScore]) -> JsonObject:
     """The content of `withheld.json`, but for provenance."""
     # in a pair each effect's probability is at most what the sum leaves: not a calibrated single
     judged = [s for s in scores if s.set != "pairs"]
@@ -135,7 +136,7 @@ def confusion(scores: list[CaseScore]) -> dict[str, dict[str, int]]:
     return table
 
 
-def misses(scores: list[CaseScore]) -> list[dict[str, Any]]:
+def misses(scores: list[CaseScore]) -> list[JsonObject]:
     """Every case that counts against a goal, one line each."""
     result = []
     for s in scores:

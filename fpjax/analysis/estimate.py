@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
 from ..blocks.loads import AbstractLoad, NoLoad
 from ..blocks.observers import AbstractObserver
@@ -28,6 +28,7 @@ from ..errors import InputError
 from ..logs import Log
 from ..logs.derivative import Differentiator, measured_velocity, travel
 from ..logs.regression import fit_pairs
+from ..output.json_object import JsonObject
 from .excitation import Excitation, assess_excitation
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ class Estimated:
 
         return to_frame({**self.estimates, "velocity": self.velocity}, self.time)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Numbers for a JSON file (without the traces)."""
         excitation = None
         if self.excitation is not None:
@@ -236,7 +237,7 @@ def observe(
     """
     periods = (torque, velocity[:-1], velocity[1:])
 
-    def step(state: Any, period: tuple[Array, Array, Array]) -> tuple[Any, dict[str, Array]]:
+    def step(state: PyTree, period: tuple[Array, Array, Array]) -> tuple[PyTree, dict[str, Array]]:
         commanded, before, after = period
         state = observer.moved(state, commanded, before, after, dt)
         return state, observer.readout(state, after)[1]

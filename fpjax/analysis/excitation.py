@@ -15,10 +15,10 @@ mass is on each side for the share of time that does, and z moves with sign(w) u
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..blocks.observers import AbstractObserver
@@ -99,9 +99,9 @@ class Excitation:
 
 def assess_excitation(
     observer: AbstractObserver,
-    velocity: Any,
+    velocity: ArrayLike,
     dt: float,
-    parameters: Mapping[str, Any],
+    parameters: Mapping[str, ArrayLike],
     *,
     duration: float | None = None,
 ) -> Excitation:
@@ -147,7 +147,7 @@ def assess_excitation(
     )
 
 
-def error_matrix(observer: AbstractObserver, velocity: Any, parameters: Mapping[str, Any]) -> Array:
+def error_matrix(observer: AbstractObserver, velocity: ArrayLike, parameters: Mapping[str, ArrayLike]) -> Array:
     """-(1/J) s(w) phi(w)^T, the matrix of e' (4.12) [1/s], shape (..., n, n) for velocities [rad/s] of shape (...).
 
     Args:
@@ -162,7 +162,7 @@ def error_matrix(observer: AbstractObserver, velocity: Any, parameters: Mapping[
     return -slopes[..., :, None] * regressor[..., None, :] / observer.inertia
 
 
-def pole(observer: AbstractObserver, velocity: float, parameters: Mapping[str, Any]) -> float:
+def pole(observer: AbstractObserver, velocity: float, parameters: Mapping[str, ArrayLike]) -> float:
     """The pole [1/s] of an observer of one parameter while it slides at a velocity [rad/s] (4.13), (4.39).
 
     For |w| it is -alpha / J at any speed; for g1 it is -alpha w^2 / J for b, and -alpha |w| / J for k.
@@ -178,7 +178,7 @@ def pole(observer: AbstractObserver, velocity: float, parameters: Mapping[str, A
     return float(error_matrix(observer, float(velocity), parameters)[0, 0])
 
 
-def _checked_velocity(velocity: Any, dt: float) -> np.ndarray:
+def _checked_velocity(velocity: ArrayLike, dt: float) -> np.ndarray:
     speed = np.asarray(velocity, dtype=float)
     if speed.ndim != 1 or len(speed) < 2 or not np.all(np.isfinite(speed)) or not float(dt) > 0.0:
         raise InputError(
@@ -189,7 +189,7 @@ def _checked_velocity(velocity: Any, dt: float) -> np.ndarray:
 
 
 def _vectors(
-    observer: AbstractObserver, speed: np.ndarray, parameters: Mapping[str, Any]
+    observer: AbstractObserver, speed: np.ndarray, parameters: Mapping[str, ArrayLike]
 ) -> tuple[np.ndarray, np.ndarray]:
     velocity = jnp.asarray(speed, jnp.asarray(observer.inertia).dtype)
     values = {name: jnp.asarray(float(np.asarray(value)), velocity.dtype) for name, value in parameters.items()}

@@ -14,12 +14,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
 from ..blocks.references import AbstractReference
 from ..compiled.programs import jit_by
 from ..errors import InputError
 from ..loop import ClosedLoop, LoopState
+from ..output.json_object import JsonObject, TomlTable
 from ..parameters import get_parameters, set_parameters
 from ..scan import Inputs, Stepper, Stepping, loop_dtype, make_inputs, make_stepper, roll
 from ..solvers import AbstractPlantSolver
@@ -72,7 +73,7 @@ class Identified:
 def identify(
     loop: ClosedLoop,
     reference: AbstractReference,
-    measured: Mapping[str, Any],
+    measured: TomlTable,
     parameters: Sequence[str],
     *,
     dt: float,
@@ -153,7 +154,7 @@ def identify(
 class _Problem(eqx.Module):
     """What the residuals depend on besides the coordinates; all numbers are leaves, so that nothing recompiles."""
 
-    tree: dict[str, Any]
+    tree: JsonObject
     stepper: Stepper
     initial: LoopState | None
     measured: dict[str, Float[Array, " samples"]]
@@ -254,7 +255,7 @@ def _report(problem: _Problem, names: tuple[str, ...], at: np.ndarray, steps: in
     )
 
 
-def _scalars(tree: Any, paths: tuple[str, ...]) -> dict[str, float]:
+def _scalars(tree: PyTree, paths: tuple[str, ...]) -> dict[str, float]:
     values = get_parameters(tree, paths)
     for path, value in values.items():
         if np.ndim(value) != 0:
@@ -286,7 +287,7 @@ def _limits(
     return np.asarray(low), np.asarray(high)
 
 
-def _measured(measured: Mapping[str, Any]) -> dict[str, np.ndarray]:
+def _measured(measured: TomlTable) -> dict[str, np.ndarray]:
     table = {name: np.asarray(values, dtype=float) for name, values in measured.items()}
     if not table:
         raise InputError("measured is empty: give at least one recorded signal, as in {'velocity': array}.")

@@ -1,7 +1,6 @@
 """Gains by pole placement: where a search begins, and what a model file without gains gets."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +9,7 @@ from ..blocks.controllers import PositionLoop
 from ..errors import InputError
 from ..logs.derivative import slope
 from ..loop import ClosedLoop
+from ..output.json_object import TomlTable
 from ..parameters import get_parameter, set_parameters
 from .excitation import error_matrix
 
@@ -19,9 +19,7 @@ PROBE = 2000  # samples of the reference that the observer's rates are averaged 
 _GAINS = ("gain", "gain_1", "gain_2", "nonlinearity.gain")
 
 
-def place_gain(
-    loop: ClosedLoop, tables: Sequence[np.ndarray], dt: float, name: str, truths: Mapping[str, Any]
-) -> float | None:
+def place_gain(loop: ClosedLoop, tables: Sequence[np.ndarray], dt: float, name: str, truths: TomlTable) -> float | None:
     """The gain that pole placement gives, in its unit; None where there is no rule for it.
 
     An observer's gain is placed where its estimate alone would settle in `placed_time`: gain = J / (tau mean s phi)
@@ -65,7 +63,7 @@ def placed_bandwidth(dt: float, horizon: float, least: float = 0.0) -> float:
     return float(min(max(np.sqrt(allowed * (10.0 / horizon)), least), allowed))
 
 
-def friction_bandwidth(loop: ClosedLoop, tables: Sequence[np.ndarray], truths: Mapping[str, Any]) -> float:
+def friction_bandwidth(loop: ClosedLoop, tables: Sequence[np.ndarray], truths: TomlTable) -> float:
     """Bandwidth [rad/s] from which kp times `FOLLOWED` of the reference's peak overcomes Coulomb friction; 0 if none.
 
     A weaker loop may not move at all: its error never asks for as much torque as friction holds.
@@ -83,9 +81,7 @@ def friction_bandwidth(loop: ClosedLoop, tables: Sequence[np.ndarray], truths: M
     return coulomb / (FOLLOWED * peak * 2.0 * DAMPING * inertia)
 
 
-def _unit_rate(
-    loop: ClosedLoop, tables: Sequence[np.ndarray], dt: float, name: str, truths: Mapping[str, Any]
-) -> float | None:
+def _unit_rate(loop: ClosedLoop, tables: Sequence[np.ndarray], dt: float, name: str, truths: TomlTable) -> float | None:
     """Rate [1/s] at which the estimate that this gain drives would settle with a gain of 1, all others at 0."""
     known = [f"{prefix}.{word}" for prefix in ("observer", "observer.observer") for word in _GAINS]
     if name not in known or not loop.observer.estimated:

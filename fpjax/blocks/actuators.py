@@ -1,11 +1,10 @@
 """Actuators: what stands between the commanded torque and the plant."""
 
 from abc import abstractmethod
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ..compiled.elementary import sin
 from ..errors import InputError
@@ -17,19 +16,19 @@ class AbstractActuator(Block):
     """From the commanded torque u_n [N m] to the applied torque [N m]."""
 
     @abstractmethod
-    def init(self) -> Any:
+    def init(self) -> PyTree:
         """The state at rest."""
 
     @abstractmethod
-    def derivative(self, state: Any, torque: Array) -> Any:
+    def derivative(self, state: PyTree, torque: Array) -> PyTree:
         """Time derivative of the state under a commanded torque [N m]."""
 
     @abstractmethod
-    def readout(self, state: Any, torque: Array, motion: Motion) -> Array:
+    def readout(self, state: PyTree, torque: Array, motion: Motion) -> Array:
         """Applied torque [N m] now."""
 
     @abstractmethod
-    def step(self, state: Any, torque: Array, motion: Motion, dt: Array) -> tuple[Any, Array]:
+    def step(self, state: PyTree, torque: Array, motion: Motion, dt: Array) -> tuple[PyTree, Array]:
         """(next state, mean applied torque [N m] over the control period) for a torque held over dt [s]."""
 
 
@@ -40,17 +39,17 @@ class IdealActuator(AbstractActuator):
         """No state."""
         return ()
 
-    def derivative(self, state: Any, torque: Array) -> tuple[()]:
+    def derivative(self, state: PyTree, torque: Array) -> tuple[()]:
         """Nothing moves."""
         del state, torque
         return ()
 
-    def readout(self, state: Any, torque: Array, motion: Motion) -> Array:
+    def readout(self, state: PyTree, torque: Array, motion: Motion) -> Array:
         """The command [N m]."""
         del state, motion
         return torque
 
-    def step(self, state: Any, torque: Array, motion: Motion, dt: Array) -> tuple[Any, Array]:
+    def step(self, state: PyTree, torque: Array, motion: Motion, dt: Array) -> tuple[PyTree, Array]:
         """The command [N m]."""
         del motion, dt
         return state, torque

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from jaxtyping import PyTree
 
 from ..errors import InputError
 
@@ -30,7 +31,7 @@ LINE = 100  # characters of a block on one line
 MOST_SHOWN = 8  # numbers of an array that are written out
 
 
-def show_fields(module: Any) -> str:
+def show_fields(module: eqx.Module) -> str:
     """A module with the values of its fields: one line, or a line a field where that would be long."""
     parts = [
         f"{field.name}={_shown(getattr(module, field.name))}" for field in dataclasses.fields(module) if field.repr
@@ -43,7 +44,7 @@ def show_fields(module: Any) -> str:
     return f"{name}(\n{lines},\n)"
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     if not isinstance(value, jax.Array | np.ndarray) or isinstance(value, Tracer):
         return repr(value)
     if not jnp.issubdtype(value.dtype, jnp.number):
@@ -75,17 +76,17 @@ def as_optional(value: Any) -> Any:
     return None if value is None else as_parameter(value)
 
 
-def with_arrays(tree: Any) -> Any:
+def with_arrays(tree: PyTree) -> PyTree:
     """The blocks with every plain number in them as an array leaf: a block of one's own need not convert its fields."""
 
-    def one(leaf: Any) -> Any:
+    def one(leaf: PyTree) -> PyTree:
         number = isinstance(leaf, int | float) and not isinstance(leaf, bool)
         return as_parameter(float(leaf)) if number else leaf
 
     return jax.tree.map(one, tree)
 
 
-def _concrete(value: Any) -> np.ndarray | None:
+def _concrete(value: object) -> np.ndarray | None:
     if value is None or isinstance(value, Tracer):
         return None
     if not isinstance(value, (jax.Array, np.ndarray, float, int)):

@@ -1,11 +1,11 @@
 """Feed-forward: what the reference alone asks for, added to a velocity controller or a position cascade."""
 
 import dataclasses
-from typing import Any, Self
+from typing import Self
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ..compiled.hyperbolic import tanh
 from ..errors import InputError
@@ -83,24 +83,24 @@ class Feedforward(AbstractFeedforward):
     ahead: bool = eqx.field(static=True, default=True)
     following: Array | None = eqx.field(default=None, repr=False)
 
-    def init(self) -> tuple[Any, Array, Array]:
+    def init(self) -> tuple[PyTree, Array, Array]:
         """(the wrapped controller's state, the reference that lags [rad/s], 0 before the first sample)."""
         zero = jnp.zeros_like(self.lag)
         return self.controller.init(), zero, zero
 
-    def derivative(self, state: Any, reference: Array, measurement: Measurement) -> tuple[Any, Array, Array]:
+    def derivative(self, state: PyTree, reference: Array, measurement: Measurement) -> tuple[PyTree, Array, Array]:
         """The wrapped controller's, and that of the lag."""
         inner, late, _ = state
         return self.controller.derivative(inner, reference, measurement), (reference - late) / self.lag, 1.0 / self.lag
 
-    def step(self, state: Any, reference: Array, measurement: Measurement, dt: Array) -> tuple[Any, Array, Array]:
+    def step(self, state: PyTree, reference: Array, measurement: Measurement, dt: Array) -> tuple[PyTree, Array, Array]:
         """The wrapped controller's step; a lag shorter than a period follows at once."""
         inner, late, begun = state
         after = self.controller.step(inner, reference, measurement, dt)
         before, wanted = jnp.where(begun > 0.0, late, reference), self._wanted(reference)
         return after, before + jnp.minimum(dt / self.lag, 1.0) * (wanted - before), jnp.ones_like(begun)
 
-    def readout(self, state: Any, reference: Array, measurement: Measurement) -> Array:
+    def readout(self, state: PyTree, reference: Array, measurement: Measurement) -> Array:
         """u [N m]; where there is a limit, it holds for the sum."""
         inner, late, begun = state
         wanted = self._wanted(reference)
@@ -118,7 +118,7 @@ class Feedforward(AbstractFeedforward):
         """Where the drive knows its reference a sample ahead."""
         return self.ahead
 
-    def follow(self, excess: Array) -> Any:
+    def follow(self, excess: Array) -> PyTree:
         """The wrapped controller's; the lag follows no limit."""
         inner = self.controller.follow(excess)
         return None if inner is None else (inner, jnp.zeros_like(excess), jnp.zeros_like(excess))
@@ -177,12 +177,12 @@ class PositionFeedforward(AbstractFeedforward):
                 "reference."
             )
 
-    def init(self) -> tuple[Any, Array, Array, Array]:
+    def init(self) -> tuple[PyTree, Array, Array, Array]:
         """(the cascade's state, the reference that lags [rad], its rate that lags [rad/s], 0 at first)."""
         zero = jnp.zeros_like(self.lag)
         return self.controller.init(), zero, zero, zero
 
-    def derivative(self, state: Any, reference: Array, measurement: Measurement) -> tuple[Any, Array, Array, Array]:
+    def derivative(self, state: PyTree, reference: Array, measurement: Measurement) -> tuple[PyTree, Array, Array, Array]:
         """The cascade's, and those of the lags."""
         inner, late, slow, _ = state
         rate = (reference - late) / self.lag
@@ -190,8 +190,8 @@ class PositionFeedforward(AbstractFeedforward):
         return rates, rate, (rate - slow) / self.lag, 1.0 / self.lag
 
     def step(
-        self, state: Any, reference: Array, measurement: Measurement, dt: Array
-    ) -> tuple[Any, Array, Array, Array]:
+        self, state: PyTree, reference: Array, measurement: Measurement, dt: Array
+    ) -> tuple[PyTree, Array, Array, Array]:
         """The cascade's step; lags shorter than a period follow at once."""
         inner, late, _, begun = state
         rate, before, now = self._rates(state, reference)
@@ -200,14 +200,14 @@ class PositionFeedforward(AbstractFeedforward):
         late = jnp.where(begun > 0.0, late, reference)
         return after, late + share * (wanted - late), before + share * (rate - before), jnp.ones_like(begun)
 
-    def readout(self, state: Any, reference: Array, measurement: Measurement) -> Array:
+    def readout(self, state: PyTree, reference: Array, measurement: Measurement) -> Array:
         """u [N m]; where there is a limit, it holds for the sum."""
         rate, before, now = self._rates(state, reference)
         inner = self._law().fed(self.velocity * now).readout(state[0], reference, measurement)
         torque = inner + self.inertia * ((rate - before) / self.lag) + self.viscous * rate
         return self.limited(torque + self.coulomb * tanh(rate / self.speed))
 
-    def _rates(self, state: Any, reference: Array) -> tuple[Array, Array, Array]:
+    def _rates(self, state: PyTree, reference: Array) -> tuple[Array, Array, Array]:
         """dr/dt of this period and of the one before, and that at the sample [rad/s]."""
         _, late, slow, begun = state
         # Nothing is known of the reference before the first sample: no speed and no acceleration from zero.
@@ -224,7 +224,7 @@ class PositionFeedforward(AbstractFeedforward):
         """Where the drive knows its reference a sample ahead."""
         return self.ahead
 
-    def follow(self, excess: Array) -> Any:
+    def follow(self, excess: Array) -> PyTree:
         """The cascade's; the lags follow no limit."""
         inner, zero = self.controller.follow(excess), jnp.zeros_like(excess)
         return None if inner is None else (inner, zero, zero, zero)

@@ -1,12 +1,12 @@
 """Sensors: what stands between the plant and the controller."""
 
 from abc import abstractmethod
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ..errors import InputError
 from .block import Block, as_parameter, require_not_negative, require_positive
@@ -25,11 +25,13 @@ class AbstractSensor(Block):
     noise_channels: ClassVar[int] = 0
 
     @abstractmethod
-    def init(self) -> Any:
+    def init(self) -> PyTree:
         """The state before the first sample."""
 
     @abstractmethod
-    def step(self, state: Any, output: PlantOutput, noise: tuple[Array, ...], dt: Array) -> tuple[Any, Measurement]:
+    def step(
+        self, state: PyTree, output: PlantOutput, noise: tuple[Array, ...], dt: Array
+    ) -> tuple[PyTree, Measurement]:
         """(next state, what is read at the start of this control period of dt [s]); `noise` holds standard normals."""
 
     def readout(self, output: PlantOutput) -> Measurement:
@@ -54,7 +56,9 @@ class IdealSensor(AbstractSensor):
         """No state."""
         return ()
 
-    def step(self, state: Any, output: PlantOutput, noise: tuple[Array, ...], dt: Array) -> tuple[Any, Measurement]:
+    def step(
+        self, state: PyTree, output: PlantOutput, noise: tuple[Array, ...], dt: Array
+    ) -> tuple[PyTree, Measurement]:
         """The true velocity and position."""
         del noise, dt
         return state, self.readout(output)
@@ -91,7 +95,9 @@ class Gyro(AbstractSensor):
         """(wandering bias [rad/s], integrated angle [rad])."""
         return jnp.zeros_like(self.noise), jnp.zeros_like(self.noise)
 
-    def step(self, state: Any, output: PlantOutput, noise: tuple[Array, ...], dt: Array) -> tuple[Any, Measurement]:
+    def step(
+        self, state: PyTree, output: PlantOutput, noise: tuple[Array, ...], dt: Array
+    ) -> tuple[PyTree, Measurement]:
         """A noisy rate [rad/s] and its integral [rad]."""
         wander, angle = state
         true = _on_side(self.side, output)
@@ -127,7 +133,9 @@ class Encoder(AbstractSensor):
         zero = jnp.zeros_like(self.step_size)
         return zero, zero, zero
 
-    def step(self, state: Any, output: PlantOutput, noise: tuple[Array, ...], dt: Array) -> tuple[Any, Measurement]:
+    def step(
+        self, state: PyTree, output: PlantOutput, noise: tuple[Array, ...], dt: Array
+    ) -> tuple[PyTree, Measurement]:
         """A rounded position [rad] and its filtered difference [rad/s]."""
         before, velocity, started = state
         reading = quantise(_on_side(self.side, output).position + self.noise * noise[0], self.step_size)
@@ -158,13 +166,15 @@ class KalmanFusion(AbstractSensor):
     def __check_init__(self) -> None:
         require_positive(self, "angle_noise", "rad")
 
-    def init(self) -> Any:
+    def init(self) -> PyTree:
         """Both sensors' states, (angle, bias), and the covariance (p11, p12, p22)."""
         zero = jnp.zeros_like(self.angle_noise)
         spread = jnp.square(self.angle_noise)
         return self.gyro.init(), self.encoder.init(), (zero, zero), (spread, zero, zero + 1.0)
 
-    def step(self, state: Any, output: PlantOutput, noise: tuple[Array, ...], dt: Array) -> tuple[Any, Measurement]:
+    def step(
+        self, state: PyTree, output: PlantOutput, noise: tuple[Array, ...], dt: Array
+    ) -> tuple[PyTree, Measurement]:
         """Fused velocity [rad/s] and position [rad]."""
         gyro_state, encoder_state, (angle, bias), (p11, p12, p22) = state
         gyro_state, rate = self.gyro.step(gyro_state, output, noise[:2], dt)

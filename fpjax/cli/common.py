@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from ..output.json_object import JsonObject
 from ..errors import InputError
 from ..output.runfile import RunFile, open_folder
 from .numbers import real, whole
@@ -50,7 +51,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--repair", action="store_true", help=argparse.SUPPRESS)  # done by default now
 
 
-def log_options(arguments: argparse.Namespace) -> dict[str, Any]:
+def log_options(arguments: argparse.Namespace) -> JsonObject:
     """What `add_log_options` gave, as `read_log` takes it.
 
     Raises:

@@ -1,11 +1,12 @@
 """What sweep and tune share: the objective, the references, the plants to tune for."""
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError
+from ..output.json_object import JsonObject
 from ..output.runfile import RunFile
 from .common import say
 from .numbers import real, whole
@@ -49,7 +50,7 @@ def add_cost_arguments(parser: argparse.ArgumentParser) -> None:
 
 def cost_settings(
     arguments: argparse.Namespace, record: RunFile
-) -> "tuple[Model, dict[str, AbstractReference], dict[str, Any]]":
+) -> "tuple[Model, dict[str, AbstractReference], JsonObject]":
     """(model, references, keyword arguments of `tune` and `sweep`).
 
     Raises:

@@ -7,10 +7,11 @@ import json
 import pathlib
 import shlex
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..output.folder_names import folder_names
+from ..output.json_object import JsonObject
 from ..output.progress import Stages, drawing
 from ..output.runfile import FINISHED, RunFile, versions, write_json, write_whole
 from ..output.share import part_of
@@ -188,6 +189,6 @@ def _one(
     sys.stdout.flush()
 
 
-def _provenance(found: "Diagnosis", record: RunFile) -> dict[str, Any]:
+def _provenance(found: "Diagnosis", record: RunFile) -> JsonObject:
     """The diagnosis' own, with the command as it was typed."""
     return {**found.provenance, "command": shlex.join(record.command)}

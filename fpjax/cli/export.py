@@ -2,9 +2,10 @@
 
 import argparse
 import pathlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
+from ..output.json_object import JsonObject
 from ..output.runfile import RunFile, write_json
 from .common import add_log_options, add_out, finish, read_measured, running, say, start_jax, table
 
@@ -50,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
         from .simulate import open_model
 
         model = open_model(arguments.model, arguments.set, record)
-        content: dict[str, Any] = {}
+        content: JsonObject = {}
         if arguments.c:
             content["c"] = _export_c(model, arguments, record)
         log = _log(model, arguments, record) if arguments.mujoco or arguments.urdf else None
@@ -71,7 +72,7 @@ def _log(model: "Model", arguments: argparse.Namespace, record: RunFile) -> "Log
 
 def _export_body(
     target: str, model: "Model", log: "Log | None", arguments: argparse.Namespace, record: RunFile
-) -> dict[str, Any]:
+) -> JsonObject:
     from ..export import export_mujoco, export_urdf
     from ..export.c_code import unit_of
 
@@ -104,7 +105,7 @@ def _export_body(
     return {"file": made.file.name, "against": made.against, "errors": errors, "not_held": made.costs or held}
 
 
-def _export_c(model: "Model", arguments: argparse.Namespace, record: RunFile) -> dict[str, Any]:
+def _export_c(model: "Model", arguments: argparse.Namespace, record: RunFile) -> JsonObject:
     from ..export import export_c
     from ..export.c_code import unit_of
     from ..export.vectors import ULPS
@@ -115,7 +116,7 @@ def _export_c(model: "Model", arguments: argparse.Namespace, record: RunFile) ->
         say(record, note)
     print(f"{made.code.name}_control: {made.cost.sentence(made.law.dt)}")
     print(f"  libm: {', '.join(made.code.libm) or 'nothing'}")
-    content: dict[str, Any] = {
+    content: JsonObject = {
         "files": made.files, "precision": made.law.precision, "period": made.law.dt, "libm": made.code.libm,
         "state": made.law.states, "outputs": made.law.outputs, "cost": vars(made.cost),
     }  # fmt: skip

@@ -12,6 +12,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..output.json_object import JsonObject
 from ..output.progress import Stages
 from ..output.runfile import RunFile, versions, write_json, write_whole
 from .common import (
@@ -203,7 +204,7 @@ def _contents(folder: pathlib.Path) -> list[str]:
     return found
 
 
-def _read(path: pathlib.Path) -> dict[str, Any]:
+def _read(path: pathlib.Path) -> JsonObject:
     try:
         content = json.loads(path.read_text())
     except (OSError, ValueError):

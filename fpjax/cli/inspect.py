@@ -2,9 +2,10 @@
 
 import argparse
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..logs.nominal import PARAMETERS
+from ..output.json_object import JsonObject
 from ..output.runfile import RunFile, write_json, write_whole
 from .common import add_log_options, add_out, finish, log_options, running, table
 
@@ -115,7 +116,7 @@ def starter(found: "Inspection") -> str | None:
     if position_only:
         units["reference"] = "position"
     sensors = "position" if position_only else "both" if log.position is not None else "velocity"
-    sections: dict[str, Any] = {
+    sections: JsonObject = {
         "units": {**units, "sensors": sensors},
         "plant": {"type": "one_mass", "inertia": _digits(nominal.inertia)},
         "friction": {
@@ -142,7 +143,7 @@ def starter(found: "Inspection") -> str | None:
     return head + write(sections, comments)
 
 
-def _load(nominal: "Nominal") -> dict[str, Any]:
+def _load(nominal: "Nominal") -> JsonObject:
     """[load], where the log shows a torque that follows the sine of the position."""
     if nominal.amplitude == 0.0:
         return {}

@@ -1,11 +1,12 @@
 """What `fpjax simulate` measures on a run, and how it is said."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError
 from ..model_file import Model
+from ..output.json_object import JsonObject
 
 if TYPE_CHECKING:
     from .._simulate import Run
@@ -48,12 +49,12 @@ def recorded_names(model: Model) -> tuple[str, ...]:
     return (*names, *(f"estimates.{name}" for name in model.loop.observer.estimated))
 
 
-def measures_of(model: Model) -> dict[str, Any]:
+def measures_of(model: Model) -> JsonObject:
     """Measures by the sentence they are shown with."""
     from .. import metrics
 
     error = metrics.position_error if model.units.reference == "position" else metrics.velocity_error
-    found: dict[str, Any] = {
+    found: JsonObject = {
         "tracking error, mean absolute": metrics.MeanAbsolute(error),
         "tracking error, rms": metrics.RootMeanSquare(error),
         "tracking error, largest": metrics.Largest(error),

@@ -2,11 +2,12 @@
 
 import argparse
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError
+from ..output.json_object import JsonObject
 from ..output.progress import Stages
 from ..output.runfile import RunFile, whole_file, write_json
 from .common import (
@@ -134,7 +135,7 @@ def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) ->
             draw_run(model, signals, record.path("simulation.png"))
 
 
-def _margins(model: "Model", arguments: argparse.Namespace, record: RunFile, velocity: np.ndarray) -> dict[str, Any]:
+def _margins(model: "Model", arguments: argparse.Namespace, record: RunFile, velocity: np.ndarray) -> JsonObject:
     """Print the margins about a steady motion, leave margins.png, return what simulation.json keeps."""
     from ..linear import linearise
 

@@ -9,7 +9,8 @@ import contextlib
 import dataclasses
 import functools
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from types import ModuleType
 from typing import Any
 
 import jax
@@ -21,12 +22,14 @@ import numpy as np
 from jax import lax
 from jax.core import Tracer
 from jax.sharding import Mesh, PartitionSpec
+from jaxtyping import PyTree
 
 from ..errors import InputError
 from .native import native, native_enabled
 from .threads import on_threads, settings, under
 
-_core: Any = jax.extend.core if hasattr(jax.extend.core, "get_opaque_trace_state") else jax.core
+Device = Any  # jax.Device is a variable to a type checker
+_core: ModuleType = jax.extend.core if hasattr(jax.extend.core, "get_opaque_trace_state") else jax.core
 
 # Candidates in one kernel: one chunk keeps its states in the first-level cache and its loops long
 # enough that LLVM vectorizes them (docs/performance.md).
@@ -41,15 +44,15 @@ PER_WORKER = 48
 
 
 def map_chunks(
-    fn: Callable[..., Any],
-    arguments: Any,
-    shared: tuple[Any, ...] = (),
+    fn: Callable[..., PyTree],
+    arguments: PyTree,
+    shared: tuple[PyTree, ...] = (),
     *,
     chunk: int | None = None,
     batched: bool = False,
-    devices: Sequence[Any] | None = None,
+    devices: Sequence[Device] | None = None,
     workers: int | None = None,
-) -> Any:
+) -> PyTree:
     """`vmap(fn)` over a leading axis, chunk by chunk in one kernel each, on all cores.
 
     Inside a jit, grad or vmap it is one `lax.map` on one device. It is compiled once for each `fn` and shape, so
@@ -91,17 +94,17 @@ def map_chunks(
 
 
 def iterate_chunks(
-    fn: Callable[..., Any],
-    arguments: Any,
-    shared: tuple[Any, ...] = (),
+    fn: Callable[..., PyTree],
+    arguments: PyTree,
+    shared: tuple[PyTree, ...] = (),
     *,
     size: int = 16384,
     start: int = 0,
     chunk: int | None = None,
     batched: bool = False,
-    devices: Sequence[Any] | None = None,
+    devices: Sequence[Device] | None = None,
     workers: int | None = None,
-) -> Iterator[tuple[slice, Any]]:
+) -> Iterator[tuple[slice, PyTree]]:
     """`map_chunks` in pieces of `size` candidates: yields (slice of the batch, its result).
 
     For sweeps that take minutes: between two pieces the caller draws its progress bar, writes its file, is
@@ -141,7 +144,7 @@ def iterate_chunks(
         yield piece, jax.tree.map(lambda leaf, number=number: np.asarray(leaf)[:number], result)
 
 
-def batch_size(arguments: Any) -> int:
+def batch_size(arguments: PyTree) -> int:
     """The number of candidates.
 
     Raises:
@@ -150,12 +153,12 @@ def batch_size(arguments: Any) -> int:
     return _size_and_width(arguments)[0]
 
 
-def chunk_for(arguments: Any, size: int) -> int:
+def chunk_for(arguments: PyTree, size: int) -> int:
     """How many candidates go into one kernel, for `size` candidates of this precision."""
     return _chunk_for(size, _size_and_width(arguments)[1])
 
 
-def _traced(*arguments: Any) -> bool:
+def _traced(*arguments: PyTree) -> bool:
     """Whether a trace is going on: without tracers among the arguments it may still have some in the function."""
     return _core.get_opaque_trace_state() != _no_trace() or any(
         isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arguments)
@@ -163,13 +166,13 @@ def _traced(*arguments: Any) -> bool:
 
 
 @functools.lru_cache(maxsize=1)
-def _no_trace() -> Any:
+def _no_trace() -> object:
     """jax's state outside every trace: that of a fresh thread, because the first call may stand within a trace."""
     with concurrent.futures.ThreadPoolExecutor(1) as fresh:
         return fresh.submit(_core.get_opaque_trace_state).result()
 
 
-def _size_and_width(arguments: Any) -> tuple[int, int]:
+def _size_and_width(arguments: PyTree) -> tuple[int, int]:
     """(the number of candidates, the bytes of their widest number: 8 or 4)."""
     sizes, width = set(), 4
     for leaf in jax.tree.leaves(arguments):
@@ -210,8 +213,8 @@ def cores() -> int:
     return len(count(0)) if count else os.cpu_count() or 1
 
 
-def _chunked(fn: Callable[..., Any], batched: bool, single: bool = False) -> Callable[..., Any]:
-    def run(blocks: Any, shared: tuple[Any, ...]) -> Any:
+def _chunked(fn: Callable[..., PyTree], batched: bool, single: bool = False) -> Callable[..., PyTree]:
+    def run(blocks: PyTree, shared: tuple[PyTree, ...]) -> PyTree:
         whole = fn if batched else jax.vmap(fn, in_axes=(0, *(None for _ in shared)))
         kernel = native(whole)
         if single:
@@ -237,8 +240,8 @@ class _Plan:
         single: whether the batch is one chunk as it stands.
     """
 
-    run: Callable[..., Any]
-    seen: set[Any]
+    run: Callable[..., PyTree]
+    seen: set[Hashable]
     chunk: int
     count: int
     threads: int
@@ -247,12 +250,12 @@ class _Plan:
 
 @functools.lru_cache(maxsize=64)
 def _plan(
-    fn: Callable[..., Any],
+    fn: Callable[..., PyTree],
     batched: bool,
     size: int,
     width: int,
     chunk: int | None,
-    where: tuple[Any, ...],
+    where: tuple[Device, ...],
     workers: int,
     enabled: bool,
 ) -> _Plan:
@@ -274,13 +277,13 @@ def _plan(
 
 @functools.lru_cache(maxsize=64)
 def _compiled(
-    fn: Callable[..., Any],
+    fn: Callable[..., PyTree],
     batched: bool,
     wide: bool,
     enabled: bool,
-    devices: tuple[Any, ...] | None,
+    devices: tuple[Device, ...] | None,
     single: bool,
-) -> tuple[Callable[..., Any], set[Any]]:
+) -> tuple[Callable[..., PyTree], set[Hashable]]:
     """(the jitted loop over chunks, the shapes that it was compiled for).
 
     `enabled` is only there so that a switched `native` traces anew.
@@ -298,7 +301,7 @@ def _compiled(
     return jax.jit(run, compiler_options=options), set()
 
 
-def _threaded(plan: _Plan, blocks: Any, shared: tuple[Any, ...], device: Any, size: int) -> Any:
+def _threaded(plan: _Plan, blocks: PyTree, shared: tuple[PyTree, ...], device: Device, size: int) -> PyTree:
     """Each thread runs one part.
 
     XLA releases the interpreter while it computes; a second CPU device for `shard_map` could only be had before jax
@@ -306,7 +309,7 @@ def _threaded(plan: _Plan, blocks: Any, shared: tuple[Any, ...], device: Any, si
     """
     each, own = plan.count // plan.threads, settings()
 
-    def part(number: int) -> Any:
+    def part(number: int) -> PyTree:
         taken = jax.tree.map(lambda leaf: leaf[number * each : (number + 1) * each], blocks)
         with under(own), jax.default_device(device):
             return jax.block_until_ready(plan.run(taken, shared))
@@ -316,14 +319,14 @@ def _threaded(plan: _Plan, blocks: Any, shared: tuple[Any, ...], device: Any, si
     results = on_threads(part, plan.threads, first_alone=known not in plan.seen)  # or each would compile the same
     plan.seen.add(known)
 
-    def joined(*parts: Any) -> Any:
+    def joined(*parts: PyTree) -> PyTree:
         numpy = _here(parts[0])[0]
         return jnp.asarray(numpy.concatenate([_here(each)[1] for each in parts])[:size])
 
     return jax.tree.map(joined, *results)
 
 
-def _here(leaf: Any) -> tuple[Any, Any]:
+def _here(leaf: PyTree) -> tuple[PyTree, PyTree]:
     """(numpy or jax.numpy, the array there): random keys have no numpy array."""
     dtype = getattr(leaf, "dtype", None)
     if dtype is not None and jnp.issubdtype(dtype, jax.dtypes.extended):
@@ -331,11 +334,11 @@ def _here(leaf: Any) -> tuple[Any, Any]:
     return np, np.asarray(leaf)
 
 
-def _blocks(numpy: Any, leaf: Any, count: int, chunk: int) -> Any:
+def _blocks(numpy: ModuleType, leaf: PyTree, count: int, chunk: int) -> PyTree:
     return _padded(numpy, leaf, count * chunk).reshape(count, chunk, *leaf.shape[1:])
 
 
-def _padded(numpy: Any, leaf: Any, size: int) -> Any:
+def _padded(numpy: ModuleType, leaf: PyTree, size: int) -> PyTree:
     """The last candidate repeated: a padded lane computes nothing new, and cannot diverge alone."""
     missing = size - leaf.shape[0]
     if missing == 0:
@@ -343,5 +346,5 @@ def _padded(numpy: Any, leaf: Any, size: int) -> Any:
     return numpy.concatenate([leaf, numpy.broadcast_to(leaf[-1:], (missing, *leaf.shape[1:]))])
 
 
-def _first(result: Any, size: int) -> Any:
+def _first(result: PyTree, size: int) -> PyTree:
     return jax.tree.map(lambda leaf: leaf if leaf.shape[0] == size else leaf[:size], result)

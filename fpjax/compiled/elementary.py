@@ -8,7 +8,7 @@ every operation of a polynomial, and are left to XLA where it is faster; how man
 lowered, so each is a primitive. On other devices it is XLA's.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -18,6 +18,7 @@ from jax import lax
 from jax.ad_checkpoint import checkpoint_name
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
+from jax.typing import ArrayLike
 from jaxtyping import Array
 
 # All least largest relative errors (Remez's exchange, 50 digits), lowest power first, by the bytes of a float.
@@ -67,7 +68,7 @@ _WRITTEN_OUT: dict[str, Callable[[Array], list[Array]]] = {}
 NAME = "fpjax_elementary"  # under which reverse mode finds what is expensive to recompute (see `native`)
 
 
-def sincos(x: Any) -> tuple[Array, Array]:
+def sincos(x: ArrayLike) -> tuple[Array, Array]:
     """(sin x, cos x), float32 or float64 (any other dtype by `jnp`), in every mode of differentiation.
 
     Off by less than 2.5 units in the last place where |x| < 1e6 (1e4 in float32), by 3.5 next to a zero; beyond, by
@@ -83,17 +84,17 @@ def sincos(x: Any) -> tuple[Array, Array]:
     return s, c
 
 
-def sin(x: Any) -> Array:
+def sin(x: ArrayLike) -> Array:
     """Sine; see `sincos`."""
     return sincos(x)[0]
 
 
-def cos(x: Any) -> Array:
+def cos(x: ArrayLike) -> Array:
     """Cosine; see `sincos`."""
     return sincos(x)[1]
 
 
-def log(x: Any) -> Array:
+def log(x: ArrayLike) -> Array:
     """Natural logarithm, float64 (any other dtype by `jnp.log`), in every mode of differentiation.
 
     Off by less than a unit in the last place; -inf at 0 and where x is subnormal, not a number below.
@@ -118,7 +119,7 @@ def kept(value: Array) -> Array:
     return checkpoint_name(lax.optimization_barrier(value), NAME)
 
 
-def written_out(primitive: Any) -> Callable[[Array], list[Array]] | None:
+def written_out(primitive: Primitive) -> Callable[[Array], list[Array]] | None:
     """The arithmetic behind one of our primitives, a list of its results; None for any other primitive."""
     return _WRITTEN_OUT.get(primitive.name)
 
@@ -151,15 +152,15 @@ def _primitive(
     def by_size(x: Any) -> Callable[[Array], list[Array]]:
         return written_out if x.size >= least[x.dtype.itemsize] else plain
 
-    def lowered_for_cpu(ctx: Any, value: Any) -> Any:
+    def lowered_for_cpu(ctx: mlir.LoweringRuleContext, value: Any) -> Any:
         return mlir.lower_fun(by_size(ctx.avals_in[0]), multiple_results=True)(ctx, value)
 
-    def derived(primals: Any, tangents: Any) -> tuple[list[Array], list[Array]]:
+    def derived(primals: Sequence[Array], tangents: Sequence[Array]) -> tuple[list[Array], list[Array]]:
         (x,), along = primals, ad.instantiate_zeros(tangents[0])
         values = [kept(value) for value in made.bind(x)]
         return values, slopes(x, values, along)
 
-    def batched(values: Any, dims: Any) -> tuple[list[Array], list[int]]:
+    def batched(values: Sequence[Array], dims: Sequence[int]) -> tuple[list[Array], list[int]]:
         return made.bind(*values), [dims[0]] * results
 
     made = Primitive(name)

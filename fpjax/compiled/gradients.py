@@ -6,10 +6,11 @@ parameters, and keeps its memory bounded by checkpoints (`native.scan_loop`).
 
 import math
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import PyTree
 
 from ..errors import InputError
 from .native import reverse_pass
@@ -32,7 +33,7 @@ def value_and_gradient(
     mode: str = "auto",
     batched: bool = False,
     scratch: int = SCRATCH,
-) -> Callable[..., tuple[jax.Array, Any]]:
+) -> Callable[..., tuple[jax.Array, PyTree]]:
     """A function of the same arguments that returns (value, gradient by the first argument).
 
     Wrap the result, not `fn`, in `native`.
@@ -50,7 +51,7 @@ def value_and_gradient(
     if mode not in MODES:
         raise InputError(f"mode={mode!r} is not known: use one of {MODES}.")
 
-    def evaluated(parameters: Any, *others: Any) -> tuple[jax.Array, Any]:
+    def evaluated(parameters: PyTree, *others: PyTree) -> tuple[jax.Array, PyTree]:
         parameters = jax.tree.map(jnp.asarray, parameters)
         candidates, count = _sizes(parameters, batched)
         cost = lambda p: fn(p, *others)  # noqa: E731
@@ -65,7 +66,7 @@ def value_and_gradient(
     return evaluated
 
 
-def _sizes(parameters: Any, batched: bool) -> tuple[int | None, int]:
+def _sizes(parameters: PyTree, batched: bool) -> tuple[int | None, int]:
     """(the number of candidates, None where there is no such axis; parameters of one of them)."""
     leaves = jax.tree.leaves(parameters)
     if any(not jnp.issubdtype(leaf.dtype, jnp.floating) for leaf in leaves) or not leaves:
@@ -93,7 +94,9 @@ def _check(value: jax.Array, candidates: int | None) -> None:
         )
 
 
-def _forward(cost: Callable[[Any], jax.Array], parameters: Any, candidates: int | None) -> tuple[jax.Array, Any]:
+def _forward(
+    cost: Callable[[PyTree], jax.Array], parameters: PyTree, candidates: int | None
+) -> tuple[jax.Array, PyTree]:
     leaves, structure = jax.tree.flatten(parameters)
     lead = () if candidates is None else (candidates,)
     inner = [leaf.shape[len(lead) :] for leaf in leaves]
@@ -110,7 +113,7 @@ def _forward(cost: Callable[[Any], jax.Array], parameters: Any, candidates: int 
         structure, [directions(*each) for each in zip(leaves, inner, starts, counts, strict=True)]
     )
 
-    def along(tangent: Any) -> tuple[jax.Array, jax.Array]:
+    def along(tangent: PyTree) -> tuple[jax.Array, jax.Array]:
         return jax.jvp(cost, (parameters,), (tangent,))
 
     # The value does not depend on the direction: it is computed once, outside the vmap.

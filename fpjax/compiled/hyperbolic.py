@@ -10,12 +10,12 @@ of its evaluation add up to 4.5 units in double, 4.9 in single precision.
 """
 
 import functools
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from .elementary import kept, polynomial
@@ -49,7 +49,7 @@ _DENOMINATOR = {
 _ONE_FROM = {8: 19.0616, 4: 9.011}
 
 
-def tanh(x: Any) -> Array:
+def tanh(x: ArrayLike) -> Array:
     """Hyperbolic tangent, float32 or float64 (any other dtype by `jnp.tanh`), in every mode of differentiation.
 
     Args:

@@ -16,18 +16,21 @@ import os
 import pathlib
 import sys
 from collections.abc import Callable, Iterator
-from typing import Any, TypeVar, cast
+from types import ModuleType
+from typing import TypeVar, cast
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.core import ShapedArray
+from jax.extend.core import Primitive
+from jaxtyping import PyTree
 
 from ..errors import InputError
 from .elementary import NAME as ELEMENTARY
 from .one_kernel import one_kernel
 
-F = TypeVar("F", bound=Callable[..., Any])
+F = TypeVar("F", bound=Callable[..., object])
 C = TypeVar("C")
 X = TypeVar("X")
 Y = TypeVar("Y")
@@ -93,7 +96,7 @@ def native(fn: F) -> F:
     """
 
     # The ambient mode is an argument: a trace made without it must not be found within it.
-    def evaluated(enabled: bool, ambient: Any, arguments: tuple[Any, ...]) -> Any:
+    def evaluated(enabled: bool, ambient: object, arguments: tuple[PyTree, ...]) -> PyTree:
         # Under `disable_jit` nothing is compiled, and evaluating the primitive would call itself.
         plain = not enabled or jax.config.jax_disable_jit  # pyright: ignore[reportAttributeAccessIssue]
         return fn(*arguments) if plain else one_kernel(fn, arguments)
@@ -172,11 +175,11 @@ def alike_on_devices(step: Callable[[C, X], tuple[C, Y]], carry: C, xs: X) -> tu
     return stepped, _declared(carry, over)
 
 
-def _outputs(step: Callable[..., Any], carry: Any, x: Any) -> Any:
+def _outputs(step: Callable[..., PyTree], carry: PyTree, x: PyTree) -> PyTree:
     return jax.make_jaxpr(lambda: step(carry, x)[0])().out_avals
 
 
-def _varies(values: Any) -> frozenset[str]:
+def _varies(values: PyTree) -> frozenset[str]:
     """The device axes over which any of these arrays (or their abstract values) varies."""
     over: frozenset[str] = frozenset()
     for value in values:
@@ -187,27 +190,27 @@ def _varies(values: Any) -> frozenset[str]:
 
 
 def _declared(tree: C, over: frozenset[str]) -> C:
-    def one(leaf: Any) -> Any:
+    def one(leaf: PyTree) -> PyTree:
         missing = tuple(sorted(over - _varies([leaf])))
         return _vary(leaf, missing) if missing else leaf
 
     return jax.tree.map(one, tree)
 
 
-def _vary(leaf: Any, axes: tuple[str, ...]) -> Any:
+def _vary(leaf: PyTree, axes: tuple[str, ...]) -> PyTree:
     """The same array, declared to vary over these device axes."""
     if hasattr(lax, "pcast"):
         return lax.pcast(leaf, axes, to="varying")
-    return cast(Any, lax).pvary(leaf, axes)  # jax before 0.8
+    return cast(ModuleType, lax).pvary(leaf, axes)  # jax before 0.8
 
 
-def _is_expensive(primitive: Any, *operands: Any, **parameters: Any) -> bool:
+def _is_expensive(primitive: Primitive, *operands: object, **parameters: object) -> bool:
     """What a checkpointed step keeps besides its carry: 5-15 % faster, and a few numbers a step more."""
     del operands
     return primitive.name in _EXPENSIVE.split() or parameters.get("name") == ELEMENTARY
 
 
-def _in_blocks(step: Callable[[C, X], tuple[C, Y]], carry: C, xs: X, length: int, levels: int, unroll: int) -> Any:
+def _in_blocks(step: Callable[[C, X], tuple[C, Y]], carry: C, xs: X, length: int, levels: int, unroll: int) -> PyTree:
     """The loop as blocks of blocks: only the carries at the starts of the blocks are kept, one level at a time."""
     blocks = _blocks(length, levels)
     if blocks < 2:
@@ -237,7 +240,7 @@ def _blocks(length: int, levels: int) -> int:
     return min(range(max(2, int(0.6 * root)), int(1.7 * root) + 2), key=carries)
 
 
-def _length(xs: Any, length: int | None) -> int:
+def _length(xs: PyTree, length: int | None) -> int:
     lengths: set[int] = {leaf.shape[0] for leaf in jax.tree.leaves(xs)}
     if length is not None:
         lengths.add(length)
@@ -263,7 +266,7 @@ def _whole_carry(step: Callable[[C, X], tuple[C, Y]]) -> Callable[[C, X], tuple[
     return stepped
 
 
-def _levels(carry: Any, length: int) -> int:
+def _levels(carry: PyTree, length: int) -> int:
     """0 in a plain run; in a reverse pass as many levels of blocks as keep the carries within its scratch."""
     reverse = _reverse.get()
     if reverse is None:

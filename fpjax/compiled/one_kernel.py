@@ -6,7 +6,7 @@ later `vmap` is what makes the arrays large. So the decision falls when the prog
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -14,9 +14,12 @@ import numpy as np
 from jax import lax
 from jax.core import Tracer, eval_jaxpr
 from jax.experimental.xla_metadata import set_xla_metadata
-from jax.extend.core import Primitive, jaxpr_as_fun
+from jax.extend.core import Jaxpr, JaxprEqn, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 from jax.interpreters.partial_eval import dce_jaxpr
+from jaxtyping import PyTree
+
+ClosedJaxpr = Any  # jax exports the class to no type checker
 
 # What may stand in one kernel. A list of what is allowed, not of what is forbidden: XLA fails hard on a sort, a LAPACK
 # or FFI call, a callback or a collective inside the kernel, and a primitive that nobody has tried is better run slowly
@@ -49,7 +52,7 @@ _SAFE_BYTES = 512 * 1024
 _ON_TRIAL = (0, 9) <= jax.__version_info__[:2] < (0, 12)
 
 
-def one_kernel(fn: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+def one_kernel(fn: Callable[..., PyTree], arguments: tuple[PyTree, ...]) -> PyTree:
     """`fn(*arguments)`, traced once, to be lowered for the CPU as one kernel where that can be.
 
     Args:
@@ -65,7 +68,7 @@ def one_kernel(fn: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     if captured:  # tracers that `fn` closes over become arguments; arrays stay constants of the program
         inner, consts = closed.jaxpr, closed.consts
 
-        def program(captured: list[Any], values: list[Any]) -> Any:
+        def program(captured: list[PyTree], values: list[PyTree]) -> PyTree:
             rest = iter(captured)
             return eval_jaxpr(inner, [next(rest) if isinstance(c, Tracer) else c for c in consts], *values)
 
@@ -73,7 +76,7 @@ def one_kernel(fn: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     return jax.tree.unflatten(structure, one_kernel_p.bind(*captured, *values, jaxpr=closed))
 
 
-def what_forbids_one_kernel(jaxpr: Any) -> str | None:
+def what_forbids_one_kernel(jaxpr: Jaxpr) -> str | None:
     """The name of the first primitive in `jaxpr` that cannot stand in one kernel; None if there is none."""
     for equation in jaxpr.eqns:
         if equation.primitive.name not in _ALLOWED:
@@ -85,7 +88,7 @@ def what_forbids_one_kernel(jaxpr: Any) -> str | None:
     return None
 
 
-def _inner_programs(equation: Any) -> list[Any]:
+def _inner_programs(equation: JaxprEqn) -> list[Jaxpr]:
     found = []
     for value in equation.params.values():
         for inner in value if isinstance(value, (tuple, list)) else (value,):
@@ -95,12 +98,12 @@ def _inner_programs(equation: Any) -> list[Any]:
     return found
 
 
-def _surely_sequential(jaxpr: Any) -> bool:
+def _surely_sequential(jaxpr: Jaxpr) -> bool:
     """Whether nothing in `jaxpr`, were it all one fusion, is large enough to be given to threads."""
     return max(_operations(jaxpr)) < _SAFE_OPERATIONS
 
 
-def _operations(jaxpr: Any) -> tuple[float, float]:
+def _operations(jaxpr: Jaxpr) -> tuple[float, float]:
     """(operations that XLA may fuse into one with what stands around `jaxpr`, the most within a loop or branch of it).
 
     Calls are inlined before anything is fused, the steps of one turn of a loop too unless a barrier parts them.
@@ -124,21 +127,21 @@ def _operations(jaxpr: Any) -> tuple[float, float]:
 
 # Operations that XLA expands into many; all others count once.
 _EXPANDED = "acosh asinh atan2 atanh digamma erf erf_inv erfc fpjax_log fpjax_sincos lgamma nextafter pow rem sinh cosh"
-_COSTS = dict.fromkeys(_EXPANDED.split(), 40)
+_COSTS: dict[str, int] = dict.fromkeys(_EXPANDED.split(), 40)
 
 
 def _size(aval: Any) -> int:
     return int(np.prod(aval.shape)) if hasattr(aval, "shape") else 0
 
 
-def _kernel(closed: Any) -> Callable[..., Any]:
+def _kernel(closed: ClosedJaxpr) -> Callable[..., PyTree]:
     # An array argument that nothing uses, or that XLA sees to be constant, ends the process: a check in ir_emitter.cc,
     # jax 0.7 to 0.11. So the first are left out, and the others stand behind a barrier.
     program, used = dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars))
     evaluate = jaxpr_as_fun(closed.replace(jaxpr=program))
     call = jax.jit(lambda *values: evaluate(*values))
 
-    def kernel(*values: Any) -> Any:
+    def kernel(*values: PyTree) -> PyTree:
         values = lax.optimization_barrier([value for value, wanted in zip(values, used, strict=True) if wanted])
         with set_xla_metadata(xla_cpu_small_call="true", inlineable="false"):
             return call(*values)
@@ -146,7 +149,7 @@ def _kernel(closed: Any) -> Callable[..., Any]:
     return kernel
 
 
-def _compiles(closed: Any) -> bool:
+def _compiles(closed: ClosedJaxpr) -> bool:
     shapes = [jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in closed.in_avals]
     try:
         jax.jit(_kernel(closed)).lower(*shapes).compile()
@@ -155,24 +158,24 @@ def _compiles(closed: Any) -> bool:
     return True
 
 
-def _lower_plain(ctx: Any, *values: Any, jaxpr: Any) -> Any:
+def _lower_plain(ctx: mlir.LoweringRuleContext, *values: PyTree, jaxpr: ClosedJaxpr) -> PyTree:
     return mlir.lower_fun(jaxpr_as_fun(jaxpr), multiple_results=True)(ctx, *values)
 
 
-def _lower_cpu(ctx: Any, *values: Any, jaxpr: Any) -> Any:
+def _lower_cpu(ctx: mlir.LoweringRuleContext, *values: PyTree, jaxpr: ClosedJaxpr) -> PyTree:
     asked = _surely_sequential(jaxpr.jaxpr) or (_ON_TRIAL and _compiles(jaxpr))
     run = _kernel(jaxpr) if asked else jaxpr_as_fun(jaxpr)
     return mlir.lower_fun(run, multiple_results=True)(ctx, *values)
 
 
-def _batched(values: Any, dims: Any, *, jaxpr: Any) -> Any:
+def _batched(values: Sequence[PyTree], dims: Sequence[int | None], *, jaxpr: ClosedJaxpr) -> PyTree:
     run = jax.vmap(jaxpr_as_fun(jaxpr), in_axes=tuple(dims))
     batched = jax.make_jaxpr(run)(*values)
     out = one_kernel_p.bind(*values, jaxpr=batched)
     return out, (0,) * len(out)
 
 
-def _differentiated(primals: Any, tangents: Any, *, jaxpr: Any) -> Any:
+def _differentiated(primals: Sequence[PyTree], tangents: Sequence[PyTree], *, jaxpr: ClosedJaxpr) -> PyTree:
     """The derivative is taken of the plain program: ask for one kernel around the gradient, not within it."""
     tangents = [ad.instantiate_zeros(tangent) for tangent in tangents]
     return jax.jvp(jaxpr_as_fun(jaxpr), tuple(primals), tuple(tangents))

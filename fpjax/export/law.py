@@ -5,13 +5,15 @@ import dataclasses
 import inspect
 import re
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
+from ..blocks.block import Block
 from ..blocks.controllers import AbstractController
 from ..blocks.observers import AbstractObserver
 from ..blocks.signals import Measurement
@@ -22,7 +24,7 @@ from .flatten import constants, flatten
 from .program import Program
 
 Precision = Literal["double", "float"]
-DTYPES: dict[str, Any] = {"double": np.float64, "float": np.float32}
+DTYPES: dict[str, type] = {"double": np.float64, "float": np.float32}
 INPUTS = ("reference", "velocity", "position")
 NEXT = "next_reference"  # a fourth input of a law that looks ahead
 
@@ -57,7 +59,7 @@ class Law:
         return inputs_of(self.loop)
 
     @property
-    def dtype(self) -> Any:
+    def dtype(self) -> type:
         """numpy's."""
         return DTYPES[self.precision]
 
@@ -93,7 +95,7 @@ def trace_law(loop: ClosedLoop, dt: float, precision: Precision = "double") -> L
         state = memory_at_rest(loop)
         period = jnp.asarray(dt, DTYPES[precision])
 
-        def step(leaves: Any, dt: Any, inputs: Any, state: Any) -> Any:
+        def step(leaves: PyTree, dt: PyTree, inputs: PyTree, state: PyTree) -> PyTree:
             controller, observer = rebuild(leaves)
             return run(ClosedLoop(loop.plant, controller, observer), inputs, state, dt)
 
@@ -101,7 +103,7 @@ def trace_law(loop: ClosedLoop, dt: float, precision: Precision = "double") -> L
         closed, shapes = jax.make_jaxpr(step, return_shape=True)(leaves, period, (zero,) * len(inputs_of(loop)), state)
         known = [constants(leaf, name) for leaf, name in zip(leaves, names, strict=True)]
         known.append(constants(period, "period"))
-        free: list[Any] = [None] * (len(closed.jaxpr.invars) - len(known))
+        free: list[PyTree] = [None] * (len(closed.jaxpr.invars) - len(known))
         program = flatten(closed, [*known, *free])
         states, start = _state(state)
         descriptions = {"period": "control period [s]"} | _described(loop.controller, "controller")
@@ -115,31 +117,31 @@ def inputs_of(loop: ClosedLoop) -> tuple[str, ...]:
     return (*INPUTS, NEXT) if loop.controller.looks_ahead else INPUTS
 
 
-def run(loop: ClosedLoop, inputs: Any, state: Any, dt: Any) -> tuple[Any, Any]:
+def run(loop: ClosedLoop, inputs: PyTree, state: PyTree, dt: PyTree) -> tuple[PyTree, PyTree]:
     """((torque, control, compensation, estimates), next state) of one period, for inputs in `inputs_of` order."""
     reference, velocity, position, *following = inputs
     made: Command = loop.control_law(state, reference, Measurement(velocity, position), dt, *following)
     return (made.torque, made.control, made.compensation, made.estimates), made.memory
 
 
-def memory_at_rest(loop: ClosedLoop) -> Any:
+def memory_at_rest(loop: ClosedLoop) -> PyTree:
     """What the law keeps between two samples, before the first one."""
     state = loop.sampled(loop.init())
     return state.controller, state.observer, state.period
 
 
-def _parameters(controller: AbstractController, observer: AbstractObserver) -> tuple[list[Any], list[str], Any]:
+def _parameters(controller: AbstractController, observer: AbstractObserver) -> tuple[list[PyTree], list[str], PyTree]:
     dynamic, static = eqx.partition((controller, observer), eqx.is_array)
     found, structure = jax.tree_util.tree_flatten_with_path(dynamic)
     names = [_word(("controller", "observer")[path[0].idx], path[1:]) for path, _ in found]
 
-    def rebuild(leaves: Any) -> Any:
+    def rebuild(leaves: PyTree) -> PyTree:
         return eqx.combine(jax.tree_util.tree_unflatten(structure, leaves), static)
 
     return [leaf for _, leaf in found], names, rebuild
 
 
-def _state(state: Any) -> tuple[tuple[str, ...], np.ndarray]:
+def _state(state: PyTree) -> tuple[tuple[str, ...], np.ndarray]:
     found, _ = jax.tree_util.tree_flatten_with_path(state)
     names, values = [], []
     for path, leaf in found:
@@ -151,7 +153,7 @@ def _state(state: Any) -> tuple[tuple[str, ...], np.ndarray]:
     return tuple(names), np.array(values, dtype=np.float64)
 
 
-def _word(first: str, path: Any) -> str:
+def _word(first: str, path: PyTree) -> str:
     parts = [first]
     for entry in path:
         part = getattr(entry, "name", getattr(entry, "idx", getattr(entry, "key", entry)))
@@ -159,7 +161,7 @@ def _word(first: str, path: Any) -> str:
     return "_".join(parts)
 
 
-def _described(block: Any, name: str) -> dict[str, str]:
+def _described(block: Block | None, name: str) -> dict[str, str]:
     """{"controller_kp": "proportional gain [N m s/rad]"} from the docstrings of a block and of those within it."""
     if not isinstance(block, eqx.Module):
         return {}

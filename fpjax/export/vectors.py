@@ -1,12 +1,12 @@
 """Test vectors of a law: what it is given along a simulated run, what it must answer, and how far it may be off."""
 
 import dataclasses
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from .._simulate import simulate
 from ..blocks.references import AbstractReference, Recorded
@@ -126,7 +126,7 @@ def _stepped(law: Law, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     start = memory_at_rest(law.loop)
 
     @jax.jit
-    def walk(arrays: Any, start: Any, rows: Any) -> Any:
+    def walk(arrays: PyTree, start: PyTree, rows: PyTree) -> PyTree:
         loop = eqx.combine(arrays, static)
         return jax.lax.scan(lambda state, row: (run(loop, row, state, period)[1], state), start, rows)[1]
 
@@ -142,7 +142,7 @@ def _stepped(law: Law, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     return _columns(states, len(inputs)), shown, _columns(following, len(inputs))
 
 
-def _columns(state: Any, samples: int) -> np.ndarray:
+def _columns(state: PyTree, samples: int) -> np.ndarray:
     """A state's numbers along a run in the order of `Law.states`, shape (samples, states)."""
     parts = [np.asarray(leaf, dtype=float).reshape(samples, -1) for leaf in jax.tree.leaves(state)]
     return np.hstack(parts) if parts else np.zeros((samples, 0))

@@ -1,14 +1,15 @@
 """Machine: the simulator's own blocks without the controller, as a recorded torque drives them."""
 
-from typing import Any, Literal
+from typing import Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.core import Tracer
-from jaxtyping import Array
+from jax.typing import DTypeLike
+from jaxtyping import Array, PyTree
 
-from ..blocks.actuators import Actuator
+from ..blocks.actuators import AbstractActuator, Actuator
 from ..blocks.block import as_parameter
 from ..blocks.friction import AbstractFriction
 from ..blocks.friction.bristles import Bristles
@@ -17,6 +18,7 @@ from ..blocks.loads import AbstractLoad, Unbalance
 from ..blocks.plants import AbstractPlant, OneMass, TwoMass
 from ..blocks.plants.transmission import Transmission
 from ..blocks.position_torque import ConstantTorque, Loads, PositionTorque
+from ..blocks.sensors import AbstractSensor
 from ..blocks.servo_sensor import ServoSensor
 from ..errors import InputError
 
@@ -58,7 +60,10 @@ def structure_of(machine: Machine) -> Structure:
 
 
 def nominal_machine(
-    plant: AbstractPlant, actuator: Any = None, sensor: Any = None, features: tuple[Feature, ...] = FEATURES
+    plant: AbstractPlant,
+    actuator: AbstractActuator | None = None,
+    sensor: AbstractSensor | None = None,
+    features: tuple[Feature, ...] = FEATURES,
 ) -> Machine:
     """The nominal model as a `Machine` with every effect of the features present and neutral.
 
@@ -77,7 +82,7 @@ def nominal_machine(
     load = Loads((_known(plant.load), *extra))
     if isinstance(plant, TwoMass):
         total = plant.motor_inertia + plant.load_inertia
-        body: Any = Transmission(
+        body: OneMass | Transmission = Transmission(
             inertia=total,
             load_share=plant.load_inertia / total,
             stiffness=plant.stiffness,
@@ -133,10 +138,10 @@ def general_law(law: AbstractFriction) -> tuple[GeneralFriction, Bristles | None
 def _with_features(law: GeneralFriction, features: tuple[Feature, ...]) -> GeneralFriction:
     """The law with neutral terms where a feature wants them; what the nominal model has already stays."""
 
-    def either(value: Any, feature: Feature, neutral: Any) -> Any:
+    def either(value: PyTree, feature: Feature, neutral: PyTree) -> PyTree:
         return neutral if feature in features and _absent(value) else value
 
-    def fields(at: GeneralFriction) -> tuple[Any, ...]:
+    def fields(at: GeneralFriction) -> tuple[PyTree, ...]:
         return at.stribeck_torque, at.drift_amplitude, at.position_cosine, at.position_sine, at.load_coefficient
 
     new = (
@@ -149,7 +154,7 @@ def _with_features(law: GeneralFriction, features: tuple[Feature, ...]) -> Gener
     return eqx.tree_at(fields, law, new, is_leaf=_absent)
 
 
-def _absent(value: Any) -> bool:
+def _absent(value: object) -> bool:
     return value is None or (isinstance(value, tuple) and not value)
 
 
@@ -160,7 +165,7 @@ def _known(load: AbstractLoad) -> AbstractLoad:
     return load
 
 
-def lanes(machine: Machine, count: int, dtype: Any = float) -> Machine:
+def lanes(machine: Machine, count: int, dtype: DTypeLike = float) -> Machine:
     """Every leaf as an array of `count` equal entries, one a lane."""
     return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, dtype), (count,)), machine)
 
@@ -173,10 +178,10 @@ def _zeros(count: int) -> tuple[Array, ...]:
     return tuple(jnp.zeros(()) for _ in range(count))
 
 
-def _full_actuator(actuator: Any) -> Actuator:
+def _full_actuator(actuator: AbstractActuator | None) -> Actuator:
     known = actuator if isinstance(actuator, Actuator) else Actuator()
 
-    def or_else(value: Array | None, neutral: float) -> Any:
+    def or_else(value: Array | None, neutral: float) -> Array | float:
         return neutral if value is None else value
 
     return Actuator(

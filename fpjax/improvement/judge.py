@@ -1,13 +1,12 @@
 """Judge: closed loops of many gains around many machines, all in one compiled kernel."""
 
 import dataclasses
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ..blocks.position_torque import Loads
 from ..blocks.signals import Signals
@@ -205,7 +204,7 @@ class Judge:
 
 
 def assemble_loop(
-    law: tuple[Any, Any], machine: Machine, shares: Array, courses: Array, dt: Array, values: dict[str, Array]
+    law: tuple[PyTree, PyTree], machine: Machine, shares: Array, courses: Array, dt: Array, values: dict[str, Array]
 ) -> ClosedLoop:
     """The loop of one lane."""
     missing = Missing(courses, shares, dt)
@@ -227,7 +226,7 @@ def start_state(loop: ClosedLoop, machine: Machine, speed: Array, angle: Array) 
 
 
 def _one(
-    lane: tuple[Machine, Array, dict[str, Array]], law: Any, stepper: Stepper, time: Array, reference: Array,
+    lane: tuple[Machine, Array, dict[str, Array]], law: PyTree, stepper: Stepper, time: Array, reference: Array,
     noise: Array, courses: Array, speed: Array, angle: Array, measure: Following,
 ) -> tuple[Array, LoopState]:  # fmt: skip
     machine, shares, values = lane

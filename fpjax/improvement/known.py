@@ -5,7 +5,6 @@ import json
 import math
 import os
 import pathlib
-from typing import Any
 
 from ..errors import InputError
 from ..gap import Diagnosis
@@ -13,6 +12,7 @@ from ..gap.answer.diagnosis import Learned
 from ..gap.answer.posterior import FILE, Posterior, load_posterior
 from ..gap.data.record import MOST
 from ..logs import Log
+from ..output.json_object import JsonObject
 from ..output.runfile import refuse_unfinished
 
 RESULT = "diagnosis.json"
@@ -96,7 +96,7 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
     if finished:
         refuse_unfinished(path)
     try:
-        content: dict[str, Any] = json.loads(path.read_text())
+        content: JsonObject = json.loads(path.read_text())
         inputs = content["provenance"].get("inputs", [])
         laws = tuple(_law(law) for law in content.get("learned", []))
         after = content["gap"]["after"]
@@ -130,13 +130,13 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
     return found
 
 
-def _law(law: dict[str, Any]) -> Learned:
+def _law(law: JsonObject) -> Learned:
     curve = law["curve"]
     at, torque, low, high = (tuple(curve[name]) for name in ("at", "torque", "low", "high"))
     return Learned(law["of"], law["share"], at, torque, low, high, curve.get("period"))
 
 
-def _check_same(folder: pathlib.Path, inputs: list[dict[str, Any]], log: Log) -> None:
+def _check_same(folder: pathlib.Path, inputs: list[JsonObject], log: Log) -> None:
     hashes = {entry.get("sha256"): entry.get("name") for entry in inputs if entry.get("role") == "fitted"}
     if log.sha256 and hashes and log.sha256 not in hashes and any(hashes):
         raise InputError(

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -23,6 +22,7 @@ from ..gap.precision import double_precision
 from ..gap.simulate.replay import SUBSTEPS
 from ..logs import Log
 from ..model_file import Model
+from ..output.json_object import JsonObject
 from .known import Known
 
 COURSES = 3  # the recorded course of the missing torque, and two with the same spectrum and other phases
@@ -239,7 +239,7 @@ def ready(machines: Machines, ground: Ground, longest: tuple[int, int]) -> Machi
 def _readied(part: Machines, ground: Ground, longest: tuple[int, int]) -> Machine:
     machine, shape = part.machine, (len(part.shares),)
     with double_precision():
-        sensor: dict[str, Any] = {"longest_delay": longest[1]}
+        sensor: JsonObject = {"longest_delay": longest[1]}
         for name, step, noise in zip(
             ("noise", "position_noise"), ("step_size", "position_step"), ground.noise, strict=True
         ):

@@ -1,13 +1,13 @@
 """Margins: the loop linearised about a steady motion, around every machine at once."""
 
 import functools
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
+from jaxtyping import PyTree
 
 from ..gap.precision import double_precision
 from ..linear.linearise import Disturbed
@@ -55,17 +55,17 @@ def margins_of(judge: Judge, values: Values, machines: Machines, speed: float) -
 
 
 @functools.lru_cache(maxsize=8)
-def _tangents(substeps: int, solver: Any) -> Any:
+def _tangents(substeps: int, solver: PyTree) -> PyTree:
     """A compiled function: (machines, gains, states, shared) -> (A, B, C) of the whole loop, batched."""
 
     def one(
-        machine: Any, gains: Any, state: LoopState, law: Any, dt: Any, reference: Any, courses: Any
-    ) -> tuple[Any, Any, Any]:
+        machine: PyTree, gains: PyTree, state: LoopState, law: PyTree, dt: PyTree, reference: PyTree, courses: PyTree
+    ) -> tuple[PyTree, PyTree, PyTree]:
         loop = assemble_loop(law, machine, jnp.zeros(courses.shape[0]), courses, dt, gains)
         point, rebuild = ravel_pytree(state)
         zero = jnp.zeros_like(dt)
 
-        def moved(values: Any, added: Any) -> tuple[Any, Any]:
+        def moved(values: PyTree, added: PyTree) -> tuple[PyTree, PyTree]:
             cut = eqx.tree_at(lambda each: each.actuator, loop, Disturbed(loop.actuator, added))
             silent = tuple(zero for _ in range(loop.sensor.noise_channels))
             after, signals = cut.advance_sampled(rebuild(values), reference, zero, dt, silent, solver, substeps)

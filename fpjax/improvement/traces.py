@@ -2,11 +2,11 @@
 
 import dataclasses
 import math
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import PyTree
 
 from ..gap.data.record import Record
 from ..gap.precision import double_precision
@@ -75,7 +75,7 @@ def run_traces(judge: Judge, values: Values, machines: Machines) -> Traces:
         kind = "position" if judge.position else "velocity"
         names = (f"motor_{kind}", kind, f"measured_{kind}")
 
-        def one(lane: Any) -> Any:
+        def one(lane: PyTree) -> PyTree:
             machine, shares, gains = lane
             loop = assemble_loop(judge.law, machine, shares, courses, judge.stepper.dt, gains)
             state = start_state(loop, machine, jnp.asarray(float(record.speed[0])), jnp.asarray(float(record.angle[0])))

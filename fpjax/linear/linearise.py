@@ -1,13 +1,11 @@
 """A closed loop linearised at a point by jax: the whole of it, cut at the torque that the drive commands."""
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from .._simulate import simulate
 from ..blocks.actuators import AbstractActuator
@@ -38,19 +36,19 @@ class Disturbed(AbstractActuator):
     actuator: AbstractActuator
     added: Array = eqx.field(converter=as_parameter)
 
-    def init(self) -> Any:
+    def init(self) -> PyTree:
         """At rest."""
         return self.actuator.init()
 
-    def derivative(self, state: Any, torque: Array) -> Any:
+    def derivative(self, state: PyTree, torque: Array) -> PyTree:
         """Of the actuator under both torques."""
         return self.actuator.derivative(state, torque + self.added)
 
-    def readout(self, state: Any, torque: Array, motion: Motion) -> Array:
+    def readout(self, state: PyTree, torque: Array, motion: Motion) -> Array:
         """Applied torque [N m]."""
         return self.actuator.readout(state, torque + self.added, motion)
 
-    def step(self, state: Any, torque: Array, motion: Motion, dt: Array) -> tuple[Any, Array]:
+    def step(self, state: PyTree, torque: Array, motion: Motion, dt: Array) -> tuple[PyTree, Array]:
         """(next state, mean applied torque [N m] over the period)."""
         return self.actuator.step(state, torque + self.added, motion, dt)
 
@@ -138,7 +136,7 @@ def _settled(
     position: bool,
 ) -> tuple[LoopState, float]:  # fmt: skip
     """The state of the steady motion at a speed, and the reference there."""
-    state: Any = None
+    state: PyTree = None
     tail = CHUNK // 10
     for chunk in range(CHUNKS):
         start = chunk * CHUNK * dt

@@ -1,10 +1,10 @@
 """What is in a log, and what it can show: rate, ranges, saturation, quantisation, excitation."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
+from ..output.json_object import JsonObject
 from .log import Log
 from .measures import noise_level, rounding_step, velocity_origin
 from .nominal import Nominal, acceleration_of, fit_nominal, speed_of
@@ -81,7 +81,7 @@ class Inspection:
     nominal: Nominal | None
     warnings: tuple[str, ...] = field(default_factory=tuple)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """As JSON takes it."""
         import dataclasses
 

@@ -1,7 +1,6 @@
 """[plant], [transmission], [load], [actuator] and [sensor] <-> their blocks."""
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from ..blocks.position_torque import ConstantTorque, Loads, PositionTorque
 from ..blocks.sensors import AbstractSensor, Encoder, Gyro, IdealSensor, KalmanFusion
 from ..blocks.servo_sensor import ServoSensor
 from ..errors import InputError
+from ..output.json_object import JsonObject, TomlTable
 from .forms import Form, form_for, form_of, number, numbers, pick
 from .keys import Key, Units, check_keys, choose, read_number, read_values
 
@@ -77,8 +77,8 @@ SENSORS = ("ideal", "servo", "gyro", "encoder", "kalman")
 
 
 def build_plant(
-    plant: Mapping[str, Any],
-    transmission: Mapping[str, Any] | None,
+    plant: TomlTable,
+    transmission: TomlTable | None,
     friction: AbstractFriction,
     load: AbstractLoad,
     units: Units,
@@ -117,7 +117,7 @@ def build_plant(
     )
 
 
-def describe_plant(plant: AbstractPlant) -> dict[str, dict[str, Any]]:
+def describe_plant(plant: AbstractPlant) -> dict[str, JsonObject]:
     """The [plant] and [transmission] sections of a plant."""
     if isinstance(plant, Transmission):
         inertia = {"type": "one_mass", "inertia": number(plant.inertia, "inertia")}
@@ -166,7 +166,7 @@ def any_offset(parts: list[AbstractLoad]) -> bool:
     return any(isinstance(part, Unbalance) for part in parts)
 
 
-def _position_torque(table: Mapping[str, Any], units: Units) -> PositionTorque:
+def _position_torque(table: TomlTable, units: Units) -> PositionTorque:
     from ..blocks.block import as_parameter
 
     check_keys("load", table, ["type", *(key.name for key in _HARMONICS)])
@@ -187,10 +187,10 @@ def flat_loads(load: AbstractLoad) -> tuple[AbstractLoad, ...]:
     return tuple(part for each in load.parts for part in flat_loads(each))
 
 
-def describe_load(load: AbstractLoad) -> tuple[list[dict[str, Any]], float]:
+def describe_load(load: AbstractLoad) -> tuple[list[JsonObject], float]:
     """([load] tables, offset of [friction])."""
     parts = tuple(part for part in flat_loads(load) if not isinstance(part, LearnedTorque))  # [[learned]] has those
-    tables: list[dict[str, Any]] = []
+    tables: list[JsonObject] = []
     offset = 0.0
     for part in parts:
         if isinstance(part, Unbalance):
@@ -215,7 +215,7 @@ def describe_load(load: AbstractLoad) -> tuple[list[dict[str, Any]], float]:
 # ---------------------------------------------------------------------------------- actuator and sensor
 
 
-def build_actuator(table: Mapping[str, Any] | None, units: Units, dt: float) -> AbstractActuator:
+def build_actuator(table: TomlTable | None, units: Units, dt: float) -> AbstractActuator:
     """The actuator of [actuator].
 
     Raises:
@@ -244,7 +244,7 @@ def periods_of(delay: float | None, dt: float, least: int, section: str) -> int:
     return max(least, periods)
 
 
-def describe_actuator(actuator: AbstractActuator) -> dict[str, Any]:
+def describe_actuator(actuator: AbstractActuator) -> JsonObject:
     """The [actuator] section; empty for an ideal one."""
     if isinstance(actuator, IdealActuator):
         return {}
@@ -253,7 +253,7 @@ def describe_actuator(actuator: AbstractActuator) -> dict[str, Any]:
     return numbers(actuator, ACTUATOR)
 
 
-def build_sensor(table: Mapping[str, Any] | None, units: Units, dt: float) -> AbstractSensor:
+def build_sensor(table: TomlTable | None, units: Units, dt: float) -> AbstractSensor:
     """The sensor of [sensor]; without a type it is the servo's: side, bias, scale, lag, delay, step, noise.
 
     Raises:
@@ -287,18 +287,18 @@ def build_sensor(table: Mapping[str, Any] | None, units: Units, dt: float) -> Ab
     return _of(ServoSensor, own, _SERVO, units, load_side=share, longest_delay=longest)
 
 
-def _of(block: type, table: Mapping[str, Any], keys: tuple[Key, ...], units: Units, **more: Any) -> Any:
+def _of(block: type, table: TomlTable, keys: tuple[Key, ...], units: Units, **more: Any) -> Any:
     values = read_values("sensor", table, keys, units)
     return block(**{key.attribute: values[key.name] for key in keys}, **more)
 
 
-def describe_sensor(sensor: AbstractSensor) -> dict[str, Any]:
+def describe_sensor(sensor: AbstractSensor) -> JsonObject:
     """The [sensor] section; empty for an ideal one on the load."""
     if isinstance(sensor, IdealSensor):
         return {} if sensor.side == "load" else {"type": "ideal", "side": sensor.side}
     if isinstance(sensor, ServoSensor):
         share = number(sensor.load_side, "load_side")
-        side: dict[str, Any] = {"side": "load" if share else "motor"} if share in (0.0, 1.0) else {"load_side": share}
+        side: JsonObject = {"side": "load" if share else "motor"} if share in (0.0, 1.0) else {"load_side": share}
         return side | numbers(sensor, _SERVO)
     if isinstance(sensor, KalmanFusion):
         if sensor.gyro.side != sensor.encoder.side:

@@ -8,6 +8,7 @@ from ..blocks.controllers import Limited, PositionLoop
 from ..blocks.feedforward import AbstractFeedforward
 from ..errors import InputError
 from ..loop import ClosedLoop
+from ..output.json_object import JsonObject, TomlTable
 from ..parameters import parameter_names
 from .keys import Units, nearest
 
@@ -79,7 +80,7 @@ def describe_bounds(bounds: Bounds) -> dict[str, list[float]]:
     return {word: [float(low), float(high)] for word, (low, high) in bounds.items()}
 
 
-def _flat(table: Mapping[str, Any]) -> dict[str, Any]:
+def _flat(table: TomlTable) -> JsonObject:
     """`controller.kp = [1, 2]` is a table in a table to TOML; "controller.kp" in quotes is not."""
     found = {}
     for key, value in table.items():

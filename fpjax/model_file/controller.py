@@ -1,8 +1,5 @@
 """[controller] and [feedforward] <-> their blocks."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from ..blocks.controllers import (
@@ -16,6 +13,7 @@ from ..blocks.controllers import (
 )
 from ..blocks.feedforward import AbstractFeedforward, Feedforward, PositionFeedforward
 from ..errors import InputError
+from ..output.json_object import JsonObject, TomlTable
 from .forms import Form, form_for, form_of, number, numbers, pick
 from .keys import Key, Units, check_keys, read_values
 
@@ -33,7 +31,7 @@ _TRACKING = Key("tracking_time", "s", "positive", 0.01)
 _OTHERS = ("transfer_function", "position_cascade", "unknown")
 
 
-def build_controller(table: Mapping[str, Any], units: Units, dt: float) -> AbstractController | None:
+def build_controller(table: TomlTable, units: Units, dt: float) -> AbstractController | None:
     """The controller of [controller]; None where it is "unknown".
 
     Raises:
@@ -68,7 +66,7 @@ def build_controller(table: Mapping[str, Any], units: Units, dt: float) -> Abstr
     return controller if limit is None else Limited(controller, limit)
 
 
-def describe_controller(controller: AbstractController | None, written: Mapping[str, Any]) -> dict[str, Any]:
+def describe_controller(controller: AbstractController | None, written: TomlTable) -> JsonObject:
     """The [controller] section.
 
     Args:
@@ -84,7 +82,7 @@ def describe_controller(controller: AbstractController | None, written: Mapping[
     if isinstance(controller, TransferFunction):
         return {"type": "transfer_function", **_polynomials(controller, written)}
     if isinstance(controller, PositionLoop):
-        table: dict[str, Any] = {"type": "position_cascade", "kp": number(controller.kp, "kp")}
+        table: JsonObject = {"type": "position_cascade", "kp": number(controller.kp, "kp")}
         inner = controller.velocity_controller
         if isinstance(inner, Proportional):
             return table | {"kv": number(inner.kp, "kv")}
@@ -96,7 +94,7 @@ def describe_controller(controller: AbstractController | None, written: Mapping[
     return form_for(controller, CONTROLLERS, "controller").describe(controller)
 
 
-def _polynomials(controller: TransferFunction, written: Mapping[str, Any]) -> dict[str, list[float]]:
+def _polynomials(controller: TransferFunction, written: TomlTable) -> dict[str, list[float]]:
     if written.get("type") == "transfer_function":
         return {name: [float(each) for each in written[name]] for name in ("numerator", "denominator")}
     from scipy import signal
@@ -124,7 +122,7 @@ _FORWARD = (
 
 
 def with_feedforward(
-    controller: AbstractController | None, table: Mapping[str, Any] | None, units: Units, dt: float
+    controller: AbstractController | None, table: TomlTable | None, units: Units, dt: float
 ) -> AbstractController | None:
     """The controller with the [feedforward] section around it.
 
@@ -160,7 +158,7 @@ def with_feedforward(
     return (PositionFeedforward if cascade else Feedforward)(controller, **values, ahead=ahead)
 
 
-def describe_feedforward(controller: AbstractController | None) -> dict[str, Any]:
+def describe_feedforward(controller: AbstractController | None) -> JsonObject:
     """The [feedforward] section; empty without one."""
     if not isinstance(controller, AbstractFeedforward):
         return {}

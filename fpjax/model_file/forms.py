@@ -1,6 +1,6 @@
 """Forms: a word in `type = ...`, the block it stands for, and its keys; blocks are built and described by one table."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +8,7 @@ import numpy as np
 from jax.core import Tracer
 
 from ..errors import InputError
+from ..output.json_object import JsonObject, TomlTable
 from .keys import Key, Units, check_keys, choose, read_values
 
 
@@ -25,19 +26,19 @@ class Form:
     block: type
     keys: tuple[Key, ...]
 
-    def build(self, section: str, table: Mapping[str, Any], units: Units, **more: Any) -> Any:
+    def build(self, section: str, table: TomlTable, units: Units, **more: Any) -> Any:
         """The block from a section; `more` holds the fields that are no numbers."""
         check_keys(section, table, ["type", *(key.name for key in self.keys)], f" for type = {self.name!r}")
         values = read_values(section, table, self.keys, units)
         fields = {key.attribute: values[key.name] for key in self.keys}
         return self.block(**fields, **more)
 
-    def describe(self, block: Any) -> dict[str, Any]:
+    def describe(self, block: Any) -> JsonObject:
         """The section that builds this block."""
         return {"type": self.name, **numbers(block, self.keys)}
 
 
-def numbers(block: Any, keys: Sequence[Key]) -> dict[str, Any]:
+def numbers(block: Any, keys: Sequence[Key]) -> JsonObject:
     """The block's values by key; what is at its default is left out, what is not a number is refused."""
     table = {}
     for key in keys:
@@ -61,7 +62,7 @@ def number(value: Any, name: str) -> float:
     return float(value)
 
 
-def form_of(section: str, table: Mapping[str, Any], forms: Sequence[Form], others: Sequence[str] = ()) -> str:
+def form_of(section: str, table: TomlTable, forms: Sequence[Form], others: Sequence[str] = ()) -> str:
     """The word in `type`.
 
     Raises:

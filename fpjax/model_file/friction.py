@@ -1,6 +1,5 @@
 """[friction] <-> a friction law: the plain laws, and the general one with whatever a corrected model adds."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from ..blocks.friction import (
 from ..blocks.friction.bristles import Bristles
 from ..blocks.friction.general import GeneralFriction
 from ..errors import InputError
+from ..output.json_object import JsonObject, TomlTable
 from .admissible import check_levels
 from .forms import Form, form_for, form_of, number, numbers, pick
 from .keys import Key, Units, check_keys, missing, read_number, read_values
@@ -117,7 +117,7 @@ _PLAIN = ("coulomb", "viscous", "steepness")
 _ADDED = [key.name for key in GENERAL if key.name not in _PLAIN]
 
 
-def build_friction(table: Mapping[str, Any], units: Units, steepness: "Steepness") -> AbstractFriction:
+def build_friction(table: TomlTable, units: Units, steepness: "Steepness") -> AbstractFriction:
     """The law of a [friction] section without its offset.
 
     Args:
@@ -145,7 +145,7 @@ def build_friction(table: Mapping[str, Any], units: Units, steepness: "Steepness
     return law if sign else steepness.into(law)
 
 
-def _coulomb_viscous(table: Mapping[str, Any], units: Units) -> AbstractFriction:
+def _coulomb_viscous(table: TomlTable, units: Units) -> AbstractFriction:
     bristles = [key.name for key in BRISTLES]
     every = ["type", *_PLAIN, *_ADDED, *(key.name for key in DIRECTION), *bristles, OFFSET.name]
     check_keys(SECTION, table, dict.fromkeys(every))
@@ -165,7 +165,7 @@ def _coulomb_viscous(table: Mapping[str, Any], units: Units) -> AbstractFriction
     return law
 
 
-def _level(table: Mapping[str, Any], name: str, units: Units) -> tuple[float, float]:
+def _level(table: TomlTable, name: str, units: Units) -> tuple[float, float]:
     """(positive, negative) of coulomb or viscous, from the two directions or from the one value."""
     keys = {key.name: key for key in (*DIRECTION, COULOMB, VISCOUS)}
     sides = (f"{name}_positive", f"{name}_negative")
@@ -186,13 +186,13 @@ def _level(table: Mapping[str, Any], name: str, units: Units) -> tuple[float, fl
     return positive, negative
 
 
-def _directions(table: Mapping[str, Any], units: Units) -> AsymmetricCoulombViscous:
+def _directions(table: TomlTable, units: Units) -> AsymmetricCoulombViscous:
     coulomb, viscous = _level(table, "coulomb", units), _level(table, "viscous", units)
     steepness = read_values(SECTION, table, (_STEEP,), units)["steepness"]
     return AsymmetricCoulombViscous(*coulomb, *viscous, steepness)
 
 
-def _general(table: Mapping[str, Any], units: Units, split: list[str]) -> GeneralFriction:
+def _general(table: TomlTable, units: Units, split: list[str]) -> GeneralFriction:
     table = dict(table)
     for name in ("coulomb", "viscous"):
         if any(key.startswith(name) for key in split):
@@ -214,7 +214,7 @@ def _general(table: Mapping[str, Any], units: Units, split: list[str]) -> Genera
     return general_friction(values)
 
 
-def general_friction(values: Mapping[str, Any]) -> GeneralFriction:
+def general_friction(values: TomlTable) -> GeneralFriction:
     """A `GeneralFriction` whose harmonics are leaves."""
     from ..blocks.block import as_parameter
 
@@ -291,7 +291,7 @@ def largest_level(law: Any, torque: float | None = None) -> float:
     return max((float(getattr(law, name)) for name in names if hasattr(law, name)), default=0.0)
 
 
-def describe_friction(law: AbstractFriction) -> dict[str, Any]:
+def describe_friction(law: AbstractFriction) -> JsonObject:
     """The [friction] section of a law.
 
     Raises:

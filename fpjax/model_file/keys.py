@@ -2,11 +2,12 @@
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from ..errors import InputError
+from ..output.json_object import JsonObject, TomlTable
 from .admissible import check_range
 
 Sign = Literal["any", "positive", "not negative", "share"]
@@ -83,7 +84,7 @@ class Key:
         return self.field or self.name
 
 
-def check_keys(section: str, table: Mapping[str, Any], known: Iterable[str], also: str = "") -> None:
+def check_keys(section: str, table: TomlTable, known: Iterable[str], also: str = "") -> None:
     """Refuse keys that the section does not have, naming the nearest.
 
     Args:
@@ -153,13 +154,13 @@ def read_number(section: str, key: Key, value: Any, units: Units) -> float:
     return number
 
 
-def read_values(section: str, table: Mapping[str, Any], keys: Iterable[Key], units: Units) -> dict[str, Any]:
+def read_values(section: str, table: TomlTable, keys: Iterable[Key], units: Units) -> JsonObject:
     """The values of a section's keys by the name of the key; a default where nothing is written.
 
     Raises:
         InputError: for a missing key or an invalid value.
     """
-    values: dict[str, Any] = {}
+    values: JsonObject = {}
     for key in keys:
         if key.name not in table:
             if key.required:
@@ -172,7 +173,7 @@ def read_values(section: str, table: Mapping[str, Any], keys: Iterable[Key], uni
     return values
 
 
-def missing(section: str, key: Key, table: Mapping[str, Any], units: Units) -> str:
+def missing(section: str, key: Key, table: TomlTable, units: Units) -> str:
     """The sentence for a key that must be there; a misspelt one is pointed at."""
     near = difflib.get_close_matches(key.name, [name for name in table if name != "type"], n=1, cutoff=0.75)
     unit = units.name(key.unit)

@@ -1,6 +1,5 @@
 """[[learned]] <-> tables of a learned torque."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ from ..blocks.learned import INTERPOLATIONS, PERIODIC, VARIABLES, LearnedTorque,
 from ..blocks.loads import AbstractLoad, NoLoad
 from ..blocks.position_torque import Loads
 from ..errors import InputError
+from ..output.json_object import JsonObject, TomlTable
 from .forms import number
 from .keys import Key, Units, check_keys, choose, read_values
 
@@ -59,7 +59,7 @@ def join_load(load: AbstractLoad, learned: tuple[LearnedTorque, ...]) -> Abstrac
     return parts[0] if len(parts) == 1 else Loads(parts)
 
 
-def more_coulomb(table: Mapping[str, Any], extra: float, notes: list[str], units: Units) -> Mapping[str, Any]:
+def more_coulomb(table: TomlTable, extra: float, notes: list[str], units: Units) -> TomlTable:
     """The [friction] section with a learned jump at zero velocity in its Coulomb level.
 
     Raises:
@@ -90,13 +90,13 @@ def more_coulomb(table: Mapping[str, Any], extra: float, notes: list[str], units
     return table
 
 
-def describe_learned(parts: tuple[AbstractLoad, ...]) -> list[dict[str, Any]]:
+def describe_learned(parts: tuple[AbstractLoad, ...]) -> list[JsonObject]:
     """The [[learned]] tables of a load's parts."""
     tables = []
     for part in parts:
         if not isinstance(part, LearnedTorque):
             continue
-        table: dict[str, Any] = {"of": part.of}
+        table: JsonObject = {"of": part.of}
         for name in ("at", "torque"):
             table[name] = [number(value, name) for value in getattr(part, name)]
         if part.period is not None:

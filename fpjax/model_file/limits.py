@@ -1,8 +1,6 @@
 """[limits]: what a run may ask of the machine; planned runs keep to it."""
 
-from collections.abc import Mapping
-from typing import Any
-
+from ..output.json_object import TomlTable
 from .keys import Key, Units, check_keys, read_values
 
 SECTION = "limits"
@@ -14,7 +12,7 @@ KEYS = (
 )
 
 
-def read_limits(table: Mapping[str, Any] | None, units: Units) -> dict[str, float]:
+def read_limits(table: TomlTable | None, units: Units) -> dict[str, float]:
     """The limits that are written, by name, in the machine's units.
 
     Raises:

@@ -5,7 +5,6 @@ import os
 import pathlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import jax
 
@@ -15,6 +14,7 @@ from ..blocks.references import AbstractReference
 from ..errors import InputError
 from ..loop import ClosedLoop
 from ..output import toml_text
+from ..output.json_object import JsonObject, TomlTable
 from ..scan import Stepper, Stepping, make_stepper
 from ..solvers import SOLVERS, get_solver
 from . import body
@@ -76,7 +76,7 @@ class Model:
     substeps: int = 1
     units: Units = field(default_factory=Units)
     controller_known: bool = True
-    sections: Mapping[str, Any] = field(default_factory=dict)
+    sections: TomlTable = field(default_factory=dict)
     text: str = ""
     path: pathlib.Path | None = None
     notes: tuple[str, ...] = ()
@@ -206,7 +206,7 @@ def load_model(source: str | os.PathLike[str]) -> Model:
     return _build(sections, text, path)
 
 
-def _build(sections: Mapping[str, Any], text: str, path: pathlib.Path | None) -> Model:
+def _build(sections: TomlTable, text: str, path: pathlib.Path | None) -> Model:
     units = _read_units(sections.get("units", {}))
     time = _read_simulation(sections["simulation"], units)
     solver, dt = get_solver(time["solver"]), time["dt"]
@@ -281,7 +281,7 @@ def about_proportions(model: Model) -> list[str]:
     )  # fmt: skip
 
 
-def _read_units(table: Mapping[str, Any]) -> Units:
+def _read_units(table: TomlTable) -> Units:
     check_keys("units", table, [field.name for field in dataclasses.fields(Units)])
     words = {key: choose("units", key, table[key], known) for key, known in _UNITS.items() if key in table}
     linear = words.get("motion") == "linear"
@@ -299,7 +299,7 @@ def _read_units(table: Mapping[str, Any]) -> Units:
     return Units(torque=torque, **words)
 
 
-def _read_simulation(table: Mapping[str, Any], units: Units) -> dict[str, Any]:
+def _read_simulation(table: TomlTable, units: Units) -> JsonObject:
     check_keys("simulation", table, ["dt", "duration", "stepping", "substeps", "solver"])
     values = read_values("simulation", table, (_DT, _DURATION), units)
     dt, duration = values["dt"], values["duration"]
@@ -329,7 +329,7 @@ def _stepping(written: str, sampled_only: bool, which: str, notes: list[str]) ->
     return "sampled" if written == "sampled" else "continuous"
 
 
-def _with_any_gain(sections: Mapping[str, Any], missing: tuple[str, ...]) -> dict[str, Any]:
+def _with_any_gain(sections: TomlTable, missing: tuple[str, ...]) -> JsonObject:
     """The sections with a 1 for every gain that is to be placed."""
     tables = {name: dict(table) if isinstance(table, dict) else table for name, table in sections.items()}
     for key in missing:
@@ -355,7 +355,7 @@ def dump_model(model: Model, *, comments: Mapping[tuple[str, str], str] | None =
     return toml_text.write(describe_model(model), comments)
 
 
-def describe_model(model: Model) -> dict[str, Any]:
+def describe_model(model: Model) -> JsonObject:
     """A model's sections with their numbers, in the order of the file.
 
     Raises:
@@ -369,13 +369,13 @@ def describe_model(model: Model) -> dict[str, Any]:
     plants = body.describe_plant(loop.plant)
     actuator = body.describe_actuator(loop.actuator)
     controller = loop.controller if model.controller_known else None
-    simulation: dict[str, Any] = {"dt": model.dt}
+    simulation: JsonObject = {"dt": model.dt}
     if model.duration is not None:
         simulation["duration"] = model.duration
     simulation |= {"stepping": model.stepping, "solver": model.solver}
     if model.substeps != 1:
         simulation["substeps"] = model.substeps
-    sections: dict[str, Any] = {
+    sections: JsonObject = {
         "units": _write_units(model.units),
         "plant": plants["plant"],
         "transmission": plants.get("transmission"),

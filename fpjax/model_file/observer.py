@@ -22,6 +22,7 @@ from ..blocks.observers import (
 )
 from ..blocks.plants import AbstractPlant, SeriesTwoMass, TwoMass
 from ..errors import InputError
+from ..output.json_object import JsonObject, TomlTable
 from ..solvers import get_solver
 from ..stability import safe_steepness
 from .body import total_inertia
@@ -34,7 +35,7 @@ _GAIN = Key("gain", "1", "not negative")
 _GAINS = (Key("gain_1", "1", "not negative"), Key("gain_2", "1", "not negative"))
 
 
-def unwritten_gains(controller: Mapping[str, Any] | None, observer: Mapping[str, Any] | None) -> tuple[str, ...]:
+def unwritten_gains(controller: TomlTable | None, observer: TomlTable | None) -> tuple[str, ...]:
     """Gains that the file leaves to pole placement: keys as "observer.gain_1"; one of a pair is a mistake."""
     # As text: whatever stands there that is none is told where the part is built.
     law, kind = str((controller or {}).get("type", "")), str((observer or {}).get("type", ""))
@@ -77,7 +78,7 @@ _KNOWN = {
 
 
 def build_observer(
-    table: Mapping[str, Any] | None, units: Units, plant: AbstractPlant, known: Mapping[str, float | None]
+    table: TomlTable | None, units: Units, plant: AbstractPlant, known: Mapping[str, float | None]
 ) -> AbstractObserver:
     """The observer of [observer].
 
@@ -110,7 +111,7 @@ def build_observer(
         return read_number("observer", _KNOWN[key], table[key], units) if key in table else known[key]
 
     steepness = own("steepness")
-    fields: dict[str, Any] = {key: own(key) for key in ("inertia", *takes)}
+    fields: JsonObject = {key: own(key) for key in ("inertia", *takes)}
     if single:
         gain = read_values("observer", table, (_GAIN,), units)["gain"]
         fields["nonlinearity"] = _nonlinearity(table.get("nonlinearity"), gain, steepness)
@@ -143,7 +144,7 @@ def _high_order(observer: AbstractObserver, plant: AbstractPlant) -> HighOrderFe
     return HighOrderFeedforward(observer, plant.motor_inertia, plant.load_inertia, plant.stiffness, plant.damping)
 
 
-def describe_observer(observer: AbstractObserver) -> dict[str, Any]:
+def describe_observer(observer: AbstractObserver) -> JsonObject:
     """The [observer] section; empty without an observer."""
     if isinstance(observer, NoObserver):
         return {}
@@ -154,7 +155,7 @@ def describe_observer(observer: AbstractObserver) -> dict[str, Any]:
             continue
         at: Any = observer
         steepness = getattr(at, "steepness", None)
-        table: dict[str, Any] = {"type": name}
+        table: JsonObject = {"type": name}
         if name in _SINGLE:
             shape = at.nonlinearity
             word = next(word for word, kind in _NONLINEARITIES.items() if type(shape) is kind)
@@ -190,8 +191,8 @@ def known_to_observer(plant: AbstractPlant) -> dict[str, float | None]:
 
 def choose_observer_steepness(
     known: dict[str, float | None],
-    sections: Mapping[str, Any],
-    time: Mapping[str, Any],
+    sections: TomlTable,
+    time: TomlTable,
     dt: float,
     units: Units,
     notes: list[str],

@@ -1,13 +1,12 @@
 """Gains that a servo.toml leaves out: pole placement chooses them, and says so."""
 
-from typing import Any
-
 import numpy as np
 
 from ..analysis.placement import friction_bandwidth, place_gain, placed_bandwidth, placed_time
 from ..blocks.references import AbstractReference
 from ..errors import InputError
 from ..loop import ClosedLoop
+from ..output.json_object import JsonObject
 from ..parameters import parameter_names, set_parameters
 from ..scan import make_inputs, make_stepper
 
@@ -16,8 +15,8 @@ def with_placed_gains(
     loop: ClosedLoop,
     missing: tuple[str, ...],
     reference: AbstractReference | None,
-    time: dict[str, Any],
-    truths: dict[str, Any],
+    time: JsonObject,
+    truths: JsonObject,
     notes: list[str],
 ) -> ClosedLoop:
     """The loop with the gains that its file does not write.
@@ -65,7 +64,7 @@ def with_placed_gains(
     return set_parameters(loop, values)
 
 
-def _velocity_loop(loop: ClosedLoop, table: np.ndarray, time: dict[str, Any], truths: dict[str, Any]) -> str:
+def _velocity_loop(loop: ClosedLoop, table: np.ndarray, time: JsonObject, truths: JsonObject) -> str:
     """The loop that was placed, in words; and whether friction made it as fast as it is."""
     needed = friction_bandwidth(loop, [table], truths)
     placed = placed_bandwidth(time["dt"], time["duration"], needed)

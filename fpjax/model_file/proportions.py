@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..blocks.references import AbstractReference, Chirp, Constant, Multisine, Recorded, Sine, Square, Triangle
+from ..output.json_object import TomlTable
 
 FAR = 1e3  # times all that the machine's motion takes: no torque in it is that large, a wrong unit is
 HELPLESS = 100.0  # times what the gains give for an error as large as the reference, or what the limit lets through
@@ -22,7 +23,7 @@ RUNAWAY = 1e9  # times the speed's error, changed within a step: two run away, a
 STIFF = 0.5  # of the time constant that a step can follow
 EXPLICIT = 0.5  # of a period: what exact sticking, which steps a spring as other solvers do, can follow
 
-Tables = Mapping[str, Any]
+Tables = TomlTable
 
 
 class Names(Protocol):

@@ -1,11 +1,10 @@
 """[reference] <-> its block."""
 
 import pathlib
-from collections.abc import Mapping
-from typing import Any
 
 from ..blocks.references import AbstractReference, Chirp, Constant, Multisine, Recorded, Sine, Square, Triangle
 from ..errors import InputError
+from ..output.json_object import JsonObject, TomlTable
 from .forms import Form, form_for, form_of, pick
 from .keys import Key, Units, check_keys
 
@@ -40,7 +39,7 @@ REFERENCES = (
 
 
 def build_reference(
-    table: Mapping[str, Any] | None, units: Units, folder: pathlib.Path | None, linear: bool, duration: float | None
+    table: TomlTable | None, units: Units, folder: pathlib.Path | None, linear: bool, duration: float | None
 ) -> AbstractReference | None:
     """The reference of [reference]; None without one.
 
@@ -67,7 +66,7 @@ def build_reference(
     return pick(REFERENCES, name).build("reference", table, units)
 
 
-def _recorded(table: Mapping[str, Any], folder: pathlib.Path | None, linear: bool) -> Recorded:
+def _recorded(table: TomlTable, folder: pathlib.Path | None, linear: bool) -> Recorded:
     from ..logs import read_log
 
     check_keys("reference", table, ["type", "file", "columns", "hold"], ' for type = "recorded"')
@@ -83,7 +82,7 @@ def _recorded(table: Mapping[str, Any], folder: pathlib.Path | None, linear: boo
     return Recorded(log.reference, log.dt, hold)
 
 
-def describe_reference(reference: AbstractReference | None, written: Mapping[str, Any]) -> dict[str, Any]:
+def describe_reference(reference: AbstractReference | None, written: TomlTable) -> JsonObject:
     """The [reference] section; empty without a reference."""
     if reference is None:
         return {}

@@ -1,14 +1,14 @@
 """Results as data frames, for those who have pandas."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
+from .json_object import TomlTable
 
 
-def to_frame(columns: Mapping[str, Any], index: Any = None, index_name: str = "time") -> Any:
+def to_frame(columns: TomlTable, index: Any = None, index_name: str = "time") -> Any:
     """A `pandas.DataFrame` of columns of one length.
 
     Args:

@@ -20,6 +20,7 @@ from typing import Any, BinaryIO
 
 from .._version import __version__
 from ..errors import InputError
+from .json_object import JsonObject
 
 RUN, MARK = "run.json", "run.unfinished"
 FINISHED = "finished.json"  # written last into a folder within the run's own that is whole by itself
@@ -40,7 +41,7 @@ class RunFile:
 
     def __init__(self, folder: pathlib.Path | None, command: list[str]) -> None:
         self.folder, self.command = folder, command
-        self.inputs: list[dict[str, Any]] = []
+        self.inputs: list[JsonObject] = []
         self.seeds: dict[str, int] = {}
         self.seconds: dict[str, float] = {}
         self.notes: list[str] = []
@@ -160,7 +161,7 @@ def refuse_unfinished(path: pathlib.Path) -> None:
             raise InputError(_unfinished(path, folder / MARK, mark))
 
 
-def _unfinished(path: pathlib.Path, marked: pathlib.Path, mark: dict[str, Any]) -> str:
+def _unfinished(path: pathlib.Path, marked: pathlib.Path, mark: JsonObject) -> str:
     command = mark.get("command")
     typed = " ".join(map(str, command)) if isinstance(command, list) else "fpjax"
     return (
@@ -169,7 +170,7 @@ def _unfinished(path: pathlib.Path, marked: pathlib.Path, mark: dict[str, Any]) 
     )
 
 
-def read_run(folder: str | os.PathLike[str]) -> dict[str, Any]:
+def read_run(folder: str | os.PathLike[str]) -> JsonObject:
     """What `run.json` of a finished run says.
 
     Args:
@@ -190,7 +191,7 @@ def read_run(folder: str | os.PathLike[str]) -> dict[str, Any]:
     return content
 
 
-def _read(path: pathlib.Path) -> dict[str, Any] | None:
+def _read(path: pathlib.Path) -> JsonObject | None:
     try:
         content = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
@@ -198,7 +199,7 @@ def _read(path: pathlib.Path) -> dict[str, Any] | None:
     return content if isinstance(content, dict) else None
 
 
-def _names(content: dict[str, Any] | None, *keys: str) -> list[str]:
+def _names(content: JsonObject | None, *keys: str) -> list[str]:
     lists = [(content or {}).get(key) for key in keys]
     return [name for each in lists if isinstance(each, list) for name in each if isinstance(name, str)]
 

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..errors import InputError
+from .json_object import JsonObject, TomlTable
 
 LARGEST = 20_000_000  # bytes of a model file; a learned table of a million points has as many
 
@@ -64,7 +65,7 @@ def _neighbour(path: pathlib.Path) -> str:
     return f"did you mean {near[0]!r}?" if near else "give the path of a servo.toml."
 
 
-def parse(text: str, name: str) -> dict[str, Any]:
+def parse(text: str, name: str) -> JsonObject:
     """The sections of a model file.
 
     Raises:
@@ -77,7 +78,7 @@ def parse(text: str, name: str) -> dict[str, Any]:
         raise InputError(f"{name} is not valid TOML: {reason[:200]}; correct that line.") from None
 
 
-def write(sections: Mapping[str, Any], comments: Mapping[tuple[str, str], str] | None = None) -> str:
+def write(sections: TomlTable, comments: Mapping[tuple[str, str], str] | None = None) -> str:
     """TOML text of sections (a mapping, or a list of mappings for [[section]]); numbers are written exactly.
 
     Args:

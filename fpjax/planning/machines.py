@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite, nan
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from ..gap.fit.candidate import NOMINAL, SLAB, nominal_sizes
 from ..gap.machine import FEATURES, Feature, Structure
 from ..gap.simulate.family import Family, Nominal, make_family
 from ..model_file import Model
+from ..output.json_object import TomlTable
 from .limits import Limits
 
 Values = dict[str, float]
@@ -217,7 +217,7 @@ RENAMED = {
 def _values(effect: Effect, told: Mapping[str, float], shop: Shop) -> Values:
     """The effect's own parameters of those that the contract names."""
     if effect.name == "asymmetric_friction":
-        nominal: Mapping[str, Any] = shop.setting.nominal
+        nominal: TomlTable = shop.setting.nominal
         found: Values = {}
         for number in ("coulomb", "viscous"):
             up, down = (told.get(f"{number}_{side}", nominal[number]) for side in ("positive", "negative"))

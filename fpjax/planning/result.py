@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from ..gap.select.thresholds import THRESHOLDS
+from ..output.json_object import JsonObject
 from .limits import Limits
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ class Visible:
         """Whether the run is expected to show it."""
         return not self.twin and self.nats >= NEEDED
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """By name; `nats` is None for a twin."""
         size = {name: {"value": value, "unit": unit} for name, (value, unit) in self.size.items()}
         nats = None if self.twin else self.nats
@@ -70,7 +71,7 @@ class Separation:
         """Whether the run is expected to decide between them."""
         return not self.twins and self.nats >= NEEDED
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """By name; `nats` is None for twins."""
         nats = None if self.twins else self.nats
         return {
@@ -202,7 +203,7 @@ class Plan:
         with whole_file(path) as file:
             np.savetxt(file, np.column_stack(columns), delimiter=",", header=header, comments="", fmt="%.9g")
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """`plan.json`: numbers, strings, lists and dictionaries; the motion itself is in reference.csv."""
         return {
             "aim": self.aim,

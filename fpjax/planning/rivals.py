@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..gap.answer.diagnosis import Diagnosis
 from ..gap.effects.twins import exact_twins
 from ..gap.effects.vocabulary import EFFECTS
+from ..output.json_object import JsonObject, TomlTable
 from ..output.runfile import refuse_unfinished
 from .machines import Shop, Variant, reported, rival
 
@@ -37,7 +38,7 @@ class Rival:
     told: Mapping[str, float]
 
 
-def read_diagnosis(source: Any) -> dict[str, Any]:
+def read_diagnosis(source: Any) -> JsonObject:
     """The contract's dictionary of a `Diagnosis`, a folder of `fpjax diagnose`, or its diagnosis.json.
 
     Raises:
@@ -66,7 +67,7 @@ def read_diagnosis(source: Any) -> dict[str, Any]:
     return content
 
 
-def rivals_of(diagnosis: Mapping[str, Any]) -> tuple[Rival, ...]:
+def rivals_of(diagnosis: TomlTable) -> tuple[Rival, ...]:
     """The first of the ranking, what cannot be told from it, and what is not far behind.
 
     Raises:
@@ -97,7 +98,7 @@ def rivals_of(diagnosis: Mapping[str, Any]) -> tuple[Rival, ...]:
     return tuple(_rival(by_name[name]) for name in chosen)
 
 
-def settled_of(diagnosis: Mapping[str, Any]) -> tuple[Rival, ...]:
+def settled_of(diagnosis: TomlTable) -> tuple[Rival, ...]:
     """Causes that the diagnosis asserts beside the one that is in question; every rival has them too."""
     known = {effect.name for effect in EFFECTS}
     ranking = [one for one in diagnosis["ranking"] if isinstance(one, dict) and one.get("effect") in known]
@@ -105,12 +106,12 @@ def settled_of(diagnosis: Mapping[str, Any]) -> tuple[Rival, ...]:
     return tuple(_rival(one) for one in ranking if one["effect"] in names)
 
 
-def _settled_names(diagnosis: Mapping[str, Any], first: Mapping[str, Any]) -> frozenset[str]:
+def _settled_names(diagnosis: TomlTable, first: TomlTable) -> frozenset[str]:
     open_ones = {first["effect"], *first.get("indistinguishable_from", ())}
     return frozenset(name for name in diagnosis.get("causes") or () if name not in open_ones)
 
 
-def _rival(entry: Mapping[str, Any]) -> Rival:
+def _rival(entry: TomlTable) -> Rival:
     parameters = entry.get("parameters") or {}
     told = {
         name: _number(value.get("value") if isinstance(value, dict) else value) for name, value in parameters.items()
@@ -122,7 +123,7 @@ def _number(value: Any) -> float:
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
 
 
-def level_of(diagnosis: Mapping[str, Any]) -> float | None:
+def level_of(diagnosis: TomlTable) -> float | None:
     """What the diagnosis left unexplained [N m], as the level of the missing torque; None where it does not say."""
     after = _number((diagnosis.get("gap") or {}).get("after"))
     return after if math.isfinite(after) and after > 0.0 else None

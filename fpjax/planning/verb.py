@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ from ..gap import diagnose
 from ..gap.diagnose import Diagnosis
 from ..logs import Log, read_log
 from ..model_file import Model
+from ..output.json_object import JsonObject, TomlTable
 from ..output.stages import StageClock
 from ..scan import astype
 from ..verbs import as_model, double_precision
@@ -41,7 +42,7 @@ def plan(
     model: Model | str | os.PathLike[str],
     *,
     log: Log | str | os.PathLike[str] | None = None,
-    diagnosis: Diagnosis | Mapping[str, Any] | str | os.PathLike[str] | None = None,
+    diagnosis: Diagnosis | TomlTable | str | os.PathLike[str] | None = None,
     speed: float | None = None,
     acceleration: float | None = None,
     torque: float | None = None,
@@ -137,7 +138,7 @@ def _largest_torque(model: Model, limits: Limits) -> float:
 
 
 def _trial(
-    shop: Shop, sight: Sight, course: Any, told: dict[str, Any] | None
+    shop: Shop, sight: Sight, course: Any, told: JsonObject | None
 ) -> tuple[Trial, dict[frozenset[str], str], np.ndarray]:
     """What is to be seen, the sentences on what no run shows, and the weight of every comparison."""
     if told is None:

@@ -2,8 +2,8 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch
 
@@ -25,19 +25,19 @@ class _Loop:
     high_order: bool = False
 
 
-def _box(axis: Any, text: str, x: float, y: float, width: float) -> None:
+def _box(axis: Axes, text: str, x: float, y: float, width: float) -> None:
     corner = (x - width / 2.0, y - HEIGHT / 2.0)
     axis.add_patch(FancyBboxPatch(corner, width, HEIGHT, boxstyle="round,pad=0.02", fc=FILL, ec=plotting.BLUE, lw=1.2))
     axis.text(x, y, text, ha="center", va="center", fontsize=10)
 
 
-def _sum(axis: Any, x: float, signs: dict[tuple[float, float], str]) -> None:
+def _sum(axis: Axes, x: float, signs: dict[tuple[float, float], str]) -> None:
     axis.add_patch(Circle((x, 0.0), RADIUS, fc="white", ec=plotting.BLACK, lw=1.1, zorder=3))
     for (right, up), sign in signs.items():
         axis.text(x + right, up, sign, ha="center", va="center", fontsize=9)
 
 
-def _arrow(axis: Any, corners: Corners) -> None:
+def _arrow(axis: Axes, corners: Corners) -> None:
     xs, ys = zip(*corners, strict=True)
     axis.plot(xs, ys, color=plotting.BLACK, lw=1.1)
     # The head alone: a line under it keeps every corner square.

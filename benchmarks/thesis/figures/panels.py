@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,6 +12,8 @@ from fpjax.output import plotting
 
 from .. import presets
 from ..presets import PRINTED, Setting
+
+Line = tuple[np.ndarray, np.ndarray]  # (time [s], values)
 
 SECONDS, VELOCITY, TORQUE = "time [s]", "velocity [deg/s]", "torque [N m]"
 Window = tuple[float, float] | None
@@ -40,7 +41,7 @@ def within(signals: Mapping[str, np.ndarray], window: Window) -> dict[str, np.nd
 
 
 def velocities(
-    axis: Any,
+    axis: Axes,
     runs: Mapping[str, Mapping[str, np.ndarray]],
     colors: Mapping[str, str],
     *,
@@ -56,7 +57,7 @@ def velocities(
     finish(axis, title, VELOCITY)
 
 
-def estimate_panel(axis: Any, existing: Any, estimated: Any, *, title: str, label: str = TORQUE) -> None:
+def estimate_panel(axis: Axes, existing: Line, estimated: Line, *, title: str, label: str = TORQUE) -> None:
     """An existing torque and its estimate, each as (time, values)."""
     axis.plot(*plotting.thin(*existing), color=plotting.TRUTH, lw=1.0, label="existing")
     axis.plot(*plotting.thin(*estimated), color=plotting.COMPENSATED, lw=1.3, ls="--", label="estimated")
@@ -92,7 +93,7 @@ def _period_edges(rate: float, duration: float) -> np.ndarray:
     return (np.sqrt(1.0 + 2.0 * rate * cycles) - 1.0) / rate
 
 
-def finish(axis: Any, title: str, label: str) -> None:
+def finish(axis: Axes, title: str, label: str) -> None:
     """Title and vertical label."""
     axis.set_title(title)
     axis.set_ylabel(label)

@@ -1,11 +1,11 @@
 """What stands around another controller: a position loop, a limit."""
 
 import dataclasses
-from typing import Any
+
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ..block import as_parameter, require_positive
 from ..signals import Measurement
@@ -27,19 +27,19 @@ class PositionLoop(AbstractController):
     velocity_controller: AbstractController
     rate: Array | None = eqx.field(default=None, repr=False)
 
-    def init(self) -> Any:
+    def init(self) -> PyTree:
         """The inner controller's state."""
         return self.velocity_controller.init()
 
-    def derivative(self, state: Any, reference: Array, measurement: Measurement) -> Any:
+    def derivative(self, state: PyTree, reference: Array, measurement: Measurement) -> PyTree:
         """The inner controller's."""
         return self.velocity_controller.derivative(state, self._inner(reference, measurement), measurement)
 
-    def readout(self, state: Any, reference: Array, measurement: Measurement) -> Array:
+    def readout(self, state: PyTree, reference: Array, measurement: Measurement) -> Array:
         """u [N m] from a position reference [rad]."""
         return self.velocity_controller.readout(state, self._inner(reference, measurement), measurement)
 
-    def step(self, state: Any, reference: Array, measurement: Measurement, dt: Array) -> Any:
+    def step(self, state: PyTree, reference: Array, measurement: Measurement, dt: Array) -> PyTree:
         """The inner controller's."""
         return self.velocity_controller.step(state, self._inner(reference, measurement), measurement, dt)
 
@@ -64,7 +64,7 @@ class PositionLoop(AbstractController):
         """By the inner controller [N m]."""
         return self.velocity_controller.limited(torque)
 
-    def follow(self, excess: Array) -> Any:
+    def follow(self, excess: Array) -> PyTree:
         """The inner controller's."""
         return self.velocity_controller.follow(excess)
 
@@ -83,19 +83,19 @@ class Limited(AbstractController):
     def __check_init__(self) -> None:
         require_positive(self, "limit", "N m")
 
-    def init(self) -> Any:
+    def init(self) -> PyTree:
         """The wrapped controller's."""
         return self.controller.init()
 
-    def derivative(self, state: Any, reference: Array, measurement: Measurement) -> Any:
+    def derivative(self, state: PyTree, reference: Array, measurement: Measurement) -> PyTree:
         """The wrapped controller's."""
         return self.controller.derivative(state, reference, measurement)
 
-    def readout(self, state: Any, reference: Array, measurement: Measurement) -> Array:
+    def readout(self, state: PyTree, reference: Array, measurement: Measurement) -> Array:
         """u [N m], clipped."""
         return jnp.clip(self.controller.readout(state, reference, measurement), -self.limit, self.limit)
 
-    def step(self, state: Any, reference: Array, measurement: Measurement, dt: Array) -> Any:
+    def step(self, state: PyTree, reference: Array, measurement: Measurement, dt: Array) -> PyTree:
         """The wrapped controller's."""
         return self.controller.step(state, reference, measurement, dt)
 
@@ -125,6 +125,6 @@ class Limited(AbstractController):
         """Clipped [N m]."""
         return jnp.clip(self.controller.limited(torque), -self.limit, self.limit)
 
-    def follow(self, excess: Array) -> Any:
+    def follow(self, excess: Array) -> PyTree:
         """The wrapped controller's."""
         return self.controller.follow(excess)

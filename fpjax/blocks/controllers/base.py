@@ -1,10 +1,9 @@
 """What a controller is: from a reference and a measurement to a control."""
 
 from abc import abstractmethod
-from typing import Any
 
 import jax
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ..block import Block
 from ..signals import Measurement
@@ -14,18 +13,18 @@ class AbstractController(Block):
     """From a reference and a measurement to a control u [N m]."""
 
     @abstractmethod
-    def init(self) -> Any:
+    def init(self) -> PyTree:
         """The state at rest."""
 
     @abstractmethod
-    def derivative(self, state: Any, reference: Array, measurement: Measurement) -> Any:
+    def derivative(self, state: PyTree, reference: Array, measurement: Measurement) -> PyTree:
         """Time derivative of the state (continuous stepping)."""
 
     @abstractmethod
-    def readout(self, state: Any, reference: Array, measurement: Measurement) -> Array:
+    def readout(self, state: PyTree, reference: Array, measurement: Measurement) -> Array:
         """Control u [N m] from reference [rad/s] (or [rad] for a position loop)."""
 
-    def step(self, state: Any, reference: Array, measurement: Measurement, dt: Array) -> Any:
+    def step(self, state: PyTree, reference: Array, measurement: Measurement, dt: Array) -> PyTree:
         """The state one control period dt [s] later (sampled stepping): the derivative held over the period."""
         rates = self.derivative(state, reference, measurement)
         return jax.tree.map(lambda value, rate: value + dt * rate, state, rates)
@@ -62,7 +61,7 @@ class AbstractController(Block):
         """What leaves of a torque [N m], the compensation included."""
         return torque
 
-    def follow(self, excess: Array) -> Any:
+    def follow(self, excess: Array) -> PyTree:
         """Anti-windup: what the state's rate gains where the output was moved by `excess` [N m]; None for nothing."""
         del excess
         return None

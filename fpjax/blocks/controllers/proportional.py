@@ -1,11 +1,10 @@
 """P and PI on the velocity error, and the torque as it is given."""
 
 import dataclasses
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ..block import as_optional, as_parameter, require_positive
 from ..signals import Measurement
@@ -25,12 +24,12 @@ class Proportional(AbstractController):
         """No state."""
         return ()
 
-    def derivative(self, state: Any, reference: Array, measurement: Measurement) -> tuple[()]:
+    def derivative(self, state: PyTree, reference: Array, measurement: Measurement) -> tuple[()]:
         """Nothing moves."""
         del state, reference, measurement
         return ()
 
-    def readout(self, state: Any, reference: Array, measurement: Measurement) -> Array:
+    def readout(self, state: PyTree, reference: Array, measurement: Measurement) -> Array:
         """kp (r - w) [N m]."""
         del state
         return self.kp * (reference - measurement.velocity)
@@ -43,12 +42,12 @@ class TorqueInput(AbstractController):
         """No state."""
         return ()
 
-    def derivative(self, state: Any, reference: Array, measurement: Measurement) -> tuple[()]:
+    def derivative(self, state: PyTree, reference: Array, measurement: Measurement) -> tuple[()]:
         """Nothing moves."""
         del state, reference, measurement
         return ()
 
-    def readout(self, state: Any, reference: Array, measurement: Measurement) -> Array:
+    def readout(self, state: PyTree, reference: Array, measurement: Measurement) -> Array:
         """The reference [N m]."""
         del state, measurement
         return reference

@@ -5,7 +5,8 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jax.typing import ArrayLike
+from jaxtyping import Array, PyTree
 
 from ...errors import InputError
 from ..block import as_parameter
@@ -36,7 +37,7 @@ class TransferFunction(AbstractController):
     sampled_drive: Array | None
     period: float | None = eqx.field(static=True)
 
-    def __init__(self, numerator: Any, denominator: Any, *, period: float | None = None) -> None:
+    def __init__(self, numerator: ArrayLike, denominator: ArrayLike, *, period: float | None = None) -> None:
         """Realise numerator(s) / denominator(s).
 
         Args:
@@ -73,16 +74,16 @@ class TransferFunction(AbstractController):
         """The order's states, one scalar each."""
         return tuple(jnp.zeros_like(self.through) for _ in range(self.drive.shape[-1]))
 
-    def derivative(self, state: Any, reference: Array, measurement: Measurement) -> tuple[Array, ...]:
+    def derivative(self, state: PyTree, reference: Array, measurement: Measurement) -> tuple[Array, ...]:
         """A x + B e."""
         return self._move(self.transition, self.drive, state, reference - measurement.velocity)
 
-    def readout(self, state: Any, reference: Array, measurement: Measurement) -> Array:
+    def readout(self, state: PyTree, reference: Array, measurement: Measurement) -> Array:
         """C x + D e [N m]."""
         error = reference - measurement.velocity
         return sum((self.output[i] * x for i, x in enumerate(state)), self.through * error)
 
-    def step(self, state: Any, reference: Array, measurement: Measurement, dt: Array) -> tuple[Array, ...]:
+    def step(self, state: PyTree, reference: Array, measurement: Measurement, dt: Array) -> tuple[Array, ...]:
         """A_d x + B_d e."""
         del dt
         if not state:
@@ -95,6 +96,6 @@ class TransferFunction(AbstractController):
         return self._move(self.sampled_transition, self.sampled_drive, state, reference - measurement.velocity)
 
     @staticmethod
-    def _move(transition: Array, drive: Array, state: Any, error: Array) -> tuple[Array, ...]:
+    def _move(transition: Array, drive: Array, state: PyTree, error: Array) -> tuple[Array, ...]:
         order = range(len(state))
         return tuple(sum((transition[i, j] * state[j] for j in order), drive[i] * error) for i in order)

@@ -2,11 +2,12 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
+from jax.typing import ArrayLike
+from jaxtyping import Array, PyTree
 
 from ...compiled.elementary import log
 from ...compiled.hyperbolic import tanh
@@ -20,17 +21,17 @@ NEARLY_REST = 1e-30  # a speed [rad/s] that has a direction and no size
 class AbstractFriction(Block):
     """A friction law: a torque [N m] that opposes the motion, positive for positive velocity."""
 
-    def init(self) -> Any:
+    def init(self) -> PyTree:
         """The law's own state at rest; the empty tuple for a static law."""
         return ()
 
-    def derivative(self, state: Any, motion: Motion) -> Any:
+    def derivative(self, state: PyTree, motion: Motion) -> PyTree:
         """Time derivative of the state, in the state's unit per second."""
         del state, motion
         return ()
 
     @abstractmethod
-    def readout(self, state: Any, motion: Motion, applied: Array) -> Array:
+    def readout(self, state: PyTree, motion: Motion, applied: Array) -> Array:
         """Friction torque [N m].
 
         Args:
@@ -52,13 +53,13 @@ class AbstractFriction(Block):
 
     def advance_body(
         self,
-        state: Any,
+        state: PyTree,
         start: Motion,
         torque: Array,
         load: Callable[[Motion], Array],
         inertia: Array,
         dt: Array,
-    ) -> tuple[Array, Array, Any]:
+    ) -> tuple[Array, Array, PyTree]:
         """One body dt [s] later under a held torque, its sticking resolved within the step.
 
         Args:
@@ -96,7 +97,7 @@ class AbstractStaticFriction(AbstractFriction):
         def steepness(self) -> Array | None:
             """lambda [s/rad] of tanh in place of sign; None for sign."""
     else:
-        steepness: eqx.AbstractVar[Any]
+        steepness: eqx.AbstractVar[Array | None]
 
     @abstractmethod
     def level(self, motion: Motion) -> Array:
@@ -110,20 +111,20 @@ class AbstractStaticFriction(AbstractFriction):
     def drag(self, motion: Motion) -> Array:
         """The part [N m] that is smooth in velocity and zero at rest."""
 
-    def readout(self, state: Any, motion: Motion, applied: Array) -> Array:
+    def readout(self, state: PyTree, motion: Motion, applied: Array) -> Array:
         """Friction torque [N m]: level x sign(w), or level x tanh(steepness w), plus drag."""
         del state, applied
         return self.level(motion) * direction(motion.velocity, self.steepness) + self.drag(motion)
 
     def advance_body(
         self,
-        state: Any,
+        state: PyTree,
         start: Motion,
         torque: Array,
         load: Callable[[Motion], Array],
         inertia: Array,
         dt: Array,
-    ) -> tuple[Array, Array, Any]:
+    ) -> tuple[Array, Array, PyTree]:
         """The body slides up to zero speed, then sticks or breaks away.
 
         The steepness has no say: sign(w) needs neither it nor small steps if the step knows of the crossing. Where the
@@ -171,7 +172,7 @@ class AbstractStaticFriction(AbstractFriction):
         middle: Motion,
         inertia: Array,
         dt: Array,
-        share: Any = 1.0,
+        share: ArrayLike = 1.0,
     ) -> tuple[Array, Array]:
         """(velocity, position) after dt: slides with `sliding` [rad/s^2] up to zero speed, then sticks or breaks."""
         after = velocity + dt * sliding

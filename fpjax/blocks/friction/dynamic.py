@@ -1,7 +1,5 @@
 """Friction laws with memory: Dahl and LuGre bristles."""
 
-from typing import Any
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
@@ -102,7 +100,7 @@ class LuGre(AbstractFriction):
         curve = stribeck_curve(velocity, self.coulomb, self.static, self.stribeck_velocity, self.exponent)
         return velocity - self.bristle_stiffness * jnp.abs(velocity) * state / curve
 
-    def readout(self, state: Array, motion: Motion, applied: Any) -> Array:
+    def readout(self, state: Array, motion: Motion, applied: Array) -> Array:
         """sigma_0 z + sigma_1 dz/dt + sigma_2 w [N m] (1.8)."""
         del applied
         rate = self.derivative(state, motion)

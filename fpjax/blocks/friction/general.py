@@ -1,9 +1,8 @@
 """A friction law with every static effect that a servo shows, each with a neutral value at which it is not there."""
 
-from typing import Any
-
 import equinox as eqx
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array
 
 from ...compiled.elementary import sincos
@@ -80,7 +79,7 @@ class GeneralFriction(AbstractStaticFriction):
         """`level` at rest [N m]: Stribeck's whole torque, without its powers."""
         return self._level(motion, 0.0 if self.stribeck_torque is None else self.stribeck_torque)
 
-    def _level(self, motion: Motion, more: Any) -> Array:
+    def _level(self, motion: Motion, more: ArrayLike) -> Array:
         level = self.coulomb + self._side(motion) * self.coulomb_difference + more
         if self.drift_amplitude is not None:
             level = level + self.drift_amplitude * jnp.exp(-motion.time / self.drift_time)

@@ -1,10 +1,8 @@
 """Friction laws without memory: Coulomb, tanh, viscous, stiction, Stribeck, and levels by direction."""
 
-from typing import Any
-
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ...compiled.hyperbolic import tanh
 from ..block import as_optional, as_parameter, require_not_below, require_not_negative, require_positive
@@ -16,7 +14,7 @@ from .general import GeneralFriction
 class NoFriction(AbstractFriction):
     """A frictionless body."""
 
-    def readout(self, state: Any, motion: Motion, applied: Array) -> Array:
+    def readout(self, state: PyTree, motion: Motion, applied: Array) -> Array:
         """Zero [N m]."""
         del state, applied
         return jnp.zeros_like(motion.velocity)
@@ -226,7 +224,7 @@ class CoulombViscousStiction(AbstractStaticFriction):
         """b w [N m]."""
         return self.viscous * motion.velocity
 
-    def readout(self, state: Any, motion: Motion, applied: Array) -> Array:
+    def readout(self, state: PyTree, motion: Motion, applied: Array) -> Array:
         """Friction torque [N m]."""
         sliding = CoulombViscous(self.coulomb, self.viscous, self.steepness).readout(state, motion, applied)
         brake = self.static * motion.velocity / self.stick_velocity

@@ -1,12 +1,12 @@
 """The contract of a Friedland-Park observer, and its nonlinearities g (2.28)-(2.30)."""
 
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ...compiled.hyperbolic import tanh
 from ..block import Block, as_parameter, require_not_negative, require_positive
@@ -117,23 +117,23 @@ class AbstractObserver(Block):
             ...
 
     @abstractmethod
-    def init(self) -> Any:
+    def init(self) -> PyTree:
         """State whose estimates are zero at rest."""
 
     @abstractmethod
-    def derivative(self, state: Any, control: Array, velocity: Array) -> Any:
+    def derivative(self, state: PyTree, control: Array, velocity: Array) -> PyTree:
         """z' from the control before compensation u [N m] and the velocity w [rad/s]."""
 
     @abstractmethod
-    def readout(self, state: Any, velocity: Array) -> tuple[Array, dict[str, Array]]:
+    def readout(self, state: PyTree, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """(compensation torque [N m], estimates by name)."""
 
-    def step(self, state: Any, control: Array, velocity: Array, dt: Array) -> Any:
+    def step(self, state: PyTree, control: Array, velocity: Array, dt: Array) -> PyTree:
         """z one control period dt [s] later (sampled stepping): its derivative held over the period."""
         rates = self.derivative(state, control, velocity)
         return jax.tree.map(lambda value, rate: value + dt * rate, state, rates)
 
-    def advance(self, state: Any, torque: Array, before: Array, after: Array, dt: Array) -> Any:
+    def advance(self, state: PyTree, torque: Array, before: Array, after: Array, dt: Array) -> PyTree:
         """z one control period later, from what was applied over it and the velocities at both of its ends.
 
         The derivative held from the period's start is biased: g(w) moves by the slope in the middle of the period
@@ -157,14 +157,14 @@ class AbstractObserver(Block):
         slides = before * after > 0.0
         return jax.tree.map(lambda new, old: jnp.where(slides, new, old), moved, same)
 
-    def moved(self, state: Any, torque: Array, before: Array, after: Array, dt: Array) -> Any:
+    def moved(self, state: PyTree, torque: Array, before: Array, after: Array, dt: Array) -> PyTree:
         """`advance` whatever the sign of the speed: over a log whose velocity was filtered no one period holds it."""
         middle = 0.5 * (before + after)
         # The estimates of the period's start: with large gains g(w) moves by more than they do within half a period.
         compensation, _ = self.readout(self.carried(state, before, middle), middle)
         return self.step(state, torque - compensation, middle, dt)
 
-    def carried(self, state: Any, before: Array, after: Array) -> Any:
+    def carried(self, state: PyTree, before: Array, after: Array) -> PyTree:
         """The state of the same estimates at another velocity [rad/s]: z moves by g(after) - g(before)."""
         rest = self.init()
         old, new = self.readout(rest, before)[1], self.readout(rest, after)[1]  # 0 - g(w)
@@ -188,17 +188,17 @@ class NoObserver(AbstractObserver):
         """No state."""
         return ()
 
-    def derivative(self, state: Any, control: Array, velocity: Array) -> tuple[()]:
+    def derivative(self, state: PyTree, control: Array, velocity: Array) -> tuple[()]:
         """Nothing moves."""
         del state, control, velocity
         return ()
 
-    def advance(self, state: Any, torque: Array, before: Array, after: Array, dt: Array) -> tuple[()]:
+    def advance(self, state: PyTree, torque: Array, before: Array, after: Array, dt: Array) -> tuple[()]:
         """Nothing moves."""
         del state, torque, before, after, dt
         return ()
 
-    def readout(self, state: Any, velocity: Array) -> tuple[Array, dict[str, Array]]:
+    def readout(self, state: PyTree, velocity: Array) -> tuple[Array, dict[str, Array]]:
         """Zero compensation [N m]."""
         del state
         return jnp.zeros_like(velocity), {}

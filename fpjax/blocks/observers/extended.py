@@ -1,10 +1,10 @@
 """Observers of two parameters: EFP (4.7)-(4.10) and its two extensions to tanh friction (chapter 4.2)."""
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ...compiled.hyperbolic import tanh
 from ..block import as_optional, as_parameter, require_not_negative, require_positive
@@ -64,7 +64,7 @@ class AbstractExtendedObserver(AbstractObserver):
         zero = jnp.zeros_like(self.inertia)
         return ExtendedState(zero, zero)
 
-    def derivative(self, state: Any, control: Array, velocity: Array) -> ExtendedState:
+    def derivative(self, state: PyTree, control: Array, velocity: Array) -> ExtendedState:
         """z1' = g2'(w) u / J (4.7), z2' = g1'(w) u / J (4.8)."""
         del state
         second, first = self.slopes(velocity)

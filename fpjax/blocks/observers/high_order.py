@@ -1,11 +1,10 @@
 """The observer on a high-order plant: its control passes the plant's high-order part first (3.27)-(3.28)."""
 
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ..block import as_parameter, require_not_negative, require_positive
 from ..plants import held_high_order, high_order_derivative, high_order_output
@@ -17,7 +16,7 @@ class HighOrderState(eqx.Module):
 
     filtered: Array
     filter_rate: Array
-    observer: Any
+    observer: PyTree
 
 
 class HighOrderFeedforward(AbstractObserver):
@@ -80,7 +79,7 @@ class HighOrderFeedforward(AbstractObserver):
         return self._over(state, torque, before, after, dt, self.observer.moved)
 
     def _over(
-        self, state: HighOrderState, torque: Array, before: Array, after: Array, dt: Array, inner: Callable[..., Any]
+        self, state: HighOrderState, torque: Array, before: Array, after: Array, dt: Array, inner: Callable[..., PyTree]
     ) -> HighOrderState:
         middle = 0.5 * (before + after)
         compensation, _ = self.observer.readout(self.observer.carried(state.observer, before, middle), middle)

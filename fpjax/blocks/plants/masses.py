@@ -1,11 +1,11 @@
 """Plants: one mass (2.4), two masses with a spring (3.1)-(3.14), and the thesis' series form (3.27)-(3.28)."""
 
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ...errors import InputError
 from ..block import Block, as_parameter, require_not_negative, require_positive
@@ -39,7 +39,7 @@ class AbstractPlant(Block):
         load: eqx.AbstractVar[AbstractLoad]
 
     @abstractmethod
-    def init(self) -> Any:
+    def init(self) -> PyTree:
         """The state at rest at position zero."""
 
     @abstractmethod
@@ -47,14 +47,14 @@ class AbstractPlant(Block):
         """Inertia of the body that rubs [kg m^2]: with the friction's slope it sets how small a step must be."""
 
     @abstractmethod
-    def derivative(self, state: Any, torque: Array, time: Array) -> Any:
+    def derivative(self, state: PyTree, torque: Array, time: Array) -> PyTree:
         """Time derivative of the state under an applied torque [N m] at time [s]."""
 
     @abstractmethod
-    def readout(self, state: Any, torque: Array, time: Array) -> PlantOutput:
+    def readout(self, state: PyTree, torque: Array, time: Array) -> PlantOutput:
         """Velocities [rad/s], positions [rad] and friction torque [N m]."""
 
-    def advance(self, state: Any, torque: Array, time: Array, dt: Array) -> Any:
+    def advance(self, state: PyTree, torque: Array, time: Array, dt: Array) -> PyTree:
         """The state dt [s] later under a held torque [N m], with sticking resolved exactly.
 
         One step is enough for one mass: under a held torque only its friction changes over the step. A plant with a
@@ -81,7 +81,7 @@ class OneMassState(eqx.Module):
 
     velocity: Array
     position: Array
-    friction: Any
+    friction: PyTree
 
 
 class OneMass(AbstractPlant):
@@ -140,7 +140,7 @@ class TwoMassState(eqx.Module):
     motor_position: Array
     load_velocity: Array
     load_position: Array
-    friction: Any
+    friction: PyTree
 
 
 class TwoMass(AbstractPlant):
@@ -219,7 +219,7 @@ class SeriesTwoMassState(eqx.Module):
     position: Array
     filtered: Array
     filter_rate: Array
-    friction: Any
+    friction: PyTree
 
 
 class SeriesTwoMass(AbstractPlant):
@@ -289,18 +289,21 @@ class SeriesTwoMass(AbstractPlant):
         return high_order_output(state.filtered, state.filter_rate, self)
 
 
-def high_order_derivative(filtered: Array, rate: Array, torque: Array, plant: Any) -> tuple[Array, Array]:
-    """(x', x'') of P_HO (3.28): mu x'' + k_cv x' + k_s x = torque, with mu = J_m J_l / (J_m + J_l)."""
+def high_order_derivative(filtered: Array, rate: Array, torque: Array, plant: PyTree) -> tuple[Array, Array]:
+    """(x', x'') of P_HO (3.28): mu x'' + k_cv x' + k_s x = torque, with mu = J_m J_l / (J_m + J_l).
+
+    `plant` is whatever holds the two masses and their spring: a `SeriesTwoMass` or the observer of one.
+    """
     reduced = plant.motor_inertia * plant.load_inertia / (plant.motor_inertia + plant.load_inertia)
     return rate, (torque - plant.damping * rate - plant.stiffness * filtered) / reduced
 
 
-def high_order_output(filtered: Array, rate: Array, plant: Any) -> Array:
+def high_order_output(filtered: Array, rate: Array, plant: PyTree) -> Array:
     """Output of P_HO (3.28) [N m]: k_cv x' + k_s x."""
     return plant.damping * rate + plant.stiffness * filtered
 
 
-def held_high_order(filtered: Array, rate: Array, torque: Array, plant: Any, dt: Array) -> tuple[Array, Array]:
+def held_high_order(filtered: Array, rate: Array, torque: Array, plant: PyTree, dt: Array) -> tuple[Array, Array]:
     """(x, x') of P_HO (3.28) after dt [s] of a held torque [N m], exact for any damping.
 
     Args:

@@ -1,8 +1,6 @@
 """Exact sticking as functions: the steps themselves stand with the plants (`advance`) and the friction laws."""
 
-from typing import Any
-
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ..friction import AbstractStaticFriction
 from ..signals import Motion
@@ -10,7 +8,9 @@ from .masses import AbstractPlant
 from .transmission import Transmission
 
 
-def advance_exact(plant: AbstractPlant, state: Any, torque: Array, time: Array, dt: Array, substeps: int = 1) -> Any:
+def advance_exact(
+    plant: AbstractPlant, state: PyTree, torque: Array, time: Array, dt: Array, substeps: int = 1
+) -> PyTree:
     """The plant's state dt [s] later under a held torque [N m], with sticking resolved exactly.
 
     Args:

@@ -1,7 +1,5 @@
 """A transmission: motor and load joined by backlash, a spring and a damper, with friction on both sides."""
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -114,7 +112,7 @@ class Transmission(AbstractPlant):
         shaft, share = self.shaft(state), self.friction_share
         motor = Motion(state.motor_velocity, state.motor_position, time, torque)
         load = Motion(state.load_velocity, state.load_position, time, shaft)
-        friction: Any = (1.0 - share) * self.friction.readout((), motor, torque - shaft)
+        friction: Array = (1.0 - share) * self.friction.readout((), motor, torque - shaft)
         friction = friction + share * self.friction.readout((), load, shaft - self.load.readout(load))
         return PlantOutput(
             state.load_velocity, state.load_position, state.motor_velocity, state.motor_position, friction

@@ -1,14 +1,15 @@
 """What an effect is: parameters with a neutral value, and how they change the blocks."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ...output.json_object import TomlTable
 from ...parameters import set_parameters
 from ..data.setting import Setting
 from ..machine import FEATURES, Feature, Machine, Structure
 
-Values = Mapping[str, Any]
+Values = TomlTable
 
 
 Size = Callable[[Setting], float]
@@ -85,7 +86,7 @@ class Effect:
         return {p.name: (values[p.name], p.unit) for p in self.parameters}
 
 
-def place(machine: Machine, values: Mapping[str, Any]) -> Machine:
+def place(machine: Machine, values: TomlTable) -> Machine:
     """The machine with leaves set by dotted name, "law." standing for the static friction law wherever it is."""
     prefix = _prefix(machine)
     return set_parameters(

@@ -2,7 +2,8 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
+
+from ...output.json_object import JsonObject
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,6 @@ class Estimate:
         """Whether both ends of the interval are finite."""
         return math.isfinite(self.low) and math.isfinite(self.high)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """The contract's four keys."""
         return {"value": self.value, "low": self.low, "high": self.high, "unit": self.unit}

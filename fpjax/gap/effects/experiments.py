@@ -6,7 +6,8 @@ other is told apart by what its two families answer to.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+
+from ...output.json_object import JsonObject
 
 
 @dataclass(frozen=True)
@@ -21,7 +22,7 @@ class Experiment:
     separates: tuple[str, str]
     do: str
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """The contract's keys."""
         return {"separates": list(self.separates), "do": self.do}
 

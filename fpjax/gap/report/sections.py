@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from ...output.json_object import JsonObject
 from .digits import show_percent, show_unit
 from .markup import (
     data,
@@ -323,7 +324,7 @@ def provenance(diagnosis: Diagnosis) -> str:
     return section("provenance", "Provenance", files, f'<dl class="facts-list">{listed}</dl>' if listed else "")
 
 
-def _input_cells(entry: dict[str, Any]) -> list[str]:
+def _input_cells(entry: JsonObject) -> list[str]:
     samples = entry.get("samples")
     return [
         f'<span class="name">{text(entry.get("name", ""))}</span>',

@@ -4,10 +4,10 @@ import io
 import json
 import re
 from html import escape
-from typing import Any
 
 from matplotlib.figure import Figure
 
+from ...output.json_object import JsonObject
 from .theme import ROLES, report_style
 
 _SHADES = {light: role for role, (light, _) in ROLES.items()}
@@ -47,14 +47,14 @@ def to_svg(figure: Figure, name: str, description: str) -> str:
     return re.sub(r"\n\s*", "\n", text).strip()
 
 
-def _axes(figure: Figure) -> list[dict[str, Any]]:
+def _axes(figure: Figure) -> list[JsonObject]:
     """Where each panel lies in the picture, and between which values: for the numbers under a reader's pointer."""
     found = []
     points, height = 72.0 / figure.dpi, 72.0 * figure.get_figheight()
     for axes in figure.axes:
         box = axes.get_window_extent()
         sides = {"x": (box.x0, box.x1), "y": (box.y0, box.y1)}
-        panel: dict[str, Any] = {}
+        panel: JsonObject = {}
         for side, (low, high) in sides.items():
             axis = getattr(axes, f"{side}axis")
             if axis.get_major_formatter().__class__.__name__ == "FixedFormatter" or not len(axis.get_ticklocs()):

@@ -1,15 +1,17 @@
 """Family: one compiled super-model, and the batches of lanes that run through it."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...blocks.actuators import AbstractActuator
 from ...blocks.plants import AbstractPlant
+from ...blocks.sensors import AbstractSensor
 from ...compiled.batch import cores
 from ...compiled.threads import on_threads, settings, under
+from ...output.json_object import JsonObject
 from ..data.record import LONGEST, Record
 from ..data.setting import Setting
 from ..data.tables import TAPS, Tables
@@ -34,8 +36,8 @@ class Nominal:
     """
 
     plant: AbstractPlant
-    actuator: Any = None
-    sensor: Any = None
+    actuator: AbstractActuator | None = None
+    sensor: AbstractSensor | None = None
 
 
 @dataclass(frozen=True)
@@ -175,13 +177,13 @@ class Runner:
         return result, ends
 
 
-def _store(result: np.ndarray, ends: np.ndarray, first: int, out: Any) -> None:
+def _store(result: np.ndarray, ends: np.ndarray, first: int, out: tuple[jax.Array, jax.Array]) -> None:
     last = min(first + LANES, result.shape[2])
     result[:, :, first:last] = np.asarray(out[0])[:, : result.shape[1], : last - first]
     ends[:, first:last] = np.asarray(out[1])[:, : last - first]
 
 
-def window_fields(record: Record, windows: np.ndarray, hidden: np.ndarray) -> dict[str, Any]:
+def window_fields(record: Record, windows: np.ndarray, hidden: np.ndarray) -> JsonObject:
     """The fields of `Windows` for some windows of a record, each of shape (windows,).
 
     Args:

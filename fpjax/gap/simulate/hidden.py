@@ -6,12 +6,11 @@ which it is.
 
 import functools
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ...blocks.friction import AbstractStaticFriction
 from ...blocks.friction.bristles import Bristles
@@ -33,7 +32,7 @@ BLOCK = 4096  # samples: a whole log is run in lengths of so many
 class Observer:
     """Integrates the hidden states of a family up to the start of each window."""
 
-    def __init__(self, family: Family, records: list[Record], tables: list[Any]):
+    def __init__(self, family: Family, records: list[Record], tables: list[PyTree]):
         self.family, self.records, self.tables = family, records, tables
         with double_precision():
             nominal = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), family.machine)
@@ -92,11 +91,11 @@ class Observer:
 
 @functools.lru_cache(maxsize=16)
 def _kernel(
-    structure: Structure, effects: tuple[Effect, ...], parameters: tuple[EffectParameter, ...], fixed: Any
+    structure: Structure, effects: tuple[Effect, ...], parameters: tuple[EffectParameter, ...], fixed: PyTree
 ) -> Callable[..., tuple[Array, Array]]:
     observe = _bristles if structure == "bristles" else _transmission
 
-    def run(fixed: tuple[Machine, Tables], vector: Array, angle: Array, speed: Array, past: Array) -> Any:
+    def run(fixed: tuple[Machine, Tables], vector: Array, angle: Array, speed: Array, past: Array) -> PyTree:
         nominal, tables = fixed
         return observe(assembled(nominal, effects, parameters, vector), angle, speed, past, tables)
 
@@ -105,7 +104,7 @@ def _kernel(
 
 @functools.lru_cache(maxsize=16)
 def _whole_kernel(
-    effects: tuple[Effect, ...], parameters: tuple[EffectParameter, ...], fixed: Any
+    effects: tuple[Effect, ...], parameters: tuple[EffectParameter, ...], fixed: PyTree
 ) -> Callable[..., Array]:
     def run(fixed: tuple[Machine, Tables], vector: Array, angle: Array, speed: Array, past: Array) -> Array:
         nominal, tables = fixed
@@ -120,7 +119,7 @@ def _whole_kernel(
     return lane_kernel(run, fixed)
 
 
-def _bristles(machine: Machine, angle: Array, speed: Array, past: Array, tables: Any) -> tuple[Array, Array]:
+def _bristles(machine: Machine, angle: Array, speed: Array, past: Array, tables: PyTree) -> tuple[Array, Array]:
     bristles = machine.plant.friction
     assert isinstance(bristles, Bristles)
 
@@ -132,7 +131,7 @@ def _bristles(machine: Machine, angle: Array, speed: Array, past: Array, tables:
     return share, jnp.zeros_like(share)
 
 
-def _transmission(machine: Machine, angle: Array, speed: Array, past: Array, tables: Any) -> tuple[Array, Array]:
+def _transmission(machine: Machine, angle: Array, speed: Array, past: Array, tables: PyTree) -> tuple[Array, Array]:
     """Twist [rad] and relative speed [rad/s], motor less load."""
     position, velocity, _ = _driven(machine, angle, speed, past, tables, lambda mean: None)
     sign = jnp.where(machine.sensor.load_side > 0.5, 1.0, -1.0)
@@ -140,8 +139,8 @@ def _transmission(machine: Machine, angle: Array, speed: Array, past: Array, tab
 
 
 def _driven(
-    machine: Machine, angle: Array, speed: Array, past: Array, tables: Any, keep: Callable[[Array], Any]
-) -> tuple[Array, Array, Any]:
+    machine: Machine, angle: Array, speed: Array, past: Array, tables: PyTree, keep: Callable[[Array], PyTree]
+) -> tuple[Array, Array, PyTree]:
     """The hidden mass of a transmission whose other mass moves as it was measured.
 
     Args:
@@ -170,7 +169,7 @@ def _driven(
     assert isinstance(law, AbstractStaticFriction)
     gain, delay, offset = actuator.gain, actuator.delay, actuator.offset
 
-    def period(carry: tuple[Array, Array], row: tuple[Array, ...]) -> tuple[tuple[Array, Array], Any]:
+    def period(carry: tuple[Array, Array], row: tuple[Array, ...]) -> tuple[tuple[Array, Array], PyTree]:
         position, velocity = carry  # of the hidden mass
         seen, after, rate, rate_after, index = row
         command = command_at(tables, index, delay)

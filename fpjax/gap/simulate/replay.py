@@ -9,13 +9,13 @@ the super-model were measured: 1.6 times slower than a lane for each change, and
 
 import functools
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, PyTree
 
 from ...blocks.actuators import ActuatorState
 from ...blocks.plants import OneMassState, TwoMassState
@@ -60,7 +60,7 @@ class Windows(eqx.Module):
     ROWS: ClassVar[tuple[str, ...]] = ("time", "velocity", "slope", "position", "integrated")
 
 
-def as_rows(vector: np.ndarray, states: np.ndarray, fields: dict[str, Any]) -> np.ndarray:
+def as_rows(vector: np.ndarray, states: np.ndarray, fields: dict[str, PyTree]) -> np.ndarray:
     """Everything of the lanes but their `start`, shape (rows, lanes).
 
     Args:
@@ -86,7 +86,7 @@ def from_rows(rows: Array, start: Array, parameters: int) -> tuple[Array, Array,
     return rows[:parameters], rows[parameters : last - 2], windows
 
 
-def lane_kernel(run: Callable[..., Any], fixed: Any) -> Callable[..., Any]:
+def lane_kernel(run: Callable[..., PyTree], fixed: PyTree) -> Callable[..., PyTree]:
     """`run(fixed, *lanes)`, compiled for `LANES` lanes at once.
 
     Args:
@@ -96,7 +96,7 @@ def lane_kernel(run: Callable[..., Any], fixed: Any) -> Callable[..., Any]:
     A step has so much to compute that one kernel (`fpjax.native`) is no faster here; wide vectors are, by a fifth.
     """
 
-    def flat(leaves: list[Array], *lanes: Array) -> Any:
+    def flat(leaves: list[Array], *lanes: Array) -> PyTree:
         return run(jax.tree.unflatten(fixed, leaves), *lanes)
 
     options = {"xla_cpu_prefer_vector_width": "512"} if jax.default_backend() == "cpu" else None
@@ -114,7 +114,7 @@ def assembled(
     return machine
 
 
-def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -> tuple[Any, Array, Array]:
+def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -> tuple[PyTree, Array, Array]:
     """(plant's state, lagged torque [N m], lagged rate [rad/s]) at the start of the windows.
 
     Args:
@@ -134,7 +134,7 @@ def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -
         side = sensor.load_side
         twist, relative = windows.hidden[0] + states[2], windows.hidden[1] + states[3]
         motor_rate, motor_position = rate + side * relative, position + side * twist
-        plant: Any = TwoMassState(motor_rate, motor_position, motor_rate - relative, motor_position - twist, ())
+        plant: PyTree = TwoMassState(motor_rate, motor_position, motor_rate - relative, motor_position - twist, ())
     elif structure == "bristles":
         plant = OneMassState(rate, position, jnp.clip(windows.hidden[0] + states[2], -1.0, 1.0))
     else:
@@ -171,7 +171,7 @@ def command_at(tables: Tables, index: Array, delay: Array) -> Array:
 class Carry(eqx.Module):
     """State of a lane: the plant's, the lagged torque [N m], the lagged rate now and one period ago [rad/s]."""
 
-    plant: Any
+    plant: PyTree
     torque: Array
     lagged: Array
     lagged_before: Array
@@ -229,7 +229,7 @@ def residual_kernel(
     longest: int,
     channels: tuple[bool, bool],
     fine: bool,
-    fixed: Any,
+    fixed: PyTree,
 ) -> Callable[[list[Array], Array, Array, Array | np.integer], tuple[Array, Array]]:
     """The compiled loop: (leaves, rows, start, samples) -> residuals; the same one for every log and model alike.
 
@@ -269,7 +269,7 @@ def residual_kernel(
     return lane_kernel(run, fixed)
 
 
-def hidden_of(state: Any) -> Array:
+def hidden_of(state: PyTree) -> Array:
     """What no sensor sees of a plant's state, as `Windows.hidden` has it: shape (2, lanes), else zero."""
     if isinstance(state, TwoMassState):
         return jnp.stack([state.motor_position - state.load_position, state.motor_velocity - state.load_velocity])
@@ -278,7 +278,7 @@ def hidden_of(state: Any) -> Array:
     return jnp.stack([state.friction if bristles else nothing, nothing])
 
 
-def output_of(state: Any) -> PlantOutput:
+def output_of(state: PyTree) -> PlantOutput:
     """Both sides' velocities and positions; those of one mass are the same."""
     if isinstance(state, TwoMassState):
         return PlantOutput(

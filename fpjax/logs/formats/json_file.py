@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
+from ...output.json_object import TomlTable
 from ..table import Request, Table, add_column
 
 LARGEST = 1 << 30  # bytes: Python objects take ten times the space of their text
@@ -77,7 +78,7 @@ def _columns(value: Any, name: str, columns: dict[str, np.ndarray], text: dict[s
             _file(name or "1", value, columns, text)
 
 
-def _transposed(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:
+def _transposed(rows: Iterable[TomlTable]) -> dict[str, list[Any]]:
     flat = [dict(_flat(row, "", 0)) for row in rows]
     names = dict.fromkeys(key for row in flat for key in row)
     return {name: [row.get(name) for row in flat] for name in names}
