@@ -9,6 +9,7 @@ import numpy as np
 
 from fpjax.loop import ClosedLoop
 from fpjax.output.frames import to_frame
+from fpjax.output.json_object import JsonObject
 from fpjax.output.plotting import new_figure, saved, style
 from fpjax.output.runfile import plain
 from fpjax.output.runfile import versions as all_versions
@@ -130,7 +131,7 @@ class TuningResult:
         """
         return to_frame({"cost": [cost for _, cost in self.history]}, [used for used, _ in self.history], "simulations")
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """As JSON takes it, with the bounds and the warning; what is not finite as None."""
         said = {"references": list(self.references), "at_bounds": self.at_bounds, "warning": self.warning}
         return plain({**dataclasses.asdict(self), **said})

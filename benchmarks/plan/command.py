@@ -1,7 +1,6 @@
 """`python -m benchmarks plan`: an ambiguous log, then a planned run against others, on withheld machines."""
 
 import argparse
-from fpjax.output.json_object import JsonObject
 import json
 from pathlib import Path
 from typing import NamedTuple
@@ -9,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fpjax.errors import InputError
+from fpjax.output.json_object import JsonObject
 
 from ..run_command import fpjax_command
 from ..withheld import first

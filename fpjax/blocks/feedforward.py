@@ -182,7 +182,9 @@ class PositionFeedforward(AbstractFeedforward):
         zero = jnp.zeros_like(self.lag)
         return self.controller.init(), zero, zero, zero
 
-    def derivative(self, state: PyTree, reference: Array, measurement: Measurement) -> tuple[PyTree, Array, Array, Array]:
+    def derivative(
+        self, state: PyTree, reference: Array, measurement: Measurement
+    ) -> tuple[PyTree, Array, Array, Array]:
         """The cascade's, and those of the lags."""
         inner, late, slow, _ = state
         rate = (reference - late) / self.lag

@@ -9,8 +9,8 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from ..output.json_object import JsonObject
 from ..errors import InputError
+from ..output.json_object import JsonObject
 from ..output.runfile import RunFile, open_folder
 from .numbers import real, whole
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from ..output.json_object import JsonObject
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -34,7 +36,7 @@ class Range:
     high: float
     unit: str
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """All of it, by name."""
         return dataclasses.asdict(self)
 
@@ -81,7 +83,7 @@ class Side:
         found += [("roughness of the torque from sample to sample", self.rough)]
         return found + [(f"{name} margin", value) for name, value in self.margins.items()]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """All of it, by name."""
         plain = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         for name in ("error", "reversal", "torque", "peak", "headroom", "rough"):
@@ -171,7 +173,7 @@ class Improvement:
         """Whether the intervals are a promise: of a log that the diagnosis does not explain they are none."""
         return self.verdict != "unexplained"
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """Numbers, strings, lists and dictionaries only; without the diagnosis and the pictures' arrays."""
         return {
             "decision": self.decision,

@@ -2,7 +2,6 @@
 
 import dataclasses
 
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, PyTree
