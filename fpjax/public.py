@@ -91,7 +91,6 @@ from .improvement import improve as improve
 from .linear import LinearLoop as LinearLoop
 from .linear import Margins as Margins
 from .linear import StateSpace as StateSpace
-from .linear import linearise as linearise
 from .linear import margins as margins
 from .logs import Log as Log
 from .logs import read_log as read_log
@@ -141,4 +140,5 @@ from .solvers import get_solver as get_solver
 from .stability import safe_steepness as safe_steepness
 from .stability import stiffness_number as stiffness_number
 from .verbs import estimate as estimate
+from .verbs import linearise as linearise
 from .verbs import simulate as simulate

@@ -1,11 +1,11 @@
-"""The verbs of a user: `simulate` and `estimate`, given a model, its file or blocks; bad input is one sentence."""
+"""The verbs of a user: `simulate`, `estimate`, `linearise` of a model, its file or blocks; errors are one sentence."""
 
 import contextlib
 import dataclasses
 import importlib
 import os
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -36,6 +36,9 @@ from .output.run_picture import KINDS, About
 from .parameters import parameter_names
 from .scan import Stepping, astype
 from .solvers import AbstractPlantSolver
+
+if TYPE_CHECKING:
+    from .linear.linear_loop import LinearLoop
 
 DEFAULT_SIGNALS = (
     "reference", "velocity", "position", "measured_velocity", "measured_position",
@@ -191,13 +194,64 @@ def estimate(
         return estimate_with(log, astype(model.loop.observer, jnp.float64), load=astype(known, jnp.float64), **settings)
 
 
+def linearise(
+    loop: ClosedLoop | Model | str | os.PathLike[str],
+    at: float | LoopState = 1.0,
+    *,
+    dt: float | None = None,
+    stepping: Stepping | None = None,
+    solver: str | AbstractPlantSolver | None = None,
+    substeps: int | None = None,
+    reference: float | None = None,
+) -> "LinearLoop":
+    """Linearise a loop, or what a servo.toml describes, about a steady motion.
+
+    The tangent is jax's, of the very step (or derivative) that is simulated: delays, lags, the hold of a sampled loop
+    and the observer's compensation are in it. A rounding passes as if it were not there, a limit counts where it acts,
+    and Coulomb friction of a moving mass has no slope.
+
+    Args:
+        loop: the closed loop; a `Model`, or the path (or the text) of a servo.toml.
+        at: speed of the steady motion [rad/s], reached from rest by simulation; or a state to linearise at.
+        dt: control period, or step of the settling simulation in continuous time [s]; None for the model's.
+        stepping: "sampled" (default) or "continuous"; None for the model's.
+        solver: of the plant; None for the model's, or "rk4".
+        substeps: solver steps a period when sampled; None for the model's, or 1.
+        reference: r at a given state [rad/s or rad]; with a speed it follows from it.
+
+    Returns:
+        A `LinearLoop`, which prints its margins and plots them.
+
+    Raises:
+        InputError: where the loop does not settle at that speed, or a state comes without its reference.
+    """
+    if not isinstance(at, int | float | LoopState):
+        raise InputError(f"at = {_shown(at)} is no steady motion: give a speed [rad/s], or a LoopState.")
+    from .linear.linearise import linearise as linearise_loop  # scipy's searches, which only margins need
+
+    model = as_model(loop, "linearise")
+    if model is None:
+        if dt is None:
+            raise InputError("linearise needs dt, the control period [s]: give dt=1e-3, or a model, which has its own.")
+        return linearise_loop(
+            checked_loop(loop, "linearise"), at, dt=dt, stepping=stepping or "sampled", solver=solver or "rk4",
+            substeps=substeps or 1, reference=reference,
+        )  # fmt: skip
+    model.needed_controller()
+    with double_precision():
+        return linearise_loop(
+            astype(model.loop, jnp.float64), at, dt=model.dt if dt is None else dt, stepping=stepping or model.stepping,
+            solver=solver or model.solver, substeps=substeps or model.substeps, reference=reference,
+        )  # fmt: skip
+
+
 def as_model(source: Any, verb: str, also: str = "a ClosedLoop") -> Model | None:
     """The model that was given, read where it is a path or text; None for anything else.
 
     Args:
         source: what the user gave.
         verb: whose argument it is.
-        also: what else it may be, for the sentence.
+        also: what else it may be, for the sentence; "" for nothing.
     """
     if isinstance(source, Model):
         return source
@@ -207,7 +261,8 @@ def as_model(source: Any, verb: str, also: str = "a ClosedLoop") -> Model | None
     if isinstance(source, ClosedLoop | AbstractObserver):
         return None
     raise InputError(
-        f"{verb} got {_shown(source)}: give {also}, a Model (fpjax.load_model) or the path of a servo.toml."
+        f"{verb} got {_shown(source)}: give {also}{', ' if also else ''}a Model (fpjax.load_model) or the path of a "
+        "servo.toml."
     )
 
 

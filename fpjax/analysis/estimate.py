@@ -27,6 +27,8 @@ from ..compiled.programs import jit_by
 from ..errors import InputError
 from ..logs import Log
 from ..logs.derivative import Differentiator, measured_velocity, travel
+from ..logs.friction_curve import FrictionCurve, friction_curve
+from ..logs.nominal import fit_nominal
 from ..logs.regression import fit_pairs
 from ..output.json_object import JsonObject
 from .excitation import Excitation, assess_excitation
@@ -59,6 +61,7 @@ class Estimated:
         name: of the log.
         linear: whether the units are N and m.
         passes: over the log; the traces are the last one's.
+        friction: torque less inertia and loads in bins of velocity; None where the motion tells too little.
     """
 
     time: Float[np.ndarray, " periods"]
@@ -73,6 +76,7 @@ class Estimated:
     name: str = "log"
     linear: bool = False
     passes: int = 1
+    friction: FrictionCurve | None = None
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -130,7 +134,7 @@ class Estimated:
     __repr__ = __str__
 
     def plot(self, path: str | Path | None = None) -> "Figure":
-        """The velocity and every estimate against time, with the least-squares value.
+        """The velocity and every estimate against time with the least-squares value, and friction against velocity.
 
         Args:
             path: picture file to write; None to write none.
@@ -141,23 +145,41 @@ class Estimated:
         Raises:
             InputError: where the file cannot be written.
         """
-        from ..output.plotting import BLUE, GREY, RED, new_figure, saved, style, thin
+        from ..output.friction_picture import Law, draw_friction
+        from ..output.plotting import BLUE, GREEN, GREY, RED, new_figure, saved, style, thin
 
+        laws = [
+            Law(label, colour, values["coulomb"], values["viscous"], values.get("offset", 0.0), label != "observer")
+            for label, colour, values in (("observer", GREEN, self.final), ("least squares", RED, self.least_squares))
+            if {"coulomb", "viscous"} <= set(values)
+        ]
+        over_time = 1 + len(self.estimates)
+        rows = over_time + (self.friction is not None)
         figure, axes = new_figure(
-            1 + len(self.estimates), share_x=True, title=f"Friction estimated from {self.name}{self._pass}"
-        )
+            rows, title=f"Friction estimated from {self.name}{self._pass}",
+            height_ratios=[*(1.0,) * over_time, *(1.4,) * (rows - over_time)],
+        )  # fmt: skip
+        beside = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.0}
         with style():
             time, velocity = thin(self.time, self.velocity)
             axes[0, 0].plot(time, velocity, color=GREY)
             axes[0, 0].set_ylabel("velocity [m/s]" if self.linear else "velocity [rad/s]")
-            for panel, (name, values) in zip(axes[1:, 0], self.estimates.items(), strict=True):
+            for panel, (name, values) in zip(axes[1:over_time, 0], self.estimates.items(), strict=True):
+                panel.sharex(axes[0, 0])
                 panel.plot(*thin(self.time, values), color=BLUE, label=f"{name}, observer")
                 panel.axvspan(self.time[-1] - self.average, self.time[-1], color=BLUE, alpha=0.08, lw=0)
                 if name in self.least_squares:
                     panel.axhline(self.least_squares[name], color=RED, ls="--", label="least squares")
                 panel.set_ylabel(f"{name} [{self.unit(name)}]")
-                panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
-            axes[-1, 0].set_xlabel("time [s]")
+                panel.legend(ncols=2, **beside)
+            for panel in axes[: over_time - 1, 0]:
+                panel.tick_params(labelbottom=False)
+            axes[over_time - 1, 0].set_xlabel("time [s]")
+            if self.friction is not None:
+                panel = axes[-1, 0]
+                draw_friction(panel, self.friction, laws, linear=self.linear)
+                panel.set_ylabel(f"torque [{self.unit('coulomb')}],\ninertia and load taken off")
+                panel.legend(ncols=4, **beside)
         return saved(figure, path)
 
 
@@ -209,6 +231,7 @@ def estimate(
         name=log.name,
         linear=log.linear,
         passes=passes,
+        friction=_friction(log, torque, float(observer.inertia)),
     )
 
 
@@ -251,6 +274,16 @@ def observe(
 
 
 _observe_jit = jit_by(lambda observer, torque, velocity, dt, passes: (torque.shape, passes))(observe)
+
+
+def _friction(log: Log, torque: np.ndarray, inertia: float) -> FrictionCurve | None:
+    """The friction of a log in bins, for a given inertia and a torque whose known load is taken off."""
+    unloaded = dataclasses.replace(log, torque=np.append(torque, torque[-1]))
+    fitted = fit_nominal(unloaded)  # for the length of window that its noise asks for
+    if fitted is None:
+        return None
+    curve = friction_curve(unloaded, dataclasses.replace(fitted, inertia=inertia, sine=0.0, cosine=0.0))
+    return curve if curve.velocity.size else None
 
 
 def _load(load: AbstractLoad, log: Log, velocity: np.ndarray) -> np.ndarray:

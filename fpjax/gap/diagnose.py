@@ -158,8 +158,14 @@ def allowed_effects(effects: tuple[Effect, ...]) -> tuple[str, ...]:
     """Names of the effects where they are not the whole vocabulary; () where they are, an effect of one's own or not.
 
     Raises:
-        InputError: for no effects at all.
+        InputError: for no effects at all, or what is none.
     """
+    wrong = [effect for effect in effects if not isinstance(effect, Effect)]
+    if wrong:
+        raise InputError(
+            f"effects holds {type(wrong[0]).__name__} {str(wrong[0])[:40]!r}: give Effect objects, for instance "
+            'tuple(each for each in fpjax.gap.EFFECTS if each.name in ("stribeck", "backlash")).'
+        )
     names = tuple(effect.name for effect in effects)
     if not names:
         raise InputError("effects is empty: give at least one effect, or leave it out to try the whole vocabulary.")

@@ -87,7 +87,7 @@ def _error(axes: Axes, found: Improvement, span: tuple[float, float] | None) -> 
     axes.set_title("whole reference" if span is None else "close-up; shaded: 12 machines")
     axes.margins(x=0.0)
     if span is None:
-        axes.legend(loc="upper right", ncols=2)
+        axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=2)
 
 
 def _machines(axes: Axes, found: Improvement) -> None:
@@ -123,7 +123,7 @@ def _gains(axes: Axes, found: Improvement) -> None:
     axes.grid(visible=False)
     for side in ("left", "bottom", "top", "right"):
         axes.spines[side].set_visible(False)
-    axes.set_title("gains between their bounds: now (orange), new (blue)")
+    axes.set_title("gains within bounds: now (orange), new (blue)")
 
 
 def _close_up(found: Improvement) -> tuple[float, float]:

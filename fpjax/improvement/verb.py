@@ -45,7 +45,7 @@ def improve(
     log: LogSource,
     model: ModelSource,
     *,
-    free: Sequence[str] = (),
+    free: str | Sequence[str] = (),
     diagnosis: Diagnosis | Known | str | os.PathLike[str] | None = None,
     reference: str = "log",
     seed: int = 0,
@@ -77,6 +77,13 @@ def improve(
     Raises:
         InputError: for a log without a reference, a controller that is not known, nothing that may change.
     """
+    if isinstance(free, str):
+        free = (free,)
+    if not isinstance(diagnosis, Diagnosis | Known | str | os.PathLike | None):
+        raise InputError(
+            f"improve got {type(diagnosis).__name__} {str(diagnosis)[:40]!r} as its diagnosis: give a Diagnosis "
+            "(fpjax.diagnose) or the --out folder of fpjax diagnose."
+        )
     clock = StageClock(progress, COSTS)
     clock("reading")
     with double_precision():

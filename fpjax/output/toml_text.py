@@ -25,6 +25,11 @@ def read_source(source: str | os.PathLike[str]) -> tuple[str, pathlib.Path | Non
     """
     if isinstance(source, str) and ("\n" in source or "=" in source or not source.strip()):
         return source, None
+    if not isinstance(source, str | os.PathLike):
+        raise InputError(
+            f"A model cannot be read from {type(source).__name__} {str(source)[:40]!r}: give a Model "
+            "(fpjax.load_model), or the path or the text of a servo.toml."
+        )
     path = pathlib.Path(source)
     try:
         _check_regular(path)

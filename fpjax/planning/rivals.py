@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
 import pathlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -49,6 +50,11 @@ def read_diagnosis(source: Any) -> JsonObject:
     if isinstance(source, Mapping):
         content: Any = dict(source)
         name = "the diagnosis"
+    elif not isinstance(source, str | os.PathLike):
+        raise InputError(
+            f"plan got {type(source).__name__} {str(source)[:40]!r} as its diagnosis: give a Diagnosis "
+            "(fpjax.diagnose), its dictionary, or the --out folder of fpjax diagnose."
+        )
     else:
         path = pathlib.Path(source)
         path = path / "diagnosis.json" if path.is_dir() else path

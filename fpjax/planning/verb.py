@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import numbers
 import os
 import time
 from collections.abc import Callable
@@ -87,9 +88,16 @@ def plan(
         InputError: for limits that contradict each other, a machine that cannot move within them, a diagnosis without
             rivals, or a loop that is unstable.
     """
-    known = as_model(model, "plan", "a Model")
+    known = as_model(model, "plan", "")
     if known is None:
         raise InputError("plan needs a Model (fpjax.load_model) or the path of a servo.toml.")
+    given = {
+        "speed": speed, "acceleration": acceleration, "torque": torque, "travel": travel, "duration": duration,
+        "missing": missing, "velocity_noise": velocity_noise, "position_noise": position_noise, "seconds": seconds,
+    }  # fmt: skip
+    for name, value in given.items():
+        if value is not None and not isinstance(value, numbers.Real):
+            raise InputError(f"{name} must be a number, got {type(value).__name__} {value!r}.")
     if not 0.0 < seconds < float("inf"):
         raise InputError(f"seconds must be above zero, got {seconds:g} s; {SECONDS:g} s is usual.")
     for name, value in (("missing", missing), ("velocity_noise", velocity_noise), ("position_noise", position_noise)):

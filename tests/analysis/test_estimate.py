@@ -147,6 +147,9 @@ def test_picture_and_numbers(tmp_path):
     found = fp.estimate(record(duration=2.0), EFP)
     found.plot(tmp_path / "sub" / "friction.png")
     assert (tmp_path / "sub" / "friction.png").stat().st_size > 10_000
+    curve = found.friction
+    law = COULOMB * np.sign(curve.velocity) + VISCOUS * curve.velocity
+    np.testing.assert_allclose(curve.middle, law, atol=0.05 * COULOMB)
     numbers = found.to_dict()
     assert numbers["estimates"]["coulomb"] == found.final["coulomb"]
     assert numbers["excitation"]["slow_mode_s"] > 0.0

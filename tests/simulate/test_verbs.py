@@ -76,6 +76,35 @@ def test_tune_takes_a_file(tmp_path):
     assert (tmp_path / "tune.png").exists()
 
 
+def test_linearise_takes_a_file_a_model_or_blocks():
+    model = fp.load_model(GIMBAL)
+    of_file = fp.linearise(GIMBAL, 1.0)
+    of_blocks = fp.linearise(model.loop, 1.0, dt=model.dt, solver="exact")
+    assert of_file.dt == model.dt
+    assert of_file.margins().phase_margin == pytest.approx(of_blocks.margins().phase_margin, rel=1e-4)
+    assert "phase margin" in repr(of_file)
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: fp.linearise(3), "linearise got int '3'"),
+        (lambda: fp.linearise(fp.load_model(GIMBAL).loop), "linearise needs dt"),
+        (lambda: fp.linearise(GIMBAL, at="fast"), "is no steady motion"),
+        (lambda: fp.diagnose("run.csv", GIMBAL, effects=("stribeck",)), "effects holds str 'stribeck'"),
+        (lambda: fp.improve("run.csv", GIMBAL, diagnosis=3), "improve got int '3' as its diagnosis"),
+        (lambda: fp.plan(3), "plan got int '3': give a Model"),
+        (lambda: fp.plan(GIMBAL, speed="quick"), "speed must be a number, got str 'quick'"),
+        (lambda: fp.plan(GIMBAL, diagnosis=3), "plan got int '3' as its diagnosis"),
+        (lambda: fp.load_model(3), "A model cannot be read from int '3'"),
+    ],
+)
+def test_a_wrong_kind_of_argument_is_one_sentence(call, sentence):
+    with pytest.raises(InputError, match=sentence) as raised:
+        call()
+    assert "\n" not in str(raised.value)
+
+
 class OwnLaw(fp.AbstractStaticFriction):
     """A law whose fields are plain numbers."""
 
