@@ -9,6 +9,27 @@ LOOKED_AT = 200_000  # samples
 LIKE = 0.5  # correlation below which the two have nothing to do with each other
 
 
+SAME = 1e-6  # of the torque's rms
+
+
+def constant_ratio(torque: np.ndarray, measured: np.ndarray) -> float | None:
+    """The one number that makes the torque of the measured one in every row; None where there is none.
+
+    Such a torque was computed from the reading and never commanded.
+
+    Args:
+        torque: shape (rows,).
+        measured: in the same rows, shape (rows,).
+    """
+    both = np.isfinite(torque) & np.isfinite(measured)
+    power = float(measured[both] @ measured[both])
+    if both.sum() < 32 or not np.ptp(torque[both]) > 0.0 or not power > 0.0:
+        return None
+    ratio = float(torque[both] @ measured[both]) / power
+    left = torque[both] - ratio * measured[both]
+    return ratio if float(np.max(np.abs(left))) <= SAME * float(np.sqrt(np.mean(torque[both] ** 2))) else None
+
+
 class Following(NamedTuple):
     """How a measured torque follows its command.
 

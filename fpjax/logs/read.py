@@ -23,7 +23,7 @@ from .columns import (
 )
 from .headless import described
 from .log import Log, NamedArrays
-from .measured import following
+from .measured import constant_ratio, following
 from .measures import noise_level, rounding_step
 from .readings import filled, unread_rows, without_absurd
 from .resample import HELD, Uniform, every, to_grid
@@ -104,6 +104,7 @@ def read_log(
     if "torque" in found and torque_scale != 1.0:
         found["torque"] = found["torque"] * torque_scale
     rows = _common_length(found, name)
+    computed = _computed(found, sources, name, notes)
     if "time" not in found:
         assert dt is not None
         found["time"] = np.arange(rows) * dt
@@ -125,7 +126,7 @@ def read_log(
                 f"are needed."
             )
         uniform, period = every(uniform, take_every, name, notes), period * take_every
-    measured = "torque" in sources and sources["torque"].measured
+    measured = computed or ("torque" in sources and sources["torque"].measured)
     lag = _about_torque(uniform, step, measured, period, name, notes)
     for note in notes:
         warnings.warn(note, FpjaxWarning, stacklevel=2)
@@ -229,6 +230,22 @@ def _in_si(
 def _file_hash(path: pathlib.Path) -> str:
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _computed(found: dict[str, np.ndarray], sources: Mapping[str, Source], name: str, notes: list[str]) -> bool:
+    """Whether the torque is the measured one times a number; then that one is left out, and said."""
+    if not {"torque", "torque_measured"} <= set(found):
+        return False
+    with np.errstate(over="ignore", invalid="ignore"):
+        ratio = constant_ratio(found["torque"], found["torque_measured"])
+    if ratio is None:
+        return False
+    notes.append(
+        f"{name}: {sources['torque'].column!r} is {ratio:.6g} times {sources['torque_measured'].column!r} in every "
+        "row: it was computed from that reading and not commanded."
+    )
+    del found["torque_measured"]
+    return True
 
 
 def _check_present(table: Table, found: set[str], require: tuple[str, ...], name: str) -> None:

@@ -2,6 +2,7 @@
 
 import importlib
 import pathlib
+import re
 import stat
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -65,6 +66,9 @@ READERS = {
 }  # fmt: skip
 
 
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[nN]a[nN]")
+
+
 def read_table(path: pathlib.Path, request: Request) -> Table:
     """A file's columns, by the reader of its suffix.
 
@@ -81,7 +85,10 @@ def read_table(path: pathlib.Path, request: Request) -> Table:
         kinds = ", ".join(sorted(READERS))
         if path.suffix == ".toml":
             raise InputError(f"{path.name} is a model, not a log: give a log here, and the model with --model.")
-        raise InputError(f"{path.name} is of a kind that is not read ({path.suffix or 'no suffix'}): use {kinds}.")
+        # data loggers invent suffixes (.t, .out, .res, none): what looks like rows of numbers is read as text
+        if not _rows_of_numbers(path):
+            raise InputError(f"{path.name} is of a kind that is not read ({path.suffix or 'no suffix'}): use {kinds}.")
+        module = "csv_file"
     reader: Callable[..., Table] = importlib.import_module(f"fpjax.logs.formats.{module}").read
     try:
         if path.stat().st_size == 0:
@@ -91,6 +98,17 @@ def read_table(path: pathlib.Path, request: Request) -> Table:
         raise InputError(f"{path} cannot be read ({error.strerror or error}): check its rights.") from error
     except MemoryError as error:
         raise InputError(f"{path.name} does not fit into memory: read a part of it with --from and --to.") from error
+
+
+def _rows_of_numbers(path: pathlib.Path) -> bool:
+    """Whether the last lines of a file's beginning are at least two numbers each."""
+    try:
+        with path.open("rb") as stream:
+            lines = stream.read(1 << 16).decode("utf-8-sig").splitlines()[:-1]
+    except (OSError, UnicodeDecodeError):
+        return False
+    rows = [re.split(r"[,;\s]+", line.strip(" \t,;")) for line in lines[-20:]]
+    return len(rows) == 20 and all(len(row) > 1 and all(_NUMBER.fullmatch(cell) for cell in row) for row in rows)
 
 
 def check_regular(path: pathlib.Path) -> None:

@@ -241,6 +241,16 @@ def test_without_a_header_columns_are_named_by_their_places(tmp_path, columns, l
         read_log(path)
 
 
+@pytest.mark.parametrize("suffix", [".t", ".out", ""])
+def test_rows_of_numbers_are_read_whatever_their_suffix(tmp_path, columns, suffix):
+    path = tmp_path / f"log{suffix}"
+    path.write_text(text_of(columns, ","))
+    np.testing.assert_allclose(read_log(path).velocity, columns["velocity"], atol=1e-9)
+    (tmp_path / f"prose{suffix}").write_text("time torque velocity\n" * 40)
+    with pytest.raises(InputError, match="is not read"):
+        read_log(tmp_path / f"prose{suffix}")
+
+
 def test_without_header_and_stamps_the_rate_is_asked_for(tmp_path, columns):
     path = tmp_path / "log.txt"
     rows = np.stack([columns["torque"], columns["velocity"], columns["position"]], axis=1)

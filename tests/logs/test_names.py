@@ -205,3 +205,14 @@ def test_a_log_without_stamps_is_told_of_the_rate(columns):
     with pytest.raises(InputError, match="--rate"):
         read_log(data)
     assert read_log(data, dt=DT).dt == DT
+
+
+def test_a_torque_that_was_computed_from_the_current_was_not_commanded(columns):
+    data = {"time": columns["time"], "velocity": columns["velocity"], "torque": columns["torque"]}
+    data["current"] = columns["torque"] / 1.314
+    with pytest.warns(FpjaxWarning, match="1.314 times 'current' in every row"):
+        log = read_log(data)
+    assert log.torque_measured
+    assert log.torque_unit == "N m"
+    data["current"] = data["current"] + 1e-3 * np.random.default_rng(1).standard_normal(data["current"].size)
+    assert not read_log(data).torque_measured
