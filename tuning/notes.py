@@ -104,6 +104,7 @@ def notes_of(
     fastest: float,
     off: dict[str, float],
     tables: Sequence[tuple[str, Array]],
+    draws: int = 0,
 ) -> list[str]:
     """Sentences on one set of gains.
 
@@ -114,20 +115,24 @@ def notes_of(
         fastest: the largest |w| of all cases [rad/s].
         off: by estimate, the largest `SettledError` of all cases, with its sign [1].
         tables: (label, reference [rad/s] (or [rad] for a position loop) of shape (samples,)) of each.
+        draws: of the sensor's noise that `off` is the worst of; 0 for the problem's own noise, or none.
     """
     if fastest == 0.0:
         return [AT_REST]
-    return [*_accuracy(off, _heard(problem)), *_stability(problem, rate), *_excitation(problem, gains, off, tables)]
+    return [
+        *_accuracy(off, _heard(problem, draws)),
+        *_stability(problem, rate),
+        *_excitation(problem, gains, off, tables),
+    ]
 
 
-def _heard(problem: Problem) -> str:
-    """What of the sensor's noise the runs were judged under; "" for a sensor without."""
-    if not problem.noise:
-        return ""
-    if not any(bool(np.any(np.asarray(table))) for table in problem.noise):
-        return " without the sensor's noise"
-    draws = problem.seeds
-    return " under one draw of the sensor's noise" if draws == 1 else f" in the worst of {draws} draws of its noise"
+def _heard(problem: Problem, draws: int) -> str:
+    """Under which noise the runs were judged; "" for none."""
+    if not draws and any(bool(np.any(np.asarray(table))) for table in problem.noise):
+        draws = problem.seeds
+    if draws > 1:
+        return f", in the worst of {draws} draws of the sensor's noise"
+    return ", under one draw of the sensor's noise" if draws else ""
 
 
 def _accuracy(off: dict[str, float], heard: str = "") -> list[str]:

@@ -323,6 +323,8 @@ def _search(
         off = {name.removeprefix(SETTLED): _furthest(found[group]) for name, found in ended.items()}
         which = range(len(labels)) if lanes.index is None else [int(lanes.index[lane])]
         followed = [(label, lanes.problem.references[0][place]) for label, place in zip(labels, which, strict=True)]
+        about = (lanes.problem, tuned, float(np.max(rates[group])), float(np.max(fastest[group])), off, followed)
+        notes = [] if failed.all() else notes_of(*about, len(draws))
         results.append(
             TuningResult(
                 method=name,
@@ -346,13 +348,7 @@ def _search(
                 compile_seconds=compiled,
                 identifiability=None if failed.all() else blocks[group],
                 versions=versions(),
-                notes=()
-                if failed.all()
-                else tuple(
-                    notes_of(
-                        lanes.problem, tuned, float(np.max(rates[group])), float(np.max(fastest[group])), off, followed
-                    )
-                ),
+                notes=tuple(notes),
                 path={name: [float(at[place]) for at in outcome.paths[lane]] for place, name in enumerate(names)},
                 settled=off,
                 noisy_cost=None if worst is None else float(worst[group]),

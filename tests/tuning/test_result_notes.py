@@ -8,7 +8,8 @@ import pytest
 
 import fpjax as fp
 import tuning
-from tuning.notes import _accuracy
+from tuning.notes import _accuracy, _heard
+from tuning.problem import make_problem
 
 GAINS = ("observer.gain_1", "observer.gain_2")
 RUN = {"dt": 2e-3, "stepping": "sampled", "solver": "exact"}
@@ -123,7 +124,6 @@ solver = "exact"
         note.startswith("tuned under the sensor's noise: with the best gains without it") for note in result.notes
     )
     assert result.noisy_cost < 1.1 * result.cost
-    assert not any("without the sensor's noise" in note for note in result.notes)
     assert all(abs(value) < 0.03 for value in result.settled.values())
     tuned = dataclasses.replace(model, loop=result.apply(model.loop))
     for seed in range(3):  # other draws than those that it was looked at under
@@ -136,3 +136,16 @@ def test_an_estimate_that_runs_away_is_said_as_such():
     assert _accuracy({"coulomb": float("nan"), "viscous": 0.1})[0].count("coulomb without an end, viscous +10 %") == 1
     assert _accuracy({"coulomb": float("inf")})
     assert not _accuracy({"coulomb": 0.01})
+
+
+def test_the_note_says_under_which_noise():
+    noisy_loop = dataclasses.replace(loop(), sensor=fp.Gyro(noise=1e-3))
+    quiet, *noisy = (
+        make_problem(noisy_loop, fp.Sine(1.0, 1.0), ["observer.gain_1"], dt=1e-3, duration=0.1, noise_seeds=seeds)[0]
+        for seeds in ((), (0,), (0, 1))
+    )
+    assert _heard(quiet, 0) == ""
+    assert "worst of 8 draws" in _heard(quiet, 8)
+    assert [_heard(one, 0).removeprefix(", ") for one in noisy] == [
+        "under one draw of the sensor's noise", "in the worst of 2 draws of the sensor's noise"
+    ]  # fmt: skip
