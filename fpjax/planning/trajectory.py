@@ -1,9 +1,10 @@
 """Trajectory: a motion of a few numbers that keeps its limits whatever the numbers are.
 
 Speed is a cubic spline through free knots (ramps, holds, slow and fast reversals) plus tones of fixed frequencies and
-free size and phase, which a second, coarser spline turns on and off. It begins and ends at rest at the same place. What
-goes beyond a limit is scaled down as a whole, so that the tightest limit just holds: an optimiser of the numbers needs
-no penalty, and no motion that it tries is one that the machine must not make.
+free size and phase, which a second, coarser spline turns on and off, plus a share of a plain sine and of a sweep, so
+that no plan need be worse than they are. It begins and ends at rest at the same place. What goes beyond a limit is
+scaled down as a whole, so that the tightest limit just holds: an optimiser of the numbers needs no penalty, and no
+motion that it tries is one that the machine must not make.
 """
 
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from jaxtyping import Array, Float
 from scipy.interpolate import BSpline
 
 from .limits import Limits
+from .usual import usual
 
 KNOTS = (12, 40)  # fewest and most of the spline
 SPACING = 2.5  # between knots, in the time that the top speed takes at the largest acceleration [1]
@@ -22,6 +24,7 @@ TONES = 10
 GATES = 7  # knots of the envelope of the tones
 HIGHEST = 0.03  # of the control rate: the highest tone; a velocity loop follows little above it
 RAMP = 0.04  # of the duration: from rest and back to it
+SWEEP = 3  # of the starts, which is a sweep
 FULL = 0.999  # of a limit that a motion is scaled to
 
 
@@ -33,12 +36,14 @@ class Shape(NamedTuple):
         gates: of the tones' envelope, a logit, shape (GATES,).
         sizes: of the tones, as the logarithm of a share of the top speed, shape (TONES,).
         phases: [rad], shape (TONES,).
+        usual: size of a plain sine and of a sweep [1], shape (2,).
     """
 
     knots: Float[Array, " knots"]
     gates: Float[Array, " gates"]
     sizes: Float[Array, " tones"]
     phases: Float[Array, " tones"]
+    usual: Float[Array, "2"]
 
 
 class Motion(NamedTuple):
@@ -61,6 +66,7 @@ class Course:
         envelope: shape (samples, GATES).
         ramp: from rest and back, shape (samples,).
         frequencies: of the tones [Hz], shape (TONES,).
+        usual: speeds of a sine and of a sweep [1], shape (samples, 2).
     """
 
     limits: Limits
@@ -70,12 +76,14 @@ class Course:
     envelope: np.ndarray
     ramp: np.ndarray
     frequencies: np.ndarray
+    usual: np.ndarray
 
     def motion(self, shape: Shape, share: Array | float = 1.0) -> Motion:
         """The motion of a shape, in full or a share of it [1]; differentiable."""
         angle = 2.0 * jnp.pi * self.frequencies * self.time[:, None] + shape.phases[None, :]
         gate = jnp.clip(self.envelope @ (1.0 / (1.0 + jnp.exp(-shape.gates))), 0.0, 1.0)
         speed = self.spline @ jnp.tanh(shape.knots) + gate * (jnp.sin(angle) @ jnp.exp(shape.sizes))
+        speed = speed + self.usual @ shape.usual
         return self.within(speed, share)
 
     def within(self, speed: Array | np.ndarray, share: Array | float = 1.0) -> Motion:
@@ -100,7 +108,7 @@ class Course:
         return Motion(scale * speed, scale * acceleration, scale * position)
 
     def starts(self, seed: int, count: int) -> list[Shape]:
-        """Shapes to start from: holds of falling size in both directions, slow reversals, random ones.
+        """Shapes to start from: holds of falling size in both directions, slow reversals, a sweep, random ones.
 
         Args:
             seed: of the random ones.
@@ -118,7 +126,9 @@ class Course:
             (holds, late, loud),
             (np.where(place < knots // 2, 1.2 * np.sin(0.9 * place), slow), late, loud - 0.7),
             (slow, np.linspace(2.0, -4.0, GATES), loud + 0.5),
+            (np.zeros(knots), np.full(GATES, -3.0), quiet - 2.0),
         ]
+        sizes = [np.array([0.0, float(place == SWEEP)]) for place in range(max(count, len(plain)))]
         for _ in range(max(count - len(plain), 0)):
             size = np.exp(rng.uniform(-2.5, 0.5, knots))
             plain.append((
@@ -128,8 +138,8 @@ class Course:
             ))  # fmt: skip
         phases = [rng.uniform(0.0, 2.0 * np.pi, tones) for _ in plain]
         return [
-            Shape(*(jnp.asarray(part, float) for part in (*one, phase)))
-            for one, phase in list(zip(plain, phases, strict=True))[:count]
+            Shape(*(jnp.asarray(part, float) for part in (*one, phase, size)))
+            for one, phase, size in list(zip(plain, phases, sizes, strict=True))[:count]
         ]
 
 
@@ -147,9 +157,10 @@ def make_course(limits: Limits, dt: float, seconds_resolved: float) -> Course:
     count = int(np.clip(limits.duration / (SPACING * rise), *KNOTS))
     ramp = np.clip(np.minimum(time, time[-1] - time) / (RAMP * limits.duration), 0.0, 1.0)
     lowest, highest = 2.0 / limits.duration, HIGHEST / dt
+    tones = np.geomspace(min(4.0 * lowest, 0.2 * highest), highest, TONES)
     return Course(
         limits, dt, time, _splines(time, count), _splines(time, GATES), ramp * ramp * (3.0 - 2.0 * ramp),
-        np.geomspace(min(4.0 * lowest, 0.2 * highest), highest, TONES),
+        tones, usual(limits, time, highest),
     )  # fmt: skip
 
 

@@ -30,7 +30,7 @@ from .rivals import hidden_by_twin, level_of, machines_of, read_diagnosis, rival
 from .sight import Sight, make_sight
 from .trajectory import make_course
 from .trial import Trial, effects_trial, rivals_trial
-from .usual import usual
+from .usual import NAMES
 
 SECONDS = 45.0  # processor time of the design; the rest of a minute is for what is around it
 RISE = 0.02  # s: knots of the speed need not be nearer than what a loop follows
@@ -130,7 +130,7 @@ def plan(
             )
         clock("machines", 0.05)
         trial, twins, wanted = _trial(shop, sight, course, told)
-        plain = {name: trial.followed(motion) for name, motion in usual(course).items()}
+        plain = {name: trial.followed(course.within(speed)) for name, speed in zip(NAMES, course.usual.T, strict=True)}
         found = design(trial, wanted, seconds=seconds, seed=seed, progress=clock, usual=plain)
         clock("writing it down", 1.0)
         if found is None:

@@ -29,7 +29,7 @@ from fpjax.planning.rivals import (
     twins_of,
 )
 from fpjax.planning.sight import make_sight
-from fpjax.planning.trajectory import Shape, make_course
+from fpjax.planning.trajectory import SWEEP, Shape, make_course
 from fpjax.planning.trial import Comparison, Seen
 from fpjax.verbs import double_precision
 
@@ -136,6 +136,24 @@ def test_no_motion_leaves_its_limits_whatever_its_numbers(limits):
             ends = np.abs(np.asarray(motion.speed)[[0, -1]])
             assert np.max(ends) < 1e-9 * limits.speed
             assert abs(float(motion.position[-1])) < 1e-6 * limits.travel + 1e-9
+
+
+@pytest.mark.parametrize("limits", [LIMITS, Limits(5.0, 2.0, 9.0, 6.0, 4.0), Limits(5.0, 400.0, 9.0, 0.05, 4.0)])
+def test_one_start_is_the_sweep_which_uses_its_limits(limits):
+    course = make_course(limits, 4e-3, 0.02)
+    with double_precision():
+        start = course.starts(0, 7)[SWEEP]
+        begun, sweep = course.motion(start), course.within(course.usual[:, 1])
+    speed = np.asarray(sweep.speed)
+    assert np.max(np.abs(np.asarray(begun.speed) - speed)) < 0.1 * np.max(np.abs(speed))  # the tones are hardly there
+    used = [
+        np.max(np.abs(speed)) / limits.speed,
+        np.max(np.abs(np.asarray(sweep.acceleration))) / limits.acceleration,
+        np.ptp(np.asarray(sweep.position)) / limits.travel,
+    ]
+    assert 0.99 < max(used) <= 1.0
+    apart = np.diff(np.flatnonzero(np.diff(np.sign(course.usual[1:, 1]))))  # samples from one reversal to the next
+    assert np.mean(apart[:3]) > 3.0 * np.mean(apart[-3:])
 
 
 def test_position_speed_and_acceleration_are_one_motion():
@@ -362,7 +380,7 @@ class OneNumberTrial:
     """Two things to see: one that no motion shows, one that is best shown by knots of 1."""
 
     course = SimpleNamespace(
-        starts=lambda seed, count: [Shape(*(jnp.full(1, 0.1 * (i + 1)) for _ in range(4))) for i in range(count)]
+        starts=lambda seed, count: [Shape(*(jnp.full(1, 0.1 * (i + 1)) for _ in range(5))) for i in range(count)]
     )
 
     def reference(self, shape):
