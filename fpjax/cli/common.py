@@ -152,10 +152,15 @@ def running(arguments: argparse.Namespace) -> Iterator[RunFile]:
 
 
 def interruptible(work: Callable[[], T]) -> T:
-    """What `work` returns, computed on another thread, so that an interrupt is heard at once.
+    """What `work` returns, computed on another thread, so that an interrupt is heard at once."""
+    return started(work)()
+
+
+def started(work: Callable[[], T]) -> Callable[[], T]:
+    """Begins `work` on another thread; what is returned waits for it, and an interrupt of the waiting is heard at once.
 
     Python hears signals only between its own instructions, and one call into the compiler takes many seconds. After an
-    interrupt the thread is left behind; `command_line` then ends the process without waiting for it.
+    interrupt the thread is left behind, to be waited for again or not; `command_line` ends the process without it.
     """
     done: concurrent.futures.Future[T] = concurrent.futures.Future()
     context = contextvars.copy_context()
@@ -166,13 +171,16 @@ def interruptible(work: Callable[[], T]) -> T:
         except BaseException as error:
             done.set_exception(error)
 
+    def result() -> T:
+        while True:
+            try:
+                return done.result(HEARD_WITHIN)
+            except concurrent.futures.TimeoutError:
+                if done.done():  # the work's own
+                    raise
+
     threading.Thread(target=run, daemon=True).start()
-    while True:
-        try:
-            return done.result(HEARD_WITHIN)
-        except concurrent.futures.TimeoutError:
-            if done.done():  # the work's own
-                raise
+    return result
 
 
 @contextlib.contextmanager

@@ -1,12 +1,13 @@
 """`fpjax plan`: which run to record next, as a reference table with a picture and a sentence a pair of rivals."""
 
 import argparse
+import threading
 
 from ..errors import InputError
 from ..output.progress import Stages
 from ..output.runfile import write_json
 from .command_line import INTERRUPTED
-from .common import add_log_options, add_out, finish, read_measured, running, say, start_jax
+from .common import add_log_options, add_out, finish, read_measured, running, say, start_jax, started
 from .numbers import real, whole
 from .simulate import open_model
 
@@ -19,6 +20,7 @@ examples:
 
 next/reference.csv is what the drive is to follow; in servo.toml: [reference] type = "recorded", file = "reference.csv"
 """
+FIRST_RUN = "trying starts"  # the stage from which on there is a run to keep
 LIMITS = (
     ("speed", "rad/s", "largest speed"),
     ("acceleration", "rad/s^2", "largest acceleration (default: what the torque leaves)"),
@@ -70,13 +72,30 @@ def run(arguments: argparse.Namespace) -> int:
         from ..planning import plan
 
         with Stages("plan") as stages:
-            found = plan(
-                model, log=log, diagnosis=arguments.diagnosis, speed=arguments.speed, torque=arguments.torque,
-                acceleration=arguments.acceleration, travel=arguments.travel, duration=arguments.duration,
-                missing=arguments.missing, velocity_noise=arguments.velocity_noise,
-                position_noise=arguments.position_noise, seconds=arguments.seconds, seed=arguments.seed,
-                progress=stages.stage,
+            reached, asked = list[str](), threading.Event()
+
+            def progress(stage: str, share: float) -> None:
+                reached.append(stage)
+                if asked.is_set():  # to end, with the best run so far
+                    raise KeyboardInterrupt
+                stages.stage(stage, share)
+
+            result = started(
+                lambda: plan(
+                    model, log=log, diagnosis=arguments.diagnosis, speed=arguments.speed, torque=arguments.torque,
+                    acceleration=arguments.acceleration, travel=arguments.travel, duration=arguments.duration,
+                    missing=arguments.missing, velocity_noise=arguments.velocity_noise,
+                    position_noise=arguments.position_noise, seconds=arguments.seconds, seed=arguments.seed,
+                    progress=progress,
+                )
             )  # fmt: skip
+            try:
+                found = result()
+            except KeyboardInterrupt:
+                if FIRST_RUN not in reached:  # in the diagnosis or in the compiler, with nothing to keep
+                    raise
+                asked.set()
+                found = result()
         arguments.kept = ""
         for note in found.notes:
             say(record, note)

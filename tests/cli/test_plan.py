@@ -1,0 +1,75 @@
+"""`fpjax plan` is interrupted: at once where there is nothing to keep, else with the best run so far."""
+
+import json
+import signal
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+from model_files import SMALL_SERVO
+
+from fpjax.cli.command_line import main
+
+
+@pytest.fixture
+def servo(tmp_path):
+    path = tmp_path / "servo.toml"
+    path.write_text(SMALL_SERVO)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield str(path)
+    signal.signal(signal.SIGINT, before)
+
+
+def interrupted(servo, out, monkeypatch, design):
+    """(exit code, seconds until it ended) of a plan that is interrupted after a tenth of a second."""
+    begun = []
+
+    def plan(model, *, progress, **options):
+        del model, options
+        begun.append(time.perf_counter())
+        threading.Timer(0.1, signal.raise_signal, [signal.SIGINT]).start()
+        return design(progress)
+
+    monkeypatch.setattr("fpjax.planning.plan", plan)
+    code = main(["plan", "--model", servo, "--out", str(out), "--no-plots"])
+    return code, time.perf_counter() - begun[0]
+
+
+def test_an_interrupt_within_the_compiler_is_heard_at_once(servo, tmp_path, monkeypatch, capsys):
+    done = threading.Event()
+
+    def compiling(progress):
+        progress("compiling the trial", 0.0)
+        done.wait(30.0)  # one call that hears nothing
+
+    code, seconds = interrupted(servo, tmp_path / "out", monkeypatch, compiling)
+    done.set()
+    assert code == 130
+    assert seconds < 10.0
+    assert "no run was found yet" in capsys.readouterr().err
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["status"] == "interrupted"
+
+
+def test_an_interrupt_of_the_search_keeps_the_best_run_so_far(servo, tmp_path, monkeypatch):
+    class Best(SimpleNamespace):
+        def write_reference(self, path):
+            path.write_text("time,reference\n")
+
+        def to_dict(self):
+            return {"ended": self.ended}
+
+    def searching(progress):
+        try:
+            for _ in range(600):
+                progress("trying starts", 0.1)
+                time.sleep(0.05)
+        except KeyboardInterrupt:
+            return Best(ended="interrupted", notes=())
+        return Best(ended="converged", notes=())
+
+    code, seconds = interrupted(servo, tmp_path / "out", monkeypatch, searching)
+    assert code == 130
+    assert seconds < 10.0
+    assert json.loads((tmp_path / "out" / "plan.json").read_text())["ended"] == "interrupted"
+    assert (tmp_path / "out" / "reference.csv").exists()
