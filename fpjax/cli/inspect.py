@@ -26,7 +26,7 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The command's words."""
     parser.epilog = EXAMPLES
-    parser.add_argument("log", metavar="LOG", help="CSV, .npz, .mat, JSON, WPILOG, Parquet or MCAP")
+    parser.add_argument("log", metavar="LOG", help="CSV, .npz, .mat, JSON, WPILOG, Parquet, MCAP or a ROS 2 bag")
     add_log_options(parser)
     parser.add_argument("--linear", action="store_true", help="a linear axis: m, N (told from the units where given)")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")

@@ -55,7 +55,7 @@ def read_log(
 
     Args:
         source: path of a .csv (also spaces, tabs, semicolons, decimal commas, UTF-16, no header), .npz, .mat, .json,
-            .wpilog, .parquet or .mcap file, or a DataFrame, or a mapping of arrays.
+            .wpilog, .parquet, .mcap or .db3 (ROS 2) file, or a DataFrame, or a mapping of arrays.
         columns: where the file's names or units are not the contract's: "velocity=gyro_z:deg/s,torque=tau_cmd"; with a
             factor "torque=vir*35.15:N"; a current with its scale in N m per A "torque=Iq:A*0.12"; counts
             "position=enc:counts/4096" (a turn) or "position=enc:counts*5e-8" (metres a count);

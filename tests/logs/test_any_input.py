@@ -27,7 +27,9 @@ QUIET = settings(deadline=None, max_examples=60, suppress_health_check=[HealthCh
 
 
 @QUIET
-@given(st.binary(max_size=400), st.sampled_from(["csv", "npz", "mat", "txt", "parquet", "mcap", "json", "wpilog"]))
+@given(
+    st.binary(max_size=400), st.sampled_from(["csv", "npz", "mat", "txt", "parquet", "mcap", "json", "wpilog", "db3"])
+)
 def test_any_bytes_give_a_log_or_an_input_error(tmp_path, content, suffix):
     path = tmp_path / f"fuzz.{suffix}"
     path.write_bytes(content)

@@ -3,6 +3,7 @@
 import math
 import os
 import pathlib
+import sqlite3
 import struct
 import sys
 
@@ -241,6 +242,61 @@ def test_without_a_header_columns_are_named_by_their_places(tmp_path, columns, l
         read_log(path)
 
 
+def joint_state(stamp, names, *arrays):
+    """A sensor_msgs/JointState in CDR, little endian."""
+    body = struct.pack("<iI", int(stamp), round((stamp % 1.0) * 1e9))
+
+    def aligned(size, data):
+        nonlocal body
+        body += b"\0" * (-len(body) % size) + data
+
+    for text in ("base\0",):
+        aligned(4, struct.pack("<I", len(text)) + text.encode())
+    aligned(4, struct.pack("<I", len(names)))
+    for name in names:
+        aligned(4, struct.pack("<I", len(name) + 1) + name.encode() + b"\0")
+    for values in arrays:
+        aligned(4, struct.pack("<I", len(values)))
+        aligned(8, struct.pack(f"<{len(values)}d", *values))
+    return b"\0\1\0\0" + body
+
+
+def bag_of(path, columns, kind="sensor_msgs/msg/JointState", definition=None):
+    with sqlite3.connect(path) as bag:
+        bag.execute("CREATE TABLE topics (id INTEGER, name TEXT, type TEXT)")
+        bag.execute("CREATE TABLE messages (id INTEGER, topic_id INTEGER, timestamp INTEGER, data BLOB)")
+        bag.execute("INSERT INTO topics VALUES (1, '/joint_states', ?)", (kind,))
+        if definition is not None:
+            bag.execute(
+                "CREATE TABLE message_definitions (topic_type TEXT, encoding TEXT, encoded_message_definition TEXT)"
+            )
+            bag.execute("INSERT INTO message_definitions VALUES (?, 'ros2msg', ?)", (kind, definition))
+        for t, u, w, q in zip(*(columns[name] for name in ("time", "torque", "velocity", "position")), strict=True):
+            data = joint_state(5.0 + t, ["pan", "lift"], [q, 0.0], [w, 0.0], [u, 0.0])
+            bag.execute("INSERT INTO messages VALUES (0, 1, ?, ?)", (round(1e9 * (7.0 + t)), data))
+
+
+def test_a_ros_2_bag_is_read_without_ros(tmp_path, columns):
+    bag_of(tmp_path / "run.db3", columns)
+    with pytest.warns(FpjaxWarning, match="2 axes"):
+        log = read_log(tmp_path / "run.db3")
+    assert log.torque_measured
+    for name in ("torque", "velocity", "position"):
+        np.testing.assert_allclose(getattr(log, name), columns[name], atol=1e-12)
+    assert log.dt == pytest.approx(DT)
+
+
+def test_a_bag_of_unknown_messages_says_which_and_one_with_its_definitions_is_read(tmp_path, columns):
+    bag_of(tmp_path / "own.db3", columns, "my_robot/msg/State")
+    with pytest.raises(InputError, match="my_robot/msg/State"):
+        read_log(tmp_path / "own.db3")
+    definition = (
+        "std_msgs/Header header  # stamp\nint8 LEFT=1\nstring[] name\nfloat64[] position\nfloat64[<=7] velocity\n"
+    )
+    bag_of(tmp_path / "iron.db3", columns, "my_robot/msg/State", definition + "float64[] effort\n")
+    np.testing.assert_allclose(read_log(tmp_path / "iron.db3").velocity, columns["velocity"], atol=1e-12)
+
+
 @pytest.mark.parametrize("suffix", [".t", ".out", ""])
 def test_rows_of_numbers_are_read_whatever_their_suffix(tmp_path, columns, suffix):
     path = tmp_path / f"log{suffix}"
@@ -373,6 +429,7 @@ def test_twenty_thousand_columns_are_read_at_once(tmp_path):
         ("log.npz", bytes(range(256)) * 4, "is no archive"),
         ("log.parquet", bytes(range(256)) * 4, "is no Parquet file|needs pyarrow"),
         ("log.mcap", bytes(range(256)) * 4, "is no MCAP|needs mcap"),
+        ("log.db3", bytes(range(256)) * 4, "is no ROS 2 bag"),
         ("log.xlsx", b"PK", "kind that is not read"),
     ],
 )
