@@ -1,6 +1,6 @@
 """THE scan: every simulation of a closed loop, by whomever it is asked for, runs through `roll`."""
 
-from typing import Literal, NamedTuple, SupportsFloat
+from typing import Any, Literal, NamedTuple, SupportsFloat
 
 import equinox as eqx
 import jax
@@ -234,6 +234,7 @@ def loop_dtype(tree: PyTree) -> np.dtype:
     return dtypes.pop() if dtypes else jnp.result_type(float)
 
 
-def astype(tree: PyTree, dtype: type | np.dtype) -> PyTree:
+# Any: jax.typing.DTypeLike holds a protocol that no isinstance takes, and the tests check these types at run time.
+def astype(tree: PyTree, dtype: Any) -> PyTree:
     """A copy of `tree` (a block, a loop, a reference) with every floating leaf in `dtype`."""
     return jax.tree.map(lambda leaf: leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf, tree)

@@ -25,7 +25,7 @@ _PROGRAMS = Programs()
 
 
 @dataclasses.dataclass
-class Clock:
+class Stopwatch:
     """Seconds spent compiling and computing."""
 
     compile_seconds: float = 0.0
@@ -86,7 +86,7 @@ class Lanes:
     problem: Problem
     start: np.ndarray
     index: np.ndarray | None
-    clock: Clock = dataclasses.field(default_factory=Clock)
+    clock: Stopwatch = dataclasses.field(default_factory=Stopwatch)
 
     @property
     def count(self) -> int:

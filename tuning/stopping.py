@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from fpjax.output.progress import Stages
-from fpjax.output.share import Share
+from fpjax.output.share import WorkDone
 
 from .lanes import Best
 
@@ -41,4 +41,4 @@ class Stop:
         if self.bar is not None:
             done = float(best.iterations.max())
             # Most searches end before their last iteration, and none says when.
-            self.bar.stage(f"best {best.costs.min():.4g}", Share(done, 0.0, self.expected - done))
+            self.bar.stage(f"best {best.costs.min():.4g}", WorkDone(done, 0.0, self.expected - done))

@@ -23,7 +23,7 @@ from .file_bounds import bounded_parameters
 from .gradient import adam, lbfgs
 from .grid_search import algorithm_1, algorithm_1_repaired
 from .identifiability import identifiability
-from .lanes import Clock, Lanes, Outcome
+from .lanes import Lanes, Outcome, Stopwatch
 from .levenberg_marquardt import levenberg_marquardt
 from .methods import LBFGS, METHODS, Adam, GridSearch, LevenbergMarquardt, Method, NelderMead, RepairedGridSearch
 from .nelder_mead import nelder_mead
@@ -135,7 +135,7 @@ def tune(
             if bar is not None:
                 bar.stage("compiling, then screening starts")
             own = np.array([_value_of(loop, one, value) for one, value in zip(written, middle, strict=True)])
-            clock = Clock()
+            clock = Stopwatch()
             drawn, screened = screen(
                 problem.space, lambda values: _judged(clock, values, None, problem)[0], middle, own, seed
             )
@@ -296,7 +296,7 @@ def _search(
     # Every kernel was compiled for a number of rows: what is asked of it now is padded to it, and nothing recompiles.
     padded = np.resize(values, (lanes.count, values.shape[1]))
     index = None if lanes.index is None else np.resize(lanes.index[chosen], lanes.count)
-    final = Lanes(lanes.problem, padded, index, Clock())
+    final = Lanes(lanes.problem, padded, index, Stopwatch())
     begun = np.array([lanes.start[group * each] for group in range(len(groups))])
     rows = np.resize(np.concatenate([values, begun]), (max(screened, 2 * len(groups)), values.shape[1]))
     which = None if lanes.index is None else np.resize(np.tile(lanes.index[chosen], 2), len(rows))
@@ -379,7 +379,7 @@ def _together(histories: list[list[tuple[int, float]]]) -> list[tuple[int, float
 
 
 def _judged(
-    clock: Clock, values: np.ndarray, index: Any, problem: Any
+    clock: Stopwatch, values: np.ndarray, index: Any, problem: Any
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """(costs of shape (m,), infinite where a run diverged; cases; `judging_measures`) of candidates of shape (m, n)."""
     cases, further = clock.call(_cases, values.astype(problem.dtype), index, problem)

@@ -93,16 +93,10 @@ def read_scores(folder: Path, labels: list[Label]) -> list[CaseScore]:
 
 def versions() -> dict[str, str]:
     """Versions that a figure depends on."""
-    import platform
-    from importlib.metadata import PackageNotFoundError, version
+    from fpjax.output.runfile import versions as all_versions
 
-    found = {"python": platform.python_version()}
-    for name in ("fpjax", "jax", "numpy"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = "from the source tree"
-    return found
+    found = all_versions()
+    return {name: found[name] for name in ("python", "fpjax", "jax", "numpy")}
 
 
 def commit() -> str:

@@ -1,10 +1,13 @@
-"""Which parameters data pin: one rule and one set of limits, for tuned gains and for identified numbers."""
+"""Which parameters data pin: one rule and one set of limits, for gains, identified numbers and a diagnosis' fits."""
 
 import numpy as np
 
 DEAD = 1e-9  # slope, as a fraction of the largest, below which a parameter moves nothing
 FLAT = 1e-2  # the same, below which it moves next to nothing, where that is asked
 PARALLEL = 0.999  # of two slopes (cosine) or two estimates (correlation), beyond which the two trade off
+# The same for correlations of a posterior: its priors keep the correlation of two parameters that the data alone trade
+# off below one, so that the limit of the data alone would never be reached.
+PARALLEL_POSTERIOR = 0.95
 AT_BOUND = 0.96  # share of the way from the middle to a bound from which a parameter counts as at it
 
 
@@ -15,6 +18,18 @@ def is_alive(lengths: np.ndarray) -> np.ndarray:
         lengths: of the slopes, shape (n,).
     """
     return lengths > DEAD * max(float(np.max(lengths, initial=0.0)), 1e-300)
+
+
+def traded_with(alike: np.ndarray, index: int, *, limit: float = PARALLEL) -> list[int]:
+    """Which others a parameter trades off with, the closest first.
+
+    Args:
+        alike: cosines of the slopes, or correlations of the estimates, shape (n, n).
+        index: of the parameter.
+        limit: size beyond which two trade off; `PARALLEL_POSTERIOR` where priors are in the estimates.
+    """
+    size = np.abs(alike[index])
+    return [int(j) for j in np.argsort(-size, kind="stable") if j != index and size[j] > limit]
 
 
 def verdicts(
@@ -47,7 +62,7 @@ def verdicts(
         words[name] += [
             f"traded off with {other}"
             for j, other in enumerate(names)
-            if j != i and steep[i] and steep[j] and abs(alike[i, j]) > PARALLEL
+            if steep[i] and steep[j] and j in traded_with(alike, i)
         ]
         if unpinned[i] and not words[name]:
             words[name].append("not pinned")

@@ -1,7 +1,6 @@
 """Feed-forward: what the reference alone asks for, added to a velocity controller or a position cascade."""
 
 import dataclasses
-from typing import Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -33,7 +32,7 @@ class AbstractFeedforward(AbstractController):
         """The wrapped controller; where there is a limit, it holds for the sum."""
         return self.controller.unbounded() if self.controller.bounded else self.controller
 
-    def knowing(self, following: Array) -> Self:
+    def knowing(self, following: Array) -> "AbstractFeedforward":
         """Told the reference of the next sample."""
         return dataclasses.replace(self, following=following)
 
@@ -42,7 +41,7 @@ class AbstractFeedforward(AbstractController):
         """Whether the wrapped controller has a limit."""
         return self.controller.bounded
 
-    def unbounded(self) -> Self:
+    def unbounded(self) -> "AbstractFeedforward":
         """Around the wrapped controller without its limit."""
         return dataclasses.replace(self, controller=self.controller.unbounded())
 

@@ -13,7 +13,7 @@ from ..model_file import Units
 from .c_helpers import helper_text
 from .law import Law
 from .operations import C_TYPES, OPERATIONS
-from .program import Atom, Constant, Operation
+from .program import Atom, FixedNumber, Operation
 
 _LONGEST = 88  # characters of an expression that is still written within another one
 _INFIX = re.compile(r"^\{0\} (\S+) \{1\}$")
@@ -73,7 +73,7 @@ class _Body:
         self.law = law
         self.libm: set[str] = set()
         self.helpers: set[tuple[str, str]] = set()
-        self.parameters: dict[str, Constant] = {}
+        self.parameters: dict[str, FixedNumber] = {}
         self.written_out = 0
         self.lines: list[str] = []
         program = law.program
@@ -113,7 +113,7 @@ class _Body:
         return text if called else f"({text})"
 
     def atom(self, atom: Atom) -> str:
-        if not isinstance(atom, Constant):
+        if not isinstance(atom, FixedNumber):
             return self.expressions[atom.index]
         if atom.name:
             self.parameters[atom.name] = atom

@@ -15,7 +15,7 @@ import numpy as np
 from ..compiled.elementary import written_out
 from ..errors import InputError
 from .operations import ELEMENTWISE, FLOATS, OPERATIONS
-from .program import Atom, Builder, Constant, Program, Variable
+from .program import Atom, Builder, FixedNumber, Program, Variable
 
 MOST_OPERATIONS = 20_000  # beyond it a loop was unrolled that a drive should not run
 _ALL = 10**9
@@ -47,7 +47,7 @@ def flatten(closed: Any, arguments: Sequence[Any]) -> Program:
 
     Args:
         closed: a closed jaxpr.
-        arguments: for each of its inputs either an array of `Constant`, dtype object, of the input's shape (a
+        arguments: for each of its inputs either an array of `FixedNumber`, dtype object, of the input's shape (a
             parameter that is known now), or None (an input of the program).
 
     Returns:
@@ -80,7 +80,7 @@ def constants(value: Any, name: str = "") -> Scalars:
     made = _empty(value.shape)
     for place in np.ndindex(*value.shape):
         suffix = "".join(f"_{index}" for index in place)
-        made[place] = Constant(value[place], f"{name}{suffix}" if name else "")
+        made[place] = FixedNumber(value[place], f"{name}{suffix}" if name else "")
     return made
 
 
@@ -246,7 +246,7 @@ class _Flattener:
                 chosen = self.emit("not", (index,), "bool")
             else:
                 # An index outside is the nearest branch, as in jax.
-                chosen = self.emit("le", (index, Constant(np.dtype(index.kind).type(number))), "bool")
+                chosen = self.emit("le", (index, FixedNumber(np.dtype(index.kind).type(number))), "bool")
             for target, value in zip(made, branches[number], strict=True):
                 for place in np.ndindex(*target.shape):
                     pair = (chosen, value[place], target[place])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from .program import Atom, Constant
+from .program import Atom, FixedNumber
 
 Emit = Callable[[str, Sequence[Atom], str], Atom]
 FLOATS = ("float32", "float64")
@@ -22,7 +22,7 @@ C_TYPES = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Form:
+class Operator:
     """How an operation is written and evaluated.
 
     Attributes:
@@ -39,51 +39,51 @@ class Form:
     helper: str = ""
 
 
-def _libm(name: str, value: Callable[..., Any], arguments: int = 1) -> Form:
+def _libm(name: str, value: Callable[..., Any], arguments: int = 1) -> Operator:
     words = ", ".join(f"{{{i}}}" for i in range(arguments))
-    return Form(f"{name}{{s}}({words})", value, libm=name)
+    return Operator(f"{name}{{s}}({words})", value, libm=name)
 
 
 def _round_away(x: Any) -> Any:
     return np.trunc(x) + np.where(np.abs(x - np.trunc(x)) >= 0.5, np.sign(x), 0.0)
 
 
-OPERATIONS: dict[str, Form] = {
-    "add": Form("{0} + {1}", np.add),
-    "sub": Form("{0} - {1}", np.subtract),
-    "mul": Form("{0} * {1}", np.multiply),
-    "div": Form("{0} / {1}", np.divide),
-    "neg": Form("-{0}", np.negative),
+OPERATIONS: dict[str, Operator] = {
+    "add": Operator("{0} + {1}", np.add),
+    "sub": Operator("{0} - {1}", np.subtract),
+    "mul": Operator("{0} * {1}", np.multiply),
+    "div": Operator("{0} / {1}", np.divide),
+    "neg": Operator("-{0}", np.negative),
     "abs": _libm("fabs", np.abs),
     "sqrt": _libm("sqrt", np.sqrt),
     "floor": _libm("floor", np.floor),
     "ceil": _libm("ceil", np.ceil),
     "round_even": _libm("rint", np.rint),
     "round_away": _libm("round", _round_away),
-    "max": Form("largest_{t}({0}, {1})", np.maximum, helper="largest"),
-    "min": Form("smallest_{t}({0}, {1})", np.minimum, helper="smallest"),
-    "sign": Form("sign_{t}({0})", np.sign, helper="sign"),
-    "select": Form("{0} ? {1} : {2}", np.where),
-    "eq": Form("{0} == {1}", np.equal),
-    "ne": Form("{0} != {1}", np.not_equal),
-    "lt": Form("{0} < {1}", np.less),
-    "le": Form("{0} <= {1}", np.less_equal),
-    "gt": Form("{0} > {1}", np.greater),
-    "ge": Form("{0} >= {1}", np.greater_equal),
-    "and": Form("{0} && {1}", np.logical_and),
-    "or": Form("{0} || {1}", np.logical_or),
-    "not": Form("!{0}", np.logical_not),
-    "xor": Form("{0} != {1}", np.logical_xor),
-    "bits_and": Form("{0} & {1}", np.bitwise_and),
-    "bits_or": Form("{0} | {1}", np.bitwise_or),
-    "bits_xor": Form("{0} ^ {1}", np.bitwise_xor),
-    "shift_left": Form("({t}){0} << {1}", np.left_shift),
+    "max": Operator("largest_{t}({0}, {1})", np.maximum, helper="largest"),
+    "min": Operator("smallest_{t}({0}, {1})", np.minimum, helper="smallest"),
+    "sign": Operator("sign_{t}({0})", np.sign, helper="sign"),
+    "select": Operator("{0} ? {1} : {2}", np.where),
+    "eq": Operator("{0} == {1}", np.equal),
+    "ne": Operator("{0} != {1}", np.not_equal),
+    "lt": Operator("{0} < {1}", np.less),
+    "le": Operator("{0} <= {1}", np.less_equal),
+    "gt": Operator("{0} > {1}", np.greater),
+    "ge": Operator("{0} >= {1}", np.greater_equal),
+    "and": Operator("{0} && {1}", np.logical_and),
+    "or": Operator("{0} || {1}", np.logical_or),
+    "not": Operator("!{0}", np.logical_not),
+    "xor": Operator("{0} != {1}", np.logical_xor),
+    "bits_and": Operator("{0} & {1}", np.bitwise_and),
+    "bits_or": Operator("{0} | {1}", np.bitwise_or),
+    "bits_xor": Operator("{0} ^ {1}", np.bitwise_xor),
+    "shift_left": Operator("({t}){0} << {1}", np.left_shift),
     # Right of a negative number: every compiler of today copies the sign, as jax does.
-    "shift_right": Form("{0} >> {1}", np.right_shift),
-    "is_finite": Form("isfinite({0}) ? 1 : 0", np.isfinite),
-    "convert": Form("({t}){0}", lambda x: x),
-    "to_integer": Form("whole_{t}({0})", np.trunc, helper="whole"),
-    "bits": Form("bits_{t}({0})", lambda x: x, helper="bits"),
+    "shift_right": Operator("{0} >> {1}", np.right_shift),
+    "is_finite": Operator("isfinite({0}) ? 1 : 0", np.isfinite),
+    "convert": Operator("({t}){0}", lambda x: x),
+    "to_integer": Operator("whole_{t}({0})", np.trunc, helper="whole"),
+    "bits": Operator("bits_{t}({0})", lambda x: x, helper="bits"),
     "exp": _libm("exp", np.exp),
     "exp2": _libm("exp2", np.exp2),
     "expm1": _libm("expm1", np.expm1),
@@ -137,8 +137,8 @@ def _not(emit: Emit, atoms: Sequence[Atom], parameters: dict[str, Any], kind: st
     return emit("not", atoms, kind) if kind == "bool" else None
 
 
-def _one(kind: str) -> Constant:
-    return Constant(np.dtype(kind).type(1))
+def _one(kind: str) -> FixedNumber:
+    return FixedNumber(np.dtype(kind).type(1))
 
 
 def _clamp(emit: Emit, atoms: Sequence[Atom], parameters: dict[str, Any], kind: str) -> Atom | None:
@@ -155,7 +155,7 @@ def _select(emit: Emit, atoms: Sequence[Atom], parameters: dict[str, Any], kind:
         return emit("select", (which, yes, no), kind)
     value = cases[-1]
     for number in reversed(range(len(cases) - 1)):
-        chosen = emit("le", (which, Constant(np.dtype(which.kind).type(number))), "bool")
+        chosen = emit("le", (which, FixedNumber(np.dtype(which.kind).type(number))), "bool")
         value = emit("select", (chosen, cases[number], value), kind)
     return value
 
@@ -218,10 +218,10 @@ def _converted(emit: Emit, atom: Atom, kind: str) -> Atom | None:
         return atom
     if kind not in C_TYPES or atom.kind not in C_TYPES:
         return None
-    if isinstance(atom, Constant):
-        return Constant(atom.value.astype(kind))
+    if isinstance(atom, FixedNumber):
+        return FixedNumber(atom.value.astype(kind))
     if kind == "bool":
-        return emit("ne", (atom, Constant(np.dtype(atom.kind).type(0))), kind)
+        return emit("ne", (atom, FixedNumber(np.dtype(atom.kind).type(0))), kind)
     if kind in INTEGERS and atom.kind in FLOATS:
         # Beyond the integer's range C may do anything.
         return emit("to_integer", (atom,), kind) if kind in ("int32", "int64") else None

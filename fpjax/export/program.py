@@ -7,7 +7,7 @@ import numpy as np
 
 
 @dataclasses.dataclass(frozen=True)
-class Constant:
+class FixedNumber:
     """A number that is known when the code is written.
 
     Attributes:
@@ -41,7 +41,7 @@ class Variable:
     kind: str
 
 
-Atom = Constant | Variable
+Atom = FixedNumber | Variable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Builder:
 
     def emit(self, name: str, arguments: Sequence[Atom], kind: str) -> Variable:
         """The result of an operation, made now or found."""
-        key = (name, kind, *(atom.key() if isinstance(atom, Constant) else atom.index for atom in arguments))
+        key = (name, kind, *(atom.key() if isinstance(atom, FixedNumber) else atom.index for atom in arguments))
         if key not in self._made:
             if len(self.operations) >= self._most:
                 raise self._too_many()
@@ -124,7 +124,7 @@ class Builder:
 
     def value(self, atom: Atom) -> np.generic | None:
         """What is known of an atom before the drive runs."""
-        return atom.value if isinstance(atom, Constant) else self.known.get(atom.index)
+        return atom.value if isinstance(atom, FixedNumber) else self.known.get(atom.index)
 
     def program(self, inputs: Sequence[Variable], outputs: Sequence[Atom]) -> Program:
         """What the outputs need, in order."""

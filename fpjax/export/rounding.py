@@ -7,7 +7,7 @@ running error), and take it that no comparison falls the other way.
 import numpy as np
 
 from .operations import FLOATS, LIBRARY, OPERATIONS
-from .program import Atom, Constant, Operation, Program, Variable
+from .program import Atom, FixedNumber, Operation, Program, Variable
 
 Array = np.ndarray
 _EXACT_WORDS = """
@@ -43,7 +43,7 @@ class Trace:
 
     def __call__(self, atom: Atom) -> Array:
         """The values of an atom; a constant's is one number."""
-        return np.asarray(atom.value) if isinstance(atom, Constant) else self.values[atom.index]
+        return np.asarray(atom.value) if isinstance(atom, FixedNumber) else self.values[atom.index]
 
     def outputs(self) -> Array:
         """Shape (samples, outputs), as float64."""
@@ -59,7 +59,7 @@ class Trace:
         sizes = {variable.index: np.abs(self._real(variable)) for variable in self.program.inputs}
 
         def of(atom: Atom) -> Array:
-            return np.abs(np.asarray(atom.value, float)) if isinstance(atom, Constant) else sizes[atom.index]
+            return np.abs(np.asarray(atom.value, float)) if isinstance(atom, FixedNumber) else sizes[atom.index]
 
         with np.errstate(all="ignore"):
             for operation in self.program.operations:
@@ -97,7 +97,7 @@ class Trace:
         return self._table(own), np.stack(slopes, axis=1)
 
     def _backwards(self, output: Atom, known: dict[int, list[Array | None]], unit: float) -> tuple[Array, dict]:
-        back: dict[int, Array] = {} if isinstance(output, Constant) else {output.index: np.ones(())}
+        back: dict[int, Array] = {} if isinstance(output, FixedNumber) else {output.index: np.ones(())}
         local = np.zeros(())
         for operation in reversed(self.program.operations):
             adjoint = back.pop(operation.result.index, None)
@@ -108,7 +108,7 @@ class Trace:
                 size = np.abs(adjoint) * np.abs(self._real(operation.result))
                 local = local + rounding * np.where(adjoint == 0.0, 0.0, size)
             for atom, slope in zip(operation.arguments, known[operation.result.index], strict=True):
-                if slope is not None and not isinstance(atom, Constant):
+                if slope is not None and not isinstance(atom, FixedNumber):
                     # A branch that is not taken may be anything.
                     part = np.where((slope == 0.0) | (adjoint == 0.0), 0.0, slope * adjoint)
                     back[atom.index] = back[atom.index] + part if atom.index in back else part

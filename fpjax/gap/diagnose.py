@@ -63,7 +63,7 @@ def diagnose(
         holdout: further logs that are scored and never fitted.
         each: take the logs as separate machines.
         effects: the vocabulary; append your own `Effect` to `fpjax.gap.EFFECTS`.
-        progress: called with (name of the stage, share done [1]; an `fpjax.output.share.Share`, with what is left).
+        progress: called with (name of the stage, share done [1]; an `fpjax.output.share.WorkDone`, with what is left).
         keep: a file for what is fitted on the way, `fpjax.gap.fit.kept.Kept(path)`: an interrupted diagnosis of the
             same input goes on with what it holds and ends with the same numbers. Its `discard` removes the file.
 

@@ -26,7 +26,7 @@ Values = np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)
-class Limits:
+class AllowedScore:
     """What a candidate must not cost, from the current gains.
 
     Attributes:
@@ -40,7 +40,7 @@ class Limits:
     peak: float
 
 
-def limits_of(current: Score, largest: float, allowed: float | None = None) -> Limits:
+def limits_of(current: Score, largest: float, allowed: float | None = None) -> AllowedScore:
     """What the current gains cost.
 
     A limit of the actuator is in the machines: a command beyond it comes to nothing there, and winds up what winds up.
@@ -53,10 +53,10 @@ def limits_of(current: Score, largest: float, allowed: float | None = None) -> L
     """
     fine = np.isfinite(current.error)
     if not fine.any():
-        return Limits(1.0, np.inf, np.inf)
+        return AllowedScore(1.0, np.inf, np.inf)
     peak = HARDEST * max(largest, float(np.median(current.peak[fine]))) if allowed is None else allowed
     rough = float(np.median(allowed_roughness(current)[fine]))
-    return Limits(float(np.median(current.error[fine])), rough, max(peak, 1e-300))
+    return AllowedScore(float(np.median(current.error[fine])), rough, max(peak, 1e-300))
 
 
 def allowed_roughness(current: Score) -> Values:
@@ -64,7 +64,7 @@ def allowed_roughness(current: Score) -> Values:
     return np.maximum(current.rough, SMOOTH * current.torque)
 
 
-def robust_costs(score: Score, limits: Limits) -> Values:
+def robust_costs(score: Score, limits: AllowedScore) -> Values:
     """The cost of each candidate, shape (candidates,): mean + 1.28 standard deviations of the tracking error over the
     machines, in units of the current gains' error, and a fine for a rougher or harder torque.
     """
@@ -96,7 +96,7 @@ class Found:
 
 
 def search(
-    judge: Judge, gains: Gains, machines: Machines, first: Values, limits: Limits, seed: int,
+    judge: Judge, gains: Gains, machines: Machines, first: Values, limits: AllowedScore, seed: int,
     progress: Callable[[float], None] | None = None,
 ) -> Found:  # fmt: skip
     """The gains that follow best in nearly all machines.

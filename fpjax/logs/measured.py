@@ -30,7 +30,7 @@ def constant_ratio(torque: np.ndarray, measured: np.ndarray) -> float | None:
     return ratio if float(np.max(np.abs(left))) <= SAME * float(np.sqrt(np.mean(torque[both] ** 2))) else None
 
 
-class Following(NamedTuple):
+class Followed(NamedTuple):
     """How a measured torque follows its command.
 
     Attributes:
@@ -44,7 +44,7 @@ class Following(NamedTuple):
     correlation: float
 
 
-def following(commanded: np.ndarray, measured: np.ndarray, dt: float) -> Following | None:
+def following(commanded: np.ndarray, measured: np.ndarray, dt: float) -> Followed | None:
     """The lag at which the measured torque is most like the commanded one; None where it is nowhere alike.
 
     The correlation is taken over slightly smoothed changes, since slow courses are alike at any lag, and read between
@@ -79,4 +79,4 @@ def following(commanded: np.ndarray, measured: np.ndarray, dt: float) -> Followi
         bend = below - 2.0 * here + above
         shift = 0.5 * (below - above) / bend if bend < 0.0 else 0.0
     gain = float(like[best]) * float(np.sqrt(second @ second) / np.sqrt(first @ first))
-    return Following(float((lags[best] + shift) * dt), gain, float(like[best]))
+    return Followed(float((lags[best] + shift) * dt), gain, float(like[best]))

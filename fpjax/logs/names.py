@@ -79,7 +79,7 @@ present_temperature:degC fet_temp:degC fet_temperature:degC
 }  # fmt: skip
 
 
-class Known(NamedTuple):
+class KnownName(NamedTuple):
     """What the table says about a name."""
 
     canonical: str
@@ -87,13 +87,13 @@ class Known(NamedTuple):
     unit: str
 
 
-def _table() -> dict[str, Known]:
-    found: dict[str, Known] = {}
+def _table() -> dict[str, KnownName]:
+    found: dict[str, KnownName] = {}
     for canonical, text in _TABLE.items():
         for rank, line in enumerate(text.strip().splitlines()):
             for word in line.split():
                 name, _, unit = word.partition(":")
-                found.setdefault(name, Known(canonical, rank, unit))
+                found.setdefault(name, KnownName(canonical, rank, unit))
     return found
 
 

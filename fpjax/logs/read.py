@@ -27,7 +27,7 @@ from .measured import constant_ratio, following
 from .measures import noise_level, rounding_step
 from .readings import filled, unread_rows, without_absurd
 from .resample import HELD, Uniform, every, to_grid
-from .table import Request, Table, from_arrays, read_table
+from .table import Request, RawTable, from_arrays, read_table
 from .units import find_unit
 from .words import signed
 
@@ -177,12 +177,12 @@ def _wanted(mapping: dict[str, str], name: str) -> Any:
     return wanted
 
 
-def _usable(table: Table) -> list[str]:
+def _usable(table: RawTable) -> list[str]:
     """Names of columns that hold numbers, and of text ones, last: a guess prefers a number."""
     return [*table.columns, *table.text]
 
 
-def _travel(table: Table) -> Callable[[str], float]:
+def _travel(table: RawTable) -> Callable[[str], float]:
     """How far a column moves most of the time; 0 for text."""
 
     def travel(column: str) -> float:
@@ -193,7 +193,7 @@ def _travel(table: Table) -> Callable[[str], float]:
     return travel
 
 
-def _made_signed(table: Table, sources: Mapping[str, Source], name: str) -> list[str]:
+def _made_signed(table: RawTable, sources: Mapping[str, Source], name: str) -> list[str]:
     """Columns that were read as unsigned are made signed in the table; a sentence for each."""
     said = []
     for canonical, source in sources.items():
@@ -210,7 +210,7 @@ def _made_signed(table: Table, sources: Mapping[str, Source], name: str) -> list
 
 
 def _in_si(
-    table: Table, sources: Mapping[str, Source], linear: bool | None, name: str
+    table: RawTable, sources: Mapping[str, Source], linear: bool | None, name: str
 ) -> tuple[dict[str, np.ndarray], str]:
     """Canonical columns in SI, and the label that stands for N m ("" without)."""
     found, label = {}, ""
@@ -248,7 +248,7 @@ def _computed(found: dict[str, np.ndarray], sources: Mapping[str, Source], name:
     return True
 
 
-def _check_present(table: Table, found: set[str], require: tuple[str, ...], name: str) -> None:
+def _check_present(table: RawTable, found: set[str], require: tuple[str, ...], name: str) -> None:
     lacking = [wanted for wanted in require if not set(wanted.split(" or ")) & found]
     if not lacking:
         return

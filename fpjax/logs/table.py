@@ -15,7 +15,7 @@ from .log import NamedArrays
 
 
 @dataclass
-class Table:
+class RawTable:
     """Columns of equal length, float64.
 
     Attributes:
@@ -69,7 +69,7 @@ READERS = {
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[nN]a[nN]")
 
 
-def read_table(path: pathlib.Path, request: Request) -> Table:
+def read_table(path: pathlib.Path, request: Request) -> RawTable:
     """A file's columns, by the reader of its suffix.
 
     Args:
@@ -89,7 +89,7 @@ def read_table(path: pathlib.Path, request: Request) -> Table:
         if not _rows_of_numbers(path):
             raise InputError(f"{path.name} is of a kind that is not read ({path.suffix or 'no suffix'}): use {kinds}.")
         module = "csv_file"
-    reader: Callable[..., Table] = importlib.import_module(f"fpjax.logs.formats.{module}").read
+    reader: Callable[..., RawTable] = importlib.import_module(f"fpjax.logs.formats.{module}").read
     try:
         if path.stat().st_size == 0:
             raise InputError(f"{path.name} is empty: record it again, or name another file.")
@@ -147,7 +147,7 @@ def need(module: str, path: pathlib.Path) -> Any:
         ) from error
 
 
-def from_arrays(data: NamedArrays) -> Table:
+def from_arrays(data: NamedArrays) -> RawTable:
     """Columns of a DataFrame (pandas, polars), a pyarrow table or a mapping of arrays.
 
     Raises:
@@ -167,7 +167,7 @@ def from_arrays(data: NamedArrays) -> Table:
             text[str(name)] = f"column {name} is not an array of numbers"
             continue
         add_column(columns, text, str(name), values)
-    return Table(columns, first_row=0, text=text)
+    return RawTable(columns, first_row=0, text=text)
 
 
 def add_column(columns: dict[str, np.ndarray], text: dict[str, str], name: str, values: np.ndarray) -> None:

@@ -133,7 +133,7 @@ def with_feedforward(
         dt: control period [s], which the lag is where none is written.
 
     Raises:
-        InputError: for keys or values that cannot be, or a controller that is not known.
+        InputError: for unknown keys, values out of range, or a controller that is not known.
     """
     if table is None:
         return controller

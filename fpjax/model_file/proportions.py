@@ -40,7 +40,7 @@ class Names(Protocol):
 
 
 @dataclass(frozen=True)
-class Motion:
+class FastestMotion:
     """The largest velocity [rad/s] and acceleration [rad/s^2] that a reference asks for."""
 
     velocity: float
@@ -142,7 +142,7 @@ def _size(value: Any) -> float:
     return max((abs(float(each)) for each in numbers if isinstance(each, int | float)), default=0.0)
 
 
-def motion_of(reference: AbstractReference | None, dt: float, *, position: bool) -> Motion | None:
+def motion_of(reference: AbstractReference | None, dt: float, *, position: bool) -> FastestMotion | None:
     """The largest velocity and acceleration of a reference; None without one, or for one that is not known here.
 
     Args:
@@ -156,7 +156,7 @@ def motion_of(reference: AbstractReference | None, dt: float, *, position: bool)
         slope = np.diff(values) / float(reference.interval) if values.size > 1 else np.zeros(1)
         curve = np.diff(slope) / float(reference.interval) if slope.size > 1 else np.zeros(1)
         first, second = (slope, curve) if position else (values, slope)
-        return Motion(*(float(np.max(np.abs(each))) for each in (first, second)))
+        return FastestMotion(*(float(np.max(np.abs(each))) for each in (first, second)))
     if isinstance(reference, Sine):
         parts = [(abs(float(reference.amplitude)), float(reference.frequency)), (abs(float(reference.offset)), 0.0)]
     elif isinstance(reference, Triangle | Square):
@@ -173,10 +173,10 @@ def motion_of(reference: AbstractReference | None, dt: float, *, position: bool)
         return None
     rates = [(amplitude, 2.0 * math.pi * frequency) for amplitude, frequency in parts]
     first = sum(amplitude * (rate if position else 1.0) for amplitude, rate in rates)
-    return Motion(first, sum(amplitude * rate * (rate if position else 1.0) for amplitude, rate in rates))
+    return FastestMotion(first, sum(amplitude * rate * (rate if position else 1.0) for amplitude, rate in rates))
 
 
-def _about_torques(tables: Tables, motion: Motion | None, duration: float | None, units: Names) -> list[str]:
+def _about_torques(tables: Tables, motion: FastestMotion | None, duration: float | None, units: Names) -> list[str]:
     """Torques against the limit, or without one against what the motion takes and the gains can give."""
     unit, said = units.name("N m"), []
     limits = [_size((tables.get(section) or {}).get("limit")) for section in ("actuator", "controller")]
@@ -230,7 +230,7 @@ def _is(section: str, key: str, size: float, unit: str) -> str:
     return f" comes to {size:.3g} {unit}, which" if forward else f" = {size:g} {unit}"
 
 
-def _needed(tables: Tables, motion: Motion | None) -> float:
+def _needed(tables: Tables, motion: FastestMotion | None) -> float:
     """Torque for the reference's acceleration, its speed and the Coulomb friction [N m]."""
     friction, plant = tables.get("friction") or {}, tables.get("plant") or {}
     coulomb = max(_size(friction.get(key)) for key in ("coulomb", "coulomb_positive", "coulomb_negative"))
@@ -242,7 +242,7 @@ def _needed(tables: Tables, motion: Motion | None) -> float:
     return inertia * motion.acceleration + drag + coulomb
 
 
-def _command(tables: Tables, motion: Motion | None, duration: float | None) -> float | None:
+def _command(tables: Tables, motion: FastestMotion | None, duration: float | None) -> float | None:
     """What the gains come to for a velocity error as large as the reference, over the run [N m]; None if unknown."""
     controller = tables.get("controller") or {}
     gain = {"pi": "kp", "p": "kp", "position_cascade": "kv"}.get(str(controller.get("type")))

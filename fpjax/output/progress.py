@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 
-from .share import Share
+from .share import WorkDone
 
 FIRST_SHOWN, REDRAWN = 1.0, 0.25  # s
 LEAST_DONE = 0.02  # of the whole: before it nothing is known of the pace
@@ -44,13 +44,13 @@ class Pace:
     def __init__(self) -> None:
         self._reports: list[tuple[float, float]] = []  # (when, work done by then), both ascending
 
-    def report(self, now: float, share: Share) -> None:
+    def report(self, now: float, share: WorkDone) -> None:
         """So much is done [s]; work that is less than before begins anew."""
         while self._reports and self._reports[-1][1] > share.done:
             self._reports.pop()
         self._reports.append((now, share.done))
 
-    def left(self, share: Share) -> tuple[float, float] | None:
+    def left(self, share: WorkDone) -> tuple[float, float] | None:
         """(least, most) that is left at the last report [s]; None where nothing was done since the first."""
         first, (now, done) = self._reports[0], self._reports[-1]
         if done <= first[1]:
@@ -105,10 +105,10 @@ class Stages:
         if share is None:
             self._compiling |= not self._begun and name.startswith("compiling")
             return
-        told, now = Share.of(share), time.monotonic()
+        told, now = WorkDone.of(share), time.monotonic()
         if not self._begun and not self._compiling and float(told) > self._before:
             # What came before the first share counts, unless it was compiling, which does not come again.
-            self._pace.report(self._begin, Share(told.done * self._before / float(told), 0.0, 0.0))
+            self._pace.report(self._begin, WorkDone(told.done * self._before / float(told), 0.0, 0.0))
         self._begun = True
         self._pace.report(now, told)
         left = self._pace.left(told)

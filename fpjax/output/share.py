@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 
-class Share(float):
+class WorkDone(float):
     """Share of a work that is done [1], at least: a plain number for who asks no more.
 
     A diagnosis does not know beforehand whether a second and a third cause will be tried, each of which takes as long
@@ -19,7 +19,7 @@ class Share(float):
     least: float
     most: float
 
-    def __new__(cls, done: float, least: float, most: float) -> "Share":
+    def __new__(cls, done: float, least: float, most: float) -> "WorkDone":
         """Of bounds that may be equal; work beyond the most that was expected is no work left."""
         least, most = max(least, 0.0), max(most, least, 0.0)
         whole = done + most
@@ -28,8 +28,8 @@ class Share(float):
         return made
 
     @classmethod
-    def of(cls, share: float) -> "Share":
-        """A `Share` as it is; of a plain number the rest is certain."""
+    def of(cls, share: float) -> "WorkDone":
+        """A `WorkDone` as it is; of a plain number the rest is certain."""
         return share if isinstance(share, cls) else cls(float(share), 1.0 - share, 1.0 - share)
 
 
@@ -44,12 +44,12 @@ def part_of(share: float, place: int, count: int) -> float:
         place: works before it.
         count: of all.
     """
-    if count == 1 or not isinstance(share, Share):
+    if count == 1 or not isinstance(share, WorkDone):
         return share if count == 1 else (place + share) / count
     # In works as long as this one is expected to be.
     whole, rest = share.done + 0.5 * (share.least + share.most), count - place - 1
     least, most = share.least / whole + (1.0 - SPREAD) * rest, share.most / whole + (1.0 + SPREAD) * rest
-    return Share(place + share.done / whole, least, most)
+    return WorkDone(place + share.done / whole, least, most)
 
 
 class Outline:
@@ -65,7 +65,7 @@ class Outline:
         self._costs, self._names, self._before = costs, list(costs), done
         self._stage, self._share = "", 0.0
 
-    def __call__(self, stage: str, share: float = 0.0) -> Share:
+    def __call__(self, stage: str, share: float = 0.0) -> WorkDone:
         """How much is done when a stage begins, or is at a share [1] of itself, which never becomes less.
 
         A stage that is not in the outline takes no work.
@@ -78,13 +78,13 @@ class Outline:
         left = (1.0 - self._share) * own
         later = self._names[self._names.index(stage) + 1 :] if stage in self._costs else self._names
         least, _, most = (sum(self._costs[name][which] for name in later) for which in range(3))
-        return Share(self._before + own - left, left + least, left + most)
+        return WorkDone(self._before + own - left, left + least, left + most)
 
-    def end(self) -> Share:
+    def end(self) -> WorkDone:
         """All is done."""
         self._before += self._expected(self._stage)
         self._stage = ""
-        return Share(self._before, 0.0, 0.0)
+        return WorkDone(self._before, 0.0, 0.0)
 
     def _expected(self, stage: str) -> float:
         return self._costs[stage][1] if stage in self._costs else 0.0

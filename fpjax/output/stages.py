@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 
-from .share import Outline, Share
+from .share import Outline, WorkDone
 
 
 class StageClock:
@@ -40,7 +40,7 @@ class StageClock:
 
         Args:
             stage: its name.
-            share: that is done [1]; the `Share` of a work that is itself a stage, before all that have costs.
+            share: that is done [1]; the `WorkDone` of a work that is itself a stage, before all that have costs.
         """
         self.end()
         self._stage, self._began = stage.partition(":")[0], self._now()
@@ -64,8 +64,8 @@ class StageClock:
     def _whole(self, stage: str, share: float) -> float:
         if self._outline is None or self._costs is None:
             return share
-        if not isinstance(share, Share):
+        if not isinstance(share, WorkDone):
             return self._outline(stage, share)
         self._outline = Outline(self._costs, share.done)
         least, _, most = (sum(cost[which] for cost in self._costs.values()) for which in range(3))
-        return Share(share.done, share.least + least, share.most + most)
+        return WorkDone(share.done, share.least + least, share.most + most)

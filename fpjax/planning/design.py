@@ -11,7 +11,7 @@ import optax
 from jaxtyping import Array
 
 from .trajectory import Shape
-from .trial import Seen, Trial
+from .trial import ExpectedRun, Trial
 
 STARTS = 7  # shapes that are tried before the best of them is improved
 STEPS = 60  # of Adam at most
@@ -40,12 +40,12 @@ class Designed:
 
     shape: Shape
     share: float
-    seen: Seen
-    first: Seen
+    seen: ExpectedRun
+    first: ExpectedRun
     evaluations: int
     ended: str
     history: tuple[float, ...]
-    usual: Mapping[str, Seen]
+    usual: Mapping[str, ExpectedRun]
 
 
 def design(
@@ -78,23 +78,23 @@ def design(
     # The trial is compiled for any reference: what makes references of shapes stands outside it.
     evaluate, refer = jax.jit(jax.value_and_grad(trial.cost, has_aux=True)), jax.jit(trial.reference)
     pull = jax.jit(lambda shape, slope: jax.vjp(trial.reference, shape)[1](slope)[0])
-    best: tuple[float, Shape, Seen] | None = None
+    best: tuple[float, Shape, ExpectedRun] | None = None
     shown = np.zeros(np.shape(wanted))  # the most that any start brings of each comparison [nats]
-    first: Seen | None = None
-    history, beside = list[float](), dict[str, Seen]()
+    first: ExpectedRun | None = None
+    history, beside = list[float](), dict[str, ExpectedRun]()
     slope: Shape | None = None
     ended = "converged"
 
     def spent() -> float:
         return (time.process_time() - begun) / seconds
 
-    def tried(shape: Shape) -> tuple[float, Seen, Shape]:
+    def tried(shape: Shape) -> tuple[float, ExpectedRun, Shape]:
         # The weights as they are now: what no start shows is left out after the starts.
         (cost, seen), slope = jax.block_until_ready(evaluate(refer(shape), weights))
         history.append(float(cost))
         return float(cost), seen, pull(shape, slope)
 
-    def kept_within(reference: Array, seen: Seen) -> tuple[float, Seen]:
+    def kept_within(reference: Array, seen: ExpectedRun) -> tuple[float, ExpectedRun]:
         # As large a share of it as the simulated machine's limits allow, and what that brings.
         share = 1.0
         while trial.beyond(seen) and share > LEAST_SHARE:

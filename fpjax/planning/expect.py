@@ -42,7 +42,7 @@ class Readings(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Lanes:
+class RivalLanes:
     """What is replayed of some variants of one family: themselves, and small changes.
 
     Attributes:
@@ -64,7 +64,7 @@ class Lanes:
     shifts: tuple[tuple[tuple[int, float], ...], ...]
 
 
-def make_lanes(shop: Shop, variants: Sequence[Variant], names: Sequence[tuple[str, ...]]) -> Lanes:
+def make_lanes(shop: Shop, variants: Sequence[Variant], names: Sequence[tuple[str, ...]]) -> RivalLanes:
     """The lanes of variants of one structure.
 
     Args:
@@ -103,7 +103,7 @@ def make_lanes(shop: Shop, variants: Sequence[Variant], names: Sequence[tuple[st
             moved[place] = SPEED_STEP * deviation
             shifted.append((add(vector, moved, index), SPEED_STEP))
         shifts.append(tuple(shifted))
-    return Lanes(
+    return RivalLanes(
         family, np.stack(vectors, axis=1), np.stack(states, axis=1), np.array(owner), tuple(base), tuple(tangents),
         tuple(shifts),
     )  # fmt: skip
@@ -128,7 +128,7 @@ def _stiffness(values: dict[str, float]) -> float:
 
 
 def coefficients(
-    shop: Shop, sight: Sight, lanes: Lanes, readings: Readings
+    shop: Shop, sight: Sight, lanes: RivalLanes, readings: Readings
 ) -> Float[Array, "modes lanes runs windows"]:
     """What is left of the readings by each lane, in the diagnosis' modes."""
     tables, starts = _tables(sight, readings)
@@ -194,7 +194,7 @@ def _fields(sight: Sight, readings: Readings, count: int) -> dict[str, Array]:
     return found
 
 
-def _hidden(shop: Shop, lanes: Lanes, fields: dict[str, Array]) -> Float[Array, "2 lanes spots"]:
+def _hidden(shop: Shop, lanes: RivalLanes, fields: dict[str, Array]) -> Float[Array, "2 lanes spots"]:
     """What no sensor sees at the windows' starts, as a steady motion would have it."""
     setting, family = shop.setting, lanes.family
     speed, slope = fields["velocity"][None, :], fields["slope"][None, :]

@@ -7,7 +7,7 @@ import numpy as np
 from ..gap.effects.experiments import PLAINEST, SIGNATURE, TELLS, experiment_for, family_of
 from .result import NEEDED, Separation
 from .sight import Sight
-from .trial import Comparison
+from .trial import RunComparison
 
 REST, FAST = 0.1, 0.5  # of the top speed
 HARD = 0.5  # of the largest acceleration
@@ -70,7 +70,7 @@ def where_from(sight: Sight, kinds: np.ndarray, left: np.ndarray) -> str:
 
 
 def separations(
-    names: Sequence[str], comparisons: Sequence[Comparison], nats: np.ndarray, wheres: Sequence[str],
+    names: Sequence[str], comparisons: Sequence[RunComparison], nats: np.ndarray, wheres: Sequence[str],
     twins: Mapping[frozenset[str], str],
 ) -> tuple[Separation, ...]:  # fmt: skip
     """Every pair of rivals with what the run brings, the nearest first, exact twins last.

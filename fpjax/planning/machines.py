@@ -11,7 +11,7 @@ import numpy as np
 from ..gap.data.setting import SMALL_FRICTION, Setting, turns_with_position
 from ..gap.effects.effect import Effect
 from ..gap.effects.estimate import Estimate
-from ..gap.effects.twins import Log as Facts
+from ..gap.effects.twins import LogFacts
 from ..gap.effects.vocabulary import EFFECTS, on_rate_sensor
 from ..gap.fit.candidate import NOMINAL, SLAB, nominal_sizes
 from ..gap.machine import FEATURES, Feature, Structure
@@ -112,12 +112,12 @@ class Shop:
         rate = self.model.sensors != "position"
         return tuple(effect for effect in EFFECTS if rate or not on_rate_sensor(effect))
 
-    def facts(self) -> Facts:
+    def facts(self) -> LogFacts:
         """What decides about exact twins in a log of this machine."""
         load, actuator = self.model.loop.plant.load, self.model.loop.actuator
         turning = turns_with_position(load)
         known = turning or bool(self.model.nominal["offset"]) or bool(getattr(actuator, "offset", None))
-        return Facts(self.model.sensors != "velocity", known, turning, self.setting.nominal)
+        return LogFacts(self.model.sensors != "velocity", known, turning, self.setting.nominal)
 
 
 def make_shop(model: Model, limits: Limits, torque: float, window: float) -> Shop:

@@ -46,7 +46,7 @@ class Shape(NamedTuple):
     usual: Float[Array, "2"]
 
 
-class Motion(NamedTuple):
+class PlannedMotion(NamedTuple):
     """A planned motion, each of shape (samples,): speed [rad/s], acceleration [rad/s^2], position [rad] from 0."""
 
     speed: Float[Array, " samples"]
@@ -55,7 +55,7 @@ class Motion(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Course:
+class PlannedCourse:
     """What makes motions of shapes: the tables of splines and tones on one clock.
 
     Attributes:
@@ -78,7 +78,7 @@ class Course:
     frequencies: np.ndarray
     usual: np.ndarray
 
-    def motion(self, shape: Shape, share: Array | float = 1.0) -> Motion:
+    def motion(self, shape: Shape, share: Array | float = 1.0) -> PlannedMotion:
         """The motion of a shape, in full or a share of it [1]; differentiable."""
         angle = 2.0 * jnp.pi * self.frequencies * self.time[:, None] + shape.phases[None, :]
         gate = jnp.clip(self.envelope @ (1.0 / (1.0 + jnp.exp(-shape.gates))), 0.0, 1.0)
@@ -86,7 +86,7 @@ class Course:
         speed = speed + self.usual @ shape.usual
         return self.within(speed, share)
 
-    def within(self, speed: Array | np.ndarray, share: Array | float = 1.0) -> Motion:
+    def within(self, speed: Array | np.ndarray, share: Array | float = 1.0) -> PlannedMotion:
         """A motion from rest to rest at the same place, made as small as the limits ask for, or a share of that [1].
 
         Args:
@@ -105,7 +105,7 @@ class Course:
             (jnp.max(position) - jnp.min(position)) / limits.travel,
         ])  # fmt: skip
         scale = share * FULL / jnp.maximum(jnp.max(over), FULL)
-        return Motion(scale * speed, scale * acceleration, scale * position)
+        return PlannedMotion(scale * speed, scale * acceleration, scale * position)
 
     def starts(self, seed: int, count: int) -> list[Shape]:
         """Shapes to start from: holds of falling size in both directions, slow reversals, a sweep, random ones.
@@ -143,7 +143,7 @@ class Course:
         ]
 
 
-def make_course(limits: Limits, dt: float, seconds_resolved: float) -> Course:
+def make_course(limits: Limits, dt: float, seconds_resolved: float) -> PlannedCourse:
     """The tables of a run's length.
 
     Args:
@@ -158,7 +158,7 @@ def make_course(limits: Limits, dt: float, seconds_resolved: float) -> Course:
     ramp = np.clip(np.minimum(time, time[-1] - time) / (RAMP * limits.duration), 0.0, 1.0)
     lowest, highest = 2.0 / limits.duration, HIGHEST / dt
     tones = np.geomspace(min(4.0 * lowest, 0.2 * highest), highest, TONES)
-    return Course(
+    return PlannedCourse(
         limits, dt, time, _splines(time, count), _splines(time, GATES), ramp * ramp * (3.0 - 2.0 * ramp),
         tones, usual(limits, time, highest),
     )  # fmt: skip

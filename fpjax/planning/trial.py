@@ -23,10 +23,10 @@ from ..gap.simulate.replay import SUBSTEPS, assembled
 from ..loop import ClosedLoop
 from ..model_file import Model
 from ..scan import Inputs, make_stepper, roll, sampled_tables
-from .expect import Lanes, Readings, Told, coefficients, make_lanes, told_apart
+from .expect import Readings, RivalLanes, Told, coefficients, make_lanes, told_apart
 from .machines import NOMINAL_VARIANT, Shop, Variant
 from .sight import Sight
-from .trajectory import Course, Motion, Shape
+from .trajectory import PlannedCourse, PlannedMotion, Shape
 
 STAND_IN = 0.1  # of the control rate: bandwidth of the loop that stands in for an unknown controller
 TURNING = 0.02  # of the top speed: where its feed-forward turns the Coulomb friction round
@@ -37,7 +37,7 @@ TOLERANCE = 1.01
 RECORD = ("torque", "measured_velocity", "measured_position")
 
 
-class Seen(NamedTuple):
+class ExpectedRun(NamedTuple):
     """What a run brings.
 
     Attributes:
@@ -56,7 +56,7 @@ class Seen(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Comparison:
+class RunComparison:
     """A log of one machine held against another model.
 
     Attributes:
@@ -88,14 +88,14 @@ class Trial:
 
     shop: Shop
     sight: Sight
-    course: Course
+    course: PlannedCourse
     simulated: tuple[Variant, ...]
     models: tuple[Variant, ...]
-    comparisons: tuple[Comparison, ...]
-    lanes: Mapping[Structure, tuple[Lanes, Mapping[int, int]]]
+    comparisons: tuple[RunComparison, ...]
+    lanes: Mapping[Structure, tuple[RivalLanes, Mapping[int, int]]]
     steered: frozenset[Structure]
 
-    def followed(self, motion: Motion) -> Float[Array, " samples"]:
+    def followed(self, motion: PlannedMotion) -> Float[Array, " samples"]:
         """What the simulated loop is given of a motion [rad/s], or [rad] where it follows a position."""
         model = self.shop.model
         # The loop that stands in for an unknown controller is one of speed, whatever the drive's own reference is.
@@ -106,7 +106,7 @@ class Trial:
         """What the simulated loop is given of a shape; differentiable."""
         return self.followed(self.course.motion(shape))
 
-    def seen(self, reference: Float[Array, " samples"]) -> Seen:
+    def seen(self, reference: Float[Array, " samples"]) -> ExpectedRun:
         """What a reference brings; differentiable."""
         readings = self.simulate(reference)
         told: dict[int, Told] = {}
@@ -116,9 +116,9 @@ class Trial:
         nats = jnp.stack([told[i].nats for i in range(len(self.comparisons))])
         left = jnp.stack([told[i].left for i in range(len(self.comparisons))])
         largest, fastest = jnp.max(jnp.abs(readings.torque)), jnp.max(jnp.abs(readings.rate))
-        return Seen(nats, left, largest, fastest, readings)
+        return ExpectedRun(nats, left, largest, fastest, readings)
 
-    def cost(self, reference: Float[Array, " samples"], wanted: Array) -> tuple[Array, Seen]:
+    def cost(self, reference: Float[Array, " samples"], wanted: Array) -> tuple[Array, ExpectedRun]:
         """Less the soft minimum of the logarithms of the evidence, and what goes beyond the limits all the same.
 
         Args:
@@ -135,7 +135,7 @@ class Trial:
             over = over + jnp.maximum(seen.torque / limits.torque - 1.0, 0.0)
         return -(soft + 0.2 * mean) + 20.0 * jnp.log1p(over), seen
 
-    def beyond(self, seen: Seen) -> bool:
+    def beyond(self, seen: ExpectedRun) -> bool:
         """Whether a simulated machine left its limits: the torque, or the speed by more than an overshoot."""
         limits = self.course.limits
         fine = seen.torque <= TOLERANCE * limits.torque and seen.speed <= TOLERANCE * OVERSHOOT * limits.speed
@@ -246,15 +246,15 @@ def short(machine: Machine, actuator: int, sensor: int) -> Machine:
     return eqx.tree_at(lambda at: (at.actuator, at.sensor), machine, (parts, reading))
 
 
-def effects_trial(shop: Shop, sight: Sight, course: Course, variants: Sequence[Variant]) -> Trial:
+def effects_trial(shop: Shop, sight: Sight, course: PlannedCourse, variants: Sequence[Variant]) -> Trial:
     """The nominal machine's log against every effect at its detectable size, the nominal numbers and an offset free."""
-    comparisons = tuple(Comparison(0, i, shop.nuisances(v.effect)) for i, v in enumerate(variants))
+    comparisons = tuple(RunComparison(0, i, shop.nuisances(v.effect)) for i, v in enumerate(variants))
     return _trial(
         shop, sight, course, (NOMINAL_VARIANT,), tuple(variants), comparisons, frozenset[Structure](("rigid",))
     )
 
 
-def rivals_trial(shop: Shop, sight: Sight, course: Course, rivals: Sequence[Variant]) -> Trial:
+def rivals_trial(shop: Shop, sight: Sight, course: PlannedCourse, rivals: Sequence[Variant]) -> Trial:
     """Every rival's log against every other rival's model, its own parameters and the nominal numbers free."""
     comparisons = []
     for log in range(len(rivals)):
@@ -266,19 +266,19 @@ def rivals_trial(shop: Shop, sight: Sight, course: Course, rivals: Sequence[Vari
             wrong = rivals[log].name.removesuffix("_error")
             own = tuple(p.name for p in rival.effect.parameters)
             nominal = tuple(n for n in shop.nuisances(rival.effect) if n not in ("torque", wrong))
-            comparisons.append(Comparison(log, model, (*nominal, *own)))
+            comparisons.append(RunComparison(log, model, (*nominal, *own)))
     steered = frozenset(_structures(rivals))
     return _trial(shop, sight, course, tuple(rivals), tuple(rivals), tuple(comparisons), steered)
 
 
 def _trial(
-    shop: Shop, sight: Sight, course: Course, simulated: tuple[Variant, ...], models: tuple[Variant, ...],
-    comparisons: tuple[Comparison, ...], steered: frozenset[Structure],
+    shop: Shop, sight: Sight, course: PlannedCourse, simulated: tuple[Variant, ...], models: tuple[Variant, ...],
+    comparisons: tuple[RunComparison, ...], steered: frozenset[Structure],
 ) -> Trial:  # fmt: skip
     moving: dict[int, tuple[str, ...]] = {}  # of each model: what may move in any of its comparisons
     for one in comparisons:
         moving[one.model] = tuple(dict.fromkeys((*moving.get(one.model, ()), *one.moving)))
-    lanes: dict[Structure, tuple[Lanes, dict[int, int]]] = {}
+    lanes: dict[Structure, tuple[RivalLanes, dict[int, int]]] = {}
     shop = shop.fitted_to((*simulated, *models))
     for structure in _structures(models):
         which = [i for i, v in enumerate(models) if v.structure == structure]

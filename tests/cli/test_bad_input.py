@@ -1,4 +1,4 @@
-"""Files, models and logs that cannot be: one sentence and no traceback."""
+"""Files, models and logs that make no sense: one sentence and no traceback."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Forward mode = reverse mode = finite differences, and the inputs that cannot be."""
+"""Forward mode = reverse mode = finite differences, and the inputs that are refused."""
 
 import jax
 import jax.numpy as jnp

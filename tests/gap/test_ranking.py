@@ -10,7 +10,7 @@ from fpjax.gap import Estimate, Ranked
 from fpjax.gap.answer.assemble import _instead
 from fpjax.gap.answer.confusable import indistinguishable
 from fpjax.gap.answer.ranking import share_alike
-from fpjax.gap.effects.twins import Log, Twin, exact_twins, single_twins
+from fpjax.gap.effects.twins import LogFacts, Twin, exact_twins, single_twins
 from fpjax.gap.select.decision import Weighed
 from fpjax.gap.select.dominant import Curve, believed, dominant
 from fpjax.gap.select.readings import Reading
@@ -18,7 +18,7 @@ from fpjax.gap.select.thresholds import THRESHOLDS
 from fpjax.gap.select.verdict import Seen, verdict
 
 NOMINAL = {"inertia": 2.0, "coulomb": 0.5, "viscous": 0.1}
-RATE_ONLY = Log(position=False, known_torque=False, known_turning=False, nominal=NOMINAL)
+RATE_ONLY = LogFacts(position=False, known_torque=False, known_turning=False, nominal=NOMINAL)
 BOTH = dataclasses.replace(RATE_ONLY, position=True)
 
 

@@ -32,7 +32,7 @@ from fpjax.improvement.machines import (
     with_laws,
 )
 from fpjax.improvement.page import to_page
-from fpjax.improvement.search import Limits, limits_of, robust_costs
+from fpjax.improvement.search import AllowedScore, limits_of, robust_costs
 from fpjax.improvement.verb import followed, improve_known
 from fpjax.output.stages import StageClock
 
@@ -321,7 +321,7 @@ def test_nothing_is_promised_of_a_machine_that_may_be_anything(errors, decision)
 
 
 def test_the_cost_is_the_mean_and_the_spread_and_fines_what_a_motor_would_feel():
-    limits = Limits(error=1.0, rough=1.0, peak=2.0)
+    limits = AllowedScore(error=1.0, rough=1.0, peak=2.0)
     even, uneven = score([[1.0, 1.0, 1.0, 1.0]]), score([[0.5, 0.5, 1.5, 1.5]])
     assert robust_costs(even, limits)[0] == pytest.approx(1.0)
     assert robust_costs(uneven, limits)[0] == pytest.approx(1.0 + 1.28 * 0.5)

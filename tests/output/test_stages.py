@@ -1,6 +1,6 @@
 """The clock of a long piece of work."""
 
-from fpjax.output.share import Share
+from fpjax.output.share import WorkDone
 from fpjax.output.stages import StageClock
 
 
@@ -30,8 +30,8 @@ def test_parts_of_a_stage_are_told_and_counted_together():
 def test_a_work_that_is_a_stage_itself_comes_before_all_that_have_costs():
     told: list[float] = []
     clock = StageClock(lambda stage, share: told.append(share), {"search": (1.0, 2.0, 4.0)})
-    clock("diagnose: fit", Share(2.0, 0.0, 0.0))
-    assert isinstance(told[-1], Share)
+    clock("diagnose: fit", WorkDone(2.0, 0.0, 0.0))
+    assert isinstance(told[-1], WorkDone)
     assert (told[-1].done, told[-1].least, told[-1].most) == (2.0, 1.0, 4.0)
     clock("search", 0.5)
     assert told[-1] == 0.75

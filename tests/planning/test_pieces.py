@@ -30,7 +30,7 @@ from fpjax.planning.rivals import (
 )
 from fpjax.planning.sight import make_sight
 from fpjax.planning.trajectory import SWEEP, Shape, make_course
-from fpjax.planning.trial import Comparison, Seen
+from fpjax.planning.trial import RunComparison, ExpectedRun
 from fpjax.verbs import double_precision
 
 
@@ -305,7 +305,7 @@ def example(aim="rivals"):
     motion = {"speed": speed, "acceleration": np.gradient(speed, 4e-3), "position": np.cumsum(speed) * 4e-3}
     pairs = separations(
         ["stribeck", "viscous_error", "actuator_delay"],
-        [Comparison(0, 1, ()), Comparison(1, 0, ()), Comparison(0, 2, ()), Comparison(1, 2, ())],
+        [RunComparison(0, 1, ()), RunComparison(1, 0, ()), RunComparison(0, 2, ()), RunComparison(1, 2, ())],
         np.array([40.0, 30.0, 2.0, 0.0]), ["here", "there", "x", "y"],
         {frozenset(("viscous_error", "actuator_delay")): "They make exactly the same log."},
     )  # fmt: skip
@@ -390,7 +390,7 @@ class OneNumberTrial:
         nats = jnp.stack([jnp.asarray(1e-7), 1e3 * jnp.exp(-4.0 * (reference[0] - 1.0) ** 2)])
         worth = jnp.log(jnp.maximum(nats, 1e-3))
         soft = -jax.nn.logsumexp(-4.0 * worth, b=wanted) / 4.0
-        return -soft, Seen(nats, jnp.zeros(1), jnp.zeros(()), jnp.zeros(()), None)
+        return -soft, ExpectedRun(nats, jnp.zeros(1), jnp.zeros(()), jnp.zeros(()), None)
 
     def beyond(self, seen):
         return False

@@ -13,7 +13,7 @@ import tuning
 from fpjax.compiled.programs import Programs
 from fpjax.errors import InputError
 from tuning import lanes as lanes_module
-from tuning.lanes import Clock, Lanes
+from tuning.lanes import Lanes, Stopwatch
 from tuning.problem import make_problem
 
 tune_module = sys.modules["tuning.tune"]  # the name tuning.tune is the function
@@ -216,7 +216,7 @@ def test_all_compiling_of_a_search_is_on_the_clock(method, monkeypatch):
         return wrapped
 
     for name in ("call", "step"):
-        monkeypatch.setattr(Clock, name, inside("clock", getattr(Clock, name)))
+        monkeypatch.setattr(Stopwatch, name, inside("clock", getattr(Stopwatch, name)))
     for kind, search in list(tune_module._SEARCHES.items()):
         monkeypatch.setitem(tune_module._SEARCHES, kind, inside("search", search))
     jax.monitoring.register_event_duration_secs_listener(heard)

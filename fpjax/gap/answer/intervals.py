@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...analysis.verdicts import PARALLEL_POSTERIOR, traded_with
 from ..effects.effect import Effect
 from ..effects.estimate import Estimate
 from ..fit.candidate import Candidate, Fit
@@ -117,11 +118,8 @@ def identifiability(search: Search, fit: Fit, spread: Values) -> tuple[FittedPar
         elif deviation[j] > c.scale[j]:
             verdict = "flat"
         else:
-            others = np.abs(correlation[j]).copy()
-            others[j] = 0.0
-            other = int(np.argmax(others))
-            traded = others[other] > 0.95
-            verdict = f"traded off with {c.family.parameters[c.free[other]].name}" if traded else "pinned"
+            others = traded_with(correlation, j, limit=PARALLEL_POSTERIOR)
+            verdict = f"traded off with {c.family.parameters[c.free[others[0]]].name}" if others else "pinned"
         unit = linear_unit(parameter.unit, search.records[0].linear)
         found.append(FittedParameter(parameter.name, float(c.vector[index]), float(deviation[j]), unit, verdict))
     return tuple(found)

@@ -9,7 +9,7 @@ from ...blocks.signals import Motion
 from ..data.setting import turns_with_position
 from ..effects.effect import Effect
 from ..effects.estimate import Estimate
-from ..effects.twins import Log, Twin, exact_twins
+from ..effects.twins import LogFacts, Twin, exact_twins
 from ..effects.vocabulary import EFFECTS
 from ..fit.candidate import NOMINAL, Fit
 from ..fit.search import Search
@@ -124,10 +124,10 @@ def _left(search: Search, fit: Fit) -> float:
     return fit.missing_rms(search.withheld)
 
 
-def log_of(search: Search) -> Log:
+def log_of(search: Search) -> LogFacts:
     """What decides about exact twins."""
     load, actuator = search.nominal.plant.load, search.nominal.actuator
     turning = turns_with_position(load)
     still = Motion(jnp.zeros(1), jnp.zeros(1), jnp.zeros(1))
     known = turning or bool(load.readout(still)[0]) or bool(getattr(actuator, "offset", None))
-    return Log(search.records[0].position is not None, known, turning, search.setting.nominal)
+    return LogFacts(search.records[0].position is not None, known, turning, search.setting.nominal)

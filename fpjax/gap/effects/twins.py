@@ -12,7 +12,7 @@ DELAYS = ("actuator_delay", "velocity_delay")
 
 
 @dataclass(frozen=True)
-class Log:
+class LogFacts:
     """What decides whether two sets of causes are twins in a log.
 
     Attributes:
@@ -48,7 +48,7 @@ class Twin:
         return f"{names} and {others}{self.how} make exactly the same log."
 
 
-def exact_twins(causes: Sequence[str], found: Parameters, log: Log) -> list[Twin]:
+def exact_twins(causes: Sequence[str], found: Parameters, log: LogFacts) -> list[Twin]:
     """What could stand in place of some of the causes.
 
     Args:
@@ -72,7 +72,7 @@ def exact_twins(causes: Sequence[str], found: Parameters, log: Log) -> list[Twin
     return twins
 
 
-def single_twins(log: Log) -> dict[str, frozenset[str]]:
+def single_twins(log: LogFacts) -> dict[str, frozenset[str]]:
     """Of each effect, what alone makes the same log in its place, or holds it as a special case."""
     found = {"constant_torque": frozenset({"asymmetric_friction"})}
     if not log.position:
@@ -80,7 +80,7 @@ def single_twins(log: Log) -> dict[str, frozenset[str]]:
     return found
 
 
-def _directions(named: set[str], found: Parameters, log: Log) -> list[Twin]:
+def _directions(named: set[str], found: Parameters, log: LogFacts) -> list[Twin]:
     """Friction that depends on the direction, against a torque that does not."""
     if {"constant_torque", "coulomb_error"} <= named:
         return [Twin(frozenset({"constant_torque", "coulomb_error"}), ("asymmetric_friction",))]
@@ -95,7 +95,7 @@ def _directions(named: set[str], found: Parameters, log: Log) -> list[Twin]:
     return [Twin(frozenset({"asymmetric_friction"}), (*wrong, "constant_torque"))]
 
 
-def _scaled(named: set[str], found: Parameters, log: Log, one: str, by: str, wrong: list[str]) -> list[Twin]:
+def _scaled(named: set[str], found: Parameters, log: LogFacts, one: str, by: str, wrong: list[str]) -> list[Twin]:
     """One factor on a signal, against nominal values all divided by it."""
     errors = [f"{name}_error" for name in wrong]
     if not errors:
@@ -120,7 +120,7 @@ def _over(estimate: Estimate, nominal: float) -> Estimate:
     return Estimate(estimate.value / nominal, estimate.low / nominal, estimate.high / nominal, "1")
 
 
-def _mean_is_nominal(sides: Mapping[str, Estimate], name: str, log: Log) -> bool:
+def _mean_is_nominal(sides: Mapping[str, Estimate], name: str, log: LogFacts) -> bool:
     """Whether the mean of both directions is the nominal value, within its interval or what that may be off."""
     both = [sides[f"{name}_{side}"] for side in ("positive", "negative")]
     half = 0.25 * sum(side.high - side.low for side in both)

@@ -1,1 +1,1 @@
-"""One file a format: each gives a `Table`, the columns as they stand in the file."""
+"""One file a format: each gives a `RawTable`, the columns as they stand in the file."""

@@ -12,7 +12,7 @@ from typing import TextIO
 import numpy as np
 
 from ...errors import InputError
-from ..table import Request, Table
+from ..table import RawTable, Request
 from .csv_layout import Layout, find_layout, number, split
 
 PIECE = 50_000  # lines
@@ -21,7 +21,7 @@ HEAD = 400  # lines, in which the layout shows
 MOST_BROKEN = 0.5  # of the rows: with more, the file is no table
 
 
-def read(path: pathlib.Path, request: Request) -> Table:
+def read(path: pathlib.Path, request: Request) -> RawTable:
     """The columns of a text file.
 
     Raises:
@@ -66,7 +66,7 @@ class _Gathered:
     first_broken: str = ""
 
 
-def _read(stream: TextIO, path: pathlib.Path, layout: Layout, request: Request) -> Table:
+def _read(stream: TextIO, path: pathlib.Path, layout: Layout, request: Request) -> RawTable:
     warnings = list(layout.notes)
     names = layout.names
     chosen = list(range(len(names)))
@@ -106,7 +106,7 @@ def _read(stream: TextIO, path: pathlib.Path, layout: Layout, request: Request) 
         if example is not None and cells.words[index]:
             warnings.append(f"{path.name}: {cells.words[index]} cells of column {name} are no numbers ({example}).")
         columns[name] = np.concatenate([piece[:, place] for piece in found.pieces]) if found.pieces else np.zeros(0)
-    return Table(columns, layout.first_row, text, warnings, layout.units, layout.headless)
+    return RawTable(columns, layout.first_row, text, warnings, layout.units, layout.headless)
 
 
 def _pieces(stream: TextIO) -> Iterator[list[str]]:

@@ -5,12 +5,12 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..names import guess
-from ..table import Request, Table
+from ..table import RawTable, Request
 
 Topics = dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]  # by topic: its stamps [s], its fields
 
 
-def joined(topics: Topics, request: Request) -> Table:
+def joined(topics: Topics, request: Request) -> RawTable:
     """One table: what is commanded is held until its next message, what is measured interpolated.
 
     The stamps are those of the topic that carries the torque; where none is mapped or known by its name, those of the
@@ -44,7 +44,7 @@ def joined(topics: Topics, request: Request) -> Table:
     if others:
         shown = ", ".join(others[:6]) + (f" and {len(others) - 6} more" if len(others) > 6 else "")
         warnings.append(f"Topics {shown} were interpolated onto the stamps of {base} (commands held).")
-    return Table(columns, first_row=1, warnings=warnings)
+    return RawTable(columns, first_row=1, warnings=warnings)
 
 
 def _base(topics: Topics, mapped: Mapping[str, str]) -> str:

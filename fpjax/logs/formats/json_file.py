@@ -9,13 +9,13 @@ import numpy as np
 
 from ...errors import InputError
 from ...output.json_object import TomlTable
-from ..table import Request, Table, add_column
+from ..table import RawTable, Request, add_column
 
 LARGEST = 1 << 30  # bytes: Python objects take ten times the space of their text
 DEEPEST = 6
 
 
-def read(path: pathlib.Path, request: Request) -> Table:
+def read(path: pathlib.Path, request: Request) -> RawTable:
     """The columns of a JSON file.
 
     Raises:
@@ -37,7 +37,7 @@ def read(path: pathlib.Path, request: Request) -> Table:
             f'{path.name} holds no columns of numbers: write {{"time": [...], "torque": [...], "velocity": [...]}} '
             f"or a list of such rows."
         )
-    return Table(columns, first_row=0, text=text)
+    return RawTable(columns, first_row=0, text=text)
 
 
 def _parsed(path: pathlib.Path) -> Any:

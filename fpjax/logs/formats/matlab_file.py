@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ..table import Request, Table, need
+from ..table import RawTable, Request, need
 from .numpy_file import add_array
 
 
-def read(path: pathlib.Path, request: Request) -> Table:
+def read(path: pathlib.Path, request: Request) -> RawTable:
     """The vectors of a .mat file; structs are flattened with dots ("log.velocity"), single numbers left out.
 
     Raises:
@@ -34,7 +34,7 @@ def read(path: pathlib.Path, request: Request) -> Table:
     columns: dict[str, np.ndarray] = {}
     text: dict[str, str] = {}
     _flatten(columns, text, "", content)
-    return Table(columns, first_row=1, text=text)
+    return RawTable(columns, first_row=1, text=text)
 
 
 def _read_hdf(path: pathlib.Path) -> Any:

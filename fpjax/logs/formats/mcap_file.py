@@ -5,11 +5,11 @@ import pathlib
 from collections.abc import Iterator
 
 from ...errors import InputError
-from ..table import Request, Table, need
+from ..table import Request, RawTable, need
 from .messages import Message, gathered
 
 
-def read(path: pathlib.Path, request: Request) -> Table:
+def read(path: pathlib.Path, request: Request) -> RawTable:
     """Every number in every message, as `messages.gathered` names them.
 
     Raises:

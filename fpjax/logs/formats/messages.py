@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ..table import Request, Table
+from ..table import Request, RawTable
 from .join import Topics, joined
 
 MOST_ELEMENTS = 16  # of an array field: joint states are short, images are not columns
 Message = tuple[str, int, Any]  # topic, time of logging [ns], what was decoded
 
 
-def gathered(messages: Iterable[Message], path: pathlib.Path, request: Request) -> Table:
+def gathered(messages: Iterable[Message], path: pathlib.Path, request: Request) -> RawTable:
     """Every number in every message, as columns "/topic.field" (array elements "/topic.field.0"), and "time".
 
     The stamps are those of the topic that carries the torque (see `join`): the header's stamp where a message has one,

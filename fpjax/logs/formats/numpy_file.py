@@ -5,10 +5,10 @@ import pathlib
 import numpy as np
 
 from ...errors import InputError
-from ..table import Request, Table
+from ..table import RawTable, Request
 
 
-def read(path: pathlib.Path, request: Request) -> Table:
+def read(path: pathlib.Path, request: Request) -> RawTable:
     """The arrays of an .npz file; single numbers and tables are left out.
 
     Raises:
@@ -25,7 +25,7 @@ def read(path: pathlib.Path, request: Request) -> Table:
             f"{path.name} is no archive of plain arrays ({(str(error).splitlines() or ['damaged'])[0][:60]}): "
             f"write it with numpy.savez(path, time=t, torque=u, velocity=w)."
         ) from error
-    return Table(columns, first_row=0, text=text)
+    return RawTable(columns, first_row=0, text=text)
 
 
 def add_array(columns: dict[str, np.ndarray], text: dict[str, str], name: str, value: object) -> None:

@@ -5,12 +5,12 @@ import pathlib
 import numpy as np
 
 from ...errors import InputError
-from ..table import Request, Table, add_column, need
+from ..table import RawTable, Request, add_column, need
 
 LARGE = 50_000_000  # numbers
 
 
-def read(path: pathlib.Path, request: Request) -> Table:
+def read(path: pathlib.Path, request: Request) -> RawTable:
     """The columns of a Parquet file.
 
     Raises:
@@ -34,4 +34,4 @@ def read(path: pathlib.Path, request: Request) -> Table:
     except Exception as error:  # pyarrow: its own family of errors, and OSError for a damaged file
         first = (str(error).splitlines() or [type(error).__name__])[0][:120]
         raise InputError(f"{path.name} is no Parquet file that can be read ({first}): export it again.") from error
-    return Table(columns, first_row=1, text=text, warnings=warnings)
+    return RawTable(columns, first_row=1, text=text, warnings=warnings)

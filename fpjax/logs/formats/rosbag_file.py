@@ -8,12 +8,12 @@ import urllib.parse
 from collections.abc import Iterator
 
 from ...errors import InputError
-from ..table import Request, Table
+from ..table import Request, RawTable
 from .cdr import KNOWN, Definitions, decode, parse_definitions, short_name
 from .messages import Message, gathered
 
 
-def read(path: pathlib.Path, request: Request) -> Table:
+def read(path: pathlib.Path, request: Request) -> RawTable:
     """Every number in every message whose type is known, as `messages.gathered` names them.
 
     Raises:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ..table import Request, Table
+from ..table import RawTable, Request
 from .join import Topics, joined
 
 _TYPES = {"double": "<f8", "float": "<f4", "int64": "<i8", "boolean": "?"}
@@ -27,7 +27,7 @@ class _Entry(NamedTuple):
     values: list[bytes]
 
 
-def read(path: pathlib.Path, request: Request) -> Table:
+def read(path: pathlib.Path, request: Request) -> RawTable:
     """Every number of every entry, as columns by the entry's name (array elements "name.0"), and "time".
 
     Raises:
