@@ -27,7 +27,7 @@ from .measured import constant_ratio, following
 from .measures import noise_level, rounding_step
 from .readings import filled, unread_rows, without_absurd
 from .resample import HELD, Uniform, every, to_grid
-from .table import Request, RawTable, from_arrays, read_table
+from .table import RawTable, Request, from_arrays, read_table
 from .units import find_unit
 from .words import signed
 

@@ -30,7 +30,7 @@ from fpjax.planning.rivals import (
 )
 from fpjax.planning.sight import make_sight
 from fpjax.planning.trajectory import SWEEP, Shape, make_course
-from fpjax.planning.trial import RunComparison, ExpectedRun
+from fpjax.planning.trial import ExpectedRun, RunComparison
 from fpjax.verbs import double_precision
 
 

@@ -5,7 +5,7 @@ import pathlib
 from collections.abc import Iterator
 
 from ...errors import InputError
-from ..table import Request, RawTable, need
+from ..table import RawTable, Request, need
 from .messages import Message, gathered
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ..table import Request, RawTable
+from ..table import RawTable, Request
 from .join import Topics, joined
 
 MOST_ELEMENTS = 16  # of an array field: joint states are short, images are not columns

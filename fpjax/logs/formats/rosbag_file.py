@@ -8,7 +8,7 @@ import urllib.parse
 from collections.abc import Iterator
 
 from ...errors import InputError
-from ..table import Request, RawTable
+from ..table import RawTable, Request
 from .cdr import KNOWN, Definitions, decode, parse_definitions, short_name
 from .messages import Message, gathered
 
