@@ -179,3 +179,9 @@ def test_an_interval_that_nobody_knows_is_not_printed():
     lost = dataclasses.replace(full, ranking=(dataclasses.replace(first, parameters={"delay": bounded}), *rest))
     assert "delay 0 s (at a bound)" in str(lost)
     assert "nan" not in str(lost)
+
+
+def test_what_is_traded_off_is_not_called_unknown_where_its_interval_is_narrow():
+    assert words.state_meaning("traded off with viscous", 0.3) == "only their combination is fixed"
+    assert "small error" in words.state_meaning("traded off with viscous", 1e-4)
+    assert words.state_meaning("pinned", 1e-4) == "this log fixes it"

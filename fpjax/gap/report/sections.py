@@ -230,7 +230,8 @@ def identifiability(diagnosis: Diagnosis) -> str:
         )
     rows = []
     for fixing in diagnosis.identifiability:
-        meaning = state_meaning(fixing.verdict)
+        size = abs(fixing.value)
+        meaning = state_meaning(fixing.verdict, fixing.standard_deviation / size if size > 0.0 else math.inf)
         state = f"{text(parameter_name(fixing.verdict))}{f'<small>{text(meaning)}</small>' if meaning else ''}"
         rows.append(
             (

@@ -1,5 +1,6 @@
 """The vocabulary in a reader's words: what an effect is called, what it means, and how a linear axis says it."""
 
+import math
 from dataclasses import dataclass
 
 from ..answer.told import PLACES
@@ -53,6 +54,7 @@ EFFECTS = {
 }
 
 # What to make of a parameter's state, by how the state begins.
+KNOWN = 0.02  # standard deviation over value below which a parameter is known, whatever it is traded off with
 STATE_MEANINGS = {
     "pinned": "this log fixes it",
     "traded": "only their combination is fixed",
@@ -111,8 +113,15 @@ def parameter_name(parameter: str) -> str:
     return _spell(parameter)
 
 
-def state_meaning(state: str) -> str:
-    """What a parameter's state means, "" for one that is not known here."""
+def state_meaning(state: str, uncertainty: float = math.inf) -> str:
+    """What a parameter's state means, "" for one that is not known here.
+
+    Args:
+        state: of the parameter.
+        uncertainty: standard deviation over value [1]: what is traded off may be known well enough all the same.
+    """
+    if state.startswith("traded") and uncertainty < KNOWN:
+        return "its small error goes with the other's"
     return next((meaning for start, meaning in STATE_MEANINGS.items() if state.startswith(start)), "")
 
 
