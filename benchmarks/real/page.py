@@ -57,7 +57,8 @@ def _section(one: JsonObject, out: Path, folder: Path, page: Path) -> list[str]:
     lines = [
         f"## {one['case']}",
         "",
-        f"{one['question'][:1].upper()}{one['question'][1:]}. *{one['records']}; {one['source']}.*",
+        f"{one['question'][:1].upper()}{one['question'][1:].rstrip('.')}{'' if one['question'].endswith('?') else '.'} "
+        f"*{one['records']}; {one['source']}.*",
         "",
     ]
     if one["error"]:

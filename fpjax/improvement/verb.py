@@ -175,10 +175,11 @@ def improve_known(
     wins = float(np.mean(ratios < 1.0))
     middle = range_of(ratios, "1")
     if chosen:
-        better = 1.0 - middle.value
+        better, least, most = (f"{1.0 - each:.0%}" for each in (middle.value, middle.high, middle.low))
+        between = "" if least == most else f" ({least} to {most})"
         reason = (
-            f"The tracking error becomes {better:.0%} smaller ({1.0 - middle.high:.0%} to {1.0 - middle.low:.0%}) and "
-            f"smaller in {wins:.0%} of {judged_on.count} machines that the log leaves possible."
+            f"The tracking error becomes {better} smaller{between} and smaller in {wins:.0%} of {judged_on.count} "
+            "machines that the log leaves possible."
         )
         if known.verdict == "unexplained":
             reason = f"Expected, not promised (the diagnosis does not explain this log): t{reason[1:]}"
