@@ -1,7 +1,7 @@
 """What is measured on a run: accumulators that ride in the scan's carry, and step information of a recorded trace."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -344,8 +344,8 @@ def _torque(signals: Signals) -> Array:
 
 
 def step_info(
-    time: ArrayLike | Sequence[float],
-    response: ArrayLike | Sequence[float],
+    time: ArrayLike,
+    response: ArrayLike,
     *,
     final_value: float | None = None,
     settling: float = 0.02,

@@ -57,5 +57,6 @@ def test_what_the_sampling_blurs_is_never_known_better(width):
 def test_a_size_that_may_be_nothing_is_not_shown(monkeypatch, low, value, high, hidden):
     monkeypatch.setattr(shown, "estimates", lambda *_: {"gap": Estimate(value, low, high, "rad")})
     effects = [SimpleNamespace(name=name) for name in ("backlash", "asymmetric_friction")]
-    fit = SimpleNamespace(candidate=SimpleNamespace(effects=effects))
+    family = SimpleNamespace(parameters=[])
+    fit = SimpleNamespace(candidate=SimpleNamespace(effects=effects, family=family, free=(), wide=frozenset()))
     assert shown.not_shown(None, fit, np.zeros((1, 1))) == (frozenset({"backlash"}) if hidden else frozenset())

@@ -205,16 +205,25 @@ def test_the_chosen_causes_with_details_beside_them_are_no_rival():
 
 
 def test_an_effect_is_measured_by_what_no_choice_of_the_numbers_closes():
-    chosen = weighed("friction_drift", 500.0, wide=("inertia",))
-    shares = {"inertia_error": 0.74, "friction_drift": 0.055}
-    assert judged(chosen, [], shares=shares, numbers=1.0).causes == ("inertia_error", "friction_drift")
+    chosen = weighed("friction_drift", 500.0, wide=("inertia", "coulomb"))
+    guess = {"inertia_error": 0.6, "coulomb_error": 0.14}
+    shares = guess | {"friction_drift": 0.055}
+    numbers = ("inertia_error", "coulomb_error")
+    assert judged(chosen, [], shares=shares, numbers=1.0).causes == (*numbers, "friction_drift")
     # What the numbers leave is nearly all the drift's.
-    assert judged(chosen, [], shares=shares, numbers=0.24).causes == ("friction_drift", "inertia_error")
-    small = {"inertia_error": 0.74, "friction_drift": 0.03}
-    assert judged(chosen, [], shares=small, numbers=1.0).causes == ("inertia_error",)
-    assert judged(chosen, [], shares=small, numbers=0.2).causes == ("friction_drift", "inertia_error")
+    assert judged(chosen, [], shares=shares, numbers=0.24).causes == ("friction_drift", *numbers)
+    small = guess | {"friction_drift": 0.03}
+    assert judged(chosen, [], shares=small, numbers=1.0).causes == numbers
+    assert judged(chosen, [], shares=small, numbers=0.2).causes == ("friction_drift", *numbers)
     # Unless that is next to nothing beside the torque.
-    assert judged(chosen, [], shares=small, numbers=0.2, before=0.5).causes == ("inertia_error",)
+    assert judged(chosen, [], shares=small, numbers=0.2, before=0.2).causes == numbers
+
+
+def test_one_wrong_number_beside_right_ones_stands_where_its_share_of_the_gap_puts_it():
+    chosen = weighed("constant_torque", 500.0, wide=("viscous",))
+    shares = {"viscous_error": 0.88, "constant_torque": 0.07}
+    assert judged(chosen, [], shares=shares, numbers=0.27).causes == ("viscous_error", "constant_torque")
+    assert judged(chosen, [], shares={"viscous_error": 0.2, "constant_torque": 0.7}).causes[0] == "constant_torque"
 
 
 def test_an_effect_whose_size_may_be_nothing_is_not_asserted():

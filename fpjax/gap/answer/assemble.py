@@ -21,7 +21,7 @@ from ..select.verdict import ROUNDING, Verdict, material
 from .corrected import corrected_model
 from .course import Course
 from .curves import Curves
-from .diagnosis import Comparison, Diagnosis, Ranked, Step
+from .diagnosis import Comparison, Diagnosis, Gap, Ranked, Step
 from .intervals import identifiability, linear_unit, read_estimates
 from .judge import Read, judge
 from .learned import learn
@@ -81,7 +81,7 @@ def assemble(
         gap = replace(gap, learned=size, learned_interval=spread_of_it)
         learned_text, _ = corrected_model(model, with_reading(machine_of(laws.fit.candidate), read_values), step)
     clock("closed loop")
-    said = [*_at_bounds(chosen, linear), *warnings]
+    said = [*_at_bounds(chosen, linear), *_beyond_torque(gap, torque), *warnings]
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
     tracking = tracking_error(model, [in_one_piece(record) for record in records], *sides, said)
     clock("where")
@@ -119,6 +119,17 @@ def assemble(
             left_open(decision, found.causes, {one.effect: one.cause_probability for one in ranking.entries}),
         ),
     )
+
+
+def _beyond_torque(gap: Gap, torque: float) -> list[str]:
+    """Said where more torque is missing than was commanded."""
+    if not gap.before > torque:
+        return []
+    return [
+        f"The nominal model misses {gap.before:.3g} {gap.unit} where {torque:.3g} {gap.unit} rms were commanded: its "
+        f"inertia, a unit, or the times at which the position was read are likelier wrong than its friction. Check "
+        f"them before any cause named here."
+    ]
 
 
 def _instead(read: Sequence[Reading], allowed: tuple[str, ...]) -> dict[str, tuple[str, ...]]:

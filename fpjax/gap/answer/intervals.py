@@ -84,7 +84,7 @@ def estimates(search: Search, fit: Fit, effect: Effect, spread: Values | None) -
     for key, (value, unit) in center.items():
         half = NINETY * float(np.sqrt(max(gradients[key] @ spread @ gradients[key], 0.0)))
         touches = bool(np.any(bounded & (gradients[key] != 0.0)))
-        half = half if half > 0.0 or not touches else float("nan")  # no interval is better than one of no width
+        half = float("nan") if touches else half  # how far a bound held it back is not known
         result[key] = Estimate(value, value - half, value + half, linear_unit(unit, linear), touches)
     return result
 

@@ -10,8 +10,10 @@ import numpy as np
 from ...errors import InputError
 from ...logs import Log
 from ...logs.measures import is_derived
+from ...logs.stamps import stamp_jitter
 from .channel import Channel, common_noise, make_channel
 from .motion import motion
+from .split import every_fourth
 from .tables import TAPS, Tables
 
 SECONDS = (0.5, 1.0)  # least and most of a window: about the time from one reversal to the next
@@ -130,6 +132,10 @@ def _columns(log: Log, inertia: float) -> tuple[Channel | None, Channel | None, 
     velocity = None if log.velocity is None else make_channel(log.velocity)
     position = None if log.position is None else make_channel(log.position)
     if velocity is not None and position is not None:
+        # A reading taken off its stamp is off by the way in between, however quiet the encoder is at rest.
+        late = stamp_jitter(velocity.values, position.values, float(log.dt)) or 0.0
+        moved = late * float(np.sqrt(np.mean(velocity.values**2)))
+        position = replace(position, noise=float(np.hypot(position.noise, moved)))
         torque = float(np.sqrt(np.mean(np.square(log.torque))))
         enough = _resolved(None, position, inertia, SECONDS[1], float(log.dt)) < RESOLVED * torque
         if enough or is_derived(velocity.values, position.values):
@@ -192,13 +198,7 @@ def _record(
     elif total > MOST:  # whole pairs of windows, spread evenly
         pairs = np.arange(len(starts)) // 2
         starts = starts[np.floor((pairs + 1) * MOST / total) > np.floor(pairs * MOST / total)]
-    withheld = np.full(len(starts), side == "all")
-    if side == "blocks":
-        # Whole blocks of two windows; every fourth, now and then moved by one so that they do not beat with laps.
-        block = np.arange(len(starts)) // (2 if len(starts) >= 16 else 1)
-        withheld = block % 4 == np.where(block // 4 % 4 == 0, 3, 2)
-        if not np.any(withheld):
-            withheld[-1] = True
+    withheld = every_fourth(len(starts)) if side == "blocks" else np.full(len(starts), side == "all")
     reading = velocity if velocity is not None or log.velocity is None else make_channel(log.velocity)
     velocity, position, reading = (_part(channel, kept) for channel in (velocity, position, reading))
     main = velocity if velocity is not None else position

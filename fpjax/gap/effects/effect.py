@@ -28,6 +28,7 @@ class EffectParameter:
         scale: typical size, for the fit's steps.
         path: dotted name of the leaf of `Machine`, "law." standing for the static friction law; "" where the effect's
             `apply` sets it.
+        reach: of one step of a fit: beyond it the parameter says another thing than where the step was computed.
         blur: standard deviation that the sampling of a log leaves it, however well a model follows; 0 for none.
     """
 
@@ -38,6 +39,7 @@ class EffectParameter:
     high: Size
     scale: Size
     path: str = ""
+    reach: Size = lambda setting: float("inf")
     blur: Size = lambda setting: 0.0
 
 

@@ -62,6 +62,7 @@ def _periods(name: str, start: float, least: float, path: str) -> EffectParamete
         lambda s: most_periods(s),
         _constant(0.05),
         path,
+        reach=lambda s: 0.25 * fewest_periods(s),  # as far the sines still agree over the travel
     )
 
 
@@ -125,7 +126,7 @@ STRIBECK_EXPONENT = EffectParameter(
     _constant(4.0),
     _constant(0.5),
     "law.stribeck_exponent",
-    lambda s: 1.0,
+    blur=lambda s: 1.0,
 )
 DEFLECTION = EffectParameter(
     "bristle_deflection",
@@ -153,7 +154,7 @@ BRISTLE_EXPONENT = EffectParameter(
     _constant(3.0),
     _constant(0.5),
     "plant.friction.exponent",
-    lambda s: 1.0,
+    blur=lambda s: 1.0,
 )
 RIPPLE = tuple(
     _amplitude(f"ripple_{part}_{order + 1}", f"law.position_{part}.{order}")
@@ -199,6 +200,10 @@ COGGING = tuple(
 )
 COGGING_PERIODS = _periods("cogging_periods", 6.0, 1.5, "plant.load.parts.2.periods")
 OFFSET = _amplitude("torque", "actuator.offset")
+AMPLITUDES = frozenset(
+    p.name for p in (COULOMB_DIFFERENCE, STRIBECK_TORQUE, DRIFT, OFFSET, *RIPPLE, *UNBALANCE, *COGGING)
+)
+"""Torques whose largest value is no property of the machine, but more than the log's torques could have held."""
 GAIN = EffectParameter("gain", "1", _constant(1.0), _constant(0.2), _constant(5.0), _constant(0.1), "actuator.gain")
 
 
@@ -235,7 +240,7 @@ def _between_samples(setting: Setting) -> float:
 
 
 GAP = EffectParameter(
-    "gap", "rad", _ZERO, _ZERO, _times("speed", 0.05), _times("speed", 1e-3), "plant.gap", _between_samples
+    "gap", "rad", _ZERO, _ZERO, _times("speed", 0.05), _times("speed", 1e-3), "plant.gap", blur=_between_samples
 )  # fmt: skip
 # A resonance that the data can show: at least one period a window, and at most a third of half the sampling rate.
 FREQUENCY = EffectParameter(

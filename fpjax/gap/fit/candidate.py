@@ -35,6 +35,7 @@ class Candidate:
         center: of the prior of the free ones.
         spread: standard deviation of that prior.
         scale: typical size of a step of the free ones.
+        reach: largest step of the free ones.
         states: start values of all windows of all records, a list of arrays (states, windows), as deviations.
         hidden: centre of the hidden states, a list of arrays (2, windows).
         level: q of the missing torque by octave [N m], shape (bands,).
@@ -56,6 +57,7 @@ class Candidate:
     center: Values
     spread: Values
     scale: Values
+    reach: Values
     states: list[Values]
     hidden: list[Values]
     level: Values = field(default_factory=lambda: np.zeros(0))
@@ -137,6 +139,7 @@ def make_candidate(
     low = np.array([p.low(setting) for p in parameters])
     high = np.array([p.high(setting) for p in parameters])
     scale = np.array([p.scale(setting) for p in parameters])
+    reach = np.array([p.reach(setting) for p in parameters])
     center, spread = np.clip(neutral[free], low, high), 0.25 * (high - low)
     sizes = nominal_sizes(setting)
     for i, p in enumerate(parameters):
@@ -152,8 +155,8 @@ def make_candidate(
     states = [np.zeros((family.states, len(record.starts))) for record in records]
     hidden = [np.zeros((2, len(record.starts))) for record in records]
     return Candidate(
-        tuple(effects), frozenset(wide) - set(own), family, vector, free, low, high, center, spread, scale, states,
-        hidden,
+        tuple(effects), frozenset(wide) - set(own), family, vector, free, low, high, center, spread, scale, reach,
+        states, hidden,
     )  # fmt: skip
 
 

@@ -178,12 +178,14 @@ class Fitter:
         """Twice the negative log likelihood of windows, shape (windows,)."""
         return self.modes.cost(c.level, self.noise[which][windows], coefficients, white=c.white)
 
-    def _state_prior(self, c: Candidate, which: int, windows: Values, *, hidden: bool) -> Values:
+    def state_prior(self, c: Candidate, which: int, windows: Values, *, hidden: bool) -> Values:
+        """Twice the negative log prior of the start states of windows, shape (windows,)."""
         deviation = self.deviations(c, which, hidden=hidden)
         live = deviation > 0
         return np.sum((c.states[which][live][:, windows] / deviation[live][:, None]) ** 2, axis=0)
 
-    def _parameter_prior(self, c: Candidate) -> float:
+    def parameter_prior(self, c: Candidate) -> float:
+        """Twice the negative log prior of the free parameters."""
         return float(np.sum(((c.vector[c.free] - c.center) / c.spread) ** 2))
 
     def torques(self, c: Candidate, windows: Windows) -> Values:
@@ -261,15 +263,15 @@ class Fitter:
                 c.white = white
                 c.level = self.best_level([(p.which, p.windows, p.c) for p in parts], white=white)
             c.cost = sum(float(np.sum(self.window_costs(c, p.which, p.windows, p.c))) for p in parts)
-            c.cost += sum(float(np.sum(self._state_prior(c, p.which, p.windows, hidden=hidden))) for p in parts)
+            c.cost += sum(float(np.sum(self.state_prior(c, p.which, p.windows, hidden=hidden))) for p in parts)
             torques = self.torques(c, windows)
             shown.append(torques)
-            c.cost += self._parameter_prior(c) + self.log_volume(c, torques)
+            c.cost += self.parameter_prior(c) + self.log_volume(c, torques)
             trials.append(self._steps(c, parts, c.damping * np.array(DAMPINGS), torques, hidden=hidden))
         everything = [trial for group in trials for trial in group]
         costs = np.array(
             [
-                self._parameter_prior(c) + self.log_volume(c, torques)
+                self.parameter_prior(c) + self.log_volume(c, torques)
                 for group, torques in zip(trials, shown, strict=True)
                 for c in group
             ]
@@ -283,7 +285,7 @@ class Fitter:
                     own = self.window_costs(c, which, np.tile(chosen, tries), np.concatenate(found[some]))
                     costs[some] += np.sum(own.reshape(tries, -1), axis=1)
                 for index, trial in enumerate(everything):
-                    costs[index] += np.sum(self._state_prior(trial, which, chosen, hidden=hidden))
+                    costs[index] += np.sum(self.state_prior(trial, which, chosen, hidden=hidden))
         costs = np.where(np.isfinite(costs), costs, np.inf).reshape(len(active), -1)
         for c, group, cost in zip(active, trials, costs, strict=True):
             best = int(np.argmin(cost))
@@ -310,7 +312,8 @@ class Fitter:
         for place, damping in enumerate(dampings):
             step = _bounded(c, matrix[place] + prior, slope[place] + pull, damping) if count else np.zeros(0)
             vector = c.vector.copy()
-            vector[c.free] = np.clip(vector[c.free] + step * c.scale, c.low, c.high)
+            move = np.clip(step * c.scale, -c.reach, c.reach)
+            vector[c.free] = np.clip(vector[c.free] + move, c.low, c.high)
             step = (vector[c.free] - c.vector[c.free]) / c.scale
             states = [value.copy() for value in c.states]
             for part, live, solved, deviation in kept:

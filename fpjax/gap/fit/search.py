@@ -7,6 +7,7 @@ import numpy as np
 
 from ..data.record import Record, tables_of, with_noise
 from ..data.setting import Setting
+from ..data.split import fairer_split
 from ..data.tables import Tables
 from ..effects.effect import Effect
 from ..precision import double_precision
@@ -15,9 +16,10 @@ from ..simulate.hidden import Observer
 from .band import highest_of_speed, level_with_bursts, real_noise
 from .candidate import NOMINAL, Candidate, Fit, make_candidate
 from .contacts import contact_starts
-from .least_squares import Fitter, Linear
+from .least_squares import Fitter
 from .modes import Modes, make_modes
 from .periods import repeating_periods, turning_weight
+from .score import score
 
 Values = np.ndarray
 
@@ -28,7 +30,6 @@ STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # steps on all fitted windows, and
 SCREENED, AFTER = 0.58, (0.66, 0.7, 0.73, 0.82)
 HEAVY = 3.0  # times the time of a rigid candidate that one with a transmission takes
 COLOURED = 25  # steps with a level of the missing torque for each octave
-PROPER = 3  # steps for the start states of withheld windows
 BAND = 0.25  # of the Nyquist frequency: above it lie the drive's own sampling and rounding, and no cause of a gap
 
 
@@ -72,35 +73,58 @@ class Search:
         if abs(np.log(scale)) > 0.1:
             records = with_noise(records, scale)
         self._prepare(records, self._material_modes())
-        base = self._base(wide=NOMINAL)
-        self.base = base
-        """The nominal model with its numbers free."""
         self.exact = self._base(wide=None)
         """The nominal model as it was given."""
-        self._look_for_starts()
-        self.band = self.modes.wiener(
-            level_with_bursts(self.modes, self.exact.level, self._coefficients(self.exact)), np.ones(1)
-        )[0]
+        self.band = self._band()
         """Wiener filter of the nominal model's missing torque, by which every model's is told, shape (modes,)."""
+        if self._split_fairly():
+            self.exact = self._base(wide=None)
+            self.band = self._band()
+        self.base = self._base(wide=NOMINAL)
+        """The nominal model with its numbers free."""
+        self._look_for_starts()
         self.moves = 1.0 / (1.0 + (self.modes.frequency / highest_of_speed(records)) ** 2)
         """Share of a torque's energy that is felt in the motion, shape (modes,): above the frequencies that the log's
         speed holds, a torque moves the machine less and less, and a reading's noise looks like more and more of it."""
-        self.real_noise = real_noise(self.modes, base.level, self._coefficients(base))
+        self.real_noise = real_noise(self.modes, self.base.level, self._coefficients(self.base))
         """Variance of modes that hold hardly any torque, over what the sensors' noise says [1], at most 1."""
 
     def _prepare(self, records: list[Record], most: int) -> None:
         self.records = records
         with double_precision():
             self.tables: list[Tables] = [tables_of(record) for record in records]
-        self.train = [np.flatnonzero(~record.withheld) for record in records]
-        self.withheld = [np.flatnonzero(record.withheld) for record in records]
+        self._divide()
         first = records[0]
         rate = 0.0 if first.velocity is None else first.velocity.noise
         angle = 0.0 if first.position is None else first.position.noise
         self.modes: Modes = make_modes(first.samples, first.dt, self.setting.inertia, rate, angle, most)
         self.fitters: dict[Key, Fitter] = {}
         self.observers: dict[Key, Observer] = {}
+
+    def _divide(self) -> None:
+        self.train = [np.flatnonzero(~record.withheld) for record in self.records]
+        self.withheld = [np.flatnonzero(record.withheld) for record in self.records]
         self._screen: list[Values] = []
+
+    def _band(self) -> Values:
+        level = level_with_bursts(self.modes, self.exact.level, self._coefficients(self.exact))
+        return self.modes.wiener(level, np.ones(1))[0]
+
+    def _split_fairly(self) -> bool:
+        """Withhold other windows where those that are withheld, or those that are not, hold hardly any of the gap.
+
+        Returns:
+            Whether other windows are withheld now.
+        """
+        if any(np.all(record.withheld) for record in self.records):
+            return False  # whole logs are withheld: the user's choice
+        self.real_noise = 1.0
+        fairer = fairer_split(score(self, self.exact).missing)
+        if fairer is None:
+            return False
+        self.records = [replace(r, withheld=own) for r, own in zip(self.records, fairer, strict=True)]
+        self._divide()
+        return True
 
     # --- families
 
@@ -158,6 +182,17 @@ class Search:
             self.setting, periods=periods, contacts=contacts, weight=turning_weight(given, record)
         )  # fmt: skip
 
+    def setting_beside(self, c: Candidate) -> Setting:
+        """Sizes with the periods and the weight that what a candidate leaves shows: starts of a further cause.
+
+        What the first cause makes hides them in the nominal model's missing torque.
+        """
+        which = max(range(len(self.records)), key=lambda i: len(self.train[i]))
+        course, record = self.missing_course(c)[which], self.records[which]
+        return replace(
+            self.setting, periods=repeating_periods(course, record, self.setting), weight=turning_weight(course, record)
+        )  # fmt: skip
+
     def _noise_scale(self, base: Candidate) -> float:
         """By what the sensors' noise is larger than its differences say [1]."""
         fitter = self.fitters[base.family.key]
@@ -204,11 +239,11 @@ class Search:
                 continue
             done = 0
             while done < steps and (active := [c for c in group if not c.converged]):
-                self._observe(active, windows)
+                self.observe(active, windows)
                 fitter.go_on(active, windows, min(3, steps - done), white=white)
                 done += 3
 
-    def _observe(self, candidates: Sequence[Candidate], windows: Sequence[Values]) -> None:
+    def observe(self, candidates: Sequence[Candidate], windows: Sequence[Values]) -> None:
         """Hidden states at the windows' starts: the observer's, the end of the window before, a face of the backlash;
         in every window the one that fits best.
         """
@@ -254,7 +289,7 @@ class Search:
         for c, out in zip(candidates, fitter.coefficients(candidates, which, chosen), strict=True):
             if not len(c.level):
                 c.level, c.white = fitter.best_level([(which, chosen, out)], white=True), True
-            cost = fitter.window_costs(c, which, chosen, out) + fitter._state_prior(c, which, chosen, hidden=True)
+            cost = fitter.window_costs(c, which, chosen, out) + fitter.state_prior(c, which, chosen, hidden=True)
             found.append(np.where(np.isfinite(cost), cost, np.inf))
         return found
 
@@ -349,55 +384,4 @@ class Search:
         for c in candidates:
             c.converged, c.damping = False, min(c.damping, 1.0)
         self.go_on(candidates, self.train, steps, white=False)
-        return [self._score(c) for c in candidates]
-
-    def _score(self, c: Candidate) -> Fit:
-        fitter = self.fitters[c.family.key]
-        parts = fitter.linearise([c], self.train)[0]
-        c.level, c.white = fitter.best_level([(p.which, p.windows, p.c) for p in parts], white=False), False
-        evidence = self._log_evidence(c, fitter, parts)
-        fixed = replace(
-            c, free=np.zeros(0, int), low=np.zeros(0), high=np.zeros(0), center=np.zeros(0), spread=np.ones(0),
-            scale=np.zeros(0), states=[s.copy() for s in c.states], hidden=[h.copy() for h in c.hidden],
-            converged=False, damping=1e-3,
-        )  # fmt: skip
-        for s, chosen in zip(fixed.states, self.withheld, strict=True):
-            s[:, chosen] = 0.0
-        if c.family.key in self.observers:
-            self._observe([fixed], self.withheld)
-            for s, chosen in zip(fixed.states, self.withheld, strict=True):
-                s[2:, chosen] = 0.0
-        fitter.go_on([fixed], self.withheld, PROPER, white=False, hidden=False, adapt=False)
-        if any(len(chosen) for chosen in self.withheld):
-            withheld = fitter.linearise([fixed], self.withheld, hidden=False)[0]
-            evidence += self._log_evidence(fixed, fitter, withheld, hidden=False)
-            parts = [*parts, *withheld]
-        c.states, c.hidden = fixed.states, fixed.hidden
-        return Fit(c, evidence, self._missing(c, parts, fitter), self.modes.mean_level(c.level, self.band))
-
-    def _log_evidence(self, c: Candidate, fitter: Fitter, parts: list[Linear], *, hidden: bool = True) -> float:
-        cost = fitter._parameter_prior(c)
-        chosen = [np.zeros(0, int) for _ in self.records]
-        for p in parts:
-            chosen[p.which] = p.windows
-        cost += fitter.log_volume(c, fitter.torques(c, chosen))
-        for p in parts:
-            cost += float(np.sum(fitter.window_costs(c, p.which, p.windows, p.c)))
-            cost += float(np.sum(fitter._state_prior(c, p.which, p.windows, hidden=hidden)))
-        matrix, _, _ = fitter.reduced(c, parts, np.zeros(1), hidden=hidden)
-        unit = c.spread / c.scale if len(c.free) else np.zeros(0)
-        c.normal = matrix[0]
-        precision = np.eye(len(unit)) + matrix[0] * unit[:, None] * unit
-        return -0.5 * (cost + c.occam + float(np.linalg.slogdet(precision)[1]))
-
-    def _missing(self, c: Candidate, parts: list[Linear], fitter: Fitter) -> tuple[Values, ...]:
-        """Mean square of the missing torque in each window [N^2 m^2], noise's share taken out."""
-        found = [np.full(len(record.starts), np.nan) for record in self.records]
-        weight = np.where(self.modes.sensor, 0.0, self.band**2 / np.where(self.modes.sensor, 1.0, self.modes.gain))
-        weight = weight * self.fitters[c.family.key].torque_scale(c) ** 2
-        for p in parts:
-            noise = self.real_noise * fitter.noise[p.which][p.windows]
-            found[p.which][p.windows] = (
-                (self.modes.plain(p.c) ** 2 - noise[:, None]) @ weight / self.records[p.which].samples
-            )
-        return tuple(found)
+        return [score(self, c) for c in candidates]

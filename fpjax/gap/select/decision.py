@@ -127,6 +127,7 @@ def decide(
     nominal = next(w for w in weighed if not w.structural)
     singles = [w for w in weighed if w.structural]
     chosen = _settled(search, exact, weighed[0])
+    tried = list(weighed)
     rivals, path, likely = weighed, [exact.fit], [effect.name for effect in search.effects]
     for size in range(2, thresholds.most_causes + 1):
         if not _worth_more(search, exact, chosen.fit, thresholds):
@@ -136,6 +137,7 @@ def decide(
         found = _weigh(search, exact, search.explore(_beside(search, bases, likely), PAIR_KEEP, white=False))
         if not found:
             break
+        tried += found
         best = _settled(search, exact, found[0])
         if not _better(search, exact, chosen, best, thresholds):
             break
@@ -148,7 +150,7 @@ def decide(
     stage("simpler causes", 0.0)
     chosen = _simpler(search, exact, chosen, thresholds)
     stage("what each cause takes", 0.0)
-    shares = _shares(search, exact, chosen.fit, [w.fit for w in (*weighed, *rivals)])
+    shares = _shares(search, exact, chosen.fit, [w.fit for w in tried])
     return Decision(exact.fit, nominal, tuple(singles), chosen, tuple(rivals), (*path, chosen.fit), shares)
 
 
@@ -183,7 +185,10 @@ def _shares(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> dic
         names += [f"{number}_error"] * 2
     best: dict[str, Fit] = {}
     for name, start, without in zip(names, starts, search.fitted(starts), strict=True):
-        same = [k for k in known if k.candidate.effects == start.effects and k.candidate.wide <= set(start.wide)]
+        same = [
+            k for k in known
+            if set(k.candidate.effects) == set(start.effects) and k.candidate.wide <= set(start.wide)
+        ]  # fmt: skip
         for one in (without, *same):
             if name not in best or one.evidence > best[name].evidence:
                 best[name] = one
@@ -214,7 +219,7 @@ def _beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> 
     """Every likely effect beside those of the bases, from its own starts and the base's fit."""
     starts = []
     for base in bases:
-        values = base.fit.candidate.values()
+        values, setting = base.fit.candidate.values(), search.setting_beside(base.fit.candidate)
         held = {p.name for e in base.fit.candidate.effects for p in e.parameters}
         for effect in search.effects:
             names = {*base.structural, effect.name}
@@ -224,7 +229,7 @@ def _beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> 
                 continue
             if any(pair <= names for pair in IMPOSSIBLE) or {p.name for p in effect.parameters} <= held:
                 continue
-            for start in effect.starts(search.setting):
+            for start in effect.starts(setting):
                 for wide in _nominal_for(effect):
                     # A twin of the nominal numbers starts from the numbers as they were given.
                     kept = values if wide else {k: v for k, v in values.items() if k not in NOMINAL}
@@ -321,7 +326,7 @@ def _simpler(search: Search, exact: Exact, chosen: Weighed, t: Thresholds) -> We
         for fit, more in options:
             lost = (chosen.fit.evidence - fit.evidence) / max(gained, 1e-300)
             one_factor = set(fit.candidate.structural) > set(chosen.structural)
-            if more < t.matters * whole and lost < (t.factor if one_factor else t.simpler):
+            if resolved(search, fit) and more < t.matters * whole and lost < (t.factor if one_factor else t.simpler):
                 near.append((fit, more))
         if not near:
             return chosen

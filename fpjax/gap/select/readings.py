@@ -135,10 +135,18 @@ def _compared(record: Record, late: Values) -> tuple[Values, slice, float, dict[
 
 
 def _line(x: Values, y: Values) -> tuple[float, float, float]:
-    """(scale, bias, mean square left) of y = scale x + bias."""
+    """(scale, bias, mean square left) of y = scale x + bias.
+
+    Noise of x makes the regression of y on x too flat, noise of y that of x on y too steep; the scale lies between them
+    (Frisch, "Statistical confluence analysis", 1934). It is the one nearest to 1: a scale that either side's noise
+    explains is no error, nor is the bias that would come of it where the machine turns one way.
+    """
     mean_x, mean_y = float(np.mean(x)), float(np.mean(y))
-    spread = float(np.mean((x - mean_x) ** 2))
-    scale = float(np.mean((x - mean_x) * (y - mean_y))) / max(spread, 1e-300)
+    spread, other = float(np.mean((x - mean_x) ** 2)), float(np.mean((y - mean_y) ** 2))
+    product = float(np.mean((x - mean_x) * (y - mean_y)))
+    flat = product / max(spread, 1e-300)
+    steep = other / product if product > 0.0 else flat
+    scale = float(np.clip(1.0, min(flat, steep), max(flat, steep)))
     bias = mean_y - scale * mean_x
     return scale, bias, float(np.mean((y - scale * x - bias) ** 2))
 

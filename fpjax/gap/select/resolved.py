@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..effects.parameters import AMPLITUDES
 from ..effects.vocabulary import stiffness_of
 from ..fit.candidate import Fit
 from ..fit.search import Search
@@ -17,7 +18,8 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     A spring absorbs at the end of what the data can show, overdamped, or so soft that friction winds it up by a good
     part of the travel: it follows any slow torque, and is no machine's transmission. A backlash may be overdamped, its
     contacts tell of it; without a gap it is such a spring. A ripple that passes faster than the samples can tell is one
-    of their own making.
+    of their own making. A torque amplitude that ends at its largest value, more than any torque of the log, is a
+    difference of two large torques that cancel each other over a short travel.
 
     Args:
         search: of the logs.
@@ -26,6 +28,8 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     """
     c, setting = fit.candidate, search.setting
     ends, values = set(c.at_bound()), c.values()
+    if any(values[name] != 0.0 for name in AMPLITUDES & ends):
+        return False
     speed = np.abs(np.concatenate([record.speed for record in search.records]))
     usual = float(np.median(speed[speed > MOVES * setting.speed]))
     for effect, periods in PERIODIC.items():

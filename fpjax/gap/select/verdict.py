@@ -125,18 +125,21 @@ def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, .
     """The causes of the chosen model without which a share that matters would come back, the largest first.
 
     A nominal number is measured by the whole gap, an effect by what no choice of the numbers would have closed: with
-    numbers that are guesses, most of a gap is theirs, and what is sought stands beside them. Of several effects, the
-    one that follows the dominant variable comes before what mends its details.
+    numbers that are guesses, most of a gap is theirs, and what is sought stands beside them. One wrong number beside
+    right ones is no guess: it comes where its share of the gap puts it. Of several effects, the one that follows the
+    dominant variable comes before what mends its details.
     """
     rest = float(np.clip(decision.nominal.left**2, 1e-12, 1.0))
     weight = {
         n: s if _is_number(n) else s / rest * believed(seen.curves, seen.follows.get(n, ()), t)
         for n, s in decision.shares.items()
     }
-    shown = decision.nominal.left * seen.before > t.slight * seen.torque
+    guessed = sum(_is_number(n) for n in weight) > 1
+    size = {n: w if guessed or _is_number(n) else w * rest for n, w in weight.items()}
+    shown = decision.nominal.left * seen.before > t.nothing * seen.torque
     names = [
         n
-        for n in sorted(weight, key=lambda n: -weight[n])
+        for n in sorted(size, key=lambda n: -size[n])
         if decision.shares[n] > t.matters or (shown and not _is_number(n) and weight[n] > t.beside)
     ]
     names = names or list(decision.chosen.structural[:1])

@@ -1,0 +1,66 @@
+"""What the encoder tells of the velocity column beside it, and how well it knows where it was."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fpjax.gap.data.record import make_records
+from fpjax.gap.select.readings import readings
+from fpjax.logs import Log
+
+
+def turning(*, scale=1.0, bias=0.0, jitter=0.0, seconds=20.0, dt=1e-3, seed=0):
+    """A machine that turns one way at a varying speed, its velocity column, and an encoder read off its stamps."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, seconds, dt)
+
+    def angle(at):
+        return 5.0 * at - 0.3 * np.cos(2.0 * np.pi * 0.7 * at) - 0.02 * np.cos(2.0 * np.pi * 9.0 * at)
+
+    def speed(at):
+        slow, fast = 0.7 * 2.0 * np.pi, 9.0 * 2.0 * np.pi
+        return 5.0 + 0.3 * slow * np.sin(slow * at) + 0.02 * fast * np.sin(fast * at)
+
+    position = angle(time + jitter * rng.standard_normal(time.size)) + 1e-5 * rng.standard_normal(time.size)
+    velocity = scale * speed(time) + bias + 1e-3 * rng.standard_normal(time.size)
+    torque = 0.2 * np.sign(speed(time)) + 0.01 * np.gradient(speed(time), dt)
+    return Log(time, torque, velocity, position, None, dt, "turning")
+
+
+def told(log):
+    (one,) = make_records([log], [], 0.01)
+    return {found.effect: found for found in readings(one, 0.01)}
+
+
+def test_a_bias_and_a_scale_are_found_where_the_machine_turns_one_way():
+    found = told(turning(scale=0.93, bias=0.4))
+    assert found["velocity_scale_error"].values["scale"][0] == pytest.approx(0.93, abs=0.01)
+    assert found["velocity_bias"].values["bias"][0] == pytest.approx(0.4, abs=0.06)
+
+
+def test_noise_of_the_encoder_is_no_bias_of_the_velocity():
+    """A regression on a noisy rate is too flat, its offset passes for a bias where the machine turns one way."""
+    log = turning()
+    noise = 4e-2 * np.random.default_rng(1).standard_normal(log.time.size)
+    found = told(dataclasses.replace(log, torque=2e4 * log.torque, position=log.position + noise))
+    assert abs(found["velocity_bias"].values["bias"][0]) < 0.02
+    assert found["velocity_scale_error"].values["scale"][0] == pytest.approx(1.0, abs=0.01)
+
+
+def test_an_encoder_that_is_read_off_its_stamps_knows_its_place_no_better_than_the_way_in_between():
+    """At rest it is quiet, and rest is most of this log."""
+    rng, dt = np.random.default_rng(2), 1e-3
+    time = np.arange(0.0, 20.0, dt)
+    speed = np.where(time % 5.0 < 1.0, 20.0 * np.sin(np.pi * (time % 5.0)) ** 2, 0.0)
+    late = 2e-4 * rng.standard_normal(time.size)
+    exact = dt * np.cumsum(speed)
+    velocity = speed + 1e-3 * rng.standard_normal(time.size)
+    noise = []
+    for off in (0.0 * late, late):
+        position = exact + off * speed + 1e-5 * rng.standard_normal(time.size)
+        log = Log(time, 50.0 * np.sign(np.gradient(speed)), velocity, position, None, dt, "resting")
+        (one,) = make_records([log], [], 0.01)
+        noise.append(one.position.noise)
+    assert noise[0] < 5e-5
+    assert noise[1] == pytest.approx(2e-4 * np.sqrt(np.mean(speed**2)), rel=0.4)

@@ -1,0 +1,56 @@
+"""What a log does not tell from nothing is not asserted, and what only cancels something else is no candidate."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fpjax.gap.answer.shown import not_shown
+from fpjax.gap.effects.vocabulary import EFFECTS
+from fpjax.gap.select.resolved import resolved
+
+BY_NAME = {effect.name: effect for effect in EFFECTS}
+SETTING = SimpleNamespace(inertia=4.8, coulomb=2.0, viscous=0.1, travel=6.0, friction=2.0, speed=5.0, dt=1e-3)
+
+
+def fitted(values, *, effects=(), wide=(), bounds=()):
+    """A fit whose free parameters are `values`, with those of `bounds` at an end of what is allowed."""
+    candidate = SimpleNamespace(
+        effects=tuple(BY_NAME[name] for name in effects),
+        structural=tuple(effects),
+        wide=frozenset(wide),
+        family=SimpleNamespace(parameters=[SimpleNamespace(name=name) for name in values]),
+        free=np.arange(len(values)),
+        scale=np.ones(len(values)),
+        values=lambda: dict(values),
+        at_bound=lambda: list(bounds),
+    )
+    return SimpleNamespace(candidate=candidate)
+
+
+def shown(values, deviations, **more):
+    records = [SimpleNamespace(linear=False, speed=np.full(100, 3.0))]
+    search = SimpleNamespace(setting=SETTING, records=records)
+    return not_shown(search, fitted(values, **more), np.diag(np.square(deviations)))
+
+
+@pytest.mark.parametrize(("deviation", "told"), [(2.6, False), (0.3, True)])
+def test_a_number_whose_interval_holds_the_number_as_given_is_not_wrong(deviation, told):
+    missing = shown({"inertia": 2.0}, [deviation], wide=("inertia",))
+    assert missing == (frozenset() if told else {"inertia_error"})
+
+
+@pytest.mark.parametrize(("value", "told"), [(1.05, False), (1.3, True)])
+def test_a_gain_whose_interval_holds_one_is_no_error(value, told):
+    missing = shown({"gain": value}, [0.05], effects=("torque_gain_error",))
+    assert missing == (frozenset() if told else {"torque_gain_error"})
+
+
+def test_two_large_torques_that_cancel_over_a_short_travel_are_no_candidates():
+    search = SimpleNamespace(setting=SETTING, records=[SimpleNamespace(speed=np.full(100, 3.0))])
+    values = {"unbalance_cosine": -10.0, "unbalance_sine": 1.0, "torque": 9.0}
+    effects = ("unbalance", "constant_torque")
+    assert resolved(search, fitted(values, effects=effects))
+    assert not resolved(search, fitted(values, effects=effects, bounds=("unbalance_cosine",)))
+    # A friction of none is at its bound too, and is no torque that cancels another.
+    assert resolved(search, fitted(values | {"stribeck_torque": 0.0}, effects=effects, bounds=("stribeck_torque",)))
