@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 def draw_inspection(found: "Inspection", path: Path) -> Path:
     """The columns over time, and friction over speed in bins with the fitted law over it."""
+    from ..logs.inspection import asks_for_a_position
+
     log = found.log
     names = [name for name in ("torque", "velocity", "position") if name in log.columns()]
     units = {column.name: column.unit for column in found.columns}
@@ -26,7 +28,7 @@ def draw_inspection(found: "Inspection", path: Path) -> Path:
         panels = axes[:, 0]
         for panel, name in zip(panels, names, strict=False):
             panel.plot(*thin(log.time, log.columns()[name]), color=BLUE, label=name)
-            tracked = "position" if log.velocity is None else "velocity"
+            tracked = "position" if asks_for_a_position(log) else "velocity"
             if log.reference is not None and name == tracked:
                 panel.plot(*thin(log.time, log.reference), color=GREY, linestyle="--", linewidth=0.9, label="reference")
                 panel.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)

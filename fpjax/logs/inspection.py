@@ -110,13 +110,12 @@ class Inspection:
         }
 
 
-def _asks_for_a_position(log: Log) -> bool:
-    """Whether the reference is more like the position than like the velocity."""
+def asks_for_a_position(log: Log) -> bool:
+    """Whether the reference is more like the position than like the velocity; of one motion alone, it is of that."""
     if log.reference is None or log.position is None or log.velocity is None:
-        return log.position is not None and log.velocity is None
-    off = [
-        np.std(np.asarray(log.reference) - motion) / (np.std(motion) or 1.0) for motion in (log.position, log.velocity)
-    ]
+        return log.velocity is None
+    reference = np.asarray(log.reference)
+    off = [np.std(reference - motion) / (np.std(motion) or 1.0) for motion in (log.position, log.velocity)]
     return bool(off[0] < off[1])
 
 
@@ -128,7 +127,7 @@ def inspect_log(log: Log) -> Inspection:
     travel, reversals = float(np.ptp(position)), count_reversals(speed, 0.05 * fast)
     nominal = fit_nominal(log)
     rate = "m/s" if log.linear else "rad/s"
-    reference = log.motion_unit if _asks_for_a_position(log) else rate
+    reference = log.motion_unit if asks_for_a_position(log) else rate
     units = {"torque": log.torque_unit, "velocity": rate, "position": log.motion_unit, "reference": reference}
     columns = [describe(name, units[name], values) for name, values in log.columns().items() if name != "time"]
     columns += [describe(name, "", values) for name, values in log.extra.items() if np.all(np.isfinite(values))]

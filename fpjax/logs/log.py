@@ -107,8 +107,11 @@ class Log:
         """
         from ..output.plotting import saved
         from ..output.run_picture import columns_figure
+        from .inspection import asks_for_a_position
 
-        units = {"position": self.motion_unit, "velocity": f"{self.motion_unit}/s", "torque": self.torque_unit}
+        rate = f"{self.motion_unit}/s"
+        units = {"position": self.motion_unit, "velocity": rate, "torque": self.torque_unit}
+        units["reference"] = self.motion_unit if asks_for_a_position(self) else rate
         columns = {name: values for name, values in self.columns().items() if name != "time"}
         return saved(columns_figure(self.time, columns, units, self.name), path)
 

@@ -1,5 +1,6 @@
 """The verbs as a user calls them: a file, a model or blocks; results that say, draw and tabulate themselves."""
 
+import dataclasses
 import pathlib
 import warnings
 
@@ -61,7 +62,10 @@ def test_a_log_and_its_estimation(run, tmp_path):
         np.asarray(run.time), np.asarray(run.signals["torque"]), np.asarray(run.signals["measured_velocity"]), None,
         None, 1e-3, "made up",
     )  # fmt: skip
-    log.plot(tmp_path / "log.png")
+    labels = [axes.get_ylabel() for axes in log.plot(tmp_path / "log.png").axes]
+    assert labels == ["torque [N m]", "velocity [rad/s]"]
+    asked = dataclasses.replace(log, reference=log.velocity + 1e-3).plot().axes[-1]
+    assert asked.get_ylabel() == "reference [rad/s]"
     assert (tmp_path / "log.png").exists()
     by_path = fp.estimate(log, GIMBAL)
     by_block = fp.estimate(log, fp.load_model(GIMBAL).loop.observer)
