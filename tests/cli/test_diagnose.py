@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from model_files import LARGE_BODY
 
 from fpjax.cli import main
 from fpjax.gap import Estimate
@@ -19,14 +20,9 @@ from fpjax.logs import read_log
 from fpjax.model_file import load_model
 from fpjax.output.folder_names import folder_names
 
-NOMINAL = """
-[plant]
-type = "one_mass"
-inertia = 10.0
-[friction]
-type = "coulomb_viscous"
-coulomb = 20.0
-viscous = 2.0
+NOMINAL = (
+    LARGE_BODY
+    + """
 steepness = 2000.0
 [controller]
 type = "pi"
@@ -42,6 +38,7 @@ duration = 4.0
 stepping = "sampled"
 substeps = 10
 """
+)
 
 
 @pytest.fixture(autouse=True)

@@ -4,6 +4,7 @@ import sys
 
 import numpy as np
 import pytest
+from model_files import LARGE_BODY
 from sentences import faults
 
 from fpjax.errors import InputError
@@ -11,18 +12,14 @@ from fpjax.gap import diagnose
 from fpjax.gap.data.inputs import about_noise
 from fpjax.logs import read_log
 
-MODEL = """
-[plant]
-type = "one_mass"
-inertia = 10.0
-[friction]
-type = "coulomb_viscous"
-coulomb = 20.0
-viscous = 2.0
+MODEL = (
+    LARGE_BODY
+    + """
 [simulation]
 dt = 1e-3
 stepping = "sampled"
 """
+)
 ROWS = 4000
 TIME = 1e-3 * np.arange(ROWS)
 RANDOM = np.random.default_rng(0)

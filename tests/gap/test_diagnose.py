@@ -10,6 +10,7 @@ import gap_machine
 import jax
 import numpy as np
 import pytest
+from model_files import SMALL_BODY
 
 import fpjax.gap
 from fpjax.blocks.friction import CoulombViscous
@@ -25,14 +26,9 @@ from fpjax.gap.precision import double_precision
 from fpjax.model_file import load_model
 from fpjax.output.runfile import plain
 
-MODEL = """
-[plant]
-type = "one_mass"
-inertia = 0.05
-[friction]
-type = "coulomb_viscous"
-coulomb = 0.4
-viscous = 0.03
+MODEL = (
+    SMALL_BODY
+    + """
 [controller]
 type = "pi"
 kp = 3.03  # 3 + ki dt: the log's own loop adds the error to its integral before it uses that
@@ -41,6 +37,7 @@ ki = 30.0
 dt = 1e-3
 stepping = "sampled"
 """
+)
 TORQUE = 0.12  # N m, added to the plant; the model knows nothing of it
 TRIED = tuple(e for e in EFFECTS if e.name in ("constant_torque", "asymmetric_friction", "velocity_bias"))
 

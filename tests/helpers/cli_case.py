@@ -6,18 +6,15 @@ import signal
 import subprocess
 import sys
 
+from model_files import LARGE_BODY
+
 from fpjax.cli.command_line import main
 
 REPO = pathlib.Path(__file__).parents[2]
 EMPS = REPO.parent / "shared" / "data" / "emps" / "DATA_EMPS.mat"
-SERVO = """
-[plant]
-type = "one_mass"
-inertia = 10.0
-[friction]
-type = "coulomb_viscous"
-coulomb = 20.0
-viscous = 2.0
+SERVO = (
+    LARGE_BODY
+    + """
 steepness = 100.0
 [controller]
 type = "pi"
@@ -36,6 +33,7 @@ dt = 1e-3
 duration = 1.0
 stepping = "sampled"
 """
+)
 
 
 def run(*words):

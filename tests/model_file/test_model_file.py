@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from model_files import same
+from model_files import LARGE_BODY, same
 
 import fpjax as fp
 from fpjax.blocks.friction.bristles import Bristles
@@ -18,14 +18,9 @@ from fpjax.blocks.servo_sensor import ServoSensor
 from fpjax.errors import InputError
 from fpjax.model_file import dump_model, load_model, simplified
 
-TEXT = """
-[plant]
-type = "one_mass"
-inertia = 10.0
-[friction]
-type = "coulomb_viscous"
-coulomb = 20.0
-viscous = 2.0
+TEXT = (
+    LARGE_BODY
+    + """
 [controller]
 type = "pi"
 kp = 150.0
@@ -42,6 +37,7 @@ frequency = 1.0
 dt = 1e-4
 duration = 0.5
 """
+)
 
 
 def changed(old, new):

@@ -3,18 +3,14 @@
 import pathlib
 
 import pytest
+from model_files import LARGE_BODY
 
 from fpjax.errors import InputError
 from fpjax.model_file import load_model
 
-MODEL = """
-[plant]
-type = "one_mass"
-inertia = 10.0
-[friction]
-type = "coulomb_viscous"
-coulomb = 20.0
-viscous = 2.0
+MODEL = (
+    LARGE_BODY
+    + """
 [controller]
 type = "pi"
 kp = 800.0
@@ -33,6 +29,7 @@ duration = 4.0
 stepping = "sampled"
 solver = "exact"
 """
+)
 RK4 = 'solver = "rk4"'
 LIMIT = "[actuator]\nlimit = 200.0\n"
 GALLERY = sorted((pathlib.Path(__file__).parents[2] / "examples" / "gallery").glob("*.toml"))
