@@ -163,6 +163,8 @@ class StandardDeviation(AbstractMeasure):
 
     def final(self, total: PyTree, samples: int) -> Array:
         """The standard deviation (population)."""
+        # One pass, so that only two sums ride in the carry. The difference of two large numbers: in single precision a
+        # mean of a thousand times the deviation leaves one digit.
         mean = total[0] / samples
         return safe_root(total[1] / samples - jnp.square(mean))
 
@@ -216,6 +218,7 @@ class GradientRootMeanSquare(AbstractMeasure):
 
     def final(self, total: PyTree, samples: int) -> Array:
         """The root mean square, in the quantity's unit per sample."""
+        # per sample and not per second, as Table 3.4 prints it: a figure belongs to its step
         return safe_root(total[0] / max(samples - 1, 1))
 
 
@@ -231,6 +234,7 @@ class CoulombTorqueError(AbstractMean):
     def term(self, signals: Signals) -> Array:
         """|(k - k_hat) sign(w)| [N m]; without an observer k_hat is zero."""
         estimate = signals.estimates.get("coulomb", jnp.zeros_like(signals.velocity))
+        # The sign makes it zero at rest, where the compensation is, too: an estimate's error costs nothing there.
         return jnp.abs((self.coulomb - estimate) * jnp.sign(signals.velocity))
 
 
@@ -315,6 +319,8 @@ class SettlingTime(AbstractMeasure):
         """Remember when the band was entered."""
         entered, was_outside = total
         error = jnp.abs(signals.estimates[self.name] - self.truth)
+        # Written as multiples of the carry: its precision and its batch axes stay, whatever the signals' are. What is
+        # not a number compares as outside.
         outside = jnp.where(error <= self.tolerance * jnp.abs(self.truth), 0.0 * was_outside, 0.0 * was_outside + 1.0)
         return jnp.where(was_outside > outside, signals.time, entered), outside
 
@@ -372,6 +378,7 @@ def step_info(
     relative = response / target
     low, high = (np.flatnonzero(relative >= fraction) for fraction in rise)
     outside = np.flatnonzero(np.abs(relative - 1.0) > settling)
+    # from the last sample outside on: a response that leaves the band again has not settled before
     settled = 0 if outside.size == 0 else int(outside[-1]) + 1
     peak = int(np.argmax(np.abs(response)))
     values = (

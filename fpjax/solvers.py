@@ -56,6 +56,7 @@ class Euler(AbstractSolver):
 
     name: ClassVar[str] = "euler"
     nodes: ClassVar[tuple[float, ...]] = (0.0,)
+    # Each limit is where |R(z)| = 1 on the negative real axis, R being the exponential's series to the method's order.
     stability_limit: ClassVar[float] = 2.0
 
     def advance(self, derivative: Callable[[int, PyTree], PyTree], state: PyTree, dt: Array) -> PyTree:
@@ -96,7 +97,7 @@ class RungeKutta4(AbstractSolver):
     """The classical Runge-Kutta method, fourth order."""
 
     name: ClassVar[str] = "rk4"
-    nodes: ClassVar[tuple[float, ...]] = (0.0, 0.5, 1.0)
+    nodes: ClassVar[tuple[float, ...]] = (0.0, 0.5, 1.0)  # the middle one is asked for twice
     stability_limit: ClassVar[float] = 2.7853
 
     def advance(self, derivative: Callable[[int, PyTree], PyTree], state: PyTree, dt: Array) -> PyTree:

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..blocks.plants.masses import OneMassState, SeriesTwoMassState
 from ..blocks.signals import PlantOutput
 from ..errors import InputError
 from ..loop import ClosedLoop
@@ -63,7 +64,8 @@ def replay_mujoco(
     model.opt.timestep = dt / substeps
     data = mujoco.MjData(model)
     plant: Any = state.plant
-    sides = ("motor_", "load_") if model.nv > 1 else ("",) if hasattr(plant, "position") else ("load_",)
+    alone = isinstance(plant, OneMassState | SeriesTwoMassState)  # one position, whose name has no side
+    sides = ("motor_", "load_") if model.nv > 1 else ("",) if alone else ("load_",)
     for place, side in enumerate(sides):
         data.qpos[place] = float(getattr(plant, f"{side}position"))
         data.qvel[place] = float(getattr(plant, f"{side}velocity"))

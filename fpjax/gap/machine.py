@@ -52,11 +52,16 @@ class Machine(eqx.Module):
         return law
 
 
+def has_bristles(machine: Machine) -> bool:
+    """Whether the static law is `plant.friction.law`, under bristles, and not `plant.friction` itself."""
+    return isinstance(machine.plant.friction, Bristles)
+
+
 def structure_of(machine: Machine) -> Structure:
     """Which of the three structures a machine has."""
     if isinstance(machine.plant, Transmission):
         return "transmission"
-    return "bristles" if isinstance(machine.plant.friction, Bristles) else "rigid"
+    return "bristles" if has_bristles(machine) else "rigid"
 
 
 def nominal_machine(

@@ -17,7 +17,7 @@ from ..gap.answer.diagnosis import Learned
 from ..gap.answer.learned import blocks
 from ..gap.answer.posterior import Posterior
 from ..gap.data.record import Record, in_one_piece, make_records
-from ..gap.machine import FEATURES, Machine, nominal_machine, structure_of
+from ..gap.machine import FEATURES, Machine, has_bristles, nominal_machine, structure_of
 from ..gap.precision import double_precision
 from ..gap.simulate.replay import SUBSTEPS
 from ..logs import Log
@@ -262,7 +262,7 @@ def with_laws(machine: Machine, laws: Sequence[Learned], count: int) -> Machine:
     wide = jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, float), (count,)), tables)
     machine = eqx.tree_at(lambda at: at.plant.load, machine, Loads((machine.plant.load, *wide)))
     coulomb = machine.law.coulomb + jump
-    under = hasattr(machine.plant.friction, "law")
+    under = has_bristles(machine)
     return eqx.tree_at(lambda at: (at.plant.friction.law if under else at.plant.friction).coulomb, machine, coulomb)
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..blocks.sensors import KalmanFusion
 from ..gap.data.channel import make_channel
 from ..gap.data.record import EDGE, LONGEST, SECONDS, SHORTEST
 from ..gap.fit.modes import Modes, make_modes
@@ -101,7 +102,7 @@ def _noise(side: str, model: Model, limits: Limits, log: Log | None, given: floa
         return make_channel(column).noise
     sensor = model.loop.sensor
     known = {
-        "velocity": (("noise", "step_size") if not hasattr(sensor, "angle_noise") else ()),
+        "velocity": (("noise", "step_size") if not isinstance(sensor, KalmanFusion) else ()),
         "position": ("position_noise", "position_step", "angle_noise"),
     }[side]
     parts = [float(getattr(sensor, name, 0.0) or 0.0) / (np.sqrt(12.0) if "step" in name else 1.0) for name in known]

@@ -226,6 +226,7 @@ class CoulombViscousStiction(AbstractStaticFriction):
 
     def readout(self, state: PyTree, motion: Motion, applied: Array) -> Array:
         """Friction torque [N m]."""
+        # Both are computed and one is chosen: a branch would not batch, and neither of them can be infinite.
         sliding = CoulombViscous(self.coulomb, self.viscous, self.steepness).readout(state, motion, applied)
         brake = self.static * motion.velocity / self.stick_velocity
         stuck = jnp.clip(applied + brake, -self.static, self.static)
@@ -266,6 +267,7 @@ class AsymmetricCoulombViscous(AbstractStaticFriction):
 
     def drag(self, motion: Motion) -> Array:
         """Viscous torque of this direction [N m]."""
+        # at zero speed either side will do: what multiplies it is zero
         viscous = jnp.where(motion.velocity > 0.0, self.viscous_positive, self.viscous_negative)
         return viscous * motion.velocity
 

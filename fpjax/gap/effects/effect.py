@@ -7,7 +7,7 @@ from typing import Any
 from ...output.json_object import TomlTable
 from ...parameters import set_parameters
 from ..data.setting import Setting
-from ..machine import FEATURES, Feature, Machine, Structure
+from ..machine import FEATURES, Feature, Machine, Structure, has_bristles
 
 Values = TomlTable
 
@@ -108,7 +108,7 @@ def leaf(machine: Machine, path: str) -> float | None:
 
 
 def _prefix(machine: Machine) -> str:
-    return "plant.friction.law." if hasattr(machine.plant.friction, "law") else "plant.friction."
+    return "plant.friction.law." if has_bristles(machine) else "plant.friction."
 
 
 def free(effects: tuple[Effect, ...]) -> tuple[EffectParameter, ...]:
