@@ -145,7 +145,7 @@ class Estimated:
         Raises:
             InputError: where the file cannot be written.
         """
-        from ..output.friction_picture import Law, draw_friction
+        from ..logs.friction_picture import Law, draw_friction
         from ..output.plotting import BLUE, GREEN, GREY, RED, new_figure, saved, style, thin
 
         laws = [

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from matplotlib import rc_context
 
-from ..output.friction_picture import Law, draw_friction
+from ..logs.friction_picture import Law, draw_friction
 from ..output.plotting import BLUE, GREY, RED, STYLE, new_figure, save, thin
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def draw_inspection(found: "Inspection", path: Path) -> Path:
     """The columns over time, and friction over speed in bins with the fitted law over it."""
-    from ..logs.inspection import asks_for_a_position
+    from ..logs.log import asks_for_a_position
 
     log = found.log
     names = [name for name in ("torque", "velocity", "position") if name in log.columns()]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..output.json_object import JsonObject
-from .log import Log
+from .log import Log, asks_for_a_position
 from .measures import noise_level, rounding_step, velocity_origin
 from .nominal import Nominal, acceleration_of, fit_nominal, speed_of
 from .suspicions import suspicions
@@ -108,15 +108,6 @@ class Inspection:
             "nominal": None if self.nominal is None else dataclasses.asdict(self.nominal),
             "warnings": list(self.warnings),
         }
-
-
-def asks_for_a_position(log: Log) -> bool:
-    """Whether the reference is more like the position than like the velocity; of one motion alone, it is of that."""
-    if log.reference is None or log.position is None or log.velocity is None:
-        return log.velocity is None
-    reference = np.asarray(log.reference)
-    off = [np.std(reference - motion) / (np.std(motion) or 1.0) for motion in (log.position, log.velocity)]
-    return bool(off[0] < off[1])
 
 
 def inspect_log(log: Log) -> Inspection:

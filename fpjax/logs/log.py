@@ -107,7 +107,6 @@ class Log:
         """
         from ..output.plotting import saved
         from ..output.run_picture import columns_figure
-        from .inspection import asks_for_a_position
 
         rate = f"{self.motion_unit}/s"
         units = {"position": self.motion_unit, "velocity": rate, "torque": self.torque_unit}
@@ -134,3 +133,12 @@ class NamedArrays(Protocol):
 
 LogSource = Log | str | os.PathLike[str] | NamedArrays
 """What a verb takes for a log: one that is read, the path of its file, or its columns."""
+
+
+def asks_for_a_position(log: Log) -> bool:
+    """Whether the reference is more like the position than like the velocity; of one motion alone, it is of that."""
+    if log.reference is None or log.position is None or log.velocity is None:
+        return log.velocity is None
+    reference = np.asarray(log.reference)
+    off = [np.std(reference - motion) / (np.std(motion) or 1.0) for motion in (log.position, log.velocity)]
+    return bool(off[0] < off[1])

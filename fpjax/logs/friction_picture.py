@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .plotting import BLUE, GREY
+from ..output.plotting import BLUE, GREY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from ..logs.friction_curve import FrictionCurve
+    from .friction_curve import FrictionCurve
 
 
 @dataclass(frozen=True)
