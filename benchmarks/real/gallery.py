@@ -1,5 +1,6 @@
 """index.html: every case with its verdict, its checks and its pictures."""
 
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
@@ -35,7 +36,7 @@ def _row(one: JsonObject) -> str:
         f'<a href="#{escape(one["case"])}">{escape(one["case"])}</a>',
         escape(str(one["verdict"]).replace("_", " ")),
         escape(_causes(one)),
-        escape(gap_words(one["gap"])),
+        escape(gap_words(one["gap"], one["causes"])),
         mark,
     )
     return "<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
@@ -45,13 +46,16 @@ def _causes(one: JsonObject) -> str:
     return ", ".join(name.replace("_", " ") for name in one["causes"]) or "none asserted"
 
 
-def gap_words(gap: JsonObject | None) -> str:
-    """Before, after and unit."""
+def gap_words(gap: JsonObject | None, causes: Sequence[str]) -> str:
+    """Before, after the causes that are asserted, and unit."""
     if not gap or gap.get("before") is None:
         return "not given"
     from ..withheld.score import number
 
-    return f"{number(gap['before']):.3g} to {number(gap['after']):.3g} {gap.get('unit', '')}"
+    before, unit = f"{number(gap['before']):.3g}", gap.get("unit", "")
+    if not causes:
+        return f"{before} {unit}, none of it closed" if number(gap["before"]) > 0.0 else "none on the withheld windows"
+    return f"{before} to {number(gap['after']):.3g} {unit}"
 
 
 def _section(one: JsonObject) -> str:

@@ -46,7 +46,8 @@ def write_page(page: Path, out: Path, results: Sequence[JsonObject], versions: d
     ]
     for one in results:
         mark = "yes" if one["right"] else "**no**"
-        cells = (f"[{one['case']}](#{one['case']})", _words(one["verdict"]), _causes(one), gap_words(one["gap"]), mark)
+        name, gap = f"[{one['case']}](#{one['case']})", gap_words(one["gap"], one["causes"])
+        cells = (name, _words(one["verdict"]), _causes(one), gap, mark)
         lines.append(f"| {' | '.join(cells)} |")
     for one in results:
         lines += ["", *_section(one, out, folder, page)]

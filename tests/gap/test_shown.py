@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fpjax.gap.answer import assemble
 from fpjax.gap.answer.shown import not_shown
 from fpjax.gap.effects.vocabulary import EFFECTS
 from fpjax.gap.select.resolved import resolved
@@ -54,3 +55,20 @@ def test_two_large_torques_that_cancel_over_a_short_travel_are_no_candidates():
     assert not resolved(search, fitted(values, effects=effects, bounds=("unbalance_cosine",)))
     # A friction of none is at its bound too, and is no torque that cancels another.
     assert resolved(search, fitted(values | {"stribeck_torque": 0.0}, effects=effects, bounds=("stribeck_torque",)))
+
+
+def gap(before):
+    return SimpleNamespace(before=before, noise_floor=0.01, unit="N m")
+
+
+def test_a_gap_above_the_commanded_torque_is_said_to_be_no_friction():
+    (sentence,) = assemble._beyond_torque(gap(0.8), 0.2)
+    assert "0.8 N m where 0.2 N m rms were commanded" in sentence
+    assert assemble._beyond_torque(gap(0.1), 0.2) == []
+
+
+def test_a_gap_that_no_withheld_window_holds_is_said_to_be_unconfirmed():
+    (sentence,) = assemble._where_fitted_alone(gap(0.004), 0.08)
+    assert "0.08 N m over all windows" in sentence
+    assert assemble._where_fitted_alone(gap(0.05), 0.08) == []
+    assert assemble._where_fitted_alone(gap(0.004), 0.005) == []

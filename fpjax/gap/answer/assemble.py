@@ -81,7 +81,9 @@ def assemble(
         gap = replace(gap, learned=size, learned_interval=spread_of_it)
         learned_text, _ = corrected_model(model, with_reading(machine_of(laws.fit.candidate), read_values), step)
     clock("closed loop")
+    everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
     said = [*_at_bounds(chosen, linear), *_beyond_torque(gap, torque), *warnings]
+    said += [] if found.word == "no_gap" else _where_fitted_alone(gap, everywhere)
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
     tracking = tracking_error(model, [in_one_piece(record) for record in records], *sides, said)
     clock("where")
@@ -129,6 +131,17 @@ def _beyond_torque(gap: Gap, torque: float) -> list[str]:
         f"The nominal model misses {gap.before:.3g} {gap.unit} where {torque:.3g} {gap.unit} rms were commanded: its "
         f"inertia, a unit, or the times at which the position was read are likelier wrong than its friction. Check "
         f"them before any cause named here."
+    ]
+
+
+def _where_fitted_alone(gap: Gap, everywhere: float) -> list[str]:
+    """Said where no withheld window holds any of the gap, so that no number here can confirm a cause."""
+    if gap.before > gap.noise_floor or not everywhere > gap.noise_floor:
+        return []
+    return [
+        f"What is missing shows in the fitted windows alone ({everywhere:.3g} {gap.unit} over all windows): the "
+        "withheld ones hold none of it, so the gap told of them is that of noise, and no cause can be confirmed on "
+        "them. Record for longer, so that what happens comes back, or withhold a log in which it does (--holdout)."
     ]
 
 
