@@ -13,6 +13,7 @@ import re
 import shutil
 import subprocess
 import sys
+import textwrap
 from typing import Any, ClassVar
 
 from docutils import nodes
@@ -26,6 +27,7 @@ ROOT = DOCS.parent
 PLACE = DOCS / "_build" / "terminal"
 FENCE = re.compile(r"^(`{3,})\{terminal\}[^\n]*\n(.*?)^\1\s*$", flags=re.MULTILINE | re.DOTALL)
 PROMPT = "$ "
+WIDTH = 90  # characters of a line that the page shows without scrolling
 
 
 def fingerprint(*more: str) -> str:
@@ -78,6 +80,19 @@ def outputs_of(page: str, commands: list[str], key: str) -> dict[str, str]:
     return outputs
 
 
+def folded(lines: list[str]) -> list[str]:
+    """Sentences no wider than the page, as a terminal folds them; tables as they are.
+
+    Args:
+        lines: that a command printed.
+    """
+    found = []
+    for line in lines:
+        sentence = line.startswith(("note: ", "warning: ")) and len(line) > WIDTH
+        found += textwrap.wrap(line, WIDTH, subsequent_indent="  ", break_on_hyphens=False) if sentence else [line]
+    return found
+
+
 class Terminal(SphinxDirective):
     """Commands after a `$`, each with what it printed."""
 
@@ -92,7 +107,7 @@ class Terminal(SphinxDirective):
         for line in self.content:
             lines.append(line)
             if outputs is not None and line.startswith(PROMPT):
-                lines += outputs[line.removeprefix(PROMPT)].rstrip().splitlines()
+                lines += folded(outputs[line.removeprefix(PROMPT)].rstrip().splitlines())
         shown = "\n".join(lines)
         block = nodes.literal_block(shown, shown, language="console", classes=["terminal"])
         return [block]

@@ -53,6 +53,14 @@ def test_commands_of_a_page_are_found_in_order():
     assert extension("terminal").commands_of(text) == ["fpjax a --out b", "python c.py"]
 
 
+def test_long_notes_are_folded_and_tables_are_not():
+    note, table = "note: " + "a word " * 30, "  quantity" + " " * 100 + "value"
+    folded = extension("terminal").folded([note.strip(), table])
+    assert folded[-1] == table
+    assert all(len(line) <= 90 for line in folded[:-1])
+    assert " ".join(line.strip() for line in folded[:-1]) == note.strip()
+
+
 def test_every_picture_of_a_page_comes_from_a_command_above_it():
     for page in MARKDOWN:
         text = page.read_text()
