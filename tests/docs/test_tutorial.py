@@ -1,5 +1,7 @@
 """The tutorial's commands and the README's Python do what the pages say, in their order."""
 
+import ast
+import inspect
 import pathlib
 import re
 import shlex
@@ -7,6 +9,7 @@ import shutil
 
 import pytest
 
+import fpjax as fp
 from fpjax.cli import main
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -34,9 +37,13 @@ def test_commands_in_order(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.filterwarnings("default")
 def test_readme_python_runs_as_printed():
-    (block,) = re.findall(r"^```python\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
+    block, of_files = re.findall(r"^```python\n(.*?)^```", README, flags=re.MULTILINE | re.DOTALL)
     names: dict = {}
     exec(compile(block, "README.md", "exec"), names)
+    # The second one is the commands above in Python; they run for a minute, so it is only bound to their signatures.
+    for call in (node for node in ast.walk(ast.parse(of_files)) if isinstance(node, ast.Call)):
+        keywords = {keyword.arg: None for keyword in call.keywords}
+        inspect.signature(getattr(fp, call.func.attr)).bind(*call.args, **keywords)
     assert not names["run"].diverged
     assert not names["result"].diverged
     assert "@" not in re.sub(r"```.*?```", "", README, flags=re.DOTALL)  # no placeholder left
