@@ -141,13 +141,18 @@ def make_inputs(loop: ClosedLoop, reference: AbstractReference, stepper: Stepper
 
 
 def sampled_tables(controller: AbstractController, reference: Array) -> tuple[Array, ...]:
-    """`Inputs.references` of a table that is run sample by sample; its last value continues.
+    """`Inputs.references` of a table that is run sample by sample; its last velocity continues.
 
     Args:
         controller: whether it looks ahead.
-        reference: r [rad/s], shape (samples,).
+        reference: r [rad/s], or [rad] for a position loop, shape (samples,).
     """
-    return (reference, jnp.append(reference[1:], reference[-1])) if controller.looks_ahead else (reference,)
+    if not controller.looks_ahead:
+        return (reference,)
+    # A position that stopped within a sample would ask for all the torque there is.
+    moving = controller.follows_position and reference.shape[0] > 1
+    after = 2.0 * reference[-1] - reference[-2] if moving else reference[-1]
+    return reference, jnp.append(reference[1:], after)
 
 
 def roll(

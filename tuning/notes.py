@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Array
 
 from fpjax.analysis.excitation import AT_THE_TRUTH, assess_excitation, error_matrix
-from fpjax.blocks.controllers import PositionLoop
 from fpjax.blocks.observers import AbstractObserver
 from fpjax.blocks.signals import Signals
 from fpjax.errors import InputError
@@ -175,7 +174,7 @@ def _excitation(
         every = -(-len(table) // WINDOW)
         dt = float(np.asarray(problem.stepper.dt)) * every
         velocity = np.asarray(table, dtype=float)[::every]
-        if isinstance(loop.controller, PositionLoop):
+        if loop.controller.follows_position:
             velocity = slope(velocity, dt)
         try:
             found = assess_excitation(loop.observer, velocity, dt, parameters, duration=float(horizon(problem)))

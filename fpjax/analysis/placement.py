@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 import numpy as np
 
-from ..blocks.controllers import PositionLoop
 from ..errors import InputError
 from ..logs.derivative import slope
 from ..loop import ClosedLoop
@@ -38,7 +37,7 @@ def place_gain(loop: ClosedLoop, tables: Sequence[np.ndarray], dt: float, name: 
         rate = _unit_rate(loop, tables, dt, name, truths)
         return None if rate is None else 1.0 / (placed_time(dt, horizon) * rate)
     word = name.rpartition(".")[2]
-    if name in ("controller.kp", "controller.ki") and not isinstance(loop.controller, PositionLoop):
+    if name in ("controller.kp", "controller.ki") and not loop.controller.follows_position:
         inertia = float(np.asarray(loop.plant.inertia))  # type: ignore[attr-defined]
         omega = placed_bandwidth(dt, horizon, friction_bandwidth(loop, tables, truths))
         return 2.0 * DAMPING * omega * inertia if word == "kp" else omega * omega * inertia
@@ -97,7 +96,7 @@ def _unit_rate(loop: ClosedLoop, tables: Sequence[np.ndarray], dt: float, name: 
     speeds = []
     for table in tables:
         velocity = np.asarray(table, dtype=float)
-        velocity = slope(velocity, dt) if isinstance(loop.controller, PositionLoop) else velocity
+        velocity = slope(velocity, dt) if loop.controller.follows_position else velocity
         speeds.append(velocity[:: -(-len(velocity) // PROBE)])
     try:
         matrix = error_matrix(alone.observer, jnp.asarray(np.concatenate(speeds)), truths)

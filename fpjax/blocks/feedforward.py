@@ -37,6 +37,11 @@ class AbstractFeedforward(AbstractController):
         return dataclasses.replace(self, following=following)
 
     @property
+    def follows_position(self) -> bool:
+        """Whether the wrapped controller does."""
+        return self.controller.follows_position
+
+    @property
     def bounded(self) -> bool:
         """Whether the wrapped controller has a limit."""
         return self.controller.bounded

@@ -124,15 +124,20 @@ def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) ->
     print(table(rows, ("quantity", "value", "unit")))
     for sentence in excitation_sentences(model, signals["velocity"], run.settled):
         say(record, sentence)
-    found = _margins(model, arguments, record, signals["velocity"]) if arguments.margins else {}
+    content: JsonObject = {
+        "status": run.message,
+        "measures": {name: {"value": value, "unit": unit} for name, value, unit in rows},
+    }
     if record.folder is not None:
-        values = {name: {"value": value, "unit": unit} for name, value, unit in rows}
-        content = {"status": run.message, "measures": values}
-        write_json(record.path("simulation.json"), content | ({"margins": found} if found else {}))
+        write_json(record.path("simulation.json"), content)
         if not arguments.no_plots:
             from .pictures import draw_run
 
             draw_run(model, signals, record.path("simulation.png"))
+    if arguments.margins:  # last: a loop that never moves steadily has none, and its run is there all the same
+        found = _margins(model, arguments, record, signals["velocity"])
+        if record.folder is not None:
+            write_json(record.path("simulation.json"), content | {"margins": found})
 
 
 def _margins(model: "Model", arguments: argparse.Namespace, record: RunFile, velocity: np.ndarray) -> JsonObject:

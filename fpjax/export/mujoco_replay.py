@@ -83,7 +83,8 @@ def replay_mujoco(
         return made.memory, sensor, (made.torque, measurement.velocity, measurement.position)
 
     shown = np.empty((len(reference), 3))
-    following = np.append(reference[1:], reference[-1])
+    after = 2.0 * reference[-1] - reference[-2] if loop.controller.follows_position else reference[-1]
+    following = np.append(reference[1:], after)
     for sample, asked in enumerate(reference):
         motion = data.qvel.copy(), data.qpos.copy()
         memory, sensor, signals = control(memory, sensor, *motion, asked, following[sample])

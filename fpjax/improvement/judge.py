@@ -164,7 +164,8 @@ class Judge:
         table = np.full(len(self.reference), speed)
         if self.position:
             table = speed * self.dt * np.arange(len(self.reference))
-        return self.run(values, machines, table, noisy=False)[1], table[-1:]
+        after = table[-1:] + (speed * self.dt if self.position else 0.0)  # where the states' next sample is
+        return self.run(values, machines, table, noisy=False)[1], after
 
     def run(self, values: Values, machines: Machines, reference: Values, *, noisy: bool) -> tuple[Score, LoopState]:
         """(scores, states after the last sample), without the machines of other explanations."""

@@ -43,7 +43,11 @@ def margins_of(judge: Judge, values: Values, machines: Machines, speed: float) -
         machine = jax.tree.unflatten(structure, [jnp.asarray(np.asarray(leaf)[index]) for leaf in leaves])
         gains = {name: jnp.asarray(rows[:, i]) for i, name in enumerate(judge.names)}
         states = jax.tree.map(jnp.asarray, states)
-        shared = (judge.law, judge.stepper.dt, jnp.asarray(float(reference[0])), jnp.asarray(judge.ground.courses))
+        now = float(reference[0])
+        following = jnp.asarray(now + speed * judge.dt) if judge.position else None  # or a position would stop here
+        shared = (
+            judge.law, judge.stepper.dt, jnp.asarray(now), following, jnp.asarray(judge.ground.courses)
+        )  # fmt: skip
         tangent = _tangents(judge.ground.substeps, judge.stepper.solver)
         a, b, answer = (np.asarray(each, float) for each in tangent(machine, gains, states, *shared))
     found = []
@@ -59,7 +63,14 @@ def _tangents(substeps: int, solver: PyTree) -> PyTree:
     """A compiled function: (machines, gains, states, shared) -> (A, B, C) of the whole loop, batched."""
 
     def one(
-        machine: PyTree, gains: PyTree, state: LoopState, law: PyTree, dt: PyTree, reference: PyTree, courses: PyTree
+        machine: PyTree,
+        gains: PyTree,
+        state: LoopState,
+        law: PyTree,
+        dt: PyTree,
+        reference: PyTree,
+        following: PyTree,
+        courses: PyTree,
     ) -> tuple[PyTree, PyTree, PyTree]:
         loop = assemble_loop(law, machine, jnp.zeros(courses.shape[0]), courses, dt, gains)
         point, rebuild = ravel_pytree(state)
@@ -68,13 +79,14 @@ def _tangents(substeps: int, solver: PyTree) -> PyTree:
         def moved(values: PyTree, added: PyTree) -> tuple[PyTree, PyTree]:
             cut = eqx.tree_at(lambda each: each.actuator, loop, Disturbed(loop.actuator, added))
             silent = tuple(zero for _ in range(loop.sensor.noise_channels))
-            after, signals = cut.advance_sampled(rebuild(values), reference, zero, dt, silent, solver, substeps)
+            now = rebuild(values)
+            after, signals = cut.advance_sampled(now, reference, zero, dt, silent, solver, substeps, following)
             return ravel_pytree(after)[0], signals.torque
 
         (a, b), (c, _) = jax.jacfwd(moved, (0, 1))(point, zero)
         return a, b, c
 
-    return jax.jit(jax.vmap(one, (0, 0, 0, None, None, None, None)))
+    return jax.jit(jax.vmap(one, (0, 0, 0, None, None, None, None, None)))
 
 
 def _numbers(a: Values, b: Values, answer: Values, dt: float) -> dict[str, float]:

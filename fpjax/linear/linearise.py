@@ -10,7 +10,6 @@ from jaxtyping import Array, PyTree
 from .._simulate import simulate
 from ..blocks.actuators import AbstractActuator
 from ..blocks.block import as_parameter
-from ..blocks.controllers import PositionLoop
 from ..blocks.references import AbstractReference, Constant, Recorded
 from ..blocks.signals import Motion
 from ..errors import InputError
@@ -81,7 +80,7 @@ def linearise(
     Raises:
         InputError: where the loop does not settle at that speed, or a state comes without its reference.
     """
-    position = isinstance(loop.controller, PositionLoop)
+    position = loop.controller.follows_position
     chosen = get_solver(solver)
     if stepping not in ("sampled", "continuous"):
         raise InputError(f'stepping = {stepping!r} is not known: choose "continuous" or "sampled".')
@@ -108,7 +107,8 @@ def linearise(
         if stepping == "sampled":
             silent = tuple(zero for _ in range(loop.sensor.noise_channels))
             period = jnp.asarray(dt, inputs.dtype)
-            after, signals = cut.advance_sampled(now, inputs[0], zero, period, silent, chosen, substeps)
+            following = inputs[0] + speed * dt if position else None  # or a position would stop at this sample
+            after, signals = cut.advance_sampled(now, inputs[0], zero, period, silent, chosen, substeps, following)
         else:
             after, signals = cut.derivative(now, inputs[0], zero), cut.signals(now, inputs[0], zero)
         shown = jnp.stack([signals.measured_velocity, signals.measured_position, signals.torque])

@@ -217,7 +217,7 @@ def check_controller(controller: AbstractController | None, reference: str) -> l
         inner = inner.controller
     if inner is None:
         return []
-    if reference == "position" and not isinstance(inner, PositionLoop):
+    if reference == "position" and not inner.follows_position:
         raise InputError(
             '[units] reference = "position" needs a controller that follows a position: write [controller] type = '
             '"position_cascade" with kp and kv, or reference = "velocity".'

@@ -117,6 +117,18 @@ def test_a_position_cascade_is_linearised_about_its_ramp():
     assert time[-1] > 0.1
 
 
+def test_what_stands_around_a_cascade_is_linearised_about_its_ramp_too():
+    cascade = fp.PositionLoop(20.0, fp.ProportionalIntegral(KP, KI))
+    plain = loop(controller=cascade).linearise(0.5, dt=DT)
+    limited = loop(controller=fp.Limited(cascade, 1e3)).linearise(0.5, dt=DT)
+    told = loop(controller=fp.PositionFeedforward(cascade, 1.0, J, 20.0, B, 0.1, DT)).linearise(0.5, dt=DT)
+    assert limited.tracked == told.tracked == "position"
+    # Nothing of it depends on a measurement: it moves no pole and costs no margin.
+    for other in (limited, told):
+        assert other.margins().modulus_margin == pytest.approx(plain.margins().modulus_margin, rel=1e-6)
+        assert other.margins().delay_margin == pytest.approx(plain.margins().delay_margin, rel=1e-6)
+
+
 def test_python_control_gets_the_same_system():
     linear = loop().linearise(1.0, dt=DT)
     theirs = linear.to_control()

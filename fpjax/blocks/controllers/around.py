@@ -46,6 +46,11 @@ class PositionLoop(AbstractController):
         inner = self.kp * (reference - measurement.position)
         return inner if self.rate is None else inner + self.rate
 
+    @property
+    def follows_position(self) -> bool:
+        """Its reference is a position."""
+        return True
+
     def fed(self, rate: Array) -> "PositionLoop":
         """With a rate added to the inner reference [rad/s]."""
         return dataclasses.replace(self, rate=rate)
@@ -97,6 +102,11 @@ class Limited(AbstractController):
     def step(self, state: PyTree, reference: Array, measurement: Measurement, dt: Array) -> PyTree:
         """The wrapped controller's."""
         return self.controller.step(state, reference, measurement, dt)
+
+    @property
+    def follows_position(self) -> bool:
+        """Whether the wrapped controller does."""
+        return self.controller.follows_position
 
     @property
     def looks_ahead(self) -> bool:

@@ -30,6 +30,11 @@ class AbstractController(Block):
         return jax.tree.map(lambda value, rate: value + dt * rate, state, rates)
 
     @property
+    def follows_position(self) -> bool:
+        """Whether its reference is a position [rad], not a velocity."""
+        return False
+
+    @property
     def looks_ahead(self) -> bool:
         """Whether it asks for the reference of the next sample too (sampled stepping)."""
         return False
