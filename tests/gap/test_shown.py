@@ -11,7 +11,9 @@ from fpjax.gap.effects.vocabulary import EFFECTS
 from fpjax.gap.select.resolved import resolved
 
 BY_NAME = {effect.name: effect for effect in EFFECTS}
-SETTING = SimpleNamespace(inertia=4.8, coulomb=2.0, viscous=0.1, travel=6.0, friction=2.0, speed=5.0, dt=1e-3)
+SETTING = SimpleNamespace(
+    inertia=4.8, coulomb=2.0, viscous=0.1, torque=10.0, travel=6.0, friction=2.0, speed=5.0, dt=1e-3
+)  # fmt: skip
 
 
 def fitted(values, *, effects=(), wide=(), bounds=()):
@@ -47,12 +49,17 @@ def test_a_gain_whose_interval_holds_one_is_no_error(value, told):
     assert missing == (frozenset() if told else {"torque_gain_error"})
 
 
-def test_two_large_torques_that_cancel_over_a_short_travel_are_no_candidates():
+def test_large_torques_that_cancel_something_are_no_candidates():
     search = SimpleNamespace(setting=SETTING, records=[SimpleNamespace(speed=np.full(100, 3.0))])
     values = {"unbalance_cosine": -10.0, "unbalance_sine": 1.0, "torque": 9.0}
     effects = ("unbalance", "constant_torque")
     assert resolved(search, fitted(values, effects=effects))
     assert not resolved(search, fitted(values, effects=effects, bounds=("unbalance_cosine",)))
+    assert resolved(search, fitted({"dead_zone": 2.0}, effects=("torque_dead_zone",)))
+    assert not resolved(search, fitted({"dead_zone": 6.0}, effects=("torque_dead_zone",)))
+    friction = {"coulomb": 2.0, "coulomb_difference": -0.5}
+    assert resolved(search, fitted(friction, effects=("asymmetric_friction",)))
+    assert not resolved(search, fitted(friction | {"coulomb_difference": -2.5}, effects=("asymmetric_friction",)))
     # A friction of none is at its bound too, and is no torque that cancels another.
     assert resolved(search, fitted(values | {"stribeck_torque": 0.0}, effects=effects, bounds=("stribeck_torque",)))
 

@@ -19,7 +19,8 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     part of the travel: it follows any slow torque, and is no machine's transmission. A backlash may be overdamped, its
     contacts tell of it; without a gap it is such a spring. A ripple that passes faster than the samples can tell is one
     of their own making. A torque amplitude that ends at its largest value, more than any torque of the log, is a
-    difference of two large torques that cancel each other over a short travel.
+    difference of two large torques that cancel each other over a short travel. A dead zone that swallows half of the
+    largest torque stands for a torque that is always there, and so does a friction that drives in one direction.
 
     Args:
         search: of the logs.
@@ -29,6 +30,10 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     c, setting = fit.candidate, search.setting
     ends, values = set(c.at_bound()), c.values()
     if any(values[name] != 0.0 for name in AMPLITUDES & ends):
+        return False
+    if "torque_dead_zone" in c.structural and values["dead_zone"] > t.swallowed * setting.torque:
+        return False
+    if "asymmetric_friction" in c.structural and abs(values["coulomb_difference"]) > values["coulomb"]:
         return False
     speed = np.abs(np.concatenate([record.speed for record in search.records]))
     usual = float(np.median(speed[speed > MOVES * setting.speed]))

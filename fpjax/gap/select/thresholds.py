@@ -61,6 +61,7 @@ class Thresholds:
         twist: of the travel [1], by which friction alone may wind up a shaft.
         ripple: of the sampling frequency [1], above which a torque that repeats with the position mostly passes too
             fast to be told.
+        swallowed: of the largest commanded torque [1], the widest dead zone of an actuator.
         reading: error of the velocity reading, of the speed's rms [1], from which on it is told.
     """
 
@@ -97,6 +98,7 @@ class Thresholds:
     behind: float = 0.5
     twist: float = 0.2
     ripple: float = 0.3
+    swallowed: float = 0.5
     reading: float = 0.01
 
 
