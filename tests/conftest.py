@@ -81,7 +81,13 @@ def pytest_unconfigure():
 LONGEST_FIRST = (
     # of the default set, by processor time: 60 to 11 s
     *("test_alone.py", "test_in_loop.py", "test_native.py", "test_report.py", "test_c.py", "test_withheld_truth.py"),
-    *("test_withheld_second_truth.py", "test_truth_solvers.py", "test_at_rest.py", "test_identify.py"),
+    *(
+        "test_withheld_second_truth.py",
+        "test_withheld_second_physics.py",
+        "test_truth_solvers.py",
+        "test_at_rest.py",
+        "test_identify.py",
+    ),
     *("test_gradient.py", "test_sweep.py", "test_thesis.py", "test_grid_search.py", "test_objective.py"),
     *("test_estimate.py", "test_notes.py", "test_batch.py", "test_improve.py", "test_sweep_store.py", "test_starts.py"),
     # of `long`
