@@ -1,7 +1,7 @@
 """What is measured on a run: accumulators that ride in the scan's carry, and step information of a recorded trace."""
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -350,8 +350,8 @@ def _torque(signals: Signals) -> Array:
 
 
 def step_info(
-    time: ArrayLike,
-    response: ArrayLike,
+    time: ArrayLike | Sequence[float],
+    response: ArrayLike | Sequence[float],
     *,
     final_value: float | None = None,
     settling: float = 0.02,

@@ -14,7 +14,7 @@ mass is on each side for the share of time that does, and z moves with sign(w) u
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -99,7 +99,7 @@ class Excitation:
 
 def assess_excitation(
     observer: AbstractObserver,
-    velocity: ArrayLike,
+    velocity: ArrayLike | Sequence[float],
     dt: float,
     parameters: Mapping[str, ArrayLike],
     *,
@@ -147,7 +147,9 @@ def assess_excitation(
     )
 
 
-def error_matrix(observer: AbstractObserver, velocity: ArrayLike, parameters: Mapping[str, ArrayLike]) -> Array:
+def error_matrix(
+    observer: AbstractObserver, velocity: ArrayLike | Sequence[float], parameters: Mapping[str, ArrayLike]
+) -> Array:
     """-(1/J) s(w) phi(w)^T, the matrix of e' (4.12) [1/s], shape (..., n, n) for velocities [rad/s] of shape (...).
 
     Args:
@@ -178,7 +180,7 @@ def pole(observer: AbstractObserver, velocity: float, parameters: Mapping[str, A
     return float(error_matrix(observer, float(velocity), parameters)[0, 0])
 
 
-def _checked_velocity(velocity: ArrayLike, dt: float) -> np.ndarray:
+def _checked_velocity(velocity: ArrayLike | Sequence[float], dt: float) -> np.ndarray:
     speed = np.asarray(velocity, dtype=float)
     if speed.ndim != 1 or len(speed) < 2 or not np.all(np.isfinite(speed)) or not float(dt) > 0.0:
         raise InputError(

@@ -1,5 +1,6 @@
 """Any proper transfer function on the velocity error."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -37,7 +38,13 @@ class TransferFunction(AbstractController):
     sampled_drive: Array | None
     period: float | None = eqx.field(static=True)
 
-    def __init__(self, numerator: ArrayLike, denominator: ArrayLike, *, period: float | None = None) -> None:
+    def __init__(
+        self,
+        numerator: ArrayLike | Sequence[float],
+        denominator: ArrayLike | Sequence[float],
+        *,
+        period: float | None = None,
+    ) -> None:
         """Realise numerator(s) / denominator(s).
 
         Args:
