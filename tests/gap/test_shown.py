@@ -79,3 +79,11 @@ def test_a_gap_that_no_withheld_window_holds_is_said_to_be_unconfirmed():
     assert "0.08 N m over all windows" in sentence
     assert assemble._where_fitted_alone(gap(0.05), 0.08) == []
     assert assemble._where_fitted_alone(gap(0.004), 0.005) == []
+
+
+def test_what_the_corrected_model_holds_beside_the_causes_is_said():
+    chosen = fitted({}, effects=("stribeck", "actuator_lag"))
+    (sentence,) = assemble._details(chosen, ["stribeck", "viscous_error"])
+    assert "also holds actuator_lag:" in sentence
+    assert assemble._details(chosen, ["stribeck", "actuator_lag"]) == []
+    assert assemble._details(chosen, []) == []

@@ -83,6 +83,7 @@ def assemble(
     clock("closed loop")
     everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
     said = [*_at_bounds(chosen, linear), *_beyond_torque(gap, torque), *warnings]
+    said += _details(chosen, causes)
     said += [] if found.word == "no_gap" else _where_fitted_alone(gap, everywhere)
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
     tracking = tracking_error(model, [in_one_piece(record) for record in records], *sides, said)
@@ -131,6 +132,18 @@ def _beyond_torque(gap: Gap, torque: float) -> list[str]:
         f"The nominal model misses {gap.before:.3g} {gap.unit} where {torque:.3g} {gap.unit} rms were commanded: its "
         f"inertia, a unit, or the times at which the position was read are likelier wrong than its friction. Check "
         f"them before any cause named here."
+    ]
+
+
+def _details(chosen: Fit, causes: Sequence[str]) -> list[str]:
+    """Said of what the corrected model holds beside the causes."""
+    details = [name for name in chosen.candidate.structural if name not in causes] if causes else []
+    if not details:
+        return []
+    names = " and ".join(details)
+    return [
+        f"The corrected model also holds {names}: a detail and no cause, since hardly any of the gap would come back "
+        "without it or the log does not tell its size from nothing."
     ]
 
 
