@@ -33,6 +33,9 @@ def test_verdicts_have_fitting_sentences():
     assert "agrees" in sentences["no_gap"]
     assert "no effect of the vocabulary closes" in sentences["unexplained"]
     assert re.search(r"misses [\d.]+\u202fN rms of force", sentences["unexplained"])
+    hidden = dataclasses.replace(told["unexplained"].gap, before=0.0)
+    unseen = text.verdict_sentence(dataclasses.replace(told["unexplained"], gap=hidden))
+    assert unseen.startswith("On withheld data no missing force stands above the noise floor of ")
     assert text.confidence_sentence(told["explained"]).replace("\u202f", " ") == "Very likely (96 %)."
     assert all(sentence.count(".\n") == 0 and sentence.endswith(".") for sentence in sentences.values())
     one_open = dataclasses.replace(told["pair_with_twins"], causes=("constant_torque", "backlash"))

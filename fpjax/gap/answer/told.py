@@ -38,6 +38,11 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"{1.0 - gap.closed:.1%} is left{_place(diagnosis)}."
         )
     beside = f" beside {causes}" if diagnosis.causes else ""
+    if gap.before <= gap.noise_floor:
+        return (
+            f"Unexplained: on withheld data no gap stands above the noise{beside}; the fitted windows show one, "
+            f"and {nothing_closes(diagnosis.allowed)}."
+        )
     return f"Unexplained: there is a gap{beside}, and {nothing_closes(diagnosis.allowed)}."
 
 

@@ -54,6 +54,11 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"{asserted[:1].upper()}{asserted[1:]} {verb} {show_percent(gap.closed)} of the missing {effort}; "
             f"{show_percent(1.0 - gap.closed)} is left ({after} of {before} rms on withheld data){where}."
         )
+    if gap.before <= gap.noise_floor:
+        return (
+            f"On withheld data no missing {effort} stands above the noise floor of {floor}; the fitted windows show "
+            f"some, and {_nothing_closes(diagnosis, 'that')}."
+        )
     differs = f"The simulation misses {before} rms of {effort} on withheld data{over_floor}"
     if diagnosis.causes:
         return (
