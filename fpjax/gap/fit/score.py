@@ -1,22 +1,41 @@
 """Score: what a finished candidate is worth on the fitted and on the withheld windows."""
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
+from ..data.record import Record
+from ..simulate.family import Key
+from ..simulate.hidden import Observer
 from .candidate import Candidate, Fit
 from .least_squares import Fitter, Linear
-
-if TYPE_CHECKING:
-    from .search import Search
+from .modes import Modes
 
 Values = np.ndarray
 
 PROPER = (4, 8)  # steps for the start states of withheld windows; hidden states are looked up before each round
 
 
-def score(search: "Search", c: Candidate) -> Fit:
+class Scoring(Protocol):
+    """What a score needs to know of a search (`fpjax.gap.fit.search.Search`)."""
+
+    records: list[Record]
+    train: list[Values]
+    withheld: list[Values]
+    modes: Modes
+    fitters: dict[Key, Fitter]
+    observers: dict[Key, Observer]
+    band: Values
+    real_noise: float
+
+    def observe(self, candidates: Sequence[Candidate], windows: Sequence[Values]) -> None:
+        """Look up the hidden states at the starts of windows."""
+        ...
+
+
+def score(search: Scoring, c: Candidate) -> Fit:
     """A finished candidate's levels, its evidence, and the missing torque of every window.
 
     Args:
@@ -44,7 +63,7 @@ def score(search: "Search", c: Candidate) -> Fit:
     return Fit(c, evidence, missing, search.modes.mean_level(c.level, search.band))
 
 
-def _withheld_parts(search: "Search", fixed: Candidate, fitter: Fitter) -> list[Linear]:
+def _withheld_parts(search: Scoring, fixed: Candidate, fitter: Fitter) -> list[Linear]:
     """The withheld windows as a candidate leaves them, whose start states alone are free."""
     if not any(len(chosen) for chosen in search.withheld):
         return []
@@ -60,7 +79,7 @@ def _withheld_parts(search: "Search", fixed: Candidate, fitter: Fitter) -> list[
     return fitter.linearise([fixed], search.withheld, hidden=False)[0]
 
 
-def _log_evidence(search: "Search", c: Candidate, fitter: Fitter, parts: list[Linear], *, hidden: bool = True) -> float:
+def _log_evidence(search: Scoring, c: Candidate, fitter: Fitter, parts: list[Linear], *, hidden: bool = True) -> float:
     cost = fitter.parameter_prior(c)
     chosen = [np.zeros(0, int) for _ in search.records]
     for p in parts:
@@ -76,7 +95,7 @@ def _log_evidence(search: "Search", c: Candidate, fitter: Fitter, parts: list[Li
     return -0.5 * (cost + c.occam + float(np.linalg.slogdet(precision)[1]))
 
 
-def _missing(search: "Search", c: Candidate, parts: list[Linear], fitter: Fitter) -> tuple[Values, ...]:
+def _missing(search: Scoring, c: Candidate, parts: list[Linear], fitter: Fitter) -> tuple[Values, ...]:
     """Mean square of the missing torque in each window [N^2 m^2], noise's share taken out."""
     found = [np.full(len(record.starts), np.nan) for record in search.records]
     weight = np.where(search.modes.sensor, 0.0, search.band**2 / np.where(search.modes.sensor, 1.0, search.modes.gain))

@@ -1,0 +1,70 @@
+"""Gap: how large the missing torque is before and after, and the ladder between, with intervals."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from ..effects.estimate import Estimate
+
+
+@dataclass(frozen=True)
+class Gap:
+    """The missing torque at the command, rms over withheld windows, the noise's share taken out; 90 % intervals.
+
+    Attributes:
+        unit: of before, after and noise_floor: N m, or N of a linear axis.
+        before: with the nominal model as it was given.
+        after: with the causes in.
+        noise_floor: what noise alone would show less often than once in twenty.
+        closed: (before - after) / (before - noise_floor) [1], at most 1; 0 where `before` is not above the noise.
+        before_interval: (low, high), by a bootstrap over windows.
+        after_interval: likewise.
+        noise_floor_interval: both ends are the floor: it is computed, not measured.
+        closed_interval: by the same bootstrap.
+        learned: with the learned laws beside the causes; NaN where none was learned.
+        learned_interval: by the same bootstrap.
+    """
+
+    unit: str
+    before: float
+    after: float
+    noise_floor: float
+    closed: float
+    before_interval: tuple[float, float]
+    after_interval: tuple[float, float]
+    noise_floor_interval: tuple[float, float]
+    closed_interval: tuple[float, float]
+    learned: float = math.nan
+    learned_interval: tuple[float, float] = (math.nan, math.nan)
+
+    def estimate(self, name: str) -> Estimate:
+        """`before`, `after`, `learned`, `noise_floor` or `closed` with its interval."""
+        unit = "" if name == "closed" else self.unit
+        low, high = getattr(self, f"{name}_interval")
+        return Estimate(getattr(self, name), low, high, unit)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contract's keys, `learned`, and the intervals."""
+        names = ("before", "after", "learned", "noise_floor", "closed")
+        numbers = {name: getattr(self, name) for name in names}
+        interval = {name: list(getattr(self, f"{name}_interval")) for name in names}
+        return {"signal": "torque", "unit": self.unit, **numbers, "interval": interval}
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung of the ladder: the gap once this effect is in as well.
+
+    Attributes:
+        added: name of the effect.
+        gap_after: missing torque on withheld windows, in the gap's unit.
+        interval: 90 % bootstrap interval of gap_after.
+    """
+
+    added: str
+    gap_after: float
+    interval: tuple[float, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contract's keys, and the interval."""
+        return {"added": self.added, "gap_after": self.gap_after, "interval": list(self.interval)}
