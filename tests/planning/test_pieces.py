@@ -400,5 +400,6 @@ def test_what_no_motion_shows_does_not_keep_the_rest_from_being_improved():
     with double_precision():
         found = design(OneNumberTrial(), np.ones(2), seconds=60.0, seed=0, progress=lambda stage, share: None)
     assert float(found.shape.knots[0]) == pytest.approx(1.0, abs=0.1)
-    assert float(found.seen.nats[1]) > 1.5 * float(found.first.nats[1])
+    assert float(found.seen.nats[1]) > 990.0  # of 1000; the best start has 698
+    assert float(found.first.nats[1]) < 700.0
     assert float(found.seen.nats[0]) < 1e-6

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fpjax.output.json_object import JsonObject
-
 from ..contract import unit_of
 from .cases import VERSION, Case, generator
 from .effects import PERIODIC
@@ -52,7 +50,7 @@ def accepted(case: Case, sensors: str) -> list[list[str]]:
     return [sorted(one) for one in sets]
 
 
-def label_of(case: Case, trace: Trace, size: dict[str, float], sensors: str, set_: str) -> JsonObject:
+def label_of(case: Case, trace: Trace, size: dict[str, float], sensors: str, set_: str) -> dict[str, object]:
     """The label, but for the identity of the case."""
     plan, linear = case.plan, case.plan.drawn.kind.linear
     true = {"inertia": plan.drawn.inertia, "coulomb": plan.drawn.coulomb, "viscous": plan.drawn.viscous}

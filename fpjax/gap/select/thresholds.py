@@ -8,7 +8,7 @@ in 2 of 8. The reported half of seed 1, measured with an engine before, had 11 o
 (k + 1) / (n + 2) of both together are the probabilities, so that another odd seed must judge them. `curve`,
 `curve_ahead` and `curve_named` were set on 21 of those cases in which much is left and on three real records (EMPS, two
 of a pendulum), the three of three behind `right_dominant`; `twist`, `ripple` and `behind` on sixteen further
-records of three machines.
+records of three machines, `swallowed` on two joints of a fourth.
 """
 
 from dataclasses import dataclass
