@@ -13,7 +13,7 @@ from jaxtyping import Array
 from .trajectory import Shape
 from .trial import ExpectedRun, Trial
 
-STARTS = 7  # shapes that are tried before the best of them is improved
+STARTS = 10  # shapes that are tried before the best of them is improved
 STEPS = 60  # of Adam at most
 RATE = 0.12  # of Adam: the numbers are of order one
 PATIENCE = 25  # steps without a better one, after which it ends

@@ -58,7 +58,13 @@ def test_the_c_of_every_controller_and_observer_is_the_simulation(case, precisio
     law = found.law.loop.controller
     inner = getattr(law, "controller", law)  # a feed-forward's torque is as large as that of what it stands around
     size = max(1.0, float(inner.kp) if hasattr(inner, "kp") else 1.0)
-    assert found.checked.runs["torque"] <= size * (1e-4 if precision == "float" else 1e-11)
+    allowed = size * (1e-4 if precision == "float" else 1e-11)
+    if isinstance(law, fp.PositionFeedforward):
+        # Two filtered differences of a position that is known to half a unit in its last place.
+        peak = max(abs(float(reference.readout(jnp.asarray(t)))) for t in np.arange(0.0, 1.0, DT))
+        unit = np.finfo(np.float32 if precision == "float" else np.float64).eps / 2.0
+        allowed += float(law.inertia) * 4.0 * unit * peak / max(float(law.lag), DT) ** 2
+    assert found.checked.runs["torque"] <= allowed
 
 
 def test_single_precision_keeps_its_bound_over_ten_seconds(tmp_path):
