@@ -380,7 +380,7 @@ class OneNumberTrial:
     """Two things to see: one that no motion shows, one that is best shown by knots of 1."""
 
     course = SimpleNamespace(
-        starts=lambda seed, count: [Shape(*(jnp.full(1, 0.1 * (i + 1)) for _ in range(5))) for i in range(count)]
+        starts=lambda seed, count: [Shape(*(jnp.full(1, 0.05 * (i + 1)) for _ in range(5))) for i in range(count)]
     )
 
     def reference(self, shape):
@@ -400,6 +400,6 @@ def test_what_no_motion_shows_does_not_keep_the_rest_from_being_improved():
     with double_precision():
         found = design(OneNumberTrial(), np.ones(2), seconds=60.0, seed=0, progress=lambda stage, share: None)
     assert float(found.shape.knots[0]) == pytest.approx(1.0, abs=0.1)
-    assert float(found.seen.nats[1]) > 990.0  # of 1000; the best start has 698
-    assert float(found.first.nats[1]) < 700.0
+    assert float(found.seen.nats[1]) > 990.0  # of 1000
+    assert float(found.first.nats[1]) < 500.0
     assert float(found.seen.nats[0]) < 1e-6
