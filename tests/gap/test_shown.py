@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fpjax.gap.answer import assemble
+from fpjax.gap.answer import warned
 from fpjax.gap.answer.shown import not_shown
 from fpjax.gap.effects.vocabulary import EFFECTS
 from fpjax.gap.select.resolved import resolved
@@ -69,21 +69,21 @@ def gap(before):
 
 
 def test_a_gap_above_the_commanded_torque_is_said_to_be_no_friction():
-    (sentence,) = assemble._beyond_torque(gap(0.8), 0.2)
+    (sentence,) = warned.beyond_torque(gap(0.8), 0.2)
     assert "0.8 N m where 0.2 N m rms were commanded" in sentence
-    assert assemble._beyond_torque(gap(0.1), 0.2) == []
+    assert warned.beyond_torque(gap(0.1), 0.2) == []
 
 
 def test_a_gap_that_no_withheld_window_holds_is_said_to_be_unconfirmed():
-    (sentence,) = assemble._where_fitted_alone(gap(0.004), 0.08)
+    (sentence,) = warned.where_fitted_alone(gap(0.004), 0.08)
     assert "0.08 N m over all windows" in sentence
-    assert assemble._where_fitted_alone(gap(0.05), 0.08) == []
-    assert assemble._where_fitted_alone(gap(0.004), 0.005) == []
+    assert warned.where_fitted_alone(gap(0.05), 0.08) == []
+    assert warned.where_fitted_alone(gap(0.004), 0.005) == []
 
 
 def test_what_the_corrected_model_holds_beside_the_causes_is_said():
     chosen = fitted({}, effects=("stribeck", "actuator_lag"))
-    (sentence,) = assemble._details(chosen, ["stribeck", "viscous_error"])
+    (sentence,) = warned.details(chosen, ["stribeck", "viscous_error"])
     assert "also holds actuator_lag:" in sentence
-    assert assemble._details(chosen, ["stribeck", "actuator_lag"]) == []
-    assert assemble._details(chosen, []) == []
+    assert warned.details(chosen, ["stribeck", "actuator_lag"]) == []
+    assert warned.details(chosen, []) == []

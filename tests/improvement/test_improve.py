@@ -5,34 +5,25 @@ import json
 
 import gap_machine
 import improve_case as case
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import fpjax as fp
-from fpjax.blocks.signals import Motion
-from fpjax.gap.answer.diagnosis import Learned
 from fpjax.gap.data.record import in_one_piece
 from fpjax.improvement.answer import Improvement
-from fpjax.improvement.decide import hopeless, objection
 from fpjax.improvement.gains import freed
 from fpjax.improvement.judge import Score
 from fpjax.improvement.known import about_left
 from fpjax.improvement.machines import (
-    Missing,
     divided,
     draw_machines,
-    draw_shares,
     make_ground,
     one_piece,
-    opposing,
     ready,
     record_of,
-    surrogate,
-    with_laws,
 )
 from fpjax.improvement.page import to_page
-from fpjax.improvement.search import AllowedScore, limits_of, robust_costs
+from fpjax.improvement.search import limits_of, robust_costs
 from fpjax.improvement.verb import followed, improve_known
 from fpjax.output.stages import StageClock
 
@@ -276,59 +267,6 @@ def test_what_is_left_of_a_part_that_is_explained_is_told_with_its_size():
     assert "as far as it does not" in said
 
 
-# --- the decision
-
-
-def score(errors, rough=1.0):
-    errors = np.asarray(errors, float)
-    same = np.ones_like(errors)
-    return Score(errors, errors, same, same, rough * same)
-
-
-MARGINS = {"modulus": np.full(4, 0.7)}
-
-
-@pytest.mark.parametrize(
-    ("new", "margins", "words"),
-    [
-        (score([0.5] * 17 + [1.1] * 3), MARGINS, "needs 95%"),
-        (score([0.99] * 20), MARGINS, "needs 2%"),
-        (score([0.5] * 19 + [np.inf]), MARGINS, "unstable"),
-        (score([0.5] * 20), {"modulus": np.full(4, 0.3)}, "modulus margin"),
-        (score([0.5] * 20, rough=3.0), MARGINS, "rough"),
-        (score([0.5] * 20), MARGINS, ""),
-    ],
-)
-def test_gains_are_proposed_only_where_nothing_speaks_against_them(new, margins, words):
-    said = objection(score([1.0] * 20), new, MARGINS, margins)
-    assert words in said
-    assert bool(said) == bool(words)
-
-
-@pytest.mark.parametrize(
-    ("errors", "decision"),
-    [
-        ([np.inf, *[1.0] * 19], "unstable"),
-        ([1.0] * 15 + [np.inf] * 5, "cannot_promise"),
-        (np.geomspace(0.1, 1.0, 20), "cannot_promise"),
-        (np.linspace(0.9, 1.1, 20), None),
-    ],
-)
-def test_nothing_is_promised_of_a_machine_that_may_be_anything(errors, decision):
-    found, reason = hopeless(score(errors))
-    assert found == decision
-    assert bool(reason) == (decision is not None)
-
-
-def test_the_cost_is_the_mean_and_the_spread_and_fines_what_a_motor_would_feel():
-    limits = AllowedScore(error=1.0, rough=1.0, peak=2.0)
-    even, uneven = score([[1.0, 1.0, 1.0, 1.0]]), score([[0.5, 0.5, 1.5, 1.5]])
-    assert robust_costs(even, limits)[0] == pytest.approx(1.0)
-    assert robust_costs(uneven, limits)[0] == pytest.approx(1.0 + 1.28 * 0.5)
-    assert robust_costs(score([[0.5] * 4], rough=4.0), limits)[0] > 10.0
-    assert robust_costs(score([[0.5, 0.5, 0.5, np.inf]]), limits)[0] > 100.0
-
-
 # --- what may change
 
 
@@ -384,36 +322,3 @@ def test_a_log_without_a_reference_is_refused():
         fp.improve(log, case.model(), free=["controller"])
     with pytest.raises(fp.InputError, match="does not move"):
         fp.improve(dataclasses.replace(log, reference=np.zeros(1500)), case.model(), free=["controller"])
-
-
-# --- what acts on the machines
-
-
-def test_the_missing_torque_drives_at_its_time():
-    tables = np.array([[1.0, 2.0, 3.0], [10.0, 20.0, 30.0]])
-    load = Missing(jnp.asarray(tables), jnp.asarray([1.0, 0.1]), jnp.asarray(0.5))
-    motion = Motion(jnp.asarray(0.0), jnp.asarray(0.0), jnp.asarray(0.6))
-    assert float(load.readout(motion)) == pytest.approx(-(2.0 + 2.0))  # a load: it opposes what drives
-
-
-def test_a_samples_missing_torque_keeps_its_size_and_colour():
-    course = np.random.default_rng(1).standard_normal(4000).cumsum()
-    course -= course.mean()
-    other = surrogate(course, 3)
-    assert np.std(other) == pytest.approx(np.std(course), rel=1e-6)
-    assert abs(np.corrcoef(course, other)[0, 1]) < 0.9
-    assert np.abs(np.fft.rfft(other))[1:-1] == pytest.approx(np.abs(np.fft.rfft(course))[1:-1], rel=1e-6, abs=1e-6)
-    shares = draw_shares(50, 0)
-    assert shares[0] == pytest.approx([1.0, 0.0, 0.0])
-    assert np.linalg.norm(shares, axis=1) == pytest.approx(np.ones(50))
-
-
-def test_a_learned_law_is_in_the_machines_its_jump_as_coulomb_friction():
-    law = Learned("velocity", 0.5, (-5.0, 0.0, 0.0, 5.0), (-0.3, -0.1, 0.1, 0.3), (0.0,) * 4, (0.0,) * 4)
-    record = dataclasses.make_dataclass("Record", ["speed", "time", "angle", "torque"])(
-        np.array([-2.5, 2.5]), *np.zeros((3, 2))
-    )
-    assert opposing(law, record) == pytest.approx([-0.2, 0.2])
-    machine = case.known().posterior.machines(case.model(), [record_of(case.log(), case.model())], 3)
-    changed = with_laws(machine, (law,), 3)
-    assert np.asarray(changed.law.coulomb) == pytest.approx(np.asarray(machine.law.coulomb) + 0.1)

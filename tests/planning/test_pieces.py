@@ -2,7 +2,6 @@
 
 import json
 import re
-from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +14,6 @@ from fpjax.errors import InputError
 from fpjax.logs import read_log
 from fpjax.model_file import dump_model, load_model
 from fpjax.planning import Plan, Separation, Visible, plan
-from fpjax.planning.design import design
 from fpjax.planning.expect import told_apart
 from fpjax.planning.explain import separations
 from fpjax.planning.limits import Limits, make_limits
@@ -30,7 +28,7 @@ from fpjax.planning.rivals import (
 )
 from fpjax.planning.sight import make_sight
 from fpjax.planning.trajectory import SWEEP, Shape, make_course
-from fpjax.planning.trial import ExpectedRun, RunComparison
+from fpjax.planning.trial import RunComparison
 from fpjax.verbs import double_precision
 
 
@@ -374,32 +372,3 @@ def test_bad_input_is_one_sentence_and_exit_code_2(words, sentence, tmp_path, ca
     said = capsys.readouterr().err
     assert sentence in said
     assert "Traceback" not in said
-
-
-class OneNumberTrial:
-    """Two things to see: one that no motion shows, one that is best shown by knots of 1."""
-
-    course = SimpleNamespace(
-        starts=lambda seed, count: [Shape(*(jnp.full(1, 0.05 * (i + 1)) for _ in range(5))) for i in range(count)]
-    )
-
-    def reference(self, shape):
-        return shape.knots
-
-    def cost(self, reference, wanted):
-        nats = jnp.stack([jnp.asarray(1e-7), 1e3 * jnp.exp(-4.0 * (reference[0] - 1.0) ** 2)])
-        worth = jnp.log(jnp.maximum(nats, 1e-3))
-        soft = -jax.nn.logsumexp(-4.0 * worth, b=wanted) / 4.0
-        return -soft, ExpectedRun(nats, jnp.zeros(1), jnp.zeros(()), jnp.zeros(()), None)
-
-    def beyond(self, seen):
-        return False
-
-
-def test_what_no_motion_shows_does_not_keep_the_rest_from_being_improved():
-    with double_precision():
-        found = design(OneNumberTrial(), np.ones(2), seconds=60.0, seed=0, progress=lambda stage, share: None)
-    assert float(found.shape.knots[0]) == pytest.approx(1.0, abs=0.1)
-    assert float(found.seen.nats[1]) > 990.0  # of 1000
-    assert float(found.first.nats[1]) < 500.0
-    assert float(found.seen.nats[0]) < 1e-6

@@ -12,7 +12,6 @@ from ...output.stages import StageClock
 from ..data.record import Record, in_one_piece
 from ..effects.estimate import Estimate
 from ..effects.experiments import Experiment, next_experiment
-from ..fit.candidate import Fit
 from ..fit.search import Search
 from ..select.decision import Decision
 from ..select.readings import Reading, readings
@@ -21,7 +20,7 @@ from ..select.verdict import ROUNDING, Verdict, material
 from .corrected import corrected_model
 from .course import Course
 from .curves import Curves
-from .diagnosis import Comparison, Diagnosis, Gap, Ranked, Step
+from .diagnosis import Comparison, Diagnosis, Ranked, Step
 from .intervals import identifiability, linear_unit, read_estimates
 from .judge import Read, judge
 from .learned import learn
@@ -30,6 +29,7 @@ from .posterior import left_open, make_posterior
 from .ranking import rank
 from .shrink import rms_of, steps_of, withheld
 from .tracking import Side, tracking_error
+from .warned import at_bounds, beyond_torque, details, where_fitted_alone
 from .where import locate
 
 ROUNDED = 1.5  # steps of a reading that its noise must be below for its rounding to be a cause [standard deviations]
@@ -82,9 +82,9 @@ def assemble(
         learned_text, _ = corrected_model(model, with_reading(machine_of(laws.fit.candidate), read_values), step)
     clock("closed loop")
     everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
-    said = [*_at_bounds(chosen, linear), *_beyond_torque(gap, torque), *warnings]
-    said += _details(chosen, causes)
-    said += [] if found.word == "no_gap" else _where_fitted_alone(gap, everywhere)
+    said = [*at_bounds(chosen, linear), *beyond_torque(gap, torque), *warnings]
+    said += details(chosen, causes)
+    said += [] if found.word == "no_gap" else where_fitted_alone(gap, everywhere)
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
     tracking = tracking_error(model, [in_one_piece(record) for record in records], *sides, said)
     clock("where")
@@ -124,40 +124,6 @@ def assemble(
     )
 
 
-def _beyond_torque(gap: Gap, torque: float) -> list[str]:
-    """Said where more torque is missing than was commanded."""
-    if not gap.before > torque:
-        return []
-    return [
-        f"The nominal model misses {gap.before:.3g} {gap.unit} where {torque:.3g} {gap.unit} rms were commanded: its "
-        f"inertia, a unit, or the times at which the position was read are likelier wrong than its friction. Check "
-        f"them before any cause named here."
-    ]
-
-
-def _details(chosen: Fit, causes: Sequence[str]) -> list[str]:
-    """Said of what the corrected model holds beside the causes."""
-    details = [name for name in chosen.candidate.structural if name not in causes] if causes else []
-    if not details:
-        return []
-    names = " and ".join(details)
-    return [
-        f"The corrected model also holds {names}: a detail and no cause, since hardly any of the gap would come back "
-        "without it or the log does not tell its size from nothing."
-    ]
-
-
-def _where_fitted_alone(gap: Gap, everywhere: float) -> list[str]:
-    """Said where no withheld window holds any of the gap, so that no number here can confirm a cause."""
-    if gap.before > gap.noise_floor or not everywhere > gap.noise_floor:
-        return []
-    return [
-        f"What is missing shows in the fitted windows alone ({everywhere:.3g} {gap.unit} over all windows): the "
-        "withheld ones hold none of it, so the gap told of them is that of noise, and no cause can be confirmed on "
-        "them. Record for longer, so that what happens comes back, or withhold a log in which it does (--holdout)."
-    ]
-
-
 def _instead(read: Sequence[Reading], allowed: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
     """What a reading may have in the place of an error of it, by effect: the likelihoods decide from `close` on."""
     decided = 1.0 / (1.0 + math.exp(-THRESHOLDS.close))
@@ -190,18 +156,6 @@ def _step(record: Record) -> float:
         # Derived by the drive: its steps are the encoder's, and no fault of a sensor.
         channel = None if is_derived(channel.values, record.position.values) else channel
     return channel.step if channel is not None and channel.step > ROUNDED * channel.noise else 0.0
-
-
-def _at_bounds(fit: Fit, linear: bool) -> list[str]:
-    """Warnings about parameters that ended at the end of what was allowed."""
-    c = fit.candidate
-    units = {p.name: linear_unit(p.unit, linear) for p in c.family.parameters}
-    return [
-        f"{name} ended at the end of what was allowed ({c.values()[name]:.4g} {units[name]}): its value is a limit of "
-        f"the search and not a measurement."
-        for name in c.at_bound()
-        if name in {p.name for effect in c.effects for p in effect.parameters} | c.wide
-    ]
 
 
 def _comparisons(search: Search, before: Sequence[Course], after: Sequence[Course]) -> tuple[Comparison, ...]:

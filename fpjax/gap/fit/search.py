@@ -67,6 +67,8 @@ class Search:
     ):  # fmt: skip
         self.nominal, self.effects, self.setting = nominal, effects, setting
         self.tick = tick or (lambda share: None)
+        self.real_noise = 1.0
+        """Variance of modes that hold hardly any torque, over what the sensors' noise says [1], at most 1."""
         self._prepare(records, 0)
         base = self._base(wide=NOMINAL)
         scale = self._noise_scale(base)
@@ -87,7 +89,6 @@ class Search:
         """Share of a torque's energy that is felt in the motion, shape (modes,): above the frequencies that the log's
         speed holds, a torque moves the machine less and less, and a reading's noise looks like more and more of it."""
         self.real_noise = real_noise(self.modes, self.base.level, self._coefficients(self.base))
-        """Variance of modes that hold hardly any torque, over what the sensors' noise says [1], at most 1."""
 
     def _prepare(self, records: list[Record], most: int) -> None:
         self.records = records
@@ -118,7 +119,6 @@ class Search:
         """
         if any(np.all(record.withheld) for record in self.records):
             return False  # whole logs are withheld: the user's choice
-        self.real_noise = 1.0
         fairer = fairer_split(score(self, self.exact).missing)
         if fairer is None:
             return False

@@ -1,0 +1,53 @@
+"""Warned: what should be known beside an answer, each said only where it is so; a list of none or one sentence."""
+
+from collections.abc import Sequence
+
+from ..fit.candidate import Fit
+from .gap import Gap
+from .intervals import linear_unit
+
+
+def at_bounds(fit: Fit, linear: bool) -> list[str]:
+    """Warnings about parameters that ended at the end of what was allowed."""
+    c = fit.candidate
+    units = {p.name: linear_unit(p.unit, linear) for p in c.family.parameters}
+    return [
+        f"{name} ended at the end of what was allowed ({c.values()[name]:.4g} {units[name]}): its value is a limit of "
+        f"the search and not a measurement."
+        for name in c.at_bound()
+        if name in {p.name for effect in c.effects for p in effect.parameters} | c.wide
+    ]
+
+
+def beyond_torque(gap: Gap, torque: float) -> list[str]:
+    """Said where more torque is missing than was commanded."""
+    if not gap.before > torque:
+        return []
+    return [
+        f"The nominal model misses {gap.before:.3g} {gap.unit} where {torque:.3g} {gap.unit} rms were commanded: its "
+        f"inertia, a unit, or the times at which the position was read are likelier wrong than its friction. Check "
+        f"them before any cause named here."
+    ]
+
+
+def details(chosen: Fit, causes: Sequence[str]) -> list[str]:
+    """Said of what the corrected model holds beside the causes."""
+    beside = [name for name in chosen.candidate.structural if name not in causes] if causes else []
+    if not beside:
+        return []
+    names = " and ".join(beside)
+    return [
+        f"The corrected model also holds {names}: a detail and no cause, since hardly any of the gap would come back "
+        "without it or the log does not tell its size from nothing."
+    ]
+
+
+def where_fitted_alone(gap: Gap, everywhere: float) -> list[str]:
+    """Said where no withheld window holds any of the gap, so that no number here can confirm a cause."""
+    if gap.before > gap.noise_floor or not everywhere > gap.noise_floor:
+        return []
+    return [
+        f"What is missing shows in the fitted windows alone ({everywhere:.3g} {gap.unit} over all windows): the "
+        "withheld ones hold none of it, so the gap told of them is that of noise, and no cause can be confirmed on "
+        "them. Record for longer, so that what happens comes back, or withhold a log in which it does (--holdout)."
+    ]
