@@ -101,6 +101,7 @@ def draw_tuning(after: Model, runs: "dict[str, Run]", results: "list[TuningResul
             panel.axhline(after.nominal[word], color=GREY, linestyle="--", label="true")
         panel.set_ylabel(f"{word} [{after.units.name(kinds.get(word, '1'))}]")
     for panel in panels[1:]:
+        _name_what_leaves(panel)
         beside(panel)
     panels[-1].set_xlabel("time [s]")
     return save(figure, path)
@@ -111,3 +112,14 @@ def _look_at_the_truth(panel: "Axes", truth: float | None) -> None:
     low, high = panel.get_ylim()
     if truth and (high > 4.0 * abs(truth) or low < -3.0 * abs(truth)):
         panel.set_ylim(max(low, truth - 2.0 * abs(truth)), min(high, truth + 2.0 * abs(truth)))
+
+
+def _name_what_leaves(panel: "Axes") -> None:
+    """A curve that goes on outside its panel says in the legend how far."""
+    low, high = panel.get_ylim()
+    for curve in panel.lines:
+        values, label = np.asarray(curve.get_ydata(), float), str(curve.get_label())
+        outside = values[(values < low) | (values > high)]  # where a run diverged it is no number, and on neither side
+        if outside.size and not label.startswith("_"):
+            furthest = float(outside[np.argmax(np.abs(outside))])
+            curve.set_label(f"{label} (to {furthest:.3g})")
