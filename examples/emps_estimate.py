@@ -19,7 +19,7 @@ import numpy as np
 
 import fpjax as fp
 from fpjax.analysis.estimate import observe
-from fpjax.logs.derivative import measured_velocity
+from fpjax.logs.dynamics.derivative import measured_velocity
 
 MODEL = pathlib.Path(__file__).parent / "emps.toml"
 LAP = 6.24  # s, the program's period

@@ -1,4 +1,4 @@
-"""Modules that stood flat in `fpjax/` until 0.1: their old names work for one version more, with a warning.
+"""Modules that stood elsewhere until 0.1: their old names work for one version more, with a warning.
 
 The finder stands last in `sys.meta_path`: it is asked only for what is found nowhere else.
 """
@@ -22,10 +22,17 @@ _ROOMS = {
     "compiled": ("batch", "elementary", "gradients", "hyperbolic", "native", "one_kernel", "threads"),
     "output": ("plotting", "progress", "runfile", "toml_text"),
 }
+_ROOMS_OF_LOGS = {
+    "checks": ("inspection", "suspicions"),
+    "columns": ("units",),
+    "dynamics": ("derivative", "nominal", "regression"),
+}
 MOVED = {
     **{name: f"{room}.{name}" for room, names in _ROOMS.items() for name in names},
     "plants": "blocks.plants",
     "simulate": "public",
+    "logs.measures": "logs.noise",
+    **{f"logs.{name}": f"logs.{room}.{name}" for room, names in _ROOMS_OF_LOGS.items() for name in names},
 }
 """Old name of a module -> where it is now, both without `fpjax.`."""
 RENAMED = {"Estimation": "Estimated"}
@@ -48,14 +55,13 @@ class _OldNames(MetaPathFinder, Loader):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: types.ModuleType | None = None
     ) -> importlib.machinery.ModuleSpec | None:
-        package, _, rest = fullname.partition(".")
-        if package != "fpjax" or rest.partition(".")[0] not in MOVED:
+        if not fullname.startswith("fpjax.") or _now(fullname) is None:
             return None
         return importlib.machinery.ModuleSpec(fullname, self, is_package=True)
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> types.ModuleType:
-        head, _, rest = spec.name.removeprefix("fpjax.").partition(".")
-        now = ".".join(filter(None, ("fpjax", MOVED[head], rest)))
+        now = _now(spec.name)
+        assert now is not None  # `find_spec` looked
         module = _OldName(spec.name)
         module.__dict__["_now"] = importlib.import_module(now)
         warnings.warn(
@@ -65,6 +71,17 @@ class _OldNames(MetaPathFinder, Loader):
 
     def exec_module(self, module: types.ModuleType) -> None:
         pass
+
+
+def _now(fullname: str) -> str | None:
+    """Where the module of this old name is, or what stood within a folder of this name; None where nothing moved."""
+    head, rest = fullname.removeprefix("fpjax."), ""
+    while head not in MOVED:
+        if "." not in head:
+            return None
+        head, _, last = head.rpartition(".")
+        rest = f".{last}{rest}"
+    return f"fpjax.{MOVED[head]}{rest}"
 
 
 def warn_of(old: str, now: str) -> None:

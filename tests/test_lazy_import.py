@@ -46,6 +46,7 @@ def test_every_public_name_is_an_attribute():
         ("friction.bristles", "blocks.friction.bristles", "Bristles"),
         ("plants", "blocks.plants", "OneMass"),
         ("estimate", "analysis.estimate", "observe"),
+        ("logs.measures", "logs.noise", "noise_level"),
     ],
 )
 def test_an_old_name_of_a_module_warns_and_works(old, now, name):

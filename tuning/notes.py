@@ -11,7 +11,7 @@ from fpjax.analysis.excitation import AT_THE_TRUTH, assess_excitation, error_mat
 from fpjax.blocks.observers import AbstractObserver
 from fpjax.blocks.signals import Signals
 from fpjax.errors import InputError
-from fpjax.logs.derivative import slope
+from fpjax.logs.dynamics.derivative import slope
 from fpjax.loop import ClosedLoop
 from fpjax.metrics import AbstractMeasure
 from fpjax.parameters import set_parameters

@@ -26,10 +26,10 @@ from ..compiled.native import scan_loop
 from ..compiled.programs import jit_by
 from ..errors import InputError
 from ..logs import Log
-from ..logs.derivative import Differentiator, measured_velocity, travel
-from ..logs.friction_curve import FrictionCurve, friction_curve
-from ..logs.nominal import fit_nominal
-from ..logs.regression import fit_pairs
+from ..logs.dynamics.derivative import Differentiator, measured_velocity, travel
+from ..logs.dynamics.friction_curve import FrictionCurve, friction_curve
+from ..logs.dynamics.nominal import fit_nominal
+from ..logs.dynamics.regression import fit_pairs
 from ..output.json_object import JsonObject
 from .excitation import Excitation, assess_excitation
 
@@ -145,7 +145,7 @@ class Estimated:
         Raises:
             InputError: where the file cannot be written.
         """
-        from ..logs.friction_picture import Law, draw_friction
+        from ..logs.dynamics.friction_picture import Law, draw_friction
         from ..output.plotting import BLUE, GREEN, GREY, RED, new_figure, saved, style, thin
 
         laws = [

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..errors import InputError
-from ..logs.derivative import slope
+from ..logs.dynamics.derivative import slope
 from ..loop import ClosedLoop
 from ..output.json_object import TomlTable
 from ..parameters import get_parameter, set_parameters

@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         start_jax(arguments)
         model, log = open_model_and_log(arguments, record)
         from ..analysis.estimate import estimate
-        from ..logs.derivative import measured_velocity
+        from ..logs.dynamics.derivative import measured_velocity
         from ..parameters import set_parameters
         from .common import read_pairs
 
@@ -93,7 +93,7 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> "tuple
     Raises:
         InputError: for what is invalid in one of them.
     """
-    from ..logs.suspicions import Numbers, suspicions
+    from ..logs.checks.suspicions import Numbers, suspicions
 
     changes = [word for word in arguments.set if not word.startswith("observer.")]
     arguments.observer_set = [word.removeprefix("observer.") for word in arguments.set if word.startswith("observer.")]
@@ -129,7 +129,7 @@ def default_observer(model: "Model", log: "Log", velocity: np.ndarray, record: R
     tanh as wide as the noise instead (gimbal motor, noise 0.2 % of the peak speed: -19 % became -5 %).
     """
     from .. import ExtendedFriedlandPark
-    from ..logs.measures import noise_level
+    from ..logs.noise import noise_level
 
     inertia = model.nominal["inertia"]
     mean_square = float(np.mean(np.square(velocity)))

@@ -4,15 +4,15 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from ..logs.nominal import PARAMETERS
+from ..logs.dynamics.nominal import PARAMETERS
 from ..output.json_object import JsonObject
 from ..output.runfile import RunFile, write_json, write_whole
 from .common import add_log_options, add_out, finish, log_options, running, table
 
 if TYPE_CHECKING:
     from ..logs import Log
-    from ..logs.inspection import Inspection
-    from ..logs.nominal import Nominal
+    from ..logs.checks.inspection import Inspection
+    from ..logs.dynamics.nominal import Nominal
 
 EXTRAS = 6  # columns shown that nobody mapped
 EXAMPLES = """\
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Inspect; needs no jax."""
     from ..logs import read_log
-    from ..logs.inspection import inspect_log
+    from ..logs.checks.inspection import inspect_log
 
     with running(arguments) as record:
         record.stage("read")

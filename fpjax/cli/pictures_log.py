@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING
 
 from matplotlib import rc_context
 
-from ..logs.friction_picture import Law, draw_friction
+from ..logs.dynamics.friction_picture import Law, draw_friction
 from ..output.plotting import BLUE, GREY, RED, STYLE, new_figure, save, thin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from ..logs import Log
-    from ..logs.inspection import Inspection
-    from ..logs.nominal import Nominal
+    from ..logs.checks.inspection import Inspection
+    from ..logs.dynamics.nominal import Nominal
 
 
 def draw_inspection(found: "Inspection", path: Path) -> Path:
@@ -39,7 +39,7 @@ def draw_inspection(found: "Inspection", path: Path) -> Path:
 
 
 def _draw_friction(panel: "Axes", log: "Log", nominal: "Nominal | None") -> None:
-    from ..logs.friction_curve import friction_curve
+    from ..logs.dynamics.friction_curve import friction_curve
 
     laws = [] if nominal is None else [Law("fitted", RED, nominal.coulomb, nominal.viscous, nominal.offset)]
     draw_friction(panel, friction_curve(log, nominal), laws, linear=log.linear)

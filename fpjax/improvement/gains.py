@@ -9,7 +9,7 @@ from ..blocks.controllers import Limited, PositionLoop
 from ..blocks.feedforward import AbstractFeedforward, Feedforward, PositionFeedforward
 from ..blocks.observers import NoObserver
 from ..errors import InputError
-from ..logs.derivative import slope
+from ..logs.dynamics.derivative import slope
 from ..model_file import Model
 from ..model_file.bounds import gain_names
 from ..parameters import get_parameter, set_parameters

@@ -13,7 +13,7 @@ from ..blocks.signals import Signals
 from ..compiled.batch import map_chunks
 from ..gap.machine import Machine
 from ..gap.precision import double_precision
-from ..logs.derivative import slope
+from ..logs.dynamics.derivative import slope
 from ..loop import ClosedLoop, LoopState
 from ..metrics import AbstractMeasure
 from ..model_file import Model

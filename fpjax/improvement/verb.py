@@ -13,7 +13,7 @@ from ..gap import Diagnosis, diagnose
 from ..gap.data.record import Record
 from ..gap.precision import double_precision
 from ..logs import Log, LogSource, read_log
-from ..logs.derivative import slope
+from ..logs.dynamics.derivative import slope
 from ..model_file import Model, ModelSource, dump_model, load_model
 from ..output.stages import StageClock
 from ..scan import astype

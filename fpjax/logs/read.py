@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import FpjaxWarning, InputError
-from .clock import SHORTEST, in_order, longest_stretch, read_clock
-from .columns import (
+from .columns.headless import described
+from .columns.mapping import (
     Columns,
     Source,
     find_sources,
@@ -21,15 +21,15 @@ from .columns import (
     parse_columns,
     scale_of,
 )
-from .headless import described
+from .columns.units import find_unit
+from .formats.table import RawTable, Request, from_arrays, read_table
 from .log import Log, NamedArrays
-from .measured import constant_ratio, following
-from .measures import noise_level, rounding_step
-from .readings import filled, unread_rows, without_absurd
-from .resample import HELD, Uniform, every, to_grid
-from .table import RawTable, Request, from_arrays, read_table
-from .units import find_unit
-from .words import signed
+from .mending.absurd import filled, unread_rows, without_absurd
+from .mending.clock import SHORTEST, in_order, longest_stretch, read_clock
+from .mending.measured_torque import constant_ratio, following
+from .mending.resample import HELD, Uniform, every, to_grid
+from .mending.unsigned import signed
+from .noise import noise_level, rounding_step
 
 MOST_EXTRA = 64  # columns kept that nobody mapped
 MOST_OF_THE_TIME = (0.02, 0.98)  # quantiles: an axis that was driven to its place before the run stands still

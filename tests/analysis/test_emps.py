@@ -10,8 +10,8 @@ import pytest
 
 import fpjax as fp
 from fpjax.blocks.signals import Measurement
-from fpjax.logs.derivative import measured_velocity
-from fpjax.logs.regression import fit_pairs
+from fpjax.logs.dynamics.derivative import measured_velocity
+from fpjax.logs.dynamics.regression import fit_pairs
 
 ROOT = pathlib.Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data" / "emps"

@@ -8,8 +8,8 @@ import pytest
 
 import fpjax as fp
 from fpjax.analysis.estimate import observe
-from fpjax.logs.derivative import measured_velocity
-from fpjax.logs.regression import fit_pairs
+from fpjax.logs.dynamics.derivative import measured_velocity
+from fpjax.logs.dynamics.regression import fit_pairs
 
 DT = 1e-3
 INERTIA, COULOMB, VISCOUS = 10.0, 20.0, 30.0

@@ -18,8 +18,8 @@ from sentences import faults
 from fpjax.cli.inspect import _show, starter
 from fpjax.errors import InputError
 from fpjax.logs import read_log
-from fpjax.logs.friction_curve import friction_curve
-from fpjax.logs.inspection import inspect_log
+from fpjax.logs.checks.inspection import inspect_log
+from fpjax.logs.dynamics.friction_curve import friction_curve
 
 pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")
 ROWS = 300

@@ -7,7 +7,7 @@ import pytest
 
 from fpjax.logs import read_log
 from fpjax.logs.formats import csv_file
-from fpjax.logs.table import Request, read_table
+from fpjax.logs.formats.table import Request, read_table
 
 ROWS = 150_000
 NUMBERS = 4 * 8 * ROWS  # bytes

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...logs.measures import is_derived
+from ...logs.noise import is_derived
 from ...model_file import Model
 from ...output.stages import StageClock
 from ..data.record import Record, in_one_piece

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...logs.measures import noise_level, rounding_step
+from ...logs.noise import noise_level, rounding_step
 
 Values = np.ndarray
 

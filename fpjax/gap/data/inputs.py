@@ -8,8 +8,8 @@ import numpy as np
 
 from ...errors import InputError
 from ...logs import Log, LogSource, read_log
-from ...logs.nominal import speed_of
-from ...logs.suspicions import Numbers, suspicions
+from ...logs.checks.suspicions import Numbers, suspicions
+from ...logs.dynamics.nominal import speed_of
 from ...model_file import Model, ModelSource, load_model
 from .setting import turns_with_position
 

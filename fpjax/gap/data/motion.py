@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...logs.derivative import local_polynomial
+from ...logs.dynamics.derivative import local_polynomial
 from .channel import Channel
 
 Values = np.ndarray

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...errors import InputError
 from ...logs import Log
-from ...logs.measures import is_derived
-from ...logs.stamps import stamp_jitter
+from ...logs.checks.stamps import stamp_jitter
+from ...logs.noise import is_derived
 from .channel import Channel, common_noise, make_channel
 from .motion import motion
 from .split import every_fourth

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...logs.derivative import local_polynomial
-from ...logs.measures import is_derived
+from ...logs.dynamics.derivative import local_polynomial
+from ...logs.noise import is_derived
 from ..data.record import Record
 
 HALF_WIDTHS = (4, 8, 16, 32, 64)  # samples on either side of the differentiator, narrowest first

@@ -12,8 +12,8 @@ from typing import TextIO
 import numpy as np
 
 from ...errors import InputError
-from ..table import RawTable, Request
 from .csv_layout import Layout, find_layout, number, split
+from .table import RawTable, Request
 
 PIECE = 50_000  # lines
 LARGE = 400 << 20  # bytes: of a larger file only the columns are kept that the log needs

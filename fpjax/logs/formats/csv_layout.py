@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 from ...errors import InputError
-from ..units import find_unit
+from ..columns.units import find_unit
 
 SEPARATORS: tuple[str | None, ...] = ("\t", ";", "|", ",", None)  # None: any number of spaces
 

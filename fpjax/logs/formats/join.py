@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..names import guess
-from ..table import RawTable, Request
+from ..columns.names import guess
+from .table import RawTable, Request
 
 Topics = dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]  # by topic: its stamps [s], its fields
 

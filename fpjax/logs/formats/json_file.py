@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...output.json_object import TomlTable
-from ..table import RawTable, Request, add_column
+from .table import RawTable, Request, add_column
 
 LARGEST = 1 << 30  # bytes: Python objects take ten times the space of their text
 DEEPEST = 6

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ..table import RawTable, Request, need
 from .numpy_file import add_array
+from .table import RawTable, Request, need
 
 
 def read(path: pathlib.Path, request: Request) -> RawTable:

@@ -5,8 +5,8 @@ import pathlib
 from collections.abc import Iterator
 
 from ...errors import InputError
-from ..table import RawTable, Request, need
 from .messages import Message, gathered
+from .table import RawTable, Request, need
 
 
 def read(path: pathlib.Path, request: Request) -> RawTable:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ..table import RawTable, Request
 from .join import Topics, joined
+from .table import RawTable, Request
 
 MOST_ELEMENTS = 16  # of an array field: joint states are short, images are not columns
 Message = tuple[str, int, Any]  # topic, time of logging [ns], what was decoded

@@ -5,7 +5,7 @@ import pathlib
 import numpy as np
 
 from ...errors import InputError
-from ..table import RawTable, Request
+from .table import RawTable, Request
 
 
 def read(path: pathlib.Path, request: Request) -> RawTable:

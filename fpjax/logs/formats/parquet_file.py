@@ -5,7 +5,7 @@ import pathlib
 import numpy as np
 
 from ...errors import InputError
-from ..table import RawTable, Request, add_column, need
+from .table import RawTable, Request, add_column, need
 
 LARGE = 50_000_000  # numbers
 

@@ -8,9 +8,9 @@ import urllib.parse
 from collections.abc import Iterator
 
 from ...errors import InputError
-from ..table import RawTable, Request
 from .cdr import KNOWN, Definitions, decode, parse_definitions, short_name
 from .messages import Message, gathered
+from .table import RawTable, Request
 
 
 def read(path: pathlib.Path, request: Request) -> RawTable:

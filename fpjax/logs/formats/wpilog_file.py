@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ..table import RawTable, Request
 from .join import Topics, joined
+from .table import RawTable, Request
 
 _TYPES = {"double": "<f8", "float": "<f4", "int64": "<i8", "boolean": "?"}
 MOST_ELEMENTS = 16  # of an array: swerve states are short, images are not columns

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..output.json_object import JsonObject
-from .log import Log, asks_for_a_position
-from .measures import noise_level, rounding_step, velocity_origin
-from .nominal import Nominal, acceleration_of, fit_nominal, speed_of
+from ...output.json_object import JsonObject
+from ..dynamics.nominal import Nominal, acceleration_of, fit_nominal, speed_of
+from ..log import Log, asks_for_a_position
+from ..noise import noise_level, rounding_step, velocity_origin
 from .suspicions import suspicions
 
 SATURATED = 0.002  # share of the samples that sit at an extreme

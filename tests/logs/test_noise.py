@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fpjax.logs.measures import (
+from fpjax.logs.noise import (
     is_derived,
     noise_level,
     rounding_step,

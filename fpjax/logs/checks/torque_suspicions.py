@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .derivative import smooth_motion
-from .log import Log
-from .nominal import SIGNIFICANT, Nominal, fit_rigid
+from ..dynamics.derivative import smooth_motion
+from ..dynamics.nominal import SIGNIFICANT, Nominal, fit_rigid
+from ..log import Log
 from .suspicion import Expected, Suspicion, unit_of
 
 Values = np.ndarray

@@ -5,7 +5,7 @@ import math
 import re
 from typing import NamedTuple
 
-from ..errors import InputError
+from ...errors import InputError
 
 
 class Unit(NamedTuple):

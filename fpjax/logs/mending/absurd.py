@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..errors import InputError
+from ...errors import InputError
 from .clock import LONGEST_FILLED
 
 LARGEST = 1e30  # in SI: no torque, speed or angle of a machine is near it

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..noise import LOOKED_AT
 from .clock import JITTER_ALLOWED, JITTER_WARNED, Clock
-from .measures import LOOKED_AT
 
 HELD = ("torque", "reference")
 CLEARLY = 0.9  # ratio of the disagreements below which one reading of the stamps is the better one

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from .clock import TIME_UNITS, likely_unit
-from .derivative import local_polynomial, smooth_motion, travel
-from .log import Log
-from .measures import noise_level, rounding_step
+from ..dynamics.derivative import local_polynomial, smooth_motion, travel
+from ..log import Log
+from ..mending.clock import TIME_UNITS, likely_unit
+from ..noise import noise_level, rounding_step
 from .stamps import stamp_jitter
 from .suspicion import LIKE, unit_of
 from .suspicion import Expected as Expected

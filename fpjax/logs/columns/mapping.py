@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
-from ..errors import InputError
+from ...errors import InputError
 from .names import WEAK, Guess, bracket_unit, guess, taken_apart
 from .units import QUANTITIES, find_unit, parse_unit
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .log import Log
+from ..log import Log
 from .nominal import Nominal, angle_of, speed_of
 
 BINS = 24  # on each side of zero

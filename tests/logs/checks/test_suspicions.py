@@ -8,10 +8,10 @@ import pytest
 from gap_machine import record
 
 from fpjax.logs import Log
-from fpjax.logs.suspicions import Numbers, suspicions
+from fpjax.logs.checks.suspicions import Numbers, suspicions
 
 BODY = Numbers(0.05, 0.4, 0.03)
-EMPS = pathlib.Path(__file__).parents[3] / "shared" / "data" / "emps"
+EMPS = pathlib.Path(__file__).parents[4] / "shared" / "data" / "emps"
 DEGREES = 180.0 / np.pi
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fpjax import InputError, Log
-from fpjax.logs.derivative import local_polynomial, measured_velocity, quiet_half, slope, smooth_motion, travel
-from fpjax.logs.regression import solved
+from fpjax.logs.dynamics.derivative import local_polynomial, measured_velocity, quiet_half, slope, smooth_motion, travel
+from fpjax.logs.dynamics.regression import solved
 
 TIME = 1e-3 * np.arange(10_000)
 SWING = np.sin(2 * np.pi * TIME) + 0.3 * np.sin(2 * np.pi * 2.7 * TIME)

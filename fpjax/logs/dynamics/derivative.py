@@ -13,9 +13,9 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import InputError
-from .log import Log
-from .measures import even_pieces, noise_level
+from ...errors import InputError
+from ..log import Log
+from ..noise import even_pieces, noise_level
 
 Values = np.ndarray
 Differentiator = Literal["zero_phase", "causal"]

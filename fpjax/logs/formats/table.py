@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from .log import NamedArrays
+from ...errors import InputError
+from ..log import NamedArrays
 
 
 @dataclass

@@ -12,7 +12,7 @@ from log_files import DT, SAMPLES, TURN, assert_same, write_csv
 from fpjax.errors import FpjaxWarning, InputError
 from fpjax.logs import read_log
 
-EMPS = pathlib.Path(__file__).parents[3] / "shared" / "data" / "emps"
+EMPS = pathlib.Path(__file__).parents[4] / "shared" / "data" / "emps"
 
 pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")  # each test asks for its own
 

@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..log import Log
+from ..noise import noise_level
 from .derivative import local_polynomial, quiet_half, smooth_motion
-from .log import Log
-from .measures import noise_level
 from .regression import mean_direction, mean_held, solved
 
 Values = np.ndarray

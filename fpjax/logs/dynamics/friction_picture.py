@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..output.plotting import BLUE, GREY
+from ...output.plotting import BLUE, GREY
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

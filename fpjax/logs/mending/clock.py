@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError
+from ...errors import InputError
 
 SHORTEST = 20  # rows
 JITTER_WARNED, JITTER_ALLOWED = 0.01, 0.25  # of a period

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from fpjax.logs import Log, read_log
-from fpjax.logs.friction_curve import friction_curve
-from fpjax.logs.nominal import fit_nominal
-from fpjax.logs.suspicions import Numbers, suspicions
+from fpjax.logs.checks.suspicions import Numbers, suspicions
+from fpjax.logs.dynamics.friction_curve import friction_curve
+from fpjax.logs.dynamics.nominal import fit_nominal
 
-DATA = pathlib.Path(__file__).parents[3] / "shared" / "data"
+DATA = pathlib.Path(__file__).parents[4] / "shared" / "data"
 INERTIA, COULOMB, VISCOUS = 0.01, 0.1, 0.01
 
 
