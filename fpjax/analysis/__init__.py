@@ -1,1 +1,1 @@
-"""What a run or a log tells: estimates of an observer, identified parameters, excitation."""
+"""Analysis of a run or a log: an observer's estimates, identified parameters, excitation, gains by pole placement."""

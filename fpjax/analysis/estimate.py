@@ -1,11 +1,12 @@
-"""An observer over a recorded log: torque and measured motion in, estimates over time out, beside least squares.
+"""An observer run over a recorded log: torque and measured motion in, estimates over time out, beside least squares.
 
-What the log's torque was compensated with does not matter: an observer wants the control before its own compensation,
-u = torque - load - compensation(estimates), and that is formed here from the logged torque at every sample.
+It does not matter whether the logged torque contained a compensation. An observer needs the control before its own
+compensation, u = torque - load - compensation(estimates), and this is computed here from the logged torque at every
+sample.
 
 Timing: the torque logged at t_k is held until t_k+1, so it belongs to the velocity in the middle of that period and to
-the difference of the velocities at its ends. Both the observer and the least squares are fed that way; pairing the
-torque with the motion at t_k instead is half a period wrong and shows up as friction (and as a delay).
+the difference of the velocities at its ends. Both the observer and the least squares use these pairs. Pairing the
+torque with the motion at t_k would be half a period wrong, and this error would look like friction (and like a delay).
 """
 
 import dataclasses
@@ -44,24 +45,24 @@ UNITS = {
 
 @dataclasses.dataclass(frozen=True)
 class Estimated:
-    """What an observer made of a log.
+    """An observer's estimates from a log.
 
     Attributes:
-        time: of each estimate, the end of each control period [s], shape (samples - 1,).
+        time: time of each estimate, the end of its control period [s], shape (samples - 1,).
         estimates: by name, each in its own unit, shape (samples - 1,).
         final: mean of each estimate over the last `average` seconds.
         spread: standard deviation of each estimate over the same seconds.
-        average: [s].
-        least_squares: coulomb, viscous and offset on the same pairs with the inertia as given; and "free inertia", the
-            inertia where it is fitted too.
-        velocity: what the observer was fed [rad/s], in the middle of each period, shape (samples - 1,).
+        average: length of that averaging window at the end of the log [s].
+        least_squares: coulomb, viscous and offset fitted to the same pairs with the inertia as given; and "free
+            inertia", the inertia where it is fitted too.
+        velocity: the velocity that the observer used [rad/s], in the middle of each period, shape (samples - 1,).
         excitation: the error dynamics along this motion at the least-squares values; None where an observer estimates
-            what least squares does not give.
-        differentiated: how the velocity came about, in words.
-        name: of the log.
-        linear: whether the units are N and m.
-        passes: over the log; the traces are the last one's.
-        friction: torque less inertia and loads in bins of velocity; None where the motion tells too little.
+            a parameter that least squares does not give.
+        differentiated: how the velocity was obtained, in words.
+        name: the log's name.
+        linear: whether the machine is linear, with units N and m.
+        passes: how often the observer went over the log; the traces are those of the last pass.
+        friction: torque less inertia and loads in bins of velocity; None where the motion does not determine it.
     """
 
     time: Float[np.ndarray, " periods"]
@@ -80,7 +81,7 @@ class Estimated:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What the user should know: estimates that cannot converge on this motion."""
+        """Warnings: one sentence for each estimate that cannot converge on this motion."""
         return () if self.excitation is None else self.excitation.sentences
 
     @property
@@ -193,7 +194,7 @@ def estimate(
     cutoff: float | None = None,
     passes: int = 1,
 ) -> Estimated:
-    """Run an observer over a log, both as blocks; `fpjax.estimate` reads files and models, and says what each is.
+    """Run an observer over a log, both given as objects; `fpjax.estimate` reads files too, and describes the arguments.
 
     Raises:
         InputError: for a log that is too short, an observer without estimates, or estimates that left the finite range.
@@ -203,6 +204,7 @@ def estimate(
     if log.samples < 16:
         raise InputError(f"{log.name} has {log.samples} samples: estimating needs at least 16.")
     velocity, how = measured_velocity(log, differentiator=differentiator, cutoff=cutoff)
+    # Arrays of periods (samples - 1) from here on: see the module's text for the pairing.
     middle = 0.5 * (velocity[1:] + velocity[:-1])
     torque = log.torque[:-1] - _load(load or NoLoad(), log, velocity)
     if passes < 1:
@@ -213,6 +215,7 @@ def estimate(
         if not np.all(np.isfinite(trace)):
             when = log.dt * int(np.argmin(np.isfinite(trace)))
             raise InputError(f"{name} left the finite range at {when:.3g} s: use smaller gains for this log.")
+    # By default the last quarter: the estimates have had three quarters of the log to settle.
     span = 0.25 * log.duration if average is None else float(average)
     if not 0.0 < span <= log.duration:
         raise InputError(f"average must be positive and at most the log's {log.duration:g} s, got {span:g} s.")
@@ -242,21 +245,21 @@ def observe(
     dt: Float[Array, ""],
     passes: int = 1,
 ) -> dict[str, Float[Array, " periods"]]:
-    """An observer over arrays: pure, so vmap it over gains or logs, jit it, differentiate it.
+    """An observer over arrays. It is a pure function: it can be vmapped over gains or logs, jitted and differentiated.
 
-    Each period is `AbstractObserver.moved`. Online the sampled loop skips the periods in which the speed changes its
-    sign; in a log whose velocity was filtered the change spans several, and skipping one of them makes EMPS' viscous
-    friction 5.2 % wrong instead of 4.6 %.
+    Each period is one `AbstractObserver.moved`. The sampled loop itself skips the periods in which the speed changes
+    its sign. In a log with a filtered velocity the reversal is spread over several periods, and skipping one of them
+    makes the viscous friction of the EMPS log 5.2 % wrong instead of 4.6 %, so none is skipped here.
 
     Args:
         observer: with its gains.
         torque: held over each period, known loads subtracted [N m].
         velocity: at the start of each period, and at the last one's end [rad/s].
         dt: control period [s].
-        passes: over the arrays, each starting from the last one's estimates (static).
+        passes: passes over the arrays, each starting from the estimates of the one before (static).
 
     Returns:
-        Estimates by name at the end of each period, of the last pass; the first starts with all estimates at zero.
+        Estimates by name at the end of each period, of the last pass; the first pass starts with all estimates at zero.
     """
     periods = (torque, velocity[:-1], velocity[1:])
 
@@ -265,6 +268,8 @@ def observe(
         state = observer.moved(state, commanded, before, after, dt)
         return state, observer.readout(state, after)[1]
 
+    # z = estimate + g(w): the state that has zero estimates at rest is carried to the first velocity, else the first
+    # estimate would be -g(w). Likewise from the end of one pass to the start of the next.
     state = observer.carried(observer.init(), jnp.zeros_like(velocity[0]), velocity[0])
     traces: dict[str, Array] = {}
     for _ in range(passes):
@@ -277,9 +282,10 @@ _observe_jit = jit_by(lambda observer, torque, velocity, dt, passes: (torque.sha
 
 
 def _friction(log: Log, torque: np.ndarray, inertia: float) -> FrictionCurve | None:
-    """The friction of a log in bins, for a given inertia and a torque whose known load is taken off."""
+    """The friction of a log in bins of velocity, for a given inertia; the torque is without the known load."""
+    # `torque` has one value per period; the last is repeated, so that there is one per sample again.
     unloaded = dataclasses.replace(log, torque=np.append(torque, torque[-1]))
-    fitted = fit_nominal(unloaded)  # for the length of window that its noise asks for
+    fitted = fit_nominal(unloaded)  # only for the length of the smoothing window, which follows from the log's noise
     if fitted is None:
         return None
     curve = friction_curve(unloaded, dataclasses.replace(fitted, inertia=inertia, sine=0.0, cosine=0.0))
@@ -287,6 +293,7 @@ def _friction(log: Log, torque: np.ndarray, inertia: float) -> FrictionCurve | N
 
 
 def _load(load: AbstractLoad, log: Log, velocity: np.ndarray) -> np.ndarray:
+    """The known load's torque [N m] in the middle of each period, shape (samples - 1,)."""
     position = travel(velocity, log.dt) if log.position is None else np.asarray(log.position, dtype=float)
 
     def middle(values: np.ndarray) -> Array:

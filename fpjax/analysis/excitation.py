@@ -1,15 +1,15 @@
 """Whether an observer's estimates can converge: its error dynamics, their slow mode, and persistent excitation.
 
-While the mass slides, every observer here has the estimate error e' = -(1/J) s(w) phi(w)^T e (4.12), with the slopes
-s = g'(w) and the regressor phi = d(friction)/d(parameters). One parameter: the pole -s phi / J, which is -alpha / J for
-|w| (4.13), (4.39). Several: at any instant the matrix has rank one, so only the motion over a window can drive all
-errors to zero, and how fast it does is the slow mode of the window: of the averaged matrix, or, exactly, of the
-monodromy matrix over a period (Floquet).
+While the mass slides, the estimates of every observer here have the error dynamics e' = -(1/J) s(w) phi(w)^T e (4.12),
+with the slopes s = g'(w) and the regressor phi = d(friction)/d(parameters). For one parameter this is the pole
+-s phi / J, which is -alpha / J for g = alpha |w| (4.13), (4.39). For several parameters the matrix has rank one at any
+instant, so only the motion over a window can drive all errors to zero. How fast is given by the slowest mode over the
+window: approximately that of the averaged matrix, exactly that of the monodromy matrix over a period (Floquet theory).
 
-The law holds for the smooth forms (tanh, ln cosh). With sign and |w| it holds while sliding only: while the mass
-sticks, d|w|/dt is not sign(w) w', and the estimate obeys k_hat' = (alpha/J) u^2 / (k - k_hat) instead, which converges
-without any motion: a fixed-step solver chatters about zero such that the mean friction balances k_hat sign(w) + u, the
-mass is on each side for the share of time that does, and z moves with sign(w) u (docs/thesis.md).
+This holds for the smooth forms (tanh, ln cosh). With sign and |w| it holds only while sliding. While the mass sticks,
+d|w|/dt is not sign(w) w', and the estimate obeys k_hat' = (alpha/J) u^2 / (k - k_hat) instead, which converges without
+any motion: a fixed-step solver chatters about zero speed, the mass is on each side for such a share of the time that
+the mean friction balances k_hat sign(w) + u, and z moves with sign(w) u (docs/thesis.md).
 """
 
 import dataclasses
@@ -28,25 +28,25 @@ WORDS = {
     "coulomb": "the Coulomb estimate (k_hat)", "viscous": "the viscous estimate (b_hat)",
     "steepness": "the steepness estimate (lambda_hat)",
 }  # fmt: skip
-AT_THE_TRUTH = 0.03  # of the true value: an estimate that ends within it is not said to be wrong
-CONVERGED = 0.05  # an error predicted above this fraction of the true value at the end is said
+AT_THE_TRUTH = 0.03  # error, as a fraction of the true value, within which an estimate counts as right
+CONVERGED = 0.05  # predicted error at the run's end, as a fraction of the true value, above which the user is warned
 
 
 @dataclasses.dataclass(frozen=True)
 class Excitation:
-    """What a motion lets an observer learn.
+    """Whether, and how fast, an observer's estimates converge along a motion.
 
     Attributes:
         names: the estimated parameters, in the order of everything below.
         gram: mean of phi phi^T over the window, shape (n, n); the units of phi squared.
-        smallest_eigenvalue: of the gram matrix with its diagonal scaled to one: 0 is not persistently exciting, 1 as
-            good as it can be [1].
+        smallest_eigenvalue: of the gram matrix with its diagonal scaled to one [1]: 0 where the motion is not
+            persistently exciting, 1 is the best possible.
         averaged: mean of -(1/J) s phi^T over the window [1/s], shape (n, n) (4.13), (4.39).
         averaged_time_constants: -1 / Re(eigenvalue) of `averaged`, slowest first [s]; infinite where nothing decays.
         time_constants: of the Floquet multipliers of the window, slowest first [s]; negative where an error grows.
-        remaining: predicted |error| of each estimate at the end of the run over its true value, an estimate having
-            started at zero [1].
-        duration: of the run [s].
+        remaining: predicted |error| of each estimate at the end of the run, relative to its true value, when the
+            estimates start at zero [1].
+        duration: length of the run [s].
     """
 
     names: tuple[str, ...]
@@ -70,14 +70,14 @@ class Excitation:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """For the user: one sentence an estimate that cannot converge, empty where all do."""
+        """For the user: one sentence for each estimate that cannot converge; empty where all do."""
         return self.told({})
 
     def told(self, off: Mapping[str, float]) -> tuple[str, ...]:
-        """The same where a run was simulated: an estimate that ended at the truth all the same may pass it.
+        """`sentences` for a simulated run, whose errors are known: an estimate may be right without having settled.
 
         Args:
-            off: (estimate at the end - truth) / truth by name [1]; an estimate that is not there is not known.
+            off: (estimate at the end - truth) / truth by name [1]; a missing name means that it is not known.
         """
         said = []
         for name, left in zip(self.names, self.remaining, strict=True):
@@ -87,7 +87,7 @@ class Excitation:
             modes = f"slow mode {_seconds(self.slow_mode)} against a run of {_seconds(self.duration)}"
             if abs(error) <= AT_THE_TRUTH:
                 said.append(
-                    f"{word} ends {100.0 * error:+.2g} % from the truth, yet it is not settled there: {modes}; check "
+                    f"{word} ends {100.0 * error:+.2g} % from the truth, but has not settled there: {modes}; check "
                     f"with a longer run."
                 )
             else:
@@ -105,16 +105,16 @@ def assess_excitation(
     *,
     duration: float | None = None,
 ) -> Excitation:
-    """What a window of motion lets an observer learn.
+    """Assess whether an observer's estimates converge along a window of motion.
 
     Args:
         observer: with its gains and its inertia.
-        velocity: w over the window [rad/s], shape (samples,): whole periods where the motion is periodic. The reference
-            of a loop that tracks well will do.
+        velocity: w over the window [rad/s], shape (samples,); whole periods where the motion is periodic. For a loop
+            that tracks well its reference is good enough.
         dt: time between samples [s].
         parameters: true values by name, of all that the observer estimates (and `coulomb` for extension 1's
-            sensitivity); nominal ones will do.
-        duration: of the run that is judged [s], made of repeated windows; None for one window.
+            sensitivity); nominal values are good enough.
+        duration: length of the run to assess [s], taken as a repetition of the window; None for one window.
 
     Raises:
         InputError: for an observer that estimates nothing, a missing parameter or an invalid velocity.
@@ -130,9 +130,11 @@ def assess_excitation(
     duration = window if duration is None else float(duration)
     slopes, regressor = _vectors(observer, speed, parameters)
     inertia = float(np.asarray(observer.inertia))
+    # slopes and regressor have the shape (samples, n).
     gram = regressor.T @ regressor / len(speed)
     averaged = -(slopes.T @ regressor) / (inertia * len(speed))
     multipliers, modes = np.linalg.eig(_monodromy(slopes, regressor, inertia, dt))
+    # Liouville: the sum of the logarithms of the multipliers is the integral of the trace of the matrix.
     trace = -float(np.einsum("ti,ti->", slopes, regressor)) * dt / inertia
     truth = np.asarray([float(np.asarray(parameters[name])) for name in names])
     return Excitation(
@@ -170,7 +172,7 @@ def pole(observer: AbstractObserver, velocity: float, parameters: Mapping[str, A
     For |w| it is -alpha / J at any speed; for g1 it is -alpha w^2 / J for b, and -alpha |w| / J for k.
 
     Raises:
-        InputError: for an observer of several parameters, whose error has no single pole: use `assess`.
+        InputError: for an observer of several parameters, whose error has no single pole: use `assess_excitation`.
     """
     if len(observer.estimated) != 1:
         raise InputError(
@@ -184,8 +186,8 @@ def _checked_velocity(velocity: ArrayLike | Sequence[float], dt: float) -> np.nd
     speed = np.asarray(velocity, dtype=float)
     if speed.ndim != 1 or len(speed) < 2 or not np.all(np.isfinite(speed)) or not float(dt) > 0.0:
         raise InputError(
-            f"velocity of shape {speed.shape} with dt = {float(dt):g} s cannot be judged: give at least two finite "
-            "samples in one row and a step above zero."
+            f"velocity must be one row of at least two finite samples and dt must be positive, got a velocity of shape "
+            f"{speed.shape} and dt = {float(dt):g} s."
         )
     return speed
 
@@ -193,6 +195,7 @@ def _checked_velocity(velocity: ArrayLike | Sequence[float], dt: float) -> np.nd
 def _vectors(
     observer: AbstractObserver, speed: np.ndarray, parameters: Mapping[str, ArrayLike]
 ) -> tuple[np.ndarray, np.ndarray]:
+    """(slopes s, regressor phi) along a motion, each of shape (samples, n)."""
     velocity = jnp.asarray(speed, jnp.asarray(observer.inertia).dtype)
     values = {name: jnp.asarray(float(np.asarray(value)), velocity.dtype) for name, value in parameters.items()}
 
@@ -206,12 +209,14 @@ def _factors(slopes: np.ndarray, regressor: np.ndarray, inertia: float, dt: floa
     """c of exp(A dt) = I - c s phi^T, exact because A = -(1/J) s phi^T has rank one."""
     rate = np.einsum("ti,ti->t", slopes, regressor) / inertia
     exponent = rate * dt
-    # expm1(-x)/x at x = 0 is -1, and a chatter's negative rate is as good as a positive one.
+    # c = (1 - exp(-x)) / x * dt / J with x = s phi dt / J; its limit at x = 0 is dt / J. Negative rates, which chatter
+    # makes, need no special case.
     safe = np.where(exponent == 0.0, 1.0, exponent)
     return np.where(exponent == 0.0, 1.0, -np.expm1(-safe) / safe) * dt / inertia
 
 
 def _monodromy(slopes: np.ndarray, regressor: np.ndarray, inertia: float, dt: float) -> np.ndarray:
+    """The transition matrix of the error over the whole window, shape (n, n): the product over all samples."""
     transition = np.eye(slopes.shape[1])
     for slope, row, factor in zip(slopes, regressor, _factors(slopes, regressor, inertia, dt), strict=True):
         transition = transition - np.outer(factor * slope, row @ transition)
@@ -219,6 +224,7 @@ def _monodromy(slopes: np.ndarray, regressor: np.ndarray, inertia: float, dt: fl
 
 
 def _smallest(gram: np.ndarray) -> float:
+    """The smallest eigenvalue of the gram matrix scaled to a unit diagonal; rounding below zero is cut off."""
     size = np.sqrt(np.diag(gram))
     if np.any(size == 0.0):
         return 0.0
@@ -226,7 +232,7 @@ def _smallest(gram: np.ndarray) -> float:
 
 
 def _logarithm(multipliers: np.ndarray, trace: float) -> np.ndarray:
-    """ln |multiplier|; the fastest from Liouville's sum, because it is often below rounding (exp(-700))."""
+    """ln |multiplier|; that of the fastest mode from Liouville's sum, as it is often below rounding (exp(-700))."""
     logs = np.log(np.maximum(np.abs(multipliers), 1e-300))
     fastest = int(np.argmin(logs))
     logs[fastest] = trace - (np.sum(logs) - logs[fastest])
@@ -234,7 +240,7 @@ def _logarithm(multipliers: np.ndarray, trace: float) -> np.ndarray:
 
 
 def _time_constants(rates: np.ndarray) -> np.ndarray:
-    # A rate below rounding of the fastest one is no decay.
+    # A rate below the rounding error of the fastest one is counted as no decay.
     floor = 1e-13 * max(float(np.max(np.abs(rates))), 1e-300)
     return np.asarray([math.inf if abs(rate) <= floor else -1.0 / rate for rate in rates])
 
@@ -245,6 +251,8 @@ def _slowest_first(constants: np.ndarray) -> np.ndarray:
 
 
 def _remaining(multipliers: np.ndarray, modes: np.ndarray, truth: np.ndarray, windows: float) -> np.ndarray:
+    """|error| over |truth| after some windows, of estimates that start at zero (error = truth), shape (n,)."""
+    # The initial error in the basis of the modes (the columns); least squares, because the modes may be parallel.
     shares, *_ = np.linalg.lstsq(modes, truth.astype(complex), rcond=None)
     # Magnitudes mode by mode: an error that happens to pass through zero at the end has not converged.
     left = np.abs(modes * shares) * np.abs(multipliers) ** windows

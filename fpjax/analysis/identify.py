@@ -1,8 +1,8 @@
 """Grey-box identification: any named parameters of a closed loop, fitted to a run through the differentiable simulator.
 
-The loop is simulated as the run was made (its reference, or its recorded torque through `TorqueInput`), and
-Levenberg-Marquardt (optimistix) moves the named parameters until the simulated signals are the measured ones. Each
-parameter is moved on its own scale between its bounds; the Jacobian is taken in forward mode through the scan.
+The loop is simulated with the input of the run (its reference, or its recorded torque through `TorqueInput`), and
+Levenberg-Marquardt (optimistix) changes the named parameters until the simulated signals fit the measured ones. Each
+parameter is searched on its own scale between its bounds; the Jacobian is taken in forward mode through the scan.
 """
 
 import dataclasses
@@ -26,26 +26,26 @@ from ..scan import Inputs, Stepper, Stepping, loop_dtype, make_inputs, make_step
 from ..solvers import AbstractPlantSolver
 from .verdicts import is_alive, verdicts
 
-WIDTH = 100.0  # default bounds: this factor to either side of the start
-NOT_PINNED = 0.5  # relative standard error above which the data do not pin a parameter
-WORST = 1e6  # a residual of more standard deviations counts as this many: a diverged trial must not be NaN
+WIDTH = 100.0  # default bounds: the start value divided and multiplied by this
+NOT_PINNED = 0.5  # relative standard error above which a parameter is not determined by the data
+WORST = 1e6  # [standard deviations] residuals are cut off here, so that a diverged trial has a finite, large cost
 
 
 @dataclasses.dataclass(frozen=True)
 class Identified:
-    """What an identification found.
+    """The result of an identification.
 
     Attributes:
-        loop: with the identified parameters in.
+        loop: the loop with the identified parameters.
         values: by name, each in its own unit.
-        standard_errors: of the values, for independent residuals; coloured ones make them too small.
-        intervals: value -+ 1.96 standard errors, on the parameter's own (logarithmic) scale.
+        standard_errors: of the values, assuming independent residuals; they are too small where residuals are coloured.
+        intervals: 95 % intervals, value -+ 1.96 standard errors on the parameter's own scale (logarithmic if positive).
         verdicts: by name: "pinned", or some of "dead" (moves nothing), "traded off with NAME", "not pinned" (standard
             error above half the value), "at its low bound", "at its high bound".
         correlation: of the estimates, shape (n, n).
         residual_rms: by signal, in the signal's unit.
-        steps: Levenberg-Marquardt steps taken.
-        converged: whether no step lowers the cost any more.
+        steps: number of Levenberg-Marquardt steps.
+        converged: whether the search ended because no step lowers the cost any more.
     """
 
     loop: ClosedLoop
@@ -103,7 +103,7 @@ def identify(
         stepping: as in `simulate`.
         substeps: as in `simulate`.
         initial: state at t = 0; None for rest.
-        max_steps: of Levenberg-Marquardt.
+        max_steps: largest number of Levenberg-Marquardt steps.
 
     Raises:
         InputError: for invalid names, bounds or measurements.
@@ -137,6 +137,8 @@ def identify(
     at = jnp.asarray(_coordinates(np.asarray(list(start.values())), low, high), dtype)
     if not np.all(np.isfinite(_residuals_jit(at, problem))):
         raise InputError("The run cannot be simulated from the start values: give better ones, or a smaller step.")
+    # Relative and absolute tolerance of the coordinates and of the cost; about the square root of the rounding in
+    # single precision.
     precision = 1e-9 if dtype == jnp.float64 else 1e-5
     solution = optimistix.least_squares(
         _residuals,
@@ -152,7 +154,7 @@ def identify(
 
 
 class _Problem(eqx.Module):
-    """What the residuals depend on besides the coordinates; all numbers are leaves, so that nothing recompiles."""
+    """All that the residuals depend on besides the coordinates; numbers are array leaves, so nothing recompiles."""
 
     tree: JsonObject
     stepper: Stepper
@@ -164,6 +166,7 @@ class _Problem(eqx.Module):
     paths: tuple[str, ...] = eqx.field(static=True)
 
 
+# Cached, because jax compiles anew for every new solver object.
 @functools.cache
 def _marquardt(precision: float) -> Any:
     import optimistix
@@ -180,6 +183,7 @@ def _residuals(at: Array, problem: _Problem) -> Array:
     _, recorded, _ = roll(loop, inputs, problem.stepper, {}, tuple(problem.measured), problem.initial)
     parts = [(recorded[name] - problem.measured[name]) / problem.sigma[name] for name in problem.measured]
     joined = jnp.concatenate(parts)
+    # The inner `where` keeps NaN out of the branch that is differentiated (0 * NaN is NaN).
     sound = jnp.isfinite(joined)
     return jnp.where(sound, jnp.clip(jnp.where(sound, joined, 0.0), -WORST, WORST), WORST)
 
@@ -197,7 +201,11 @@ def _logarithmic(low: Any) -> Any:
 
 
 def _values(at: Array, low: Array, high: Array) -> Array:
-    """Parameters between their bounds from coordinates on the whole line; logarithmic where the bounds are positive."""
+    """Parameters from their coordinates, shape (n,).
+
+    A coordinate may be any real number; its sigmoid is the share of the way from the low to the high bound, so no step
+    can leave the bounds. The way is logarithmic where the bounds are positive.
+    """
     share = jax.nn.sigmoid(at)
     positive = _logarithmic(low)
     bottom, top = jnp.where(positive, low, 1.0), jnp.where(positive, high, 1.0)
@@ -205,6 +213,7 @@ def _values(at: Array, low: Array, high: Array) -> Array:
 
 
 def _coordinates(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The inverse of `_values`."""
     positive = _logarithmic(low)
     with np.errstate(all="ignore"):
         share = np.where(positive, np.log(values / low) / np.log(high / low), (values - low) / (high - low))
@@ -215,26 +224,30 @@ def _report(problem: _Problem, names: tuple[str, ...], at: np.ndarray, steps: in
     here = jnp.asarray(at, problem.low.dtype)
     residuals = np.asarray(_residuals_jit(here, problem), float)
     by_signal = residuals.reshape(len(problem.measured), -1)
-    # The noise is what the fit leaves, signal by signal: no figure for it need be believed.
+    # The noise standard deviation is estimated from the residuals, signal by signal (degrees of freedom shared out), so
+    # that the standard errors do not depend on `noise` being right.
     spread = np.sqrt(np.sum(by_signal**2, axis=1) / max(by_signal.shape[1] - len(names) / len(by_signal), 1.0))
     weights = np.repeat(1.0 / np.maximum(spread, 1e-300), by_signal.shape[1])
     jacobian = np.asarray(_jacobian_jit(here, problem), float) * weights[:, None]
     values = np.asarray(_values(here, problem.low, problem.high), float)
     low, high = np.asarray(problem.low, float), np.asarray(problem.high, float)
-    # Slopes per unit of ln(value), or of half the range where it is linear, so that they compare.
+    # Slopes by ln(value), or by half the range where the scale is linear, so that parameters can be compared. The chain
+    # rule over `_values`: d share / d coordinate = share (1 - share), d ln(value) / d share = width.
     share = 1.0 / (1.0 + np.exp(-at))
     width = np.where(low > 0.0, np.log(np.maximum(high, 1e-300) / np.maximum(low, 1e-300)), 2.0)
     slopes = jacobian / (share * (1.0 - share) * width)
     lengths = np.linalg.norm(slopes, axis=0)
     unit = slopes / np.maximum(lengths, 1e-300)
     normal = unit.T @ unit
-    # Floored, not a pseudo-inverse: a direction that nothing pins must show as a large variance, not as none.
+    # Eigenvalues are floored instead of dropped as by a pseudo-inverse: a direction that the data do not determine must
+    # show a large variance, not none.
     powers, directions = np.linalg.eigh(normal)
     covariance = directions / np.maximum(powers, 1e-14 * powers[-1]) @ directions.T
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     correlation = covariance / np.maximum(np.outer(deviation, deviation), 1e-300)
     error = np.where(is_alive(lengths), deviation / np.maximum(lengths, 1e-300), np.inf)
     logarithmic = low > 0.0
+    # Back to the parameter's own unit: d value = value d ln(value), or half the range.
     absolute = np.where(logarithmic, np.abs(values), 0.5 * (high - low)) * error
     with np.errstate(over="ignore", invalid="ignore"):
         below = np.where(logarithmic, values * np.exp(-1.96 * error), values - 1.96 * absolute)
@@ -274,7 +287,7 @@ def _limits(
         if name not in bounds:
             if value <= 0.0:
                 raise InputError(
-                    f"{name} starts at {value:g}, so its scale is unknown: give bounds={{{name!r}: (...)}}."
+                    f"{name} starts at {value:g}, so its scale is unknown: give bounds={{{name!r}: (low, high)}}."
                 )
             low.append(value / WIDTH)
             high.append(value * WIDTH)

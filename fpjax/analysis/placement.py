@@ -1,4 +1,4 @@
-"""Gains by pole placement: where a search begins, and what a model file without gains gets."""
+"""Gains by pole placement: start values of a search, and the gains of a model file that gives none."""
 
 from collections.abc import Sequence
 
@@ -12,18 +12,20 @@ from ..output.json_object import TomlTable
 from ..parameters import get_parameter, set_parameters
 from .excitation import error_matrix
 
-DAMPING = 0.7  # of the velocity loop that kp and ki are placed for
-FOLLOWED = 0.7  # error over the reference's peak at which kp alone overcomes Coulomb friction (held: 1)
-PROBE = 2000  # samples of the reference that the observer's rates are averaged over
+DAMPING = 0.7  # damping ratio of the velocity loop for which kp and ki are placed [1]
+# Tracking error, as a share of the reference's peak, at which kp alone overcomes Coulomb friction (1 is a machine that
+# does not move at all).
+FOLLOWED = 0.7
+PROBE = 2000  # about how many samples of the reference the observer's rates are averaged over
 _GAINS = ("gain", "gain_1", "gain_2", "nonlinearity.gain")
 
 
 def place_gain(loop: ClosedLoop, tables: Sequence[np.ndarray], dt: float, name: str, truths: TomlTable) -> float | None:
     """The gain that pole placement gives, in its unit; None where there is no rule for it.
 
-    An observer's gain is placed where its estimate alone would settle in `placed_time`: gain = J / (tau mean s phi)
-    (4.13), (4.39). kp = 2 zeta omega J and ki = omega^2 J are those of a velocity loop of damping 0.7 and the bandwidth
-    that `placed_bandwidth` gives.
+    An observer's gain is chosen so that its estimate alone settles with the time constant tau of `placed_time`: gain =
+    J / (tau mean(s phi)), with s and phi of a gain of 1 (4.13), (4.39). kp = 2 zeta omega J and ki = omega^2 J place
+    the poles of a velocity loop with the damping ratio zeta = 0.7 and the omega of `placed_bandwidth`.
 
     Args:
         loop: the closed loop.
@@ -45,27 +47,28 @@ def place_gain(loop: ClosedLoop, tables: Sequence[np.ndarray], dt: float, name: 
 
 
 def placed_time(dt: float, horizon: float) -> float:
-    """Time constant [s] of an estimate: half way, in logarithms, between 8 periods and the run."""
+    """Time constant [s] of an estimate: the geometric mean of 8 periods and the length of the run."""
     return float(np.sqrt(8.0 * dt * horizon))
 
 
 def placed_bandwidth(dt: float, horizon: float, least: float = 0.0) -> float:
-    """Bandwidth of a velocity loop [rad/s]: half way between what a period allows, 0.2 / dt, and a tenth of the run.
+    """Bandwidth of a velocity loop [rad/s]: the geometric mean of 0.2 / dt and of 10 over the length of the run.
 
     Args:
         dt: control period [s].
-        horizon: of the run [s].
-        least: below which friction would hold the machine [rad/s], as `friction_bandwidth` has it; what a period allows
-            is the limit all the same.
+        horizon: length of the run [s].
+        least: bandwidth below which friction would hold the machine [rad/s], from `friction_bandwidth`. The limit of
+            the control period, 0.2 / dt, comes first.
     """
+    # The hold and the difference delay a sampled loop by about one period: at 0.2 / dt that costs 0.2 rad of phase.
     allowed = 0.2 / dt
     return float(min(max(np.sqrt(allowed * (10.0 / horizon)), least), allowed))
 
 
 def friction_bandwidth(loop: ClosedLoop, tables: Sequence[np.ndarray], truths: TomlTable) -> float:
-    """Bandwidth [rad/s] from which kp times `FOLLOWED` of the reference's peak overcomes Coulomb friction; 0 if none.
+    """Bandwidth [rad/s] above which kp times `FOLLOWED` of the reference's peak overcomes Coulomb friction; 0 if none.
 
-    A weaker loop may not move at all: its error never asks for as much torque as friction holds.
+    A weaker loop may not move at all: its proportional torque always stays below the friction.
 
     Args:
         loop: the closed loop, with a velocity controller.
@@ -77,11 +80,12 @@ def friction_bandwidth(loop: ClosedLoop, tables: Sequence[np.ndarray], truths: T
     if not peak > 0.0:
         return 0.0
     inertia = float(np.asarray(loop.plant.inertia))  # type: ignore[attr-defined]
+    # kp FOLLOWED peak = coulomb with kp = 2 zeta omega J, solved for omega.
     return coulomb / (FOLLOWED * peak * 2.0 * DAMPING * inertia)
 
 
 def _unit_rate(loop: ClosedLoop, tables: Sequence[np.ndarray], dt: float, name: str, truths: TomlTable) -> float | None:
-    """Rate [1/s] at which the estimate that this gain drives would settle with a gain of 1, all others at 0."""
+    """Rate [1/s] at which this gain's estimate would settle with a gain of 1 and all others 0; None without a rule."""
     known = [f"{prefix}.{word}" for prefix in ("observer", "observer.observer") for word in _GAINS]
     if name not in known or not loop.observer.estimated:
         return None
@@ -102,5 +106,6 @@ def _unit_rate(loop: ClosedLoop, tables: Sequence[np.ndarray], dt: float, name: 
         matrix = error_matrix(alone.observer, jnp.asarray(np.concatenate(speeds)), truths)
     except (AttributeError, KeyError):
         return None  # an observer whose error dynamics are not known
+    # With one gain other than zero the matrix has rank one: its trace is its only eigenvalue.
     rate = -float(np.mean(np.trace(np.asarray(matrix), axis1=-2, axis2=-1)))
     return rate if np.isfinite(rate) and rate > 0.0 else None

@@ -1,32 +1,34 @@
-"""Which parameters data pin: one rule and one set of limits, for gains, identified numbers and a diagnosis' fits."""
+"""Which parameters are identifiable: one rule and one set of limits, for gains, identified values and the diagnosis."""
 
 import numpy as np
 
-DEAD = 1e-9  # slope, as a fraction of the largest, below which a parameter moves nothing
-FLAT = 1e-2  # the same, below which it moves next to nothing, where that is asked
-PARALLEL = 0.999  # of two slopes (cosine) or two estimates (correlation), beyond which the two trade off
-# The same for correlations of a posterior: its priors keep the correlation of two parameters that the data alone trade
-# off below one, so that the limit of the data alone would never be reached.
+DEAD = 1e-9  # slope, as a fraction of the largest, below which a parameter has no effect
+FLAT = 1e-2  # slope, as a fraction of the largest, below which a parameter has hardly any effect, where that is asked
+# |cosine| of two slopes, or |correlation| of two estimates, above which the two parameters trade off: only a
+# combination of them is identifiable.
+PARALLEL = 0.999
+# The same for the correlations of a posterior. Its priors keep the correlation of two parameters below one even where
+# the data cannot tell them apart at all, so the limit for data alone would never be reached.
 PARALLEL_POSTERIOR = 0.95
-AT_BOUND = 0.96  # share of the way from the middle to a bound from which a parameter counts as at it
+AT_BOUND = 0.96  # share of the way from the middle to a bound, beyond which a parameter counts as at the bound
 
 
 def is_alive(lengths: np.ndarray) -> np.ndarray:
-    """Which parameters move anything.
+    """Which parameters have an effect on the residuals, shape (n,).
 
     Args:
-        lengths: of the slopes, shape (n,).
+        lengths: norms of the residuals' slopes by each parameter, shape (n,).
     """
     return lengths > DEAD * max(float(np.max(lengths, initial=0.0)), 1e-300)
 
 
 def traded_with(alike: np.ndarray, index: int, *, limit: float = PARALLEL) -> list[int]:
-    """Which others a parameter trades off with, the closest first.
+    """Indices of the parameters that a parameter trades off with, the closest first.
 
     Args:
         alike: cosines of the slopes, or correlations of the estimates, shape (n, n).
         index: of the parameter.
-        limit: size beyond which two trade off; `PARALLEL_POSTERIOR` where priors are in the estimates.
+        limit: |cosine| or |correlation| above which two trade off; `PARALLEL_POSTERIOR` where priors are involved.
     """
     size = np.abs(alike[index])
     return [int(j) for j in np.argsort(-size, kind="stable") if j != index and size[j] > limit]
@@ -45,11 +47,12 @@ def verdicts(
 
     Args:
         names: of the parameters.
-        lengths: of the residuals' slopes by each, in one measure for all, shape (n,).
+        lengths: norms of the residuals' slopes by each parameter, all on comparable scales, shape (n,).
         alike: cosines of the slopes, or correlations of the estimates, shape (n, n).
-        unpinned: whether something else leaves a parameter open, shape (n,); said where no other reason is.
+        unpinned: whether a parameter is undetermined for another reason (a large standard error), shape (n,); reported
+            only where none of the reasons above applies.
         share: where each lies between its bounds, -1 to 1, shape (n,).
-        flat: slope, as a fraction of the largest, below which a parameter is "flat"; at most `DEAD` for never.
+        flat: slope, as a fraction of the largest, below which a parameter is "flat"; `DEAD` or less for never.
     """
     alive = is_alive(lengths)
     steep = alive & (lengths > flat * float(np.max(lengths, initial=0.0)))
@@ -60,6 +63,7 @@ def verdicts(
         elif not steep[i]:
             words[name].append("flat")
         words[name] += [
+            # The direction of a dead or flat slope is rounding: it is compared with no other.
             f"traded off with {other}"
             for j, other in enumerate(names)
             if steep[i] and steep[j] and j in traded_with(alike, i)

@@ -33,7 +33,7 @@ class AbstractActuator(Block):
 
 
 class IdealActuator(AbstractActuator):
-    """Applied is commanded."""
+    """The applied torque is the commanded torque."""
 
     def init(self) -> tuple[()]:
         """No state."""
@@ -63,7 +63,7 @@ class ActuatorState(eqx.Module):
 
 
 class Actuator(AbstractActuator):
-    """Delay, gain, dead zone, lag, limit, offset and cogging, in that order; what is None is not there.
+    """Delay, gain, dead zone, lag, limit, offset and cogging, in that order; None leaves a part out.
 
     Attributes:
         gain: applied = gain x commanded [1].
@@ -105,7 +105,7 @@ class Actuator(AbstractActuator):
         return ActuatorState(lagged, past)
 
     def derivative(self, state: ActuatorState, torque: Array) -> ActuatorState:
-        """Of the lag; a delay cannot be an ODE and is refused."""
+        """Time derivative of the lag's state; a delay is refused, because it is no ordinary differential equation."""
         if self.delay is not None:
             raise InputError(
                 "Actuator: a delay needs sampled stepping (a pure delay is no differential equation): "
@@ -131,18 +131,21 @@ class Actuator(AbstractActuator):
             return ActuatorState(None, history), self._finished(shaped, motion)
         ratio = dt / self._lag_floor()
         decay = jnp.exp(-ratio)
+        # The lag is solved exactly: x(t) = command + (x0 - command) exp(-t / lag). The plant is stepped with the mean
+        # torque of the period, which gives the exact change of speed, rather than with the value at either end.
         mean = shaped + (state.lagged - shaped) * (1.0 - decay) / ratio
         after = shaped + (state.lagged - shaped) * decay
         return ActuatorState(after, history), self._finished(mean, motion)
 
     def _lag_floor(self) -> Array:
         assert self.lag is not None
-        return jnp.maximum(self.lag, 1e-9)  # a lag of zero is the neutral value, not a division by zero
+        return jnp.maximum(self.lag, 1e-9)  # [s]; a lag of zero is the neutral value, and must not divide by zero
 
     def _shaped(self, torque: Array) -> Array:
         if self.gain is not None:
             torque = self.gain * torque
         if self.dead_zone is not None:
+            # Equal to sign(u) max(|u| - dead_zone, 0), with a defined gradient at u = 0.
             torque = torque - jnp.clip(torque, -self.dead_zone, self.dead_zone)
         return torque
 
@@ -162,9 +165,11 @@ class Actuator(AbstractActuator):
 def delayed(history: tuple[Array, ...], oldest: Array, periods: Array) -> Array:
     """Mean over one period of a held signal delayed by `periods` (any fraction), newest first in `history`.
 
-    Linear interpolation between neighbouring periods is exact for the mean of a held signal; `oldest` is what stood
-    before.
+    Linear interpolation between neighbouring periods is exact for the mean of a held signal. `oldest` is the value from
+    before those in `history`.
     """
+    # Triangular weights instead of an index into the history: no gather, which would break the vector loop, and the
+    # result has a gradient by the delay. At any delay only two neighbouring weights are not zero.
     values = (*history, oldest)
     total = jnp.zeros_like(values[0])
     for index, value in enumerate(values):

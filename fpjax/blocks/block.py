@@ -27,8 +27,8 @@ class Block(eqx.Module):
         return show_fields(self)
 
 
-LINE = 100  # characters of a block on one line
-MOST_SHOWN = 8  # numbers of an array that are written out
+LINE = 100  # a representation longer than this [characters] gets a line for each field
+MOST_SHOWN = 8  # a longer array is shown by its shape and range
 
 
 def show_fields(module: eqx.Module) -> str:
@@ -77,7 +77,11 @@ def as_optional(value: Any) -> Any:
 
 
 def with_arrays(tree: PyTree) -> PyTree:
-    """The blocks with every plain number in them as an array leaf: a block of one's own need not convert its fields."""
+    """The blocks with every plain number in them as an array leaf, so that a user's own block need not convert its own.
+
+    Args:
+        tree: a block, or any pytree of blocks.
+    """
 
     def one(leaf: PyTree) -> PyTree:
         number = isinstance(leaf, int | float) and not isinstance(leaf, bool)
@@ -87,6 +91,7 @@ def with_arrays(tree: PyTree) -> PyTree:
 
 
 def _concrete(value: object) -> np.ndarray | None:
+    """The value as numpy; None where it cannot be checked: absent, traced, or a tree transformation's placeholder."""
     if value is None or isinstance(value, Tracer):
         return None
     if not isinstance(value, (jax.Array, np.ndarray, float, int)):

@@ -1,4 +1,4 @@
-"""Feed-forward: what the reference alone asks for, added to a velocity controller or a position cascade."""
+"""Feed-forward: the torque that the reference itself asks for, added to a velocity controller or a position cascade."""
 
 import dataclasses
 
@@ -14,10 +14,10 @@ from .signals import Measurement
 
 
 class AbstractFeedforward(AbstractController):
-    """What the feed-forwards of a velocity and of a position share: the controller that they stand around.
+    """What the feed-forwards for a velocity and for a position reference share: the controller that they wrap.
 
     Attributes:
-        controller: what the torque is added to.
+        controller: the wrapped controller, to whose output the torque is added.
     """
 
     controller: eqx.AbstractVar[AbstractController]
@@ -29,11 +29,11 @@ class AbstractFeedforward(AbstractController):
         require_positive(self, "lag", "s")
 
     def _law(self) -> AbstractController:
-        """The wrapped controller; where there is a limit, it holds for the sum."""
+        """The wrapped controller without its limit, which is applied to the sum instead."""
         return self.controller.unbounded() if self.controller.bounded else self.controller
 
     def knowing(self, following: Array) -> "AbstractFeedforward":
-        """Told the reference of the next sample."""
+        """The same feed-forward with the reference of the next sample set."""
         return dataclasses.replace(self, following=following)
 
     @property
@@ -58,24 +58,24 @@ class AbstractFeedforward(AbstractController):
 class Feedforward(AbstractFeedforward):
     """u = controller + inertia dr/dt + coulomb tanh(r / speed) + viscous r, for a velocity reference r.
 
-    dr/dt is (r - x) / lag with x' = (r - x) / lag. Nothing of it depends on a measurement, so it moves no pole and
-    costs no margin.
+    dr/dt is computed as (r - x) / lag with x' = (r - x) / lag. It depends on no measurement, so it moves no pole of the
+    loop and costs no stability margin.
 
-    Sampled, a torque is held from one sample to the next, and what moves the machine from r_k to r_k+1 is the
-    difference of both over the period and the friction at their mean. A reference that comes from a table or a formula
-    is known a sample ahead: with `ahead` that is what is given (lag = one period; a longer one lags behind it). The
-    difference to the sample before is half a period late, and the friction at r_k likewise: so much is left to the
-    feedback in a drive that is told its reference no sooner (`ahead` = False), or where no next sample is passed.
+    In sampled stepping the torque is held from one sample to the next. Moving the machine from r_k to r_k+1 takes the
+    difference of the two over the period, and the friction at their mean. A reference from a table or a formula is
+    known one sample ahead, and with `ahead` exactly this torque is applied (lag = one period; a longer lag smooths it
+    and delays it). Without the next sample (`ahead` = False, or none is passed) the difference to the sample before is
+    used, which is half a period late, and the friction at r_k likewise; the feedback has to correct what is missing.
 
     Attributes:
-        controller: what the torque is added to.
-        inertia: of the acceleration that the reference asks for [kg m^2].
-        coulomb: friction that is compensated in the reference's direction [N m].
-        viscous: likewise, in proportion to its speed [N m s/rad].
-        speed: reference at which three quarters of `coulomb` are given [rad/s].
-        lag: of the derivative of the reference [s]; a control period at least when sampled.
-        ahead: the reference of the next sample is known when sampled (static).
-        following: that reference [rad/s], which the loop puts here for one sample; no parameter.
+        controller: the wrapped controller, to whose output the torque is added.
+        inertia: inertia that multiplies dr/dt [kg m^2].
+        coulomb: Coulomb friction compensated in the direction of the reference [N m].
+        viscous: viscous friction compensated at the speed of the reference [N m s/rad].
+        speed: reference velocity at which tanh(1), three quarters, of `coulomb` is applied [rad/s].
+        lag: time constant of the reference's derivative [s]; at least one control period when sampled.
+        ahead: whether the reference of the next sample is known when sampled (static).
+        following: the reference of the next sample [rad/s]; the loop sets it for one sample. Not a parameter.
     """
 
     controller: AbstractController
@@ -88,17 +88,18 @@ class Feedforward(AbstractFeedforward):
     following: Array | None = eqx.field(default=None, repr=False)
 
     def init(self) -> tuple[PyTree, Array, Array]:
-        """(the wrapped controller's state, the reference that lags [rad/s], 0 before the first sample)."""
+        """(the wrapped controller's state, the lagged reference [rad/s], 0 before the first sample and 1 after it)."""
         zero = jnp.zeros_like(self.lag)
         return self.controller.init(), zero, zero
 
     def derivative(self, state: PyTree, reference: Array, measurement: Measurement) -> tuple[PyTree, Array, Array]:
         """The wrapped controller's, and that of the lag."""
         inner, late, _ = state
+        # The last state is a flag that must leave 0; as an ODE it is a ramp, of which only the sign is used.
         return self.controller.derivative(inner, reference, measurement), (reference - late) / self.lag, 1.0 / self.lag
 
     def step(self, state: PyTree, reference: Array, measurement: Measurement, dt: Array) -> tuple[PyTree, Array, Array]:
-        """The wrapped controller's step; a lag shorter than a period follows at once."""
+        """The wrapped controller's step; a lag shorter than a period is no lag at all."""
         inner, late, begun = state
         after = self.controller.step(inner, reference, measurement, dt)
         before, wanted = jnp.where(begun > 0.0, late, reference), self._wanted(reference)
@@ -108,7 +109,8 @@ class Feedforward(AbstractFeedforward):
         """u [N m]; where there is a limit, it holds for the sum."""
         inner, late, begun = state
         wanted = self._wanted(reference)
-        # Nothing is known of the reference before the first sample: no acceleration until then, rather than from zero.
+        # At the first sample there is no earlier reference: the acceleration is then taken as zero. Taken as a step
+        # from zero it would kick the machine.
         slope = (wanted - jnp.where(begun > 0.0, late, reference)) / self.lag
         held = reference if self.following is None else 0.5 * (reference + wanted)
         torque = self._law().readout(inner, reference, measurement) + self.inertia * slope + self.viscous * held
@@ -119,44 +121,44 @@ class Feedforward(AbstractFeedforward):
 
     @property
     def looks_ahead(self) -> bool:
-        """Where the drive knows its reference a sample ahead."""
+        """Whether the drive knows its reference one sample ahead."""
         return self.ahead
 
     def follow(self, excess: Array) -> PyTree:
-        """The wrapped controller's; the lag follows no limit."""
+        """The wrapped controller's anti-windup; the lag of the reference needs none."""
         inner = self.controller.follow(excess)
         return None if inner is None else (inner, jnp.zeros_like(excess), jnp.zeros_like(excess))
 
 
 class PositionFeedforward(AbstractFeedforward):
-    """A position cascade whose velocity loop is told the reference's rate, and the torque that its motion asks for.
+    """Velocity and torque feed-forward of a position cascade.
 
-    The inner reference becomes kp (r - position) + velocity dr/dt, and inertia d2r/dt2 + coulomb tanh(dr/dt / speed) +
-    viscous dr/dt is added to the torque. With velocity = 1 and the machine's own numbers nothing is left to the
-    position loop; without it a cascade follows a ramp of slope v with an error of v / kp.
+    The reference of the velocity loop becomes kp (r - position) + velocity dr/dt, and inertia d2r/dt2 + coulomb
+    tanh(dr/dt / speed) + viscous dr/dt is added to the torque. With velocity = 1 and the machine's own numbers nothing
+    is left to the position loop; without feed-forward a cascade follows a ramp of slope v with an error of v / kp.
 
-    dr/dt is (r - x) / lag with x' = (r - x) / lag, and d2r/dt2 the same of dr/dt. Nothing of it depends on a
-    measurement, so it moves no pole and costs no margin.
+    dr/dt is computed as (r - x) / lag with x' = (r - x) / lag, and d2r/dt2 from dr/dt in the same way. They depend on
+    no measurement, so they move no pole of the loop and cost no stability margin.
 
-    Sampled, with the next reference known (`ahead`) and a lag of one period, the rate is that from this sample to the
-    next one: the friction of the period in which the torque is held. What the velocity loop is told is the mean of it
-    and the one before, the rate at this very sample. The acceleration is the second difference about this sample, half
-    a period before the middle of the held torque: to have it there takes the reference of two samples ahead, which a
-    drive is seldom told. Without the next sample (`ahead` = False) the rate is half a period late, for the friction a
-    whole one, and the acceleration one and a half.
+    In sampled stepping, with the next reference known (`ahead`) and a lag of one period, dr/dt is the difference from
+    this sample to the next: the rate of the very period in which the torque is held. The velocity loop gets the mean of
+    this rate and the one before, which is the rate at this sample. The acceleration is the second difference about this
+    sample, half a period before the middle of the held torque: without that delay it would take the reference two
+    samples ahead, which a drive seldom has. Without the next sample (`ahead` = False) the velocity loop's rate is half
+    a period late, the friction's rate a whole period, and the acceleration one and a half.
 
     A reference that is itself a reading (rounded to an encoder's counts) has rough differences: `lag` smooths them.
 
     Attributes:
         controller: a `PositionLoop`, or a limit around one.
-        velocity: share of the reference's rate that the velocity loop is told [1].
-        inertia: of the acceleration that the reference asks for [kg m^2].
-        coulomb: friction that is compensated in the direction of the reference's rate [N m].
-        viscous: likewise, in proportion to it [N m s/rad].
-        speed: rate at which three quarters of `coulomb` are given [rad/s].
-        lag: of both derivatives of the reference [s]; a control period at least when sampled.
-        ahead: the reference of the next sample is known when sampled (static).
-        following: that reference [rad], which the loop puts here for one sample; no parameter.
+        velocity: share of dr/dt that is added to the velocity loop's reference [1].
+        inertia: inertia that multiplies d2r/dt2 [kg m^2].
+        coulomb: Coulomb friction compensated in the direction of dr/dt [N m].
+        viscous: viscous friction compensated at dr/dt [N m s/rad].
+        speed: dr/dt at which tanh(1), three quarters, of `coulomb` is applied [rad/s].
+        lag: time constant of both derivatives of the reference [s]; at least one control period when sampled.
+        ahead: whether the reference of the next sample is known when sampled (static).
+        following: the reference of the next sample [rad]; the loop sets it for one sample. Not a parameter.
     """
 
     controller: AbstractController
@@ -176,13 +178,13 @@ class PositionFeedforward(AbstractFeedforward):
             inner = inner.controller
         if not isinstance(inner, PositionLoop):
             raise InputError(
-                f"PositionFeedforward stands around a PositionLoop, whose velocity loop it tells the reference's rate, "
+                f"PositionFeedforward must wrap a PositionLoop, to whose velocity loop it adds the reference's rate; "
                 f"got {type(inner).__name__}: use PositionLoop(kp, velocity_controller), or Feedforward for a velocity "
                 "reference."
             )
 
     def init(self) -> tuple[PyTree, Array, Array, Array]:
-        """(the cascade's state, the reference that lags [rad], its rate that lags [rad/s], 0 at first)."""
+        """(the cascade's state, lagged reference [rad], lagged rate [rad/s], 0 before the first sample and 1 after)."""
         zero = jnp.zeros_like(self.lag)
         return self.controller.init(), zero, zero, zero
 
@@ -198,7 +200,7 @@ class PositionFeedforward(AbstractFeedforward):
     def step(
         self, state: PyTree, reference: Array, measurement: Measurement, dt: Array
     ) -> tuple[PyTree, Array, Array, Array]:
-        """The cascade's step; lags shorter than a period follow at once."""
+        """The cascade's step; a lag shorter than a period is no lag at all."""
         inner, late, _, begun = state
         rate, before, now = self._rates(state, reference)
         after = self.controller.fed(self.velocity * now).step(inner, reference, measurement, dt)
@@ -216,7 +218,8 @@ class PositionFeedforward(AbstractFeedforward):
     def _rates(self, state: PyTree, reference: Array) -> tuple[Array, Array, Array]:
         """dr/dt of this period and of the one before, and that at the sample [rad/s]."""
         _, late, slow, begun = state
-        # Nothing is known of the reference before the first sample: no speed and no acceleration from zero.
+        # At the first sample there is no earlier reference: rate and acceleration are then taken as they would be at
+        # rest, instead of as a step from zero.
         late = jnp.where(begun > 0.0, late, reference)
         rate = (self._wanted(reference) - late) / self.lag
         before = jnp.where(begun > 0.0, slow, rate)
@@ -227,10 +230,10 @@ class PositionFeedforward(AbstractFeedforward):
 
     @property
     def looks_ahead(self) -> bool:
-        """Where the drive knows its reference a sample ahead."""
+        """Whether the drive knows its reference one sample ahead."""
         return self.ahead
 
     def follow(self, excess: Array) -> PyTree:
-        """The cascade's; the lags follow no limit."""
+        """The cascade's anti-windup; the lags of the reference need none."""
         inner, zero = self.controller.follow(excess), jnp.zeros_like(excess)
         return None if inner is None else (inner, zero, zero, zero)

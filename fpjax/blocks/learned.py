@@ -1,4 +1,4 @@
-"""A learned law: a torque as a table of one variable, for what no named effect says."""
+"""A learned law: a torque as a table over one variable, for what no named effect describes."""
 
 import itertools
 from collections.abc import Sequence
@@ -33,12 +33,13 @@ class LearnedTorque(AbstractLoad):
     """A torque [N m] that the motor must deliver besides all else, tabulated over one variable.
 
     It has the sign of positive friction: torque = J dw/dt + friction + load + this. Between the points it is a straight
-    line or a monotone cubic (Fritsch, Butland, "A method for constructing local monotone piecewise cubic interpolants",
-    1984: it never swings beyond its points); beyond the first and the last point their values are held; with a period
-    the last point joins the first. It is continuous: a jump at zero velocity is Coulomb friction, which must stick, and
-    belongs in the friction law (`split_jump` takes the two apart).
+    line or a monotone cubic, which never leaves the range of its two points (Fritsch, Butland, "A method for
+    constructing local monotone piecewise cubic interpolants", 1984). Beyond the first and the last point their values
+    are held; with a period the last point joins the first. The table is continuous: a jump at zero velocity is Coulomb
+    friction, which must stick, and belongs in the friction law (`split_jump` separates the two).
 
-    Every point is a leaf of its own, so that lanes of candidates pass through without vmap, as in `PositionTorque`.
+    Every point is an array leaf of its own, so that arrays of candidates pass through without vmap, as in
+    `PositionTorque`.
 
     Attributes:
         of: "velocity" [rad/s], "position" [rad], "torque" (through the gear, see `Motion`) [N m] or "time" [s]; static.
@@ -100,8 +101,8 @@ class LearnedTorque(AbstractLoad):
     def value(self, x: Array) -> Array:
         """The table at x, in the variable's unit; of x's shape.
 
-        A sum of what each interval adds up to x: no search and no gather, so it fills vectors and every derivative is
-        there; the cost grows with the number of points.
+        The sum of what each interval contributes up to x. That takes no search and no gather, so it vectorizes, and it
+        can be differentiated by x, by the points and by their torques. The cost grows with the number of points.
         """
         at, torque = self.at, self.torque
         if self.period is not None:
@@ -132,13 +133,13 @@ class LearnedTorque(AbstractLoad):
 
 
 def split_jump(at: Sequence[float], torque: Sequence[float]) -> tuple[list[float], list[float], float]:
-    """A table over velocity whose point 0 stands twice, as a continuous table and a Coulomb level.
+    """A table over velocity with two values at 0, separated into a continuous table and a Coulomb level.
 
-    A learned law has one curve for each direction. What they differ by at rest is a set-valued torque that sticks: half
-    of the jump is Coulomb friction, the rest a table without a jump.
+    A learned law has one curve for each direction. The difference of the two at rest is a set-valued torque that
+    sticks: half of this jump is Coulomb friction, and the rest is a table without a jump.
 
     Args:
-        at: velocities [rad/s], increasing but for 0, which may stand twice.
+        at: velocities [rad/s], increasing; only 0 may occur twice.
         torque: the value at each [N m]; at the two zeros that of the negative, then that of the positive direction.
 
     Returns:
@@ -156,7 +157,7 @@ def split_jump(at: Sequence[float], torque: Sequence[float]) -> tuple[list[float
         return points, values, 0.0
     if len(twice) > 1 or points[twice[0]] != 0.0:
         raise InputError(
-            f"at = {points[twice[0]]:g} stands twice: a learned torque may jump at zero velocity only, once."
+            f"at = {points[twice[0]]:g} occurs twice: a learned torque may jump only at zero velocity, and only once."
         )
     place = twice[0]
     half = 0.5 * (values[place + 1] - values[place])
@@ -173,14 +174,19 @@ def _concrete(values: tuple[Any, ...]) -> np.ndarray | None:
 
 
 def _hermite(share: Array, rise: Array, width: Array, slopes: list[Array]) -> Array:
-    """What the cubic of an interval has risen by at a share u of it, divided by u."""
+    """The rise of an interval's cubic at a share u of its width, divided by u.
+
+    Hermite's cubic with the end slopes m0, m1, over the width h with the whole rise r:
+    p(u) = u (m0 h + u (3 r - 2 m0 h - m1 h + u (m0 h + m1 h - 2 r))).
+    """
     first, last = slopes[0] * width, slopes[1] * width
     return first + share * (3.0 * rise - 2.0 * first - last + share * (first + last - 2.0 * rise))
 
 
 def _inner_slope(before: Array, after: Array, left: Array, right: Array) -> Array:
-    """Fritsch and Butland's slope at a point: a weighted harmonic mean of its secants, zero at an extreme."""
+    """Fritsch and Butland's slope at a point: a weighted harmonic mean of both secants, zero at an extreme."""
     same = left * right > 0.0
+    # Where the secants differ in sign or vanish the mean is not used; ones in its divisors keep its gradient finite.
     one = jnp.ones_like(left)
     w_left, w_right = 2.0 * after + before, after + 2.0 * before
     mean = (w_left + w_right) / (w_left / jnp.where(same, left, one) + w_right / jnp.where(same, right, one))
@@ -188,8 +194,9 @@ def _inner_slope(before: Array, after: Array, left: Array, right: Array) -> Arra
 
 
 def _end_slope(own: Array, next_width: Array, secant: Array, next_secant: Array) -> Array:
-    """The slope at an end: of the parabola through three points, kept from overshooting."""
+    """The slope at an end: that of the parabola through three points, limited so that the cubic stays monotone."""
     slope = ((2.0 * own + next_width) * secant - own * next_secant) / (own + next_width)
     slope = jnp.where(slope * secant > 0.0, slope, jnp.zeros_like(slope))
+    # A monotone Hermite cubic allows slopes up to three times the secant.
     steep = (secant * next_secant <= 0.0) & (jnp.abs(slope) > 3.0 * jnp.abs(secant))
     return jnp.where(steep, 3.0 * secant, slope)

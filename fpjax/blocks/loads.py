@@ -1,4 +1,4 @@
-"""Known loads on the plant: what the motor must hold besides friction."""
+"""Known loads on the plant: the torque that the motor must hold besides friction."""
 
 from abc import abstractmethod
 

@@ -11,7 +11,10 @@ from .signals import Motion
 
 
 class PositionTorque(AbstractLoad):
-    """sum_i cosine_i cos(i n position) + sine_i sin(i n position): linear in its amplitudes, as a fit wants it.
+    """sum_i cosine_i cos(i n position) + sine_i sin(i n position).
+
+    It is linear in its amplitudes, so that a fit has no phase to search for. The amplitudes are tuples of scalars, so
+    that arrays of candidates pass through without vmap.
 
     Attributes:
         cosine: of the harmonics 1, 2 ... of n [N m]; neutral 0.

@@ -1,4 +1,4 @@
-"""References: what the loop is asked to follow, as functions of time."""
+"""References: what the loop must follow, as functions of time."""
 
 from abc import abstractmethod
 
@@ -75,6 +75,7 @@ class Chirp(AbstractReference):
     def readout(self, time: Array) -> Array:
         """The chirp at time [s]."""
         rate = (self.end_frequency - self.start_frequency) / self.sweep_time
+        # The phase is the integral of the frequency: a quadratic while it sweeps, linear at f1 afterwards.
         sweeping = jnp.minimum(time, self.sweep_time)
         turns = self.start_frequency * sweeping + 0.5 * rate * sweeping * sweeping
         turns = turns + self.end_frequency * (time - sweeping)
@@ -96,6 +97,7 @@ class Triangle(AbstractReference):
 
     def readout(self, time: Array) -> Array:
         """The triangle at time [s]."""
+        # The position within a cycle, from 0 to 1; a quarter ahead, so that the wave starts at zero and rises.
         cycle = jnp.mod(self.frequency * time + self.phase / (2.0 * jnp.pi) + 0.25, 1.0)
         return self.amplitude * (1.0 - 4.0 * jnp.abs(cycle - 0.5))
 
@@ -136,7 +138,8 @@ class Multisine(AbstractReference):
         shapes = {np.shape(leaf) for leaf in (self.amplitudes, self.frequencies, self.phases)}
         if len(shapes) != 1:
             raise InputError(
-                f"Multisine: amplitudes, frequencies, phases have shapes {sorted(shapes)}: give one of each a tone."
+                f"Multisine: amplitudes, frequencies and phases have the shapes {sorted(shapes)}: give one of each for "
+                "every tone."
             )
 
     def readout(self, time: Array) -> Array:
@@ -169,7 +172,8 @@ class Recorded(AbstractReference):
     def readout(self, time: Array) -> Array:
         """The recorded value at time [s]; the first and the last value continue outside."""
         place = jnp.clip(time / self.interval, 0.0, self.values.shape[-1] - 1.0)
-        # A sample instant computed as k * dt may fall a rounding error short of k.
+        # A sample instant computed as k * dt may fall a rounding error short of sample k, which would hold the sample
+        # before: a thousandth of an interval is added.
         index = jnp.floor(place + 1e-3).astype(int)
         before = self.values[index]
         if self.hold:

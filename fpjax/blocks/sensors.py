@@ -19,7 +19,7 @@ class AbstractSensor(Block):
     """From the plant's output to a measurement.
 
     Class attributes:
-        noise_channels: standard normal numbers that one sample needs.
+        noise_channels: how many standard normal random numbers one sample takes.
     """
 
     noise_channels: ClassVar[int] = 0
@@ -35,10 +35,10 @@ class AbstractSensor(Block):
         """(next state, what is read at the start of this control period of dt [s]); `noise` holds standard normals."""
 
     def readout(self, output: PlantOutput) -> Measurement:
-        """What is read at any instant (continuous stepping); refused by a sensor that only exists at samples."""
+        """The reading at any instant (continuous stepping); refused by a sensor that only works at samples."""
         del output
         raise InputError(
-            f"{type(self).__name__} only exists at sample instants, so continuous stepping cannot use it: "
+            f"{type(self).__name__} only works at sample instants, so continuous stepping cannot use it: "
             'use stepping="sampled", or IdealSensor().'
         )
 
@@ -102,6 +102,8 @@ class Gyro(AbstractSensor):
         wander, angle = state
         true = _on_side(self.side, output)
         rate = self.scale * true.velocity + self.bias + wander + self.noise * noise[0]
+        # A random walk's standard deviation grows with the square root of time. What is read now uses the bias and the
+        # angle of the sample before: a drive's integral is one period old.
         following = (wander + self.random_walk * jnp.sqrt(dt) * noise[1], angle + dt * rate)
         return following, Measurement(rate, angle)
 
@@ -112,7 +114,7 @@ class Encoder(AbstractSensor):
     Attributes:
         step_size: [rad] per count; 0 for none.
         noise: standard deviation of a reading before rounding [rad].
-        filter_time: time constant [s] of the low-pass on the difference; 0 for the bare difference.
+        filter_time: time constant [s] of the low-pass filter on the difference; 0 for the plain difference.
         side: "load" or "motor" (static).
     """
 
@@ -139,7 +141,10 @@ class Encoder(AbstractSensor):
         """A rounded position [rad] and its filtered difference [rad/s]."""
         before, velocity, started = state
         reading = quantise(_on_side(self.side, output).position + self.noise * noise[0], self.step_size)
+        # The first sample has no difference: `started` is 0 there, or the position at the start would look like a
+        # jump.
         difference = started * (reading - before) / dt
+        # The low-pass in backward Euler: stable at any filter_time, and the plain difference at 0.
         velocity = velocity + dt / (dt + self.filter_time) * (difference - velocity)
         return (reading, velocity, jnp.ones_like(started)), Measurement(velocity, reading)
 
@@ -154,7 +159,8 @@ class KalmanFusion(AbstractSensor):
     Attributes:
         gyro: the rate sensor.
         encoder: the position sensor.
-        angle_noise: standard deviation the filter assumes for a position reading [rad]; at least step/sqrt(12).
+        angle_noise: standard deviation that the filter assumes for a position reading [rad]; the rounding alone makes
+            step_size / sqrt(12), so give at least that.
     """
 
     noise_channels: ClassVar[int] = 3
@@ -169,6 +175,7 @@ class KalmanFusion(AbstractSensor):
     def init(self) -> PyTree:
         """Both sensors' states, (angle, bias), and the covariance (p11, p12, p22)."""
         zero = jnp.zeros_like(self.angle_noise)
+        # The bias starts with a standard deviation of 1 rad/s, far above any gyro's: the first readings decide.
         spread = jnp.square(self.angle_noise)
         return self.gyro.init(), self.encoder.init(), (zero, zero), (spread, zero, zero + 1.0)
 
@@ -183,9 +190,11 @@ class KalmanFusion(AbstractSensor):
         reading_variance = jnp.square(self.angle_noise)
         innovation = p11 + reading_variance
         gain_angle, gain_bias = p11 / innovation, p12 / innovation
+        # The innovation's value; `innovation` above is its variance.
         residual = reading.position - angle
         angle, bias = angle + gain_angle * residual, bias + gain_bias * residual
-        # (1 - gain) p11 without its cancellation, which costs float32 all digits where the encoder is much the better.
+        # gain x R equals (1 - gain) p11, without the cancellation that leaves float32 no digits where the encoder is
+        # far more accurate than the prediction.
         p11, p12, p22 = gain_angle * reading_variance, gain_bias * reading_variance, p22 - gain_bias * p12
         velocity = rate.velocity - bias
         measurement = Measurement(velocity, angle)
@@ -198,7 +207,7 @@ class KalmanFusion(AbstractSensor):
 
 
 def quantise(value: Array, step_size: Array) -> Array:
-    """Round to multiples of `step_size` (0: leave it); the gradient is the identity (straight-through)."""
+    """Round to multiples of `step_size` (0: no rounding); the gradient is that of no rounding (straight-through)."""
     positive = step_size > 0.0
     size = jnp.where(positive, step_size, jnp.ones_like(step_size))
     rounded = jnp.round(value / size) * size

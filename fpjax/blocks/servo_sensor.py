@@ -1,4 +1,4 @@
-"""The sensor of a real servo: which side it sits on, its lag and dead time, its scale and bias, its step and noise."""
+"""The sensor of a real servo: its side, lag and dead time, scale and bias, rounding step and noise."""
 
 from typing import ClassVar
 
@@ -13,8 +13,13 @@ from .signals import Measurement, PlantOutput
 
 
 class ServoSensorState(eqx.Module):
-    """Lagged rate [rad/s], true rate one period ago [rad/s], last lagged rates (newest first), 0 before the first
-    sample.
+    """State of `ServoSensor`.
+
+    Attributes:
+        lagged: the lag's output at the last sample [rad/s].
+        before: the true rate at the last sample [rad/s].
+        history: earlier outputs of the lag, newest first [rad/s].
+        started: 0 before the first sample, then 1.
     """
 
     lagged: Array
@@ -24,13 +29,14 @@ class ServoSensorState(eqx.Module):
 
 
 class ServoSensor(AbstractSensor):
-    """Rate: lag, dead time, scale, bias, noise, step, in that order; position: the encoder's own noise and step.
+    """The rate with lag, dead time, scale, bias, noise and rounding, in that order; the position with its own noise
+    and rounding.
 
-    Every field has a neutral value at which it is not there.
+    Every field has a neutral value at which it has no effect.
 
     Attributes:
-        load_side: 1 reads the load, 0 the motor, in between a mixture [1] (an array leaf, so that both sides can
-            be tried).
+        load_side: 1 reads the load, 0 the motor, values between a mixture [1]. It is an array leaf, so that candidates
+            of both sides run in one batch.
         scale: reading = scale x rate + bias [1]; neutral 1.
         bias: [rad/s]; neutral 0.
         lag: first-order time constant [s]; neutral 0.
@@ -86,9 +92,9 @@ class ServoSensor(AbstractSensor):
         return rate, angle
 
     def follow(self, lagged: Array, before: Array, rate: Array, dt: Array) -> Array:
-        """The lag's output after a period in which the rate went from `before` to `rate` in a line; exact for a
-        line.
-        """
+        """The lag's output [rad/s] after a period in which the rate went from `before` to `rate` in a straight line."""
+        # The exact response to a ramp: it follows the ramp late by lag x slope, and the difference at the start
+        # decays. The floor keeps the division finite for the neutral lag of 0, which the last line replaces.
         lag = jnp.maximum(self.lag, 1e-6 * dt)
         slope = lag * (rate - before) / dt
         late = rate - slope + (lagged - before + slope) * jnp.exp(-dt / lag)

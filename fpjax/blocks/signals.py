@@ -13,9 +13,9 @@ class Motion(eqx.Module):
         velocity: w [rad/s].
         position: theta [rad].
         time: t [s].
-        torque: what drives the body through the gear [N m]: the applied motor torque, or the shaft's torque for a body
-            behind a spring. It never holds the inertia torque, so a law that depends on it needs no equation solved.
-            None where nobody knows it.
+        torque: the torque that drives the body through the gear [N m]: the applied motor torque, or the shaft's torque
+            for a body behind a spring. The inertia torque is not taken off, so a law that depends on it stays explicit
+            in the acceleration. None where it is not known.
     """
 
     velocity: Array
@@ -32,14 +32,14 @@ def driving_torque(motion: Motion, what: str) -> Array:
     """
     if motion.torque is None:
         raise InputError(
-            f"{what} depends on the torque through the gear, and this motion has none: give Motion(velocity, position, "
-            f"time, torque)."
+            f"{what} depends on the torque through the gear, but this motion has no torque: give Motion(velocity, "
+            f"position, time, torque)."
         )
     return motion.torque
 
 
 class PlantOutput(eqx.Module):
-    """What a plant shows.
+    """The output of a plant.
 
     Attributes:
         velocity: load velocity w [rad/s].
@@ -57,7 +57,7 @@ class PlantOutput(eqx.Module):
 
 
 class Measurement(eqx.Module):
-    """What the controller and the observer are told.
+    """What the controller and the observer receive.
 
     Attributes:
         velocity: measured velocity [rad/s].
@@ -69,7 +69,7 @@ class Measurement(eqx.Module):
 
 
 class Signals(eqx.Module):
-    """Everything visible in one sample of the closed loop; what nobody uses costs nothing once compiled.
+    """All signals of one sample of the closed loop; XLA leaves out the computation of those that are not used.
 
     Attributes:
         time: t [s].

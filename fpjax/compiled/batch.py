@@ -1,7 +1,7 @@
 """A batch of candidates of any size, in chunks that fit one kernel, on all cores.
 
-The time of a chunk is flat in its size up to the vector width, and its memory is bounded: a million
-candidates cost what their chunks cost, one after the other on every core.
+A chunk takes about the same time whatever its size up to the vector width, and its memory is bounded. So a million
+candidates take as long as their chunks do, one after the other on every core.
 """
 
 import concurrent.futures
@@ -29,17 +29,18 @@ from .native import native, native_enabled
 from .threads import on_threads, settings, under
 
 Device = Any  # jax.Device is a variable to a type checker
+# Which of the two modules has `get_opaque_trace_state` depends on jax's version.
 _core: ModuleType = jax.extend.core if hasattr(jax.extend.core, "get_opaque_trace_state") else jax.core
 
 # Candidates in one kernel: one chunk keeps its states in the first-level cache and its loops long
 # enough that LLVM vectorizes them (docs/performance.md).
 CHUNK_FLOAT64 = 64
 CHUNK_FLOAT32 = 128
-# LLVM turns loops shorter than this into scalar code, except at powers of two: by the bytes of a float, (from, to)
-# which number of candidates padding was faster.
+# LLVM turns loops shorter than this into scalar code, except at powers of two. So some numbers of candidates run faster
+# when they are padded: by the bytes of a float, pairs (from this number on, pad to this number), as measured.
 VECTORIZED_FROM = 48
 PADDED = {8: ((6, 8), (28, VECTORIZED_FROM)), 4: ((4, 8), (9, VECTORIZED_FROM))}
-# Below so many candidates a core, a thread costs more than it brings.
+# With fewer candidates per core than this, handing work to a thread takes longer than the thread saves.
 PER_WORKER = 48
 
 
@@ -76,6 +77,7 @@ def map_chunks(
     """
     size, width = _size_and_width(arguments)
     if _traced(arguments, shared):
+        # Within a trace there are no values to give to threads: one loop, on the device of the outer program.
         chunk = chunk or _chunk_for(size, width)
         count = -(-size // chunk)
         blocks = jax.tree.map(lambda leaf: _blocks(jnp, leaf, count, chunk), arguments)
@@ -87,6 +89,7 @@ def map_chunks(
     with contextlib.nullcontext() if devices is None else jax.default_device(where[0]):
         if plan.single:
             return plan.run(arguments, shared)
+        # Cut and padded by numpy, which compiles nothing; jax would compile a slice for every new batch size.
         blocks = jax.tree.map(lambda leaf: _blocks(*_here(leaf), plan.count, plan.chunk), arguments)
         if plan.threads == 1:
             return _first(plan.run(blocks, shared), size)
@@ -137,7 +140,7 @@ def iterate_chunks(
     for first in range(start, total, size):
         piece = slice(first, min(first + size, total))
         taken = jax.tree.map(lambda leaf, piece=piece: np.asarray(leaf)[piece], arguments)
-        if total > size:
+        if total > size:  # a batch that fits one piece keeps its own shape: padding it would only cost time
             taken = jax.tree.map(lambda leaf: _padded(np, leaf, size), taken)
         result = map_chunks(fn, taken, shared, chunk=chunk, batched=batched, devices=devices, workers=workers)
         number = piece.stop - piece.start
@@ -193,16 +196,19 @@ def _chunk_for(size: int, width: int) -> int:
     full = CHUNK_FLOAT64 if width == 8 else CHUNK_FLOAT32
     if size >= full:
         count = -(-size // full)
-        even = -(-size // (8 * count)) * 8  # no nearly empty last chunk
+        # The candidates are spread evenly over the chunks, so that the last is not nearly empty; in multiples of 8, the
+        # doubles of one 512-bit register. From nine chunks on an empty last one costs little, and full ones share a
+        # compiled program between batch sizes.
+        even = -(-size // (8 * count)) * 8
         return full if count > 8 else min(full, max(VECTORIZED_FROM, even))
     return next((to for start, to in PADDED[width] if start <= size <= to), size)
 
 
 def _chunk_on(platform: str, share: int, width: int) -> int:
-    """Candidates of one chunk, for a device that has a share of so many: the only place that knows of GPUs.
+    """Candidates in one chunk, for a device that computes `share` candidates: the only place that knows of GPUs.
 
-    On a GPU every step of the scan launches its kernels over the whole share: the more candidates in one, the fewer
-    launches. Never measured: no GPU was at hand. A loop of one kernel that holds all steps would be chosen here.
+    On a GPU every step of the scan launches its kernels over the whole share: the more candidates in one chunk, the
+    fewer launches. Never measured: no GPU was at hand. A kernel that holds all steps would be chosen here.
     """
     return share if platform in ("gpu", "cuda") else _chunk_for(share, width)
 
@@ -215,6 +221,8 @@ def cores() -> int:
 
 def _chunked(fn: Callable[..., PyTree], batched: bool, single: bool = False) -> Callable[..., PyTree]:
     def run(blocks: PyTree, shared: tuple[PyTree, ...]) -> PyTree:
+        # The kernel is asked for around one chunk, inside the loop over chunks: its states then stay in the
+        # first-level cache.
         whole = fn if batched else jax.vmap(fn, in_axes=(0, *(None for _ in shared)))
         kernel = native(whole)
         if single:
@@ -259,11 +267,12 @@ def _plan(
     workers: int,
     enabled: bool,
 ) -> _Plan:
-    """Kept by what decides it: a short batch takes about as long as deciding it anew would."""
+    """How a batch of this size runs. Cached, because deciding it anew takes about as long as running a short batch."""
     if not where:
         raise InputError("devices=() leaves nothing to compute on: give at least one, or None.")
     if size < len(where) * PER_WORKER:
         where = where[:1]
+    # Several devices share the work by `shard_map`; threads are only for the usual case of one CPU device.
     on_cpu, threads = where[0].platform == "cpu", 1
     if len(where) == 1 and on_cpu:
         threads = max(1, min(workers, size // PER_WORKER))
@@ -272,6 +281,8 @@ def _plan(
     single = parts == 1 and chunk == size
     several = where if len(where) > 1 else None
     run, seen = _compiled(fn, batched, on_cpu and chunk >= VECTORIZED_FROM, enabled, several, single)
+    # The number of chunks is rounded up to a multiple of the threads or devices: each gets the same shape, one
+    # program.
     return _Plan(run, seen, chunk, -(-size // (chunk * parts)) * parts, threads, single)
 
 
@@ -302,10 +313,10 @@ def _compiled(
 
 
 def _threaded(plan: _Plan, blocks: PyTree, shared: tuple[PyTree, ...], device: Device, size: int) -> PyTree:
-    """Each thread runs one part.
+    """The chunks, shared by threads: each runs an equal part of them.
 
-    XLA releases the interpreter while it computes; a second CPU device for `shard_map` could only be had before jax
-    starts.
+    XLA releases the interpreter lock while it computes, so threads are enough. A second CPU device for `shard_map` can
+    only be asked for before jax starts.
     """
     each, own = plan.count // plan.threads, settings()
 
@@ -327,7 +338,7 @@ def _threaded(plan: _Plan, blocks: PyTree, shared: tuple[PyTree, ...], device: D
 
 
 def _here(leaf: PyTree) -> tuple[PyTree, PyTree]:
-    """(numpy or jax.numpy, the array there): random keys have no numpy array."""
+    """(numpy or jax.numpy, the leaf as an array of it): jax.numpy for random keys, which numpy cannot hold."""
     dtype = getattr(leaf, "dtype", None)
     if dtype is not None and jnp.issubdtype(dtype, jax.dtypes.extended):
         return jnp, leaf
@@ -335,11 +346,12 @@ def _here(leaf: PyTree) -> tuple[PyTree, PyTree]:
 
 
 def _blocks(numpy: ModuleType, leaf: PyTree, count: int, chunk: int) -> PyTree:
+    """A leaf of shape (B, ...) as (count, chunk, ...)."""
     return _padded(numpy, leaf, count * chunk).reshape(count, chunk, *leaf.shape[1:])
 
 
 def _padded(numpy: ModuleType, leaf: PyTree, size: int) -> PyTree:
-    """The last candidate repeated: a padded lane computes nothing new, and cannot diverge alone."""
+    """The leaf with its last candidate repeated up to `size`: padding computes nothing new and cannot diverge alone."""
     missing = size - leaf.shape[0]
     if missing == 0:
         return leaf

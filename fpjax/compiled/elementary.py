@@ -1,11 +1,12 @@
 """Sine, cosine and logarithm, as the loops of many simulations need them: arithmetic that fills a vector.
 
 XLA on the CPU calls the C library for each of these numbers in double precision, and for a sine in single precision:
-7 to 17 ns a sine, 1 ns a tanh. In a step that turns with a position (cogging, unbalance, friction that depends on it)
-or raises to a power (Stribeck, Dahl) these calls were most of its time. Here they are written out, reduced to a short
-interval and a polynomial there: 1 ns each in a chunk, sine and cosine together no more. A few numbers would wait for
-every operation of a polynomial, and are left to XLA where it is faster; how many there are is known when a function is
-lowered, so each is a primitive. On other devices it is XLA's.
+7 to 17 ns a sine, 1 ns a tanh. These calls took most of the time of a step that needs a sine of the position (cogging,
+unbalance, friction that depends on the position) or a power (Stribeck, Dahl). Here they are written out: the argument
+is reduced to a short interval, and a polynomial is evaluated there. That takes 1 ns each in a chunk, and no more for
+sine and cosine together. With only a few numbers the polynomial's operations wait for one another, and XLA's own
+function is used where it is faster. How many numbers there are is known only when a function is lowered, so each
+function is a jax primitive. On other devices than the CPU it is always XLA's function.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +22,8 @@ from jax.interpreters import ad, batching, mlir
 from jax.typing import ArrayLike
 from jaxtyping import Array
 
-# All least largest relative errors (Remez's exchange, 50 digits), lowest power first, by the bytes of a float.
+# Minimax polynomials of the relative error (Remez's exchange algorithm, computed with 50 digits); coefficients from the
+# lowest power on, by the bytes of a float (8: double, 4: single precision).
 # sin r = r + r^3 S(r^2) to 7e-18 and 7e-9, cos r = 1 - r^2 / 2 + r^4 C(r^2) to 2e-19 and 3e-10, |r| < pi / 4.
 _SINE = {
     8: (
@@ -45,7 +47,7 @@ _COSINE = {
     ),
     4: (0.04166665455984066, -0.0013887648100847669, 2.4462980904815093e-05),
 }
-# log (1 + s) / (1 - s) = 2 s + s^3 L(s^2) to 2e-18, |s| < (sqrt 2 - 1) / (sqrt 2 + 1).
+# log((1 + s) / (1 - s)) = 2 s + s^3 L(s^2) to 2e-18, |s| < (sqrt 2 - 1) / (sqrt 2 + 1).
 _LOGARITHM = (
     0.666666666666671,
     0.39999999999519825,
@@ -55,7 +57,8 @@ _LOGARITHM = (
     0.15313164506147384,
     0.14810518676078507,
 )
-# pi / 2 and log 2 in parts: the first ones so short that small whole multiples of them are exact.
+# pi / 2 and log 2 as sums of parts (Cody and Waite's reduction). All parts but the last have so few digits that their
+# products with a small integer are exact, so the subtraction in the reduction loses nothing.
 _QUARTER = {
     8: (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21),
     4: (1.5703125, 0.0004837512969970703, 7.549533620476723e-08, 2.563344151594519e-12),
@@ -65,14 +68,16 @@ _ROOT = 0x3FE6A09E667F3BCD  # the bits of sqrt(1/2)
 
 _WRITTEN_OUT: dict[str, Callable[[Array], list[Array]]] = {}
 
-NAME = "fpjax_elementary"  # under which reverse mode finds what is expensive to recompute (see `native`)
+NAME = (
+    "fpjax_elementary"  # the checkpoint name of values that a reverse pass keeps instead of recomputing (see `native`)
+)
 
 
 def sincos(x: ArrayLike) -> tuple[Array, Array]:
     """(sin x, cos x), float32 or float64 (any other dtype by `jnp`), in every mode of differentiation.
 
-    Off by less than 2.5 units in the last place where |x| < 1e6 (1e4 in float32), by 3.5 next to a zero; beyond, by
-    what the last place of x is worth.
+    The error is below 2.5 units in the last place where |x| < 1e6 rad (1e4 in float32), next to a zero below 3.5. For
+    larger |x| the spacing of the floats x itself is what limits it.
 
     Args:
         x: an array [rad].
@@ -97,7 +102,7 @@ def cos(x: ArrayLike) -> Array:
 def log(x: ArrayLike) -> Array:
     """Natural logarithm, float64 (any other dtype by `jnp.log`), in every mode of differentiation.
 
-    Off by less than a unit in the last place; -inf at 0 and where x is subnormal, not a number below.
+    The error is below one unit in the last place. -inf at 0 and where x is subnormal, NaN where x is negative.
 
     Args:
         x: an array.
@@ -115,7 +120,9 @@ def polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
 
 
 def kept(value: Array) -> Array:
-    """`value`, computed once: not anew for every tangent, nor in a reverse pass."""
+    """`value`, computed once: it is not recomputed for every tangent, nor in a reverse pass."""
+    # The barrier keeps XLA from duplicating the arithmetic into every consumer; the name is what the reverse pass's
+    # checkpoint policy looks for.
     return checkpoint_name(lax.optimization_barrier(value), NAME)
 
 
@@ -176,28 +183,34 @@ def _primitive(
     return made.bind
 
 
-# Below `select`, not `where`: that is a call of its own when it is lowered here, and would stay one.
+# The functions below use `lax.select` and not `jnp.where`: the latter is jitted, so it would be lowered as a call of
+# its own and stay one.
 
 
 def _sine_and_cosine(x: Array) -> list[Array]:
     width = x.dtype.itemsize
-    quarters = jnp.floor(x * (2.0 / np.pi) + 0.5)
+    quarters = jnp.floor(
+        x * (2.0 / np.pi) + 0.5
+    )  # the nearest number of quarter turns; r is what is left, |r| < pi / 4
     r = x
     for part in _QUARTER[width]:
         r = r - quarters * part
-    # No matter but where the last place of x is worth a good part of a turn.
+    # Only for a huge x, whose spacing is a good part of a turn: it keeps the polynomials, and so the results, bounded.
     r = jnp.minimum(jnp.maximum(r, -np.pi / 2), np.pi / 2)
     square = r * r
     sine = r + r * square * polynomial(_SINE[width], square)
     cosine = 1.0 - (0.5 * square - square * square * polynomial(_COSINE[width], square))
-    turn = quarters - 4.0 * jnp.floor(0.25 * quarters)
+    turn = quarters - 4.0 * jnp.floor(0.25 * quarters)  # the quadrant, 0 to 3
+    # In the odd quadrants sine and cosine change places; the signs follow the quadrant.
     odd = (turn == 1.0) | (turn == 3.0)
     up, right = lax.select(odd, cosine, sine), lax.select(odd, sine, cosine)
     return [lax.select(turn >= 2.0, -up, up), lax.select((turn == 1.0) | (turn == 2.0), -right, right)]
 
 
 def _logarithm(x: Array) -> list[Array]:
-    # x = m 2^e with m from sqrt(1/2) to sqrt(2): the bits of the exponent, counted from those of sqrt(1/2).
+    # x = m 2^e with m between sqrt(1/2) and sqrt(2), f = m - 1. e comes from the exponent bits (52 bits up), counted
+    # from those of sqrt(1/2), so that m is centred on 1. The final sum is arranged as in fdlibm's e_log.c: the large
+    # terms f and f^2 / 2 are added last, and e log 2 in two parts, so that little is rounded away.
     pattern = lax.bitcast_convert_type(x, np.int64)
     exponent = (pattern - _ROOT) >> 52
     f = lax.bitcast_convert_type(pattern - (exponent << 52), np.float64) - 1.0
@@ -205,16 +218,17 @@ def _logarithm(x: Array) -> list[Array]:
     s = f / (2.0 + f)
     square = s * s
     fourth = square * square
-    # Two chains, so that one need not wait for the other.
+    # Even and odd powers in two chains of operations that the processor can run side by side.
     series = square * polynomial(_LOGARITHM[::2], fourth) + fourth * polynomial(_LOGARITHM[1::2], fourth)
     half = 0.5 * f * f
     value = e * _LOG_2[0] - ((half - (s * (half + series) + e * _LOG_2[1])) - f)
     outside = lax.select(x < 0.0, jnp.full_like(x, np.nan), jnp.full_like(x, -np.inf))
     value = lax.select(x < float(np.finfo(np.float64).tiny), outside, value)
-    return [lax.select(x < np.inf, value, x)]  # infinity, and what is not a number, as they are
+    return [lax.select(x < np.inf, value, x)]  # infinity and NaN stay as they are
 
 
-# From how many numbers on ours was the faster one (`python -m benchmarks speed --only functions`).
+# The last argument: from how many numbers on our arithmetic was faster than XLA's (`python -m benchmarks speed --only
+# functions`), by the bytes of a float.
 _sincos = _primitive(
     "fpjax_sincos",
     lambda x: [jnp.sin(x), jnp.cos(x)],

@@ -1,7 +1,7 @@
-"""Value and gradient of a cost that holds a long loop, by the mode that was measured cheapest.
+"""Value and gradient of a cost that holds a long loop, by the mode that was measured to be faster.
 
-Forward mode carries one more loop state per parameter and no memory; reverse mode costs the same for any number of
-parameters, and keeps its memory bounded by checkpoints (`native.scan_loop`).
+Forward mode carries a tangent of the loop's states for each parameter, and stores nothing over time. Reverse mode takes
+the same time for any number of parameters, and its memory is bounded by checkpoints (`native.scan_loop`).
 """
 
 import math
@@ -19,11 +19,12 @@ Parameters = TypeVar("Parameters")
 
 MODES = ("auto", "forward", "reverse")
 
-# Up to this many parameters forward mode was the cheaper one (docs/performance.md).
+# Up to this many parameters forward mode was faster (docs/performance.md).
 FORWARD_UP_TO = 4
 
-# What one reverse pass may keep of the carries of its steps [bytes], about a second-level cache. A carry holds more
-# than its derivative needs (the cost is linear): what is really kept was about two thirds.
+# What one reverse pass may keep of the carries of its steps [bytes]: about a second-level cache. This counts whole
+# carries. What is really kept was measured as about two thirds of it, because some states enter linearly (the
+# accumulated cost does), and a linear operation's derivative does not need their values.
 SCRATCH = 1_500_000
 
 
@@ -116,10 +117,14 @@ def _forward(
     def along(tangent: PyTree) -> tuple[jax.Array, jax.Array]:
         return jax.jvp(cost, (parameters,), (tangent,))
 
+    # `tangents` has the leading axis of all parameters of one candidate, (total, [B,] *shape of the leaf): row i moves
+    # parameter i of every candidate at once. As a candidate's value depends on its own parameters only, one pass for
+    # each parameter gives the gradients of the whole batch.
+
     # The value does not depend on the direction: it is computed once, outside the vmap.
     value, slopes = jax.vmap(along, out_axes=(None, 0))(tangents)
     _check(value, candidates)
-    slopes = jnp.moveaxis(slopes, 0, -1)
+    slopes = jnp.moveaxis(slopes, 0, -1)  # ([B,] total)
     gradient = [
         slopes[..., start : start + count].reshape(leaf.shape).astype(leaf.dtype)
         for leaf, start, count in zip(leaves, starts, counts, strict=True)

@@ -2,9 +2,10 @@
 
 XLA on the CPU compiles a `while` into one native function only while its body touches less than 1 KB; above that every
 step is a chain of small kernel calls, ten times slower and more. `native` asks for the one function whatever the size,
-through the metadata that XLA itself puts on small loops. From jax 0.12 on XLA does so for the loop unasked; the rest of
-the program then joins it in the one kernel, and its pieces need not be handed to threads. `scan_loop` is `lax.scan` as
-the measurements want it: the carry kept whole between steps, the memory of reverse mode bounded.
+through the metadata that XLA itself puts on small loops. From jax 0.12 on XLA compiles every loop so without being
+asked; `native` then takes the rest of the program into the same kernel, so that its pieces are not handed to threads.
+`scan_loop` is `lax.scan` in the form that was measured to be fastest: each step's new carry is computed once, and the
+memory of reverse mode is bounded.
 
 Both only change how fast a result comes, never what it is (beyond rounding).
 """
@@ -37,9 +38,11 @@ Y = TypeVar("Y")
 
 CHECKPOINTS = ("none", "step", "nested", "auto")  # in the order of their levels of blocks: 0, 1, 2, by size
 MOST_LEVELS = 4
-# So many candidates are too few for vectors: their reverse pass gains 5 to 15 % from a longer turn of the loop.
+# With this many candidates the vectors are not filled: a reverse pass gains 5 to 15 % from unrolling more steps.
 FEW = range(2, 9)
 
+# Names of jax's primitives whose values a checkpointed step keeps: recomputing one in the reverse pass takes longer
+# than loading it.
 _EXPENSIVE = """
 div tanh exp exp2 expm1 log log1p logistic pow sqrt cbrt sin cos tan sinh cosh asin acos atan atan2 asinh acosh atanh
 erf erfc
@@ -95,9 +98,10 @@ def native(fn: F) -> F:
         fn: positional arrays and pytrees of arrays in, a pytree of arrays out.
     """
 
-    # The ambient mode is an argument: a trace made without it must not be found within it.
+    # The settings in force are static arguments of the jit, so that a trace made outside `reverse_pass` or
+    # `native_mode` is not reused within it.
     def evaluated(enabled: bool, ambient: object, arguments: tuple[PyTree, ...]) -> PyTree:
-        # Under `disable_jit` nothing is compiled, and evaluating the primitive would call itself.
+        # Under `disable_jit` nothing is compiled, and evaluating our primitive would call itself without end.
         plain = not enabled or jax.config.jax_disable_jit  # pyright: ignore[reportAttributeAccessIssue]
         return fn(*arguments) if plain else one_kernel(fn, arguments)
 
@@ -162,6 +166,7 @@ def alike_on_devices(step: Callable[[C, X], tuple[C, Y]], carry: C, xs: X) -> tu
     if not jax.sharding.get_abstract_mesh().manual_axes:
         return step, carry
     first = jax.tree.map(lambda leaf: leaf[0], xs)
+    # A fixed point: a state may come to vary only through another one, so steps are traced until no axis is added.
     over = _varies(jax.tree.leaves((carry, first)))
     while (more := over | _varies(_outputs(step, _declared(carry, over), first))) != over:
         over = more
@@ -205,7 +210,7 @@ def _vary(leaf: PyTree, axes: tuple[str, ...]) -> PyTree:
 
 
 def _is_expensive(primitive: Primitive, *operands: object, **parameters: object) -> bool:
-    """What a checkpointed step keeps besides its carry: 5-15 % faster, and a few numbers a step more."""
+    """What a checkpointed step keeps besides its carry: 5 to 15 % faster, for a few more numbers per step."""
     del operands
     return primitive.name in _EXPENSIVE.split() or parameters.get("name") == ELEMENTARY
 
@@ -216,6 +221,8 @@ def _in_blocks(step: Callable[[C, X], tuple[C, Y]], carry: C, xs: X, length: int
     if blocks < 2:
         return lax.scan(step, carry, xs, length=length, unroll=unroll)
     size = length // blocks
+    # Every block has the same number of steps, so that one compiled loop serves all; the remainder runs as a shorter
+    # block.
     head = jax.tree.map(lambda x: x[: blocks * size].reshape(blocks, size, *x.shape[1:]), xs)
     block = jax.checkpoint(lambda c, x: _in_blocks(step, c, x, size, levels - 1, unroll), prevent_cse=False)
     carry, ys = lax.scan(block, carry, head, length=blocks)
@@ -237,6 +244,7 @@ def _blocks(length: int, levels: int) -> int:
         size = length // blocks
         return blocks + (levels - 1) * size ** (1.0 / (levels - 1)) + length - blocks * size
 
+    # The optimum lies near length^(1/levels); the search around it also finds divisors that leave a short remainder.
     return min(range(max(2, int(0.6 * root)), int(1.7 * root) + 2), key=carries)
 
 
@@ -253,7 +261,7 @@ def _length(xs: PyTree, length: int | None) -> int:
 
 
 def _whole_carry(step: Callable[[C, X], tuple[C, Y]]) -> Callable[[C, X], tuple[C, Y]]:
-    """`step` whose new carry is computed once.
+    """`step`, with a barrier that makes XLA compute each new carry once.
 
     Without the barrier XLA fuses the unrolled second step into the first, and recomputes the first for every state of
     the second (jax 0.12: 40 % slower at 64 candidates).
@@ -267,12 +275,13 @@ def _whole_carry(step: Callable[[C, X], tuple[C, Y]]) -> Callable[[C, X], tuple[
 
 
 def _levels(carry: PyTree, length: int) -> int:
-    """0 in a plain run; in a reverse pass as many levels of blocks as keep the carries within its scratch."""
+    """How deep checkpoints are nested: 0 in a plain run; in a reverse pass the fewest levels that fit its scratch."""
     reverse = _reverse.get()
     if reverse is None:
         return 0
     candidates, allowed = reverse
     size = candidates * sum(leaf.size * leaf.dtype.itemsize for leaf in map(jnp.asarray, jax.tree.leaves(carry)))
+    # With n levels about n * length^(1/n) carries are alive at once, for n - 1 further forward passes.
     return next((n for n in range(1, MOST_LEVELS) if n * length ** (1.0 / n) * size <= allowed), MOST_LEVELS)
 
 
@@ -310,6 +319,7 @@ def enable_compilation_cache(directory: str | os.PathLike[str] | None = None) ->
             "that can be written, or go without."
         ) from error
     jax.config.update("jax_compilation_cache_dir", str(folder))
+    # By default jax keeps only what took over a second to compile, which would leave out most programs here.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     return folder

@@ -2,7 +2,7 @@
 
 It is a primitive, and not only metadata on a call, because the decision needs the final sizes: XLA before 0.12 gives
 expensive operations on large arrays to its threads, fails hard where it finds such a call within the kernel, and a
-later `vmap` is what makes the arrays large. So the decision falls when the program is lowered.
+later `vmap` is what makes the arrays large. So the decision is made when the program is lowered.
 """
 
 import math
@@ -43,10 +43,11 @@ scan while cond optimization_barrier fpjax_one_kernel fpjax_sincos fpjax_log
 """
 _ALLOWED = frozenset((_ELEMENTWISE + _STRUCTURE + _CONTROL).split())
 
-# XLA parallelizes an operation from a cost of 2 x 100,000 cycles on: its operations, plus 10 a byte where it does more
-# operations than it touches bytes (so 11 an operation at most), or from 2 x 256 KB of output on. Below, nothing is
-# parallel. Above, the kernel is compiled once on trial, where that ends in an error at worst (jax 0.7 and 0.8 end the
-# process) and is needed (jax 0.12 makes one kernel of every loop by itself).
+# XLA gives an operation to its threads from a cost of 2 x 100,000 cycles on, or from 2 x 256 KB of output on. The cost
+# is the number of operations, plus 10 per byte where there are more operations than bytes touched: 11 an operation at
+# most. Below these bounds nothing is parallel. Above them the kernel is compiled once on trial: only on the versions of
+# jax where a failure is an error (0.7 and 0.8 end the process) and where asking is needed (0.12 makes one kernel of
+# every loop by itself).
 _SAFE_OPERATIONS = 200_000 // 11
 _SAFE_BYTES = 512 * 1024
 _ON_TRIAL = (0, 9) <= jax.__version_info__[:2] < (0, 12)
@@ -65,7 +66,7 @@ def one_kernel(fn: Callable[..., PyTree], arguments: tuple[PyTree, ...]) -> PyTr
     captured = [const for const in closed.consts if isinstance(const, Tracer)]
     if what_forbids_one_kernel(closed.jaxpr) is not None:
         return jax.tree.unflatten(structure, jaxpr_as_fun(closed)(*values))
-    if captured:  # tracers that `fn` closes over become arguments; arrays stay constants of the program
+    if captured:  # tracers that `fn` closes over must become arguments; arrays stay constants of the program
         inner, consts = closed.jaxpr, closed.consts
 
         def program(captured: list[PyTree], values: list[PyTree]) -> PyTree:
@@ -89,6 +90,7 @@ def what_forbids_one_kernel(jaxpr: Jaxpr) -> str | None:
 
 
 def _inner_programs(equation: JaxprEqn) -> list[Jaxpr]:
+    # The parameters of a call, loop or branch hold its inner programs, alone or in a tuple, closed or open.
     found = []
     for value in equation.params.values():
         for inner in value if isinstance(value, (tuple, list)) else (value,):
@@ -104,9 +106,10 @@ def _surely_sequential(jaxpr: Jaxpr) -> bool:
 
 
 def _operations(jaxpr: Jaxpr) -> tuple[float, float]:
-    """(operations that XLA may fuse into one with what stands around `jaxpr`, the most within a loop or branch of it).
+    """(operations that may be fused with what stands around `jaxpr`, the most in any loop or branch inside it).
 
-    Calls are inlined before anything is fused, the steps of one turn of a loop too unless a barrier parts them.
+    Calls are inlined before anything is fused, and so are the unrolled steps of one turn of a loop, unless a barrier
+    separates them.
     """
     total, apart = 0.0, 0.0
     for equation in jaxpr.eqns:
@@ -125,7 +128,8 @@ def _operations(jaxpr: Jaxpr) -> tuple[float, float]:
     return total, apart
 
 
-# Operations that XLA expands into many; all others count once.
+# Operations that XLA expands into many: counted as 40 each, a generous bound (our written-out sine and cosine together
+# take about 40). All others count once.
 _EXPANDED = "acosh asinh atan2 atanh digamma erf erf_inv erfc fpjax_log fpjax_sincos lgamma nextafter pow rem sinh cosh"
 _COSTS: dict[str, int] = dict.fromkeys(_EXPANDED.split(), 40)
 
@@ -135,8 +139,9 @@ def _size(aval: Any) -> int:
 
 
 def _kernel(closed: ClosedJaxpr) -> Callable[..., PyTree]:
-    # An array argument that nothing uses, or that XLA sees to be constant, ends the process: a check in ir_emitter.cc,
-    # jax 0.7 to 0.11. So the first are left out, and the others stand behind a barrier.
+    # In jax 0.7 to 0.11 a check in XLA's ir_emitter.cc ends the process where an array argument of the kernel is
+    # unused, or is known to be constant. So unused arguments are left out, and the others pass through a barrier, which
+    # hides that they are constant.
     program, used = dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars))
     evaluate = jaxpr_as_fun(closed.replace(jaxpr=program))
     call = jax.jit(lambda *values: evaluate(*values))
@@ -169,6 +174,8 @@ def _lower_cpu(ctx: mlir.LoweringRuleContext, *values: PyTree, jaxpr: ClosedJaxp
 
 
 def _batched(values: Sequence[PyTree], dims: Sequence[int | None], *, jaxpr: ClosedJaxpr) -> PyTree:
+    # Traced anew over the batch and bound as one larger kernel: the decision at lowering then sees the sizes with the
+    # batch axis.
     run = jax.vmap(jaxpr_as_fun(jaxpr), in_axes=tuple(dims))
     batched = jax.make_jaxpr(run)(*values)
     out = one_kernel_p.bind(*values, jaxpr=batched)
@@ -183,6 +190,8 @@ def _differentiated(primals: Sequence[PyTree], tangents: Sequence[PyTree], *, ja
 
 one_kernel_p = Primitive("fpjax_one_kernel")
 one_kernel_p.multiple_results = True
+# Called outside any jit, the primitive compiles itself: an evaluation operation by operation would lose the one
+# kernel.
 one_kernel_p.def_impl(lambda *values, jaxpr: jax.jit(lambda *v: one_kernel_p.bind(*v, jaxpr=jaxpr))(*values))
 one_kernel_p.def_abstract_eval(lambda *avals, jaxpr: jaxpr.out_avals)
 batching.primitive_batchers[one_kernel_p] = _batched

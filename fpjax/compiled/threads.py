@@ -1,4 +1,4 @@
-"""Parts of one computation on threads that stay, under the jax settings of the thread that asks for them."""
+"""Parts of one computation on a pool of threads that is kept, under the jax settings of the calling thread."""
 
 import concurrent.futures
 import contextlib
@@ -14,7 +14,8 @@ import jax.experimental
 
 R = TypeVar("R")
 
-# A thread has settings of its own, which start as jax's defaults: those of the caller that change numbers or types.
+# jax's settings belong to a thread, and a new thread starts with the defaults. These, which change numbers or types,
+# are copied from the caller.
 _SETTINGS: dict[str, Callable[[Any], Any]] = {
     "jax_enable_x64": cast(Any, jax if hasattr(jax, "enable_x64") else jax.experimental).enable_x64,
     "jax_default_matmul_precision": jax.default_matmul_precision,
@@ -22,20 +23,22 @@ _SETTINGS: dict[str, Callable[[Any], Any]] = {
     "jax_numpy_rank_promotion": jax.numpy_rank_promotion,
     "jax_debug_nans": jax.debug_nans,
 }
-_free = threading.Lock()
+_free = threading.Lock()  # held while the pool works for one caller
 
 
 def on_threads(part: Callable[[int], R], count: int, *, first_alone: bool = False) -> list[R]:
-    """[part(0), ..., part(count - 1)], this thread's own among them.
+    """[part(0), ..., part(count - 1)], computed by the pool's threads and by the calling thread.
 
-    Where the threads work for another caller, who may be waiting for this one, all parts are computed here.
+    Where the pool already works for another caller, all parts are computed by the calling thread: that caller may be
+    waiting for this very call, and two that wait for each other would never end.
 
     Args:
-        part: what to compute, by its number; it should release the interpreter.
+        part: what to compute, by its number; it should release the interpreter lock.
         count: number of parts, a thread each.
         first_alone: whether part 0 must be done before the others start.
     """
     results = [part(0)] if first_alone else []
+    # This thread's own part is number 0: still to do (`here` = 1), or done already by `first_alone` (`here` = 0).
     left, here = range(len(results), count), 1 - len(results)
     if count < 2 or not _free.acquire(blocking=False):
         return results + [part(number) for number in left]
@@ -69,12 +72,12 @@ def under(values: tuple[Any, ...]) -> Iterator[None]:
 
 @functools.lru_cache(maxsize=1)
 def _pool() -> concurrent.futures.ThreadPoolExecutor:
-    """Threads that stay, started as they are needed: to start one takes as long as a thousand candidates."""
+    """The pool: threads are started when first needed and kept, for starting one takes as long as 1,000 candidates."""
     return concurrent.futures.ThreadPoolExecutor(max(1, (os.cpu_count() or 2) - 1), "fpjax")
 
 
 def _forked() -> None:
-    """A forked process has none of these threads."""
+    """A forked child inherits none of the threads, but would inherit the lock as held: both are made anew."""
     global _free
     _free = threading.Lock()
     _pool.cache_clear()

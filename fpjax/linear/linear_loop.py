@@ -1,4 +1,4 @@
-"""What a linearised loop tells: margins, bandwidth, step response, Bode diagram."""
+"""A linearised loop, with its margins, bandwidth, step response and Bode diagram."""
 
 import dataclasses
 import math
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class LinearLoop:
-    """A loop near a point of operation.
+    """A loop linearised at an operating point.
 
     Attributes:
         closed: the closed loop from "reference" and "disturbance" (a torque added to the command) to "velocity" and
             "position" as measured, and "torque" as commanded.
-        ratio: the return ratio L at the commanded torque, closed with negative feedback: all that the loop makes of a
-            torque, sign turned; observer, actuator, sensor and hold included.
-        tracked: "velocity" or "position": what the reference is of.
-        speed: velocity at the point [rad/s].
+        ratio: the return ratio L at the commanded torque, closed with negative feedback: minus the torque that comes
+            back around the loop for a torque put in; observer, actuator, sensor and hold are included.
+        tracked: "velocity" or "position", the quantity that the reference is for.
+        speed: velocity at the operating point [rad/s].
     """
 
     closed: StateSpace
@@ -50,7 +50,7 @@ class LinearLoop:
         return margins(self.ratio)
 
     def tracking(self) -> StateSpace:
-        """The closed loop from reference to what is tracked."""
+        """The closed loop from the reference to the tracked quantity."""
         return self.closed.channel(self.tracked, "reference")
 
     def bandwidth(self) -> float:
@@ -61,7 +61,7 @@ class LinearLoop:
         return float(grid[follows[-1]]) if follows.size else float("nan")
 
     def step_response(self, duration: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """(time [s], what is tracked after a unit step of the reference), about the point.
+        """(time [s], tracked quantity) after a unit step of the reference, as deviations from the operating point.
 
         Args:
             duration: [s]; None for about thirty times the inverse of the bandwidth.
@@ -70,7 +70,7 @@ class LinearLoop:
             bandwidth = self.bandwidth()
             duration = 30.0 / bandwidth if np.isfinite(bandwidth) and bandwidth > 0.0 else 1.0
         if self.dt is not None:
-            duration = max(duration, 20.0 * self.dt)
+            duration = max(duration, 20.0 * self.dt)  # at least a readable number of samples
         return self.tracking().step(duration)
 
     def to_control(self) -> Any:

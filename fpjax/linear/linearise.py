@@ -1,4 +1,4 @@
-"""A closed loop linearised at a point by jax: the whole of it, cut at the torque that the drive commands."""
+"""Linearisation of a whole closed loop by jax; its return ratio is taken at the torque that the drive commands."""
 
 import equinox as eqx
 import jax
@@ -19,17 +19,19 @@ from ..solvers import AbstractPlantSolver, get_solver
 from .linear_loop import LinearLoop
 from .state_space import StateSpace
 
-CHUNK = 2000  # samples between two looks at whether the loop rests
+# The steady motion is found by simulation, in chunks of CHUNK samples, CHUNKS of them at most. The loop counts as
+# steady when velocity and torque change by less than RESTS, relatively, within the last tenth of a chunk.
+CHUNK = 2000
 CHUNKS = 50
-RESTS = 1e-7  # relative change of velocity and torque within the last tenth of a chunk
+RESTS = 1e-7
 
 
 class Disturbed(AbstractActuator):
-    """An actuator with a torque added to its command: where the loop is cut.
+    """An actuator with a torque added to its command: the point at which the loop is opened.
 
     Attributes:
-        actuator: that is driven.
-        added: to its command [N m].
+        actuator: the actuator.
+        added: torque added to its command [N m].
     """
 
     actuator: AbstractActuator
@@ -40,7 +42,7 @@ class Disturbed(AbstractActuator):
         return self.actuator.init()
 
     def derivative(self, state: PyTree, torque: Array) -> PyTree:
-        """Of the actuator under both torques."""
+        """The actuator's, under the command and the added torque."""
         return self.actuator.derivative(state, torque + self.added)
 
     def readout(self, state: PyTree, torque: Array, motion: Motion) -> Array:
@@ -64,9 +66,9 @@ def linearise(
 ) -> LinearLoop:
     """Linearise a loop about a steady motion.
 
-    The tangent is jax's, of the very step (or derivative) that is simulated: delays, lags, the hold of a sampled loop
-    and the observer's compensation are in it. A rounding passes as if it were not there, a limit counts where it acts,
-    and Coulomb friction of a moving mass has no slope.
+    The derivative is jax's, of the same step (or derivative) that is simulated: delays, lags, the hold of a sampled
+    loop and the observer's compensation are all included. The rounding of a sensor is left out, a limit counts where it
+    is active, and Coulomb friction of a moving mass has no slope.
 
     Args:
         loop: the closed loop.
@@ -75,7 +77,7 @@ def linearise(
         stepping: "sampled" or "continuous".
         solver: of the plant.
         substeps: solver steps a period when sampled.
-        reference: r at a given state [rad/s or rad]; with a speed it follows from it.
+        reference: r at a given state [rad/s or rad]; where `at` is a speed, r follows from it.
 
     Raises:
         InputError: where the loop does not settle at that speed, or a state comes without its reference.
@@ -99,7 +101,7 @@ def linearise(
         speed = float(output.velocity)
     if stepping == "sampled":
         state = loop.sampled(state)
-    point, rebuild = ravel_pytree(state)
+    point, rebuild = ravel_pytree(state)  # the whole state as one vector, shape (states,)
 
     def moved(values: Array, inputs: Array) -> tuple[Array, Array]:
         cut = eqx.tree_at(lambda each: each.actuator, loop, Disturbed(loop.actuator, inputs[1]))
@@ -107,13 +109,16 @@ def linearise(
         if stepping == "sampled":
             silent = tuple(zero for _ in range(loop.sensor.noise_channels))
             period = jnp.asarray(dt, inputs.dtype)
-            following = inputs[0] + speed * dt if position else None  # or a position would stop at this sample
+            # A position reference goes on at the steady speed; held, it would look like a stop to a feed-forward.
+            following = inputs[0] + speed * dt if position else None
             after, signals = cut.advance_sampled(now, inputs[0], zero, period, silent, chosen, substeps, following)
         else:
             after, signals = cut.derivative(now, inputs[0], zero), cut.signals(now, inputs[0], zero)
         shown = jnp.stack([signals.measured_velocity, signals.measured_position, signals.torque])
         return ravel_pytree(after)[0], shown
 
+    # Inputs: the reference and the added torque. The Jacobians of (next state, outputs) by (state, inputs) are A, B
+    # and C, D.
     inputs = jnp.asarray([value, 0.0], point.dtype)
     (a, b), (c, d) = (
         [np.asarray(each, dtype=float) for each in pair] for pair in jax.jit(jax.jacfwd(moved, (0, 1)))(point, inputs)
@@ -125,7 +130,8 @@ def linearise(
     period = dt if stepping == "sampled" else None
     outputs = ("velocity", "position", "torque")
     whole = StateSpace(a, b, c, d, period, ("reference", "disturbance"), outputs)
-    # v = y + d drives the actuator; cut there, d = v - y.
+    # The actuator gets v = y + d, the commanded torque y plus the added torque d. With the loop opened, v is the input:
+    # d = v - y put into x+ = A x + B d, y = C x gives x+ = (A - B C) x + B v, and L = -y / v.
     answer = c[2:3]
     ratio = StateSpace(a - b[:, 1:2] @ answer, b[:, 1:2], -answer, np.zeros((1, 1)), period, ("torque",), ("return",))
     return LinearLoop(whole, ratio, "position" if position else "velocity", speed)
@@ -135,7 +141,7 @@ def _settled(
     loop: ClosedLoop, speed: float, dt: float, stepping: Stepping, solver: AbstractPlantSolver, substeps: int,
     position: bool,
 ) -> tuple[LoopState, float]:  # fmt: skip
-    """The state of the steady motion at a speed, and the reference there."""
+    """(the state of the steady motion at a speed [rad/s], the reference there [rad/s or rad])."""
     state: PyTree = None
     tail = CHUNK // 10
     for chunk in range(CHUNKS):
@@ -154,9 +160,9 @@ def _settled(
             return state, speed * (start + CHUNK * dt) if position else speed
     seconds = CHUNKS * CHUNK * dt
     raise InputError(
-        f"The loop does not come to rest about {speed:g} rad/s within {seconds:g} s (a limit cycle, torques that "
-        f"depend on the position, or an unstable loop), so it has no one linearisation there: look at fpjax simulate, "
-        f"try another speed with --at, or give a state."
+        f"The loop does not settle at {speed:g} rad/s within {seconds:g} s (a limit cycle, torques that depend on the "
+        f"position, or an unstable loop), so it has no single linearisation there: look at fpjax simulate, try another "
+        f"speed with --at, or give a state."
     )
 
 
@@ -164,5 +170,5 @@ def _ramp(speed: float, start: float, dt: float) -> AbstractReference:
     return Recorded(speed * (start + dt * np.arange(CHUNK + 1)), dt, hold=False)
 
 
-# As a method too: a loop imports nothing of what stands above it.
+# Also a method of the loop. It is set here, because fpjax/loop.py does not import what builds on it.
 ClosedLoop.linearise = linearise

@@ -1,4 +1,4 @@
-"""Margins of a loop from its return ratio, continuous or sampled, without python-control."""
+"""Stability margins of a loop from its return ratio, continuous or sampled, without python-control."""
 
 import dataclasses
 import math
@@ -9,24 +9,25 @@ from scipy.optimize import brentq, minimize_scalar
 
 from .state_space import StateSpace
 
-POINTS = 3000  # frequencies that crossings are looked for at, before each is refined
+POINTS = 3000  # frequencies at which crossings are bracketed before a root search refines them
 
 
 @dataclasses.dataclass(frozen=True)
 class Margins:
-    """How far a loop is from instability, all of its return ratio L (negative feedback: 1 + L).
+    """How far a loop is from instability, from its return ratio L (negative feedback: 1 + L).
 
     Attributes:
-        gain_margin: the smallest factor above 1 on L at which the loop turns unstable [1]; inf for none.
-        gain_reduction: the largest factor below 1 at which it does [1]; 0 for none.
-        phase_margin: the smallest |phase| that L may lose or win at a gain crossing [deg]; inf without a crossing.
-        delay_margin: the shortest dead time that makes it unstable [s]; inf for none.
-        modulus_margin: the smallest |1 + L| [1]: 1 / (largest sensitivity); 0.5 and above is usual.
+        gain_margin: the smallest factor above 1 on L at which the loop becomes unstable [1]; inf for none.
+        gain_reduction: the largest factor below 1 on L at which it becomes unstable [1]; 0 for none.
+        phase_margin: the smallest phase shift of L, of either sign, to the stability limit at a gain crossing [deg];
+            inf without a crossing.
+        delay_margin: the shortest additional dead time that makes the loop unstable [s]; inf for none.
+        modulus_margin: the smallest |1 + L|, the inverse of the largest sensitivity [1]; 0.5 and above is usual.
         gain_crossing: frequency of the phase margin [rad/s]; NaN for none.
         phase_crossing: frequency of the gain margin [rad/s]; NaN for none.
         delay_crossing: frequency of the delay margin [rad/s]; NaN for none.
         modulus_frequency: where |1 + L| is smallest [rad/s].
-        stable: whether the closed loop is.
+        stable: whether the closed loop is stable.
     """
 
     gain_margin: float
@@ -66,7 +67,7 @@ def margins(ratio: StateSpace, *, points: int = POINTS) -> Margins:
 
     Args:
         ratio: L, one input and one output, closed with negative feedback; sampled with its `dt`.
-        points: frequencies of the search.
+        points: number of frequencies of the search.
 
     References:
         Astrom, Murray, "Feedback systems", 2021, section 10.3 (stability, modulus and delay margins).
@@ -78,19 +79,22 @@ def margins(ratio: StateSpace, *, points: int = POINTS) -> Margins:
     def at(frequency: float) -> complex:
         return complex(ratio.response(np.array([frequency]))[0, 0, 0])
 
+    # Gain margins, as (factor, frequency): where L crosses the negative real axis.
     gains, reductions, phases = [], [], []
     for index in _changes(imaginary):
         frequency = _root(lambda w: at(w).imag, float(grid[index]), float(grid[index + 1]))
         value = at(frequency)
+        # A pole on the axis turns the sign of the imaginary part through infinity, not zero: that is no crossing.
         if value.real < 0.0 and abs(value.imag) < 1e-6 * abs(value):
             (gains if abs(value) < 1.0 else reductions).append((1.0 / abs(value), frequency))
-    if ratio.dt is not None:  # the edge of the axis is a crossing of its own
+    if ratio.dt is not None:  # at Nyquist's frequency a sampled L is real: a crossing without a change of sign
         edge = at(math.pi / ratio.dt)
         if edge.real < 0.0:
             (gains if abs(edge) < 1.0 else reductions).append((1.0 / abs(edge), math.pi / ratio.dt))
     for index in _changes(np.abs(values) - 1.0):
         frequency = _root(lambda w: abs(at(w)) - 1.0, float(grid[index]), float(grid[index + 1]))
         phases.append((math.degrees(np.angle(-at(frequency))), frequency))
+    # A delay only takes phase away: a phase margin of -10 degrees is used up by a delay of 350.
     delays = [(math.radians(phase % 360.0) / frequency, frequency) for phase, frequency in phases]
     gain, phase_crossing = min(gains, default=(math.inf, math.nan))
     reduction, _ = max(reductions, default=(0.0, math.nan))
@@ -104,7 +108,7 @@ def margins(ratio: StateSpace, *, points: int = POINTS) -> Margins:
 
 
 def closed(ratio: StateSpace) -> StateSpace:
-    """L / (1 + L)."""
+    """L / (1 + L), the loop closed with negative feedback."""
     factor = 1.0 / (1.0 + ratio.d[0, 0])
     return StateSpace(
         ratio.a - factor * ratio.b @ ratio.c, factor * ratio.b, factor * ratio.c, factor * ratio.d, ratio.dt,
@@ -113,22 +117,23 @@ def closed(ratio: StateSpace) -> StateSpace:
 
 
 def frequency_grid(system: StateSpace, points: int = POINTS) -> np.ndarray:
-    """Frequencies [rad/s] that show a system: two decades around its poles, denser at resonances, up to Nyquist.
+    """Frequencies [rad/s] for a system: two decades around its poles, denser at resonances, up to Nyquist's.
 
     Args:
-        system: whose poles count, those of its closed loop too.
-        points: how many.
+        system: the poles of this system and of its closed loop count.
+        points: number of frequencies, those around resonances not counted.
     """
     rates = np.concatenate([system.rates(), closed(system).rates()])
     size = np.abs(rates)
     fastest = float(size.max()) if size.size else 1.0
-    size = size[size > 1e-9 * max(fastest, 1e-300)]
+    size = size[size > 1e-9 * max(fastest, 1e-300)]  # integrators have no rate to look around
     low = 1e-2 * float(size.min()) if size.size else 1e-2
     high = 1e2 * fastest if size.size else 1e2
     if system.dt is not None:
         high = math.pi / system.dt
         low = min(low, 1e-3 * high)
     low = max(low, 1e-9 * high)
+    # Damping ratio below 0.3: the peak is narrow enough to fall between two points of the grid.
     ringing = np.abs(rates[(np.abs(np.real(rates)) < 0.3 * np.abs(rates)) & (np.abs(np.imag(rates)) > 0.0)])
     dense = [resonance * (1.0 + np.linspace(-0.1, 0.1, 81)) for resonance in ringing]
     grid = np.unique(np.concatenate([np.geomspace(low, high, points), *dense]))
@@ -136,16 +141,19 @@ def frequency_grid(system: StateSpace, points: int = POINTS) -> np.ndarray:
 
 
 def _changes(values: np.ndarray) -> np.ndarray:
+    """Indices i where the sign changes between i and i + 1."""
     finite = np.isfinite(values[:-1]) & np.isfinite(values[1:])
     return np.flatnonzero(finite & (np.sign(values[:-1]) * np.sign(values[1:]) < 0.0))
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    """The root of a function of the frequency [rad/s] between two frequencies, searched over its logarithm."""
     found = brentq(lambda exponent: function(math.exp(exponent)), math.log(low), math.log(high), xtol=1e-13)
     return math.exp(float(found))  # type: ignore[arg-type]
 
 
 def _smallest(grid: np.ndarray, values: np.ndarray, function: Callable[[float], float]) -> tuple[float, float]:
+    """(the smallest value, its frequency [rad/s]): the best point of the grid, refined between its neighbours."""
     values = np.where(np.isfinite(values), values, np.inf)
     place = int(np.argmin(values))
     low, high = grid[max(place - 1, 0)], grid[min(place + 1, len(grid) - 1)]

@@ -23,12 +23,13 @@ def draw_linear(
     Args:
         ratio: the return ratio L.
         found: its margins.
-        response: (time [s], what is tracked), each of shape (samples,).
-        tracked: its name.
+        response: (time [s], tracked quantity), each of shape (samples,).
+        tracked: name of the tracked quantity.
         path: file to write; None for none.
     """
     centre = found.gain_crossing if math.isfinite(found.gain_crossing) else found.modulus_frequency
     grid = frequency_grid(ratio)
+    # The grid spans all poles; the picture shows three decades to either side of the crossover.
     grid = grid[(grid > 1e-3 * centre) & (grid < 1e3 * centre)]
     values = ratio.response(grid)[:, 0, 0]
     hertz = grid / (2.0 * math.pi)
@@ -40,12 +41,14 @@ def draw_linear(
         magnitude.set_ylabel("|L| [1]")
         magnitude.set_title(_title(found), loc="left")
         degrees = np.degrees(np.unwrap(np.angle(values)))
+        # Unwrapping is free by multiples of 360: the phase at the crossover is put between -270 and 90.
         degrees -= 360.0 * round((np.interp(centre, grid, degrees) + 90.0) / 360.0)
         phase.semilogx(hertz, degrees, color=BLUE)
         phase.axhline(-180.0, color=GREY, linewidth=0.8)
         phase.set(ylabel="phase of L [deg]", xlabel="frequency [Hz]")
         if math.isfinite(found.gain_crossing):
             at = found.gain_crossing / (2.0 * math.pi)
+            # The margin's bar stands on the branch of the curve that is drawn: its -180 may be 180 or -540 there.
             level = -180.0 + found.phase_margin
             level += 360.0 * round((np.interp(found.gain_crossing, grid, degrees) - level) / 360.0)
             base = -180.0 + 360.0 * round((level + 180.0 - found.phase_margin) / 360.0)

@@ -1,4 +1,4 @@
-"""A linear system in state space, continuous or sampled: what margins and step responses are computed from."""
+"""A linear system in state space, continuous or sampled, from which margins and step responses are computed."""
 
 import dataclasses
 import math
@@ -11,7 +11,9 @@ from scipy import linalg
 from ..errors import InputError
 
 Array = NDArray[Any]
-NEUTRAL = 1e-6  # a pole so near to the edge, relative to the fastest, is an integrator and not unstable
+# A growth rate below this, relative to the fastest pole, is rounding: the pole counts as an integrator, not as
+# unstable.
+NEUTRAL = 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,8 +26,8 @@ class StateSpace:
         c: C, shape (outputs, states).
         d: D, shape (outputs, inputs).
         dt: period [s]; None in continuous time.
-        inputs: their names.
-        outputs: their names.
+        inputs: names of the inputs, in the order of B's columns.
+        outputs: names of the outputs, in the order of C's rows.
     """
 
     a: Array
@@ -75,7 +77,7 @@ class StateSpace:
 
     @property
     def stable(self) -> bool:
-        """Whether no pole grows; integrators (a position, an estimate that rests) do not."""
+        """Whether no pole grows; integrators (a position, an estimate that is not excited) count as stable."""
         rates = self.rates()
         return bool(rates.size == 0 or np.real(rates).max() <= NEUTRAL * max(1.0, float(np.abs(rates).max())))
 
@@ -89,7 +91,8 @@ class StateSpace:
         points = 1j * frequency if self.dt is None else np.exp(1j * frequency * self.dt)
         if not self.a.size:
             return np.broadcast_to(self.d.astype(complex), (len(points), *self.d.shape)).copy()
-        # By Schur form, so that each frequency is one triangular system.
+        # A = Q T Q^H with T upper triangular (Schur form): then each frequency is one triangular system, of order n^2.
+        # Diagonalising A would be cheaper still, but fails for the repeated poles of a delay.
         upper, basis = linalg.schur(self.a.astype(complex), output="complex")[:2]
         right, left = basis.conj().T @ self.b, self.c @ basis
         found = np.empty((len(points), *self.d.shape), complex)
@@ -104,11 +107,13 @@ class StateSpace:
 
         Args:
             duration: [s].
-            points: about how many; every period when sampled, thinned to about so many.
+            points: about how many points are returned; a sampled response is thinned out to whole periods.
         """
         states = len(self.a)
         if self.dt is None:
             interval = duration / points
+            # One matrix exponential gives both the transition and the integral of the input: exp([A B; 0 0] dt) =
+            # [A_d B_d; 0 1].
             block = np.zeros((states + 1, states + 1))
             block[:states, :states], block[:states, states] = self.a * interval, self.b[:, 0] * interval
             moved = linalg.expm(block)

@@ -321,7 +321,7 @@ def _read_simulation(table: TomlTable, units: Units) -> JsonObject:
 def _stepping(written: str, sampled_only: bool, which: str, notes: list[str]) -> Stepping:
     if sampled_only and written == "continuous":
         raise InputError(
-            f'{which} only exists at sample instants: write [simulation] stepping = "sampled", or drop {which}.'
+            f'{which} only works at sample instants: write [simulation] stepping = "sampled", or drop {which}.'
         )
     if sampled_only and not written:
         notes.append(f'[simulation] stepping is not given: "sampled" was chosen, because {which} needs it.')

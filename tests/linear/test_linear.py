@@ -138,7 +138,7 @@ def test_python_control_gets_the_same_system():
 
 
 def test_what_cannot_be_linearised_is_said():
-    with pytest.raises(fp.InputError, match=r"does not come to rest about 1 rad/s"):
+    with pytest.raises(fp.InputError, match=r"does not settle at 1 rad/s"):
         loop(controller=fp.ProportionalIntegral(1e6, 1.0)).linearise(1.0, dt=DT)
     with pytest.raises(fp.InputError, match=r"state needs its reference"):
         loop().linearise(loop().init(), dt=DT)

@@ -1,4 +1,4 @@
-"""What stands around another controller: a position loop, a limit."""
+"""Wrappers around another controller: a position loop, an output limit."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ class PositionLoop(AbstractController):
     Attributes:
         kp: position gain [1/s].
         velocity_controller: the inner loop.
-        rate: added to the inner reference [rad/s], which a feed-forward puts here for one sample; no parameter.
+        rate: added to the inner reference [rad/s]; a feed-forward sets it for one sample. Not a parameter.
     """
 
     kp: Array = eqx.field(converter=as_parameter)
@@ -74,11 +74,11 @@ class PositionLoop(AbstractController):
 
 
 class Limited(AbstractController):
-    """Any controller with its output clipped (no anti-windup but the one that the controller has itself).
+    """Any controller with its output clipped. It adds no anti-windup: only the controller's own acts, where it has one.
 
     Attributes:
-        controller: what is limited.
-        limit: largest |torque| that leaves, an observer's compensation included [N m].
+        controller: whose output is limited.
+        limit: largest |torque| of the output, an observer's compensation included [N m].
     """
 
     controller: AbstractController
@@ -114,11 +114,11 @@ class Limited(AbstractController):
         return self.controller.looks_ahead
 
     def knowing(self, following: Array) -> "Limited":
-        """Around the wrapped controller that is told."""
+        """The wrapped controller with the reference of the next sample, under the same limit."""
         return Limited(self.controller.knowing(following), self.limit)
 
     def fed(self, rate: Array) -> "Limited":
-        """Around the wrapped controller that is told."""
+        """The wrapped controller with the reference's rate [rad/s], under the same limit."""
         return Limited(self.controller.fed(rate), self.limit)
 
     @property
@@ -127,7 +127,7 @@ class Limited(AbstractController):
         return True
 
     def unbounded(self) -> AbstractController:
-        """What is limited, without."""
+        """The wrapped controller, without this limit and without its own."""
         return self.controller.unbounded()
 
     def limited(self, torque: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What a controller is: from a reference and a measurement to a control."""
+"""The contract of a controller: it computes a control torque from a reference and a measurement."""
 
 from abc import abstractmethod
 
@@ -36,22 +36,22 @@ class AbstractController(Block):
 
     @property
     def looks_ahead(self) -> bool:
-        """Whether it asks for the reference of the next sample too (sampled stepping)."""
+        """Whether it uses the reference of the next sample too (sampled stepping)."""
         return False
 
     def knowing(self, following: Array) -> "AbstractController":
-        """The same controller, told the reference of the next sample [rad/s]."""
+        """The same controller with the reference of the next sample [rad/s] set, for use in this sample only."""
         del following
         return self
 
     def fed(self, rate: Array) -> "AbstractController":
-        """The same controller, its velocity loop told the rate of the reference [rad/s] beside what it makes itself."""
+        """The same controller with `rate` [rad/s] added to the reference of its velocity loop, for this sample only."""
         del rate
         return self
 
-    # A limit holds for what leaves the controller: its control and the observer's compensation together. The loop
-    # therefore asks for the control without the limit, adds the compensation, limits the sum, and lets the state
-    # follow what was cut off.
+    # A limit holds for the torque that is commanded: the control and the observer's compensation together. The loop
+    # therefore asks for the control without the limit (`unbounded`), adds the compensation, limits the sum (`limited`),
+    # and feeds what was cut off back to the controller's state (`follow`).
 
     @property
     def bounded(self) -> bool:
@@ -63,10 +63,14 @@ class AbstractController(Block):
         return self
 
     def limited(self, torque: Array) -> Array:
-        """What leaves of a torque [N m], the compensation included."""
+        """The torque [N m] after the controller's limit; `torque` includes the compensation."""
         return torque
 
     def follow(self, excess: Array) -> PyTree:
-        """Anti-windup: what the state's rate gains where the output was moved by `excess` [N m]; None for nothing."""
+        """Anti-windup: what is added to the state's rate because of the limit; None for nothing.
+
+        Args:
+            excess: the limited torque less the torque asked for [N m].
+        """
         del excess
         return None

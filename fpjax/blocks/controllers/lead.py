@@ -1,4 +1,4 @@
-"""A lead controller, and its design from a crossover and the phase it is to add."""
+"""A lead controller, and its design from a crossover frequency and the phase lead there."""
 
 import math
 from collections.abc import Callable
@@ -66,6 +66,7 @@ def design_lead(plant: Callable[[complex], complex], crossover: float, phase_lea
         )
     if not crossover > 0.0:
         raise InputError(f"crossover must be positive, got {crossover:g} Hz.")
+    # (3.20)-(3.26) put the largest phase lead, at sqrt(zero * pole), onto the crossover.
     ratio = (1.0 + math.sin(phase_lead)) / (1.0 - math.sin(phase_lead))  # (3.20)
     omega = 2.0 * math.pi * crossover
     zero = omega / math.sqrt(ratio)  # (3.22), (3.24)
@@ -84,6 +85,6 @@ def phase_lead_for_margin(plant: Callable[[complex], complex], crossover: float,
         margin: wanted phase margin [rad].
     """
     phase = float(np.angle(plant(2j * math.pi * crossover)))
-    if phase > 0.0:
+    if phase > 0.0:  # a plant lags: an angle above zero is one beyond -180 degrees, wrapped
         phase -= 2.0 * math.pi
     return margin - (math.pi + phase)

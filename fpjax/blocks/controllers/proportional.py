@@ -1,4 +1,4 @@
-"""P and PI on the velocity error, and the torque as it is given."""
+"""P and PI control of the velocity error, and a given torque without control."""
 
 import dataclasses
 
@@ -59,7 +59,7 @@ class ProportionalIntegral(AbstractController):
     Attributes:
         kp: proportional gain [N m s/rad].
         ki: integral gain [N m/rad].
-        limit: largest |torque| that leaves, an observer's compensation included [N m]; None for no limit.
+        limit: largest |torque| of the output, an observer's compensation included [N m]; None for no limit.
         tracking_time: anti-windup time constant [s] with which the integral follows the limited output
             (Astrom, Hagglund, "Advanced PID control", 2006, section 3.5); used only with a limit.
     """
@@ -83,6 +83,8 @@ class ProportionalIntegral(AbstractController):
         rate = self.ki * error
         if self.limit is None:
             return rate
+        # Back-calculation: while the output is limited, the integral moves by what was cut off, at the rate 1 /
+        # tracking_time.
         wanted = self.kp * error + state
         return rate + (jnp.clip(wanted, -self.limit, self.limit) - wanted) / self.tracking_time
 

@@ -64,6 +64,8 @@ class TransferFunction(AbstractController):
         # The controllable form. scipy's tf2ss drops small leading coefficients of the numerator, with a warning.
         poles = denominator[1:] / denominator[0]
         zeros = np.concatenate([np.zeros(denominator.size - numerator.size), numerator / denominator[0]])
+        # The state is x' = A x + B e with A = [-a1 -a2 ...; 1 0 ...; 0 1 ...] and B = [1 0 ...]; the output is C x +
+        # D e.
         order = poles.size
         a, b = np.zeros((order, order)), np.zeros((order, 1))
         a[:1], a[1:, :-1], b[:1] = -poles, np.eye(order)[:-1, :-1], 1.0
@@ -104,5 +106,7 @@ class TransferFunction(AbstractController):
 
     @staticmethod
     def _move(transition: Array, drive: Array, state: PyTree, error: Array) -> tuple[Array, ...]:
+        # The states are separate scalars, and the products are written out: a chunk of candidates then stays a set of
+        # plain vectors (one packed array costs 35 to 75 %).
         order = range(len(state))
         return tuple(sum((transition[i, j] * state[j] for j in order), drive[i] * error) for i in order)

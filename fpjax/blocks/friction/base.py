@@ -15,7 +15,8 @@ from ...errors import InputError
 from ..block import Block
 from ..signals import Motion
 
-NEARLY_REST = 1e-30  # a speed [rad/s] that has a direction and no size
+# A speed [rad/s] that is zero in size but still has a sign: it asks a law for its level at rest in one direction.
+NEARLY_REST = 1e-30
 
 
 class AbstractFriction(Block):
@@ -35,13 +36,13 @@ class AbstractFriction(Block):
         """Friction torque [N m].
 
         Args:
-            state: what `init` gave, moved on by `derivative`.
-            motion: velocity [rad/s], position [rad] and time [s] of the body that rubs.
-            applied: the torque [N m] that all else puts on the body (stiction balances it at rest).
+            state: the law's state, from `init` on, integrated from `derivative`.
+            motion: velocity [rad/s], position [rad] and time [s] of the body on which the friction acts.
+            applied: the torque [N m] on the body from everything but friction (stiction balances it at rest).
         """
 
     def general(self) -> "AbstractFriction":
-        """This law as a `GeneralFriction`, under `Bristles` where it has memory: one form for a search or a file.
+        """This law as a `GeneralFriction`, within `Bristles` where it has memory: one form for a search or a file.
 
         Raises:
             InputError: for a law that has no such form.
@@ -101,7 +102,7 @@ class AbstractStaticFriction(AbstractFriction):
 
     @abstractmethod
     def level(self, motion: Motion) -> Array:
-        """Magnitude [N m] of the set-valued part for motion in the direction of `motion.velocity`."""
+        """Magnitude [N m] of the set-valued part, for motion in the direction of `motion.velocity`."""
 
     def breakaway(self, motion: Motion) -> Array:
         """`level` [N m] at rest, for a motion about to start in the direction of `motion.velocity` (all but zero)."""
@@ -125,24 +126,27 @@ class AbstractStaticFriction(AbstractFriction):
         inertia: Array,
         dt: Array,
     ) -> tuple[Array, Array, PyTree]:
-        """The body slides up to zero speed, then sticks or breaks away.
+        """The body slides until its speed is zero, then sticks or breaks away.
 
-        The steepness has no say: sign(w) needs neither it nor small steps if the step knows of the crossing. Where the
-        speed would change its sign, the step is cut there and goes on with what is left of the torque, soft(T, k) / J,
-        in the rest of the time; a body at rest stays there while |T| <= k. Forward mode differentiates this almost
-        everywhere. The torque's smooth part is taken at the middle of the step (second order).
+        The steepness is not used: with the zero crossing resolved, sign(w) needs neither smoothing nor small steps.
+        Where the speed would change its sign, the step is cut at the crossing, and the rest of the step goes on with
+        the torque that is left above the friction level, soft(T, k) / J. A body at rest stays at rest while |T| <= k.
+        Forward mode differentiates this almost everywhere. The smooth part of the torque is taken at the middle of the
+        step (second order).
 
         Reference: the event is that of Karnopp, "Computer simulation of stick-slip friction in mechanical dynamic
         systems", 1985, resolved in time instead of by a band of speeds.
         """
         velocity, half = start.velocity, 0.5 * dt
         side = jnp.sign(velocity)
-        # Position and time of the middle for every evaluation: then their sines and exponentials are computed once.
+        # Every evaluation uses the position and time of the step's middle, so that the sines and exponentials of a law
+        # are the same expressions and are computed once.
         place, moment = start.position + half * velocity, start.time + half
         at_start = Motion(velocity, place, moment, torque)
         free = torque - load(at_start)
         first = free - self.drag(at_start) - side * self.level(at_start)
         halfway = velocity + half * first / inertia
+        # Where the body stops within the first half, the mean speed until then stands in for the middle of its slide.
         halfway = jnp.where(halfway * side > 0.0, halfway, 0.5 * velocity)
         middle = Motion(halfway, place, moment, torque)
         sliding = (free - self.drag(middle) - side * self.level(middle)) / inertia
@@ -153,10 +157,10 @@ class AbstractStaticFriction(AbstractFriction):
         """Speed [rad/s] of a body after dt [s] under a share of this law; at rest it sticks exactly.
 
         Args:
-            motion: at which level and drag are taken; its velocity is that of the start.
-            free: torque [N m] of all but friction.
+            motion: the motion at which level and drag are evaluated; its velocity is that of the start.
+            free: torque on the body but for friction [N m].
             inertia: of the body [kg m^2].
-            share: of the friction that acts on this body [1].
+            share: the share of the friction that acts on this body [1].
             dt: length of the step [s].
         """
         braking = share * (self.drag(motion) + jnp.sign(motion.velocity) * self.level(motion))
@@ -174,16 +178,20 @@ class AbstractStaticFriction(AbstractFriction):
         dt: Array,
         share: ArrayLike = 1.0,
     ) -> tuple[Array, Array]:
-        """(velocity, position) after dt: slides with `sliding` [rad/s^2] up to zero speed, then sticks or breaks."""
+        """(velocity, position) after dt: slides at `sliding` [rad/s^2] until it stops, then sticks or breaks away."""
         after = velocity + dt * sliding
-        crosses = velocity * after <= 0.0
+        crosses = velocity * after <= 0.0  # a body at rest counts as crossing, at time zero
+        # `until` is the time of the stop, from w + until w' = 0. The divisor is replaced where it is not used: a
+        # division by zero in an unselected branch still makes the gradient NaN.
         safe = jnp.where(crosses & (velocity != 0.0), sliding, 1.0)
         until = jnp.where(velocity != 0.0, -velocity / safe, 0.0)
+        # After the stop the body can only start in the direction of what pushes it.
         toward = jnp.where(free < 0.0, -NEARLY_REST, NEARLY_REST)
         rest = Motion(toward, middle.position, middle.time, middle.torque)
         level = share * self.breakaway(rest)
         left = (free - jnp.clip(free, -level, level)) / inertia  # soft(T, k) / J
         turned = left * (dt - until)
+        # Both parts move at a constant acceleration, so the travel is the mean speed times the time.
         slid = position + 0.5 * dt * (velocity + after)
         stopped = position + 0.5 * until * velocity + 0.5 * (dt - until) * turned
         return jnp.where(crosses, turned, after), jnp.where(crosses, stopped, slid)
@@ -197,11 +205,14 @@ def direction(velocity: Array, steepness: Array | None) -> Array:
 def log_cosh(x: Array) -> Array:
     """ln cosh(x) without overflow; the smooth form of |x| (2.30)."""
     magnitude = jnp.abs(x)
+    # cosh x = e^|x| (1 + e^(-2 |x|)) / 2: the exponential cannot overflow, and log 2 comes off.
     return magnitude + log(1.0 + jnp.exp(-2.0 * magnitude)) - 0.6931471805599453
 
 
 def safe_power(base: Array, exponent: Array) -> Array:
     """base ** exponent for base >= 0 with a finite gradient (zero) at base = 0."""
     positive = base > 0.0
+    # base^exponent = exp(exponent log base). The base is replaced by 1 where it is zero, because the gradient of a log
+    # at zero is infinite, and infinite times zero, in the branch that is not selected, is NaN.
     inside = jnp.where(positive, base, jnp.ones_like(base))
     return jnp.where(positive, jnp.exp(exponent * log(inside)), jnp.zeros_like(base))

@@ -1,4 +1,4 @@
-"""Bristles under any static law: the level is not there at once but after a travel of the order of the deflection."""
+"""Bristles within any static law: the level builds up over a travel of the order of the deflection (pre-sliding)."""
 
 import dataclasses
 from collections.abc import Callable
@@ -12,18 +12,18 @@ from ..block import as_parameter, require_not_negative, require_positive
 from ..signals import Motion
 from .base import NEARLY_REST, AbstractFriction, AbstractStaticFriction
 
-_SMALLEST = 1e-30
+_SMALLEST = 1e-30  # keeps a logarithm finite where bristles are fully deflected
 
 
 class Bristles(AbstractFriction):
-    """Pre-sliding: the share s of the law's level that acts (state, from -1 to 1) follows the travel.
+    """Pre-sliding: the share s of the law's level that acts (the state, from -1 to 1) follows the travel.
 
     ds = sign(w) (1 - s sign(w))^alpha |w| dt / deflection; friction = level (s + damping ds/dt) + drag. With alpha = 1
     it is LuGre's z / z_ss (1.7) and Dahl's F / F_c (1.6); other exponents are Dahl's. The stiffness at rest is level /
     deflection.
 
     Attributes:
-        law: gives level and drag.
+        law: the static law that gives level and drag.
         deflection: level / stiffness [rad], above zero.
         damping: sigma_1 [N m s/rad] of (1.8), at zero speed; it acts on the bristles' rate.
         exponent: alpha [1].
@@ -56,7 +56,7 @@ class Bristles(AbstractFriction):
         return self.law.level(motion) * state + self.damping * rate + self.law.drag(motion)
 
     def general(self) -> "Bristles":
-        """The same bristles under the law's general form."""
+        """The same bristles with the law in its general form."""
         return dataclasses.replace(self, law=self.law.general())
 
     def advance_body(
@@ -68,7 +68,10 @@ class Bristles(AbstractFriction):
         inertia: Array,
         dt: Array,
     ) -> tuple[Array, Array, Array]:
-        """Half a step of travel, the bristles by their exact law, the speed by the mean share, the other half."""
+        """Half a step of travel, the speed with the bristles' share in the middle of the step, the other half.
+
+        The bristles themselves move by their exact solution over a travel (`advance`).
+        """
         law, half = self.law, 0.5 * dt
         velocity, share = start.velocity, state
         place, moment = start.position + half * velocity, start.time + half
@@ -81,7 +84,8 @@ class Bristles(AbstractFriction):
         middle = Motion(halfway, place, moment, torque)
         side = jnp.where(halfway < 0.0, -1.0, 1.0)
         slack = jnp.maximum(1.0 - between * side, NEARLY_REST)
-        # sigma_1 dz/dt, implicit in the speed: a stiff damper must not limit the step.
+        # The torque sigma_1 ds/dt x deflection is taken implicitly in the speed (trapezoidal rule), so that a stiff
+        # damper does not limit the step.
         damper = self.damping * jnp.exp(self.exponent * log(slack))
         level = law.level(middle) * self.advance(share, half * halfway)
         pulled = torque - load(middle) - law.drag(middle) - level
@@ -93,16 +97,20 @@ class Bristles(AbstractFriction):
     def advance(self, state: Array, travel: Array) -> Array:
         """The state after a travel [rad] in one direction: exact, whatever its length.
 
-        y = 1 - s sign(travel) obeys dy = -y^alpha |travel| / deflection, so y^(1 - alpha) is linear in the travel.
+        y = 1 - s sign(travel) obeys dy/d|travel| = -y^alpha / deflection, so y^(1 - alpha) is linear in the travel, and
+        for alpha = 1 y is an exponential of it.
         """
         side = jnp.where(travel < 0.0, -1.0, 1.0)
         slack = jnp.maximum(1.0 - state * side, _SMALLEST)
         beyond = self.exponent - 1.0
+        # y = y0 (1 + (alpha - 1) y0^(alpha - 1) d)^(-1 / (alpha - 1)), d = |travel| / deflection. Near alpha = 1 this
+        # is 1^infinity and loses its digits: within 1e-4 of it the exponential is used, to which it converges.
         near_one = jnp.abs(beyond) < 1e-4
         safe = jnp.where(near_one, 1e-4, beyond)
         distance = side * travel / self.deflection
         scaled = safe * jnp.exp(safe * log(slack)) * distance
-        inside = jnp.maximum(1.0 + scaled, _SMALLEST)  # below zero: the bristles have reached their end
+        # Below zero only for alpha < 1, whose bristles are fully deflected after a finite travel.
+        inside = jnp.maximum(1.0 + scaled, _SMALLEST)
         general = slack * jnp.exp(-log(inside) / safe)
         remaining = jnp.where(near_one, slack * jnp.exp(-distance), general)
         return side * (1.0 - remaining)

@@ -51,7 +51,7 @@ class Dahl(AbstractFriction):
         return state + self.viscous * motion.velocity
 
     def general(self) -> Bristles:
-        """Bristles of deflection F_c / sigma under k and b."""
+        """Bristles of deflection F_c / sigma within k and b."""
         return Bristles(
             GeneralFriction(self.coulomb, self.viscous), self.coulomb / self.stiffness, exponent=self.exponent
         )
@@ -107,7 +107,10 @@ class LuGre(AbstractFriction):
         return self.bristle_stiffness * state + self.bristle_damping * rate + self.viscous * motion.velocity
 
     def general(self) -> Bristles:
-        """Bristles under Stribeck's curve, of one deflection F_c / sigma_0 (LuGre's own grows with the curve)."""
+        """Bristles of the constant deflection F_c / sigma_0 within Stribeck's curve.
+
+        LuGre's own deflection, g(w) / sigma_0, is larger where the curve is: the two agree above the Stribeck velocity.
+        """
         law = GeneralFriction(
             self.coulomb,
             self.viscous,

@@ -1,4 +1,4 @@
-"""A friction law with every static effect that a servo shows, each with a neutral value at which it is not there."""
+"""A friction law with every static effect that a servo shows; each has a neutral value at which it vanishes."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,32 +15,36 @@ from .base import AbstractStaticFriction, safe_power
 class GeneralFriction(AbstractStaticFriction):
     """Coulomb and viscous friction that may depend on direction, speed, position and time.
 
-    level(w, theta, t, T) = k + side dk + F_s exp(-|w / v_s|^delta) + drift exp(-t / tau) + mu |T| + sum_i (c_i cos(i
-    n theta) + s_i sin(i n theta)), never below zero, and drag(w) = (b + side db) w + c w |w|, where side is the sign of
-    w. Stribeck's curve is (1.4); the rest are the usual extensions (Armstrong-Helouvry, Dupont, Canudas de Wit, "A
-    survey of models, analysis tools and compensation methods for the control of machines with friction", 1994).
+    With side the sign of w:
 
-    The load-dependent term mu |T| is a gear's: T is the torque that drives the body through it, the applied motor
-    torque for one mass and the shaft's for a body behind a spring (`Motion.torque`), not the torque that is left after
-    the inertia has taken its part. So the level is known before the acceleration is: J dw/dt = T - load - side (k + mu
-    |T|) - drag needs no equation solved, and at rest the body sticks while |T - load| <= k + mu |T|. Below mu = 1 a
-    motor can always break away; at 1 the gear would lock itself (Bittencourt, Gunnarsson, "Static friction in a robot
-    joint - modeling and identification of load and temperature effects", 2012, find level linear in the load torque).
+        level(w, theta, t, T) = k + side dk + F_s exp(-|w / v_s|^delta) + drift exp(-t / tau) + mu |T|
+                                + sum_i (c_i cos(i n theta) + s_i sin(i n theta)), at least zero
+        drag(w) = (b + side db) w + c w |w|
+
+    Stribeck's curve is (1.4); the rest are the usual extensions (Armstrong-Helouvry, Dupont, Canudas de Wit, "A survey
+    of models, analysis tools and compensation methods for the control of machines with friction", 1994).
+
+    The load-dependent term mu |T| is the friction of a gear. T (`Motion.torque`) is the torque that drives the body
+    through the gear: the applied motor torque for one mass, the shaft's torque for a body behind a spring. The inertia
+    torque is not taken off. So the level does not depend on the acceleration, J dw/dt = T - load - side (k + mu |T|) -
+    drag is explicit, and a body at rest sticks while |T - load| <= k + mu |T|. Below mu = 1 a motor can always break
+    away; at 1 the gear locks itself. Bittencourt, Gunnarsson, "Static friction in a robot joint - modeling and
+    identification of load and temperature effects", 2012, find the level to be linear in the load torque.
 
     Attributes:
         coulomb: k, mean of both directions [N m].
         viscous: b, mean of both directions [N m s/rad].
         coulomb_difference: dk, half of positive less negative direction [N m]; neutral 0.
         viscous_difference: db, half of positive less negative direction [N m s/rad]; neutral 0.
-        stribeck_torque: F_s above Coulomb [N m]; neutral 0; None leaves the term out of the computation.
+        stribeck_torque: F_s, what static friction has above Coulomb [N m]; neutral 0; None: the term is not computed.
         stribeck_velocity: v_s [rad/s].
         stribeck_exponent: delta [1]; 1 is Tustin's curve, 2 the Gaussian.
         position_cosine: c_i [N m] for the harmonics 1, 2, 3 ... of n; neutral 0.
         position_sine: s_i [N m]; neutral 0.
         position_periods: n [1/rev].
-        drift_amplitude: extra level at t = 0 [N m]; neutral 0; None leaves the term out.
+        drift_amplitude: extra level at t = 0 [N m]; neutral 0; None: the term is not computed.
         drift_time: tau [s].
-        load_coefficient: mu of mu |T| [1], below 1; neutral 0; None leaves the term out.
+        load_coefficient: mu of mu |T| [1], below 1; neutral 0; None: the term is not computed.
         drag_coefficient: c of c w |w| [N m s^2/rad^2]; neutral 0.
         steepness: lambda [s/rad] of tanh in place of sign; None for sign.
     """
@@ -76,7 +80,7 @@ class GeneralFriction(AbstractStaticFriction):
         return self._level(motion, self.stribeck_torque * jnp.exp(-falling))
 
     def breakaway(self, motion: Motion) -> Array:
-        """`level` at rest [N m]: Stribeck's whole torque, without its powers."""
+        """`level` at rest [N m], where Stribeck's exponential is 1 and need not be computed."""
         return self._level(motion, 0.0 if self.stribeck_torque is None else self.stribeck_torque)
 
     def _level(self, motion: Motion, more: ArrayLike) -> Array:
@@ -86,6 +90,7 @@ class GeneralFriction(AbstractStaticFriction):
         if self.load_coefficient is not None:
             level = level + self.load_coefficient * jnp.abs(driving_torque(motion, "load_coefficient"))
         level = level + fourier(self.position_cosine, self.position_sine, self.position_periods * motion.position)
+        # A harmonic or a drift larger than the rest must not make friction drive the body.
         return jnp.maximum(level, 0.0)
 
     def drag(self, motion: Motion) -> Array:
@@ -102,10 +107,11 @@ class GeneralFriction(AbstractStaticFriction):
 
 
 def fourier(cosine: tuple[Array, ...], sine: tuple[Array, ...], angle: Array) -> Array:
-    """sum_i cosine_i cos(i angle) + sine_i sin(i angle), i from 1; one sine and one cosine are computed."""
+    """sum_i cosine_i cos(i angle) + sine_i sin(i angle), i from 1; of the shape of `angle` [rad]."""
     total = jnp.zeros_like(angle)
     if not cosine:
         return total
+    # Only one sine and one cosine are computed; the higher harmonics follow by the addition theorem.
     s, c = sincos(angle)
     c_i, s_i = c, s
     for a, b in zip(cosine, sine, strict=True):

@@ -1,4 +1,4 @@
-"""Friction laws without memory: Coulomb, tanh, viscous, stiction, Stribeck, and levels by direction."""
+"""Friction laws without memory: Coulomb, its smooth form, viscous, stiction, Stribeck, and levels by direction."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ class NoFriction(AbstractFriction):
 
 
 class Coulomb(AbstractStaticFriction):
-    """Coulomb friction k sign(w) (1.2), set-valued: for comparing with print, never for gradients.
+    """Coulomb friction k sign(w) (1.2), set-valued: for comparing with the thesis' figures, never for gradients.
 
     Attributes:
         coulomb: k [N m].
@@ -53,7 +53,7 @@ class Coulomb(AbstractStaticFriction):
 
 
 class SmoothCoulomb(AbstractStaticFriction):
-    """Smooth Coulomb friction k tanh(lambda w) (4.16), steepness a parameter like any other.
+    """Smooth Coulomb friction k tanh(lambda w) (4.16); the steepness is a parameter like any other.
 
     Attributes:
         coulomb: k [N m].
@@ -191,9 +191,9 @@ class CoulombViscousStiction(AbstractStaticFriction):
     """Coulomb and viscous friction with stiction (1.5): at rest it balances the applied torque up to F_s.
 
     A fixed-step solver does not hit rest exactly, so a band of speeds counts as rest (Karnopp, "Computer simulation of
-    stick-slip friction in mechanical dynamic systems", 1985). Within it friction balances what is applied and brakes
-    what is left of the motion, F_s w / stick_velocity, so that a stuck body comes to rest instead of creeping on. The
-    solver "exact" needs no band.
+    stick-slip friction in mechanical dynamic systems", 1985). Within the band friction balances the applied torque and
+    brakes the remaining motion with F_s w / stick_velocity, so that a stuck body comes to rest instead of creeping on.
+    The solver "exact" needs no band.
 
     Attributes:
         coulomb: F_c [N m], while sliding.
@@ -226,7 +226,7 @@ class CoulombViscousStiction(AbstractStaticFriction):
 
     def readout(self, state: PyTree, motion: Motion, applied: Array) -> Array:
         """Friction torque [N m]."""
-        # Both are computed and one is chosen: a branch would not batch, and neither of them can be infinite.
+        # Both are computed and one is selected: a branch cannot be batched, and neither of the two can become infinite.
         sliding = CoulombViscous(self.coulomb, self.viscous, self.steepness).readout(state, motion, applied)
         brake = self.static * motion.velocity / self.stick_velocity
         stuck = jnp.clip(applied + brake, -self.static, self.static)
@@ -267,7 +267,7 @@ class AsymmetricCoulombViscous(AbstractStaticFriction):
 
     def drag(self, motion: Motion) -> Array:
         """Viscous torque of this direction [N m]."""
-        # at zero speed either side will do: what multiplies it is zero
+        # At zero speed either direction's value will do: it is multiplied by zero.
         viscous = jnp.where(motion.velocity > 0.0, self.viscous_positive, self.viscous_negative)
         return viscous * motion.velocity
 

@@ -14,7 +14,7 @@ from .single import steepness_sensitivity
 
 
 class ExtendedState(eqx.Module):
-    """z1 (driven by g2, gain_2) and z2 (driven by g1, gain_1)."""
+    """z1 (driven through g2, gain_2) and z2 (driven through g1, gain_1): the thesis numbers them crosswise."""
 
     first: Array
     second: Array

@@ -1,4 +1,4 @@
-"""The observer on a high-order plant: its control passes the plant's high-order part first (3.27)-(3.28)."""
+"""An observer for a high-order plant: its input is the control after the plant's high-order part (3.27)-(3.28)."""
 
 from collections.abc import Callable
 
@@ -20,9 +20,9 @@ class HighOrderState(eqx.Module):
 
 
 class HighOrderFeedforward(AbstractObserver):
-    """Feeds an observer with P_HO u instead of u, so that one made for one mass sees the torque at the load (Fig 3.5).
+    """Feeds an observer with P_HO u instead of u, so that a one-mass observer gets the torque at the load (Fig 3.5).
 
-    The wrapped observer's `inertia` is the total J_m + J_l, the one of P_LO (3.27).
+    The wrapped observer's `inertia` must be the total J_m + J_l, that of P_LO (3.27).
 
     Attributes:
         observer: the wrapped observer.
@@ -66,21 +66,23 @@ class HighOrderFeedforward(AbstractObserver):
         return HighOrderState(rate, acceleration, self.observer.derivative(state.observer, transmitted, velocity))
 
     def step(self, state: HighOrderState, control: Array, velocity: Array, dt: Array) -> HighOrderState:
-        """Exact for a control held over dt [s]: a resonance near the control rate must not limit the period."""
+        """Exact for a control held over dt [s], so that a resonance near the control rate does not limit the period."""
         filtered, rate, transmitted = self._transmit(state, control, dt)
         return HighOrderState(filtered, rate, self.observer.step(state.observer, transmitted, velocity, dt))
 
     def advance(self, state: HighOrderState, torque: Array, before: Array, after: Array, dt: Array) -> HighOrderState:
-        """The filter moved by the control, the wrapped observer over the same period by what passed it."""
+        """The filter moves by the control, the wrapped observer over the same period by the filter's output."""
         return self._over(state, torque, before, after, dt, self.observer.advance)
 
     def moved(self, state: HighOrderState, torque: Array, before: Array, after: Array, dt: Array) -> HighOrderState:
-        """The filter moved by the control, the wrapped observer likewise."""
+        """The filter moves by the control, the wrapped observer by its `moved`."""
         return self._over(state, torque, before, after, dt, self.observer.moved)
 
     def _over(
         self, state: HighOrderState, torque: Array, before: Array, after: Array, dt: Array, inner: Callable[..., PyTree]
     ) -> HighOrderState:
+        # The compensation acts at the load, behind the spring: only the control passes the filter, and the
+        # compensation is added again for the wrapped observer, which expects both.
         middle = 0.5 * (before + after)
         compensation, _ = self.observer.readout(self.observer.carried(state.observer, before, middle), middle)
         filtered, rate, transmitted = self._transmit(state, torque - compensation, dt)
@@ -88,14 +90,15 @@ class HighOrderFeedforward(AbstractObserver):
         return HighOrderState(filtered, rate, observed)
 
     def carried(self, state: HighOrderState, before: Array, after: Array) -> HighOrderState:
-        """The wrapped observer's; the filter does not know the velocity."""
+        """The wrapped observer's; the filter's states do not depend on the velocity."""
         return HighOrderState(state.filtered, state.filter_rate, self.observer.carried(state.observer, before, after))
 
     def _transmit(self, state: HighOrderState, control: Array, dt: Array) -> tuple[Array, Array, Array]:
         """(x, x', mean torque [N m] that passes) over a period of a held control, exact."""
         filtered, rate = held_high_order(state.filtered, state.filter_rate, control, self, dt)
         reduced = self.motor_inertia * self.load_inertia / (self.motor_inertia + self.load_inertia)
-        # The equation of motion, averaged over the period, gives the mean of what passes without an integral.
+        # From mu x'' + (k_cv x' + k_s x) = u (3.28): averaged over the period, the mean of x'' is the change of x' over
+        # dt, so the mean of the output needs no integral.
         return filtered, rate, control - reduced * (rate - state.filter_rate) / dt
 
     def readout(self, state: HighOrderState, velocity: Array) -> tuple[Array, dict[str, Array]]:

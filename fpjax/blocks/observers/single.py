@@ -126,7 +126,7 @@ class NovelFriedlandPark(AbstractSingleObserver):
     Attributes:
         inertia: J [kg m^2].
         nonlinearity: g.
-        coulomb: known k [N m], compensated (the thesis leaves it out of plant and observer alike: 0).
+        coulomb: known k [N m], compensated (0 as in the thesis, which leaves k out of plant and observer alike).
         steepness: lambda of the compensating tanh [s/rad]; None for sign.
     """
 
@@ -184,6 +184,7 @@ class SteepnessObserver(AbstractSingleObserver):
 
 def steepness_sensitivity(coulomb: Array, steepness: Array, velocity: Array) -> Array:
     """d[k tanh(lambda w)]/d lambda = k w / cosh^2(lambda w) [N m rad/s]."""
-    # 1 / cosh^2 x = 4 sigmoid(2 x) sigmoid(-2 x): 1 - tanh^2 x has no digit left once tanh is saturated.
+    # 1 / cosh^2 x = 4 sigmoid(2 x) sigmoid(-2 x). The textbook form 1 - tanh^2 x has no digits left where tanh is close
+    # to 1, and cosh itself overflows.
     twice = 2.0 * steepness * velocity
     return coulomb * velocity * (4.0 * jax.nn.sigmoid(twice) * jax.nn.sigmoid(-twice))

@@ -1,4 +1,4 @@
-"""Plants: one mass, two masses on a shaft or in series, a transmission; and steps in which a mass sticks exactly."""
+"""Plants: one mass, two masses on a shaft or in series, a transmission; with steps that resolve sticking exactly."""
 
 from .masses import AbstractPlant as AbstractPlant
 from .masses import OneMass as OneMass

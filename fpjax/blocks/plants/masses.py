@@ -22,12 +22,12 @@ class AbstractPlant(Block):
 
         @property
         def inertia(self) -> Array:
-            """Of all that moves [kg m^2]."""
+            """Total moment of inertia [kg m^2]."""
             ...
 
         @property
         def friction(self) -> AbstractFriction:
-            """The law that acts."""
+            """The friction law."""
             ...
 
         @property
@@ -44,7 +44,7 @@ class AbstractPlant(Block):
 
     @abstractmethod
     def rubbing_inertia(self) -> Array:
-        """Inertia of the body that rubs [kg m^2]: with the friction's slope it sets how small a step must be."""
+        """Inertia of the body on which the friction acts [kg m^2]; with the friction's slope it limits the step."""
 
     @abstractmethod
     def derivative(self, state: PyTree, torque: Array, time: Array) -> PyTree:
@@ -57,8 +57,8 @@ class AbstractPlant(Block):
     def advance(self, state: PyTree, torque: Array, time: Array, dt: Array) -> PyTree:
         """The state dt [s] later under a held torque [N m], with sticking resolved exactly.
 
-        One step is enough for one mass: under a held torque only its friction changes over the step. A plant with a
-        spring needs several steps a control period.
+        For one mass one step is enough: under a held torque only its friction changes over the step. A plant with a
+        spring needs several steps per control period.
 
         Args:
             state: at `time`.
@@ -225,8 +225,8 @@ class SeriesTwoMassState(eqx.Module):
 class SeriesTwoMass(AbstractPlant):
     """The thesis' Fig 3.5: the torque passes P_HO (3.28), then friction and P_LO = 1 / ((J_m + J_l) s) (3.27).
 
-    Not the same as `TwoMass`: friction here does not feel the spring. The thesis draws its chapter 3 so; where its
-    compensation enters is discussed on the page that reproduces it.
+    Not the same as `TwoMass`: here the friction does not act back on the spring. Chapter 3 of the thesis is drawn this
+    way; where its compensation enters is discussed on the documentation page that reproduces the thesis.
 
     Attributes:
         motor_inertia: J_m [kg m^2].
@@ -292,7 +292,8 @@ class SeriesTwoMass(AbstractPlant):
 def high_order_derivative(filtered: Array, rate: Array, torque: Array, plant: PyTree) -> tuple[Array, Array]:
     """(x', x'') of P_HO (3.28): mu x'' + k_cv x' + k_s x = torque, with mu = J_m J_l / (J_m + J_l).
 
-    `plant` is whatever holds the two masses and their spring: a `SeriesTwoMass` or the observer of one.
+    `plant` is anything with the fields motor_inertia, load_inertia, stiffness and damping: a `SeriesTwoMass`, or the
+    observer of one.
     """
     reduced = plant.motor_inertia * plant.load_inertia / (plant.motor_inertia + plant.load_inertia)
     return rate, (torque - plant.damping * rate - plant.stiffness * filtered) / reduced
@@ -314,17 +315,23 @@ def held_high_order(filtered: Array, rate: Array, torque: Array, plant: PyTree, 
         dt: step [s].
     """
     reduced = plant.motor_inertia * plant.load_inertia / (plant.motor_inertia + plant.load_inertia)
+    # x - torque / k_s = e^(-d t) (A C(t) + B S(t)) with d the decay rate and r^2 = |k_s / mu - d^2|. C and S ("even"
+    # and "odd", the decay included) are cos(r t) and sin(r t) / r where it swings, cosh and sinh / r where it is
+    # overdamped, 1 and t where it is critically damped. All three are computed and one is selected, so that it batches.
     decay = 0.5 * plant.damping / reduced
     squared = plant.stiffness / reduced - decay * decay
     swings = squared > 0.0
+    # Closer to critical damping than this the root has no digits; the ones in it keep gradients finite.
     distinct = jnp.abs(squared) > 1e-12 * decay * decay
     root = jnp.sqrt(jnp.where(distinct, jnp.abs(squared), jnp.ones_like(squared)))
+    # The overdamped pair of exponentials. The minimum only matters where it swings and the pair is not used: root may
+    # be larger than decay there, and the exponential could overflow.
     fast, slow = jnp.exp(-(decay + root) * dt), jnp.exp(jnp.minimum(root - decay, 0.0) * dt)
     fade = jnp.exp(-decay * dt)
     even = jnp.where(swings, fade * jnp.cos(root * dt), 0.5 * (slow + fast))
     odd = jnp.where(swings, fade * jnp.sin(root * dt) / root, 0.5 * (slow - fast) / root)
     even, odd = jnp.where(distinct, even, fade), jnp.where(distinct, odd, fade * dt)  # critically damped
-    rest = torque / plant.stiffness
+    rest = torque / plant.stiffness  # the equilibrium under the held torque [rad]
     away = filtered - rest
     moved = rest + away * (even + decay * odd) + rate * odd
     return moved, rate * (even - decay * odd) - away * plant.stiffness / reduced * odd

@@ -1,4 +1,4 @@
-"""Exact sticking as functions: the steps themselves stand with the plants (`advance`) and the friction laws."""
+"""Exact sticking as functions; the steps themselves are methods of the plants (`advance`) and the friction laws."""
 
 from jaxtyping import Array, PyTree
 
@@ -19,7 +19,7 @@ def advance_exact(
         torque: applied over the step [N m].
         time: start of the step [s].
         dt: length of the step [s].
-        substeps: steps taken within it (a spring needs several).
+        substeps: number of steps taken within dt (a plant with a spring needs several).
 
     Raises:
         InputError: for a plant or a law that has no exact step.

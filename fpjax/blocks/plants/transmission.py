@@ -12,23 +12,22 @@ from ..loads import AbstractLoad, NoLoad
 from ..signals import Motion, PlantOutput
 from .masses import AbstractPlant, TwoMassState, resonance_frequency
 
-_SMALLEST = 1e-30  # a swing [rad] of no size
+_SMALLEST = 1e-30  # [rad], in place of a zero divisor
 
 
 class Transmission(AbstractPlant):
-    """Two masses (3.1)-(3.2) with a gap, and the friction law shared between motor and load.
+    """Two masses (3.1)-(3.2) with backlash between them, and the friction law shared between motor and load.
 
-    Within the gap the shaft carries nothing; outside, a face presses with stiffness x (twist beyond the gap) +
-    damping x relative speed and never pulls (Nordin, Gutman, "Controlling mechanical systems with backlash - a
-    survey", 2002, whose state of contact lets go as soon as the torque would change its sign). Without a gap it is a
-    plain spring.
+    Within the backlash the shaft carries no torque. In contact it carries stiffness x (twist beyond the backlash) +
+    damping x relative speed, and the contact never pulls (Nordin, Gutman, "Controlling mechanical systems with backlash
+    - a survey", 2002: contact ends as soon as the torque would change its sign). Without backlash it is a plain spring.
 
     Attributes:
         inertia: total inertia J [kg m^2].
         load_share: J_l / J [1], between 0 and 1.
         stiffness: k_s [N m/rad].
         damping: k_cv [N m s/rad].
-        gap: total backlash [rad]; neutral 0.
+        gap: total backlash width [rad]; neutral 0.
         friction_share: share of the friction that acts on the load [1]; the rest acts on the motor.
         friction: the law, of the whole friction.
         load: a known load on the load side.
@@ -68,16 +67,16 @@ class Transmission(AbstractPlant):
         return (1.0 - self.load_share) * self.inertia
 
     def rubbing_inertia(self) -> Array:
-        """The lighter side for the friction that it bears [kg m^2]."""
+        """The smaller of both sides' inertia over the share of friction on it [kg m^2]."""
         share = jnp.clip(self.friction_share, 1e-9, 1.0 - 1e-9)
         return jnp.minimum(self.load_inertia / share, self.motor_inertia / (1.0 - share))
 
     def resonance(self) -> Array:
-        """Free-free resonance [Hz] (3.15) of the closed gap."""
+        """Free-free resonance [Hz] (3.15) in contact."""
         return resonance_frequency(self.motor_inertia, self.load_inertia, self.stiffness)
 
     def init(self) -> TwoMassState:
-        """At rest at position zero, in the middle of the gap."""
+        """At rest at position zero, in the middle of the backlash."""
         zero = jnp.zeros_like(self.inertia)
         return TwoMassState(zero, zero, zero, zero, self.friction.init())
 
@@ -88,6 +87,7 @@ class Transmission(AbstractPlant):
         beyond = twist - jnp.clip(twist, -half, half)
         relative = state.motor_velocity - state.load_velocity
         spring, damper = self.stiffness * beyond, self.damping * relative
+        # The damper may take from the spring's torque, but not turn it around: the faces do not stick together.
         pressing = jnp.sign(beyond) * jnp.maximum(jnp.sign(beyond) * (spring + damper), 0.0)
         return jnp.where(self.gap > 0.0, pressing, spring + damper)
 
@@ -119,7 +119,7 @@ class Transmission(AbstractPlant):
         )
 
     def advance(self, state: TwoMassState, torque: Array, time: Array, dt: Array) -> TwoMassState:
-        """Half a step of the positions, a whole step of the speeds, half a step of the positions."""
+        """Half a step of the positions, a whole step of the speeds, half a step of the positions (leapfrog)."""
         law, half = self.friction, 0.5 * dt
         if not isinstance(law, AbstractStaticFriction):
             return super().advance(state, torque, time, dt)
@@ -144,29 +144,32 @@ class Transmission(AbstractPlant):
     def mean_shaft(self, twist: Array, relative: Array, push: Array, mobility: Array, dt: Array) -> Array:
         """Mean torque [N m] of the shaft over a step.
 
-        A face of the backlash that is met or left within the step presses for its share of the step only: then the
-        motion depends smoothly on the gap, and no step has to end at a contact.
+        Where contact begins or ends within the step, the contact torque counts for that share of the step only. So the
+        motion depends continuously on the backlash width, and no step has to end at the moment of contact.
 
         Args:
             twist: in the middle of the step [rad].
             relative: speed, motor less load, at the start of the step [rad/s].
-            push: acceleration of the twist but for the shaft's [rad/s^2].
-            mobility: acceleration of the twist that the shaft takes away [rad/s^2 / (N m)].
+            push: acceleration of the twist but for the shaft's torque [rad/s^2].
+            mobility: deceleration of the twist for each N m of the shaft's torque [rad/s^2 / (N m)].
             dt: length of the step [s].
         """
         half = 0.5 * dt
 
         def pressed(depth: Array, speed: Array, push: Array, share: Array) -> Array:
-            # The damper at the speed of the middle of the step, to second order: spring and torque change it meanwhile.
+            # The damper takes the relative speed in the middle of the step, speed + half (push - mobility x torque),
+            # where torque is the result itself: solved for it, which keeps a stiff damper stable.
             damper = half * self.damping * share
             return (self.stiffness * depth + self.damping * share * speed + damper * push) / (1.0 + damper * mobility)
 
         def face(depth: Array, speed: Array, push: Array) -> Array:
+            # The depth of penetration goes from depth - swing to depth + swing within the step, on a straight line. It
+            # is positive for `share` of the step, with a mean over the whole step of share^2 |swing|.
             swing = half * speed
             size = jnp.maximum(jnp.abs(swing), _SMALLEST)
             share = jnp.clip(0.5 + 0.5 * depth / size, 0.0, 1.0)
             deep = jnp.where(share < 1.0, share * share * size, depth)
-            return jnp.maximum(pressed(deep, speed, push, share), 0.0)  # a face pushes; it never pulls
+            return jnp.maximum(pressed(deep, speed, push, share), 0.0)  # a contact pushes; it never pulls
 
         side = 0.5 * self.gap
         faces = face(twist - side, relative, push) - face(-twist - side, -relative, -push)
