@@ -21,6 +21,7 @@ _ROOMS = {
     "blocks.plants": ("sticking", "transmission"),
     "compiled": ("batch", "elementary", "gradients", "hyperbolic", "native", "one_kernel", "threads"),
     "output": ("plotting", "progress", "runfile", "toml_text"),
+    "simulation": ("loop", "metrics", "scan", "solvers", "stability"),
 }
 _ROOMS_OF_LOGS = {
     "checks": ("inspection", "suspicions"),
@@ -30,6 +31,7 @@ _ROOMS_OF_LOGS = {
 MOVED = {
     **{name: f"{room}.{name}" for room, names in _ROOMS.items() for name in names},
     "plants": "blocks.plants",
+    "parameters": "blocks.parameters",
     "simulate": "public",
     "logs.measures": "logs.noise",
     **{f"logs.{name}": f"logs.{room}.{name}" for room, names in _ROOMS_OF_LOGS.items() for name in names},

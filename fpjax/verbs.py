@@ -14,8 +14,6 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from ._simulate import Run
-from ._simulate import simulate as simulate_loop
 from .analysis.estimate import Differentiator, Estimated
 from .analysis.estimate import estimate as estimate_with
 from .blocks.actuators import AbstractActuator
@@ -24,18 +22,20 @@ from .blocks.controllers import AbstractController
 from .blocks.friction import AbstractFriction
 from .blocks.loads import AbstractLoad
 from .blocks.observers import AbstractObserver
+from .blocks.parameters import parameter_names
 from .blocks.plants import AbstractPlant
 from .blocks.references import AbstractReference
 from .blocks.sensors import AbstractSensor
 from .errors import InputError
 from .logs import Log, read_log
-from .loop import ClosedLoop, LoopState
-from .metrics import AbstractMeasure
 from .model_file import Model, load_model
 from .output.run_picture import KINDS, About
-from .parameters import parameter_names
-from .scan import Stepping, astype
-from .solvers import AbstractPlantSolver
+from .simulation.loop import ClosedLoop, LoopState
+from .simulation.metrics import AbstractMeasure
+from .simulation.run import Run
+from .simulation.run import simulate as simulate_loop
+from .simulation.scan import Stepping, astype
+from .simulation.solvers import AbstractPlantSolver
 
 if TYPE_CHECKING:
     from .linear.linear_loop import LinearLoop

@@ -12,11 +12,11 @@ import jax, warnings
 from jaxtyping import TypeCheckError, install_import_hook
 jax.config.update("jax_enable_x64", True)
 warnings.simplefilter("ignore")
-checked = ("blocks", "scan", "loop", "analysis", "logs.dynamics.regression", "metrics", "solvers", "stability")
+checked = ("blocks", "simulation", "analysis", "logs.dynamics.regression")
 hook = install_import_hook([f"fpjax.{name}" for name in checked], "beartype.beartype")
 import jax.numpy as jnp, numpy as np, fpjax as fp
 from fpjax.logs.dynamics.regression import fit_pairs
-from fpjax.scan import make_inputs, make_stepper, roll
+from fpjax.simulation.scan import make_inputs, make_stepper, roll
 
 observer = fp.ExtendedFriedlandPark(1.0, 9.0, 9.0, 40.0)
 loop = fp.ClosedLoop(fp.OneMass(1.0, fp.CoulombViscous(2.0, 0.2, 40.0)), fp.Proportional(9.0), observer)

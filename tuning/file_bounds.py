@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fpjax.blocks.parameters import get_parameter
 from fpjax.errors import InputError
 from fpjax.model_file import Model
 from fpjax.model_file.bounds import gain_names
-from fpjax.parameters import get_parameter
 
 from .parameters import Parameter, default_parameters
 

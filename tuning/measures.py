@@ -8,7 +8,7 @@ from jaxtyping import Array, PyTree
 
 from fpjax.blocks.observers import AbstractObserver
 from fpjax.blocks.signals import Signals
-from fpjax.metrics import AbstractLargest, AbstractMean, AbstractMeasure, safe_root
+from fpjax.simulation.metrics import AbstractLargest, AbstractMean, AbstractMeasure, safe_root
 
 NARROWEST = 1e-3  # the first time bin, as a fraction of the horizon
 

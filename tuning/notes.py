@@ -9,13 +9,13 @@ from jaxtyping import Array
 
 from fpjax.analysis.excitation import AT_THE_TRUTH, assess_excitation, error_matrix
 from fpjax.blocks.observers import AbstractObserver
+from fpjax.blocks.parameters import set_parameters
 from fpjax.blocks.signals import Signals
 from fpjax.errors import InputError
 from fpjax.logs.dynamics.derivative import slope
-from fpjax.loop import ClosedLoop
-from fpjax.metrics import AbstractMeasure
-from fpjax.parameters import set_parameters
-from fpjax.scan import loop_dtype
+from fpjax.simulation.loop import ClosedLoop
+from fpjax.simulation.metrics import AbstractMeasure
+from fpjax.simulation.scan import loop_dtype
 
 from .measures import Fastest, SettledError
 from .objective import AbstractObjective

@@ -10,9 +10,9 @@ from jaxtyping import Array
 
 from fpjax.blocks.block import Block, as_parameter
 from fpjax.errors import InputError
-from fpjax.loop import ClosedLoop
-from fpjax.metrics import AbstractMeasure, EstimateFinal, position_error, safe_root, velocity_error
 from fpjax.output.json_object import JsonObject
+from fpjax.simulation.loop import ClosedLoop
+from fpjax.simulation.metrics import AbstractMeasure, EstimateFinal, position_error, safe_root, velocity_error
 
 from .measures import NoiseGain, SquaredAfter
 

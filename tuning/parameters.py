@@ -1,4 +1,4 @@
-"""What is tuned: parameters by dotted name (`fpjax.parameters`), their bounds, and a space without bounds."""
+"""What is tuned: parameters by dotted name (`fpjax.blocks.parameters`), their bounds, and a space without bounds."""
 
 import dataclasses
 import math
@@ -12,9 +12,9 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array
 
+from fpjax.blocks.parameters import get_parameter, parameter_names
 from fpjax.errors import InputError
-from fpjax.loop import ClosedLoop
-from fpjax.parameters import get_parameter, parameter_names
+from fpjax.simulation.loop import ClosedLoop
 
 Scale = Literal["log", "linear"]
 

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from fpjax.blocks.parameters import get_parameter
 from fpjax.errors import InputError
-from fpjax.loop import ClosedLoop
-from fpjax.parameters import get_parameter
+from fpjax.simulation.loop import ClosedLoop
 
 
 def population(

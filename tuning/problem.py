@@ -10,13 +10,13 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array, PyTree
 
+from fpjax.blocks.parameters import get_parameter, set_parameters
 from fpjax.blocks.references import AbstractReference
 from fpjax.errors import InputError
-from fpjax.loop import ClosedLoop
-from fpjax.parameters import get_parameter, set_parameters
-from fpjax.scan import Inputs, Stepper, Stepping, astype, loop_dtype, make_inputs, make_stepper, roll
-from fpjax.solvers import AbstractPlantSolver
-from fpjax.stability import warn_if_stiff
+from fpjax.simulation.loop import ClosedLoop
+from fpjax.simulation.scan import Inputs, Stepper, Stepping, astype, loop_dtype, make_inputs, make_stepper, roll
+from fpjax.simulation.solvers import AbstractPlantSolver
+from fpjax.simulation.stability import warn_if_stiff
 
 from .objective import AbstractObjective, get_objective
 from .parameters import Parameter, Space, make_space

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from fpjax.loop import ClosedLoop
+from fpjax.blocks.parameters import set_parameters
 from fpjax.output.frames import to_frame
 from fpjax.output.json_object import JsonObject
 from fpjax.output.plotting import new_figure, saved, style
 from fpjax.output.runfile import plain
 from fpjax.output.runfile import versions as all_versions
-from fpjax.parameters import set_parameters
+from fpjax.simulation.loop import ClosedLoop
 
 from .identifiability import Identifiability
 

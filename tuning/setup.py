@@ -8,8 +8,8 @@ from typing import TypedDict
 from fpjax.errors import InputError
 from fpjax.model_file import Model
 from fpjax.output.json_object import JsonObject, TomlTable
-from fpjax.scan import Stepper, Stepping, make_stepper
-from fpjax.solvers import AbstractPlantSolver
+from fpjax.simulation.scan import Stepper, Stepping, make_stepper
+from fpjax.simulation.solvers import AbstractPlantSolver
 
 from .objective import AbstractObjective
 from .problem import Aggregate

@@ -8,8 +8,8 @@ from jaxtyping import PyTree
 
 from fpjax.blocks.friction import Coulomb, Viscous
 from fpjax.blocks.observers import Absolute
-from fpjax.loop import ClosedLoop
-from fpjax.solvers import AbstractPlantSolver
+from fpjax.simulation.loop import ClosedLoop
+from fpjax.simulation.solvers import AbstractPlantSolver
 
 
 def set_valued(tree: PyTree) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from fpjax.analysis.placement import place_gain
-from fpjax.loop import ClosedLoop
+from fpjax.simulation.loop import ClosedLoop
 
 from .notes import truths
 from .objective import AbstractObjective

@@ -7,11 +7,11 @@ from typing import Unpack
 
 import numpy as np
 
+from fpjax.blocks.parameters import get_parameter
 from fpjax.errors import InputError
-from fpjax.loop import ClosedLoop
 from fpjax.output.json_object import JsonObject
 from fpjax.output.progress import Stages, drawing
-from fpjax.parameters import get_parameter
+from fpjax.simulation.loop import ClosedLoop
 
 from .axis import Axis
 from .cluster import on_cluster

@@ -9,14 +9,14 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
+from fpjax.blocks.parameters import get_parameter
 from fpjax.blocks.references import AbstractReference
 from fpjax.errors import InputError
-from fpjax.loop import ClosedLoop
 from fpjax.model_file import Model
 from fpjax.output.progress import Stages
-from fpjax.parameters import get_parameter
-from fpjax.scan import astype, make_inputs
-from fpjax.solvers import AbstractPlantSolver
+from fpjax.simulation.loop import ClosedLoop
+from fpjax.simulation.scan import astype, make_inputs
+from fpjax.simulation.solvers import AbstractPlantSolver
 from fpjax.verbs import as_model, checked_loop, checked_reference, double_precision
 
 from .file_bounds import bounded_parameters

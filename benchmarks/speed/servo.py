@@ -18,7 +18,7 @@ from jax.typing import DTypeLike
 from jaxtyping import PyTree
 
 import fpjax
-from fpjax.scan import make_inputs, make_stepper, roll
+from fpjax.simulation.scan import make_inputs, make_stepper, roll
 
 DT = 1e-4
 STEPS = 5000

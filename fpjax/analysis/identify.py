@@ -16,14 +16,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
+from ..blocks.parameters import get_parameters, set_parameters
 from ..blocks.references import AbstractReference
 from ..compiled.programs import jit_by
 from ..errors import InputError
-from ..loop import ClosedLoop, LoopState
 from ..output.json_object import JsonObject, TomlTable
-from ..parameters import get_parameters, set_parameters
-from ..scan import Inputs, Stepper, Stepping, loop_dtype, make_inputs, make_stepper, roll
-from ..solvers import AbstractPlantSolver
+from ..simulation.loop import ClosedLoop, LoopState
+from ..simulation.scan import Inputs, Stepper, Stepping, loop_dtype, make_inputs, make_stepper, roll
+from ..simulation.solvers import AbstractPlantSolver
 from .verdicts import is_alive, verdicts
 
 WIDTH = 100.0  # default bounds: the start value divided and multiplied by this

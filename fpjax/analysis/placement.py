@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 import numpy as np
 
+from ..blocks.parameters import get_parameter, set_parameters
 from ..errors import InputError
 from ..logs.dynamics.derivative import slope
-from ..loop import ClosedLoop
 from ..output.json_object import TomlTable
-from ..parameters import get_parameter, set_parameters
+from ..simulation.loop import ClosedLoop
 from .excitation import error_matrix
 
 DAMPING = 0.7  # damping ratio of the velocity loop for which kp and ki are placed [1]

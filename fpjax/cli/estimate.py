@@ -60,8 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
         start_jax(arguments)
         model, log = open_model_and_log(arguments, record)
         from ..analysis.estimate import estimate
+        from ..blocks.parameters import set_parameters
         from ..logs.dynamics.derivative import measured_velocity
-        from ..parameters import set_parameters
         from .common import read_pairs
 
         observer = model.loop.observer
@@ -99,7 +99,7 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> "tuple
     arguments.observer_set = [word.removeprefix("observer.") for word in arguments.set if word.startswith("observer.")]
     model = open_model(arguments.model, changes, record)
     if model.loop.observer.estimated and arguments.observer_set:
-        from ..parameters import set_parameters
+        from ..blocks.parameters import set_parameters
         from .common import read_pairs
 
         observer = set_parameters(model.loop.observer, read_pairs(arguments.observer_set, "--set"))

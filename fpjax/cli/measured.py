@@ -9,7 +9,7 @@ from ..model_file import Model
 from ..output.json_object import JsonObject
 
 if TYPE_CHECKING:
-    from .._simulate import Run
+    from ..simulation.run import Run
 
 LOOKED_AT = 4000  # samples of a run that the excitation is judged by
 WITHIN = 0.05  # of the truth, where an estimate counts as settled
@@ -51,7 +51,7 @@ def recorded_names(model: Model) -> tuple[str, ...]:
 
 def measures_of(model: Model) -> JsonObject:
     """Measures by the sentence they are shown with."""
-    from .. import metrics
+    from ..simulation import metrics
 
     error = metrics.position_error if model.units.reference == "position" else metrics.velocity_error
     found: JsonObject = {

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from tuning import TuningResult
 
-    from .._simulate import Run
+    from ..simulation.run import Run
     from .replay import Replay
 
 P = ParamSpec("P")

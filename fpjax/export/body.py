@@ -17,8 +17,8 @@ from ..blocks.plants import OneMass, SeriesTwoMass, TwoMass
 from ..blocks.plants.transmission import Transmission
 from ..blocks.position_torque import ConstantTorque, Loads, PositionTorque
 from ..errors import InputError
-from ..loop import ClosedLoop
 from ..model_file.body import flat_loads
+from ..simulation.loop import ClosedLoop
 
 Wave = tuple[float, float, float]  # amplitude [N m], periods [1/rev], phase [rad] of amplitude sin(periods q + phase)
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..logs import Log
-from ..loop import ClosedLoop
 from ..model_file import Model
 from ..model_file.initial_state import initial_state
 from ..output.runfile import write_whole
+from ..simulation.loop import ClosedLoop
 from .body import Body, Leftover, body_of
 from .mjcf import mjcf, urdf
 from .mujoco_replay import find_mujoco, replay_mujoco, takes
@@ -139,8 +139,8 @@ def _record(model: Model, log: Log | None) -> tuple[dict[str, np.ndarray], np.nd
 
 
 def _simulated(model: Model, loop: ClosedLoop, reference: np.ndarray, state: Any) -> dict[str, np.ndarray]:
-    from .._simulate import simulate
     from ..blocks.references import Recorded
+    from ..simulation.run import simulate
 
     names = {"torque": "torque", "velocity": "measured_velocity", "position": "measured_position"}
     run = simulate(

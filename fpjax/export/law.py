@@ -18,8 +18,8 @@ from ..blocks.controllers import AbstractController
 from ..blocks.observers import AbstractObserver
 from ..blocks.signals import Measurement
 from ..errors import InputError
-from ..loop import ClosedLoop, Command
-from ..scan import astype
+from ..simulation.loop import ClosedLoop, Command
+from ..simulation.scan import astype
 from .flatten import constants, flatten
 from .program import Program
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..blocks.plants.masses import OneMassState, SeriesTwoMassState
 from ..blocks.signals import PlantOutput
 from ..errors import InputError
-from ..loop import ClosedLoop
+from ..simulation.loop import ClosedLoop
 
 
 def find_mujoco() -> Any:

@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-from .._simulate import simulate
 from ..blocks.references import AbstractReference, Recorded
 from ..errors import InputError
-from ..loop import ClosedLoop
-from ..scan import astype
-from ..solvers import AbstractPlantSolver
+from ..simulation.loop import ClosedLoop
+from ..simulation.run import simulate
+from ..simulation.scan import astype
+from ..simulation.solvers import AbstractPlantSolver
 from .law import INPUTS, Law, double_enabled, memory_at_rest, run
 from .rounding import Trace, run_bound
 

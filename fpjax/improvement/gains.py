@@ -8,12 +8,12 @@ import numpy as np
 from ..blocks.controllers import Limited, PositionLoop
 from ..blocks.feedforward import AbstractFeedforward, Feedforward, PositionFeedforward
 from ..blocks.observers import NoObserver
+from ..blocks.parameters import get_parameter, set_parameters
 from ..errors import InputError
 from ..logs.dynamics.derivative import slope
 from ..model_file import Model
 from ..model_file.bounds import gain_names
-from ..parameters import get_parameter, set_parameters
-from ..scan import astype
+from ..simulation.scan import astype
 
 FREE = ("observer", "feedforward", "controller")
 CONTROLLER = (0.25, 4.0)  # of the file's gain, where no bounds are written

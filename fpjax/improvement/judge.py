@@ -8,17 +8,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
+from ..blocks.parameters import set_parameters
 from ..blocks.position_torque import Loads
 from ..blocks.signals import Signals
 from ..compiled.batch import map_chunks
 from ..gap.machine import Machine
 from ..gap.precision import double_precision
 from ..logs.dynamics.derivative import slope
-from ..loop import ClosedLoop, LoopState
-from ..metrics import AbstractMeasure
 from ..model_file import Model
-from ..parameters import set_parameters
-from ..scan import Inputs, Stepper, astype, make_stepper, roll, sampled_tables
+from ..simulation.loop import ClosedLoop, LoopState
+from ..simulation.metrics import AbstractMeasure
+from ..simulation.scan import Inputs, Stepper, astype, make_stepper, roll, sampled_tables
 from .machines import Ground, Machines, Missing
 
 LANES = 256  # closed loops of one call: every call has as many, so that nothing compiles twice

@@ -13,7 +13,7 @@ from ..gap.precision import double_precision
 from ..linear.linearise import Disturbed
 from ..linear.margins import Margins, margins
 from ..linear.state_space import StateSpace
-from ..loop import LoopState
+from ..simulation.loop import LoopState
 from .judge import Judge, assemble_loop
 from .machines import Machines
 

@@ -11,7 +11,7 @@ from jaxtyping import PyTree
 from ..gap.data.record import Record
 from ..gap.precision import double_precision
 from ..logs.dynamics.derivative import travel
-from ..scan import Inputs, roll, sampled_tables
+from ..simulation.scan import Inputs, roll, sampled_tables
 from .judge import Judge, assemble_loop, start_state
 from .machines import Ground, Machines, rms
 

@@ -16,7 +16,7 @@ from ..logs import Log, LogSource, read_log
 from ..logs.dynamics.derivative import slope
 from ..model_file import Model, ModelSource, dump_model, load_model
 from ..output.stages import StageClock
-from ..scan import astype
+from ..simulation.scan import astype
 from .answer import Change, Decision, Improvement, Range, Side
 from .decide import hopeless, objection, range_of
 from .gains import Gains, freed, guesses

@@ -7,15 +7,15 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, PyTree
 
-from .._simulate import simulate
 from ..blocks.actuators import AbstractActuator
 from ..blocks.block import as_parameter
 from ..blocks.references import AbstractReference, Constant, Recorded
 from ..blocks.signals import Motion
 from ..errors import InputError
-from ..loop import ClosedLoop, LoopState
-from ..scan import Stepping
-from ..solvers import AbstractPlantSolver, get_solver
+from ..simulation.loop import ClosedLoop, LoopState
+from ..simulation.run import simulate
+from ..simulation.scan import Stepping
+from ..simulation.solvers import AbstractPlantSolver, get_solver
 from .linear_loop import LinearLoop
 from .state_space import StateSpace
 

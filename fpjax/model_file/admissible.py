@@ -27,7 +27,7 @@ from ..blocks.learned import LearnedTorque
 from ..blocks.references import AbstractReference, Chirp, Multisine, Sine, Square, Triangle
 from ..blocks.signals import Motion
 from ..errors import InputError
-from ..loop import ClosedLoop
+from ..simulation.loop import ClosedLoop
 
 UnitName = Callable[[str], str]
 

@@ -6,10 +6,10 @@ from typing import Any
 
 from ..blocks.controllers import Limited, PositionLoop
 from ..blocks.feedforward import AbstractFeedforward
+from ..blocks.parameters import parameter_names
 from ..errors import InputError
-from ..loop import ClosedLoop
 from ..output.json_object import JsonObject, TomlTable
-from ..parameters import parameter_names
+from ..simulation.loop import ClosedLoop
 from .keys import Units, nearest
 
 SECTION = "bounds"

@@ -261,7 +261,7 @@ class Steepness:
 
     def choose(self, coulomb: float) -> float:
         """A safe one [s/rad], to three digits."""
-        from ..stability import safe_steepness
+        from ..simulation.stability import safe_steepness
 
         chosen = min(safe_steepness(self.inertia, coulomb, self.dt, self.solver), self.LARGEST)
         chosen = float(f"{chosen:.3g}")

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..blocks.controllers import ProportionalIntegral
 from ..logs import Log
-from ..loop import LoopState
+from ..simulation.loop import LoopState
 from .model import Model
 
 

@@ -12,11 +12,11 @@ from ..blocks.controllers import AbstractController, Proportional
 from ..blocks.friction.bristles import Bristles
 from ..blocks.references import AbstractReference
 from ..errors import InputError
-from ..loop import ClosedLoop
 from ..output import toml_text
 from ..output.json_object import JsonObject, TomlTable
-from ..scan import Stepper, Stepping, make_stepper
-from ..solvers import SOLVERS, get_solver
+from ..simulation.loop import ClosedLoop
+from ..simulation.scan import Stepper, Stepping, make_stepper
+from ..simulation.solvers import SOLVERS, get_solver
 from . import body
 from .admissible import check_all
 from .bounds import Bounds, describe_bounds, read_bounds

@@ -23,8 +23,8 @@ from ..blocks.observers import (
 from ..blocks.plants import AbstractPlant, SeriesTwoMass, TwoMass
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
-from ..solvers import get_solver
-from ..stability import safe_steepness
+from ..simulation.solvers import get_solver
+from ..simulation.stability import safe_steepness
 from .body import total_inertia
 from .forms import number, numbers
 from .friction import SECTION as FRICTION

@@ -3,12 +3,12 @@
 import numpy as np
 
 from ..analysis.placement import friction_bandwidth, place_gain, placed_bandwidth, placed_time
+from ..blocks.parameters import parameter_names, set_parameters
 from ..blocks.references import AbstractReference
 from ..errors import InputError
-from ..loop import ClosedLoop
 from ..output.json_object import JsonObject
-from ..parameters import parameter_names, set_parameters
-from ..scan import make_inputs, make_stepper
+from ..simulation.loop import ClosedLoop
+from ..simulation.scan import make_inputs, make_stepper
 
 
 def with_placed_gains(

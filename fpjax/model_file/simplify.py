@@ -13,8 +13,8 @@ from ..blocks.loads import AbstractLoad, NoLoad, Unbalance
 from ..blocks.position_torque import ConstantTorque, Loads, PositionTorque
 from ..blocks.sensors import AbstractSensor, IdealSensor
 from ..blocks.servo_sensor import ServoSensor
-from ..loop import ClosedLoop
-from ..solvers import get_solver
+from ..simulation.loop import ClosedLoop
+from ..simulation.solvers import get_solver
 from .body import flat_loads
 from .friction import Steepness, largest_level
 from .learned import is_empty

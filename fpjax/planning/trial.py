@@ -20,9 +20,9 @@ from ..blocks.observers import NoObserver
 from ..gap.machine import Machine, Structure
 from ..gap.simulate.family import Family
 from ..gap.simulate.replay import SUBSTEPS, assembled
-from ..loop import ClosedLoop
 from ..model_file import Model
-from ..scan import Inputs, make_stepper, roll, sampled_tables
+from ..simulation.loop import ClosedLoop
+from ..simulation.scan import Inputs, make_stepper, roll, sampled_tables
 from .expect import Readings, RivalLanes, Told, coefficients, make_lanes, told_apart
 from .machines import NOMINAL_VARIANT, Shop, Variant
 from .sight import Sight

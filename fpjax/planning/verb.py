@@ -19,7 +19,7 @@ from ..logs import Log, read_log
 from ..model_file import Model
 from ..output.json_object import JsonObject, TomlTable
 from ..output.stages import StageClock
-from ..scan import astype
+from ..simulation.scan import astype
 from ..verbs import as_model, double_precision
 from .design import Designed, design
 from .explain import beside, kinds_of_samples, separations, where_from

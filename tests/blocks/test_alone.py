@@ -87,7 +87,7 @@ def test_every_block_of_the_package_is_in_the_catalogue():
                 yield child
             yield from concrete(child)
 
-    # Measures are no part of the loop's dynamics; tests/simulate/test_metrics.py has them.
+    # Measures are no part of the loop's dynamics; tests/simulation/test_metrics.py has them.
     blocks = {kind for kind in concrete(fp.Block) if kind.__module__.startswith("fpjax.")}
     missing = {kind.__name__ for kind in blocks - tried if not issubclass(kind, fp.AbstractMeasure)}
     missing = {name for name in missing if not name.startswith("_")}  # a part of one function

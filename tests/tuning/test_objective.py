@@ -63,7 +63,7 @@ def test_cases_are_references_x_plants_and_each_is_its_own_run():
     for row, reference in enumerate((SINE, CONSTANT)):
         np.testing.assert_allclose(case_costs(start, jnp.asarray(row), problem)[0], costs[row], rtol=1e-12)
         for column, (viscous, inertia) in enumerate(zip(*plants.values(), strict=True)):
-            loop = fpjax.parameters.set_parameters(
+            loop = fpjax.blocks.parameters.set_parameters(
                 efp(150.0), {"plant.friction.viscous": viscous, "plant.inertia": inertia}
             )
             alone, begin, _ = make_problem(loop, reference, GAINS, objective=THESIS, **SHORT)

@@ -36,7 +36,7 @@ def test_every_point_is_its_own_simulation():
     np.testing.assert_allclose(AXES[1].values, [5.0, 10.0, 15.0, 20.0, 25.0])
     measures = {"k": fpjax.EstimateFinal("coulomb"), "b": fpjax.EstimateFinal("viscous")}
     for place in ((0, 0), (3, 4), (6, 2)):
-        loop = fpjax.parameters.set_parameters(
+        loop = fpjax.blocks.parameters.set_parameters(
             efp(150.0), {axis.name: axis.values[i] for axis, i in zip(AXES, place, strict=True)}
         )
         for column, reference in enumerate((SINE, CONSTANT)):

@@ -3,8 +3,8 @@
 import dataclasses
 
 from ...errors import InputError
-from ...loop import ClosedLoop
 from ...model_file import Model, dump_model, simplified
+from ...simulation.loop import ClosedLoop
 from ..machine import Machine
 
 

@@ -14,12 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from ..._simulate import simulate
 from ...blocks.references import Recorded
 from ...blocks.signals import Measurement
-from ...loop import ClosedLoop, Period
 from ...model_file import Model
-from ...scan import astype
+from ...simulation.loop import ClosedLoop, Period
+from ...simulation.run import simulate
+from ...simulation.scan import astype
 from ..data.channel import Channel
 from ..data.record import Record
 from ..machine import Machine, structure_of

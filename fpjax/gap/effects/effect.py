@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ...blocks.parameters import set_parameters
 from ...output.json_object import TomlTable
-from ...parameters import set_parameters
 from ..data.setting import Setting
 from ..machine import FEATURES, Feature, Machine, Structure, has_bristles
 

@@ -13,7 +13,7 @@ from catalogue_case import DT
 
 import fpjax as fp
 import tuning.measures
-from fpjax.metrics import safe_root
+from fpjax.simulation.metrics import safe_root
 
 STEPS = 2  # the second knows the first, as measures of a change need
 

@@ -9,12 +9,12 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, PyTree
 
-from .blocks.block import as_parameter
-from .blocks.controllers import AbstractController
-from .blocks.references import AbstractReference
-from .blocks.signals import Signals
-from .compiled.native import scan_loop
-from .errors import InputError
+from ..blocks.block import as_parameter
+from ..blocks.controllers import AbstractController
+from ..blocks.references import AbstractReference
+from ..blocks.signals import Signals
+from ..compiled.native import scan_loop
+from ..errors import InputError
 from .loop import ClosedLoop, LoopState
 from .metrics import AbstractMeasure
 from .solvers import AbstractPlantSolver, AbstractSolver, get_solver

@@ -7,7 +7,7 @@ import pytest
 from jax.sharding import Mesh, PartitionSpec
 
 import fpjax as fp
-from fpjax.parameters import set_parameters
+from fpjax.blocks.parameters import set_parameters
 
 GAINS = jnp.array([50.0, 100.0, 200.0, 400.0])
 

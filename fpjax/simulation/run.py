@@ -12,15 +12,15 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from .blocks.controllers import TransferFunction
-from .blocks.references import AbstractReference
-from .compiled.native import native
-from .compiled.programs import jit_by
-from .errors import DivergedError, InputError
+from ..blocks.controllers import TransferFunction
+from ..blocks.references import AbstractReference
+from ..compiled.native import native
+from ..compiled.programs import jit_by
+from ..errors import DivergedError, InputError
+from ..output.json_object import JsonObject
+from ..output.run_picture import About
 from .loop import ClosedLoop, LoopState
 from .metrics import AbstractMeasure
-from .output.json_object import JsonObject
-from .output.run_picture import About
 from .scan import Stepper, Stepping, make_inputs, make_stepper, roll
 from .solvers import AbstractPlantSolver
 from .stability import warn_if_stiff
@@ -124,8 +124,8 @@ class Run(eqx.Module):
                 'Nothing was recorded: give simulate record=("reference", "velocity", "torque"), or a model, which '
                 "records all."
             )
-        from .output.plotting import saved
-        from .output.run_picture import run_figure
+        from ..output.plotting import saved
+        from ..output.run_picture import run_figure
 
         signals = {name: np.asarray(values) for name, values in self.signals.items()}
         return saved(run_figure(np.asarray(self.time), signals, self.about or About()), path)
@@ -136,7 +136,7 @@ class Run(eqx.Module):
         Raises:
             InputError: where pandas is not installed.
         """
-        from .output.frames import to_frame
+        from ..output.frames import to_frame
 
         return to_frame(self.signals, self.time)
 

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import pytest
 
 import fpjax as fp
-from fpjax.parameters import get_parameter, get_parameters, parameter_names, set_parameters
+from fpjax.blocks.parameters import get_parameter, get_parameters, parameter_names, set_parameters
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, PyTree
 
-from .blocks.plants import AbstractPlant
-from .errors import InputError
+from ..blocks.plants import AbstractPlant
+from ..errors import InputError
 
 
 class AbstractPlantSolver(eqx.Module):

@@ -10,9 +10,9 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from .blocks.friction import AbstractStaticFriction
-from .blocks.signals import Motion
-from .errors import FpjaxWarning
+from ..blocks.friction import AbstractStaticFriction
+from ..blocks.signals import Motion
+from ..errors import FpjaxWarning
 from .loop import ClosedLoop
 from .solvers import AbstractPlantSolver
 

@@ -8,14 +8,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, PyTree
 
-from .blocks.actuators import AbstractActuator, IdealActuator
-from .blocks.block import show_fields, with_arrays
-from .blocks.controllers import AbstractController
-from .blocks.observers import AbstractObserver, NoObserver
-from .blocks.plants import AbstractPlant
-from .blocks.sensors import AbstractSensor, IdealSensor
-from .blocks.signals import Measurement, Motion, PlantOutput, Signals
-from .compiled.native import alike_on_devices
+from ..blocks.actuators import AbstractActuator, IdealActuator
+from ..blocks.block import show_fields, with_arrays
+from ..blocks.controllers import AbstractController
+from ..blocks.observers import AbstractObserver, NoObserver
+from ..blocks.plants import AbstractPlant
+from ..blocks.sensors import AbstractSensor, IdealSensor
+from ..blocks.signals import Measurement, Motion, PlantOutput, Signals
+from ..compiled.native import alike_on_devices
 from .solvers import AbstractPlantSolver, AbstractSolver
 
 UNROLLED_SUBSTEPS = 4  # more of them go into an inner loop, so that compiling stays short

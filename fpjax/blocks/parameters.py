@@ -15,7 +15,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, PyTree
 
-from .errors import InputError
+from ..errors import InputError
 
 
 def parameter_names(tree: PyTree) -> tuple[str, ...]:

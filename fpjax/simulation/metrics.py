@@ -9,8 +9,8 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, PyTree
 
-from .blocks.block import Block, as_optional, as_parameter
-from .blocks.signals import Signals
+from ..blocks.block import Block, as_optional, as_parameter
+from ..blocks.signals import Signals
 
 Quantity = Callable[[Signals], Array]
 
