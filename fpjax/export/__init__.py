@@ -1,4 +1,4 @@
-"""A model for other machines: its control law as C, its body as MuJoCo or URDF."""
+"""Export of a model: its control law as C, its mechanics as MuJoCo (MJCF) or URDF."""
 
 from .body_export import ExportedBody as ExportedBody
 from .body_export import export_mujoco as export_mujoco

@@ -1,4 +1,7 @@
-"""What of a machine another simulator can hold, and what it cannot: each left out on its own to see what it costs."""
+"""The machine in the parameters of rigid-body simulators, and the effects that a target format cannot express.
+
+Each effect that is left out comes with a function that removes it alone, so that its cost can be simulated.
+"""
 
 import dataclasses
 import math
@@ -20,12 +23,13 @@ from ..errors import InputError
 from ..model_file.body import flat_loads
 from ..simulation.loop import ClosedLoop
 
-Wave = tuple[float, float, float]  # amplitude [N m], periods [1/rev], phase [rad] of amplitude sin(periods q + phase)
+# (amplitude [N m], periods [1/rev], phase [rad]) of the torque amplitude sin(periods q + phase).
+Wave = tuple[float, float, float]
 
 
 @dataclasses.dataclass(frozen=True)
 class Leftover:
-    """An effect that a target cannot hold.
+    """An effect that a target format cannot express.
 
     Attributes:
         name: of the effect.
@@ -38,22 +42,22 @@ class Leftover:
 
 @dataclasses.dataclass
 class Body:
-    """The numbers of a machine in the words of rigid-body simulators, with signs as fpjax has them.
+    """The parameters of a machine in the terms of rigid-body simulators, with the signs of fpjax.
 
     Attributes:
         inertia: of motor and load [kg m^2]; the load's is 0 for one mass.
         coulomb: on motor and load [N m].
         viscous: on motor and load [N m s/rad].
-        shaft: (stiffness [N m/rad], damping [N m s/rad], gap [rad]); None for one mass.
+        shaft: (stiffness [N m/rad], damping [N m s/rad], backlash width [rad]); None for one mass.
         lugre: (bristle stiffness, bristle damping, coulomb, static, Stribeck velocity) on the load; None without.
         gain: applied = gain x commanded [1].
         limit: of the torque [N m]; None for none.
-        lag: [s].
-        delay: [s].
-        offset: constant torque that the actuator adds less the one that the load takes [N m].
-        waves: torques that repeat with the motor's position, driving it.
-        load_waves: likewise on the load.
-        leftovers: what is not in these numbers.
+        lag: first-order time constant of the torque [s].
+        delay: dead time of the torque [s].
+        offset: constant torque added by the actuator, less the constant load torque [N m].
+        waves: torques on the motor that repeat with its position, positive where they drive it.
+        load_waves: torques on the load that repeat with its position, likewise.
+        leftovers: the effects that these parameters do not express.
     """
 
     inertia: tuple[float, float]
@@ -76,11 +80,12 @@ def body_of(loop: ClosedLoop, *, shaft: bool, lugre: bool) -> Body:
 
     Args:
         loop: its plant and actuator.
-        shaft: whether the target holds two masses with a spring; without, they are one, and that is a leftover.
-        lugre: whether the target holds LuGre friction.
+        shaft: whether the target can express two masses with a spring; if not, they become one, and the spring is a
+            leftover.
+        lugre: whether the target can express LuGre friction.
 
     Raises:
-        InputError: for a plant that is none of ours.
+        InputError: for a plant or a friction law that is not one of fpjax' own.
     """
     plant: Any = loop.plant
     if isinstance(plant, OneMass):
@@ -91,12 +96,13 @@ def body_of(loop: ClosedLoop, *, shaft: bool, lugre: bool) -> Body:
         body = Body((_number(plant.motor_inertia), _number(plant.load_inertia)))
         body.shaft = (_number(plant.stiffness), _number(plant.damping), gap)
         if not shaft or isinstance(plant, SeriesTwoMass):
+            # One joint with the total inertia: all friction acts on it, the motor's place (share 0).
             body, share = Body((sum(body.inertia), 0.0)), 0.0
             body.leftovers.append(Leftover("two masses: spring, damper and backlash", _as_one_mass))
     else:
         raise InputError(
-            f"{type(plant).__name__} is no plant that another simulator has words for: export one mass, two masses or "
-            f"a transmission."
+            f"{type(plant).__name__} cannot be expressed in another simulator: export one mass, two masses or a "
+            f"transmission."
         )
     _friction(body, plant.friction, share, lugre)
     _actuator(body, loop.actuator)
@@ -105,12 +111,14 @@ def body_of(loop: ClosedLoop, *, shaft: bool, lugre: bool) -> Body:
 
 
 def _friction(body: Body, law: Any, share: float, lugre: bool) -> None:
+    """Write a friction law into the body, `share` of it on the load; what does not fit becomes a leftover."""
     if isinstance(law, Bristles):
         body.leftovers.append(Leftover("bristles (presliding)", lambda loop: _with_law(loop, lambda each: each.law)))
         law = law.law
     if isinstance(law, NoFriction):
         return
     if isinstance(law, LuGre | Dahl):
+        # MuJoCo's lugre has a Gaussian Stribeck curve. Dahl's law of exponent 1 is LuGre without a Stribeck peak.
         fits = _number(law.exponent) == (2.0 if isinstance(law, LuGre) else 1.0)
         if isinstance(law, LuGre):
             static, speed = _number(law.static), _number(law.stribeck_velocity)
@@ -127,7 +135,10 @@ def _friction(body: Body, law: Any, share: float, lugre: bool) -> None:
         body.leftovers.append(Leftover(name, lambda loop: _with_law(loop, _plain)))
         return
     if not isinstance(law, AbstractStaticFriction):
-        raise InputError(f"{type(law).__name__} is no friction that another simulator has words for.")
+        raise InputError(
+            f"The friction law {type(law).__name__} cannot be expressed in another simulator: export a static law, "
+            "dahl or lugre."
+        )
     general: Any = law.general()
     coulomb, viscous = _number(general.coulomb), _number(general.viscous)
     body.coulomb = ((1.0 - share) * coulomb, share * coulomb)
@@ -168,6 +179,7 @@ def _actuator(body: Body, actuator: Any) -> None:
 
 
 def _load(body: Body, load: Any) -> None:
+    # A load is a torque that the motor must hold; offset and waves drive. So the signs turn.
     for part in flat_loads(load):
         if isinstance(part, Unbalance):
             if _number(part.amplitude):
@@ -177,6 +189,7 @@ def _load(body: Body, load: Any) -> None:
             body.offset -= _number(part.torque)
         elif isinstance(part, PositionTorque):
             for place, (cosine, sine) in enumerate(zip(part.cosine, part.sine, strict=True), start=1):
+                # c cos x + s sin x = hypot(c, s) sin(x + atan2(c, s)).
                 size, phase = math.hypot(_number(cosine), _number(sine)), math.atan2(_number(cosine), _number(sine))
                 if size:
                     body.load_waves.append((-size, place * _number(part.periods), phase))
@@ -213,12 +226,15 @@ def _as_one_mass(loop: ClosedLoop) -> ClosedLoop:
 
 
 def _plain(law: Any) -> Any:
+    """The Coulomb and viscous part of a law with memory."""
     from ..blocks.friction import CoulombViscous
 
     return CoulombViscous(law.coulomb, law.viscous)
 
 
 def _neutral(fields: tuple[str, ...]) -> Callable[[Any], Any]:
+    """A function that sets fields of a law's general form to their neutral values."""
+
     def change(law: Any) -> Any:
         if isinstance(law, Bristles):
             return dataclasses.replace(law, law=change(law.law))
@@ -238,7 +254,7 @@ def _with_law(loop: ClosedLoop, change: Callable[[Any], Any]) -> ClosedLoop:
 
 
 def without_actuator_field(*names: str) -> Callable[[ClosedLoop], ClosedLoop]:
-    """A function that gives the loop without some of its actuator's fields."""
+    """A function that takes a loop and gives it without these fields of its actuator."""
 
     def change(loop: ClosedLoop) -> ClosedLoop:
         actuator = dataclasses.replace(loop.actuator, **dict.fromkeys(names))

@@ -1,4 +1,8 @@
-"""`export_mujoco` and `export_urdf`: a model's body for another simulator, replayed there, what it costs said."""
+"""`export_mujoco` and `export_urdf`: a model's mechanics for another simulator, replayed there and compared.
+
+The replay runs the model's own control law around MuJoCo's body. The report says how far the result is off, and how
+much each effect that the format cannot express contributes.
+"""
 
 import dataclasses
 import math
@@ -21,23 +25,25 @@ from .mjcf import mjcf, urdf
 from .mujoco_replay import find_mujoco, replay_mujoco, takes
 
 Target = Literal["mujoco", "urdf"]
-FINEST = 0.25e-3  # [s]: MuJoCo's step at most, as friction switches within one
+# [s] MuJoCo's step is at most this: its dry friction changes sign between steps, so a longer one smears the reversal.
+FINEST = 0.25e-3
 _MOTION = ("velocity", "position")
 
 
 @dataclasses.dataclass(frozen=True)
 class ExportedBody:
-    """What `export_mujoco` or `export_urdf` wrote.
+    """The result of `export_mujoco` or `export_urdf`.
 
     Attributes:
-        file: the file.
-        body: the numbers in it.
-        against: what the errors are against: a log's name, or "fpjax" for the model's own simulation.
-        errors: by quantity ("torque", "velocity", "position"): rms error of fpjax and of the target [the quantity's
-            unit], and the rms of what they are compared with; empty where nothing was replayed.
-        costs: by what the target cannot hold: how much larger it makes the error of the tracked motion [its unit].
+        file: the file that was written.
+        body: the parameters in it.
+        against: what the replay is compared with: a log's name, or "fpjax" for the model's own simulation.
+        errors: by quantity ("torque", "velocity", "position"): the rms error of fpjax, that of the target, and the rms
+            of the quantity itself [each in the quantity's unit]; empty where nothing was replayed.
+        costs: by effect that the target cannot express: by how much leaving it out increases the rms error of the
+            tracked motion [its unit].
         tracked: "velocity" or "position".
-        notes: what the user should know.
+        notes: sentences for the user.
     """
 
     file: pathlib.Path
@@ -50,34 +56,36 @@ class ExportedBody:
 
 
 def export_mujoco(model: Model, folder: str | os.PathLike[str], *, log: Log | None = None) -> ExportedBody:
-    """Write a model's body as MJCF, replay it in MuJoCo under the model's control law, say what it cannot hold.
+    """Write a model's mechanics as MJCF, replay them in MuJoCo under the model's control law, and compare.
 
     Args:
         model: with a known controller, to be replayed.
-        folder: where NAME.xml goes; made if missing.
-        log: a record with a reference to replay; None for the model's own reference.
+        folder: where NAME.xml is written; created if missing.
+        log: a log with a reference to replay; None for the model's own reference.
 
     Raises:
-        InputError: for a plant without words there, or a folder that cannot be written.
+        InputError: for a plant that MJCF cannot express, or a folder that cannot be written.
     """
     return _export(model, folder, log, "mujoco")
 
 
 def export_urdf(model: Model, folder: str | os.PathLike[str], *, log: Log | None = None) -> ExportedBody:
-    """Write a model's body as URDF, replay it in MuJoCo under the model's control law, say what it cannot hold.
+    """Write a model's mechanics as URDF, replay them in MuJoCo under the model's control law, and compare.
 
     Args:
         model: with a known controller, to be replayed.
-        folder: where NAME.urdf goes; made if missing.
-        log: a record with a reference to replay; None for the model's own reference.
+        folder: where NAME.urdf is written; created if missing.
+        log: a log with a reference to replay; None for the model's own reference.
 
     Raises:
-        InputError: for a plant without words there, or a folder that cannot be written.
+        InputError: for a plant that URDF cannot express, or a folder that cannot be written.
     """
     return _export(model, folder, log, "urdf")
 
 
 def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, target: Target) -> ExportedBody:
+    # Without MuJoCo installed the file is written for its newest version, which has dcmotor and delays; else what this
+    # version takes is tried out.
     mujoco, notes = find_mujoco(), []
     stem = re.sub(r"\W", "_", model.path.stem) if model.path else "servo"
     substeps = max(model.substeps, math.ceil(model.dt / FINEST - 1e-9))
@@ -105,9 +113,10 @@ def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, targe
         )
         return ExportedBody(file, body, "", {}, {}, tracked, tuple(notes))
     if not model.controller_known:
-        notes.append(f"[controller] is unknown, so {file.name} was written but not replayed: it is run in closed loop.")
+        notes.append(f"[controller] is unknown, so {file.name} was written but not replayed: a replay needs the loop.")
         return ExportedBody(file, body, "", {}, {}, tracked, tuple(notes))
     record, reference, state, against = _record(model, log)
+    # Signals by quantity, each of shape (samples,): of the target, and of fpjax.
     theirs = replay_mujoco(
         mujoco, text, model.loop, state, reference, model.dt, substeps, body.limit if target == "urdf" else None
     )
@@ -120,13 +129,14 @@ def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, targe
 
 
 def _record(model: Model, log: Log | None) -> tuple[dict[str, np.ndarray], np.ndarray, Any, str]:
-    """(what is compared with, the reference, the first state, whose it is)."""
+    """(signals to compare with, the reference, the initial state, where the signals come from)."""
     if log is not None:
         if log.reference is None:
-            raise InputError(f"{log.name} has no column reference, so nothing can be replayed: leave --log away.")
+            raise InputError(f"{log.name} has no column reference, so nothing can be replayed: run without --log.")
         if abs(log.dt / model.dt - 1.0) > 1e-3:
             raise InputError(
-                f"{log.name} has a period of {log.dt:g} s and the model dt = {model.dt:g} s: write the log's."
+                f"{log.name} has a period of {log.dt:g} s, but the model has dt = {model.dt:g} s: write the log's into "
+                "[simulation]."
             )
         found = {"torque": log.torque} | {
             name: getattr(log, name) for name in _MOTION if getattr(log, name) is not None
@@ -156,7 +166,7 @@ def _cost(
     model: Model, left: Leftover, reference: np.ndarray, log: Log | None, record: dict[str, np.ndarray],
     ours: dict[str, np.ndarray], tracked: str,
 ) -> float:  # fmt: skip
-    """What leaving one effect out adds to fpjax's own error of the tracked motion."""
+    """By how much leaving one effect out increases fpjax' own rms error of the tracked motion [its unit]."""
     loop = left.without(model.loop)
     state = loop.init() if log is None else initial_state(dataclasses.replace(model, loop=loop), log)
     name = tracked if tracked in record else "torque"

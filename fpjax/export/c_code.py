@@ -1,4 +1,4 @@
-"""A control law as C99: one header, one source, nothing allocated."""
+"""A control law as C99: one header and one source, without dynamic memory."""
 
 import dataclasses
 import re
@@ -15,21 +15,21 @@ from .law import Law
 from .operations import C_TYPES, OPERATIONS
 from .program import Atom, FixedNumber, Operation
 
-_LONGEST = 88  # characters of an expression that is still written within another one
+_LONGEST = 88  # an expression longer than this [characters] gets a variable of its own, for readability
 _INFIX = re.compile(r"^\{0\} (\S+) \{1\}$")
 
 
 @dataclasses.dataclass(frozen=True)
 class Code:
-    """What is written for a drive.
+    """The C code of a control law.
 
     Attributes:
         name: prefix of every symbol and file.
         header: the text of NAME_control.h.
         source: the text of NAME_control.c.
-        libm: functions of <math.h> that are called, sorted.
-        state_bytes: size of the state.
-        constants: numbers in the code that are not parameters.
+        libm: functions of <math.h> that the code calls, sorted.
+        state_bytes: size of the state [bytes].
+        constants: how many numbers in the code are not parameters.
     """
 
     name: str
@@ -47,13 +47,13 @@ def write_c(law: Law, name: str, units: Units, origin: str) -> Code:
         law: from `trace_law`.
         name: prefix of every symbol, a C identifier.
         units: of the machine.
-        origin: what it was made from, for the first line.
+        origin: what the code was made from, for its first line.
 
     Raises:
-        InputError: for a name that C does not take.
+        InputError: for a name that is not an identifier of C.
     """
     if not re.fullmatch(r"[A-Za-z_]\w{0,40}", name):
-        raise InputError(f'--name "{name}" is no identifier of C: use letters, digits and _, and begin with a letter.')
+        raise InputError(f'--name "{name}" is not a C identifier: use letters, digits and _, and begin with a letter.')
     body = _Body(law)
     libm = tuple(sorted(body.libm))
     return Code(
@@ -67,7 +67,7 @@ def write_c(law: Law, name: str, units: Units, origin: str) -> Code:
 
 
 class _Body:
-    """The statements of `step`; an operation that is read once is written where it is read."""
+    """The statements of `step`; an operation that is read only once is written into the expression that reads it."""
 
     def __init__(self, law: Law) -> None:
         self.law = law
@@ -82,7 +82,7 @@ class _Body:
         uses = program.uses()
         for number, operation in enumerate(program.operations):
             text = self.expression(operation)
-            # The state is read here and written at the end, so what reads it may stand anywhere in between.
+            # Moving an expression to where it is read is safe: the state changes only at the end of the step.
             if uses[operation.result.index] == 1 and len(text) <= _LONGEST:
                 self.expressions[operation.result.index] = text
                 continue
@@ -123,7 +123,7 @@ class _Body:
 
 
 def number(value: np.generic) -> str:
-    """A literal that a compiler reads back to the bit."""
+    """A C literal of exactly this value: numpy prints the shortest digits that read back to the same bits."""
     kind = value.dtype.name
     if kind == "bool":
         return "1" if value else "0"
@@ -139,6 +139,7 @@ def number(value: np.generic) -> str:
     whole = int(value)
     ends = {"int32": "INT32_C", "int64": "INT64_C", "uint32": "UINT32_C", "uint64": "UINT64_C"}
     if kind in ends:
+        # C has no negative literals: -2^31 is the negation of 2^31, which does not fit, so it is written as a sum.
         least = {"int32": -(2**31), "int64": -(2**63)}.get(kind)
         if whole == least:
             return f"({ends[kind]}({whole + 1}) - 1)"
@@ -147,7 +148,7 @@ def number(value: np.generic) -> str:
 
 
 def _bare(text: str) -> str:
-    """Without the outermost brackets, where they enclose the whole."""
+    """The expression without its outermost brackets, where these enclose the whole."""
     if not (text.startswith("(") and text.endswith(")")):
         return text
     depth = 0
@@ -172,7 +173,7 @@ def unit_of(name: str, units: Units) -> str:
 
 
 _WORDS = {
-    "reference": "what the loop is to follow", "next_reference": "what it is to follow one period later",
+    "reference": "what the loop must follow", "next_reference": "the reference one period later",
     "velocity": "as measured", "position": "as measured",
     "torque": "commanded: control + compensation", "control": "the controller's part",
     "compensation": "the observer's part",
@@ -197,11 +198,11 @@ def _header(law: Law, name: str, units: Units, origin: str, libm: Sequence[str])
     about = _comment(
         f"{name}_control: {controller} with {observer}, written by fpjax {__version__} from {origin}.\n\n"
         f"Call {name}_reset once, then {name}_step every {law.dt:.9g} s: it reads the inputs, fills the output and "
-        f"moves the state. It computes in {kind}, allocates nothing, keeps nothing outside of the state, {calls}, and "
-        f"may be called from an interrupt. The torque holds until the next call. Limits of the controller act here, "
-        f"with its anti-windup as simulated; a limit of the actuator is the drive's own.\n\n"
-        f"Compile as C99 without -ffast-math and with -ffp-contract=off, as -std=c99 has it: then it is the simulation "
-        f"to the rounding. Generated: change the model and write it again instead."
+        f"updates the state. It computes in {kind}, allocates no memory, keeps nothing outside of the state, {calls}, "
+        f"and may be called from an interrupt. The torque holds until the next call. Limits of the controller act "
+        f"here, with its anti-windup as simulated; a limit of the actuator is the drive's own.\n\n"
+        f"Compile as C99 without -ffast-math and with -ffp-contract=off (the default of -std=c99): then it equals the "
+        f"simulation up to rounding. This file is generated: change the model and export it again."
     )
     states = [
         f"    {C_TYPES[v.kind]} {word};"
@@ -222,7 +223,7 @@ def _header(law: Law, name: str, units: Units, origin: str, libm: Sequence[str])
             f"#define {name.upper()}_PERIOD {number(np.dtype(law.dtype).type(law.dt))} /* [s] */\n",
             f"typedef struct {{\n{chr(10).join(inputs)}\n}} {name}_input;\n",
             f"typedef struct {{\n{chr(10).join(outputs)}\n}} {name}_output;\n",
-            "/* What one step leaves for the next; every member is a number of the observer or the controller. */",
+            "/* What one step keeps for the next; every member is a state of the observer or the controller. */",
             f"typedef struct {{\n{chr(10).join(states) or '    char none; /* this law has no memory */'}\n"
             f"}} {name}_state;\n",
             f"void {name}_reset({name}_state *state);",
@@ -248,7 +249,8 @@ def _source(law: Law, name: str, units: Units, body: _Body) -> str:
             f"static const {C_TYPES[constant.kind]} {word} = {_bare(number(constant.value))};"
             + (f" /* {text} */" if text else "")
         )
-    # A next state that is another member's old value must not find it already moved.
+    # The members of the state are written one after the other. A member whose new value reads another member's old
+    # value is computed first, before any is written.
     held, writes = [], []
     for place, (word, text) in enumerate(zip(law.states, body.next_state, strict=True)):
         reads = any(f"state->{other}" in text for other in law.states[:place])
@@ -266,8 +268,8 @@ def _source(law: Law, name: str, units: Units, body: _Body) -> str:
     if "memcpy" in helpers:
         include.append("<string.h>")
     about = _comment(
-        f"Written by fpjax {__version__}. The names below are the model's parameters; a number without a name belongs "
-        f"to a polynomial, or was computed from parameters (another gain then needs the code written again)."
+        f"Written by fpjax {__version__}. The names below are the model's parameters. A number without a name belongs "
+        f"to a polynomial, or was computed from parameters: to change such a gain, export the code again."
     )
     return "\n".join(
         [
@@ -293,5 +295,6 @@ def _source(law: Law, name: str, units: Units, body: _Body) -> str:
 
 
 def _described(law: Law, word: str, units: Units) -> str:
+    """The comment of a parameter, with the machine's own units; an element of an array has its array's comment."""
     text = law.parameters.get(word) or law.parameters.get(re.sub(r"(_\d+)+$", "", word), "")
     return re.sub(r"\[([^\]]*)\]", lambda match: f"[{units.name(match.group(1))}]", text).replace("*/", "* /")

@@ -1,4 +1,4 @@
-"""`export_c`: a model's control law as C files in a folder, checked on request."""
+"""`export_c`: a model's control law as C files in a folder, and on request checked against the simulation."""
 
 import dataclasses
 import os
@@ -17,13 +17,13 @@ from .cost import Cost, estimate_cost
 from .law import Law, Precision, double_enabled, trace_law
 from .vectors import make_vectors
 
-CHECKED_FOR = 10.0  # [s]: what the bound in single precision is stated for
-MOST_SAMPLES = 100_001
+CHECKED_FOR = 10.0  # [s]: length of the compared run; the error bound in single precision grows with it
+MOST_SAMPLES = 100_001  # of the compared run: 10 s at 10 kHz
 
 
 @dataclasses.dataclass(frozen=True)
 class ExportedC:
-    """What `export_c` wrote.
+    """The result of `export_c`.
 
     Attributes:
         law: the control law, its program and its names.
@@ -31,9 +31,10 @@ class ExportedC:
         files: their names, in `folder`.
         folder: where they are.
         cost: cycles and flash.
-        checked: what the comparison with the simulation found; None without `check`.
-        bounds: by output, the largest bound of the compared run on the difference from `fpjax.simulate`, in its unit.
-        notes: what the user should know, a sentence each.
+        checked: the result of the comparison with the simulation; None without `check`.
+        bounds: by output, the bound on the difference from `fpjax.simulate`, the largest along the compared run [the
+            output's unit].
+        notes: sentences for the user.
     """
 
     law: Law
@@ -69,8 +70,9 @@ def export_c(
         An `ExportedC`.
 
     Raises:
-        InputError: for a controller that is unknown, a law that has no C, a loop that diverges, a folder that cannot
-            be written; with `check` also without a compiler, and where the C is not the simulation.
+        InputError: for a controller that is unknown, a law that cannot be written in C, a loop that diverges, or a
+            folder that cannot be written; with `check` also without a compiler, and where the C code does not agree
+            with the simulation.
     """
     if not isinstance(model, Model):
         with double_enabled():
@@ -107,14 +109,15 @@ def export_c(
         wrong = failures(checked)
         if wrong:
             raise InputError(
-                f"{code.name}_control.c is not the simulation: {'; '.join(wrong)}. Please report it with the model."
+                f"{code.name}_control.c does not agree with the simulation: {'; '.join(wrong)}. Please report it with "
+                "the model."
             )
     bounds = dict(zip(law.outputs, map(float, vectors.bounds.max(axis=0)), strict=True))
     unbounded = [output for output, bound in bounds.items() if not bound < float("inf")]
     if check and unbounded:
         notes.append(
-            f"No bound holds for the run of {', '.join(unbounded)} (a slope of the law is infinite along it): each "
-            f"step is compared, the run is only shown."
+            f"There is no error bound for the run of {', '.join(unbounded)} (a slope of the law is infinite along it): "
+            f"every single step is checked, but the difference over the run is only reported."
         )
     cost = estimate_cost(law, code, folder)
     return ExportedC(law, code, tuple(files), folder, cost, checked, bounds, tuple(notes))
@@ -144,11 +147,11 @@ def _notes(model: Model) -> list[str]:
     notes = []
     if model.stepping == "continuous":
         notes.append(
-            f"The model steps continuously; the C is the sampled law with a period of dt = {model.dt:g} s "
-            f'([simulation] stepping = "sampled" simulates it), which other gains may suit better.'
+            f"The model steps continuously, but the C code is the sampled law with a period of dt = {model.dt:g} s "
+            f'([simulation] stepping = "sampled" simulates it): it may need other gains.'
         )
     if isinstance(model.loop.observer, NoObserver):
-        notes.append("The model has no [observer]: the C is the controller alone, without friction compensation.")
+        notes.append("The model has no [observer]: the C code is the controller alone, without friction compensation.")
     return notes
 
 

@@ -1,7 +1,9 @@
-"""The few functions that C lacks: maximum and sign as jax has them, the bits of a number."""
+"""The few functions that C lacks: maximum, minimum and sign as jax defines them, and the bits of a number."""
 
 from .operations import C_TYPES
 
+# C99's fmax returns the number where one argument is NaN; jax returns NaN. `a != a` is true for NaN only, so these
+# two return NaN for a NaN in either argument, and `sign` returns the NaN itself.
 _FLOAT_HELPERS = {
     "largest": """\
 static inline {t} largest_{t}({t} a, {t} b) /* not a number where one of them is not */
@@ -26,6 +28,7 @@ _INTEGER_HELPERS = {
     "largest": "static inline {t} largest_{t}({t} a, {t} b)\n{{\n    return a > b ? a : b;\n}}\n",
     "smallest": "static inline {t} smallest_{t}({t} a, {t} b)\n{{\n    return a < b ? a : b;\n}}\n",
 }
+# memcpy is the only way to reinterpret bits that C99 allows; compilers turn it into a register move.
 _BITS = """\
 static inline {t} bits_{t}({other} a)
 {{
@@ -34,6 +37,7 @@ static inline {t} bits_{t}({other} a)
     return b;
 }}
 """
+# A float outside the integer's range is undefined behaviour in C; jax clips it to the range and turns NaN into 0.
 _WHOLE = """\
 static inline {t} whole_{t}({other} a) /* towards zero, held within the range */
 {{

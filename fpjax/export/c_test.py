@@ -1,4 +1,4 @@
-"""The test program that comes with a law's C, and its vectors: on the host over a whole run, on a target over a few."""
+"""The test program of a law's C code, and its test vectors: a whole run on the host, a few rows on a target."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from .c_code import Code
 from .law import Law
 from .vectors import ULPS, Vectors
 
-EMBEDDED = 64  # rows that fit a target's memory
+EMBEDDED = 64  # rows in the header: few enough for a microcontroller's flash
 
 _PROGRAM = """\
 /*

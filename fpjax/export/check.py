@@ -1,4 +1,4 @@
-"""Compile a law's C with the machine's compiler and run its test program."""
+"""Compilation of a law's C code with this machine's compiler, and a run of its test program."""
 
 import dataclasses
 import os
@@ -17,14 +17,14 @@ FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-O2")
 
 @dataclasses.dataclass(frozen=True)
 class Checked:
-    """What the test program found.
+    """The results of the test program.
 
     Attributes:
-        compiler: the compiler's own first line.
+        compiler: the first line of the compiler's --version.
         rows: samples compared.
         steps: by output and state, the largest difference of one step [units in the last place].
         runs: by output, the largest difference of the whole run, in the output's unit.
-        bounds: by output, that over its bound [1].
+        bounds: by output, this difference relative to its bound [1].
         nanoseconds: of one step on this machine.
         passed: whether every step and the run are within what is allowed.
         text_bytes: code and constants as compiled for this machine, -Os; None where `size` is missing.
@@ -51,21 +51,21 @@ def find_compiler() -> str:
         if found:
             return found
     raise InputError(
-        "--check needs a C compiler, and neither CC nor cc, gcc or clang is one: the C is written, unchecked; install "
-        "one (apt install gcc) and run the command again."
+        "--check needs a C compiler, and none was found (the variable CC, cc, gcc, clang): the C code is written, but "
+        "not checked; install a compiler (apt install gcc) and run the command again."
     )
 
 
 def check_c(law: Law, code: Code, folder: pathlib.Path) -> Checked:
-    """Compile and run what stands in a folder.
+    """Compile and run the code and the test program in a folder.
 
     Args:
-        law: what the code is of.
+        law: the law that the code was written from.
         code: from `write_c`, written to the folder with its test program and vectors.
         folder: where they are.
 
     Raises:
-        InputError: without a compiler, or where it refuses the code.
+        InputError: without a compiler, or where it rejects the code.
     """
     compiler, name = find_compiler(), code.name
     program = folder / f"{name}_test"
@@ -74,7 +74,7 @@ def check_c(law: Law, code: Code, folder: pathlib.Path) -> Checked:
     if made.returncode:
         lines = [line for line in made.stderr.splitlines() if "error" in line] or made.stderr.splitlines() or ["?"]
         raise InputError(
-            f"{pathlib.Path(compiler).name} refuses {name}_control.c ({lines[0].strip()}): please report it with "
+            f"{pathlib.Path(compiler).name} rejects {name}_control.c ({lines[0].strip()}): please report it with "
             f"the model."
         )
     try:
@@ -101,7 +101,7 @@ def check_c(law: Law, code: Code, folder: pathlib.Path) -> Checked:
 
 
 def failures(checked: Checked) -> list[str]:
-    """What is off, a phrase each."""
+    """A phrase for each output or state that is outside its limits."""
     found = [f"{name} by {ulps:.3g} ulp a step (allowed {ULPS:g})" for name, ulps in checked.steps.items()
              if not ulps <= ULPS]  # fmt: skip
     return found + [

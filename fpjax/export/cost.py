@@ -1,8 +1,8 @@
-"""What a law takes of a drive: an estimate from its operations, and the size that a cross compiler gives where it is.
+"""The processor time and memory of a law, estimated from its operations; a cross compiler, if installed, gives the size.
 
-Cycles of single precision on a Cortex-M4F are those of its technical reference manual (VADD, VMUL 1; VDIV, VSQRT 14)
-with two more an operation for loads and moves; the library's functions, and double precision in software there, are
-what the usual libraries (newlib, libgcc) take within a factor of two.
+Cycles of single precision on a Cortex-M4F are those of its technical reference manual (VADD, VMUL 1; VDIV, VSQRT 14),
+plus two for each operation's loads and moves. Library functions, and double precision in software, are within a factor
+of two of what the usual libraries (newlib, libgcc) take.
 """
 
 import dataclasses
@@ -15,10 +15,11 @@ from .c_code import Code
 from .law import Law
 from .operations import LIBRARY
 
-MOVES = 2  # cycles an operation for its loads and moves
-# By whether the unit computes in hardware: plain, compared or chosen, division and root, a function of the library.
+MOVES = 2  # cycles per operation for its loads and moves
+# Cycles by whether the floating-point unit has this precision: an addition or multiplication, a comparison or
+# selection, a division or square root, a function of the library.
 _CYCLES = {"hardware": (1, 4, 14, 120), "software": (65, 30, 250, 2500)}
-# Bytes of code an operation, and a number kept beside the code.
+# Bytes of code per operation, and of a constant.
 _BYTES = {"hardware": (6, 4), "software": (16, 8)}
 _CHOSEN_WORDS = "max min select sign eq ne lt le gt ge and or not xor is_finite"
 _CHOSEN = frozenset(_CHOSEN_WORDS.split())
@@ -28,14 +29,14 @@ CROSS_FLAGS = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-
 
 @dataclasses.dataclass(frozen=True)
 class Cost:
-    """What a law takes on a Cortex-M4F.
+    """The cost of a law on a Cortex-M4F.
 
     Attributes:
-        operations: of one step.
-        cycles: of one step, estimated.
-        flash: bytes of code and constants, the libraries not counted.
+        operations: number of operations of one step.
+        cycles: cycles of one step, estimated.
+        flash: size of code and constants, without the libraries [bytes].
         flash_is: "estimated", or "compiled" by the cross compiler.
-        state: bytes of the state.
+        state: size of the state [bytes].
         arithmetic: "hardware" or "software".
     """
 
@@ -48,7 +49,7 @@ class Cost:
 
     def sentence(self, dt: float) -> str:
         """For the user."""
-        share = self.cycles / 168e6 / dt
+        share = self.cycles / 168e6 / dt  # 168 MHz is an STM32F4, a common Cortex-M4F of drives
         software = ", double precision in software there" if self.arithmetic == "software" else ""
         return (
             f"{self.operations} operations a step; on a Cortex-M4F about {self.cycles} cycles, {100 * share:.2g} % of "
@@ -63,7 +64,7 @@ def estimate_cost(law: Law, code: Code, folder: pathlib.Path | None = None) -> C
     Args:
         law: from `trace_law`.
         code: from `write_c`.
-        folder: where the code stands, for the cross compiler; None to estimate.
+        folder: folder of the code, for the cross compiler; None to estimate the size.
     """
     arithmetic = "hardware" if law.precision == "float" else "software"
     plain, chosen, division, library = _CYCLES[arithmetic]
@@ -71,7 +72,7 @@ def estimate_cost(law: Law, code: Code, folder: pathlib.Path | None = None) -> C
     for operation in law.program.operations:
         name = operation.name
         whole = operation.arguments[0].kind not in ("float32", "float64") and name not in ("select", "convert")
-        if whole:
+        if whole:  # integer arithmetic takes one cycle, and the same again to be safe
             own = 2
         elif name in ("div", "sqrt"):
             own = division

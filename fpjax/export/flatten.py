@@ -1,7 +1,7 @@
-"""From a jaxpr to a `Program`: calls written out, constants folded, arrays taken apart into scalars.
+"""From a jaxpr to a `Program`: calls are inlined, constants folded, arrays split into scalars.
 
-Whatever only moves numbers about (slices, reshapes, a gather at known places) leaves no code: the primitive itself is
-run once on the numbers' places. What depends on parameters alone is computed by jax here, as the simulation does it.
+Primitives that only move numbers (slices, reshapes, a gather at known indices) leave no code: the primitive itself is
+run once on the indices of the numbers. What depends on parameters alone is computed by jax here, as in the simulation.
 """
 
 import math
@@ -17,8 +17,8 @@ from ..errors import InputError
 from .operations import ELEMENTWISE, FLOATS, OPERATIONS
 from .program import Atom, Builder, FixedNumber, Program, Variable
 
-MOST_OPERATIONS = 20_000  # beyond it a loop was unrolled that a drive should not run
-_ALL = 10**9
+MOST_OPERATIONS = 20_000  # more than this comes from an unrolled loop that is too long for a drive
+_ALL = 10**9  # any number of operands
 
 _CALL_WORDS = """
 jit pjit closed_call core_call remat remat2 checkpoint custom_jvp_call custom_vjp_call custom_vjp_call_jaxpr
@@ -26,7 +26,8 @@ fpjax_one_kernel
 """
 _CALLS = frozenset(_CALL_WORDS.split())
 _IDENTITY = frozenset(("copy", "copy_p", "optimization_barrier", "name", "stop_gradient", "pvary", "pcast"))
-# Primitives that move numbers, by how many of their first operands are moved; all others are places and must be known.
+# Primitives that move numbers, by how many of their first operands are moved. The operands after these are indices, and
+# must be known when the code is written.
 _MOVES = {
     "broadcast_in_dim": 1, "reshape": 1, "squeeze": 1, "expand_dims": 1, "transpose": 1, "slice": 1, "rev": 1,
     "split": 1, "unstack": 1, "concatenate": _ALL, "stack": _ALL, "pad": 2, "gather": 1, "dynamic_slice": 1,
@@ -37,7 +38,9 @@ _REDUCTIONS = {
     "reduce_or": "or",
 }  # fmt: skip
 
-_KEPT = frozenset(["add", "sub", "mul", "div", "neg"])  # exact to the bit wherever they are computed
+# IEEE 754 rounds these correctly, so the compiler folds them to the same bits as jax: expressions of parameters may
+# keep the parameters' names in the C code.
+_KEPT = frozenset(["add", "sub", "mul", "div", "neg"])
 
 Scalars = Any  # numpy arrays of atoms, dtype object: numpy has no type for such elements
 
@@ -54,7 +57,7 @@ def flatten(closed: Any, arguments: Sequence[Any]) -> Program:
         The program; inputs and outputs in the order of the jaxpr's, arrays element by element.
 
     Raises:
-        InputError: naming every primitive that has no C.
+        InputError: naming every primitive that cannot be written in C.
     """
     flattener = _Flattener()
     inputs: list[Variable] = []
@@ -75,7 +78,7 @@ def flatten(closed: Any, arguments: Sequence[Any]) -> Program:
 
 
 def constants(value: Any, name: str = "") -> Scalars:
-    """An array's numbers as constants, named by the parameter and their place in it."""
+    """An array's numbers as constants, named after the parameter and their index in it; same shape, dtype object."""
     value = np.asarray(value)
     made = _empty(value.shape)
     for place in np.ndindex(*value.shape):
@@ -85,6 +88,8 @@ def constants(value: Any, name: str = "") -> Scalars:
 
 
 class _Flattener:
+    """Evaluates a jaxpr on arrays of atoms: each primitive appends its operations to the builder."""
+
     def __init__(self) -> None:
         self.builder = Builder(MOST_OPERATIONS, _too_long)
         self.missing: dict[str, str] = {}
@@ -93,8 +98,8 @@ class _Flattener:
         named = ", ".join(f"{name} ({where})" if where else name for name, where in sorted(self.missing.items()))
         verb = "is a primitive" if len(self.missing) == 1 else "are primitives"
         raise InputError(
-            f"The control law cannot be written as C: {named} {verb} of jax without C here; write that part of the "
-            f"block with arithmetic, select and the functions of <math.h>."
+            f"The control law cannot be written as C: {named} {verb} of jax that the export does not know; write that "
+            f"part of the block with arithmetic, select and the functions of <math.h>."
         )
 
     def run(self, jaxpr: Any, consts: Sequence[Any], values: Sequence[Scalars]) -> list[Scalars]:
@@ -114,9 +119,12 @@ class _Flattener:
             return self.inlined(_inner(parameters), operands)
         if name in _IDENTITY:
             return operands
+        # The order matters: folding comes first, so that whatever depends on parameters alone is computed by jax
+        # itself, with the same rounding as in the simulation.
         if all(self.is_known(operand) for operand in operands):
             return self.folded(equation, operands)
         if (own := written_out(equation.primitive)) is not None:
+            # Our own sine, cosine and logarithm: the arithmetic behind them is written into the C code.
             shape = equation.invars[0].aval
             return self.inlined(jax.make_jaxpr(own)(jax.ShapeDtypeStruct(shape.shape, shape.dtype)), operands)
         if name in _MOVES:
@@ -138,7 +146,7 @@ class _Flattener:
         return np.array(flat, dtype=np.dtype(value.flat[0].kind) if flat else None).reshape(value.shape)
 
     def folded(self, equation: Any, operands: list[Scalars]) -> list[Scalars]:
-        """What parameters alone give: their products and sums keep their names, for the compiler to fold."""
+        """An equation of parameters alone: sums and products keep the parameters' names; the compiler folds them."""
         name = equation.primitive.name
         if name == "convert_element_type" and equation.outvars[0].aval.dtype == equation.invars[0].aval.dtype:
             return operands
@@ -161,7 +169,7 @@ class _Flattener:
         return self.run(getattr(closed, "jaxpr", closed), getattr(closed, "consts", ()), operands)
 
     def unknown(self, equation: Any) -> list[Scalars]:
-        """Remember what is missing, and go on: the sentence names all of them."""
+        """Note a primitive that cannot be written, and go on with placeholders, so that the error names all of them."""
         self.missing.setdefault(equation.primitive.name, _where(equation))
         made = []
         for variable in equation.outvars:
@@ -189,10 +197,11 @@ class _Flattener:
         return self.builder.emit(name, atoms, kind)
 
     def moved(self, equation: Any, operands: list[Scalars]) -> list[Scalars]:
-        """Run the primitive on the places of what it moves."""
+        """Run the primitive on the indices of the atoms that it moves, and pick the atoms at the resulting indices."""
         count = min(_MOVES[equation.primitive.name], len(operands))
         if not all(self.is_known(operand) for operand in operands[count:]):
-            return self.unknown(equation)  # at a place that is not known before the drive runs
+            return self.unknown(equation)  # an index that is only known when the drive runs
+        # All moved operands in one flat pool; each operand's array of atoms becomes an array of indices into the pool.
         pool = np.concatenate([operand.ravel() for operand in operands[:count]])
         starts = np.cumsum([0, *(operand.size for operand in operands[:count])])
         places = [
@@ -206,6 +215,7 @@ class _Flattener:
 
     def reduced(self, name: str, operand: Scalars, axes: Sequence[int], aval: Any) -> Scalars:
         kept = [axis for axis in range(operand.ndim) if axis not in axes]
+        # In the order of the elements; XLA may sum in another order, which is a difference of rounding only.
         rows = operand.transpose([*kept, *axes]).reshape(*aval.shape, -1)
         made = _empty(aval.shape)
         for place in np.ndindex(*aval.shape):
@@ -224,6 +234,7 @@ class _Flattener:
         aval = equation.outvars[0].aval
         length = math.prod(left.shape[a] for a in left_sum)
         batch = math.prod(left.shape[a] for a in left_batch)
+        # A batch of matrix products: (batch, rows, length) by (batch, columns, length).
         lefts = left.transpose([*left_batch, *own, *left_sum]).reshape(batch, -1, length)
         rights = right.transpose([*right_batch, *other, *right_sum]).reshape(batch, -1, length)
         made = _empty((batch, lefts.shape[1], rights.shape[1]))
@@ -237,7 +248,7 @@ class _Flattener:
         return [made.reshape(aval.shape)]
 
     def _cond(self, equation: Any, operands: list[Scalars]) -> list[Scalars]:
-        """Every branch is computed and one is taken: all are pure."""
+        """Every branch is computed and one result is selected, which is right because none has side effects."""
         (index,), rest = operands[0].reshape(1), operands[1:]
         branches = [self.inlined(branch, rest) for branch in equation.params["branches"]]
         made = [value.copy() for value in branches[-1]]
@@ -245,7 +256,7 @@ class _Flattener:
             if index.kind == "bool":
                 chosen = self.emit("not", (index,), "bool")
             else:
-                # An index outside is the nearest branch, as in jax.
+                # jax clips the index into the range of the branches; the comparison by <= does the same.
                 chosen = self.emit("le", (index, FixedNumber(np.dtype(index.kind).type(number))), "bool")
             for target, value in zip(made, branches[number], strict=True):
                 for place in np.ndindex(*target.shape):
@@ -256,7 +267,8 @@ class _Flattener:
     def _scan(self, equation: Any, operands: list[Scalars]) -> list[Scalars]:
         """A loop of known length, unrolled."""
         given = equation.params
-        # By their shapes, whatever this jax calls its parameters: a row of a stack has one axis less.
+        # Constants, carry and rows are told apart by shapes and not by the equation's parameters, whose names differ
+        # between versions of jax: the loop's body sees a stacked operand with one axis less.
         inner, length = given["jaxpr"].jaxpr, given["length"]
         rows_in = sum(o.aval.ndim > i.aval.ndim for o, i in zip(equation.invars, inner.invars, strict=True))
         carried = sum(o.aval.ndim == i.aval.ndim for o, i in zip(equation.outvars, inner.outvars, strict=True))
@@ -314,7 +326,7 @@ def _where(equation: Any) -> str:
 
         frame = source_info_util.user_frame(equation.source_info.traceback)
         return f"{frame.file_name.rsplit('/', 1)[-1]} line {frame.start_line}" if frame else ""
-    except Exception:  # a private part of jax, and only for the words of a sentence
+    except Exception:  # a private part of jax, used only for the text of an error: whatever fails there, do without
         return ""
 
 

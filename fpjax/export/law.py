@@ -1,4 +1,4 @@
-"""The control law of a loop as a `Program`: traced from the very `ClosedLoop.control_law` that is simulated."""
+"""The control law of a loop as a `Program`, traced from the same `ClosedLoop.control_law` that is simulated."""
 
 import contextlib
 import dataclasses
@@ -31,17 +31,17 @@ NEXT = "next_reference"  # a fourth input of a law that looks ahead
 
 @dataclasses.dataclass(frozen=True)
 class Law:
-    """What a drive runs once a period.
+    """The control law that a drive runs once per period.
 
     Attributes:
-        loop: its blocks, in the law's precision.
+        loop: the loop, its blocks in the law's precision.
         dt: control period [s].
         precision: "double" or "float".
         program: inputs are `inputs`, then the state; outputs are `outputs`, then the next state.
         states: a name for each number of the state.
         start: the state at rest, shape (states,).
         outputs: "torque", "control", "compensation", then the estimates.
-        parameters: by name, what it is with its unit, as the block's docstring has it.
+        parameters: by name, a description with the unit, from the block's docstring.
     """
 
     loop: ClosedLoop
@@ -55,18 +55,18 @@ class Law:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """What it reads, by name."""
+        """Names of the inputs."""
         return inputs_of(self.loop)
 
     @property
     def dtype(self) -> type:
-        """numpy's."""
+        """The numpy dtype of the precision."""
         return DTYPES[self.precision]
 
 
 @contextlib.contextmanager
 def double_enabled() -> Iterator[None]:
-    """Within: jax knows float64, whatever the process chose."""
+    """Within the block jax computes in float64, whatever the process has set."""
     if jax.config.jax_enable_x64:  # pyright: ignore[reportAttributeAccessIssue]
         yield
         return
@@ -80,10 +80,10 @@ def trace_law(loop: ClosedLoop, dt: float, precision: Precision = "double") -> L
     Args:
         loop: its controller and observer.
         dt: control period [s].
-        precision: "double" or "float": what the drive computes in.
+        precision: "double" or "float", the precision of the drive.
 
     Raises:
-        InputError: for a period that is not positive, or a law that has no C.
+        InputError: for a period that is not positive, or a law that cannot be written in C.
     """
     if precision not in DTYPES:
         raise InputError(f'precision = {precision!r} is not known: choose "double" or "float".')
@@ -91,6 +91,7 @@ def trace_law(loop: ClosedLoop, dt: float, precision: Precision = "double") -> L
         raise InputError(f"dt must be positive, got {dt:g} s; 1e-3 s is usual for a drive.")
     with double_enabled():
         loop = astype(loop, DTYPES[precision])
+        # The parameters are arguments of the traced function, not constants in it: so each keeps its name.
         leaves, names, rebuild = _parameters(loop.controller, loop.observer)
         state = memory_at_rest(loop)
         period = jnp.asarray(dt, DTYPES[precision])
@@ -113,7 +114,7 @@ def trace_law(loop: ClosedLoop, dt: float, precision: Precision = "double") -> L
 
 
 def inputs_of(loop: ClosedLoop) -> tuple[str, ...]:
-    """Names of what the control law of a loop reads every period."""
+    """Names of the inputs that the control law of a loop reads every period."""
     return (*INPUTS, NEXT) if loop.controller.looks_ahead else INPUTS
 
 
@@ -125,12 +126,13 @@ def run(loop: ClosedLoop, inputs: PyTree, state: PyTree, dt: PyTree) -> tuple[Py
 
 
 def memory_at_rest(loop: ClosedLoop) -> PyTree:
-    """What the law keeps between two samples, before the first one."""
+    """The law's memory between two samples (controller, observer, period), at rest before the first sample."""
     state = loop.sampled(loop.init())
     return state.controller, state.observer, state.period
 
 
 def _parameters(controller: AbstractController, observer: AbstractObserver) -> tuple[list[PyTree], list[str], PyTree]:
+    """(the array leaves of both blocks, a C name for each, a function that rebuilds both from such leaves)."""
     dynamic, static = eqx.partition((controller, observer), eqx.is_array)
     found, structure = jax.tree_util.tree_flatten_with_path(dynamic)
     names = [_word(("controller", "observer")[path[0].idx], path[1:]) for path, _ in found]
@@ -142,6 +144,7 @@ def _parameters(controller: AbstractController, observer: AbstractObserver) -> t
 
 
 def _state(state: PyTree) -> tuple[tuple[str, ...], np.ndarray]:
+    """(a C name for each number of the state, their values at rest), in the order of jax's leaves."""
     found, _ = jax.tree_util.tree_flatten_with_path(state)
     names, values = [], []
     for path, leaf in found:
@@ -162,7 +165,7 @@ def _word(first: str, path: PyTree) -> str:
 
 
 def _described(block: Block | None, name: str) -> dict[str, str]:
-    """{"controller_kp": "proportional gain [N m s/rad]"} from the docstrings of a block and of those within it."""
+    """{"controller_kp": "proportional gain [N m s/rad]"}, from the docstrings of a block and of those inside it."""
     if not isinstance(block, eqx.Module):
         return {}
     found = {}

@@ -1,4 +1,4 @@
-"""A body as MJCF (MuJoCo) and as URDF: text, and what each format leaves out."""
+"""A body as MJCF (MuJoCo) and as URDF: the text, and the effects that each format leaves out."""
 
 import math
 from typing import Any
@@ -6,24 +6,24 @@ from xml.sax.saxutils import quoteattr
 
 from .body import Body, Leftover, Wave, without_actuator_field, without_offset, without_waves
 
-GRAVITY = 9.81
-TINY = 1e-9  # share of the inertia that the bodies themselves carry: MuJoCo wants some, the armature has the rest
+GRAVITY = 9.81  # [m/s^2]
+TINY = 1e-9  # share of the inertia given to the bodies: MuJoCo requires a positive one; the armature has the rest
 
 
 def mjcf(body: Body, *, name: str, linear: bool, timestep: float, dcmotor: bool, delays: bool) -> str:
-    """The MJCF text of a body; what it cannot hold is added to `body.leftovers`.
+    """The MJCF text of a body; effects that it cannot express are added to `body.leftovers`.
 
-    One joint a mass, both from the world: the shaft between them is a tendon, whose spring has a dead band. An
-    unbalance is a mass beside the axis under gravity. Torques that repeat with the position, and LuGre friction, are
-    actuators of type dcmotor with a motor constant of nothing.
+    Each mass has one joint, attached to the world. The shaft between them is a tendon, whose spring has a dead band
+    (the backlash). An unbalance is an eccentric mass under gravity. Torques that repeat with the position, and LuGre
+    friction, are actuators of type dcmotor with a negligible motor constant.
 
     Args:
         body: from `body_of`.
-        name: of the model.
-        linear: slides in place of hinges.
-        timestep: [s].
-        dcmotor: whether this MuJoCo has that actuator.
-        delays: whether its actuators can be late.
+        name: name of the model.
+        linear: slide joints instead of hinges.
+        timestep: MuJoCo's step [s].
+        dcmotor: whether this version of MuJoCo has the dcmotor actuator.
+        delays: whether its actuators have a delay.
     """
     sides = ("motor", "load") if body.shaft else ("axis",)
     friction_on = len(sides) - 1
@@ -81,12 +81,12 @@ def mjcf(body: Body, *, name: str, linear: bool, timestep: float, dcmotor: bool,
 
 
 def urdf(body: Body, *, name: str, linear: bool) -> str:
-    """The URDF text of a body: one joint; what it cannot hold is added to `body.leftovers`.
+    """The URDF text of a body, with one joint; effects that it cannot express are added to `body.leftovers`.
 
     Args:
-        body: from `body_of`, of one mass.
-        name: of the robot.
-        linear: a prismatic joint in place of a continuous one.
+        body: from `body_of`, with one mass.
+        name: name of the robot.
+        linear: a prismatic joint instead of a continuous one.
     """
     if body.waves or body.load_waves:
         body.leftovers.append(Leftover("torques that repeat with the position", without_waves))
@@ -96,6 +96,7 @@ def urdf(body: Body, *, name: str, linear: bool) -> str:
         if there:
             body.leftovers.append(Leftover(f"the actuator's {field}", without_actuator_field(field)))
     inertia = body.inertia[0]
+    # Only one of mass [kg] and moment of inertia [kg m^2] matters; the other must be positive, and negligible.
     mass, turn = (inertia, 1e-6) if linear else (1e-6, inertia)
     same = " ".join(f'{axis}="{_n(turn)}"' for axis in ("ixx", "iyy", "izz"))
     effort = _n(body.limit) if body.limit is not None else "1e9"
@@ -124,10 +125,11 @@ def urdf(body: Body, *, name: str, linear: bool) -> str:
 
 
 def _pendulum(body: Body, linear: bool) -> Wave | None:
-    """The unbalance as one mass beside the axis; None without, and for a slide."""
+    """All torques of one period per revolution as one eccentric mass; None without any, and for a slide."""
     once = [wave for wave in body.load_waves if wave[1] == 1.0]
     if linear or not once:
         return None
+    # Sines of one period add as complex amplitudes. The sign is turned, because gravity holds back: size below zero.
     total = sum(size * complex(math.cos(phase), math.sin(phase)) for size, _, phase in once)
     return -abs(total), 1.0, math.atan2(-total.imag, -total.real)
 
@@ -135,7 +137,8 @@ def _pendulum(body: Body, linear: bool) -> Wave | None:
 def _mjcf_body(side: str, body: Body, place: int, pendulum: Wave | None, linear: bool, timestep: float) -> list[str]:
     inertia = body.inertia[place]
     armature = inertia * (1.0 - TINY)
-    # Gravity pulls with m g r = amplitude; the arm is so short that the mass turns with hardly any inertia.
+    # An eccentric mass m at the arm r makes the torque m g r = amplitude. The arm is chosen such that its own moment of
+    # inertia m r^2 is a thousandth of the axis', which is taken off the armature.
     mass, position = 1e-3 * inertia if linear else 1e-6, "0 0 0"
     if linear:
         armature = inertia - mass
@@ -147,7 +150,8 @@ def _mjcf_body(side: str, body: Body, place: int, pendulum: Wave | None, linear:
         armature -= mass * arm * arm
     turn = _n(max(TINY * inertia, 1e-14))
     friction = f'frictionloss="{_n(body.coulomb[place])}" damping="{_n(body.viscous[place])}"'
-    # As hard as the constraint goes: the default lets a stuck joint creep.
+    # Dry friction in MuJoCo is a soft constraint. These make it as hard as the solver allows (a time constant of two
+    # steps, an impedance near 1): with the defaults a stuck joint creeps.
     hard = f'solreffriction="{_n(2.0 * timestep)} 1" solimpfriction="0.9999 0.9999 0.001 0.5 2"'
     kind = "slide" if linear else "hinge"
     return [

@@ -1,4 +1,4 @@
-"""The exported body in the `mujoco` package, under the very control law, against a record."""
+"""Replay of the exported body in the `mujoco` package, under the loop's own sensor and control law."""
 
 import math
 from typing import Any
@@ -23,7 +23,7 @@ def find_mujoco() -> Any:
 
 
 def takes(mujoco: Any, actuator: str) -> bool:
-    """Whether this version of MuJoCo has an actuator element with such attributes."""
+    """Whether this version of MuJoCo accepts an actuator element with these attributes: a small model is compiled."""
     text = (
         '<mujoco><worldbody><body><joint name="j"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'
         f"</worldbody><actuator>{actuator}</actuator></mujoco>"
@@ -44,27 +44,27 @@ def replay_mujoco(
     Args:
         mujoco: the package.
         text: MJCF or URDF; without an actuator the torque is applied to the first joint.
-        loop: gives sensor and control law.
+        loop: gives the sensor and the control law.
         state: of the loop at the first sample.
         reference: shape (samples,).
         dt: control period [s].
-        substeps: MuJoCo's steps a period.
-        limit: of a torque that is applied to the joint itself [N m].
+        substeps: MuJoCo's steps per control period.
+        limit: of the torque [N m] where it is applied to the joint directly, without an actuator.
 
     Returns:
-        "torque", "velocity", "position" as commanded and measured, each of shape (samples,).
+        The commanded "torque" and the measured "velocity" and "position", each of shape (samples,).
 
     Raises:
-        InputError: where MuJoCo refuses the text or diverges.
+        InputError: where MuJoCo rejects the text or the loop diverges.
     """
     try:
         model = mujoco.MjModel.from_xml_string(text)
     except ValueError as error:
-        raise InputError(f"MuJoCo {mujoco.__version__} refuses the model: {str(error).splitlines()[0]}.") from error
+        raise InputError(f"MuJoCo {mujoco.__version__} rejects the model: {str(error).splitlines()[0]}.") from error
     model.opt.timestep = dt / substeps
     data = mujoco.MjData(model)
     plant: Any = state.plant
-    alone = isinstance(plant, OneMassState | SeriesTwoMassState)  # one position, whose name has no side
+    alone = isinstance(plant, OneMassState | SeriesTwoMassState)  # their fields have no prefix motor_ or load_
     sides = ("motor_", "load_") if model.nv > 1 else ("",) if alone else ("load_",)
     for place, side in enumerate(sides):
         data.qpos[place] = float(getattr(plant, f"{side}position"))
@@ -83,6 +83,7 @@ def replay_mujoco(
         return made.memory, sensor, (made.torque, measurement.velocity, measurement.position)
 
     shown = np.empty((len(reference), 3))
+    # The sample after the last: a position goes on at its last rate, a velocity stays.
     after = 2.0 * reference[-1] - reference[-2] if loop.controller.follows_position else reference[-1]
     following = np.append(reference[1:], after)
     for sample, asked in enumerate(reference):

@@ -1,6 +1,6 @@
-"""The operations that a drive's code is made of: each once, with its C, its numpy, and what it costs.
+"""The operations of a drive's code, each defined once: its C expression and the same in numpy.
 
-`ELEMENTWISE` says how a primitive of jax is written with them.
+`ELEMENTWISE` says how each elementwise primitive of jax is written with them.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ C_TYPES = {
 
 @dataclasses.dataclass(frozen=True)
 class Operator:
-    """How an operation is written and evaluated.
+    """How an operation is written in C and evaluated in numpy.
 
     Attributes:
         c: an expression with the arguments as {0}, {1} ...; {t} stands for the result's C type, {s} for "f" in single
@@ -45,6 +45,7 @@ def _libm(name: str, value: Callable[..., Any], arguments: int = 1) -> Operator:
 
 
 def _round_away(x: Any) -> Any:
+    """Rounding half away from zero, as C's round; numpy's rint rounds half to even."""
     return np.trunc(x) + np.where(np.abs(x - np.trunc(x)) >= 0.5, np.sign(x), 0.0)
 
 
@@ -78,7 +79,7 @@ OPERATIONS: dict[str, Operator] = {
     "bits_or": Operator("{0} | {1}", np.bitwise_or),
     "bits_xor": Operator("{0} ^ {1}", np.bitwise_xor),
     "shift_left": Operator("({t}){0} << {1}", np.left_shift),
-    # Right of a negative number: every compiler of today copies the sign, as jax does.
+    # C leaves the right shift of a negative number to the compiler: all current ones copy the sign, as jax does.
     "shift_right": Operator("{0} >> {1}", np.right_shift),
     "is_finite": Operator("isfinite({0}) ? 1 : 0", np.isfinite),
     "convert": Operator("({t}){0}", lambda x: x),
@@ -108,9 +109,10 @@ OPERATIONS: dict[str, Operator] = {
     "erf": _libm("erf", special.erf),
     "erfc": _libm("erfc", special.erfc),
 }
-# Operations whose result is of their arguments' kind and stays within the machine's own instructions.
+# Operations that call a function of <math.h>; fabs does not count, compilers turn it into an instruction.
 LIBRARY = frozenset(name for name, form in OPERATIONS.items() if form.libm) - {"abs"}
 
+# (emit, arguments, the equation's parameters, the result's kind) -> the result; None where the kinds are not supported.
 Writer = Callable[[Emit, Sequence[Atom], dict[str, Any], str], Atom | None]
 
 
@@ -150,7 +152,7 @@ def _clamp(emit: Emit, atoms: Sequence[Atom], parameters: dict[str, Any], kind: 
 def _select(emit: Emit, atoms: Sequence[Atom], parameters: dict[str, Any], kind: str) -> Atom | None:
     del parameters
     which, *cases = atoms
-    if which.kind == "bool":
+    if which.kind == "bool":  # jax's select_n puts the case for False first
         no, yes = cases
         return emit("select", (which, yes, no), kind)
     value = cases[-1]
@@ -161,7 +163,7 @@ def _select(emit: Emit, atoms: Sequence[Atom], parameters: dict[str, Any], kind:
 
 
 def _integer_pow(emit: Emit, atoms: Sequence[Atom], parameters: dict[str, Any], kind: str) -> Atom | None:
-    """By squaring, in the order in which jax does it."""
+    """By repeated squaring, in the order of jax's own, so that it rounds alike."""
     exponent, (base,) = parameters["y"], atoms
     if kind not in FLOATS:
         return None
@@ -223,7 +225,7 @@ def _converted(emit: Emit, atom: Atom, kind: str) -> Atom | None:
     if kind == "bool":
         return emit("ne", (atom, FixedNumber(np.dtype(atom.kind).type(0))), kind)
     if kind in INTEGERS and atom.kind in FLOATS:
-        # Beyond the integer's range C may do anything.
+        # A plain cast would be undefined behaviour for a float outside the integer's range.
         return emit("to_integer", (atom,), kind) if kind in ("int32", "int64") else None
     return emit("convert", (atom,), kind)
 

@@ -1,4 +1,4 @@
-"""A straight-line program of scalars, as a drive runs it: operations in an order, each on what stands before it."""
+"""A straight-line program of scalars: a list of operations, each of which uses inputs and earlier results only."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ class FixedNumber:
 
     Attributes:
         value: a numpy scalar; its dtype is the constant's kind.
-        name: of the parameter that it is, "" for a number that was computed or written out.
+        name: the parameter's name; "" for a number that was computed, or that belongs to a formula.
     """
 
     value: np.generic
@@ -24,7 +24,7 @@ class FixedNumber:
         return self.value.dtype.name
 
     def key(self) -> tuple[str, str, str]:
-        """Equal for constants that are the same to the bit."""
+        """A key that is equal for constants with the same bits and name (0.0 and -0.0 differ, a NaN equals itself)."""
         return (self.kind, self.value.tobytes().hex(), self.name)
 
 
@@ -49,9 +49,9 @@ class Operation:
     """One operation.
 
     Attributes:
-        name: of the operation, see `operations`.
-        arguments: what it works on.
-        result: what it makes.
+        name: its name in `operations.OPERATIONS`.
+        arguments: its operands.
+        result: the variable of its result.
     """
 
     name: str
@@ -61,11 +61,11 @@ class Operation:
 
 @dataclasses.dataclass(frozen=True)
 class Program:
-    """What `flatten` makes of a function: every array taken apart, every call written out.
+    """The result of `flatten`: a function with every array split into scalars and every call inlined.
 
     Attributes:
         inputs: one variable for each input scalar.
-        operations: in an order in which they can run; all of them are needed.
+        operations: in an order in which they can run; every one is needed for an output.
         outputs: one atom for each output scalar.
     """
 
@@ -91,14 +91,14 @@ class Program:
 
 
 class Builder:
-    """Collects operations; the same operation on the same arguments is made once."""
+    """Collects operations; the same operation on the same arguments is stored once (common subexpressions)."""
 
     def __init__(self, most: int, too_many: Callable[[], Exception]) -> None:
         """Start empty.
 
         Args:
-            most: operations that a program may have.
-            too_many: what to raise beyond.
+            most: largest number of operations.
+            too_many: makes the exception that is raised beyond it.
         """
         self.operations: list[Operation] = []
         self.known: dict[int, np.generic] = {}  # variables that depend on parameters alone
@@ -112,7 +112,7 @@ class Builder:
         return Variable(self.count - 1, kind)
 
     def emit(self, name: str, arguments: Sequence[Atom], kind: str) -> Variable:
-        """The result of an operation, made now or found."""
+        """The variable of an operation's result: of a new operation, or of an equal one that is already there."""
         key = (name, kind, *(atom.key() if isinstance(atom, FixedNumber) else atom.index for atom in arguments))
         if key not in self._made:
             if len(self.operations) >= self._most:
@@ -123,11 +123,11 @@ class Builder:
         return self._made[key]
 
     def value(self, atom: Atom) -> np.generic | None:
-        """What is known of an atom before the drive runs."""
+        """The value of an atom that depends on constants and parameters alone; None for any other."""
         return atom.value if isinstance(atom, FixedNumber) else self.known.get(atom.index)
 
     def program(self, inputs: Sequence[Variable], outputs: Sequence[Atom]) -> Program:
-        """What the outputs need, in order."""
+        """The program of the operations that the outputs need, in order."""
         needed = {atom.index for atom in outputs if isinstance(atom, Variable)}
         kept: list[Operation] = []
         for operation in reversed(self.operations):

@@ -1,7 +1,7 @@
-"""What rounding can do to a program: the size of its terms, and a bound on its error over a whole run.
+"""The effect of rounding on a program: the size of its terms, and a bound on its error over a whole run.
 
-Both are first order in the rounding (Higham, "Accuracy and stability of numerical algorithms", 2002, section 3.3, the
-running error), and take it that no comparison falls the other way.
+Both are first order in the rounding (Higham, "Accuracy and stability of numerical algorithms", 2002, section 3.3,
+running error analysis), and assume that rounding changes the outcome of no comparison.
 """
 
 import numpy as np
@@ -10,12 +10,13 @@ from .operations import FLOATS, LIBRARY, OPERATIONS
 from .program import Atom, FixedNumber, Operation, Program, Variable
 
 Array = np.ndarray
+# Operations without a rounding error of their own.
 _EXACT_WORDS = """
 neg abs max min select sign floor ceil round_even round_away is_finite bits to_integer eq ne lt le gt ge and or not xor
 """
 _EXACT = frozenset(_EXACT_WORDS.split())
-_FLAT = _EXACT - {"neg", "abs", "max", "min", "select", "bits"}
-_LIBM_ULP = 1.0  # units in the last place that a function of <math.h> may be off, as glibc and newlib promise
+_FLAT = _EXACT - {"neg", "abs", "max", "min", "select", "bits"}  # those of slope zero almost everywhere
+_LIBM_ULP = 1.0  # largest error of a function of <math.h> [units in the last place], as documented for glibc and newlib
 
 
 class Trace:
@@ -42,7 +43,7 @@ class Trace:
                 self.values[operation.result.index] = _evaluate(operation, [self(a) for a in operation.arguments])
 
     def __call__(self, atom: Atom) -> Array:
-        """The values of an atom; a constant's is one number."""
+        """The values of an atom along the run, shape (samples,); a single number for a constant."""
         return np.asarray(atom.value) if isinstance(atom, FixedNumber) else self.values[atom.index]
 
     def outputs(self) -> Array:
@@ -51,10 +52,10 @@ class Trace:
         return np.stack([np.broadcast_to(self(a), samples).astype(float) for a in self.program.outputs], axis=1)
 
     def term_sizes(self) -> Array:
-        """The size of the largest term that each output is summed from, shape (samples, outputs).
+        """The magnitude of the largest term in the sum behind each output, shape (samples, outputs).
 
-        A difference of two nearly equal numbers cannot be better than the rounding of those: it is this size whose
-        last place counts.
+        A difference of two nearly equal numbers cannot be more accurate than these are rounded, so an output's error is
+        measured in units of the last place of this magnitude.
         """
         sizes = {variable.index: np.abs(self._real(variable)) for variable in self.program.inputs}
 
@@ -70,7 +71,7 @@ class Trace:
         return self._table([of(atom) for atom in self.program.outputs])
 
     def _joined_slopes(self, operation: Operation) -> list[tuple[Atom, Array]]:
-        """One slope for each different argument: a + a is one term twice as large."""
+        """The slope by each different argument: in a + a the one argument has the slope 2."""
         joined: dict[Atom, Array] = {}
         for atom, slope in zip(operation.arguments, self._slopes(operation), strict=True):
             if slope is not None:
@@ -78,14 +79,14 @@ class Trace:
         return list(joined.items())
 
     def sensitivities(self, unit: float) -> tuple[Array, Array]:
-        """What rounding and the inputs do to the outputs, by one pass backwards for each output.
+        """The effect of rounding and of the inputs on the outputs, by one backward pass for each output.
 
         Args:
-            unit: rounding of one operation, relative [1].
+            unit: relative rounding error of one operation [1].
 
         Returns:
-            (a bound on what the step's own rounding moves each output, shape (samples, outputs); d output / d input,
-            shape (samples, outputs, inputs)).
+            (a bound on the error of each output from the roundings of this step, shape (samples, outputs); d output /
+            d input, shape (samples, outputs, inputs)).
         """
         own, slopes = [], []
         with np.errstate(all="ignore"):
@@ -97,6 +98,17 @@ class Trace:
         return self._table(own), np.stack(slopes, axis=1)
 
     def _backwards(self, output: Atom, known: dict[int, list[Array | None]], unit: float) -> tuple[Array, dict]:
+        """Reverse-mode differentiation of one output.
+
+        Args:
+            output: the output.
+            known: the slopes of every operation, by the variable of its result.
+            unit: relative rounding error of one operation [1].
+
+        Returns:
+            (the sum of |d output / d result| x rounding of the result over all operations, shape (samples,); the
+            derivatives by the inputs, by variable).
+        """
         back: dict[int, Array] = {} if isinstance(output, FixedNumber) else {output.index: np.ones(())}
         local = np.zeros(())
         for operation in reversed(self.program.operations):
@@ -109,7 +121,7 @@ class Trace:
                 local = local + rounding * np.where(adjoint == 0.0, 0.0, size)
             for atom, slope in zip(operation.arguments, known[operation.result.index], strict=True):
                 if slope is not None and not isinstance(atom, FixedNumber):
-                    # A branch that is not taken may be anything.
+                    # A branch that is not selected may hold infinity or NaN: its zero slope must stay zero.
                     part = np.where((slope == 0.0) | (adjoint == 0.0), 0.0, slope * adjoint)
                     back[atom.index] = back[atom.index] + part if atom.index in back else part
         return local, back
@@ -122,7 +134,11 @@ class Trace:
         return np.stack([np.broadcast_to(column, samples).astype(float) for column in columns], axis=1)
 
     def _slopes(self, operation: Operation) -> list[Array | None]:
-        """d result / d argument; of whole numbers that are the bits of a float, of their relative size; None: flat."""
+        """d result / d argument; None where the result is constant in the argument.
+
+        Integers occur as the bits of a float, in the exponent arithmetic of the logarithm. Their "derivative" is that of
+        the float's relative change, so that a float passes through its bits and back with slope one.
+        """
         name, kinds = operation.name, [atom.kind for atom in operation.arguments]
         arguments = [self(atom) for atom in operation.arguments]
         result = self.values[operation.result.index]
@@ -139,13 +155,13 @@ class Trace:
 
 
 def run_bound(trace: Trace, inputs: int, units: tuple[float, float], rounded_inputs: bool) -> Array:
-    """A bound on how far two runs of a law may be apart that round each step on their own, shape (samples, outputs).
+    """A bound on the difference of two runs of a law, each with its own rounding, shape (samples, outputs).
 
     Args:
         trace: along the run; the program's outputs end with the next state.
-        inputs: how many inputs stand before the state.
-        units: rounding of one operation in each of the two [1].
-        rounded_inputs: whether the first of them sees its inputs rounded.
+        inputs: number of inputs before the state.
+        units: relative rounding error of one operation in each of the two runs [1].
+        rounded_inputs: whether the first of the two gets its inputs rounded.
     """
     program = trace.program
     state = program.inputs[inputs:]
@@ -163,19 +179,26 @@ def run_bound(trace: Trace, inputs: int, units: tuple[float, float], rounded_inp
 def _worst_case(moves: Array, reads: Array, kicks: Array, own: Array) -> Array:
     """The largest |y_k| of e_k+1 = A_k e_k + b_k, y_k = C_k e_k + d_k for all |b| <= kicks and |d| <= own.
 
-    The sum of |C_k A_k-1 ... A_j+1| kicks_j over all j < k, signs kept within the products: their sizes alone would
-    grow without end where an observer's estimates trade with each other. Exact at every checkpoint; between two the
-    errors at the last one are taken as independent.
+    It is the sum of |C_k A_k-1 ... A_j+1| kicks_j over all j < k, the magnitude taken of the whole product. A product
+    of magnitudes would grow without limit where two estimates of an observer trade off.
+
+    The exact sum takes samples^2 products. Here it is exact at checkpoints, about 1.3 sqrt(samples) apart. Between two
+    checkpoints the errors of the states at the last one are taken as independent, which can only enlarge the bound.
 
     Args:
         moves: A, shape (samples, states, states).
         reads: C, shape (samples, outputs, states).
-        kicks: shape (samples, states).
-        own: shape (samples, outputs).
+        kicks: bound on |b|, shape (samples, states).
+        own: bound on |d|, shape (samples, outputs).
+
+    Returns:
+        The bound on |y|, shape (samples, outputs).
     """
     samples, states = kicks.shape
     every = max(16, int(1.3 * np.sqrt(samples)))
     starts = np.arange(0, samples, every)
+    # First pass, backwards in time: `ways` is the product A ... A from the current step to each later checkpoint,
+    # `boxes` the sum of its magnitude times the kicks, the bound on the state's error at that checkpoint.
     boxes = np.zeros((len(starts), states))
     ways = np.zeros((len(starts), states, states))
     for step in range(starts[-1] - 1, -1, -1):
@@ -184,8 +207,10 @@ def _worst_case(moves: Array, reads: Array, kicks: Array, own: Array) -> Array:
             ways[first] = np.eye(states)
         boxes[first:] += np.abs(ways[first:]) @ kicks[step]
         ways[first:] = ways[first:] @ moves[step]
+    # Second pass, forwards within all intervals side by side: every source of error is a column that the states' matrix
+    # moves on; each step adds its own kicks as new columns. Shape (checkpoints, states, columns).
     bound = np.empty_like(own)
-    parts = boxes[:, :, None] * np.eye(states)  # what moves the error, one column each
+    parts = boxes[:, :, None] * np.eye(states)
     for step in range(every):
         rows = starts[starts + step < samples] + step
         parts = parts[: len(rows)]
@@ -232,7 +257,7 @@ def _slopes(name: str, arguments: list[Array], result: Array) -> list[Array]:
         return [b * result / a, result * np.log(np.abs(a))]
     if name == "rem":
         return [one, -np.trunc(a / b)]
-    # A function of the library: its slope by a central difference, accurate enough for a bound.
+    # For a function of the library a central difference is accurate enough for a bound.
     found = []
     for place, argument in enumerate(arguments):
         step = 1e-6 * np.maximum(np.abs(argument), 1e-3)

@@ -1,4 +1,4 @@
-"""Test vectors of a law: what it is given along a simulated run, what it must answer, and how far it may be off."""
+"""Test vectors of a law: its inputs along a simulated run, the outputs expected, and the allowed differences."""
 
 import dataclasses
 
@@ -17,23 +17,23 @@ from ..simulation.solvers import AbstractPlantSolver
 from .law import INPUTS, Law, double_enabled, memory_at_rest, run
 from .rounding import Trace, run_bound
 
-ULPS = 2.0  # units in the last place that one step may be off, in either precision
-UNITS = {"double": 2.0**-53, "float": 2.0**-24}
+ULPS = 2.0  # allowed difference of one step [units in the last place], in either precision
+UNITS = {"double": 2.0**-53, "float": 2.0**-24}  # relative rounding error of one operation (unit roundoff)
 
 
 @dataclasses.dataclass(frozen=True)
 class Vectors:
-    """A row a sample; every array is float64.
+    """Test vectors, one row for each sample; every array is float64.
 
     Attributes:
-        inputs: what the law reads, shape (samples, inputs).
-        states: the state before the step, as the simulation has it, shape (samples, states).
-        outputs: what the step must answer, shape (samples, outputs).
+        inputs: the law's inputs, shape (samples, inputs).
+        states: the state before the step, from the simulation, shape (samples, states).
+        outputs: the outputs that the step must give, shape (samples, outputs).
         following: the state after the step, shape (samples, states).
         output_ulps: the last place of the largest term behind each output, shape (samples, outputs).
-        state_ulps: likewise of each state.
-        simulated: what `fpjax.simulate` recorded, shape (samples, outputs).
-        bounds: how far a run that is left to itself may be from `simulated`, shape (samples, outputs).
+        state_ulps: the last place of the largest term behind each state after the step, shape (samples, states).
+        simulated: the outputs of `fpjax.simulate`, shape (samples, outputs).
+        bounds: allowed difference from `simulated` of a run that keeps its own state, shape (samples, outputs).
     """
 
     inputs: np.ndarray
@@ -47,7 +47,7 @@ class Vectors:
 
     @property
     def rows(self) -> np.ndarray:
-        """All of it, in the order in which the test program reads it."""
+        """All columns in the order in which the test program reads them."""
         return np.hstack([getattr(self, field.name) for field in dataclasses.fields(self)])
 
 
@@ -67,8 +67,8 @@ def make_vectors(
         reference: what the loop follows.
         samples: length of the run.
         solver: of the plant.
-        substeps: solver steps a period.
-        loop: the loop in double precision, where the law's own was rounded to float; None for the law's own.
+        substeps: solver steps per control period.
+        loop: the loop in double precision, where the law's own is rounded to float; None for the law's own.
 
     Raises:
         InputError: for a run that diverges.
@@ -81,7 +81,8 @@ def make_vectors(
         assert len(read) == len(INPUTS)
         reference, ahead = astype(reference, np.float64), law.inputs != INPUTS
         if ahead:
-            # A formula that is evaluated twice may differ in its last bit; a table does not.
+            # The law reads r_k+1 now and as r_k in the next step. A formula evaluated for both may differ in the last
+            # bit; a table does not.
             table = np.asarray(reference.readout(jnp.asarray(law.dt * np.arange(samples + 1))), float)
             reference = Recorded(table, law.dt)
         found = simulate(
@@ -101,11 +102,13 @@ def make_vectors(
         states, answers, following = _stepped(law, inputs)
         trace = Trace(law.program, np.hstack([inputs.astype(float), states]))
         unit = UNITS[law.precision]
+        # No smaller than the spacing at the smallest normal number: below it one unit in the last place is no
+        # measure.
         ulps = np.spacing(np.maximum(trace.term_sizes(), np.finfo(law.dtype).tiny).astype(law.dtype)).astype(float)
         bounds = run_bound(trace, len(law.inputs), (unit, UNITS["double"]), law.precision == "float")
     count = len(law.outputs)
     simulated = np.stack([signals[name] for name in outputs], axis=1)
-    # The run's bound is first order: its own second order, and the place of its last digit, are within these.
+    # The bound is first order in the rounding: 1 % covers its second order, and one last place the comparison itself.
     bounds = np.where(np.isfinite(bounds), 1.01 * bounds, np.inf) + ulps[:, :count]
     return Vectors(
         inputs.astype(float), states, answers, following, ulps[:, :count], ulps[:, count:], simulated, bounds
@@ -115,10 +118,11 @@ def make_vectors(
 def _stepped(law: Law, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(states, outputs, next states) of the law along given inputs, computed by jax.
 
-    The states come from one compiled loop. Each step from them is then evaluated one operation at a time, for all
-    samples side by side: compiled as one, XLA contracts a * b + c into one rounding where the machine can, which C99
-    may not, and that alone moves a step by up to 4 units in the last place. The parameters stand once a sample too:
-    XLA divides many numbers by one as a product with its reciprocal, which is two roundings and not one.
+    The states come from one compiled loop. Each step is then evaluated from these states one operation at a time, for
+    all samples side by side. Compiled as a whole, XLA would contract a * b + c into one operation with one rounding
+    where the processor has it. C99 may not, and this alone changes a step by up to 4 units in the last place. The
+    parameters are repeated for every sample too: XLA divides many numbers by a single one as a product with its
+    reciprocal, which is two roundings instead of one.
     """
     dynamic, static = eqx.partition(law.loop, eqx.is_array)
     rows = tuple(jnp.asarray(column) for column in inputs.T)
