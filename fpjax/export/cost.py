@@ -1,4 +1,4 @@
-"""The processor time and memory of a law, estimated from its operations; a cross compiler, if installed, gives the size.
+"""The processor time and memory of a law, estimated from its operations; the size by a cross compiler, if installed.
 
 Cycles of single precision on a Cortex-M4F are those of its technical reference manual (VADD, VMUL 1; VDIV, VSQRT 14),
 plus two for each operation's loads and moves. Library functions, and double precision in software, are within a factor

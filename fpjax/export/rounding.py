@@ -136,7 +136,7 @@ class Trace:
     def _slopes(self, operation: Operation) -> list[Array | None]:
         """d result / d argument; None where the result is constant in the argument.
 
-        Integers occur as the bits of a float, in the exponent arithmetic of the logarithm. Their "derivative" is that of
+        Integers occur as the bits of a float, in the exponent arithmetic of the logarithm. Their slope is that of
         the float's relative change, so that a float passes through its bits and back with slope one.
         """
         name, kinds = operation.name, [atom.kind for atom in operation.arguments]

@@ -1,4 +1,4 @@
-"""servo.toml: the nominal simulator as a file, the same for every command."""
+"""servo.toml: the nominal model as a file, read by every command."""
 
 from .keys import Units as Units
 from .model import Model as Model

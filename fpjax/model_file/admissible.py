@@ -1,6 +1,7 @@
-"""What a machine can be: ranges of numbers with their units, friction that takes energy out, what a period can follow.
+"""Plausibility of single settings: ranges by unit, friction that only takes energy out, references that dt can follow.
 
-The one place of these rules. A refusal is an `InputError`; what is possible but unlikely is a sentence for the user.
+All such rules are here. What is impossible raises an `InputError`; what is possible but unlikely gives a warning, one
+sentence for the user. Sizes relative to each other are judged in `proportions`.
 """
 
 import math
@@ -31,8 +32,8 @@ from ..simulation.loop import ClosedLoop
 
 UnitName = Callable[[str], str]
 
-# Magnitudes of a number that is not zero, (smallest, largest). Single precision ends at 1e-38 and 3e38, and the
-# simulator squares and divides: what lies beyond 1e30 leaves it.
+# (smallest, largest) magnitude of a number that is not zero. Single precision ends at 1e-38 and 3e38, and the simulator
+# squares and divides: beyond 1e30 the results are out of its range.
 ANYTHING = (1e-30, 1e30)
 BY_UNIT = {
     "s": (1e-12, 1e12),
@@ -41,15 +42,15 @@ BY_UNIT = {
     "rad/s": (1e-15, 1e9),
     "rad/s/sqrt(s)": (1e-15, 1e9),
 }
-_TURN = (1e-15, 2.0 * math.pi)  # angles that are small ones
-_FACTOR = (1e-3, 1e3)  # of what is 1 in a machine that is known
-_EXPONENT = (1e-2, 1e2)
-_LAG = (1e-12, 1e3)
-_PHASE = (1e-30, 1e4)  # beyond it the digits that are left say nothing of the angle
+_TURN = (1e-15, 2.0 * math.pi)  # [rad] angles that are a part of one turn
+_FACTOR = (1e-3, 1e3)  # [1] factors whose nominal value is 1
+_EXPONENT = (1e-2, 1e2)  # [1]
+_LAG = (1e-12, 1e3)  # [s]
+_PHASE = (1e-30, 1e4)  # [rad] in single precision an angle above 1e4 is known to no better than 1e-3
 _GAIN = (1e-15, 1e15)
 BY_KEY = {
-    ("simulation", "dt"): (1e-9, 10.0),  # of a drive: 10 us to 10 ms
-    # One line a turn is the coarsest encoder; a linear scale coarser than that has no name.
+    ("simulation", "dt"): (1e-9, 10.0),  # [s]; drives have 10 us to 10 ms
+    # The coarsest possible encoder has one line per turn.
     ("sensor", "position_step"): _TURN,
     ("sensor", "step rad"): _TURN,
     ("sensor", "step rad/s"): (1e-15, 1e6),
@@ -61,7 +62,7 @@ BY_KEY = {
     ("actuator", "gain"): _FACTOR,
     ("actuator", "lag"): _LAG,
     ("actuator", "cogging_phase"): _PHASE,
-    ("transmission", "backlash"): _TURN,  # a gear that is free for a turn is none
+    ("transmission", "backlash"): _TURN,  # with more than a turn of backlash the load is not driven
     ("friction", "bristle_deflection"): _TURN,
     ("friction", "exponent"): _EXPONENT,
     ("friction", "stribeck_exponent"): _EXPONENT,
@@ -75,46 +76,46 @@ BY_KEY = {
     ("reference", "phase"): _PHASE,
     ("reference", "phases"): _PHASE,
 }
-NYQUIST = 0.5  # of the sample rate: above it a sine is another, slower one
-FOLLOWED = 0.1  # of the sample rate: a held signal has lost 18 degrees there
+NYQUIST = 0.5  # share of the sample rate from which on a sampled sine is aliased to a lower frequency
+FOLLOWED = 0.1  # share of the sample rate at which a hold delays a sine by 18 degrees (half a period of the samples)
 
 
 def check_range(section: str, name: str, unit: str, shown: str, number: float, *, divides: bool = False) -> None:
-    """Refuse a number of a size that no machine has.
+    """Refuse a number of a magnitude that no machine has.
 
     Args:
-        section: as in "[plant]".
-        name: of the key.
+        section: name of the section, without brackets.
+        name: name of the key.
         unit: in rotary SI.
-        shown: the machine's own unit, for the sentence.
-        number: finite.
-        divides: whether it must be above zero: something is then divided by it, and what single precision takes for
-            zero is refused. Elsewhere a tiny number is as good as none.
+        shown: the machine's own unit, for the message.
+        number: a finite number.
+        divides: whether the number must be positive. Something is then divided by it, so a number that is zero in
+            single precision is refused; elsewhere a tiny number has the same effect as zero.
 
     Raises:
-        InputError: saying the range.
+        InputError: naming the range.
     """
     least, most = BY_KEY.get((section, name), BY_KEY.get((section, f"{name} {unit}"), BY_UNIT.get(unit, ANYTHING)))
     if abs(number) <= most and (abs(number) >= least or not divides):
         return
     unit_shown = f" {shown}" if shown and shown != "1" else ""
     raise InputError(
-        f"[{section}] {name} = {number:g}{unit_shown} is too {'small' if abs(number) < least else 'large'}: sizes from "
-        f"{least:g} to {most:.4g}{unit_shown} are known here; check its unit."
+        f"[{section}] {name} = {number:g}{unit_shown} is too {'small' if abs(number) < least else 'large'}: its "
+        f"magnitude must be from {least:g} to {most:.4g}{unit_shown}; check its unit."
     )
 
 
 def check_levels(static: float, coulomb: float, name: UnitName) -> None:
-    """Refuse a law that holds less than it rubs [N m], with the machine's units (`Units.name`)."""
+    """Refuse a static level below the Coulomb level [N m]; `name` gives the machine's units (`Units.name`)."""
     if static < coulomb:
         raise InputError(
-            f"[friction] static = {static:g} {name('N m')} must be at least coulomb = {coulomb:g} {name('N m')}: what "
-            "holds at rest is not less than what rubs in motion; exchange the two?"
+            f"[friction] static = {static:g} {name('N m')} must be at least coulomb = {coulomb:g} {name('N m')}: "
+            "friction at rest is not less than in motion; exchange the two?"
         )
 
 
 def check_friction(law: AbstractFriction, name: UnitName) -> list[str]:
-    """Refuse a law that drives its machine; sentences on one that may.
+    """Refuse a friction law that drives its machine; warnings for one that may.
 
     Args:
         law: from [friction].
@@ -134,7 +135,7 @@ def check_friction(law: AbstractFriction, name: UnitName) -> list[str]:
     if drag < 0.0:
         raise InputError(
             f"[friction] drag_coefficient = {drag:g} {name('N m s^2/rad^2')} must be zero or more: a negative one "
-            "drives the machine, the harder the faster it goes."
+            "drives the machine, the more the faster it goes."
         )
     said = []
     viscous, difference = float(law.viscous), abs(float(law.viscous_difference))
@@ -154,14 +155,14 @@ def check_friction(law: AbstractFriction, name: UnitName) -> list[str]:
     if sum(parts.values()) > level * (1.0 + 1e-9):
         named = " and ".join(part for part, value in parts.items() if value)
         said.append(
-            f"[friction] coulomb = {level:g} {name('N m')} is less than what {named} can take from it: the level is "
-            "cut off at zero there, since less would drive the machine."
+            f"[friction] coulomb = {level:g} {name('N m')} is less than what {named} can subtract from it: where the "
+            "level would be negative and drive the machine it is set to zero."
         )
     return said
 
 
 def check_learned(parts: Sequence[LearnedTorque], law: AbstractFriction, name: UnitName) -> list[str]:
-    """A sentence on a learned law of the velocity that gives the machine more energy than its friction takes.
+    """A warning for a learned law over the velocity that gives the machine more power than its friction takes.
 
     Args:
         parts: from [[learned]].
@@ -179,17 +180,18 @@ def check_learned(parts: Sequence[LearnedTorque], law: AbstractFriction, name: U
             if velocity == 0.0:
                 continue
             motion = Motion(*(jnp.asarray(value) for value in (velocity, 0.0, 0.0, 0.0)))
+            # Friction and learned torque together at this velocity: they brake where the sum has the velocity's sign.
             whole = float(jnp.sign(velocity) * law.level(motion) + law.drag(motion) + part.value(jnp.asarray(velocity)))
             if whole * velocity < -1e-9 * abs(velocity):
                 return [
-                    f"[learned] the table of the velocity drives the machine: at {velocity:g} {name('rad/s')} it and "
-                    f"the friction together are {whole:.3g} {name('N m')}, with the motion; check its sign."
+                    f"[learned] the table over the velocity drives the machine: at {velocity:g} {name('rad/s')} it and "
+                    f"the friction together are {whole:.3g} {name('N m')}, in the direction of motion; check its sign."
                 ]
     return []
 
 
 def check_actuator(actuator: AbstractActuator) -> list[str]:
-    """A sentence on an actuator that lets nothing through.
+    """A warning for an actuator whose dead zone is as large as its limit: it delivers no torque.
 
     Args:
         actuator: from [actuator].
@@ -203,7 +205,7 @@ def check_actuator(actuator: AbstractActuator) -> list[str]:
 
 
 def check_controller(controller: AbstractController | None, reference: str) -> list[str]:
-    """Refuse a controller that cannot follow what it is asked to; sentences on one that does nothing, or harm.
+    """Refuse a controller that cannot follow its reference; warnings for one without effect or of the wrong sign.
 
     Args:
         controller: from [controller]; None where it is unknown.
@@ -247,30 +249,30 @@ def check_controller(controller: AbstractController | None, reference: str) -> l
 
 
 NOTHING = "the controller does nothing, so the machine is not driven."
-AGAINST = "turn the controller against its error, so the loop runs away: check their signs."
+AGAINST = "make the controller act against its error, so the loop runs away: check their signs."
 
 
 def _about_transfer(controller: TransferFunction) -> list[str]:
-    """Sentences on a transfer function that does nothing, has the wrong sign, or runs away by itself."""
+    """Warnings for a transfer function that has no effect, the wrong sign, or a pole in the right half plane."""
     drive, output = np.asarray(controller.drive), np.asarray(controller.output)
     poles = np.linalg.eigvals(np.asarray(controller.transition))
     through = float(controller.through)
     if not np.any(output) and not through:
         return [f"[controller] numerator = 0: {NOTHING}"]
     said = []
-    # Far above its poles a transfer function has the sign of its leading coefficients.
+    # The response C (s I - A)^-1 B + D at a real s far above all poles, where only the leading coefficients count.
     high = 1e6 * (1.0 + float(np.max(np.abs(poles), initial=0.0)))
     reply = through + float(output @ np.linalg.solve(high * np.eye(drive.size) - controller.transition, drive))
     if reply < 0.0:
         said.append(f"[controller] the leading numerator and denominator {AGAINST}")
     worst = float(np.max(np.real(poles), initial=0.0))
     if worst > 1e-9 * float(np.max(np.abs(poles), initial=0.0)):
-        said.append(f"[controller] has a pole at +{worst:.3g} rad/s: it runs away by itself; check the denominator.")
+        said.append(f"[controller] has a pole at +{worst:.3g} rad/s: it is unstable by itself; check the denominator.")
     return said
 
 
 def check_reference(reference: AbstractReference | None, dt: float) -> list[str]:
-    """Refuse a reference that its period cannot show; a sentence on one that it shows badly.
+    """Refuse a reference above half the sample rate; a warning for one with few samples per period.
 
     Args:
         reference: from [reference]; None without one.
@@ -282,19 +284,19 @@ def check_reference(reference: AbstractReference | None, dt: float) -> list[str]
     fastest = _fastest(reference)
     if fastest * dt >= NYQUIST:
         raise InputError(
-            f"[reference] {fastest:g} Hz cannot be followed at [simulation] dt = {dt:g} s: samples show less than "
-            f"{NYQUIST / dt:g} Hz; lower the frequency, or write a smaller dt."
+            f"[reference] {fastest:g} Hz cannot be followed at [simulation] dt = {dt:g} s: a sampled signal must stay "
+            f"below {NYQUIST / dt:g} Hz; lower the frequency, or write a smaller dt."
         )
     if fastest * dt > FOLLOWED:
         return [
-            f"[reference] {fastest:g} Hz has {1.0 / (fastest * dt):.3g} samples a period at dt = {dt:g} s: fewer than "
-            f"{1.0 / FOLLOWED:g} show it badly."
+            f"[reference] {fastest:g} Hz has {1.0 / (fastest * dt):.3g} samples per period at dt = {dt:g} s: with "
+            f"fewer than {1.0 / FOLLOWED:g} the reference is coarse."
         ]
     return []
 
 
 def _fastest(reference: AbstractReference | None) -> float:
-    """The highest frequency that the reference names [Hz]; 0 where it names none."""
+    """The highest frequency of the reference [Hz]; 0 where it has none as a parameter."""
     if isinstance(reference, Sine | Triangle | Square):
         return abs(float(reference.frequency))
     if isinstance(reference, Chirp):
@@ -318,7 +320,7 @@ def check_all(
     learned: Sequence[LearnedTorque] = (),
     actuator: AbstractActuator | None = None,
 ) -> list[str]:
-    """Every rule that needs more than one number; sentences for the user.
+    """Apply every rule that needs more than one number; returns warnings for the user.
 
     Args:
         law: from [friction].
@@ -342,7 +344,7 @@ def check_all(
 
 
 def check_changes(loop: ClosedLoop, changes: Mapping[str, float], name: UnitName) -> list[str]:
-    """The same rules for parameters that are changed by name; sentences for the user.
+    """Apply the same rules to parameters that are changed by name; returns warnings for the user.
 
     Args:
         loop: after the change.

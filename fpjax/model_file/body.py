@@ -94,20 +94,20 @@ def build_plant(
         return body
     if name != "one_mass":
         raise InputError(
-            f'[transmission] and [plant] type = "{name}" are two ways to say the same: write type = "one_mass" with '
-            f"the total inertia, or drop [transmission]."
+            f'[transmission] and [plant] type = "{name}" both describe two masses: write type = "one_mass" with the '
+            f"total inertia, or drop [transmission]."
         )
     if isinstance(friction, Bristles | Dahl | LuGre):
         raise InputError(
-            "[transmission] shares the friction between two bodies, which a law with bristles cannot: write a static "
-            'law in [friction], or [plant] type = "two_mass" instead.'
+            "[transmission] shares the friction between two bodies, which is not possible for a law with bristles: "
+            'write a static law in [friction], or [plant] type = "two_mass" instead.'
         )
     check_keys("transmission", transmission, [key.name for key in TRANSMISSION])
     values = read_values("transmission", transmission, TRANSMISSION, units)
     if not values["load_share"] < 1.0:
         raise InputError(
-            f"[transmission] load_share must be below 1, got {values['load_share']:g}: it is the load's part of the "
-            f"inertia."
+            f"[transmission] load_share must be below 1, got {values['load_share']:g}: it is the load's share of the "
+            f"total inertia."
         )
     return Transmission(
         inertia=body.inertia,
@@ -125,7 +125,7 @@ def describe_plant(plant: AbstractPlant) -> dict[str, JsonObject]:
     return {"plant": form_for(plant, PLANTS, "plant").describe(plant)}
 
 
-# ---------------------------------------------------------------------------------------------------- load
+# -------------------------------------------------------------------------------------------------- load
 
 _UNBALANCE = (Key("amplitude", "N m"), Key("phase", "rad", "any", 0.0))
 _HARMONICS = (
@@ -149,6 +149,8 @@ def build_load(tables: Any, offset: float, units: Units) -> AbstractLoad:
         if name == "unbalance":
             check_keys("load", table, ["type", *(key.name for key in _UNBALANCE)])
             values = read_values("load", table, _UNBALANCE, units)
+            # The first unbalance also carries the offset of [friction]; one without an unbalance gets a block of its
+            # own below.
             parts.append(Unbalance(values["amplitude"], values["phase"], 0.0 if any_offset(parts) else offset))
         elif name == "position_torque":
             parts.append(_position_torque(table, units))
@@ -173,15 +175,15 @@ def _position_torque(table: TomlTable, units: Units) -> PositionTorque:
     values = read_values("load", table, _HARMONICS, units)
     if len(values["cosine"]) != len(values["sine"]):
         raise InputError(
-            f"[load] cosine and sine have {len(values['cosine'])} and {len(values['sine'])} entries: give one of each "
-            f"a harmonic (0.0 where there is none)."
+            f"[load] cosine and sine have {len(values['cosine'])} and {len(values['sine'])} entries: give each "
+            f"harmonic one of both (0.0 where there is none)."
         )
     cosine, sine = (tuple(as_parameter(each) for each in values[part]) for part in ("cosine", "sine"))
     return PositionTorque(cosine, sine, values["periods"])
 
 
 def flat_loads(load: AbstractLoad) -> tuple[AbstractLoad, ...]:
-    """The parts of a load, those of its parts included."""
+    """The parts of a load as one flat tuple: parts that are sums themselves are resolved too."""
     if not isinstance(load, Loads):
         return (load,)
     return tuple(part for each in load.parts for part in flat_loads(each))
@@ -197,7 +199,8 @@ def describe_load(load: AbstractLoad) -> tuple[list[JsonObject], float]:
             amplitude, phase = number(part.amplitude, "amplitude"), number(part.phase, "phase")
             own = number(part.offset, "offset")
             offset += own
-            # A file's offset without a load becomes a last part that holds nothing else: only that one needs no table.
+            # `build_load` puts an offset without a load into a last unbalance of amplitude zero. Only that one needs no
+            # [load] table, because [friction] offset brings it back.
             alone = part is parts[-1] and sum(isinstance(other, Unbalance) for other in parts) == 1
             if amplitude != 0.0 or phase != 0.0 or not own or not alone:
                 tables.append({"type": "unbalance", "amplitude": amplitude} | ({"phase": phase} if phase else {}))
@@ -208,7 +211,7 @@ def describe_load(load: AbstractLoad) -> tuple[list[JsonObject], float]:
             if part.cosine:
                 tables.append({"type": "position_torque", **harmonics, "periods": number(part.periods, "periods")})
         elif not isinstance(part, NoLoad):
-            raise InputError(f"servo.toml has no words for the load {type(part).__name__}: keep such a loop in Python.")
+            raise InputError(f"servo.toml cannot hold the load {type(part).__name__}: keep such a loop in Python.")
     return tables, offset
 
 
@@ -231,10 +234,10 @@ def build_actuator(table: TomlTable | None, units: Units, dt: float) -> Abstract
 
 
 def periods_of(delay: float | None, dt: float, least: int, section: str) -> int:
-    """Whole periods of history that a delay needs.
+    """Whole periods of history that a delay needs, `least` at least.
 
     Raises:
-        InputError: for a delay of more periods than anyone has.
+        InputError: for a delay of over 1000 periods.
     """
     periods = math.ceil((delay or 0.0) / dt) + 1
     if periods > 1000:
@@ -249,7 +252,7 @@ def describe_actuator(actuator: AbstractActuator) -> JsonObject:
     if isinstance(actuator, IdealActuator):
         return {}
     if not isinstance(actuator, Actuator):
-        raise InputError(f"servo.toml has no words for {type(actuator).__name__} in [actuator].")
+        raise InputError(f"servo.toml cannot hold {type(actuator).__name__} in [actuator]: keep such a loop in Python.")
     return numbers(actuator, ACTUATOR)
 
 
@@ -266,7 +269,7 @@ def build_sensor(table: TomlTable | None, units: Units, dt: float) -> AbstractSe
     own = {key: value for key, value in table.items() if key not in ("type", "side")}
     hint = f" for type = {name!r}"
     keys = {"servo": (*_SERVO, _LOAD_SIDE), "gyro": _GYRO, "encoder": _ENCODER, "ideal": ()}.get(name)
-    if keys is None:  # kalman: the gyro's and the encoder's, and what the filter assumes
+    if keys is None:  # kalman: the gyro's and the encoder's keys, and the noise that the filter assumes
         keys = (*_GYRO, *_ENCODER, _FUSION)
     check_keys("sensor", own, ["type", "side", *(key.name for key in keys)], hint)
     if name == "ideal":
@@ -302,16 +305,16 @@ def describe_sensor(sensor: AbstractSensor) -> JsonObject:
         return side | numbers(sensor, _SERVO)
     if isinstance(sensor, KalmanFusion):
         if sensor.gyro.side != sensor.encoder.side:
-            raise InputError("servo.toml has no words for a gyro and an encoder on different sides.")
+            raise InputError("servo.toml cannot hold a gyro and an encoder on different sides: keep it in Python.")
         angle = number(sensor.angle_noise, "angle_noise")
         both = numbers(sensor.gyro, _GYRO) | numbers(sensor.encoder, _ENCODER)
         return {"type": "kalman", "side": sensor.gyro.side, **both, "angle_noise": angle}
     for name, block, keys in (("gyro", Gyro, _GYRO), ("encoder", Encoder, _ENCODER)):
         if isinstance(sensor, block):
             return {"type": name, "side": sensor.side, **numbers(sensor, keys)}
-    raise InputError(f"servo.toml has no words for {type(sensor).__name__} in [sensor].")
+    raise InputError(f"servo.toml cannot hold {type(sensor).__name__} in [sensor]: keep such a loop in Python.")
 
 
 def total_inertia(plant: AbstractPlant) -> float:
-    """Of all that moves [kg m^2]."""
+    """The plant's total moment of inertia [kg m^2]."""
     return float(np.asarray(plant.inertia))

@@ -1,4 +1,4 @@
-"""[bounds]: between which values a gain may be tuned; and the file's words for a gain as a name in the loop."""
+"""[bounds]: the limits between which a gain may be tuned; and a gain's name in the file as a name in the loop."""
 
 import math
 from collections.abc import Mapping
@@ -19,9 +19,9 @@ Bounds = Mapping[str, tuple[float, float]]
 
 
 def gain_names(loop: ClosedLoop) -> dict[str, str]:
-    """Names in the loop, by the file's words: {"controller.kp": "controller.controller.kp"} under a feed-forward.
+    """Names in the loop by names in the file: {"controller.kp": "controller.controller.kp"} within a feed-forward.
 
-    Only numbers that may be tuned: no limit, no time constant of an anti-windup.
+    Only numbers that may be tuned: no limit, no anti-windup time constant.
     """
     names, found = parameter_names(loop), {}
     controller, path = loop.controller, "controller"
@@ -39,6 +39,8 @@ def gain_names(loop: ClosedLoop) -> dict[str, str]:
     else:
         own = {f"controller.{key}": f"{path}.{key}" for key in ("kp", "ki", "gain", "zero", "pole")}
     found |= own
+    # An observer's gains may sit deeper in the loop (in its nonlinearity, or in a wrapped observer); the file knows
+    # the last word.
     for name in names:
         if name.startswith("observer."):
             found[f"observer.{name.rpartition('.')[2]}"] = name
@@ -46,15 +48,15 @@ def gain_names(loop: ClosedLoop) -> dict[str, str]:
 
 
 def read_bounds(table: Any, loop: ClosedLoop, units: Units) -> dict[str, tuple[float, float]]:
-    """The bounds of [bounds], by the file's words.
+    """The bounds of [bounds], by the names in the file.
 
     Args:
         table: the section, as `controller.kp = [low, high]`; None without one.
-        loop: whose gains they are.
+        loop: the loop with these gains.
         units: of the machine.
 
     Raises:
-        InputError: for a gain that is not there, or bounds that are empty.
+        InputError: for a gain that does not exist, or an empty interval.
     """
     del units
     found: dict[str, tuple[float, float]] = {}
@@ -69,7 +71,7 @@ def read_bounds(table: Any, loop: ClosedLoop, units: Units) -> dict[str, tuple[f
         low, high = float(numbers[0]), float(numbers[1])
         if not (math.isfinite(high) and 0.0 <= low < high):
             raise InputError(
-                f"[{SECTION}] {word} = [{low:g}, {high:g}] leaves nothing: low must be zero or more and below high."
+                f"[{SECTION}] {word} = [{low:g}, {high:g}] is not an interval: low must be zero or more and below high."
             )
         found[word] = (low, high)
     return found

@@ -55,7 +55,9 @@ def build_controller(table: TomlTable, units: Units, dt: float) -> AbstractContr
         check_keys("controller", own, ["type", "kp", "kv", "ki", "tracking_time", "limit"], hint)
         values = read_values("controller", own, (*_CASCADE, _INNER, _TRACKING), units)
         if values["ki"] is None and "tracking_time" in own:
-            raise InputError("[controller] tracking_time is of the integral: write ki too, or drop tracking_time.")
+            raise InputError(
+                "[controller] tracking_time belongs to the integral part: write ki too, or drop tracking_time."
+            )
         if values["ki"] is None:
             controller = PositionLoop(values["kp"], Proportional(values["kv"]))
         else:
@@ -71,7 +73,7 @@ def describe_controller(controller: AbstractController | None, written: TomlTabl
 
     Args:
         controller: the block; None for unknown.
-        written: the section it was read from, for what a block does not keep (a transfer function's polynomials).
+        written: the section it was read from, for what the block does not keep (a transfer function's polynomials).
     """
     if controller is None:
         return {"type": "unknown"}
@@ -90,11 +92,14 @@ def describe_controller(controller: AbstractController | None, written: TomlTabl
             own = numbers(inner, (_KP, _KI, _LIMIT, _TRACKING))
             own["kv"] = own.pop("kp")
             return table | own
-        raise InputError(f"servo.toml has no words for {type(inner).__name__} inside a position cascade.")
+        raise InputError(
+            f"servo.toml cannot hold {type(inner).__name__} inside a position cascade: keep such a loop in Python."
+        )
     return form_for(controller, CONTROLLERS, "controller").describe(controller)
 
 
 def _polynomials(controller: TransferFunction, written: TomlTable) -> dict[str, list[float]]:
+    # The file's own coefficients where it has them: those computed back from the state space differ in the last digits.
     if written.get("type") == "transfer_function":
         return {name: [float(each) for each in written[name]] for name in ("numerator", "denominator")}
     from scipy import signal
@@ -130,15 +135,15 @@ def with_feedforward(
         controller: of [controller]; None where it is unknown.
         table: the section; None without one.
         units: of the machine.
-        dt: control period [s], which the lag is where none is written.
+        dt: control period [s], the lag where none is written.
 
     Raises:
-        InputError: for unknown keys, values out of range, or a controller that is not known.
+        InputError: for unknown keys, values out of range, or an unknown controller.
     """
     if table is None:
         return controller
     if controller is None:
-        raise InputError(f"[{FEEDFORWARD}] needs a controller that is known: write [controller] type, or drop it.")
+        raise InputError(f"[{FEEDFORWARD}] needs a known controller: write [controller] type, or drop [{FEEDFORWARD}].")
     inner = controller.controller if isinstance(controller, Limited) else controller
     cascade = isinstance(inner, PositionLoop)
     keys = (_RATE, *_FORWARD) if cascade else _FORWARD
@@ -151,9 +156,9 @@ def with_feedforward(
         if values["coulomb"]:
             raise InputError(
                 f"[{FEEDFORWARD}] speed is missing: write the reference's speed [{units.name('rad/s')}] at which three "
-                f"quarters of coulomb are given, for instance 2 % of the largest."
+                f"quarters of coulomb are applied, for instance 2 % of the largest speed."
             )
-        values["speed"] = 1.0
+        values["speed"] = 1.0  # any value will do where there is no Coulomb torque to shape
     values["lag"] = dt if values["lag"] is None else values["lag"]
     return (PositionFeedforward if cascade else Feedforward)(controller, **values, ahead=ahead)
 

@@ -1,4 +1,4 @@
-"""Forms: a word in `type = ...`, the block it stands for, and its keys; blocks are built and described by one table."""
+"""Forms: the word in `type = ...`, its block and its keys. One table serves both building and writing a block."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class Form:
 
 
 def numbers(block: Any, keys: Sequence[Key]) -> JsonObject:
-    """The block's values by key; what is at its default is left out, what is not a number is refused."""
+    """The block's values by key. Values at their default are left out; a batch or a tracer is refused."""
     table = {}
     for key in keys:
         value = getattr(block, key.attribute)
@@ -58,7 +58,7 @@ def number(value: Any, name: str) -> float:
         InputError: for a leaf that is a batch or a tracer.
     """
     if isinstance(value, Tracer) or np.ndim(value) != 0:
-        raise InputError(f"{name} is not one number (shape {np.shape(value)}): write one of the batch at a time.")
+        raise InputError(f"{name} must be a single number, got shape {np.shape(value)}: write one model of the batch.")
     return float(value)
 
 
@@ -83,12 +83,12 @@ def form_for(block: Any, forms: Sequence[Form], section: str) -> Form:
     """The form that describes this block.
 
     Raises:
-        InputError: for a block of a class that servo.toml has no words for.
+        InputError: for a block of a class that servo.toml cannot hold.
     """
     for form in forms:
         if type(block) is form.block:
             return form
     raise InputError(
-        f"servo.toml has no words for {type(block).__name__} in [{section}]: it knows "
+        f"servo.toml cannot hold {type(block).__name__} in [{section}]: it knows "
         f"{', '.join(form.block.__name__ for form in forms)}; keep such a loop in Python."
     )

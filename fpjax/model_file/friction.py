@@ -1,4 +1,4 @@
-"""[friction] <-> a friction law: the plain laws, and the general one with whatever a corrected model adds."""
+"""[friction] <-> a friction law: the plain laws, and the general law with the terms that a corrected model may add."""
 
 from typing import Any
 
@@ -89,7 +89,7 @@ DIRECTION = (
     Key("viscous_negative", "N m s/rad", "not negative"),
     _STEEP,
 )
-# What a corrected model adds to coulomb_viscous.
+# The terms that a corrected model may add to coulomb_viscous, each at its neutral value by default.
 GENERAL = (
     COULOMB,
     VISCOUS,
@@ -136,7 +136,7 @@ def build_friction(table: TomlTable, units: Units, steepness: "Steepness") -> Ab
     if name == "coulomb_viscous":
         law = _coulomb_viscous(table, units)
     else:
-        if {"static", "coulomb"} <= set(table):  # before the block refuses them without the file's words and units
+        if {"static", "coulomb"} <= set(table):  # checked here, where the message can name section, key and unit
             static, coulomb = (read_number(SECTION, key, table[key.name], units) for key in (_STATIC, COULOMB))
             check_levels(static, coulomb, units.name)
         law = pick(FORMS, name).build(SECTION, table, units)
@@ -146,6 +146,7 @@ def build_friction(table: TomlTable, units: Units, steepness: "Steepness") -> Ab
 
 
 def _coulomb_viscous(table: TomlTable, units: Units) -> AbstractFriction:
+    """The plainest law that holds the keys written: by direction, general, or plain; within bristles if asked for."""
     bristles = [key.name for key in BRISTLES]
     every = ["type", *_PLAIN, *_ADDED, *(key.name for key in DIRECTION), *bristles, OFFSET.name]
     check_keys(SECTION, table, dict.fromkeys(every))
@@ -206,8 +207,8 @@ def _general(table: TomlTable, units: Units, split: list[str]) -> GeneralFrictio
     cosine, sine = values["position_cosine"], values["position_sine"]
     if len(cosine) != len(sine):
         raise InputError(
-            f"[{SECTION}] position_cosine and position_sine have {len(cosine)} and {len(sine)} entries: give one of "
-            f"each a harmonic (0.0 where there is none)."
+            f"[{SECTION}] position_cosine and position_sine have {len(cosine)} and {len(sine)} entries: give each "
+            f"harmonic one of both (0.0 where there is none)."
         )
     if "stribeck_torque" in table and "stribeck_velocity" not in table:
         raise InputError(missing(SECTION, Key("stribeck_velocity", "rad/s"), table, units))
@@ -215,7 +216,7 @@ def _general(table: TomlTable, units: Units, split: list[str]) -> GeneralFrictio
 
 
 def general_friction(values: TomlTable) -> GeneralFriction:
-    """A `GeneralFriction` whose harmonics are leaves."""
+    """A `GeneralFriction` from values by name, its harmonics as array leaves."""
     from ..blocks.block import as_parameter
 
     fields = dict(values)
@@ -225,17 +226,17 @@ def general_friction(values: TomlTable) -> GeneralFriction:
 
 
 class Steepness:
-    """Chooses a steepness where the file gives none, and remembers that it did.
+    """Chooses a steepness where the file gives none, and keeps a note about it.
 
     Attributes:
-        inertia: of the body that rubs [kg m^2].
+        inertia: of the body on which the friction acts [kg m^2].
         dt: solver step [s].
         solver: the solver.
         largest: torque limit of the actuator [N m], for a level that grows with the torque; None where there is none.
-        note: a sentence once one was chosen.
+        note: a sentence for the user, once a steepness was chosen.
     """
 
-    LARGEST = 1e6  # [s/rad]: with no Coulomb friction to follow any will do
+    LARGEST = 1e6  # [s/rad] where there is no Coulomb friction, and so no limit by the solver's step
 
     def __init__(self, inertia: float, dt: float, solver: Any, units: Units, largest: float | None = None) -> None:
         self.largest = largest
@@ -247,9 +248,9 @@ class Steepness:
         import equinox as eqx
 
         if self.solver.name == "exact":
-            return law  # it wants the set-valued law
+            return law  # the exact solver takes the set-valued law
         if isinstance(law, Bristles):
-            return law  # its level is reached by travel: there is no sign to smooth
+            return law  # its level builds up with travel, so there is no sign function to smooth
         if "steepness" not in type(law).__dataclass_fields__ or getattr(law, "steepness", 1.0) is not None:
             return law
         return eqx.tree_at(
@@ -277,7 +278,7 @@ def largest_level(law: Any, torque: float | None = None) -> float:
 
     Args:
         law: the law.
-        torque: the largest torque through the gear [N m]; None for what moves the machine at constant speed.
+        torque: the largest torque through the gear [N m]; None for the torque that moves it at constant speed.
     """
     if isinstance(law, GeneralFriction):
         level = abs(float(law.coulomb)) + abs(float(law.coulomb_difference))
@@ -286,6 +287,7 @@ def largest_level(law: Any, torque: float | None = None) -> float:
         extras = (law.stribeck_torque, law.drift_amplitude)
         level += ripple + sum(abs(float(each)) for each in extras if each is not None)
         share = 0.0 if law.load_coefficient is None else abs(float(law.load_coefficient))
+        # At constant speed T = level + mu T, so the level with its load-dependent part is level / (1 - mu).
         return level / (1.0 - share) if torque is None else level + share * torque
     names = ("coulomb", "static", "coulomb_positive", "coulomb_negative")
     return max((float(getattr(law, name)) for name in names if hasattr(law, name)), default=0.0)
@@ -295,7 +297,7 @@ def describe_friction(law: AbstractFriction) -> JsonObject:
     """The [friction] section of a law.
 
     Raises:
-        InputError: for a law that servo.toml has no words for.
+        InputError: for a law that servo.toml cannot hold.
     """
     plain: dict[type, Any] = {
         Coulomb: lambda at: CoulombViscous(coulomb=at.coulomb, viscous=0.0),
@@ -307,8 +309,10 @@ def describe_friction(law: AbstractFriction) -> JsonObject:
     if isinstance(law, Bristles):
         table = describe_friction(law.law)
         if not isinstance(law.law, GeneralFriction | CoulombViscous | AsymmetricCoulombViscous):
-            raise InputError(f"servo.toml has no words for bristles under {type(law.law).__name__}.")
-        if table.get("steepness") == "sign":  # without a steepness bristles need none
+            raise InputError(
+                f"servo.toml cannot hold bristles within {type(law.law).__name__}: keep such a loop in Python."
+            )
+        if table.get("steepness") == "sign":  # the default with bristles
             del table["steepness"]
         return table | numbers(law, BRISTLES)
     if isinstance(law, AsymmetricCoulombViscous):

@@ -1,4 +1,4 @@
-"""Where a replay of a log starts: the loop's state at the log's first row."""
+"""The initial state of a log's replay: the loop's state at the log's first row."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,7 +11,16 @@ from .model import Model
 
 
 def initial_state(model: Model, log: Log, *, from_rest: bool = False) -> LoopState:
-    """The loop's state at the log's first row: its motion (or rest), and an integral that gives its torque."""
+    """The loop's state at the log's first row.
+
+    Velocity and position are the log's, a PI controller's integral is the one that gives the logged torque, and all
+    other states (observer, spring, sensor) are at rest.
+
+    Args:
+        model: gives the loop.
+        log: the log.
+        from_rest: start at velocity zero instead of the log's.
+    """
     state = model.loop.init()
     position = 0.0 if log.position is None else float(log.position[0])
     velocity = 0.0 if from_rest else _first_velocity(log)
@@ -31,6 +40,7 @@ def _first_velocity(log: Log) -> float:
         return float(log.velocity[0])
     if log.position is None:
         return 0.0
-    # A quadratic through the first rows: a single difference would be the encoder's step.
+    # The slope of a quadratic through the first 21 rows: a single difference would be one encoder step over dt, or
+    # zero.
     rows = min(21, log.samples)
     return float(np.polyfit(log.time[:rows] - log.time[0], log.position[:rows], 2)[1])

@@ -1,4 +1,4 @@
-"""Keys of servo.toml: their units, what values they may have, and the sentences for those that are wrong."""
+"""Keys of servo.toml: their units, their admissible values, and the error messages for wrong ones."""
 
 import difflib
 import math
@@ -22,13 +22,13 @@ _MISSING = object()
 
 @dataclass(frozen=True)
 class Units:
-    """`[units]`: what motion and torque are measured in.
+    """`[units]`: the units of motion and torque, and the kinds of reference and sensor.
 
     Attributes:
         motion: "rotary" (kg m^2, N m, rad) or "linear" (kg, N, m).
-        torque: "N m", "N", or another label, which inertia and friction then follow.
-        reference: what the controller is asked to follow: "velocity", "position" or "none".
-        sensors: what a log of this machine holds: "velocity", "position" or "both".
+        torque: "N m", "N", or another label such as "V"; inertia and friction are then in units of it.
+        reference: the quantity that the controller follows: "velocity", "position" or "none".
+        sensors: the quantities that a log of this machine holds: "velocity", "position" or "both".
     """
 
     motion: str = "rotary"
@@ -44,6 +44,8 @@ class Units:
         return base.replace("rad", "m") if self.motion == "linear" else base
 
 
+# Rotary SI units and their linear counterparts; and, for a torque in units of a label such as V, units with T for the
+# label (an inertia is torque over acceleration).
 _LINEAR = {
     "kg m^2": "kg", "N m": "N", "N m s/rad": "N s/m", "N m/rad": "N/m", "N m s^2/rad^2": "N s^2/m^2",
     "rad": "m", "rad/s": "m/s", "rad/s^2": "m/s^2", "s/rad": "s/m", "1/rev": "rad/m", "rad/s/sqrt(s)": "m/s/sqrt(s)",
@@ -60,10 +62,11 @@ class Key:
     Attributes:
         name: as written in the file.
         unit: in rotary SI.
-        sign: what it may be.
-        default: when it is not written; without one the key is required, with None the feature is not there.
-        field: the block's attribute; "" for the same name.
-        many: a list of numbers.
+        sign: its admissible range.
+        default: the value where the key is not written; without a default the key is required, and a default of None
+            means that the feature is absent.
+        field: the block's attribute; "" where it has the key's name.
+        many: whether the value is a list of numbers.
     """
 
     name: str
@@ -88,10 +91,10 @@ def check_keys(section: str, table: TomlTable, known: Iterable[str], also: str =
     """Refuse keys that the section does not have, naming the nearest.
 
     Args:
-        section: as in "[plant]".
-        table: what was written.
-        known: every key that may be there.
-        also: a hint for the end of the sentence.
+        section: name of the section, without brackets.
+        table: the section as written.
+        known: every admissible key.
+        also: a hint for the end of the message.
     """
     known = list(known)
     for key in table:
@@ -100,7 +103,7 @@ def check_keys(section: str, table: TomlTable, known: Iterable[str], also: str =
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """What is meant by a word that is not among the known ones, and what there is."""
+    """The end of a message about an unknown word: the nearest known word, and all of them."""
     known = list(known)
     near = difflib.get_close_matches(word.lower(), known, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}? " if near else ""
@@ -108,7 +111,7 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 
 def choose(section: str, key: str, value: Any, known: Iterable[str]) -> str:
-    """A word among those known.
+    """The value, checked to be one of the known words.
 
     Raises:
         InputError: naming the nearest.
@@ -122,10 +125,10 @@ def choose(section: str, key: str, value: Any, known: Iterable[str]) -> str:
 
 
 def read_number(section: str, key: Key, value: Any, units: Units) -> float:
-    """A number that the key may have.
+    """The value as a number, checked against the key's range.
 
     Raises:
-        InputError: saying what it must be, what was written, and what to check.
+        InputError: saying what the number must be, what was written, and what to check.
     """
     unit = units.name(key.unit)
     shown = "" if unit == "1" else f" {unit}"
@@ -135,7 +138,7 @@ def read_number(section: str, key: Key, value: Any, units: Units) -> float:
         raise InputError(f"[{section}] {key.name} = {str(value)[:40]!r} is {kind}: write a number{hint} [{unit}].")
     try:
         number = float(value)
-    except OverflowError:
+    except OverflowError:  # TOML integers may have any number of digits
         number = math.inf
     good = (
         math.isfinite(number)
@@ -155,7 +158,7 @@ def read_number(section: str, key: Key, value: Any, units: Units) -> float:
 
 
 def read_values(section: str, table: TomlTable, keys: Iterable[Key], units: Units) -> JsonObject:
-    """The values of a section's keys by the name of the key; a default where nothing is written.
+    """The values of a section's keys by name; the default where a key is not written.
 
     Raises:
         InputError: for a missing key or an invalid value.
@@ -174,7 +177,7 @@ def read_values(section: str, table: TomlTable, keys: Iterable[Key], units: Unit
 
 
 def missing(section: str, key: Key, table: TomlTable, units: Units) -> str:
-    """The sentence for a key that must be there; a misspelt one is pointed at."""
+    """The message for a missing key; it names a similar key that was written instead."""
     near = difflib.get_close_matches(key.name, [name for name in table if name != "type"], n=1, cutoff=0.75)
     unit = units.name(key.unit)
     hint = f" (is {near[0]!r} meant?)" if near else ""

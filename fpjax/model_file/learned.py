@@ -17,7 +17,7 @@ UNIT_OF = {"velocity": "rad/s", "position": "rad", "torque": "N m", "time": "s"}
 
 
 def build_learned(tables: Any, units: Units) -> tuple[tuple[LearnedTorque, ...], float]:
-    """The tables of [[learned]], and the Coulomb level [N m] that their jumps at zero velocity are.
+    """(the tables of [[learned]], the Coulomb level [N m] that their jumps at zero velocity amount to).
 
     Raises:
         InputError: for invalid keys or values.
@@ -51,7 +51,7 @@ def build_learned(tables: Any, units: Units) -> tuple[tuple[LearnedTorque, ...],
 
 
 def join_load(load: AbstractLoad, learned: tuple[LearnedTorque, ...]) -> AbstractLoad:
-    """The known load and the learned torques as one."""
+    """The known load and the learned torques as one load."""
     parts = () if isinstance(load, NoLoad) else load.parts if isinstance(load, Loads) else (load,)
     parts = (*parts, *learned)
     if not parts:
@@ -60,10 +60,16 @@ def join_load(load: AbstractLoad, learned: tuple[LearnedTorque, ...]) -> Abstrac
 
 
 def more_coulomb(table: TomlTable, extra: float, notes: list[str], units: Units) -> TomlTable:
-    """The [friction] section with a learned jump at zero velocity in its Coulomb level.
+    """The [friction] section with a learned jump at zero velocity added to its Coulomb level.
+
+    Args:
+        table: the section.
+        extra: half the jump [N m].
+        notes: gets a sentence about the change.
+        units: of the machine.
 
     Raises:
-        InputError: for a law without such a level, or where less than none would be left.
+        InputError: where the Coulomb level would become negative.
     """
     if extra == 0.0:
         return table
@@ -75,17 +81,17 @@ def more_coulomb(table: TomlTable, extra: float, notes: list[str], units: Units)
     for name in names:
         value = table[name]
         if isinstance(value, bool) or not isinstance(value, int | float):
-            return table  # the section itself is refused, by its own sentence
+            return table  # not a number: the section's own check refuses it, with its own message
         table[name] = float(value) + extra
         if table[name] < 0.0:
             raise InputError(
                 f"[{SECTION}] the torque jumps down by {-2.0 * extra:g} {unit} at zero velocity, more than twice "
-                f"[friction] {name} = {value:g} {unit}: the friction left would push; check both."
+                f"[friction] {name} = {value:g} {unit}: the remaining friction would be negative; check both."
             )
     if names:
         notes.append(
-            f"[{SECTION}] jumps by {2.0 * extra:g} {unit} at zero velocity. That is Coulomb friction, which sticks: "
-            f"[friction] {', '.join(f'{name} = {table[name]:g} {unit}' for name in names)} holds it."
+            f"[{SECTION}] jumps by {2.0 * extra:g} {unit} at zero velocity. That is Coulomb friction, which sticks: it "
+            f"was added to [friction], now {', '.join(f'{name} = {table[name]:g} {unit}' for name in names)}."
         )
     return table
 

@@ -1,4 +1,4 @@
-"""[limits]: what a run may ask of the machine; planned runs keep to it."""
+"""[limits]: the largest speed, acceleration, torque and travel of the machine, to which planned runs keep."""
 
 from ..output.json_object import TomlTable
 from .keys import Key, Units, check_keys, read_values

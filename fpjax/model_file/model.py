@@ -1,4 +1,4 @@
-"""servo.toml <-> Model: the closed loop, what it follows, and how time passes."""
+"""servo.toml <-> Model: the closed loop, its reference, and the settings of the simulation."""
 
 import dataclasses
 import os
@@ -42,29 +42,29 @@ _UNITS = {
     "sensors": ("velocity", "position", "both"),
 }
 LOG_SUFFIXES = (".csv", ".npz", ".mat", ".parquet", ".mcap")
-LARGEST_RUN = 1e9  # samples: beyond it a unit is wrong
+LARGEST_RUN = 1e9  # [steps]; a longer run comes from a wrong unit of dt or duration
 
 
 @dataclass(frozen=True)
 class Model:
-    """The nominal simulator that a servo.toml describes.
+    """The nominal model that a servo.toml describes.
 
     Attributes:
-        loop: plant, controller, observer, actuator, sensor; a controller that is not known is a `Proportional(0.0)`.
-        reference: what it follows; None where a log brings it.
+        loop: plant, controller, observer, actuator, sensor; an unknown controller is a `Proportional(0.0)`.
+        reference: the reference of the loop; None where it comes from a log.
         dt: step, or control period when sampled [s].
-        duration: of a simulation [s]; None where a log brings it.
+        duration: of a simulation [s]; None where it comes from a log.
         stepping: "continuous" or "sampled".
         solver: name of the solver.
         substeps: solver steps per control period when sampled.
-        units: what motion and torque are measured in.
+        units: the units of motion and torque.
         controller_known: False for type = "unknown".
-        sections: as they were written.
+        sections: the sections as written.
         text: the file's text.
-        path: the file; None for text.
-        notes: what was chosen for the user, a sentence each.
-        bounds: (lowest, highest) of gains by the file's words, as "controller.kp".
-        limits: of what a run may ask for, by name: "speed", "acceleration", "torque", "travel".
+        path: the file; None where the model was given as text.
+        notes: choices made for the user and warnings, a sentence each.
+        bounds: (lowest, highest) of gains by their names in the file, as "controller.kp".
+        limits: limits of planned runs by name: "speed", "acceleration", "torque", "travel".
     """
 
     loop: ClosedLoop
@@ -95,7 +95,7 @@ class Model:
 
     @property
     def nominal(self) -> dict[str, float]:
-        """The nominal parameters by name, in the machine's units: inertia, and what its friction has."""
+        """The nominal parameters by name, in the machine's units: inertia, the friction law's numbers, offset."""
         friction = self.loop.plant.friction
         law = friction.law if isinstance(friction, Bristles) else friction
         values = {"inertia": body.total_inertia(self.loop.plant)}
@@ -112,14 +112,14 @@ class Model:
         return values
 
     def stepper(self, *, samples: int | None = None, duration: float | None = None) -> Stepper:
-        """How time passes, for `roll` and the tuning.
+        """The time steps of a run, for `roll` and the tuning.
 
         Args:
-            samples: instead of the duration.
-            duration: [s] instead of the model's.
+            samples: number of samples, instead of a duration.
+            duration: [s], instead of the model's.
 
         Raises:
-            InputError: where neither says how long.
+            InputError: where no length is given and the model has none.
         """
         if samples is None and duration is None:
             duration = self.needed_duration()
@@ -151,7 +151,7 @@ class Model:
         if self.reference is None:
             raise InputError(
                 '[reference] is missing: write for instance type = "sine", amplitude = 1.0, frequency = 1.0, or give a '
-                "log that brings its own reference with --log."
+                "log with a reference by --log."
             )
         return self.reference
 
@@ -170,7 +170,7 @@ class Model:
 
 
 ModelSource = Model | str | os.PathLike[str]
-"""What a verb takes for a model: one that is read, the path of a servo.toml, or its text."""
+"""A model as the functions of fpjax take it: a `Model`, the path of a servo.toml, or its text."""
 
 
 def load_model(source: str | os.PathLike[str]) -> Model:
@@ -188,7 +188,7 @@ def load_model(source: str | os.PathLike[str]) -> Model:
     text, path = toml_text.read_source(source)
     name = path.name if path else "the model"
     if path is not None and path.suffix.lower() in LOG_SUFFIXES:
-        raise InputError(f"{name} is a log, not a model: give a servo.toml here (fpjax inspect {name} writes a start).")
+        raise InputError(f"{name} is a log, not a model: give a servo.toml (fpjax inspect {name} writes a first one).")
     sections = toml_text.parse(text, name)
     for section in sections:
         if section not in SECTIONS:
@@ -214,7 +214,8 @@ def _build(sections: TomlTable, text: str, path: pathlib.Path | None) -> Model:
     learned, jump = build_learned(sections.get("learned"), units)
     friction_table = more_coulomb(sections[SECTION], jump, notes, units)
     offset = read_values(SECTION, friction_table, (OFFSET,), units)["offset"]
-    # The steepness follows the inertia of what rubs, so the body is built before its friction.
+    # The steepness depends on the inertia of the body on which friction acts, so a plant without friction is built
+    # first.
     bare = body.build_plant(
         sections["plant"], sections.get("transmission"), build_friction({"type": "none"}, units, _never()),
         join_load(body.build_load(sections.get("load"), offset, units), learned), units,
@@ -236,6 +237,8 @@ def _build(sections: TomlTable, text: str, path: pathlib.Path | None) -> Model:
     missing_gains = unwritten_gains(sections.get("controller"), sections.get("observer"))
     tables = _with_any_gain(sections, missing_gains)
     controller = build_controller(tables.get("controller", {"type": "unknown"}), units, dt)
+    # The observer takes inertia and friction from the plant, so it is built after it; placed gains need the whole
+    # loop, so a 1 stands for them until then.
     known = known_to_observer(plant)
     choose_observer_steepness(known, sections, time, dt, units, notes)
     loop = ClosedLoop(
@@ -273,7 +276,7 @@ def _build(sections: TomlTable, text: str, path: pathlib.Path | None) -> Model:
 
 
 def about_proportions(model: Model) -> list[str]:
-    """Sentences on sizes that have no sense beside the machine's others."""
+    """Warnings for numbers that are out of proportion to the machine's others."""
     step = model.dt / (model.substeps if model.stepping == "sampled" else 1)
     return check_proportions(
         describe_model(model), model.reference, model.dt, model.duration, model.units,
@@ -330,7 +333,7 @@ def _stepping(written: str, sampled_only: bool, which: str, notes: list[str]) ->
 
 
 def _with_any_gain(sections: TomlTable, missing: tuple[str, ...]) -> JsonObject:
-    """The sections with a 1 for every gain that is to be placed."""
+    """The sections with a 1 for every gain that pole placement will choose."""
     tables = {name: dict(table) if isinstance(table, dict) else table for name, table in sections.items()}
     for key in missing:
         section, _, word = key.partition(".")
@@ -339,6 +342,7 @@ def _with_any_gain(sections: TomlTable, missing: tuple[str, ...]) -> JsonObject:
 
 
 def _never() -> Steepness:
+    """For a law that needs no steepness."""
     return Steepness(1.0, 1.0, get_solver("rk4"), Units())
 
 
@@ -347,10 +351,10 @@ def dump_model(model: Model, *, comments: Mapping[tuple[str, str], str] | None =
 
     Args:
         model: the model, its loop perhaps replaced (`dataclasses.replace(model, loop=...)`).
-        comments: by (section, key), what to write behind a value.
+        comments: by (section, key), a comment after the value.
 
     Raises:
-        InputError: for a block that the file has no words for.
+        InputError: for a block that the file cannot hold.
     """
     return toml_text.write(describe_model(model), comments)
 
@@ -359,7 +363,7 @@ def describe_model(model: Model) -> JsonObject:
     """A model's sections with their numbers, in the order of the file.
 
     Raises:
-        InputError: for a block that the file has no words for.
+        InputError: for a block that the file cannot hold.
     """
     loop, written = model.loop, model.sections
     loads, offset = body.describe_load(loop.plant.load)

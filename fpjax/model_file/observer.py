@@ -1,4 +1,4 @@
-"""[observer] <-> its block, and what an observer takes from the model around it."""
+"""[observer] <-> its block, and the parameters that an observer takes from the rest of the model."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -30,14 +30,17 @@ from .forms import number, numbers
 from .friction import SECTION as FRICTION
 from .keys import Key, Units, check_keys, choose, read_number, read_values
 
-OBSERVER_FRACTION = 0.8  # of the steepness at which a held compensation begins to overshoot rest
+OBSERVER_FRACTION = 0.8  # share of the steepness from which on a held compensation overshoots zero speed
 _GAIN = Key("gain", "1", "not negative")
 _GAINS = (Key("gain_1", "1", "not negative"), Key("gain_2", "1", "not negative"))
 
 
 def unwritten_gains(controller: TomlTable | None, observer: TomlTable | None) -> tuple[str, ...]:
-    """Gains that the file leaves to pole placement: keys as "observer.gain_1"; one of a pair is a mistake."""
-    # As text: whatever stands there that is none is told where the part is built.
+    """Gains that the file leaves to pole placement, as "observer.gain_1".
+
+    Of a pair both must be left out: where one is written, the other is reported as missing.
+    """
+    # str(), because the value may not be text yet: a wrong one is refused where the block is built.
     law, kind = str((controller or {}).get("type", "")), str((observer or {}).get("type", ""))
     wanted = {
         "controller": {"pi": ("kp", "ki"), "p": ("kp",)}.get(law, ()),
@@ -86,8 +89,8 @@ def build_observer(
         table: the section.
         units: of the machine.
         plant: for `high_order = true`.
-        known: inertia, coulomb, viscous and steepness (None for sign) of the model, which the observer takes where the
-            section does not write its own.
+        known: inertia, coulomb, viscous and steepness (None for sign) of the model, for keys that the section does not
+            write.
 
     Raises:
         InputError: for invalid keys or values.
@@ -123,7 +126,7 @@ def build_observer(
     if "high_order" not in table:
         return observer
     if not isinstance(table["high_order"], bool):
-        raise InputError("[observer] high_order is yes or no: write high_order = true or leave it out.")
+        raise InputError("[observer] high_order must be true or false: write high_order = true, or leave it out.")
     return _high_order(observer, plant) if table["high_order"] else observer
 
 
@@ -166,11 +169,11 @@ def describe_observer(observer: AbstractObserver) -> JsonObject:
             table |= numbers(at, _GAINS)
         table |= {key: number(getattr(at, key), key) for key in ("inertia", *takes)}
         return table | {"steepness": "sign" if steepness is None else number(steepness, "steepness")}
-    raise InputError(f"servo.toml has no words for {type(observer).__name__} in [observer].")
+    raise InputError(f"servo.toml cannot hold {type(observer).__name__} in [observer]: keep such a loop in Python.")
 
 
 def known_to_observer(plant: AbstractPlant) -> dict[str, float | None]:
-    """What an observer may take from the model."""
+    """Inertia, Coulomb and viscous friction and steepness of a plant, for an observer; means of both directions."""
     law: Any = plant.friction.law if isinstance(plant.friction, Bristles) else plant.friction
 
     def mean(name: str) -> float:
@@ -197,12 +200,17 @@ def choose_observer_steepness(
     units: Units,
     notes: list[str],
 ) -> None:
-    """Under exact sticking the plant needs no steepness, and its observer's compensation a smooth one all the same."""
+    """Choose the steepness of an observer's compensation where the solver is "exact" and the file gives none.
+
+    The plant needs no steepness under this solver, but a compensation by sign(w) would chatter at rest. The choice is
+    written to `known` and noted in `notes`.
+    """
     observer, coulomb = sections.get("observer") or {}, known["coulomb"]
     written = "steepness" in observer or "steepness" in sections[FRICTION]
     if time["solver"] != "exact" or written or not coulomb or observer.get("type", "none") == "none":
         return
-    # Sampled compensation overshoots rest once steepness x coulomb x dt / inertia passes 2, as Euler's method does.
+    # A compensation held over a period is one step of Euler's method: it overshoots zero speed once steepness x coulomb
+    # x dt / inertia exceeds 2.
     chosen = OBSERVER_FRACTION * safe_steepness(
         float(known["inertia"] or 0.0), coulomb, dt, get_solver("euler"), fraction=1.0
     )

@@ -1,4 +1,4 @@
-"""Gains that a servo.toml leaves out: pole placement chooses them, and says so."""
+"""Gains that a servo.toml leaves out: chosen by pole placement, with a note for the user."""
 
 import numpy as np
 
@@ -19,26 +19,26 @@ def with_placed_gains(
     truths: JsonObject,
     notes: list[str],
 ) -> ClosedLoop:
-    """The loop with the gains that its file does not write.
+    """The loop with values for the gains that its file does not give.
 
     Args:
         loop: with any value for them.
-        missing: keys, as "observer.gain_1".
-        reference: what the machine follows.
+        missing: their keys, as "observer.gain_1".
+        reference: of the loop.
         time: dt, duration, solver, stepping, substeps.
         truths: friction parameters by name.
-        notes: gains a sentence a section.
+        notes: gets a sentence for each section.
 
     Raises:
-        InputError: where no reference says how the machine moves.
+        InputError: without a reference, whose motion the rules need, or for a gain without a rule.
     """
     if not missing:
         return loop
     if reference is None or time["duration"] is None:
         section, _, key = missing[0].partition(".")
         raise InputError(
-            f"[{section}] {key} is missing, and without [reference] and [simulation] duration none can be chosen: "
-            f"write it, or both of them."
+            f"[{section}] {key} is missing, and without [reference] and [simulation] duration it cannot be chosen: "
+            f"write {key}, or both of those."
         )
     stepper = make_stepper(dt=time["dt"], duration=time["duration"], solver=time["solver"], stepping="sampled")
     table = np.asarray(make_inputs(loop, reference, stepper).references[0])
@@ -65,10 +65,10 @@ def with_placed_gains(
 
 
 def _velocity_loop(loop: ClosedLoop, table: np.ndarray, time: JsonObject, truths: JsonObject) -> str:
-    """The loop that was placed, in words; and whether friction made it as fast as it is."""
+    """The placed velocity loop in words, and whether friction determined its bandwidth."""
     needed = friction_bandwidth(loop, [table], truths)
     placed = placed_bandwidth(time["dt"], time["duration"], needed)
     faster = placed > placed_bandwidth(time["dt"], time["duration"])
     return f"a velocity loop of {placed:.3g} rad/s, damping 0.7" + (
-        ", so fast for friction not to hold it" if faster else ""
+        ", so fast that friction cannot hold it" if faster else ""
     )

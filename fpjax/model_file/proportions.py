@@ -1,7 +1,7 @@
-"""Sizes against each other: what is out of all proportion to the machine, its motion, its run and its period.
+"""Plausibility of numbers relative to each other: to the machine, its motion, the run and the control period.
 
-Single numbers are judged in `admissible`; here each is held against what the machine can do with it. All of it is said
-and none refused: a model may be made to show what happens.
+Single numbers are judged in `admissible`. Here nothing is refused, and each finding is a warning: a model may be made
+to show exactly such a case.
 """
 
 import math
@@ -14,28 +14,30 @@ import numpy as np
 from ..blocks.references import AbstractReference, Chirp, Constant, Multisine, Recorded, Sine, Square, Triangle
 from ..output.json_object import TomlTable
 
-FAR = 1e3  # times all that the machine's motion takes: no torque in it is that large, a wrong unit is
-HELPLESS = 100.0  # times what the gains give for an error as large as the reference, or what the limit lets through
-NEVER = 100.0  # times the fastest motion: what happens there never does
-NYQUIST = 0.5  # of the sample rate
-STEEP = 1e9  # widths of the tanh in the fastest motion
-RUNAWAY = 1e9  # times the speed's error, changed within a step: two run away, and what is this far off has a wrong unit
-STIFF = 0.5  # of the time constant that a step can follow
-EXPLICIT = 0.5  # of a period: what exact sticking, which steps a spring as other solvers do, can follow
+# The thresholds are far beyond any sensible design: a warning must mean a wrong unit or a slip, not an unusual machine.
+FAR = 1e3  # a torque of this many times the torque for the whole motion comes from a wrong unit
+HELPLESS = 100.0  # torque needed, over the torque that gains or limit allow, from which on nothing is followed
+NEVER = 100.0  # a speed of this many times the fastest motion is never reached
+NYQUIST = 0.5  # share of the sample rate
+STEEP = 1e9  # steepness x fastest speed, from which on tanh is a sign function
+# Change of the speed within one step, over its error. A loop is unstable from 2 on; this much comes from a wrong unit.
+RUNAWAY = 1e9
+STIFF = 0.5  # safety factor on the time constant that a solver's step can follow
+EXPLICIT = 0.5  # shortest time constant of a spring over dt under exact sticking, which steps springs explicitly
 
 Tables = TomlTable
 
 
 class Names(Protocol):
-    """Of a machine's units."""
+    """The part of `keys.Units` that is used here."""
 
     @property
     def reference(self) -> str:
-        """What the controller is asked to follow."""
+        """The quantity that the controller follows: "velocity", "position" or "none"."""
         ...
 
     def name(self, unit: str) -> str:
-        """A rotary SI unit in this machine's."""
+        """A rotary SI unit in this machine's units."""
         ...
 
 
@@ -47,7 +49,7 @@ class FastestMotion:
     acceleration: float
 
 
-# Torques of a section by key; of [friction] coulomb and viscous are the machine's own and judged as what it needs.
+# Keys by section that are torques. [friction] coulomb and viscous are not among them: they count as torque needed.
 _TORQUES = {
     "actuator": ("offset", "cogging_amplitude", "dead_zone"),
     "friction": ("static", "stribeck_torque", "drift_amplitude", "position_cosine", "position_sine", "offset"),
@@ -55,7 +57,8 @@ _TORQUES = {
     "load": ("amplitude", "cosine", "sine"),
     "learned": ("torque",),
 }
-_FORWARD = ("inertia", "viscous")  # of [feedforward]: torques at the reference's acceleration and speed
+_FORWARD = ("inertia", "viscous")  # of [feedforward]: times the reference's acceleration and speed they are torques
+# Keys that are velocities of an error, velocities at which an effect shows, and time constants of lags.
 _VELOCITIES = {"sensor": ("noise", "bias", "step")}
 _NEVER_REACHED = {"friction": ("stribeck_velocity", "stick_velocity"), "feedforward": ("speed",)}
 _LAGS = {
@@ -64,6 +67,7 @@ _LAGS = {
     "feedforward": ("lag",),
     "controller": ("tracking_time",),
 }
+# Ripples: (section, key of the periods per turn, keys of the harmonics' amplitudes).
 _PERIODS = (
     ("actuator", "cogging_periods", ()),
     ("friction", "position_periods", ("position_cosine", "position_sine")),
@@ -79,13 +83,13 @@ def check_proportions(
     units: Names,
     fastest: float,
 ) -> list[str]:
-    """Sentences on sizes that have no sense beside the others.
+    """Warnings for numbers that are out of proportion to the others.
 
     Args:
         tables: the sections with their numbers, as they are written to a file.
-        reference: what the loop follows; None where a log brings it.
+        reference: of the loop; None where it comes from a log.
         dt: step, or control period when sampled [s].
-        duration: of the run [s]; None where a log brings it.
+        duration: of the run [s]; None where it comes from a log.
         units: of the machine.
         fastest: time constant that the solver's step can follow [s]; 0 under exact sticking, which takes any damper.
     """
@@ -100,23 +104,23 @@ def check_proportions(
     speed, unit = motion.velocity, units.name("rad/s")
     for section, key, size in _sizes(tables, _VELOCITIES):
         if section == "sensor" and key == "step" and tables["sensor"].get("type") in ("encoder", "kalman"):
-            continue  # an angle
+            continue  # an encoder's step is an angle, not a velocity
         if size >= speed:
             said.append(
                 f"[{section}] {key} = {size:g} {unit} is no less than the fastest reference, {speed:.3g} {unit}: "
-                "the motion drowns in it; check its unit."
+                "it hides the motion; check its unit."
             )
     for section, key, size in _sizes(tables, {"friction": ("steepness",), "observer": ("steepness",)}):
         if size * speed > STEEP:
             said.append(
-                f"[{section}] {key} = {size:g} {units.name('s/rad')} bends within {1.0 / size:.3g} {unit}, which no "
-                'speed here resolves: it is a sign; check it, or write "sign".'
+                f"[{section}] {key} = {size:g} {units.name('s/rad')} smooths over {1.0 / size:.3g} {unit}, far below "
+                'any speed of this run, so it acts as a sign function; check it, or write "sign".'
             )
     walk = _size((tables.get("sensor") or {}).get("random_walk"))
     if walk * math.sqrt(duration or 0.0) >= speed:
         said.append(
             f"[sensor] random_walk = {walk:g} {units.name('rad/s/sqrt(s)')} comes to more than the fastest reference, "
-            f"{speed:.3g} {unit}, within the run: the motion drowns in it; check its unit."
+            f"{speed:.3g} {unit}, within the run: it hides the motion; check its unit."
         )
     for section, key, size in _sizes(tables, _NEVER_REACHED):
         if size > NEVER * speed:
@@ -128,7 +132,7 @@ def check_proportions(
 
 
 def _sizes(tables: Tables, wanted: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, str, float]]:
-    """(section, key, largest magnitude) of what is there."""
+    """(section, key, largest magnitude) of every wanted number that is written and not zero."""
     for section, keys in wanted.items():
         written = tables.get(section) or {}
         for table in written if isinstance(written, list) else [written]:
@@ -138,19 +142,21 @@ def _sizes(tables: Tables, wanted: Mapping[str, tuple[str, ...]]) -> Iterator[tu
 
 
 def _size(value: Any) -> float:
+    """The largest magnitude of a number or a list; 0 where there is none."""
     numbers = value if isinstance(value, list | tuple) else [value]
     return max((abs(float(each)) for each in numbers if isinstance(each, int | float)), default=0.0)
 
 
 def motion_of(reference: AbstractReference | None, dt: float, *, position: bool) -> FastestMotion | None:
-    """The largest velocity and acceleration of a reference; None without one, or for one that is not known here.
+    """The largest velocity and acceleration of a reference; None without one, or for a block of another class.
 
     Args:
         reference: velocity [rad/s], or position [rad].
         dt: of a recorded reference's differences [s].
         position: whether it is a position.
     """
-    parts: list[tuple[float, float]] = []  # (amplitude, circular frequency)
+    # (amplitude, frequency [Hz]) of sines that bound the reference; a triangle or square by its fundamental alone.
+    parts: list[tuple[float, float]] = []
     if isinstance(reference, Recorded):
         values = np.asarray(reference.values, float)
         slope = np.diff(values) / float(reference.interval) if values.size > 1 else np.zeros(1)
@@ -177,7 +183,7 @@ def motion_of(reference: AbstractReference | None, dt: float, *, position: bool)
 
 
 def _about_torques(tables: Tables, motion: FastestMotion | None, duration: float | None, units: Names) -> list[str]:
-    """Torques against the limit, or without one against what the motion takes and the gains can give."""
+    """Warnings for torques relative to the limit, or without a limit to the torque of the motion and of the gains."""
     unit, said = units.name("N m"), []
     limits = [_size((tables.get(section) or {}).get("limit")) for section in ("actuator", "controller")]
     limit = min((each for each in limits if each), default=math.inf)
@@ -187,24 +193,26 @@ def _about_torques(tables: Tables, motion: FastestMotion | None, duration: float
         ("feedforward", key, _size(forward.get(key)) * scale)
         for key, scale in zip(_FORWARD, (motion.acceleration, motion.velocity), strict=True)
     ]  # fmt: skip
+    # From here on `most` is the torque above which a warning is due.
     most = limit if math.isfinite(limit) else None
     if motion is not None and motion.velocity:
         given = None if command is None else command + sum(size for _, _, size in ahead) + _size(forward.get("coulomb"))
         if given is not None and needed > HELPLESS * given:
             said.append(
-                f"[controller] gives at most {given:.3g} {unit} for an error as large as the reference, which takes "
-                f"{needed:.3g} {unit}: nothing is followed; check the gains, the inertia and the friction."
+                f"[controller] gives at most {given:.3g} {unit} for an error as large as the reference, whose motion "
+                f"needs {needed:.3g} {unit}: it is not followed; check the gains, the inertia and the friction."
             )
         if needed > HELPLESS * limit:
             said.append(
-                f"The reference takes {needed:.3g} {unit}, {needed / limit:.3g} times the limit of {limit:g} {unit}: "
+                f"The reference needs {needed:.3g} {unit}, {needed / limit:.3g} times the limit of {limit:g} {unit}: "
                 "it is not followed; check the limit, the inertia and the friction."
             )
         if most is None and needed > 0.0:
             most = FAR * max(needed, command or 0.0)
     elif (friction := _size((tables.get("friction") or {}).get("coulomb"))) >= limit:
         said.append(
-            f"[friction] coulomb = {friction:g} {unit} is no less than the limit of {limit:g} {unit}: it holds."
+            f"[friction] coulomb = {friction:g} {unit} is no less than the limit of {limit:g} {unit}: the machine "
+            "never moves."
         )
     if most is None:
         return said
@@ -219,8 +227,8 @@ def _about_torques(tables: Tables, motion: FastestMotion | None, duration: float
             )
         else:
             said.append(
-                f"[{section}] {key}{_is(section, key, size, unit)} is over {FAR:g} times what the reference takes and "
-                f"the gains give ({most / FAR:.3g} {unit}); check its unit."
+                f"[{section}] {key}{_is(section, key, size, unit)} is over {FAR:g} times the torque of the reference "
+                f"and of the gains ({most / FAR:.3g} {unit}); check its unit."
             )
     return said
 
@@ -243,7 +251,7 @@ def _needed(tables: Tables, motion: FastestMotion | None) -> float:
 
 
 def _command(tables: Tables, motion: FastestMotion | None, duration: float | None) -> float | None:
-    """What the gains come to for a velocity error as large as the reference, over the run [N m]; None if unknown."""
+    """Torque of the gains for a velocity error as large as the reference over the whole run [N m]; None if unknown."""
     controller = tables.get("controller") or {}
     gain = {"pi": "kp", "p": "kp", "position_cascade": "kv"}.get(str(controller.get("type")))
     if gain is None or motion is None or duration is None:
@@ -253,18 +261,19 @@ def _command(tables: Tables, motion: FastestMotion | None, duration: float | Non
 
 
 def _about_gains(tables: Tables, dt: float) -> list[str]:
-    """Gains that turn the speed over again and again within one step; an observer of another machine."""
+    """Warnings for gains that are unstable within one step, and for an observer with the inertia of another machine."""
     controller, plant = tables.get("controller") or {}, tables.get("plant") or {}
     inertia = sum(_size(plant.get(key)) for key in ("inertia", "motor_inertia", "load_inertia"))
     found, assumed = [], _size((tables.get("observer") or {}).get("inertia"))
     if assumed and inertia and not 1.0 / FAR < assumed / inertia < FAR:
         found.append(
-            f"[observer] inertia = {assumed:g} is {assumed / inertia:.3g} times the plant's, {inertia:g}: what it "
-            "estimates is no friction; check its unit."
+            f"[observer] inertia = {assumed:g} is {assumed / inertia:.3g} times the plant's, {inertia:g}: its "
+            "estimates would not be friction; check its unit."
         )
     for key, power in (("kp", 1), ("kv", 1), ("ki", 2)):
         if controller.get("type") == "position_cascade" and key == "kp":
-            continue  # of the position: 1/s
+            continue  # the position gain, in 1/s, is no torque
+        # Torque of the gain for a unit error, over one step: kp dt / J, or ki dt^2 / J for the integral.
         turns = _size(controller.get(key)) * dt**power / inertia if inertia else 0.0
         if turns > RUNAWAY:
             found.append(
@@ -275,9 +284,9 @@ def _about_gains(tables: Tables, dt: float) -> list[str]:
 
 
 def _about_stiffness(tables: Tables, fastest: float, dt: float, units: Names) -> list[str]:
-    """Springs and bristles that ring faster than a step can follow, dampers that settle faster.
+    """Warnings for springs and bristles that oscillate, and dampers that settle, faster than a step can follow.
 
-    Exact sticking takes bristles and all but absurd dampers; a spring it steps as the other solvers do.
+    Exact sticking has no limit for bristles, and hardly any for dampers; it steps a spring like the other solvers.
     """
     explicit = fastest > 0.0
     fastest = STIFF * (fastest if explicit else EXPLICIT * dt)
@@ -300,26 +309,27 @@ def _about_stiffness(tables: Tables, fastest: float, dt: float, units: Names) ->
         rate = math.sqrt(size / inertia) if inertia else 0.0
         if rate * fastest > 1.0:
             said.append(
-                f"[{section}] {key} = {size:g} {units.name('N m/rad')} rings at {rate / (2.0 * math.pi):.3g} Hz, which "
-                f"steps at dt = {dt:g} s cannot follow: the run blows up; use smaller ones (substeps), or a softer one."
+                f"[{section}] {key} = {size:g} {units.name('N m/rad')} resonates at {rate / (2.0 * math.pi):.3g} Hz, "
+                f"too fast for dt = {dt:g} s: the run diverges; take smaller steps (substeps) or less stiffness."
             )
     for section, key, inertia in dampers:
         size = _size((tables.get(section) or {}).get(key))
         rate = size / inertia if inertia else 0.0
         if rate * fastest > (1.0 if explicit else RUNAWAY):
             said.append(
-                f"[{section}] {key} = {size:g} {units.name('N m s/rad')} settles within {1.0 / rate:.3g} s, which "
-                f"steps at dt = {dt:g} s cannot follow; use smaller ones (substeps), or less of it."
+                f"[{section}] {key} = {size:g} {units.name('N m s/rad')} has a time constant of {1.0 / rate:.3g} s, "
+                f"too short for dt = {dt:g} s; take smaller steps (substeps) or less damping."
             )
     return said
 
 
 def _reduced(one: float, other: float) -> float:
+    """The reduced inertia of two masses on a spring [kg m^2], which sets their resonance."""
     return one * other / (one + other) if one + other else 0.0
 
 
 def _about_periods(tables: Tables, speed: float, dt: float) -> list[str]:
-    """Ripple that passes faster than half the sample rate."""
+    """Warnings for ripple whose frequency at the fastest speed is above half the sample rate."""
     said = []
     for section, key, harmonics in _PERIODS:
         written = tables.get(section) or {}
@@ -329,8 +339,8 @@ def _about_periods(tables: Tables, speed: float, dt: float) -> list[str]:
             rate = periods * speed / (2.0 * math.pi)
             if rate * dt >= NYQUIST:
                 said.append(
-                    f"[{section}] {key} = {_size(table.get(key, 1.0)):g}: at the fastest reference its ripple passes "
-                    f"at {rate:.3g} Hz, and dt = {dt:g} s shows less than {NYQUIST / dt:g} Hz; check it, or write a "
+                    f"[{section}] {key} = {_size(table.get(key, 1.0)):g}: at the fastest reference its ripple has "
+                    f"{rate:.3g} Hz, but at dt = {dt:g} s it must stay below {NYQUIST / dt:g} Hz; check it, or write a "
                     "smaller dt."
                 )
     return said

@@ -51,7 +51,7 @@ def build_reference(
         duration: of the simulation [s], for a chirp without its own.
 
     Raises:
-        InputError: for invalid keys or values, or a record that cannot be read.
+        InputError: for invalid keys or values, or a log that cannot be read.
     """
     if table is None:
         return None
@@ -74,7 +74,7 @@ def _recorded(table: TomlTable, folder: pathlib.Path | None, linear: bool) -> Re
         raise InputError('[reference] file is missing: write file = "LOG.csv", a log with the column reference.')
     hold, columns = table.get("hold", True), table.get("columns")
     if not isinstance(hold, bool) or not isinstance(columns, str | None):
-        raise InputError('[reference] hold is true or false, and columns is text such as "reference=qg:mm".')
+        raise InputError('[reference] hold must be true or false, and columns text such as "reference=qg:mm".')
     path = pathlib.Path(table["file"]).expanduser()
     path = path if path.is_absolute() or folder is None else folder / path
     log = read_log(path, columns=columns, linear=linear or None, require=("reference",))

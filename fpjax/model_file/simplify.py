@@ -1,4 +1,4 @@
-"""A loop without the effects that sit at their neutral value: what a corrected model should look like in a file."""
+"""A model without the effects that are at their neutral value, as a corrected model should be written to a file."""
 
 import dataclasses
 from typing import Any
@@ -20,7 +20,7 @@ from .friction import Steepness, largest_level
 from .learned import is_empty
 from .model import Model
 
-UNREACHED = 1e29  # a torque limit [N m] that stands for none
+UNREACHED = 1e29  # [N m] from here on a torque limit stands for no limit
 
 
 def simplified(model: Model, loop: ClosedLoop | None = None, *, smooth: bool = True) -> Model:
@@ -28,11 +28,11 @@ def simplified(model: Model, loop: ClosedLoop | None = None, *, smooth: bool = T
 
     Args:
         model: gives stepping, units, controller and reference.
-        loop: in place of the model's own; its controller and observer are kept as they are.
-        smooth: give a set-valued friction law a steepness that the model's step can follow.
+        loop: used instead of the model's own loop; its controller and observer are kept as they are.
+        smooth: whether a set-valued friction law gets a steepness that the model's step can follow.
 
     Returns:
-        A `Model` whose loop does the same; stepping becomes "sampled" where a sensor or a delay needs it.
+        A `Model` with the same behaviour; stepping becomes "sampled" where a sensor or a delay needs it.
     """
     loop = model.loop if loop is None else loop
     friction = simple_friction(loop.plant.friction)
@@ -50,8 +50,8 @@ def simplified(model: Model, loop: ClosedLoop | None = None, *, smooth: bool = T
 
 
 def simple_friction(law: AbstractFriction) -> AbstractFriction:
-    """The plainest law that is the same."""
-    if isinstance(law, Bristles):  # the file's bristles stand on the general law
+    """The plainest law with the same torque."""
+    if isinstance(law, Bristles):  # a file writes bristles within the general law only
         inner = law.law.general() if isinstance(law.law, CoulombViscous) else law.law
         return _with(law, law=_trimmed(inner) if isinstance(inner, GeneralFriction) else inner)
     if not isinstance(law, GeneralFriction):
@@ -69,12 +69,12 @@ def simple_friction(law: AbstractFriction) -> AbstractFriction:
         law.viscous - law.viscous_difference,
     )
     if min(float(side) for side in sides) < 0.0:
-        return law
+        return law  # a level by direction must not be negative; the general law may have such differences
     return AsymmetricCoulombViscous(*sides, law.steepness)
 
 
 def _trimmed(law: GeneralFriction) -> GeneralFriction:
-    """Without the terms that add nothing."""
+    """The law without the terms that are zero, and with the defaults for numbers that only those terms use."""
     pairs = list(zip(law.position_cosine, law.position_sine, strict=True))
     while pairs and _zero(pairs[-1][0]) and _zero(pairs[-1][1]):
         pairs.pop()
@@ -90,7 +90,7 @@ def _trimmed(law: GeneralFriction) -> GeneralFriction:
 
 
 def simple_load(load: AbstractLoad) -> AbstractLoad:
-    """Without the parts that hold nothing, constant torques as the offset that a file has for them."""
+    """The load without parts of zero torque; constant torques become one offset, as the file has it."""
     kept: list[AbstractLoad] = []
     constant = 0.0
     for part in flat_loads(load):
@@ -111,7 +111,7 @@ def simple_load(load: AbstractLoad) -> AbstractLoad:
             kept.append(Unbalance(0.0, 0.0, constant))
         else:
             kept[place] = _with(kept[place], offset=as_parameter(constant))
-    # The file's order: the learned tables come last.
+    # Learned tables come last, in the order in which a file is read: a model read back is equal to this one.
     kept += [part for part in flat_loads(load) if isinstance(part, LearnedTorque) and not is_empty(part)]
     if not kept:
         return NoLoad()
@@ -119,7 +119,7 @@ def simple_load(load: AbstractLoad) -> AbstractLoad:
 
 
 def simple_actuator(actuator: AbstractActuator) -> AbstractActuator:
-    """Without what sits at its neutral value."""
+    """The actuator without the effects at their neutral value; an ideal one where none is left."""
     if not isinstance(actuator, Actuator):
         return actuator
     neutral = {"gain": 1.0, "lag": 0.0, "delay": 0.0, "dead_zone": 0.0, "offset": 0.0}
@@ -138,7 +138,7 @@ def simple_actuator(actuator: AbstractActuator) -> AbstractActuator:
 
 
 def simple_sensor(sensor: AbstractSensor) -> AbstractSensor:
-    """An ideal one where nothing is between the motion and the reading."""
+    """An ideal sensor where every effect is at its neutral value; else the sensor itself."""
     if not isinstance(sensor, ServoSensor) or float(sensor.load_side) not in (0.0, 1.0):
         return sensor
     zeros = (sensor.bias, sensor.lag, sensor.delay, sensor.noise, sensor.step_size)

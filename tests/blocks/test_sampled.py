@@ -150,7 +150,7 @@ def test_the_feedforward_of_a_position_holds_its_limit_and_needs_a_cascade():
     loop = fp.ClosedLoop(fp.OneMass(0.05, fp.CoulombViscous(0.3, 0.4, steepness=20.0)), controller)
     run = fp.simulate(loop, fp.Sine(0.5, 2.0), dt=1e-3, duration=1.0, stepping="sampled", record=("torque",))
     assert np.max(np.abs(np.asarray(run.signals["torque"]))) == pytest.approx(0.5, rel=1e-6)
-    with pytest.raises(fp.InputError, match="stands around a PositionLoop"):
+    with pytest.raises(fp.InputError, match="must wrap a PositionLoop"):
         fp.PositionFeedforward(fp.Proportional(2.0), 1.0, 0.05, 0.3, 0.4, 0.05, 1e-3)
 
 
