@@ -1,4 +1,4 @@
-"""Which run to record next: a reference under the machine's limits that shows, or separates, what a log left open."""
+"""Which run to record next: a reference within the limits of the machine that shows effects, or separates causes."""
 
 from .result import Plan as Plan
 from .result import Separation as Separation

@@ -1,4 +1,4 @@
-"""Design: the best motion found in a given processor time, by gradients through the simulated loop."""
+"""Design: a search for the best motion in a given processor time, by gradients through the simulated loop."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -14,28 +14,30 @@ from .trajectory import Shape
 from .trial import ExpectedRun, Trial
 
 STARTS = 10  # shapes that are tried before the best of them is improved
-STEPS = 60  # of Adam at most
-RATE = 0.12  # of Adam: the numbers are of order one
-PATIENCE = 25  # steps without a better one, after which it ends
-BETTER = 1e-3  # of the cost, to count as better
-SMALLER, LEAST_SHARE = 0.85, 0.2  # a motion that needs too much torque is made smaller by this, until it is this small
-UNSEEN = 0.1  # nats: what no start shows by so much has no slope either, and would be all that the worst case sees
-CALMER = 0.5  # of the rate, where a step left the finite numbers
+STEPS = 60  # largest number of steps of Adam
+RATE = 0.12  # Adam's step size; the parameters of a shape are of order one
+PATIENCE = 25  # the search ends after so many steps without an improvement
+BETTER = 1e-3  # decrease of the cost, relative, that counts as an improvement
+SMALLER, LEAST_SHARE = 0.85, 0.2  # factor by which a motion of too much torque is scaled down, and its smallest size
+# [nats] A comparison that no start shows by this much has no slope either. It would be the worst case for every shape
+# and leave the search nothing to improve.
+UNSEEN = 0.1
+CALMER = 0.5  # a step that left the finite numbers is shortened by this factor
 
 
 @dataclass(frozen=True)
 class Designed:
-    """Where a design ended.
+    """The result of a design.
 
     Attributes:
-        shape: the best one.
-        share: of its motion that keeps the limits as simulated [1].
-        seen: what it brings.
-        first: what the best start brought.
-        evaluations: shapes that were tried, each with its gradient.
-        ended: why: "converged", "time" or "interrupted".
-        history: cost of each.
-        usual: what the runs that need no plan would bring, as far as they were tried.
+        shape: the best shape.
+        share: factor on its motion with which the simulated machine keeps its limits [1].
+        seen: the expected run of the best shape, scaled by `share`.
+        first: the expected run of the best start.
+        evaluations: how many shapes were tried, each with its gradient.
+        ended: why it ended: "converged", "time" or "interrupted".
+        history: cost of each shape that was tried.
+        usual: expected runs of the plain references, as far as they were tried.
     """
 
     shape: Shape
@@ -57,29 +59,30 @@ def design(
     progress: Callable[[str, float], None],
     usual: Mapping[str, Array] | None = None,
 ) -> Designed | None:
-    """Improve the best of some starts until the time is spent; an interrupt keeps the best so far.
+    """Improve the best of some starts until the time is spent; after an interrupt the best so far is returned.
 
     Args:
-        trial: what a shape brings.
-        wanted: weight of every comparison.
-        seconds: of processor time for all of it, compiling included.
+        trial: computes the expected evidence of a shape.
+        wanted: weight of every comparison, shape (comparisons,).
+        seconds: processor time for all of it, compilation included [s].
         seed: of the random starts.
-        progress: told (stage, share done [1]).
-        usual: references of runs that need no plan, to be held against it.
+        progress: called with (stage, share done [1]).
+        usual: plain references (a sine, a sweep) to compare the plan with.
 
     Returns:
-        None where every start diverged.
+        The design; None where every start diverged.
 
     Raises:
-        KeyboardInterrupt: where nothing was found yet.
+        KeyboardInterrupt: where no start had been tried before an interrupt.
     """
     begun = time.process_time()
     weights = jnp.asarray(wanted, float)
-    # The trial is compiled for any reference: what makes references of shapes stands outside it.
+    # The trial is compiled for references, not for shapes, so that the same program also serves the plain references.
+    # The gradient by the shape follows by the chain rule (`pull`).
     evaluate, refer = jax.jit(jax.value_and_grad(trial.cost, has_aux=True)), jax.jit(trial.reference)
     pull = jax.jit(lambda shape, slope: jax.vjp(trial.reference, shape)[1](slope)[0])
     best: tuple[float, Shape, ExpectedRun] | None = None
-    shown = np.zeros(np.shape(wanted))  # the most that any start brings of each comparison [nats]
+    shown = np.zeros(np.shape(wanted))  # the largest evidence of any start for each comparison [nats]
     first: ExpectedRun | None = None
     history, beside = list[float](), dict[str, ExpectedRun]()
     slope: Shape | None = None
@@ -89,13 +92,13 @@ def design(
         return (time.process_time() - begun) / seconds
 
     def tried(shape: Shape) -> tuple[float, ExpectedRun, Shape]:
-        # The weights as they are now: what no start shows is left out after the starts.
+        # `weights` is read at the time of the call: comparisons that no start shows get weight zero after the starts.
         (cost, seen), slope = jax.block_until_ready(evaluate(refer(shape), weights))
         history.append(float(cost))
         return float(cost), seen, pull(shape, slope)
 
     def kept_within(reference: Array, seen: ExpectedRun) -> tuple[float, ExpectedRun]:
-        # As large a share of it as the simulated machine's limits allow, and what that brings.
+        # The largest share of the reference with which the simulated machine keeps its limits, and its expected run.
         share = 1.0
         while trial.beyond(seen) and share > LEAST_SHARE:
             share *= SMALLER
@@ -118,7 +121,8 @@ def design(
             return None
         within = np.where(shown < UNSEEN, 0.0, wanted)
         if within.any() and not np.array_equal(within, wanted):
-            # Else the worst case is one that no motion within the limits can mend, and nothing is improved at all.
+            # Without this the worst comparison is one that no motion within the limits can improve, and the search
+            # stands still.
             weights, best = jnp.asarray(within, float), None
             for start in starts[: len(history)]:
                 cost, seen, slopes = tried(start)
@@ -138,6 +142,8 @@ def design(
                 shape = Shape(*optax.apply_updates(shape, moves))  # pyright: ignore[reportGeneralTypeIssues]
             cost, seen, slope = tried(shape)
             if not np.isfinite(cost):
+                # Back towards the best shape, with Adam's averages forgotten: they led here. `slope` is not finite
+                # either, so the next step is zeros but for what `_finite` keeps.
                 shape, state = _between(shape, best[1]), optimiser.init(best[1])
                 continue
             stale = 0 if cost < best[0] - BETTER * abs(best[0]) else stale + 1
@@ -157,11 +163,12 @@ def design(
 
 
 def _finite(slope: Shape) -> Shape:
-    """A gradient of length at most one, zero where it is no number: a stick-slip event has no slope."""
+    """The gradient scaled to a length of at most one, zero where it is not finite (at a stick-slip event)."""
     clean = Shape(*(jnp.where(jnp.isfinite(part), part, 0.0) for part in slope))
     size = jnp.sqrt(sum(jnp.sum(part**2) for part in clean))
     return Shape(*(part / jnp.maximum(size, 1.0) for part in clean))
 
 
 def _between(shape: Shape, best: Shape) -> Shape:
+    """A shape on the way back from `shape` to `best`."""
     return Shape(*(b + CALMER * (a - b) for a, b in zip(shape, best, strict=True)))

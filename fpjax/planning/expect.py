@@ -1,10 +1,11 @@
-"""Expect: the evidence that a run would bring, computed as the diagnosis computes it, and differentiable.
+"""The expected evidence of a run, computed as the diagnosis computes it, and differentiable.
 
-The readings of one machine on the run are replayed, window by window, through another machine, by the loop that the
-diagnosis fits with (`fpjax.gap.simulate.replay`). What a small change of the other's own parameters, of the nominal
-numbers and of a window's start could take away is projected out under the diagnosis' own priors; what is left, against
-sensor noise and missing torque, is the evidence that tells the two apart. The diagnosis sets the level of the missing
-torque for every model by octaves, so a misfit r^2 of an octave of n modes costs n/2 log(1 + r^2/n) and not r^2/2.
+The readings of one machine on the run are replayed, window by window, through another machine, in the same simulation
+that the diagnosis fits with (`fpjax.gap.simulate.replay`). The part of the misfit that small changes of the other
+machine's parameters, of the nominal numbers and of a window's initial state could remove is projected out, under the
+priors of the diagnosis. The rest, relative to sensor noise and missing torque, is the evidence that separates the two
+machines. The diagnosis estimates the level of the missing torque for every model by octaves, so a squared misfit r^2 in
+an octave of n modes counts n/2 log(1 + r^2/n), not r^2/2.
 """
 
 from collections.abc import Sequence
@@ -22,18 +23,18 @@ from ..gap.simulate.replay import STATES, Windows, advance, assembled, begin, re
 from .machines import Shop, Variant
 from .sight import Sight
 
-RIDGE = 1e-9  # beside a prior of one: keeps a solve regular
-SPEED_STEP = 1e-4  # of the start states' priors, for their tangents
-SHARE_DEVIATION = 0.5  # of bristles at a window's start, which no sensor tells [1]
+RIDGE = 1e-9  # added to a matrix whose prior has unit precision, to keep it regular
+SPEED_STEP = 1e-4  # step of the tangents by a window's initial state, in its prior deviations [1]
+SHARE_DEVIATION = 0.5  # prior deviation of the bristles' share at a window's start, which no sensor measures [1]
 
 
 class Readings(NamedTuple):
-    """What logs hold, several runs behind one another: each of shape (runs, samples).
+    """The columns of several runs' logs, each of shape (runs, samples).
 
     Attributes:
         torque: commanded [N m].
-        rate: read [rad/s].
-        angle: read [rad].
+        rate: velocity reading [rad/s].
+        angle: position reading [rad].
     """
 
     torque: Float[Array, "runs samples"]
@@ -43,16 +44,18 @@ class Readings(NamedTuple):
 
 @dataclass(frozen=True)
 class RivalLanes:
-    """What is replayed of some variants of one family: themselves, and small changes.
+    """The lanes in which some variants of one family are replayed: each variant itself, and small changes of it.
+
+    A lane is one simulation of a batch. The differences of lanes give the tangents of the readings.
 
     Attributes:
         family: of the variants.
-        vectors: shape (parameters, lanes).
-        states: start states' deviations, shape (states, lanes).
+        vectors: parameters of each lane, shape (parameters, lanes).
+        states: deviations of the initial states, shape (states, lanes).
         owner: index of the variant of each lane, shape (lanes,).
-        base: lane of each variant itself.
-        tangents: of each variant, by parameter: (lane, step in prior deviations).
-        shifts: likewise of a start state.
+        base: lane of each unchanged variant.
+        tangents: for each variant, by parameter: (lane, its step in prior deviations).
+        shifts: for each variant, by initial state: (lane, its step in prior deviations).
     """
 
     family: Family
@@ -70,7 +73,7 @@ def make_lanes(shop: Shop, variants: Sequence[Variant], names: Sequence[tuple[st
     Args:
         shop: makes their machines.
         variants: of one structure.
-        names: of each: parameters that may move.
+        names: for each variant, the parameters that may move.
     """
     family = shop.family(variants[0].structure)
     count = STATES[family.key[0]]
@@ -93,6 +96,7 @@ def make_lanes(shop: Shop, variants: Sequence[Variant], names: Sequence[tuple[st
         for name, spread, step in zip(moving, spreads, steps, strict=True):
             parameter = family.parameters[family.index(name)]
             moved = vector.copy()
+            # Stepped downwards where a step up would leave the parameter's bounds.
             sign = 1.0 if moved[family.index(name)] + step <= parameter.high(shop.setting) else -1.0
             moved[family.index(name)] += sign * step
             own[name] = add(moved, still, index), sign * step / spread
@@ -110,8 +114,10 @@ def make_lanes(shop: Shop, variants: Sequence[Variant], names: Sequence[tuple[st
 
 
 def _state_deviations(shop: Shop, family: Family, variant: Variant) -> list[float]:
-    """Priors of a window's start: what the reading leaves open, and the hidden states."""
+    """Prior deviations of a window's initial state: velocity, position, and the states that no sensor measures."""
     setting = shop.setting
+    # 5 % of the top speed, and the angle that it makes over a window: what the readings of velocity and position leave
+    # open, generously.
     found = [0.05 * setting.speed, 0.05 * setting.speed * setting.window]
     if family.key[0] == "bristles":
         found.append(SHARE_DEVIATION)
@@ -123,6 +129,7 @@ def _state_deviations(shop: Shop, family: Family, variant: Variant) -> list[floa
 
 
 def _stiffness(values: dict[str, float]) -> float:
+    """The shaft's stiffness [N m/rad] from its resonance (3.15): k = (2 pi f)^2 J_m J_l / J, J_l = s J."""
     share = values["load_share"]
     return values["inertia"] * share * (1.0 - share) * (2.0 * np.pi * values["frequency"]) ** 2
 
@@ -130,7 +137,7 @@ def _stiffness(values: dict[str, float]) -> float:
 def coefficients(
     shop: Shop, sight: Sight, lanes: RivalLanes, readings: Readings
 ) -> Float[Array, "modes lanes runs windows"]:
-    """What is left of the readings by each lane, in the diagnosis' modes."""
+    """The residuals of the readings under each lane, as coefficients of the modes of the diagnosis."""
     tables, starts = _tables(sight, readings)
     runs, windows, count = starts.shape[0], starts.shape[1], lanes.vectors.shape[1]
     spots = starts.reshape(-1)
@@ -152,6 +159,8 @@ def coefficients(
     )
     family = lanes.family
     machine = assembled(family.machine, family.effects, family.parameters, jnp.repeat(lanes.vectors, many, axis=1))
+    # All lanes x runs x windows run side by side as one batch: lane by lane, within it run by run, within it window
+    # by window.
     states = jnp.repeat(jnp.asarray(lanes.states), many, axis=1)
 
     def step(carry: object, index: Array) -> tuple[object, Array]:
@@ -160,13 +169,15 @@ def coefficients(
         return following, jnp.stack([r for r, there in zip(both, sight.channels, strict=True) if there])
 
     carry = begin(machine, at, states, tables)
+    # Checkpointed, because the gradient would otherwise keep every intermediate of every step of the whole batch.
     _, out = jax.lax.scan(jax.checkpoint(step), carry, jnp.arange(sight.samples, dtype=jnp.int32))
     flat = jnp.moveaxis(out, 1, 0).reshape(-1, count * many)  # (channels x samples, lanes x spots)
     return (jnp.asarray(sight.modes.basis.T) @ flat).reshape(-1, count, runs, windows)
 
 
 def _tables(sight: Sight, readings: Readings) -> tuple[Tables, np.ndarray]:
-    """All runs behind one another, and the windows' starts in them, shape (runs, windows)."""
+    """(all runs in one table one after the other, the windows' first rows in it of shape (runs, windows))."""
+    # Before each run its first row is repeated TAPS times: a dead time at the first window reaches back into them.
     runs, samples = readings.torque.shape
     length = TAPS + samples
 
@@ -184,7 +195,7 @@ def _tables(sight: Sight, readings: Readings) -> tuple[Tables, np.ndarray]:
 
 
 def _fields(sight: Sight, readings: Readings, count: int) -> dict[str, Array]:
-    """Motion at the windows' starts as the reading tells it, each of shape (runs x windows,)."""
+    """Measured motion at the windows' starts, each of shape (runs x windows,)."""
     rate = readings.rate if sight.channels[0] else jnp.asarray(jnp.gradient(readings.angle, sight.dt, axis=1))
     slope = jnp.asarray(jnp.gradient(rate, sight.dt, axis=1))
     angle = readings.angle if sight.channels[1] else jnp.cumsum(rate, axis=1) * sight.dt
@@ -195,7 +206,8 @@ def _fields(sight: Sight, readings: Readings, count: int) -> dict[str, Array]:
 
 
 def _hidden(shop: Shop, lanes: RivalLanes, fields: dict[str, Array]) -> Float[Array, "2 lanes spots"]:
-    """What no sensor sees at the windows' starts, as a steady motion would have it."""
+    """States that no sensor measures at the windows' starts, at their values in a steady motion."""
+    # tanh in place of sign, so that the evidence is differentiable by the motion.
     setting, family = shop.setting, lanes.family
     speed, slope = fields["velocity"][None, :], fields["slope"][None, :]
     side = jnp.tanh(speed / (0.02 * setting.speed))
@@ -208,6 +220,7 @@ def _hidden(shop: Shop, lanes: RivalLanes, fields: dict[str, Array]) -> Float[Ar
     def of(name: str) -> Array:
         return jnp.asarray(lanes.vectors[family.index(name)])[:, None]
 
+    # The twist is that of the spring under the shaft's torque, plus half the backlash on the side that it presses.
     share = of("load_share")
     friction = of("coulomb") * side + of("viscous") * speed
     shaft = share * of("inertia") * slope + of("friction_share") * friction
@@ -216,34 +229,36 @@ def _hidden(shop: Shop, lanes: RivalLanes, fields: dict[str, Array]) -> Float[Ar
     return jnp.stack([shaft / stiffness + face, nothing])
 
 
-class Told(NamedTuple):
-    """Expected evidence between what was recorded and a model.
+class Evidence(NamedTuple):
+    """Expected evidence against a model.
 
     Attributes:
-        nats: evidence that the model lacks.
-        left: misfit that it cannot take away, in deviations, shape (modes, windows).
+        nats: log evidence by which the model is behind the one that made the log.
+        left: misfit that no change of its parameters removes, in standard deviations, shape (modes, windows).
     """
 
     nats: Float[Array, ""]
     left: Float[Array, "modes windows"]
 
 
-def told_apart(
+def evidence_against(
     sight: Sight,
     misfit: Float[Array, "modes windows"],
     tangents: Float[Array, "parameters modes windows"],
     shifts: Float[Array, "states modes windows"],
-) -> Told:
-    """The evidence that a model lacks by a misfit, once everything that may move has moved.
+) -> Evidence:
+    """The evidence against a model, from its misfit after the best change of everything that may change.
 
     Args:
         sight: noise and missing torque.
         misfit: of the model.
-        tangents: what one prior deviation of a parameter does to it.
-        shifts: what one prior deviation of a window's start state does to it.
+        tangents: change of the misfit for one prior deviation of each parameter.
+        shifts: change of the misfit for one prior deviation of each initial state, window by window.
     """
     weight = 1.0 / jnp.sqrt(jnp.asarray(sight.variance))[:, None]
     c, t, x = misfit * weight, tangents * weight[None], shifts * weight[None]
+    # Least squares under unit priors in two stages. First the initial states, which are each window's own: a small
+    # system for every window, (windows, states, states). Then the parameters, which all windows share.
     inner = jnp.einsum("smw,rmw->wsr", x, x) + jnp.eye(x.shape[0])[None]
 
     inverse = jnp.linalg.inv(inner)
@@ -255,6 +270,7 @@ def told_apart(
     c = projected(c)
     if t.shape[0]:
         free = projected(t)
+        # Each simulated window stands for `weight` windows of the run, so the prior counts 1 / weight beside them.
         normal = jnp.einsum("pmw,qmw->pq", t, free) + (1.0 / sight.weight + RIDGE) * jnp.eye(t.shape[0])
         move = jnp.linalg.solve(normal, jnp.einsum("pmw,mw->p", free, c))
         c = c - jnp.einsum("p,pmw->mw", move, free)
@@ -265,4 +281,4 @@ def told_apart(
         if len(which):
             count = len(which) * c.shape[1]
             total = total + 0.5 * count * jnp.log1p(jnp.sum(squares[which]) / count)
-    return Told(sight.weight * total, c)
+    return Evidence(sight.weight * total, c)

@@ -1,4 +1,4 @@
-"""Explain: from which part of a run its evidence comes, and one sentence a pair of rivals."""
+"""Explanations: from which part of a run its evidence comes, and one sentence for each pair of rivals."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,13 +9,13 @@ from .result import NEEDED, Separation
 from .sight import Sight
 from .trial import RunComparison
 
-REST, FAST = 0.1, 0.5  # of the top speed
-HARD = 0.5  # of the largest acceleration
+REST, FAST = 0.1, 0.5  # shares of the top speed below and above which a sample counts as a reversal and as fast
+HARD = 0.5  # share of the largest acceleration above which a sample counts as hard acceleration
 
 BY_MOTION = (
     "limit", "time", "angle", "rest", "load", "speed", "inertia", "late_actuator", "constant", "direction",
 )  # fmt: skip
-"""Families whose mark a motion alone shows, plainest first."""
+"""Families of effects that a motion alone can show, the plainest first."""
 
 BESIDE = {
     "gain": "a known torque: a weight on a lever, or a known mass or inertia added",
@@ -26,22 +26,23 @@ BESIDE = {
     "constant": "a release at rest with the drive off",
     "direction": "a release at rest with the drive off",
 }
-"""What tells exact twins apart where no run does, by the family of either."""
+"""What separates exact twins, which no run does, by the family of either."""
 
 
 def kinds_of_samples(sight: Sight, speed: np.ndarray, acceleration: np.ndarray, unit: str) -> np.ndarray:
-    """What the motion is like at each sample of the windows, in words, shape (samples, windows).
+    """The kind of motion at each sample of the windows, in words, shape (samples, windows).
 
     Args:
-        sight: where the windows lie.
+        sight: gives the windows.
         speed: of the motion [rad/s], shape (samples of the run,).
-        acceleration: [rad/s^2], likewise.
+        acceleration: of the motion [rad/s^2], shape (samples of the run,).
         unit: of the speed.
     """
     top, hard = float(np.max(np.abs(speed))), float(np.max(np.abs(acceleration)))
     at = sight.starts[None, :] + np.arange(sight.samples)[:, None]
     v, a = np.abs(speed[at]) / top, np.abs(acceleration[at]) / hard
     kinds = np.full(at.shape, f"speeds from {REST * top:.2g} to {FAST * top:.2g} {unit}", dtype=object)
+    # Later lines win: a reversal is a reversal whatever its acceleration.
     kinds[a > HARD] = "hard acceleration"
     kinds[v > FAST] = f"speeds above {FAST * top:.2g} {unit}"
     kinds[v < REST] = f"reversals, below {REST * top:.2g} {unit}"
@@ -49,22 +50,24 @@ def kinds_of_samples(sight: Sight, speed: np.ndarray, acceleration: np.ndarray, 
 
 
 def where_from(sight: Sight, kinds: np.ndarray, left: np.ndarray) -> str:
-    """The part of the run that most of the evidence comes from, in words.
+    """The part of the run from which most of the evidence comes, in words.
 
     Args:
-        sight: its modes.
+        sight: gives the modes.
         kinds: from `kinds_of_samples`.
-        left: what of a misfit stays, in deviations, shape (modes, windows).
+        left: the remaining misfit, in standard deviations, shape (modes, windows).
     """
     modes = sight.modes
     if np.sum(left[modes.sensor] ** 2) > 0.5 * np.sum(left**2):
         return "most of it from the two sensors' disagreement"
     torque = np.where(modes.sensor[:, None], 0.0, left)
-    course = (modes.torque @ torque) ** 2  # of the torque that is missed, over its own deviation
+    # From modes back to samples: the square of the missed torque over its deviation, shape (samples, windows).
+    course = (modes.torque @ torque) ** 2
     total = max(float(np.sum(course)), 1e-300)
     shares = {kind: float(np.sum(course[kinds == kind])) / total for kind in np.unique(kinds)}
     largest = max(shares, key=lambda kind: shares[kind])
     energy = np.cumsum(np.sum(torque**2, axis=1)) / max(float(np.sum(torque**2)), 1e-300)
+    # The frequency below which half of the misfit's energy lies.
     middle = float(modes.frequency[~modes.sensor][np.searchsorted(energy[~modes.sensor], 0.5)])
     return f"{100 * shares[largest]:.0f} % of it from {largest}, half of it above {middle:.2g} Hz"
 
@@ -73,7 +76,7 @@ def separations(
     names: Sequence[str], comparisons: Sequence[RunComparison], nats: np.ndarray, wheres: Sequence[str],
     twins: Mapping[frozenset[str], str],
 ) -> tuple[Separation, ...]:  # fmt: skip
-    """Every pair of rivals with what the run brings, the nearest first, exact twins last.
+    """Every pair of rivals with the expected evidence between them, the smallest first, exact twins last.
 
     Args:
         names: of the variants.
@@ -82,7 +85,8 @@ def separations(
         wheres: of each comparison, from `where_from`.
         twins: pairs that no run separates.
     """
-    pairs: dict[tuple[str, str], int] = {}  # the comparison with the smaller evidence
+    # Each pair is compared in both directions; the direction of smaller evidence counts.
+    pairs: dict[tuple[str, str], int] = {}
     for index, one in enumerate(comparisons):
         low, high = sorted((one.log, one.model))
         pair = names[low], names[high]
@@ -99,7 +103,7 @@ def _separation(pair: tuple[str, str], nats: float, where: str, twin: str) -> Se
     if twin:
         sentence = (
             f"{first} and {second} are exact twins, inseparable by any run with these sensors ({twin.rstrip('.')}); "
-            f"what tells them apart is {beside(pair)}."
+            f"what separates them is {beside(pair)}."
         )
         return Separation(pair, float("nan"), True, "", experiment, sentence)
     chosen = next((family for family in BY_MOTION if family in families), None)

@@ -1,4 +1,4 @@
-"""Limits: what a planned run may ask of the machine, and where each number comes from."""
+"""Limits of a planned run: speed, acceleration, torque, travel and duration, and where each number comes from."""
 
 from __future__ import annotations
 
@@ -14,26 +14,28 @@ if TYPE_CHECKING:
     from ..logs import Log
     from ..model_file import Model
 
-DURATION = 10.0  # s, where nothing else says how long
-SHORTEST = 1.0  # s: two windows of the diagnosis
-FEWEST = 512  # samples of a run that can be diagnosed, and fitted in parts
-MOST_SAMPLES = 200_000  # of a planned run: four times what a diagnosis simulates, and what a memory holds many times
-HEADROOM = 0.9  # of the torque that is left after friction: what the controller needs for itself
-RAMP = 0.25  # s in which the top speed is reached where no torque is known
-TURNS = 1.0  # rev of travel where nothing else is known
-SPEED = 1.0  # rad/s, likewise
+DURATION = 10.0  # [s] where neither the user nor model nor log gives a duration
+SHORTEST = 1.0  # [s] two windows of the diagnosis
+FEWEST = 512  # fewest samples of a run that can be diagnosed
+# Most samples of a planned run: four times what a diagnosis simulates of a long log; the planner holds many such
+# arrays.
+MOST_SAMPLES = 200_000
+HEADROOM = 0.9  # share of the torque limit that a plan uses; the controller needs the rest
+RAMP = 0.25  # [s] to the top speed where no torque limit is known
+TURNS = 1.0  # [rev] of travel where none is known
+SPEED = 1.0  # [rad/s] where none is known
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What the run may ask for; the tightest one counts at every moment.
+    """Limits of a run; at every moment the tightest one counts.
 
     Attributes:
         speed: largest [rad/s].
         acceleration: largest [rad/s^2].
         torque: largest commanded [N m]; infinite where none is known.
-        travel: from one end of the motion to the other [rad].
-        duration: of the run [s].
+        travel: largest distance between both ends of the motion [rad].
+        duration: length of the run [s].
     """
 
     speed: float
@@ -61,18 +63,18 @@ def unit_of(limit: str, model: Model) -> str:
 
 
 def make_limits(model: Model, log: Log | None, given: dict[str, float | None], notes: list[str]) -> Limits:
-    """The limits that were given, completed from the file's [limits], the log, the model and common sense.
+    """The limits given, completed from the file's [limits], the log, the model and default values.
 
-    What the file allows, no option widens. Each choice is a note.
+    An option cannot widen the file's [limits]. Every choice is written to `notes`.
 
     Args:
-        model: the nominal one.
-        log: of the run before, whose extent is safe to repeat; None without.
-        given: by name of `Limits`; None for what was left out.
-        notes: a sentence is appended for every number that was chosen.
+        model: the nominal model.
+        log: log of an earlier run, whose extent is safe to repeat; None without one.
+        given: by name of `Limits`; None where not given.
+        notes: gets a sentence for every number that was chosen.
 
     Raises:
-        InputError: for a limit that is not a number above zero, or a machine that cannot move within them.
+        InputError: for a limit that is not a positive number, or limits within which the machine cannot move.
     """
     for name, value in given.items():
         if value is not None and not 0.0 < value < float("inf"):
@@ -90,32 +92,33 @@ def make_limits(model: Model, log: Log | None, given: dict[str, float | None], n
 
     torque = _torque(model, given.get("torque"), shown, notes)
     nominal = model.nominal
-    drag = nominal["coulomb"] + abs(nominal["offset"])
+    drag = nominal["coulomb"] + abs(nominal["offset"])  # [N m] needed to move at all
     if torque <= 1.02 * drag:
         raise InputError(
             f"The machine cannot move within its limits: torque {torque:.4g} {unit_of('torque', model)} is not above "
-            f"the {drag:.4g} {unit_of('torque', model)} that Coulomb friction and offset of the model take; give a "
-            "larger --torque, or check [friction]."
+            f"the {drag:.4g} {unit_of('torque', model)} of the model's Coulomb friction and offset; give a larger "
+            "--torque, or check [friction]."
         )
-    speed = chosen("speed", SPEED, "a guess: neither model nor log tells a speed")
-    left = HEADROOM * torque - drag - nominal["viscous"] * speed
+    speed = chosen("speed", SPEED, "a guess: neither model nor log gives a speed")
+    left = HEADROOM * torque - drag - nominal["viscous"] * speed  # [N m] left to accelerate at the top speed
     if left <= 0.0 and nominal["viscous"] > 0.0:
+        # Half the speed at which viscous friction would take all of the torque, so that half is left to accelerate.
         fastest = 0.5 * (HEADROOM * torque - drag) / nominal["viscous"]
         if fastest <= 0.0:
             raise InputError(
                 f"The machine cannot move within its limits: {1 - HEADROOM:.0%} of the torque {torque:.4g} "
-                f"{unit_of('torque', model)} are left to the controller, and friction takes the rest; give a larger "
+                f"{unit_of('torque', model)} is kept for the controller, and friction needs the rest; give a larger "
                 "--torque."
             )
         notes.append(
-            f"--speed {speed:.4g} {unit_of('speed', model)} needs more torque against viscous friction than there is: "
-            f"{fastest:.4g} is used."
+            f"--speed {speed:.4g} {unit_of('speed', model)} needs more torque against viscous friction than the limit "
+            f"allows: {fastest:.4g} is used."
         )
         speed = fastest
         left = HEADROOM * torque - drag - nominal["viscous"] * speed
     by_torque = left / nominal["inertia"]
-    if np.isfinite(by_torque):  # a torque that is allowed is a better bound than what a gentle log did with it
-        shown["acceleration"] = (by_torque, "what the torque leaves above friction")
+    if np.isfinite(by_torque):  # a torque limit is a better bound than the acceleration of a gentle log
+        shown["acceleration"] = (by_torque, "the torque limit less friction, over the inertia")
     acceleration = chosen("acceleration", speed / RAMP, f"top speed in {RAMP:g} s: neither a torque limit nor a log")
     if acceleration > 1.001 * by_torque:
         notes.append(
@@ -123,29 +126,30 @@ def make_limits(model: Model, log: Log | None, given: dict[str, float | None], n
             f"{by_torque:.4g} is used."
         )
         acceleration = by_torque
-    travel = chosen("travel", TURNS * 2.0 * np.pi, "one revolution: neither model nor log tells the travel")
+    travel = chosen("travel", TURNS * 2.0 * np.pi, "one revolution: neither model nor log gives a travel")
     least = max(SHORTEST, FEWEST * model.dt)
     if "duration" in shown and shown["duration"][0] < least:
         shown["duration"] = (least, "the shortest that can be diagnosed")
     most = MOST_SAMPLES * model.dt
     if "duration" in shown and shown["duration"][0] > most:
-        shown["duration"] = (most, "more than a diagnosis simulates of a long record")
-    duration = chosen("duration", max(DURATION, least), "the usual length of a record")
+        shown["duration"] = (most, "more than a diagnosis simulates of a long log")
+    duration = chosen("duration", max(DURATION, least), "the usual length of a log")
     if duration < least:
         raise InputError(
             f"--duration {duration:g} s is too short for a diagnosis at dt = {model.dt:g} s: give {least:.3g} s."
         )
     if duration > most:
         raise InputError(
-            f"--duration {duration:g} s has {duration / model.dt:.3g} samples at dt = {model.dt:g} s, and a diagnosis "
-            f"simulates few of so many: give at most {most:g} s."
+            f"--duration {duration:g} s has {duration / model.dt:.3g} samples at dt = {model.dt:g} s, of which a "
+            f"diagnosis simulates a small part only: give at most {most:g} s."
         )
+    # Accelerating over half the travel and braking over the other half: v^2 = 2 a (travel / 2).
     fastest = np.sqrt(acceleration * travel)
     if fastest < 0.02 * speed:
         raise InputError(
             f"The limits contradict each other: within a travel of {travel:.4g} {unit_of('travel', model)} an "
             f"acceleration of {acceleration:.4g} {unit_of('acceleration', model)} reaches {fastest:.3g} "
-            f"{unit_of('speed', model)} at most, a speed of {speed:.4g} was asked for; give more travel or "
+            f"{unit_of('speed', model)} at most, but a speed of {speed:.4g} was asked for; give more travel or "
             "acceleration, or a smaller --speed."
         )
     if fastest < speed:
@@ -154,13 +158,13 @@ def make_limits(model: Model, log: Log | None, given: dict[str, float | None], n
             f"most; a top speed of {speed:.4g} is not used."
         )
         speed = float(fastest)
-    if travel / speed > 50.0 * duration:
+    if travel / speed > 50.0 * duration:  # a travel that is never reached would only lose digits
         travel = speed * duration
     return Limits(speed, acceleration, torque, travel, duration)
 
 
 def _within_file(model: Model, given: dict[str, float | None], notes: list[str]) -> dict[str, float | None]:
-    """What was given, no more than [limits] of the file; what it has and nobody gave."""
+    """The limits given, cut to [limits] of the file; those of the file where none was given."""
     found = dict(given)
     for name, size in model.limits.items():
         unit, value = unit_of(name, model), given.get(name)
@@ -173,6 +177,7 @@ def _within_file(model: Model, given: dict[str, float | None], notes: list[str])
 
 
 def _torque(model: Model, given: float | None, shown: dict[str, tuple[float, str]], notes: list[str]) -> float:
+    """The torque limit [N m]: the one given, the model's, or the log's; infinite without any."""
     known = _controller_limit(model.loop.controller)
     known = min(known, float(getattr(model.loop.actuator, "limit", None) or np.inf))
     if given is not None:
@@ -203,7 +208,7 @@ def _controller_limit(controller: AbstractController) -> float:
 
 
 def _seen(model: Model, log: Log | None) -> dict[str, tuple[float, str]]:
-    """What a log has shown to be possible, or what the model's own reference asks for, by limit."""
+    """(size, where it comes from) by limit: the extent of a log, or of the model's own reference."""
     if log is not None:
         return _seen_in_log(log)
     if model.reference is None:
@@ -221,6 +226,7 @@ def _seen_in_log(log: Log) -> dict[str, tuple[float, str]]:
         float(log.dt),
     )
     source = "as in the log (a run that goes further shows more)"
+    # Quantiles instead of maxima: a few outliers of a differentiated reading must not become limits.
     return {
         "speed": (float(np.quantile(np.abs(speed), 0.995)), source),
         "acceleration": (float(np.quantile(np.abs(acceleration), 0.99)), source),

@@ -1,4 +1,4 @@
-"""Machines: the nominal model, every effect at the size that counts as detectable, and the rivals of a diagnosis."""
+"""The machines of a plan: the nominal model, every effect at its detectable size, and the rivals of a diagnosis."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from .limits import Limits
 Values = dict[str, float]
 OFFSET = "torque"  # the parameter of a constant torque
 START = {"torque_saturation": 1, "actuator_lag": 1, "velocity_lag": 1, "actuator_delay": 0, "velocity_delay": 0}
-"""Which of an effect's starts is its detectable size; the middle one of the others."""
-WITHOUT_OFFSET = ("constant_torque", "asymmetric_friction")  # an unknown offset beside them would be one of them
+"""Index of the start value, of an effect's fit, that is its detectable size; for all other effects the middle one."""
+WITHOUT_OFFSET = ("constant_torque", "asymmetric_friction")  # a free offset would take these effects' place
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One machine: the nominal one with effects at values.
+    """One machine: the nominal one with an effect at some size.
 
     Attributes:
         name: of the effect.
-        effect: of the vocabulary; None for the nominal machine.
-        structure: that the machine needs.
-        values: that are not the nominal ones, by parameter.
+        effect: from the vocabulary; None for the nominal machine.
+        structure: the structure that the machine needs.
+        values: values other than nominal, by parameter.
     """
 
     name: str
@@ -46,13 +46,13 @@ class Variant:
 
 @dataclass(frozen=True)
 class Shop:
-    """Makes machines of variants.
+    """Makes machines from variants.
 
     Attributes:
-        model: the nominal one.
-        setting: sizes for bounds and detectable values.
-        families: one a structure that is needed.
-        features: terms that a structure's machines need, where that is not all; the rest is not compiled.
+        model: the nominal model.
+        setting: scales for bounds and detectable sizes.
+        families: one for each structure that is needed.
+        features: by structure, the terms that its machines need; other terms are not compiled.
     """
 
     model: Model
@@ -61,7 +61,7 @@ class Shop:
     features: Mapping[Structure, tuple[Feature, ...]] = field(default_factory=dict)
 
     def family(self, structure: Structure) -> Family:
-        """The family of a structure, made when it is first needed; a nominal spring makes every one a transmission."""
+        """The family of a structure, made on first use; where the nominal plant has a spring, all are transmissions."""
         if structure not in self.families:
             loop = self.model.loop
             nominal = Nominal(loop.plant, loop.actuator, loop.sensor)
@@ -70,7 +70,7 @@ class Shop:
         return self.families[structure]
 
     def fitted_to(self, variants: Sequence[Variant]) -> Shop:
-        """A shop whose families hold no more terms than some variants need: most of a plan is compiling them."""
+        """A shop whose families hold only the terms that these variants need, as compilation takes most of a plan."""
         found: dict[Structure, tuple[Feature, ...]] = {}
         structures: set[Structure] = {variant.structure for variant in variants}
         for structure in structures:
@@ -108,12 +108,12 @@ class Shop:
         return np.array([1e-3 * family.parameters[family.index(name)].scale(self.setting) for name in names])
 
     def effects(self) -> tuple[Effect, ...]:
-        """The vocabulary, without what only a rate sensor has where there is none."""
+        """The effects of the vocabulary; without a rate sensor those on its reading are left out."""
         rate = self.model.sensors != "position"
         return tuple(effect for effect in EFFECTS if rate or not on_rate_sensor(effect))
 
     def facts(self) -> LogFacts:
-        """What decides about exact twins in a log of this machine."""
+        """The facts that decide which effects are exact twins in a log of this machine."""
         load, actuator = self.model.loop.plant.load, self.model.loop.actuator
         turning = turns_with_position(load)
         known = turning or bool(self.model.nominal["offset"]) or bool(getattr(actuator, "offset", None))
@@ -121,12 +121,12 @@ class Shop:
 
 
 def make_shop(model: Model, limits: Limits, torque: float, window: float) -> Shop:
-    """Sizes from the limits: what the diagnosis will take from the log of a run that uses them.
+    """A shop with the scales that the diagnosis will find in the log of a run up to these limits.
 
     Args:
-        model: the nominal one.
+        model: the nominal model.
         limits: of the run.
-        torque: largest that the run commands [N m].
+        torque: largest torque that the run commands [N m].
         window: length of a window [s].
     """
     nominal = model.nominal
@@ -152,7 +152,11 @@ NOMINAL_VARIANT = Variant("nominal", None, "rigid", {})
 
 
 def detectable(shop: Shop, effect: Effect) -> Variant:
-    """An effect at the size that a plan must show: a usual start of its fit, or a tenth to a fifth of the friction."""
+    """An effect at the size that a plan must show.
+
+    That is a usual start value of its fit; where this is the neutral value, one scale of its main parameter, a tenth to
+    a fifth of the friction for torques.
+    """
     setting = shop.setting
     starts = effect.starts(setting)
     values = dict(starts[START.get(effect.name, len(starts) // 2)])
@@ -175,7 +179,7 @@ def reported(variant: Variant, shop: Shop) -> dict[str, Estimate]:
 def rival(shop: Shop, name: str, told: Mapping[str, float]) -> Variant | None:
     """A machine from the parameters that a diagnosis reports of an effect; None for an effect of the user's own.
 
-    What is not reported (a phase, a bristle's damping) is as in `detectable`.
+    Parameters that are not reported (a phase, a bristle's damping) are as in `detectable`.
 
     Args:
         shop: of the nominal model.
@@ -196,6 +200,7 @@ def rival(shop: Shop, name: str, told: Mapping[str, float]) -> Variant | None:
     return Variant(name, effect, effect.structure, clipped)
 
 
+# Names of parameters in diagnosis.json, by effect, and the names in the fit's families.
 RENAMED = {
     "friction_drift": {"amplitude": "drift_amplitude", "time_constant": "drift_time"},
     "load_dependent_friction": {"coefficient": "load_coefficient"},
@@ -215,7 +220,7 @@ RENAMED = {
 
 
 def _values(effect: Effect, told: Mapping[str, float], shop: Shop) -> Values:
-    """The effect's own parameters of those that the contract names."""
+    """The effect's own parameters from the reported ones."""
     if effect.name == "asymmetric_friction":
         nominal: TomlTable = shop.setting.nominal
         found: Values = {}
@@ -232,7 +237,7 @@ def _values(effect: Effect, told: Mapping[str, float], shop: Shop) -> Values:
 
 
 def _load_share(found: Values, stiffness: float, inertia: float) -> Values:
-    """Of stiffness = J s (1 - s) (2 pi f)^2: the smaller root; two masses in halves where there is none."""
+    """The load's share s from stiffness = J s (1 - s) (2 pi f)^2: the smaller root, or 1/2 where none is real."""
     product = stiffness / (inertia * (2.0 * np.pi * found.get("frequency", nan)) ** 2)
     if not isfinite(product):
         return {}

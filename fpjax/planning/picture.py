@@ -1,4 +1,4 @@
-"""Picture: the planned run, the torque it needs, and the evidence it is expected to bring."""
+"""The picture of a plan: the run, its torque, and the expected evidence."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from .result import Plan
 
 TWINS = {"rivals": "exact twins: no run separates them", "effects": "a twin of the nominal numbers: no run shows it"}
-LEAST = 1e-2  # nats: the left end of the axis
+LEAST = 1e-2  # [nats] the left end of the logarithmic axis
 
 
 def draw(plan: Plan) -> Figure:
-    """One page: speed, position and torque over time with their limits, and a bar an effect or pair."""
+    """One page: speed, position and torque over time with their limits, and a bar for each effect or pair."""
     bars = _bars(plan)
     height = 5.0 + 0.19 * len(bars)
     title = "Planned run: " + ("all effects visible" if plan.aim == "effects" else "rivals told apart")

@@ -1,4 +1,4 @@
-"""Plan: the run to record next, what it will show, and why."""
+"""The result of planning: the run to record next, what it is expected to show, and why."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from .limits import Limits
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-NEEDED = THRESHOLDS.sure  # nats by which the diagnosis wants a cause to lead before it asserts it
+NEEDED = THRESHOLDS.sure  # [nats] lead that a cause needs before the diagnosis asserts it
 
 
 @dataclass(frozen=True)
 class Visible:
-    """An effect and the evidence that the run would bring of it, were it there.
+    """An effect, and the evidence for it that the run would bring if the machine had it.
 
     Attributes:
-        effect: name of the vocabulary.
-        size: the parameters at which it is asked for, by name: (value, unit).
-        nats: expected log evidence over the nominal model with its numbers and an offset free; NaN for a twin.
-        twin: why no run shows it as itself; "" where one does.
+        effect: its name in the vocabulary.
+        size: its parameters by name: (value, unit).
+        nats: expected log evidence over the nominal model with its parameters and an offset free; NaN for a twin.
+        twin: why no run can show it; "" where a run can.
     """
 
     effect: str
@@ -53,10 +53,10 @@ class Separation:
     Attributes:
         between: their names.
         nats: expected log evidence between them, the smaller of the two directions; NaN for exact twins.
-        twins: no run with these sensors tells them apart.
-        where: what most of the evidence comes from.
-        experiment: what a person could do beside this run.
-        sentence: all of it, for the reader.
+        twins: whether no run with these sensors can separate them.
+        where: the part of the run from which most of the evidence comes.
+        experiment: an experiment that a person could do besides this run.
+        sentence: a summary for the user.
     """
 
     between: tuple[str, str]
@@ -85,27 +85,28 @@ class Plan:
     """A run under the machine's limits.
 
     Attributes:
-        aim: "effects": make all of the vocabulary visible; "rivals": decide between what a diagnosis left open.
+        aim: "effects", to make every effect of the vocabulary visible, or "rivals", to separate causes between which a
+            diagnosis could not decide.
         time: [s], shape (samples,).
-        reference: what the drive is to follow [rad/s], or [rad] from where it stands, shape (samples,).
+        reference: for the drive [rad/s], or [rad] from its present position, shape (samples,).
         motion: the planned "speed" [rad/s], "acceleration" [rad/s^2] and "position" [rad], each of shape (samples,).
-        torque: that the nominal machine needs for it [N m], shape (samples,).
-        limits: that were kept.
-        visible: the vocabulary, the least visible first; () where rivals are told apart.
-        separations: pairs of rivals, the nearest first; () where there are none.
+        torque: torque of the nominal machine on this run [N m], shape (samples,).
+        limits: the limits of the run.
+        visible: the effects of the vocabulary, the least visible first; () where the aim is "rivals".
+        separations: pairs of rivals, the hardest to separate first; () where the aim is "effects".
         rivals: names of the rivals.
         missing: level of the missing torque that was assumed [N m].
-        noise: standard deviations by sensor: "velocity" [rad/s], "position" [rad].
-        position: the reference is a position.
-        linear: metres and newtons.
-        torque_unit: of the torque.
+        noise: noise standard deviations by sensor: "velocity" [rad/s], "position" [rad].
+        position: whether the reference is a position.
+        linear: whether the machine is linear, with units m and N.
+        torque_unit: unit of the torque.
         model: name of the nominal model's file.
-        evaluations: motions that were tried, each with its gradient.
-        gained: the worst evidence, of the best start and of the plan [nats].
-        usual: the worst evidence that runs without a plan, a "sine" and a "sweep" within the same limits, would bring
-            [nats]; empty after an interrupt.
+        evaluations: how many motions were tried, each with its gradient.
+        gained: the smallest evidence over all comparisons, of the best start and of the plan [nats].
+        usual: the smallest evidence of plain references, a "sine" and a "sweep" within the same limits [nats]; empty
+            after an interrupt.
         ended: "converged", "time" or "interrupted".
-        notes: what was chosen for the user, a sentence each.
+        notes: choices made for the user, a sentence each.
         seconds: processor time by stage [s].
     """
 
@@ -145,7 +146,7 @@ class Plan:
         return found
 
     def plot(self, path: str | Path | None = None) -> Figure:
-        """The run, its torque, and what it shows or separates.
+        """The picture of the run, its torque, and the evidence for each effect or pair.
 
         Args:
             path: picture file to write; None to write none.
@@ -170,10 +171,10 @@ class Plan:
         return to_frame({"reference": self.reference, **planned, "planned_torque": self.torque}, self.time)
 
     def write(self, folder: str | Path) -> dict[str, Path]:
-        """Leave plan.json, reference.csv and plan.png in a folder.
+        """Write plan.json, reference.csv and plan.png into a folder.
 
         Args:
-            folder: it is made.
+            folder: created if missing.
 
         Returns:
             Their paths by name.
@@ -192,9 +193,9 @@ class Plan:
         return paths
 
     def write_reference(self, path: Path) -> None:
-        """The table for `[reference] type = "recorded"` and for a drive: time, reference, and what it makes of them.
+        """Write the reference as a table, for `[reference] type = "recorded"` and for a drive.
 
-        Columns: time [s], reference [rad/s or rad], and the planned speed, acceleration and position.
+        Columns: time [s], reference [rad/s or rad], planned speed [rad/s], acceleration [rad/s^2] and position [rad].
         """
         from ..output.runfile import whole_file
 
@@ -227,7 +228,7 @@ class Plan:
         }
 
     def sentence(self) -> str:
-        """What the run is expected to do, in one sentence."""
+        """What the run is expected to show or separate, in one sentence."""
         if self.aim == "rivals":
             done = sum(one.separated for one in self.separations)
             twins = sum(one.twins for one in self.separations)
@@ -241,11 +242,11 @@ class Plan:
         )
 
     def without(self) -> str:
-        """What runs that need no plan would do, in one sentence."""
+        """The evidence of the plain references beside the plan's, in one sentence."""
         told = ", ".join(f"a {name} {nats:.3g}" for name, nats in self.usual.items())
         enough = [f"a {name}" for name, nats in self.usual.items() if nats >= NEEDED]
         more = f": {' or '.join(enough)} would do too" if enough else ""
-        return f"nats of the nearest within the same limits: this run {self.gained[1]:.3g}, {told}{more}."
+        return f"smallest evidence within the same limits [nats]: this run {self.gained[1]:.3g}, {told}{more}."
 
     def __str__(self) -> str:
         lines = [self.sentence()]

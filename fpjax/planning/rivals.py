@@ -1,4 +1,4 @@
-"""Rivals: what a diagnosis left open, as machines of its own parameters."""
+"""Rivals: the causes between which a diagnosis could not decide, as machines with the parameters that it reports."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from ..output.json_object import JsonObject, TomlTable
 from ..output.runfile import refuse_unfinished
 from .machines import Shop, Variant, reported, rival
 
-MOST = 4  # rivals: every pair is a model to be replayed on a log
-NEAR = 0.03  # of the first one's probability, to be a rival of it
+MOST = 4  # rivals at most: every ordered pair is one model to replay on one log
+NEAR = 0.03  # share of the first cause's probability above which another cause counts as its rival
 FIRST = ("no_gap",)  # verdicts that leave nothing to separate
 
 
@@ -30,8 +30,8 @@ class Rival:
 
     Attributes:
         name: of the effect.
-        probability: as the diagnosis has it.
-        told: its reported parameters by name; NaN where there is none.
+        probability: from the diagnosis.
+        told: its reported parameters by name; NaN where there is no number.
     """
 
     name: str
@@ -40,10 +40,10 @@ class Rival:
 
 
 def read_diagnosis(source: Any) -> JsonObject:
-    """The contract's dictionary of a `Diagnosis`, a folder of `fpjax diagnose`, or its diagnosis.json.
+    """The dictionary of diagnosis.json, from a `Diagnosis`, a folder of `fpjax diagnose`, or the file.
 
     Raises:
-        InputError: for what is none.
+        InputError: for anything else, or a file that cannot be read.
     """
     if isinstance(source, Diagnosis):
         return source.to_dict()
@@ -74,7 +74,7 @@ def read_diagnosis(source: Any) -> JsonObject:
 
 
 def rivals_of(diagnosis: TomlTable) -> tuple[Rival, ...]:
-    """The first of the ranking, what cannot be told from it, and what is not far behind.
+    """The first cause of the ranking, those indistinguishable from it, and those of a similar probability.
 
     Raises:
         InputError: where nothing is left to separate.
@@ -84,7 +84,7 @@ def rivals_of(diagnosis: TomlTable) -> tuple[Rival, ...]:
     verdict = diagnosis.get("verdict")
     if verdict in FIRST or not ranking:
         raise InputError(
-            f'The diagnosis says "{verdict}": it left no rivals to separate; leave --diagnosis out for a run that '
+            f'The diagnosis says "{verdict}": there are no rivals to separate; leave out --diagnosis for a run that '
             "makes all effects visible."
         )
     by_name = {one["effect"]: one for one in ranking}
@@ -98,14 +98,14 @@ def rivals_of(diagnosis: TomlTable) -> tuple[Rival, ...]:
     if len(chosen) < 2:
         sure = _number(first.get("probability"))
         raise InputError(
-            f"The diagnosis left no rivals: {first['effect']} is first with probability {sure:.2f} and nothing else is "
-            "near; leave --diagnosis (or --log) out for a run that makes all effects visible."
+            f"The diagnosis has no rivals: {first['effect']} is first with probability {sure:.2f}, and no cause is "
+            "near it; leave out --diagnosis (or --log) for a run that makes all effects visible."
         )
     return tuple(_rival(by_name[name]) for name in chosen)
 
 
 def settled_of(diagnosis: TomlTable) -> tuple[Rival, ...]:
-    """Causes that the diagnosis asserts beside the one that is in question; every rival has them too."""
+    """Causes that the diagnosis asserts besides the one in question; every rival machine gets them too."""
     known = {effect.name for effect in EFFECTS}
     ranking = [one for one in diagnosis["ranking"] if isinstance(one, dict) and one.get("effect") in known]
     names = _settled_names(diagnosis, ranking[0]) if ranking else frozenset[str]()
@@ -130,18 +130,18 @@ def _number(value: Any) -> float:
 
 
 def level_of(diagnosis: TomlTable) -> float | None:
-    """What the diagnosis left unexplained [N m], as the level of the missing torque; None where it does not say."""
+    """The sim-to-real gap after the diagnosis [N m], as the level of the missing torque; None where it is unknown."""
     after = _number((diagnosis.get("gap") or {}).get("after"))
     return after if math.isfinite(after) and after > 0.0 else None
 
 
 def machines_of(shop: Shop, rivals: Sequence[Rival], settled: Sequence[Rival] = ()) -> tuple[Variant, ...]:
-    """The rivals as machines, in their order; what this machine's sensors cannot have is left out.
+    """The rivals as machines, in their order; effects that this machine's sensors cannot have are left out.
 
     Args:
-        shop: makes them.
-        rivals: one of which is there.
-        settled: what every one of them has too, as far as its structure holds it.
+        shop: makes the machines.
+        rivals: causes of which one is true.
+        settled: causes that every machine gets too, as far as its structure can hold them.
     """
     allowed = {effect.name for effect in shop.effects()}
     beside = [made for one in settled if one.name in allowed and (made := rival(shop, one.name, one.told)) is not None]
@@ -159,7 +159,7 @@ def machines_of(shop: Shop, rivals: Sequence[Rival], settled: Sequence[Rival] = 
 
 
 def twins_of(shop: Shop, variants: Sequence[Variant]) -> dict[frozenset[str], str]:
-    """Pairs that make exactly the same log whatever the run, each with the sentence that says so."""
+    """Pairs that give exactly the same log whatever the run, each with the sentence that explains why."""
     facts, found = shop.facts(), {}
     names = {variant.name for variant in variants}
     for variant in variants:
@@ -170,7 +170,7 @@ def twins_of(shop: Shop, variants: Sequence[Variant]) -> dict[frozenset[str], st
 
 
 def hidden_by_twin(shop: Shop, variant: Variant) -> str:
-    """Why no run shows an effect as itself: the nominal numbers together are its twin; "" where one does."""
+    """Why no run can show an effect: errors of the nominal numbers are its exact twin; "" where a run can show it."""
     twins = exact_twins((variant.name,), {variant.name: reported(variant, shop)}, shop.facts())
     for twin in twins:
         if all(name.endswith("_error") for name in twin.instead):

@@ -1,4 +1,4 @@
-"""Sight: what the diagnosis would see of a run: windows, modes, noise and the level of the missing torque."""
+"""How the diagnosis would look at a run: its windows, modes, noise, and the level of the missing torque."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ if TYPE_CHECKING:
     from ..logs import Log
     from ..model_file import Model
 
-MISSING = 0.02  # of the friction: the missing torque that every real machine is taken to have, where no log tells
-RATE = 1e-3  # of the top speed: noise of a rate sensor that nobody described
-STEP = 2.0 * np.pi / 2**16  # rad: of an encoder that nobody described
-MOST_WINDOWS = 24  # that are simulated; of a longer run, spread over all of it
+MISSING = 0.02  # share of the friction assumed as missing torque of a real machine, where no diagnosis gives it
+RATE = 1e-3  # share of the top speed assumed as the noise of a rate sensor, where neither log nor model gives it
+STEP = 2.0 * np.pi / 2**16  # [rad] step of an encoder, where neither log nor model gives it (16 bits)
+MOST_WINDOWS = 24  # windows that are simulated at most; of a longer run they are spread over all of it
 
 
 @dataclass(frozen=True)
 class Sight:
-    """What the diagnosis would see.
+    """Windows, noise and modes with which the diagnosis would look at a run.
 
     Attributes:
-        dt: [s].
-        samples: of a window.
+        dt: sample period [s].
+        samples: samples of a window.
         starts: first sample of each window, shape (windows,).
-        weight: windows of the whole run for each one that is simulated [1].
+        weight: number of windows of the whole run for each one that is simulated [1].
         channels: whether (velocity, position) is in the log.
-        rate_noise: standard deviation of a rate reading [rad/s].
-        angle_noise: of a position reading [rad].
+        rate_noise: noise standard deviation of a rate reading [rad/s].
+        angle_noise: noise standard deviation of a position reading [rad].
         missing: level of the missing torque q [N m].
-        modes: of a window.
+        modes: the modes of a window.
     """
 
     dt: float
@@ -52,7 +52,7 @@ class Sight:
 
     @property
     def variance(self) -> np.ndarray:
-        """Of a coefficient: noise and missing torque [1], shape (modes,)."""
+        """Variance of each mode's coefficient, from noise (1) and missing torque [1], shape (modes,)."""
         torque = np.where(self.modes.sensor, 0.0, self.modes.gain)
         return 1.0 + self.missing**2 * torque
 
@@ -61,23 +61,23 @@ def make_sight(
     model: Model, limits: Limits, log: Log | None, missing: float | None, noise: dict[str, float | None],
     notes: list[str],
 ) -> Sight:  # fmt: skip
-    """How the diagnosis would look at a run of this length.
+    """The sight of a run of this length.
 
     Args:
-        model: the nominal one.
+        model: the nominal model.
         limits: of the run.
-        log: whose sensors' noise is taken; None for the model's.
+        log: gives the sensors' noise; None to take the model's.
         missing: level of the missing torque [N m]; None for `MISSING` of the friction.
-        noise: "velocity" [rad/s] and "position" [rad], None where the log or the model tells.
-        notes: a sentence is appended for every number that was chosen.
+        noise: standard deviations of "velocity" [rad/s] and "position" [rad]; None for those of the log or the model.
+        notes: gets a sentence for every number that was chosen.
     """
     channels = model.sensors != "position", model.sensors != "velocity"
     rate, angle = (_noise(side, model, limits, log, noise.get(side), notes) for side in ("velocity", "position"))
     if missing is None:
         missing = MISSING * max(model.nominal["coulomb"], 0.05 * model.nominal["inertia"] * limits.acceleration)
         notes.append(
-            f"a missing torque of {missing:.3g} {model.units.name('N m')} is assumed beside every model "
-            f"({MISSING:.0%} of the friction); --missing says another."
+            f"a missing torque of {missing:.3g} {model.units.name('N m')} is assumed for every model ({MISSING:.0%} of "
+            f"the friction); --missing sets another."
         )
     total = round(limits.duration / model.dt) + 1
     samples = int(np.clip(round(SECONDS[0] / model.dt), SHORTEST, LONGEST[channels[0]]))
@@ -85,6 +85,7 @@ def make_sight(
     starts = np.arange(0, total - samples - EDGE + 1, samples)
     chosen = starts[np.unique(np.linspace(0, len(starts) - 1, min(MOST_WINDOWS, len(starts))).round().astype(int))]
     rates, angles = (size if there else 0.0 for size, there in zip((rate, angle), channels, strict=True))
+    # As many modes as the diagnosis uses: those of torque within its band; the first set only serves to count them.
     first = make_modes(samples, model.dt, model.nominal["inertia"], rates, angles)
     most = max(16, int(np.sum(~first.sensor & (first.frequency < BAND * 0.5 / model.dt))))
     modes = make_modes(samples, model.dt, model.nominal["inertia"], rates, angles, most)
@@ -105,6 +106,7 @@ def _noise(side: str, model: Model, limits: Limits, log: Log | None, given: floa
         "velocity": (("noise", "step_size") if not isinstance(sensor, KalmanFusion) else ()),
         "position": ("position_noise", "position_step", "angle_noise"),
     }[side]
+    # Rounding to a step has the standard deviation step / sqrt(12).
     parts = [float(getattr(sensor, name, 0.0) or 0.0) / (np.sqrt(12.0) if "step" in name else 1.0) for name in known]
     size = float(np.hypot.reduce(parts)) if parts else 0.0
     if size > 0.0:
@@ -113,6 +115,6 @@ def _noise(side: str, model: Model, limits: Limits, log: Log | None, given: floa
     if there:
         unit = model.units.name("rad/s" if side == "velocity" else "rad")
         notes.append(
-            f"the noise of the {side} column is not known: {size:.3g} {unit} is assumed (--{side}-noise says another)."
+            f"the noise of the {side} column is not known: {size:.3g} {unit} is assumed (--{side}-noise sets another)."
         )
     return float(size)

@@ -1,10 +1,10 @@
-"""Trajectory: a motion of a few numbers that keeps its limits whatever the numbers are.
+"""A motion from a few free numbers that keeps its limits whatever these numbers are.
 
-Speed is a cubic spline through free knots (ramps, holds, slow and fast reversals) plus tones of fixed frequencies and
-free size and phase, which a second, coarser spline turns on and off, plus a share of a plain sine and of a sweep, so
-that no plan need be worse than they are. It begins and ends at rest at the same place. What goes beyond a limit is
-scaled down as a whole, so that the tightest limit just holds: an optimiser of the numbers needs no penalty, and no
-motion that it tries is one that the machine must not make.
+The speed is a sum of three parts. A cubic spline with free coefficients makes ramps, holds, and slow and fast
+reversals. Tones of fixed frequencies have free size and phase, under an envelope that is a second, coarser spline. And
+a plain sine and a sweep have free sizes, so that the search can do at least as well as they do. The motion begins and
+ends at rest at the same position. A motion beyond a limit is scaled down as a whole until the tightest limit just
+holds. So an optimiser needs no penalty, and every motion that it tries is admissible for the machine.
 """
 
 from dataclasses import dataclass
@@ -18,25 +18,25 @@ from scipy.interpolate import BSpline
 from .limits import Limits
 from .usual import usual
 
-KNOTS = (12, 40)  # fewest and most of the spline
-SPACING = 2.5  # between knots, in the time that the top speed takes at the largest acceleration [1]
+KNOTS = (12, 40)  # fewest and most coefficients of the speed's spline
+SPACING = 2.5  # time between knots, in times from rest to the top speed at the largest acceleration [1]
 TONES = 10
-GATES = 7  # knots of the envelope of the tones
-HIGHEST = 0.03  # of the control rate: the highest tone; a velocity loop follows little above it
-RAMP = 0.04  # of the duration: from rest and back to it
-SWEEP = 3  # of the starts, which is a sweep
-FULL = 0.999  # of a limit that a motion is scaled to
+GATES = 7  # coefficients of the tones' envelope
+HIGHEST = 0.03  # share of the control rate at the highest tone; a velocity loop follows little above it
+RAMP = 0.04  # share of the duration for the ramp from rest, and for the one back to rest
+SWEEP = 3  # index of the start that is a sweep
+FULL = 0.999  # share of a limit to which a motion is scaled
 
 
 class Shape(NamedTuple):
-    """The free numbers, all of order one.
+    """The free numbers of a motion, all of order one.
 
     Attributes:
-        knots: of the speed, shape (knots,).
-        gates: of the tones' envelope, a logit, shape (GATES,).
-        sizes: of the tones, as the logarithm of a share of the top speed, shape (TONES,).
-        phases: [rad], shape (TONES,).
-        usual: size of a plain sine and of a sweep [1], shape (2,).
+        knots: spline coefficients of the speed, before a tanh, shape (knots,).
+        gates: spline coefficients of the tones' envelope, as logits, shape (GATES,).
+        sizes: logarithms of the tones' amplitudes in top speeds, shape (TONES,).
+        phases: of the tones [rad], shape (TONES,).
+        usual: amplitudes of a plain sine and of a sweep [1], shape (2,).
     """
 
     knots: Float[Array, " knots"]
@@ -56,17 +56,17 @@ class PlannedMotion(NamedTuple):
 
 @dataclass(frozen=True)
 class PlannedCourse:
-    """What makes motions of shapes: the tables of splines and tones on one clock.
+    """The map from shapes to motions: tables of splines and tones at the samples of a run.
 
     Attributes:
-        limits: that every motion keeps.
-        dt: [s].
+        limits: of every motion.
+        dt: sample period [s].
         time: [s], shape (samples,).
-        spline: shape (samples, knots).
-        envelope: shape (samples, GATES).
-        ramp: from rest and back, shape (samples,).
+        spline: basis of the speed's spline, shape (samples, knots).
+        envelope: basis of the envelope's spline, shape (samples, GATES).
+        ramp: factor that goes from 0 to 1 and back to 0, shape (samples,).
         frequencies: of the tones [Hz], shape (TONES,).
-        usual: speeds of a sine and of a sweep [1], shape (samples, 2).
+        usual: speeds of a sine and of a sweep, in top speeds [1], shape (samples, 2).
     """
 
     limits: Limits
@@ -79,7 +79,7 @@ class PlannedCourse:
     usual: np.ndarray
 
     def motion(self, shape: Shape, share: Array | float = 1.0) -> PlannedMotion:
-        """The motion of a shape, in full or a share of it [1]; differentiable."""
+        """The motion of a shape, times `share` [1]; differentiable."""
         angle = 2.0 * jnp.pi * self.frequencies * self.time[:, None] + shape.phases[None, :]
         gate = jnp.clip(self.envelope @ (1.0 / (1.0 + jnp.exp(-shape.gates))), 0.0, 1.0)
         speed = self.spline @ jnp.tanh(shape.knots) + gate * (jnp.sin(angle) @ jnp.exp(shape.sizes))
@@ -87,15 +87,16 @@ class PlannedCourse:
         return self.within(speed, share)
 
     def within(self, speed: Array | np.ndarray, share: Array | float = 1.0) -> PlannedMotion:
-        """A motion from rest to rest at the same place, made as small as the limits ask for, or a share of that [1].
+        """A motion from rest to rest at the same position, scaled to the limits and then by `share`.
 
         Args:
             speed: in top speeds [1], shape (samples,).
-            share: of the motion [1].
+            share: factor on the whole motion [1].
         """
         limits = self.limits
         speed = jnp.asarray(speed)
-        speed = speed - jnp.mean(speed * self.ramp) / np.mean(self.ramp)  # back to where it began
+        # The mean speed under the ramp is taken off, so that the motion ends where it began.
+        speed = speed - jnp.mean(speed * self.ramp) / np.mean(self.ramp)
         speed = limits.speed * self.ramp * speed
         acceleration = jnp.asarray(jnp.gradient(speed, self.dt))
         position = jnp.concatenate([jnp.zeros(1), jnp.cumsum(0.5 * self.dt * (speed[1:] + speed[:-1]))])
@@ -108,11 +109,11 @@ class PlannedCourse:
         return PlannedMotion(scale * speed, scale * acceleration, scale * position)
 
     def starts(self, seed: int, count: int) -> list[Shape]:
-        """Shapes to start from: holds of falling size in both directions, slow reversals, a sweep, random ones.
+        """Start shapes: holds of falling speed in both directions, slow reversals, a sweep, and random shapes.
 
         Args:
-            seed: of the random ones.
-            count: how many.
+            seed: of the random shapes.
+            count: number of shapes.
         """
         rng = np.random.default_rng(seed)
         knots, tones = self.spline.shape[1], len(self.frequencies)
@@ -122,6 +123,7 @@ class PlannedCourse:
         slow = 0.12 * np.where(place % 2 == 0, 1.0, -1.0)
         quiet, loud = np.full(tones, -4.0), -1.5 - 0.7 * np.log(self.frequencies / self.frequencies[0])
         late = np.linspace(-4.0, 3.0, GATES)
+        # (knots, gates, sizes) of the four start shapes that are not random.
         plain = [
             (holds, late, loud),
             (np.where(place < knots // 2, 1.2 * np.sin(0.9 * place), slow), late, loud - 0.7),
@@ -144,19 +146,19 @@ class PlannedCourse:
 
 
 def make_course(limits: Limits, dt: float, seconds_resolved: float) -> PlannedCourse:
-    """The tables of a run's length.
+    """The course of a run.
 
     Args:
-        limits: of the machine.
+        limits: of the run.
         dt: control period [s].
-        seconds_resolved: shortest time from knot to knot that is useful [s].
+        seconds_resolved: a shorter time than this between two knots is of no use [s].
     """
     samples = round(limits.duration / dt) + 1
     time = np.arange(samples) * dt
     rise = max(limits.speed / limits.acceleration, seconds_resolved)
     count = int(np.clip(limits.duration / (SPACING * rise), *KNOTS))
     ramp = np.clip(np.minimum(time, time[-1] - time) / (RAMP * limits.duration), 0.0, 1.0)
-    lowest, highest = 2.0 / limits.duration, HIGHEST / dt
+    lowest, highest = 2.0 / limits.duration, HIGHEST / dt  # [Hz]; the slow motion is the spline's part
     tones = np.geomspace(min(4.0 * lowest, 0.2 * highest), highest, TONES)
     return PlannedCourse(
         limits, dt, time, _splines(time, count), _splines(time, GATES), ramp * ramp * (3.0 - 2.0 * ramp),

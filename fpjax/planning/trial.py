@@ -1,4 +1,4 @@
-"""Trial: what a run would bring: the closed loop follows it, and the models are held against the logs."""
+"""Trial of a reference: machines are simulated in closed loop, and models compared with the logs that they give."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from ..gap.simulate.replay import SUBSTEPS, assembled
 from ..model_file import Model
 from ..simulation.loop import ClosedLoop
 from ..simulation.scan import Inputs, make_stepper, roll, sampled_tables
-from .expect import Readings, RivalLanes, Told, coefficients, make_lanes, told_apart
+from .expect import Evidence, Readings, RivalLanes, coefficients, evidence_against, make_lanes
 from .machines import NOMINAL_VARIANT, Shop, Variant
 from .sight import Sight
 from .trajectory import PlannedCourse, PlannedMotion, Shape
 
-STAND_IN = 0.1  # of the control rate: bandwidth of the loop that stands in for an unknown controller
-TURNING = 0.02  # of the top speed: where its feed-forward turns the Coulomb friction round
-SHARP = 4.0  # of the soft minimum over what is to be seen: the worst counts most
-LEAST = 1e-3  # nats: below it there is nothing to grow
-OVERSHOOT = 1.1  # of the speed limit: what a loop may swing beyond its reference
-TOLERANCE = 1.01
+STAND_IN = 0.1  # bandwidth of the loop that stands in for an unknown controller, times dt [rad]
+TURNING = 0.02  # share of the top speed over which the stand-in's feed-forward reverses the Coulomb friction
+SHARP = 4.0  # sharpness of the soft minimum over the comparisons: large for the plain minimum
+LEAST = 1e-3  # [nats] smaller evidence counts as this much, so that the logarithm has no pole
+OVERSHOOT = 1.1  # largest speed over the speed limit, because a loop overshoots its reference
+TOLERANCE = 1.01  # on the limits of torque and speed as simulated
 RECORD = ("torque", "measured_velocity", "measured_position")
 
 
 class ExpectedRun(NamedTuple):
-    """What a run brings.
+    """The expected result of recording a run.
 
     Attributes:
-        nats: of every comparison, shape (comparisons,).
-        left: what of the misfit stays, in deviations, shape (comparisons, modes, windows).
-        torque: largest |command| of the machines that were simulated [N m].
-        speed: largest |reading| of theirs [rad/s].
-        readings: of the machines that were simulated, shape (runs, samples) each.
+        nats: evidence of every comparison, shape (comparisons,).
+        left: remaining misfit, in standard deviations, shape (comparisons, modes, windows).
+        torque: largest |commanded torque| of the simulated machines [N m].
+        speed: largest |velocity reading| of the simulated machines [rad/s].
+        readings: logs of the simulated machines, each of shape (runs, samples).
     """
 
     nats: Float[Array, " comparisons"]
@@ -57,12 +57,12 @@ class ExpectedRun(NamedTuple):
 
 @dataclass(frozen=True)
 class RunComparison:
-    """A log of one machine held against another model.
+    """A comparison of one machine's log with another machine's model.
 
     Attributes:
         log: index of the variant that is simulated.
-        model: index of the variant that is replayed.
-        moving: the model's parameters that may move.
+        model: index of the variant that is replayed on this log.
+        moving: the model's parameters that are free in the fit.
     """
 
     log: int
@@ -72,18 +72,18 @@ class RunComparison:
 
 @dataclass(frozen=True)
 class Trial:
-    """A function from a reference to what it brings.
+    """The function from a reference to its expected evidence.
 
     Attributes:
         shop: makes the machines.
         sight: of the diagnosis.
-        course: from shapes to motions.
+        course: the map from shapes to motions.
         simulated: variants that run in closed loop.
-        models: variants that are replayed.
-        comparisons: what is to be told apart.
-        lanes: of the models, and the place of each among them, by structure.
-        steered: structures of models whose gradients are taken; the others count where motions are compared. They are
-            most of what there is to compile.
+        models: variants that are replayed on the logs.
+        comparisons: pairs of log and model.
+        lanes: by structure, the lanes of its models, and the index among them of each model.
+        steered: structures of models through which gradients are taken. The evidence of the others counts, but does not
+            steer the search: their gradients would be most of what there is to compile.
     """
 
     shop: Shop
@@ -96,20 +96,20 @@ class Trial:
     steered: frozenset[Structure]
 
     def followed(self, motion: PlannedMotion) -> Float[Array, " samples"]:
-        """What the simulated loop is given of a motion [rad/s], or [rad] where it follows a position."""
+        """The reference of the simulated loop for a motion [rad/s], or [rad] where the loop follows a position."""
         model = self.shop.model
-        # The loop that stands in for an unknown controller is one of speed, whatever the drive's own reference is.
+        # The loop that stands in for an unknown controller is a velocity loop, whatever the drive's reference is.
         position = model.controller_known and model.units.reference == "position"
         return motion.position if position else motion.speed
 
     def reference(self, shape: Shape) -> Float[Array, " samples"]:
-        """What the simulated loop is given of a shape; differentiable."""
+        """The reference of the simulated loop for a shape; differentiable."""
         return self.followed(self.course.motion(shape))
 
     def seen(self, reference: Float[Array, " samples"]) -> ExpectedRun:
-        """What a reference brings; differentiable."""
+        """The expected run of a reference; differentiable."""
         readings = self.simulate(reference)
-        told: dict[int, Told] = {}
+        told: dict[int, Evidence] = {}
         for structure in _structures(self.models):
             still = readings if structure in self.steered else jax.lax.stop_gradient(readings)
             told |= self._structure(structure, still)
@@ -119,7 +119,9 @@ class Trial:
         return ExpectedRun(nats, left, largest, fastest, readings)
 
     def cost(self, reference: Float[Array, " samples"], wanted: Array) -> tuple[Array, ExpectedRun]:
-        """Less the soft minimum of the logarithms of the evidence, and what goes beyond the limits all the same.
+        """The cost of a reference: minus a soft minimum of the log of the evidence, plus a penalty beyond the limits.
+
+        The motion keeps its limits by construction; the penalty is for the simulated machine, whose loop may need more.
 
         Args:
             reference: from `reference` or `followed`, shape (samples,).
@@ -127,6 +129,8 @@ class Trial:
         """
         seen = self.seen(reference)
         worth = jnp.log(jnp.maximum(seen.nats, LEAST))
+        # log-sum-exp as a smooth minimum, so that every comparison near the worst one has a gradient; a fifth of the
+        # mean lets the others improve where the worst one cannot.
         soft = -jax.nn.logsumexp(-SHARP * worth, b=wanted) / SHARP + jnp.log(jnp.sum(wanted)) / SHARP
         mean = jnp.sum(wanted * worth) / jnp.sum(wanted)
         limits = self.course.limits
@@ -142,7 +146,7 @@ class Trial:
         return not bool(fine)
 
     def _periods(self, family: Family, vectors: np.ndarray, side: str) -> int:
-        """Whole periods that a dead time of the actuator or the rate sensor reaches back."""
+        """The longest dead time of the actuator or the rate sensor among some machines, in whole periods."""
         return int(np.ceil(np.max(vectors[family.index(f"{side}_delay")]) / self.sight.dt))
 
     def simulate(self, reference: Float[Array, " samples"]) -> Readings:
@@ -172,8 +176,8 @@ class Trial:
         rows = [jnp.stack([found[i][part] for i in range(len(self.simulated))]) for part in range(3)]
         return Readings(*rows)
 
-    def _structure(self, structure: Structure, readings: Readings) -> dict[int, Told]:
-        """The comparisons whose model has a structure: of each, what tells it apart."""
+    def _structure(self, structure: Structure, readings: Readings) -> dict[int, Evidence]:
+        """The evidence of the comparisons whose model has this structure, by index of the comparison."""
         lanes, places = self.lanes[structure]
         out = coefficients(self.shop, self.sight, lanes, readings)
         which = [i for i, c in enumerate(self.comparisons) if self.models[c.model].structure == structure]
@@ -188,32 +192,33 @@ class Trial:
                 return (out[:, pair[0], log] - base) / pair[1]
 
             moved = [slope(lanes.tangents[place][name]) for name in comparison.moving]
+            # Padded with zero tangents to a common number, so that one vmap serves all comparisons.
             moved += [jnp.zeros_like(base)] * (most - len(moved))
             bases.append(base)
             tangents.append(jnp.stack(moved) if moved else jnp.zeros((0, *base.shape)))
             shifts.append(jnp.stack([slope(pair) for pair in lanes.shifts[place]]))
-        told = jax.vmap(functools.partial(told_apart, self.sight))(
+        told = jax.vmap(functools.partial(evidence_against, self.sight))(
             jnp.stack(bases), jnp.stack(tangents), jnp.stack(shifts)
         )  # fmt: skip
-        return {index: Told(told.nats[row], told.left[row]) for row, index in enumerate(which)}
+        return {index: Evidence(told.nats[row], told.left[row]) for row, index in enumerate(which)}
 
 
 def _structures(variants: Sequence[Variant]) -> tuple[Structure, ...]:
-    """Of some variants, each once."""
+    """The structures of some variants, each once."""
     return tuple(dict.fromkeys(variant.structure for variant in variants))
 
 
 def loop_of(model: Model, machine: Machine, speed: float) -> ClosedLoop:
-    """The model's loop around a machine; where its controller is unknown, a stiff one stands in.
+    """The model's loop around a machine; where its controller is unknown, with a stiff velocity loop instead.
 
-    The stand-in gives the inverse dynamics of the planned motion by the nominal numbers as a feed-forward, so that the
-    torque is what the motion needs also where the motion is faster than any feedback; feedback of speed makes up for
-    what the machine has beside them.
+    This stand-in has the inverse dynamics of the planned motion as a feed-forward, with the nominal numbers, so that
+    the torque is right even for motions that are faster than the feedback. The velocity feedback corrects for the
+    machine's differences from the nominal model.
 
     Args:
-        model: the nominal one.
+        model: the nominal model.
         machine: a variant of it.
-        speed: largest of the motion [rad/s].
+        speed: largest speed of the motion [rad/s].
     """
     controller: AbstractController = model.loop.controller
     observer: Any = model.loop.observer
@@ -229,7 +234,7 @@ def loop_of(model: Model, machine: Machine, speed: float) -> ClosedLoop:
 
 
 def quiet(machine: Machine) -> Machine:
-    """The machine with sensors that neither round nor hiss: noise is in the expected evidence."""
+    """The machine with sensors without rounding and noise, because the expected evidence already accounts for them."""
     nothing = jnp.zeros_like(machine.sensor.noise)
     names = ("noise", "step_size", "position_noise", "position_step")
     return eqx.tree_at(
@@ -238,7 +243,7 @@ def quiet(machine: Machine) -> Machine:
 
 
 def short(machine: Machine, actuator: int, sensor: int) -> Machine:
-    """The machine with no longer memories than its dead times [periods]: they are most of what there is to compile."""
+    """The machine with histories just as long as its dead times [periods], as long histories take long to compile."""
     parts = dataclasses.replace(machine.actuator, longest_delay=actuator + 1)
     if actuator == 0:
         parts = eqx.tree_at(lambda at: at.delay, parts, None)
@@ -247,7 +252,10 @@ def short(machine: Machine, actuator: int, sensor: int) -> Machine:
 
 
 def effects_trial(shop: Shop, sight: Sight, course: PlannedCourse, variants: Sequence[Variant]) -> Trial:
-    """The nominal machine's log against every effect at its detectable size, the nominal numbers and an offset free."""
+    """A trial that compares the nominal machine's log with every effect at its detectable size.
+
+    The nominal parameters and an offset are free in every model.
+    """
     comparisons = tuple(RunComparison(0, i, shop.nuisances(v.effect)) for i, v in enumerate(variants))
     return _trial(
         shop, sight, course, (NOMINAL_VARIANT,), tuple(variants), comparisons, frozenset[Structure](("rigid",))
@@ -255,14 +263,18 @@ def effects_trial(shop: Shop, sight: Sight, course: PlannedCourse, variants: Seq
 
 
 def rivals_trial(shop: Shop, sight: Sight, course: PlannedCourse, rivals: Sequence[Variant]) -> Trial:
-    """Every rival's log against every other rival's model, its own parameters and the nominal numbers free."""
+    """A trial that compares every rival's log with every other rival's model.
+
+    The model's own parameters and the nominal parameters are free.
+    """
     comparisons = []
     for log in range(len(rivals)):
         for model, rival in enumerate(rivals):
             if model == log:
                 continue
             assert rival.effect is not None
-            # What is wrong in the log's machine by its own name must not be the model's to correct.
+            # Where the log's machine has, say, a coulomb_error, the model's nominal coulomb must not be free: it would
+            # explain the log by that very cause.
             wrong = rivals[log].name.removesuffix("_error")
             own = tuple(p.name for p in rival.effect.parameters)
             nominal = tuple(n for n in shop.nuisances(rival.effect) if n not in ("torque", wrong))
@@ -275,7 +287,7 @@ def _trial(
     shop: Shop, sight: Sight, course: PlannedCourse, simulated: tuple[Variant, ...], models: tuple[Variant, ...],
     comparisons: tuple[RunComparison, ...], steered: frozenset[Structure],
 ) -> Trial:  # fmt: skip
-    moving: dict[int, tuple[str, ...]] = {}  # of each model: what may move in any of its comparisons
+    moving: dict[int, tuple[str, ...]] = {}  # by model, the parameters that are free in any of its comparisons
     for one in comparisons:
         moving[one.model] = tuple(dict.fromkeys((*moving.get(one.model, ()), *one.moving)))
     lanes: dict[Structure, tuple[RivalLanes, dict[int, int]]] = {}
@@ -285,5 +297,5 @@ def _trial(
         made = make_lanes(shop, [models[i] for i in which], [moving[i] for i in which])
         lanes[structure] = made, {index: place for place, index in enumerate(which)}
     for variant in simulated:
-        shop.family(variant.structure)  # made here: the trace of a trial cannot
+        shop.family(variant.structure)  # made here, because a family cannot be made within a jax trace
     return Trial(shop, sight, course, simulated, models, comparisons, lanes, steered)

@@ -1,4 +1,4 @@
-"""plan: from a model, and what a diagnosis left open, to the run to record next."""
+"""plan: from a model, and a diagnosis that could not decide, to the run to record next."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from .trajectory import make_course
 from .trial import Trial, effects_trial, rivals_trial
 from .usual import NAMES
 
-SECONDS = 45.0  # processor time of the design; the rest of a minute is for what is around it
-RISE = 0.02  # s: knots of the speed need not be nearer than what a loop follows
-TOO_FAST = 3.0  # of the speed limit: a loop that swings so far beyond its reference is unstable
+SECONDS = 45.0  # [s] processor time of the design, so that the whole plan takes about a minute
+RISE = 0.02  # [s] shortest useful time between knots: faster changes of speed are not followed by a usual loop
+TOO_FAST = 3.0  # a simulated speed of this many times the speed limit means that the loop is unstable
 
 Progress = Callable[[str, float], None]
 
@@ -56,29 +56,30 @@ def plan(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Plan:
-    """Which run to record next.
+    """Plan the run to record next.
 
-    From a model alone: a reference that makes every effect of the vocabulary visible, the least visible one as much as
-    can be. With a log it is diagnosed first; from a diagnosis that could not decide: the reference that separates its
-    rivals best. The closed loop is simulated where the controller is known; else a stiff loop stands in for it, and the
-    motion itself is planned. Runs in double precision. After an interrupt the best run so far is returned, and
-    `Plan.ended` says so.
+    From a model alone: a reference that makes every effect of the vocabulary visible, with as much evidence as possible
+    for the least visible one. With a diagnosis that could not decide between causes: the reference that separates these
+    rivals best. With a log, the log is diagnosed first. Where the controller is known the closed loop is simulated;
+    else a stiff loop is used in its place, and the motion itself is planned. Computed in double precision. After an
+    interrupt the best run so far is returned, and `Plan.ended` says so.
 
     Args:
         model: the nominal model, or the path or text of a servo.toml.
-        log: a run that was recorded before; it is diagnosed, and its extent is what the limits default to.
-        diagnosis: of it, where there is one already: a `Diagnosis`, the folder or the dictionary of a diagnosis.json.
-        speed: largest [rad/s].
-        acceleration: largest [rad/s^2].
-        torque: largest commanded [N m].
-        travel: from one end of the motion to the other [rad].
-        duration: of the run [s].
-        missing: torque that every model is taken to miss [N m]; None for what the diagnosis left, or 2 % of the
-            friction.
-        velocity_noise: standard deviation of a rate reading [rad/s]; None for the log's or the model's.
-        position_noise: of a position reading [rad]; likewise.
+        log: a log of an earlier run; it is diagnosed, and its extent gives the default limits.
+        diagnosis: of that log, if there is one already: a `Diagnosis`, the folder of `fpjax diagnose`, or the
+            dictionary of its diagnosis.json.
+        speed: largest speed [rad/s].
+        acceleration: largest acceleration [rad/s^2].
+        torque: largest commanded torque [N m].
+        travel: largest distance between both ends of the motion [rad].
+        duration: length of the run [s].
+        missing: level of the missing torque that every model is assumed to have [N m]; None for the gap after the
+            diagnosis, or 2 % of the friction.
+        velocity_noise: noise standard deviation of a rate reading [rad/s]; None for the log's or the model's.
+        position_noise: noise standard deviation of a position reading [rad]; None for the log's or the model's.
         seconds: processor time of the design [s].
-        seed: of the random motions that are tried first.
+        seed: of the random motions among the starts.
         progress: called with (name of the stage, share done [1]).
 
     Returns:
@@ -125,8 +126,8 @@ def plan(
         shop = make_shop(known, limits, _largest_torque(known, limits), sight.samples * sight.dt)
         if not known.controller_known:
             notes.append(
-                "[controller] is unknown: the motion itself is planned, and a loop with its inverse dynamics as "
-                "feed-forward stands in for the drive's."
+                "[controller] is unknown: the motion itself is planned, and simulated with a velocity loop and the "
+                "inverse dynamics as feed-forward in place of the drive's loop."
             )
         clock("machines", 0.05)
         trial, twins, wanted = _trial(shop, sight, course, told)
@@ -139,7 +140,7 @@ def plan(
 
 
 def _largest_torque(model: Model, limits: Limits) -> float:
-    """That the run can command [N m]: the limit, or what the largest acceleration at the top speed takes."""
+    """Largest torque of the run [N m]: the limit, or the torque for the largest acceleration at the top speed."""
     nominal = model.nominal
     needed = nominal["inertia"] * limits.acceleration + nominal["coulomb"] + nominal["viscous"] * limits.speed
     return float(min(limits.torque, needed + abs(nominal["offset"])))
@@ -148,7 +149,7 @@ def _largest_torque(model: Model, limits: Limits) -> float:
 def _trial(
     shop: Shop, sight: Sight, course: Any, told: JsonObject | None
 ) -> tuple[Trial, dict[frozenset[str], str], np.ndarray]:
-    """What is to be seen, the sentences on what no run shows, and the weight of every comparison."""
+    """(the trial, by effect or pair why no run can show or separate it, the weight of every comparison)."""
     if told is None:
         variants = [detectable(shop, effect) for effect in shop.effects()]
         hidden = {v.name: hidden_by_twin(shop, v) for v in variants}
@@ -158,8 +159,8 @@ def _trial(
     variants = machines_of(shop, rivals_of(told), settled_of(told))
     if len(variants) < 2:
         raise InputError(
-            "The diagnosis left no rivals that this machine's sensors can have: leave --diagnosis out for a run that "
-            "makes all effects visible."
+            "The diagnosis has no rivals that are possible with these sensors: leave out --diagnosis for a run "
+            "that makes all effects visible."
         )
     twins = twins_of(shop, variants)
     trial = rivals_trial(shop, sight, course, variants)
@@ -178,7 +179,7 @@ def _trial(
 def _unstable(model: Model) -> str:
     if model.controller_known:
         return (
-            "The closed loop blows up on every motion that was tried: check it with fpjax simulate --margins, use "
+            "The closed loop diverges on every motion that was tried: check it with fpjax simulate --margins, use "
             'smaller gains or a smaller [simulation] dt, or write [controller] type = "unknown" to plan the motion.'
         )
     return (
@@ -195,11 +196,13 @@ def _plan(
         raise InputError(_unstable(model))
     if trial.beyond(seen):
         notes.append(
-            f"the simulated machine needs {float(seen.torque):.4g} {model.units.name('N m')} at most, above the limit: "
-            "the drive will clip it there."
+            f"the simulated machine needs up to {float(seen.torque):.4g} {model.units.name('N m')}, above the limit: "
+            "the drive will clip the torque there."
         )
     elif found.share < 1.0:
-        notes.append(f"the motion was made {found.share:.2f} of its size, so that the torque limit holds as simulated.")
+        notes.append(
+            f"the motion was scaled to {found.share:.2f} of its size, so that the simulated torque keeps its limit."
+        )
     if found.ended == "interrupted":
         notes.append(f"interrupted after {found.evaluations} motions: the best of them is kept.")
     motion = {name: np.asarray(values) for name, values in course.motion(found.shape, found.share)._asdict().items()}

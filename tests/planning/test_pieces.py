@@ -14,7 +14,7 @@ from fpjax.errors import InputError
 from fpjax.logs import read_log
 from fpjax.model_file import dump_model, load_model
 from fpjax.planning import Plan, Separation, Visible, plan
-from fpjax.planning.expect import told_apart
+from fpjax.planning.expect import evidence_against
 from fpjax.planning.explain import separations
 from fpjax.planning.limits import Limits, make_limits
 from fpjax.planning.machines import detectable, make_shop, reported, rival
@@ -267,16 +267,16 @@ def test_what_may_move_is_projected_out():
         inside = jnp.einsum("p,pmw->mw", jnp.asarray([0.3, -0.2]), tangents)
         inside = inside + jnp.einsum("sw,smw->mw", jnp.asarray(shift), shifts)
         outside = jnp.asarray(rng.normal(size=(count, windows)))
-        nothing = told_apart(sight, inside, tangents, shifts)
-        some = told_apart(sight, outside, tangents, shifts)
-        more = told_apart(sight, 3.0 * outside + inside, tangents, shifts)
+        nothing = evidence_against(sight, inside, tangents, shifts)
+        some = evidence_against(sight, outside, tangents, shifts)
+        more = evidence_against(sight, 3.0 * outside + inside, tangents, shifts)
     assert float(nothing.nats) < 1e-3 * float(some.nats)
     assert float(more.nats) > 2.0 * float(some.nats)
     # Small misfits cost half their square in deviations, whatever the bands.
     whitened = np.asarray(1e-3 * outside) / np.sqrt(sight.variance)[:, None]
     none = jnp.zeros((0, count, windows))
     with double_precision():
-        small = float(told_apart(sight, 1e-3 * outside, none, jnp.zeros((1, count, windows))).nats)
+        small = float(evidence_against(sight, 1e-3 * outside, none, jnp.zeros((1, count, windows))).nats)
     assert small == pytest.approx(0.5 * np.sum(whitened**2), rel=1e-4)
 
 
@@ -288,7 +288,7 @@ def test_the_evidence_has_a_gradient():
         c, t, x = (jnp.asarray(rng.normal(size=(*k, count, windows))) for k in ((), (1,), (2,)))
 
         def nats(scale):
-            return told_apart(sight, scale * c, t, x).nats
+            return evidence_against(sight, scale * c, t, x).nats
 
         slope, step = jax.grad(nats)(1.0), 1e-5
         assert float(slope) == pytest.approx(float(nats(1 + step) - nats(1 - step)) / (2 * step), rel=1e-5)
