@@ -76,7 +76,7 @@ def test_a_log_says_how_far_the_machine_went():
         (given(torque=0.52), "cannot move within its limits"),
         (given(speed=-1.0), "--speed must be a number above zero"),
         (given(duration=0.5), "too short for a diagnosis"),
-        (given(duration=1e9), "simulates few of so many: give at most"),
+        (given(duration=1e9), "simulates a small part only: give at most"),
         (given(speed=50.0, travel=1e-3, acceleration=1.0), "contradict each other"),
     ],
 )
