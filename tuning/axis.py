@@ -9,7 +9,7 @@ from fpjax.errors import InputError
 
 from .parameters import Scale
 
-Paths = Mapping[str, Mapping[str, Sequence[float]]]  # over a sweep, by the method's name: values by parameter name
+Paths = Mapping[str, Mapping[str, Sequence[float]]]  # method -> parameter name -> its value after each iteration
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Axis:
 
     @property
     def values(self) -> np.ndarray:
-        """The values, shape (count,)."""
+        """The values, in the parameter's unit, shape (count,)."""
         if self.scale == "log":
             return np.geomspace(self.low, self.high, self.count)
         return np.linspace(self.low, self.high, self.count)

@@ -1,7 +1,7 @@
 """A sweep on Dask distributed: one task and one file a chunk (extra `cluster`).
 
-What a killed worker loses is the chunk it was at, which another worker does again; what a killed driver loses is the
-chunks then running: the finished ones are in the folder, and `resume=True` computes the missing ones, bit-equal.
+If a worker is killed, another one computes its current chunk again. If the driver is killed, the chunks then running
+are lost; the finished ones are in the folder, and `resume=True` computes the missing ones, bit-equal.
 """
 
 import functools
@@ -22,9 +22,11 @@ from .problem import Problem
 from .sweep_chunk import evaluate_chunk
 from .sweep_store import SweepStore, is_folder_of, write_chunk
 
-RETRIES = 10  # workers that may die at one chunk before it is given up
-PATIENCE = "10s"  # with a scheduler that does not answer
-AHEAD = 4  # chunks given out at once, as a multiple of the workers' threads
+RETRIES = 10  # failures of one chunk (a worker that died, memory) before the sweep fails
+TIMEOUT = "10s"  # of the connection to the scheduler
+# Chunks submitted ahead, as a multiple of the workers' threads: enough that no worker waits for the driver, and few
+# enough that a sweep of millions of chunks does not fill the scheduler.
+AHEAD = 4
 
 
 def on_cluster(
@@ -36,7 +38,7 @@ def on_cluster(
     missing: Iterable[int],
     store: SweepStore,
 ) -> Iterator[tuple[int, np.ndarray | None]]:
-    """Finished chunks as they come: (which, costs), or (which, None) where the worker has written the file itself.
+    """Chunks as they finish: (number, costs), or (number, None) where the worker has written the file itself.
 
     Args:
         address: of the scheduler.
@@ -44,8 +46,8 @@ def on_cluster(
         axes: of the grid.
         total: candidates.
         chunk: candidates in a chunk.
-        missing: chunks to compute.
-        store: where they go; a worker that sees its folder writes there.
+        missing: numbers of the chunks to compute.
+        store: of the finished chunks; a worker that sees its folder writes there itself.
 
     Raises:
         InputError: where `distributed` is not installed or the scheduler does not answer.
@@ -55,24 +57,25 @@ def on_cluster(
     except ImportError as error:
         raise InputError("scheduler=... needs Dask distributed: install fpjax[cluster].") from error
     try:
-        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False)
+        client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(
             f"No Dask scheduler answers at {address!r} ({type(error).__name__}): start one with `dask scheduler` and "
             "workers with `dask worker ADDRESS`, or leave scheduler out."
         ) from error
     folder = None if store.folder is None else str(store.folder.resolve())
+    # numpy arrays, not tied to the driver's devices. x64 is a setting of the process, so it is sent along.
     payload = pickle.dumps(
         (jax.tree.map(np.asarray, problem), tuple(axes), chunk, total, bool(jax.config.jax_enable_x64))
     )
-    run = uuid.uuid4().hex  # two sweeps on one scheduler must not take each other's chunks
+    run = uuid.uuid4().hex  # in the tasks' keys: two sweeps on one scheduler must not get each other's chunks
     with client:
         waiting = iter(missing)
         counts: Any = client.nthreads()
         threads = max(1, sum(counts.values()))
 
         def submit(piece: int) -> Any:
-            # Not pure: a chunk whose file was lost is computed again, not remembered by the cluster.
+            # pure=False: a chunk whose file was lost must be computed again, not returned from the cluster's memory.
             name = f"chunk-{piece}-{run}"
             return client.submit(
                 _compute, payload, piece, folder, store.identity, pure=False, retries=RETRIES, key=name
@@ -89,8 +92,9 @@ def on_cluster(
 
 
 def _compute(payload: bytes, piece: int, folder: str | None, identity: str) -> tuple[int, np.ndarray | None]:
-    """On a worker: compute one chunk, and write it where the sweep's folder is to be seen."""
+    """On a worker: compute one chunk, and write it if the worker sees the folder of the sweep."""
     problem, axes, chunk, total = _unpacked(payload)
+    # One thread: Dask runs as many tasks on a worker as it has threads.
     costs = evaluate_chunk(problem, axes, piece, chunk, total, workers=1)
     if folder is not None and is_folder_of(Path(folder), identity):
         write_chunk(Path(folder), identity, piece, costs)
@@ -100,7 +104,8 @@ def _compute(payload: bytes, piece: int, folder: str | None, identity: str) -> t
 
 @functools.lru_cache(maxsize=2)
 def _unpacked(payload: bytes) -> Any:
+    """(problem, axes, chunk, total) of a payload; cached, as every task of a sweep brings the same one."""
     problem, axes, chunk, total, double = pickle.loads(payload)
-    if double and not jax.config.jax_enable_x64:  # a worker is ours alone: it computes as the driver would
+    if double and not jax.config.jax_enable_x64:  # the worker process serves this sweep only
         jax.config.update("jax_enable_x64", True)
     return jax.tree.map(jax.numpy.asarray, problem), axes, chunk, total

@@ -1,4 +1,4 @@
-"""The ranges of a model file's [bounds], on what is tuned."""
+"""The bounds of tuned parameters from the [bounds] of a model file."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -16,20 +16,20 @@ from .parameters import Parameter, default_parameters
 def bounded_parameters(
     model: Model, parameters: Sequence[str | Parameter] | None = None
 ) -> Sequence[str | Parameter] | None:
-    """What is to be tuned, within the model's [bounds] where nothing else is said of its range.
+    """The parameters to tune, with the model's [bounds] where they have none of their own.
 
-    [bounds] says between which values a gain may go, not that it is tuned. A lower bound of zero makes the range a
-    linear one.
+    A gain in [bounds] is not tuned for that reason: it must be among the parameters too. A lower bound of zero makes
+    the scale linear, as zero has no logarithm.
 
     Args:
-        model: with `bounds`, by the file's words.
+        model: whose `bounds` are by the file's keys, as "controller.kp".
         parameters: as `tune` takes them; None for its default.
 
     Returns:
-        The same where the model has no bounds; else `Parameter`s with the model's ranges where they had none.
+        The same where the model has no bounds; else `Parameter`s, with the model's bounds where they had none.
 
     Raises:
-        InputError: for a gain that the file has outside its own bounds, or a start outside them.
+        InputError: for a gain, or a start, outside the bounds of the same file.
     """
     if not model.bounds:
         return parameters
@@ -46,7 +46,8 @@ def _bounded(model: Model, one: Parameter, word: str) -> Parameter:
     section, _, key = word.partition(".")
     start = float(np.asarray(get_parameter(model.loop, one.name))) if one.start is None else one.start
     if one.start is None and key not in model.sections.get(section, {}):
-        start = min(max(start, low), high)  # pole placement chose it, and knows no bounds
+        # The gain is not in the file: pole placement chose it, and knows no bounds.
+        start = min(max(start, low), high)
     if not low <= start <= high:
         raise InputError(
             f"{word} = {start:g} lies outside its own bounds [{low:g}, {high:g}]: widen them, or correct the gain."

@@ -1,4 +1,4 @@
-"""One owner of a folder at a time: a lock that the system itself gives back when its owner ends, however it ends."""
+"""A lock on a folder: one process at a time; the operating system releases it when the process ends, even if killed."""
 
 import contextlib
 import errno
@@ -11,13 +11,15 @@ from pathlib import Path
 from fpjax.errors import FpjaxWarning, InputError
 
 NAME = ".lock"
-_CANNOT = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.EINVAL}
+# errno of file systems that have no locks (some network file systems).
+_NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOLCK, errno.EINVAL}
 
 
 class FolderLock:
-    """Held from its making until `release`, or until the process ends.
+    """A lock held from construction until `release` or the end of the process.
 
-    The file stays behind: taking it away would let two processes lock two files of one name.
+    The file is left behind on purpose. If it were deleted, one process could hold a lock on the deleted file while
+    another one locks a new file of the same name.
     """
 
     def __init__(self, folder: Path):
@@ -35,9 +37,9 @@ class FolderLock:
         try:
             _lock(self._handle)
         except OSError as error:
-            if error.errno in _CANNOT:
+            if error.errno in _NO_LOCKS:
                 warnings.warn(
-                    f"{folder} is on a file system without locks: see to it that no other sweep writes there.",
+                    f"{folder} is on a file system without locks: make sure that no other sweep writes there.",
                     FpjaxWarning,
                     stacklevel=3,
                 )
@@ -52,13 +54,14 @@ class FolderLock:
             os.write(self._handle, f"process {os.getpid()} on {socket.gethostname()}".encode())
 
     def release(self) -> None:
-        """Give it back; a second time does nothing."""
+        """Release the lock; a second call does nothing."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None
 
 
 def _owner(path: Path) -> str:
+    """The process that wrote its name into the lock file, in brackets; "" where it cannot be read."""
     try:
         words = path.read_text(errors="replace")[:100]
     except OSError:
@@ -70,7 +73,7 @@ def _lock(handle: int) -> None:
     if sys.platform == "win32":
         import msvcrt
 
-        # Far behind the text, so that others may read who owns it.
+        # msvcrt locks bytes against reading too: a byte far beyond the owner's name leaves that readable.
         os.lseek(handle, 1 << 20, os.SEEK_SET)
         msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
         os.lseek(handle, 0, os.SEEK_SET)

@@ -1,4 +1,8 @@
-"""Lanes: the starts x references that a method drives side by side, and the count of what each has cost."""
+"""Lanes: searches from several starts and on several references side by side, and the simulations that each has used.
+
+Every array over lanes has one row a lane, and keeps it to the end of a search: another number of rows would compile
+another program, which takes longer (seconds) than most searches run.
+"""
 
 import dataclasses
 import functools
@@ -19,25 +23,26 @@ from fpjax.compiled.programs import Programs
 from .parameters import Space
 from .problem import Problem, lane_cost, lane_residuals, simulations_of
 
-REVERSE_COUNTS = 4  # simulations that a reverse-mode value and gradient counts for (docs/performance.md)
+REVERSE_COUNTS = 4  # simulations that one value and gradient in reverse mode costs, measured (docs/performance.md)
 
 _PROGRAMS = Programs()
 
 
 @dataclasses.dataclass
 class Stopwatch:
-    """Seconds spent compiling and computing."""
+    """Seconds spent compiling and computing, and the calls that are timed."""
 
     compile_seconds: float = 0.0
     run_seconds: float = 0.0
 
     def call(self, fn: Callable[..., PyTree], *arguments: PyTree) -> PyTree:
-        """`fn(*arguments)` as one compiled kernel, its result on the host; compiling is timed apart.
+        """`fn(*arguments)` compiled as one kernel, its result on the host; compiling is timed separately.
 
-        Compiled once for each `fn`, structure and shape, as long as it is among the last that were used.
+        Compiled once for each `fn`, structure and shape, as long as it is among the programs used last.
         """
         arguments = jax.tree.map(jnp.asarray, _on_device(arguments))
         leaves, structure = jax.tree.flatten(arguments)
+        # What a compiled program depends on. jax.jit has a table of its own, but does not time compiling separately.
         key = (fn, structure, tuple((leaf.shape, leaf.dtype) for leaf in leaves), native_enabled())
         begin = time.perf_counter()
         program, made = _PROGRAMS.get(key, lambda: jax.jit(native(fn)).lower(*arguments).compile())
@@ -49,9 +54,9 @@ class Stopwatch:
         return result
 
     def step(self, fn: Callable[..., PyTree], *arguments: PyTree) -> PyTree:
-        """`fn(*arguments)` for an optimiser's own algebra, its result left on the device; compiling is timed apart.
+        """`fn(*arguments)` for an optimiser's own algebra, result left on the device; compiling is timed separately.
 
-        Compiled once for each `fn`, structure and shape; leaves that are no arrays are static.
+        Compiled once for each `fn`, structure and shape; leaves that are not arrays are static.
         """
         arguments = _on_device(arguments)
         arrays, static = eqx.partition(arguments, eqx.is_array)
@@ -59,7 +64,7 @@ class Stopwatch:
         key = (fn, structure, str(static), tuple((leaf.shape, leaf.dtype) for leaf in leaves))
 
         def make() -> PyTree:
-            with jax.numpy_dtype_promotion("standard"):  # optax mixes counters with floats, and int32 with int64
+            with jax.numpy_dtype_promotion("standard"):  # optax adds integer counters to floats
                 return eqx.filter_jit(fn).lower(*arguments).compile()
 
         begin = time.perf_counter()
@@ -79,8 +84,8 @@ class Lanes:
     Attributes:
         problem: what is minimised.
         start: shape (lanes, n), in the parameters' units.
-        index: the reference that a lane alone is tuned on, shape (lanes,); None for all references at once.
-        clock: where the time went.
+        index: the one reference that each lane is tuned on, shape (lanes,); None for all references together.
+        clock: seconds of compiling and computing.
     """
 
     problem: Problem
@@ -95,11 +100,11 @@ class Lanes:
 
     @property
     def cases(self) -> int:
-        """Simulations of one cost."""
+        """Number of simulations of one cost."""
         return simulations_of(self.problem, self.index is not None)
 
     def gradient_simulations(self, mode: str) -> int:
-        """Simulations that a value and gradient of one lane counts for: 1 + n forward, 4 in reverse, a case."""
+        """Simulations that one value and gradient of a lane counts as: for each case 1 + n forward, 4 in reverse."""
         n = self.start.shape[1]
         forward = mode == "forward" or (mode == "auto" and n <= FORWARD_UP_TO)
         return self.cases * (1 + n if forward else REVERSE_COUNTS)
@@ -107,6 +112,7 @@ class Lanes:
     def costs(self, values: np.ndarray) -> np.ndarray:
         """Costs of candidates of shape (lanes, candidates, n), in the parameters' units: shape (lanes, candidates)."""
         lanes, candidates, n = values.shape
+        # One row for each lane and candidate; every candidate of a lane has the reference of its lane.
         flat = np.reshape(values, (lanes * candidates, n)).astype(self.problem.dtype)
         index = None if self.index is None else np.repeat(self.index, candidates)
         return self.clock.call(_costs, flat, index, self.problem).reshape(lanes, candidates).astype(float)
@@ -120,7 +126,7 @@ class Lanes:
     def residuals_and_jacobian(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(residuals (lanes, m), Jacobians (lanes, m, n), costs (lanes,)) at unbounded coordinates (lanes, n).
 
-        The squares of the residuals sum to the mean over the cases.
+        m = cases x residuals of a case. The squares of the residuals sum to the mean over the cases.
         """
         return self.clock.call(_residuals_and_jacobian, at.astype(self.problem.dtype), self.index, self.problem)
 
@@ -131,23 +137,24 @@ class Lanes:
     def values(self, at: np.ndarray) -> np.ndarray:
         """Parameter values at unbounded coordinates of shape (..., n)."""
         space = self.problem.space
+        # Computed as in the kernels, so that reported gains are exactly those whose cost was computed.
         flat = np.reshape(at, (-1, at.shape[-1])).astype(self.problem.dtype)
         return np.asarray(self.clock.step(_values, space, flat), dtype=float).reshape(at.shape)
 
 
 @dataclasses.dataclass
 class Outcome:
-    """What a search leaves of every lane.
+    """The result of a search, by lane.
 
     Attributes:
         values: best parameters found, shape (lanes, n).
-        costs: their costs, shape (lanes,); infinite where a lane never ran whole.
+        costs: their costs, shape (lanes,); infinite where every candidate of a lane diverged.
         simulations: simulations used, shape (lanes,).
         iterations: iterations done, shape (lanes,).
         history: of each lane, (simulations so far, best cost so far) after every iteration.
         paths: of each lane, the parameters after every iteration, each of shape (n,).
         reasons: of each lane, why it ended.
-        standing: where Algorithm 1 stood at its end, shape (lanes, n), which is not the best it saw; None for others.
+        standing: last point of Algorithm 1, shape (lanes, n), not necessarily the best it saw; None for other methods.
         standing_costs: the costs there, shape (lanes,).
     """
 
@@ -175,7 +182,7 @@ class Best:
         self.reasons = ["stopped at its number of iterations"] * lanes
 
     def offer(self, lane: int | np.intp, values: np.ndarray, cost: float, simulations: int) -> None:
-        """One more iteration of a lane: its point, that point's cost, and what the iteration used."""
+        """Count one more iteration of a lane: its point, that point's cost, and the simulations that it used."""
         self.simulations[lane] += simulations
         self.iterations[lane] += 1
         if cost < self.costs[lane]:
@@ -194,7 +201,7 @@ class Best:
 
 
 def _on_device(tree: PyTree) -> PyTree:
-    """Host arrays as they are on the device; jnp.asarray would compile a copy."""
+    """numpy arrays put on the device; jnp.asarray would compile a copy program for each shape."""
     return jax.tree.map(lambda leaf: jax.device_put(leaf) if isinstance(leaf, np.ndarray) else leaf, tree)
 
 
@@ -208,6 +215,11 @@ def _costs(values: Array, index: Array | None, problem: Problem) -> Array:
 
 @functools.lru_cache(maxsize=32)
 def _gradient_function(mode: str, cases: int) -> Callable[..., PyTree]:
+    """(costs, gradients) of lanes; cached, as `Stopwatch.call` looks programs up by the function object.
+
+    The scratch memory of reverse mode is for one lane, which holds as many simulations as it has cases.
+    """
+
     def costs(at: Array, index: Array | None, problem: Problem) -> Array:
         return _costs(jax.vmap(problem.space.values)(at), index, problem)
 
@@ -217,6 +229,7 @@ def _gradient_function(mode: str, cases: int) -> Callable[..., PyTree]:
 def _residuals(at: Array, index: Array | None, problem: Problem) -> Array:
     def one(at: Array, index: Array | None) -> Array:
         rows = lane_residuals(problem.space.values(at), index, problem)
+        # 1 / sqrt(cases): the sum of squares is then the mean cost over the cases.
         return jnp.ravel(rows) / math.sqrt(rows.shape[0])
 
     return jax.vmap(one, (0, None if index is None else 0))(at, index)
@@ -228,7 +241,8 @@ def _residuals_and_jacobian(at: Array, index: Array | None, problem: Problem) ->
             return lane_residuals(problem.space.values(at), index, problem)
 
         tangents = jnp.eye(at.shape[0], dtype=at.dtype)
-        # The residuals do not depend on the direction: they are computed once, outside the vmap.
+        # out_axes None: the residuals do not depend on the tangent, so that they come out once and not n times. The
+        # slopes, of shape (cases, residuals, n), get the tangent as last axis.
         rows, slopes = jax.vmap(lambda tangent: jax.jvp(residuals, (at,), (tangent,)), out_axes=(None, 2))(tangents)
         cost = jnp.mean(jax.vmap(problem.objective.cost_of)(rows))
         share = 1.0 / math.sqrt(rows.shape[0])

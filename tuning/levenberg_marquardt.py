@@ -14,21 +14,23 @@ from .lanes import Best, Lanes, Outcome
 from .methods import LevenbergMarquardt
 from .stopping import Stop
 
-DAMPING = 1e-5  # first damping, as a fraction of the largest diagonal element of J^T J
-FAR = 1e6  # stands for the residuals of a diverged point, so that the step to it is refused
+# First damping as a fraction of the largest diagonal element of J^T J: almost a Gauss-Newton step, as the residuals are
+# almost linear in the coordinates of `Space.linear_below`. A refused step raises it.
+DAMPING = 1e-5
+FAR = 1e6  # residual in place of those of a diverged point: finite for the linear algebra, and a step that is refused
 
 
 def levenberg_marquardt(lanes: Lanes, settings: LevenbergMarquardt, stop: Stop) -> Outcome:
-    """Levenberg-Marquardt.
+    """Levenberg-Marquardt on the residuals of every lane.
 
-    One iteration is one pass of residuals and forward-mode Jacobian through the native loop, which counts 1 + n
-    simulations a case, and one step of optimistix' solver on that linear model: its linear algebra stays out of the
-    kernel that simulates.
+    One iteration is one evaluation of residuals and forward-mode Jacobian in the compiled loop, which counts 1 + n
+    simulations a case, and one step of optimistix' solver on the linear model that they make. The simulation and the
+    linear algebra are programs of their own: a LAPACK call within the loop would forbid compiling it as one kernel.
 
     Args:
         lanes: starts and references.
         settings: iterations, tolerance.
-        stop: when a lane is over beyond the settings.
+        stop: target, budget and progress bar.
 
     Raises:
         InputError: for aggregate="worst", which is no sum of squares.
@@ -50,6 +52,7 @@ def levenberg_marquardt(lanes: Lanes, settings: LevenbergMarquardt, stop: Stop) 
         active &= ~stop.before(best, needed)
         if not active.any():
             break
+        # Shapes (lanes, m), (lanes, m, n), (lanes,).
         residuals, slopes, cost = lanes.residuals_and_jacobian(trial)
         healthy = np.all(np.isfinite(residuals), axis=1) & np.all(np.isfinite(slopes), axis=(1, 2))
         values = lanes.values(trial)
@@ -58,7 +61,8 @@ def levenberg_marquardt(lanes: Lanes, settings: LevenbergMarquardt, stop: Stop) 
         residuals = np.where(healthy[:, None], residuals, FAR).astype(float)
         slopes = np.where(healthy[:, None, None], slopes, 0.0).astype(float)
         if state is None:
-            # optimistix begins with a damping of 1: the residuals are scaled so that this means what DAMPING says.
+            # optimistix starts with a damping of 1 added to J^T J. With the residuals scaled by this factor the largest
+            # diagonal element is 1 / DAMPING; the factor is kept for the whole search, as costs are compared.
             largest = np.max(np.linalg.norm(slopes, axis=1), axis=1)
             factor = 1.0 / (np.sqrt(DAMPING) * np.where(largest > 0.0, largest, 1.0))
         residuals, slopes = factor[:, None] * residuals, factor[:, None, None] * slopes
@@ -72,7 +76,9 @@ def levenberg_marquardt(lanes: Lanes, settings: LevenbergMarquardt, stop: Stop) 
                 active[lane] = False
             elif ended[lane]:
                 active[lane], best.reasons[lane] = False, "parameters and residuals no longer change"
+        # The point that optimistix wants evaluated next; `at` is the last accepted one.
         proposed = np.asarray(state.y_eval, dtype=float)
+        # A singular J^T J without damping gives NaN: such a lane ends with what it has.
         stuck = ~np.all(np.isfinite(proposed), axis=1)
         active &= ~stuck
         trial = np.where(stuck[:, None], trial, proposed)
@@ -81,18 +87,18 @@ def levenberg_marquardt(lanes: Lanes, settings: LevenbergMarquardt, stop: Stop) 
 
 
 def _in_gains(lanes: Lanes) -> Lanes:
-    """The same lanes in coordinates that are linear in the gains below the first start."""
+    """The same lanes in the coordinates of `Space.linear_below` the first start; one knee for all lanes."""
     space = lanes.problem.space.linear_below(lanes.start[0])
     return dataclasses.replace(lanes, problem=eqx.tree_at(lambda problem: problem.space, lanes.problem, space))
 
 
 @functools.lru_cache(maxsize=8)
 def _solver(tolerance: float) -> tuple[PyTree, PyTree]:
-    """(start, step) of optimistix' solver over lanes."""
+    """(start, step) of optimistix' solver over lanes; cached, as compiled programs are looked up by their functions."""
     import optimistix
 
     solver = optimistix.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
-    # "bwd": the Jacobian is an array in the state, which may then cross from one jit to the next.
+    # "bwd" keeps the Jacobian as an array in the state, "fwd" as a function, which cannot be passed between programs.
     options, tags = {"jac": "bwd"}, frozenset()
 
     def linear(at: PyTree, model: PyTree) -> PyTree:

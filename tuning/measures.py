@@ -1,4 +1,4 @@
-"""Measures that only a tuning needs: squared errors after a start, whole or by time bins, and the noise gain."""
+"""Measures that only tuning needs: squared errors over a run or over time bins, settled errors, and the noise gain."""
 
 import equinox as eqx
 import jax
@@ -10,14 +10,17 @@ from fpjax.blocks.observers import AbstractObserver
 from fpjax.blocks.signals import Signals
 from fpjax.simulation.metrics import AbstractLargest, AbstractMean, AbstractMeasure, safe_root
 
-NARROWEST = 1e-3  # the first time bin, as a fraction of the horizon
+# Width of the first time bin, as a fraction of the horizon. The edges are a geometric series from there to the horizon:
+# an observer settles exponentially, so that most of the change is in the first per cents of a run.
+NARROWEST = 1e-3
 
 
 class SquaredAfter(AbstractMeasure):
-    """Mean square of (quantity - target) / scale after `start`, whole or as the residuals of time bins.
+    """Mean square of (quantity - target) / scale after `start`, as one number or as residuals of time bins.
 
-    Each bin leaves two residuals, its mean (signed, so that Gauss-Newton sees its slope) and its spread; the squares
-    of all of them sum to the whole's value. The bins widen with time, as what settles does.
+    Each bin gives two residuals: the mean error, signed, so that Gauss-Newton has its slope, and the standard deviation
+    about that mean, each weighted by the root of the bin's share of the samples. Their squares sum to the mean square
+    over all samples. The bins widen with time because an estimate that settles changes most at the start.
 
     Attributes:
         quantity: a function of the signals (static); None where `estimate` is given.
@@ -26,7 +29,7 @@ class SquaredAfter(AbstractMeasure):
         scale: what is divided by, in the quantity's unit.
         start: time [s] before which nothing counts.
         stop: end of the last bin [s].
-        bins: time bins, 0 for the whole (static).
+        bins: number of time bins; 0 for the mean square as one number (static).
     """
 
     quantity: PyTree = eqx.field(static=True)
@@ -38,8 +41,9 @@ class SquaredAfter(AbstractMeasure):
     bins: int = eqx.field(static=True)
 
     def init(self, zero: Array) -> PyTree:
-        """(sums of squares, samples) of the whole, or (sums, sums of squares, samples) of the bins, each (bins,)."""
-        # One array a sum and not one number a bin: 48 numbers and their tangents took XLA most of its time to compile.
+        """(sum of squares, samples) without bins, or (sums, sums of squares, samples), each of shape (bins,)."""
+        # One array for each sum, not one scalar for each bin: XLA spent most of the compile time of a tuning on the
+        # 48 scalars (3 sums of 16 bins) and their tangents.
         start = zero if self.bins == 0 else jnp.broadcast_to(zero, (self.bins,))
         return (start, start) if self.bins == 0 else (start, start, start)
 
@@ -57,31 +61,34 @@ class SquaredAfter(AbstractMeasure):
         return first + one, second + jnp.square(one), number + jnp.where(inside, 1.0, 0.0)
 
     def _edges(self, time: Array) -> tuple[Array, Array]:
-        """Where the bins begin and end [s], each of shape (bins,); the last one does not end."""
+        """Begin and end of the bins [s], each of shape (bins,); the last one ends at infinity."""
         place = np.arange(self.bins)
-        # The first bin begins at `start` itself.
+        # Edges at NARROWEST^(1 - i / bins) of the span, i = 0 ... bins; the first bin begins at `start` itself.
         begin = np.where(place == 0, 0.0, NARROWEST ** (1.0 - place / self.bins))
         end = NARROWEST ** (1.0 - (place + 1.0) / self.bins)
         span = self.stop - self.start
         begins = self.start + span * jnp.asarray(begin, time.dtype)
         ends = self.start + span * jnp.asarray(end, time.dtype)
+        # The last sample lies on the edge of the last bin, within rounding: an infinite end keeps it in.
         return begins, jnp.where(jnp.asarray(place == self.bins - 1), jnp.inf, ends)
 
     def final(self, total: PyTree, samples: int) -> Array:
-        """The mean square, or the residuals of shape (2 bins,)."""
+        """The mean square, or the residuals (means, then standard deviations) of shape (2 bins,)."""
         del samples
         if self.bins == 0:
             return total[0] / jnp.maximum(total[1], 1.0)
         first, second, number = total
-        number = jax.lax.stop_gradient(number)  # the root of an empty bin's share has no slope
+        # Counts do not depend on the gains; without this the derivative of sqrt(0) in an empty bin would be NaN.
+        number = jax.lax.stop_gradient(number)
         counted = jnp.maximum(jnp.sum(number), 1.0)
         mean = first / jnp.maximum(number, 1.0)
+        # n var = sum e^2 - mean sum e; rounding can make it slightly negative.
         spread = jnp.maximum(second - mean * first, 0.0)
         return jnp.concatenate([mean * jnp.sqrt(number / counted), safe_root(spread / counted)])
 
 
 class SettledError(AbstractMeasure):
-    """(mean of an estimate after `start` - truth) / |truth|: how far off it ends.
+    """Relative error of a settled estimate: (its mean after `start` - truth) / |truth|.
 
     Attributes:
         estimate: its name (static).
@@ -110,7 +117,7 @@ class SettledError(AbstractMeasure):
 
 
 class Fastest(AbstractLargest):
-    """Largest |w| of a run [rad/s]."""
+    """Largest |w| of a run [rad/s]; 0 where the machine never moves."""
 
     def term(self, signals: Signals) -> Array:
         """w."""
@@ -120,8 +127,10 @@ class Fastest(AbstractLargest):
 class NoiseGain(AbstractMean):
     """Mean square of g'(w) noise / scale, summed over the estimates.
 
+    An estimate is z - g(w): a velocity error n passes into it at once as g'(w) n, before the dynamics of z filter it.
+
     Attributes:
-        observer: whose slopes g' count.
+        observer: gives the slopes g'(w).
         scales: what each estimate is divided by, in its unit.
         noise: standard deviation of the velocity measurement [rad/s].
     """

@@ -1,4 +1,4 @@
-"""The methods of `tune` and their settings, as data: `method="adam"` is `Adam()`."""
+"""Settings of the methods of `tune`, as data: `method="adam"` means `Adam()`."""
 
 import dataclasses
 
@@ -9,8 +9,8 @@ class GridSearch:
 
     Attributes:
         steps: first step of each of the two parameters, in their units; None for half the start.
-        threshold: the cost below which it stops.
-        iterations: at most so many, four costs each.
+        threshold: the cost below which it stops [1]; Appendix B has 1e-3.
+        iterations: largest number of iterations, four costs each; Appendix B has 20.
     """
 
     steps: tuple[float, ...] | None = None
@@ -24,8 +24,8 @@ class RepairedGridSearch:
 
     Attributes:
         steps: first step of each parameter, in their units; None for half the start.
-        threshold: the cost below which it stops.
-        iterations: at most so many, 3^n - 1 costs each.
+        threshold: the cost below which it stops [1]; Appendix B has 1e-3.
+        iterations: largest number of iterations, 3^n - 1 costs each.
     """
 
     steps: tuple[float, ...] | None = None
@@ -38,8 +38,8 @@ class Adam:
     """optax.adam in log-gain space.
 
     Attributes:
-        rate: step [e-folds a step at first], decaying to a tenth over the iterations by a cosine.
-        iterations: at most so many.
+        rate: first step length [e-folds], which decays to a tenth over the iterations by a cosine.
+        iterations: largest number of iterations.
         tolerance: a lane ends once its gradient's norm is below this fraction of its cost.
         mode: "forward", "reverse", or "auto" by the number of parameters.
     """
@@ -55,10 +55,10 @@ class LBFGS:
     """optax.lbfgs with a backtracking line search, in log-gain space.
 
     Attributes:
-        iterations: at most so many.
+        iterations: largest number of iterations.
         tolerance: a lane ends once its gradient's norm is below this fraction of its cost.
-        memory: pairs kept.
-        longest: longest step [e-folds].
+        memory: pairs of steps and gradient changes that the approximate Hessian is made of.
+        longest: longest step [e-folds]; a poor curvature at the start would ask for decades.
         mode: "forward", "reverse", or "auto" by the number of parameters.
     """
 
@@ -73,10 +73,10 @@ class LBFGS:
 class LevenbergMarquardt:
     """optimistix.LevenbergMarquardt on the residual vector.
 
-    In coordinates that are linear in the gains below the start and logarithmic above.
+    The coordinates are linear in the gains below the start and logarithmic above (`Space.linear_below`).
 
     Attributes:
-        iterations: at most so many.
+        iterations: largest number of iterations.
         tolerance: a lane ends once a step changes parameters and residuals by less than this fraction.
     """
 
@@ -86,10 +86,10 @@ class LevenbergMarquardt:
 
 @dataclasses.dataclass(frozen=True)
 class NelderMead:
-    """scipy's Nelder-Mead in log-gain space: the outsider that needs no gradient.
+    """scipy's Nelder-Mead in log-gain space: needs no gradient, so that a sign() in the loop does not matter.
 
     Attributes:
-        iterations: at most so many costs.
+        iterations: largest number of costs.
         size: side of the first simplex [e-folds].
         tolerance: it ends once the simplex is smaller than this [e-folds] and its costs differ by less.
     """

@@ -1,4 +1,4 @@
-"""scipy's Nelder-Mead in log-gain space, one lane after the other."""
+"""scipy's Nelder-Mead in log-gain space, one lane after the other: scipy asks for one cost at a time."""
 
 import numpy as np
 
@@ -8,16 +8,16 @@ from .stopping import Stop
 
 
 class _OverError(Exception):
-    """The target or the budget is reached."""
+    """Ends scipy's search from within its cost function: target or budget reached, or nothing finite found."""
 
 
 def nelder_mead(lanes: Lanes, settings: NelderMead, stop: Stop) -> Outcome:
-    """Nelder-Mead; a diverged candidate is a corner of infinite cost.
+    """Nelder-Mead; a diverged candidate is a vertex of infinite cost.
 
     Args:
         lanes: starts and references.
         settings: iterations, size, tolerance.
-        stop: when a lane is over beyond the settings.
+        stop: target, budget and progress bar.
     """
     best = Best(*lanes.start.shape)
     for lane in range(lanes.count):
@@ -26,6 +26,7 @@ def nelder_mead(lanes: Lanes, settings: NelderMead, stop: Stop) -> Outcome:
 
 
 def _one(lanes: Lanes, lane: int, settings: NelderMead, stop: Stop, best: Best) -> None:
+    """Search one lane; what it finds goes into `best`."""
     import scipy.optimize
 
     alone = Lanes(
@@ -43,6 +44,7 @@ def _one(lanes: Lanes, lane: int, settings: NelderMead, stop: Stop, best: Best) 
         values = lanes.values(at)
         value = float(alone.costs(values[None, None])[0, 0])
         best.offer(lane, values, value, lanes.cases)
+        # All n + 1 vertices of the first simplex diverged: their differences hold no direction.
         if not np.isfinite(best.costs[lane]) and best.iterations[lane] > n:
             raise _OverError
         stop.progress(best)

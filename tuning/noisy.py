@@ -1,4 +1,8 @@
-"""Noisy: what becomes of tuned gains that the sensor's noise upsets."""
+"""Gains tuned without noise whose cost sensor noise multiplies, and what replaces them.
+
+A search without noise may end at gains with which the observer is unstable: on the truth, nothing excites the unstable
+mode. Under noise such a loop costs many times as much, and the gains are tuned again under one draw of it.
+"""
 
 import dataclasses
 
@@ -6,16 +10,24 @@ import numpy as np
 
 from .result import TuningResult
 
-UPSET = 2.0  # times the cost without noise, above which gains are none to run a machine with
+NOISE_RATIO = 2.0  # cost under the worst draw of noise over the cost without, above which gains are tuned again
 
 
-def upset(result: TuningResult) -> bool:
-    """Whether the sensor's noise throws the tuned loop off."""
-    return result.noisy_cost is not None and not result.diverged and not result.noisy_cost <= UPSET * result.cost
+def noise_sensitive(result: TuningResult) -> bool:
+    """Whether the sensor's noise more than doubles the cost of the tuned gains."""
+    # `not <=` and not `>`: a cost that is NaN under noise counts as sensitive.
+    return result.noisy_cost is not None and not result.diverged and not result.noisy_cost <= NOISE_RATIO * result.cost
 
 
-def calmer(result: TuningResult, again: TuningResult) -> TuningResult:
-    """The gains that were tuned under a draw of the noise, in place of those that it upsets; both searches counted."""
+def less_sensitive(result: TuningResult, again: TuningResult) -> TuningResult:
+    """The result of tuning again under noise, if it costs less under the worst draw; else the first result.
+
+    The simulations and seconds of both searches are added up.
+
+    Args:
+        result: of the search without noise.
+        again: of the search under one draw of it, judged by the same draws.
+    """
     assert result.noisy_cost is not None
     if again.noisy_cost is None or not again.noisy_cost < result.noisy_cost:
         return result

@@ -1,4 +1,4 @@
-"""What to look at before tuned gains are used: the solver's stability limit, and estimates that cannot converge."""
+"""Notes on tuned gains: estimates that end off the truth or cannot converge, and the solver's stability limit."""
 
 from collections.abc import Sequence
 
@@ -21,23 +21,29 @@ from .measures import Fastest, SettledError
 from .objective import AbstractObjective
 from .problem import Problem, horizon
 
-CLOSE = 0.8  # share of the solver's stability limit from which an optimum is suspected to be the solver's
-EULER_LIMIT = 2.0  # of the observer's own step when sampled
+# Share of the solver's stability limit from which the step, and not the cost, may have stopped the search: faster
+# estimates are better until the solver goes unstable, so that such an optimum moves with dt.
+CLOSE = 0.8
+EULER_LIMIT = 2.0  # |rate| x dt at which forward Euler turns unstable: a sampled observer takes one Euler step a period
 AT_REST = (
     "the machine never moves: the torque that the controller asks for stays below the friction that holds it, so no "
     "gain of an observer matters; give larger kp and ki, a larger reference, or a larger torque limit."
 )
-SETTLED = "settled."  # before the name of an estimate, which is an objective's own word
-LAST_QUARTER = 0.75  # of the run: from where an estimate is taken to have settled
-WINDOW = 5000  # samples of the motion that are looked at
+SETTLED = "settled."  # prefix of an estimate's name: the bare name is that of an objective's measure
+LAST_QUARTER = 0.75  # share of the run after which an estimate is taken to have settled
+WINDOW = 5000  # most samples of a reference that its excitation is judged by; a longer one is thinned
 NAMES = ("coulomb", "viscous", "steepness")
 
 
 class ObserverRate(AbstractMeasure):
-    """Largest s(w).phi(w) / J along a run [1/s]: the fastest that the estimates move, minus the trace of (4.12).
+    """Largest s(w).phi(w) / J along a run [1/s]: the fastest rate of the error dynamics.
+
+    The error dynamics are e' = -(1/J) s(w) phi(w)^T e, with s = (g2', g1') and phi = (sign w, w) for the EFP, thesis
+    (4.12). The matrix has rank one: its only nonzero eigenvalue is its trace.
+
 
     Attributes:
-        observer: whose.
+        observer: whose error matrix is taken.
         parameters: true values by name.
     """
 
@@ -60,18 +66,18 @@ class ObserverRate(AbstractMeasure):
 
 
 def truths(loop: ClosedLoop, objective: AbstractObjective) -> dict[str, Array]:
-    """True values by name, as far as the objective or the plant's friction law tells them."""
-    told = getattr(objective, "truths", {})
-    found = {name: told.get(name, getattr(loop.plant.friction, name, None)) for name in NAMES}
+    """True values by name: the objective's `truths`, else those of the plant's friction law, where it has them."""
+    given = getattr(objective, "truths", {})
+    found = {name: given.get(name, getattr(loop.plant.friction, name, None)) for name in NAMES}
     return {name: value for name, value in found.items() if value is not None}
 
 
 def judging_measures(loop: ClosedLoop, objective: AbstractObjective, horizon: Array) -> dict[str, AbstractMeasure]:
-    """What the notes on a result look at: "rate", "fastest", and "settled." with every estimate's name.
+    """Measures that the notes need: "rate", "fastest", and "settled.NAME" for every estimate.
 
     Args:
-        loop: whose plant tells the truths that the objective does not.
-        objective: with `truths` of its own, or none.
+        loop: its friction law gives the true values that the objective does not.
+        objective: with or without `truths` of its own.
         horizon: time of the last sample [s].
     """
     known = truths(loop, objective)
@@ -84,11 +90,12 @@ def judging_measures(loop: ClosedLoop, objective: AbstractObjective, horizon: Ar
 
 
 def rate_measure(loop: ClosedLoop, objective: AbstractObjective) -> dict[str, AbstractMeasure]:
-    """`ObserverRate` by "rate"; nothing where the observer's error dynamics are not known."""
+    """`ObserverRate` under the name "rate"; empty where the observer's error dynamics are not known."""
     parameters = truths(loop, objective)
     if not loop.observer.estimated:
         return {}
     try:
+        # Tried in shapes only: an observer of the user's own may have no slopes or regressor, or need an unknown truth.
         rest = jnp.zeros((), loop_dtype(loop))
         jax.eval_shape(lambda: error_matrix(loop.observer, rest, parameters))
     except (AttributeError, KeyError):
@@ -112,21 +119,21 @@ def notes_of(
         gains: by parameter name.
         rate: the largest `ObserverRate` of all cases [1/s].
         fastest: the largest |w| of all cases [rad/s].
-        off: by estimate, the largest `SettledError` of all cases, with its sign [1].
+        off: by estimate, the `SettledError` of largest magnitude over all cases, with its sign [1].
         tables: (label, reference [rad/s] (or [rad] for a position loop) of shape (samples,)) of each.
-        draws: of the sensor's noise that `off` is the worst of; 0 for the problem's own noise, or none.
+        draws: number of noise draws that `off` is the worst of; 0 where the problem has its own noise, or none.
     """
     if fastest == 0.0:
         return [AT_REST]
     return [
-        *_accuracy(off, _heard(problem, draws)),
+        *_accuracy(off, _noise_clause(problem, draws)),
         *_stability(problem, rate),
         *_excitation(problem, gains, off, tables),
     ]
 
 
-def _heard(problem: Problem, draws: int) -> str:
-    """Under which noise the runs were judged; "" for none."""
+def _noise_clause(problem: Problem, draws: int) -> str:
+    """The words for the noise under which the runs were judged; "" for none."""
     if not draws and any(bool(np.any(np.asarray(table))) for table in problem.noise):
         draws = problem.seeds
     if draws > 1:
@@ -134,16 +141,16 @@ def _heard(problem: Problem, draws: int) -> str:
     return ", under one draw of the sensor's noise" if draws else ""
 
 
-def _accuracy(off: dict[str, float], heard: str = "") -> list[str]:
+def _accuracy(off: dict[str, float], noise: str = "") -> list[str]:
     wrong = [
-        f"{name} {100.0 * value:+.3g} %" if np.isfinite(value) else f"{name} without an end"
+        f"{name} {100.0 * value:+.3g} %" if np.isfinite(value) else f"{name} without bound"
         for name, value in off.items()
         if not abs(value) <= AT_THE_TRUTH
     ]
     if not wrong:
         return []
     return [
-        f"with these gains the estimates end off the truth, by the mean of the last quarter{heard}: "
+        f"with these gains the estimates end off the truth, by the mean of the last quarter{noise}: "
         f"{', '.join(wrong)}. Gains alone may not mend it: simulate longer (duration), let the reference change its "
         f"amplitude or frequency, or count later (Estimation(start=...), --after)."
     ]
@@ -153,6 +160,7 @@ def _stability(problem: Problem, rate: float) -> list[str]:
     stepper = problem.stepper
     dt = float(np.asarray(stepper.dt))
     limit = EULER_LIMIT if stepper.stepping == "sampled" else stepper.solver.stability_limit
+    # `not >=`: a rate that is NaN makes no note.
     if not rate * dt >= CLOSE * limit:
         return []
     whose = "the sampled observer's" if stepper.stepping == "sampled" else f"{stepper.solver.name}'s"
@@ -171,9 +179,11 @@ def _excitation(
     parameters = truths(loop, problem.objective)
     said = []
     for label, table in tables:
+        # Excitation is a property of the shape of the reference: 5,000 samples of it show as much as a million.
         every = -(-len(table) // WINDOW)
         dt = float(np.asarray(problem.stepper.dt)) * every
         velocity = np.asarray(table, dtype=float)[::every]
+        # The observer sees the velocity: that of a position reference is its slope.
         if loop.controller.follows_position:
             velocity = slope(velocity, dt)
         try:

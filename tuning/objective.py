@@ -1,4 +1,4 @@
-"""What a tuning minimises: one interface, accumulated in the carry, as a number or as a vector of residuals."""
+"""Objectives of a tuning: a cost, or a vector of residuals, accumulated in the carry of the scan."""
 
 from abc import abstractmethod
 from typing import Any
@@ -16,7 +16,7 @@ from fpjax.simulation.metrics import AbstractMeasure, EstimateFinal, position_er
 
 from .measures import NoiseGain, SquaredAfter
 
-BINS = 16  # time bins of a residual vector
+BINS = 16  # time bins of a residual vector, two residuals each (`measures.SquaredAfter`)
 
 
 def _parameters(values: Any) -> JsonObject:
@@ -24,15 +24,16 @@ def _parameters(values: Any) -> JsonObject:
 
 
 class AbstractObjective(Block):
-    """A cost of one run; the mean (or the worst) over all cases is what a tuning minimises.
+    """The cost of one run; a tuning minimises its mean, or its worst value, over all cases.
 
-    `cost` is what every method compares. `residuals` is what Levenberg-Marquardt squares: for `Estimation` and
-    `Tracking` the sum of their squares is the cost itself, for `Thesis` (a sum of magnitudes) they are its terms.
+    Every method compares `cost`. Levenberg-Marquardt minimises the sum of squares of `residuals`: for `Estimation` and
+    `Tracking` that sum is the cost itself; for `Thesis`, a sum of magnitudes, the residuals are its signed terms, and
+    both are zero at the same gains.
     """
 
     @abstractmethod
     def measures(self, loop: ClosedLoop, horizon: Array, binned: bool) -> dict[str, AbstractMeasure]:
-        """What a run of `horizon` [s] must accumulate; `binned` for the residuals."""
+        """Measures that a run of `horizon` [s] accumulates, by name; `binned` for the residuals."""
 
     @abstractmethod
     def cost(self, loop: ClosedLoop, finals: dict[str, Array]) -> Array:
@@ -47,20 +48,20 @@ class AbstractObjective(Block):
         return jnp.sum(jnp.square(residuals))
 
     def check(self, loop: ClosedLoop) -> None:
-        """Raise `InputError` where this loop cannot be judged so."""
+        """Raise `InputError` where this objective does not suit the loop."""
         del loop
 
 
 class Thesis(AbstractObjective):
-    """|estimate - truth| at the last sample, summed over the estimates: the cost of Appendix B.
+    """|estimate - truth| at the last sample, summed over the estimates: the cost of the thesis' Appendix B.
 
-    The text of the thesis says MAE, its code takes the final value. At the thesis' operating point this cost tunes a
-    transient to pass through the truth at t = T; it does not make the observer estimate. `Estimation` does.
+    The text of the thesis says MAE; its code takes the final value. At the thesis' operating point this cost tunes a
+    transient to pass through the truth at t = T, and the observer does not converge to it. `Estimation` asks for that.
 
     Attributes:
         scales: what each error is divided by, by estimate, in the estimate's unit; 1 where missing (Appendix B adds
             N m and N m s/rad as they are).
-        truths: true values by estimate; where missing the plant's friction law tells them.
+        truths: true values by estimate; where missing, the parameter of that name in the plant's friction law.
     """
 
     scales: dict[str, Array] = eqx.field(converter=_parameters, default_factory=dict)
@@ -75,6 +76,7 @@ class Thesis(AbstractObjective):
         """(estimate - truth) / scale of every estimate."""
         terms = []
         for name in _estimated(loop):
+            # Signed: Gauss-Newton needs the sign, which the magnitudes of `cost` lose.
             error = finals[name] - truth_of(loop, name, self.truths)
             terms.append(error / self.scales[name] if name in self.scales else error)
         return jnp.stack(terms)
@@ -88,7 +90,7 @@ class Thesis(AbstractObjective):
         return jnp.sum(jnp.abs(residuals))
 
     def check(self, loop: ClosedLoop) -> None:
-        """An observer whose truth is known."""
+        """Require an observer whose true values are known."""
         for name in _estimated(loop):
             truth_of(loop, name, self.truths)
 
@@ -101,7 +103,7 @@ class Tracking(AbstractObjective):
 
     Attributes:
         scale: what the error is divided by [rad/s] (or [rad] with `position`).
-        start: time [s] before which nothing counts.
+        start: time [s] from which the error counts.
         position: judge r - position instead of r - velocity (static).
     """
 
@@ -135,13 +137,13 @@ class Estimation(AbstractObjective):
     Over several true plants it asks for gains that estimate, not for gains whose transient passes the truth.
 
     Attributes:
-        start: time [s] before which nothing counts: the swing of an estimate on its way is the price of a fast slow
-            mode, and an average that holds it would forbid such gains.
+        start: time [s] from which errors count. Gains that speed the slow mode up let an estimate swing far beyond the
+            truth at first; an average that includes this transient prefers gains that never leave the initial value.
         scales: what each error is divided by, by estimate, in the estimate's unit; |truth| where missing.
-        truths: true values by estimate; where missing the plant's friction law tells them.
+        truths: true values by estimate; where missing, the parameter of that name in the plant's friction law.
         noise: standard deviation of the velocity measurement [rad/s] for the noise-gain penalty.
-        noise_weight: weight of the penalty [1]: the mean square of g'(w) noise / scale, the noise that passes
-            straight through estimate = z - g(w) into the estimate; 0 for none.
+        noise_weight: weight of the penalty [1], the mean square of g'(w) noise / scale: the velocity noise that reaches
+            the estimate z - g(w) without delay; 0 for none.
     """
 
     start: Array = eqx.field(converter=as_parameter, default=0.0)
@@ -166,6 +168,7 @@ class Estimation(AbstractObjective):
 
     def residuals(self, loop: ClosedLoop, finals: dict[str, Array]) -> Array:
         """Mean and spread of every estimate's error in every time bin, and the weighted noise gain."""
+        # Its square is the penalty in `cost`: residuals and cost describe one function.
         noise = jnp.reshape(safe_root(self.noise_weight * finals["noise"]), (1,))
         return jnp.concatenate([*(finals[name] for name in _estimated(loop)), noise])
 
@@ -177,7 +180,7 @@ class Estimation(AbstractObjective):
         return total
 
     def check(self, loop: ClosedLoop) -> None:
-        """An observer whose truth is known, and not zero where it is what errors are divided by."""
+        """Require an observer whose true values are known, and not zero where errors are divided by them."""
         for name in _estimated(loop):
             truth = np.asarray(truth_of(loop, name, self.truths))
             if name not in self.scales and not np.all(np.abs(truth) > 0):
@@ -207,12 +210,12 @@ def truth_of(loop: ClosedLoop, name: str, truths: dict[str, Array]) -> Array:
     """The true value of an estimate, in its unit: from `truths`, or else the plant's friction law.
 
     Raises:
-        InputError: where neither tells it.
+        InputError: where neither has it.
     """
     value = truths[name] if name in truths else getattr(loop.plant.friction, name, None)
     if value is None:
         raise InputError(
-            f"{type(loop.plant.friction).__name__} has no {name}, so the estimate's truth is not known: "
+            f"{type(loop.plant.friction).__name__} has no {name}, so the estimate's true value is not known: "
             f"give the objective truths={{'{name}': ...}}."
         )
     return value

@@ -15,13 +15,12 @@ def population(
 ) -> dict[str, np.ndarray]:
     """True plants around the loop's own, the first of them the loop's own.
 
-    The observer and the controller stay as they are: what they believe of the inertia is then off by as much as the
-    plant is.
+    Observer and controller stay as they are: their nominal inertia is then off by as much as the plant's is varied.
 
     Args:
         loop: the nominal loop.
-        spread: by parameter name, how far it goes either way, as a fraction of its value: {"plant.inertia": 0.2}.
-        count: plants, drawn uniformly; None for the corners of the box (2^n) and the nominal one.
+        spread: by parameter name, the largest deviation either way as a fraction of its value: {"plant.inertia": 0.2}.
+        count: number of plants, drawn uniformly within the spread; None for the 2^n corners of the box and the nominal.
         seed: of the draw.
 
     Returns:
@@ -41,5 +40,6 @@ def population(
         if count < 1:
             raise InputError(f"count = {count} leaves no plant: give at least 1.")
         signs = np.random.default_rng(seed).uniform(-1.0, 1.0, (count - 1, len(spread)))
+    # Row 0, all zeros, is the nominal plant; shape (plants, n).
     factors = 1.0 + np.vstack([np.zeros(len(spread)), signs]) * np.array(list(spread.values()))
     return {name: float(get_parameter(loop, name)) * factors[:, place] for place, name in enumerate(spread)}

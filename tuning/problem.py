@@ -1,4 +1,8 @@
-"""A tuning problem as one pytree of arrays, and its cost for a set of gains: mean or worst over all cases."""
+"""A tuning problem as one pytree of arrays, and the cost of a set of gains: mean or worst over all cases.
+
+A case is one simulation: one reference, one true plant, one noise seed. Arrays over cases have the shape
+(references, plants, seeds).
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Literal
@@ -26,19 +30,20 @@ References = AbstractReference | Sequence[AbstractReference] | Mapping[str, Abst
 
 
 class Problem(eqx.Module):
-    """Everything that decides a cost. All leaves are arrays: another gain, reference, plant or dt recompiles nothing.
+    """Everything that a cost depends on. All leaves are arrays: new gains, references, plants or dt recompile nothing.
 
     Attributes:
-        loop: the closed loop, as it is where neither a plant nor a candidate says otherwise.
-        stepper: how time passes.
+        loop: the closed loop, before the parameters of a plant and of a candidate are set.
+        stepper: step, samples, solver and stepping.
         time: [s], shape (samples,).
-        references: a table per node of the solver, each of shape (references, samples) [rad/s].
-        noise: a table per channel of the sensor, each of shape (seeds, samples).
-        plants: true plants: values by parameter name, each of shape (plants,).
+        references: one table for each node of the solver's step, of shape (references, samples) [rad/s], or [rad] for a
+            position loop.
+        noise: one table for each noise channel of the sensor, of shape (seeds, samples), in standard deviations.
+        plants: of the true plants: values by parameter name, each of shape (plants,).
         objective: the cost of one run.
         space: the coordinates in which gradients move.
-        parameters: what a candidate sets (static).
-        seeds: noise seeds (static).
+        parameters: names of the tuned parameters, in the order of a candidate (static).
+        seeds: number of noise seeds, at least 1 (static).
         aggregate: "mean" or "worst" over the cases (static).
     """
 
@@ -105,17 +110,21 @@ def make_problem(
     varied = {name: jnp.asarray(np.atleast_1d(np.asarray(values)), dtype) for name, values in (plants or {}).items()}
     sizes = {values.shape for values in varied.values()}
     if len(sizes) > 1:
-        raise InputError(f"plants gives arrays of shapes {sorted(sizes)}: one value of each parameter a plant.")
+        raise InputError(f"plants gives arrays of shapes {sorted(sizes)}: give one value a plant for each parameter.")
     for name in varied:
         get_parameter(loop, name)
         if name in names:
             raise InputError(f"{name} is both tuned and varied over the plants: leave it out of one of them.")
+    # Every plant is checked before anything is compiled: a truth of zero, or a step too long for the lightest inertia.
     for index in range(next(iter(sizes))[0] if sizes else 1):
         judged = set_parameters(loop, {name: values[index] for name, values in varied.items()})
         chosen.check(judged)
         warn_if_stiff(judged, dt / (substeps if stepping == "sampled" else 1), stepper.solver)
+    # Once, outside the scan: a sine computed in every step takes 19 times as long (docs/performance.md).
     tables = [make_inputs(loop, reference, stepper) for reference in listed]
     channels = loop.sensor.noise_channels
+    # Noise does not depend on the reference: the first one serves for all. Without seeds there is one row of zeros, so
+    # that problems with and without noise have one structure.
     noisy = [make_inputs(loop, listed[0], stepper, jax.random.key(seed)).noise for seed in noise_seeds]
     noise = tuple(
         jnp.stack([rows[channel] for rows in noisy]) if noisy else tables[0].noise[channel][None]
@@ -131,7 +140,10 @@ def make_problem(
 
 
 def under_noise(problem: Problem, draws: int) -> list[Problem]:
-    """The problem under draws of its sensor's noise; none where it has noise already, or its sensor has none."""
+    """Copies of the problem, one for each of `draws` draws of its sensor's noise.
+
+    Empty where the problem has noise already, or its sensor has none.
+    """
     if not problem.noise or any(bool(np.any(np.asarray(table))) for table in problem.noise):
         return []
     found = []
@@ -163,11 +175,11 @@ def label_references(references: References) -> tuple[tuple[str, ...], list[Abst
 
 
 def case_costs(values: Array, index: Array | None, problem: Problem, also: PyTree = None) -> PyTree:
-    """Cost of every case for one candidate, shape (references, plants, seeds); not finite where a run diverged.
+    """Cost of every case of one candidate, shape (references, plants, seeds); not finite where a run diverged.
 
     Args:
         values: of the parameters, in their units, shape (n,).
-        index: which reference alone counts (the first axis is then 1); None for all.
+        index: the only reference to simulate (the first axis then has length 1); None for all.
         problem: from `make_problem`.
         also: `also(loop, objective, horizon)` gives further measures by name; (costs, those measures) is then returned.
     """
@@ -176,6 +188,7 @@ def case_costs(values: Array, index: Array | None, problem: Problem, also: PyTre
         measures = problem.objective.measures(loop, horizon(problem), False)
         extra = {} if also is None else also(loop, problem.objective, horizon(problem))
         assert not set(measures) & set(extra), "a further measure has the name of one of the objective's"
+        # Only the accumulated measures leave the scan: stored traces would cost 5 to 8 times as much.
         finals, _, _ = roll(loop, inputs, problem.stepper, measures | extra)
         cost = problem.objective.cost(loop, finals)
         return cost if also is None else (cost, {name: finals[name] for name in extra})
@@ -184,9 +197,10 @@ def case_costs(values: Array, index: Array | None, problem: Problem, also: PyTre
 
 
 def lane_cost(values: Array, index: Array | None, problem: Problem) -> Array:
-    """The mean or the worst of `case_costs`; infinite where a run diverged."""
+    """Mean or worst of `case_costs`, shape (); infinite where a run diverged."""
     costs = case_costs(values, index, problem)
     cost = jnp.mean(costs) if problem.aggregate == "mean" else jnp.max(costs)
+    # NaN compares false with everything: as infinity a diverged run loses against any other.
     return jnp.where(jnp.isfinite(cost), cost, jnp.inf)
 
 
@@ -208,12 +222,13 @@ def horizon(problem: Problem) -> Array:
 
 
 def simulations_of(problem: Problem, alone: bool) -> int:
-    """Simulations of one cost: cases, of one reference if `alone`."""
+    """Number of simulations of one cost: all cases, or those of one reference if `alone`."""
     references, plants, seeds = problem.shape
     return (1 if alone else references) * plants * seeds
 
 
 def _over_cases(judged: PyTree, values: Array, index: Array | None, problem: Problem) -> PyTree:
+    """`judged(loop, inputs)` of every case of one candidate; leaves have leading axes (references, plants, seeds)."""
     references = problem.references
     if index is not None:
         references = tuple(table[index][None] for table in references)
@@ -221,9 +236,11 @@ def _over_cases(judged: PyTree, values: Array, index: Array | None, problem: Pro
 
     def one(tables: tuple[Array, ...], plant: dict[str, Array], noise: tuple[Array, ...]) -> PyTree:
         candidate = {name: values[place] for place, name in enumerate(problem.parameters)}
+        # The plant's parameters are the truth and the candidate's are tuned; `make_problem` refuses a name in both.
         loop = set_parameters(problem.loop, plant | candidate)
         return judged(loop, Inputs(problem.time, tables, noise))
 
+    # axis_size is given because noise may be () and plants {}, which have no axis to take it from.
     over_seeds = jax.vmap(one, (None, None, 0), axis_size=seeds)
     over_plants = jax.vmap(over_seeds, (None, 0, None), axis_size=plants)
     return jax.vmap(over_plants, (0, None, None))(references, problem.plants, problem.noise)

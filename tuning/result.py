@@ -1,4 +1,4 @@
-"""What a tuning leaves: gains, costs, what they took, and the identifiability block."""
+"""The result of a tuning: gains, costs, simulations and seconds used, identifiability, notes."""
 
 import dataclasses
 import math
@@ -20,38 +20,38 @@ from .identifiability import Identifiability
 
 @dataclasses.dataclass(frozen=True)
 class TuningResult:
-    """One tuning of one set of references.
+    """The result of one tuning on one set of references.
 
     Attributes:
-        method: its name.
-        objective: its name.
+        method: name of the method.
+        objective: name of the objective.
         references: labels of the references it was tuned on.
         gains: tuned values by parameter name, in their units.
-        start: where it started, likewise.
+        start: values of the first start, likewise.
         cost: of the gains, the mean (or worst) over all cases [1].
         start_cost: of the first start [1]; infinite where it diverged.
-        mean: over the cases [1].
-        worst: over the cases [1].
-        cases: cost of every case, nested lists of shape (references, plants, seeds).
-        simulations: runs of one case used by all starts, tangents counted (a forward-mode gradient of n gains: 1 + n).
+        mean: mean cost over the cases [1].
+        worst: worst cost over the cases [1].
+        cases: cost of every case [1], nested lists of shape (references, plants, seeds).
+        simulations: simulations of one case used by all starts; a forward-mode gradient of n gains counts 1 + n.
         simulated_steps: simulations x samples.
         iterations: of the best start.
-        history: (simulations so far of all starts, best cost so far).
+        history: (simulations of all starts so far, best cost so far) after each iteration.
         starts: number of starts.
         diverged_starts: how many of them diverged and were dropped.
-        message: why it ended.
-        run_seconds: computing.
-        compile_seconds: compiling, apart.
-        identifiability: what the residuals pin; None where every start diverged.
-        versions: of what computed it.
-        standing: where Algorithm 1 stood at its end, by parameter name: its printed rule returns that, `gains` are the
-            best it saw; None for the other methods.
+        message: why the search ended.
+        run_seconds: seconds of the search without compiling.
+        compile_seconds: seconds of compiling.
+        identifiability: which gains the residuals determine; None where every start diverged.
+        versions: of the packages that computed it.
+        standing: last point of Algorithm 1, by parameter name, which its printed rule returns (`gains` are the best it
+            saw); None for the other methods.
         standing_cost: the cost there [1].
-        notes: sentences on what to look at before the gains are used.
+        notes: sentences that one should read before the gains are used.
         path: of the best start, the value of every parameter after each iteration, by parameter name.
-        settled: by estimate whose truth is known, how far off the truth it ends, (mean of the last quarter - truth) /
-            |truth|, in the case where that is largest [1]; under draws of the sensor's noise, where it has some, also
-            if none was tuned for.
+        settled: by estimate whose true value is known, its relative error at the end [1], (mean of the last quarter -
+            truth) / |truth|, of the case where that is largest; under draws of the sensor's noise if the sensor has
+            some, even where the gains were tuned without.
         noisy_cost: the cost under the worst of these draws [1]; None where there are none.
     """
 
@@ -85,12 +85,12 @@ class TuningResult:
 
     @property
     def diverged(self) -> bool:
-        """Whether no start ever ran whole."""
+        """Whether every start diverged."""
         return not math.isfinite(self.cost)
 
     @property
     def at_bounds(self) -> dict[str, str]:
-        """Which gains ended at an end of their range: "low" or "high" by name."""
+        """Gains that ended at a bound: "low" or "high" by name."""
         verdicts = self.identifiability.verdicts if self.identifiability else {}
         return {
             name: side
@@ -132,13 +132,13 @@ class TuningResult:
         return to_frame({"cost": [cost for _, cost in self.history]}, [used for used, _ in self.history], "simulations")
 
     def to_dict(self) -> JsonObject:
-        """As JSON takes it, with the bounds and the warning; what is not finite as None."""
+        """As JSON takes it, with `at_bounds` and `warning`; numbers that are not finite are None."""
         said = {"references": list(self.references), "at_bounds": self.at_bounds, "warning": self.warning}
         return plain({**dataclasses.asdict(self), **said})
 
     @property
     def warning(self) -> str:
-        """What is said first where the gains are no optimum: at a bound, or without effect; else empty."""
+        """A sentence where the gains are not an optimum, because they are at a bound or have no effect; else empty."""
         ends = [f"{name} at its {side} bound {self.gains[name]:.3g}" for name, side in self.at_bounds.items()]
         if ends:
             return (
@@ -177,6 +177,6 @@ class TuningResult:
 
 
 def versions() -> dict[str, str]:
-    """Versions that a figure depends on."""
+    """Versions of what a number depends on: fpjax, jax, numpy, python, and the backend."""
     found = all_versions()
     return {name: found[name] for name in ("fpjax", "jax", "numpy", "python", "backend")}

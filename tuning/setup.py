@@ -1,4 +1,4 @@
-"""`Setup`: how a set of gains is judged, said once for `tune`, `tune_each` and `sweep`."""
+"""`Setup`: the simulations, the cost and the cases by which gains are judged; of `tune`, `tune_each` and `sweep`."""
 
 import dataclasses
 import difflib
@@ -16,7 +16,7 @@ from .problem import Aggregate
 
 
 class SetupWords(TypedDict, total=False):
-    """The fields of `Setup` as keywords of `tune`, `tune_each` and `sweep`."""
+    """The fields of `Setup` as keyword arguments of `tune`, `tune_each` and `sweep`."""
 
     dt: float | None
     duration: float | None
@@ -32,19 +32,19 @@ class SetupWords(TypedDict, total=False):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Setup:
-    """The runs by which gains are judged, their cost, and what it must hold for.
+    """The simulations by which gains are judged, their cost, and the cases over which it is taken.
 
     Attributes:
         dt: step, or control period when sampled [s].
-        duration: of a run [s]; or `samples`.
+        duration: of a run [s]; give this or `samples`.
         samples: of a run.
         objective: "estimation", "tracking", "thesis", or an objective.
         solver: "euler", "heun", "ode3", "rk4" or "exact"; None for the model's own, or "rk4".
         stepping: "continuous" or "sampled"; None for the model's own, or "continuous".
         substeps: solver steps per control period when sampled; None for the model's own, or 1.
-        plants: true plants to judge on: values by name, one a plant, as {"plant.friction.viscous": [1, 2, 5]}; see
-            `population`. The observer keeps its own idea of the inertia.
-        noise_seeds: seeds of the sensor's noise, a run for each; none for no noise.
+        plants: true plants to judge on: values by parameter name, one value for each plant, as
+            {"plant.friction.viscous": [1, 2, 5]}; see `population`. The observer keeps its own nominal inertia.
+        noise_seeds: seeds of the sensor noise, one run for each; empty for runs without noise.
         aggregate: "mean" or "worst" over references x plants x seeds (in a sweep over plants x seeds).
     """
 
@@ -60,7 +60,7 @@ class Setup:
     aggregate: Aggregate = "mean"
 
     def of_model(self, model: Model) -> "Setup":
-        """What is not said, from the model: its step, its horizon, its solver."""
+        """A copy whose unset fields are taken from the model: step, horizon, solver, stepping and substeps."""
         return dataclasses.replace(
             self,
             dt=model.dt if self.dt is None else self.dt,
@@ -71,22 +71,22 @@ class Setup:
         )
 
     def stepper(self) -> Stepper:
-        """How time passes in the runs."""
+        """The time stepping of the runs: step, number of samples, solver, and substeps."""
         named = ("dt", "duration", "samples", "solver", "stepping", "substeps")
         return make_stepper(**{name: value for name, value in self.words().items() if name in named})
 
     def words(self) -> JsonObject:
-        """As keywords of `make_problem`, with the solver, stepping and substeps of a loop of which nothing is said."""
+        """As keyword arguments of `make_problem`; an unset solver, stepping or substeps gets its default."""
         said = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         usual = {"solver": "rk4", "stepping": "continuous", "substeps": 1}
         return said | {name: said[name] or value for name, value in usual.items()}
 
 
-def settled(setup: Setup | None, words: TomlTable) -> Setup:
-    """The setup with the keywords that were given in place of its own fields.
+def with_keywords(setup: Setup | None, words: TomlTable) -> Setup:
+    """The setup with the given keyword arguments in place of its own fields; a default `Setup` where there is none.
 
     Raises:
-        InputError: for a keyword that is none of its fields.
+        InputError: for a keyword that is not a field of `Setup`.
     """
     known = [field.name for field in dataclasses.fields(Setup)]
     for word in words:

@@ -1,4 +1,4 @@
-"""Whether derivatives through a loop say anything."""
+"""Whether a loop is differentiable, or holds a sign() or |.| whose derivative carries no information."""
 
 import dataclasses
 
@@ -13,13 +13,14 @@ from fpjax.simulation.solvers import AbstractPlantSolver
 
 
 def set_valued(tree: PyTree) -> str:
-    """The name of a block within that holds sign() or |.|, so that gradients through it say nothing; else empty."""
+    """The class name of the first block with sign() or |.|, whose derivative is zero almost everywhere; "" if none."""
     if isinstance(tree, (Coulomb, Absolute)):
         return type(tree).__name__
     if not isinstance(tree, eqx.Module):
         parts = tree.values() if isinstance(tree, dict) else tree if isinstance(tree, (tuple, list)) else ()
         return next((found for part in parts if (found := set_valued(part))), "")
-    # Viscous friction has no level that a sign could switch.
+    # steepness = None is the word of every friction law for sign() in place of tanh.
+    # Viscous friction has the field but no Coulomb level that a sign could switch.
     if getattr(tree, "steepness", 0.0) is None and not isinstance(tree, Viscous):
         return type(tree).__name__
     fields = [getattr(tree, field.name, None) for field in dataclasses.fields(tree)]
@@ -27,7 +28,11 @@ def set_valued(tree: PyTree) -> str:
 
 
 def not_smooth(loop: ClosedLoop, solver: AbstractPlantSolver) -> str:
-    """`set_valued` of a loop under a solver: exact sticking differentiates the plant's sign almost everywhere."""
+    """`set_valued` of a loop under a solver.
+
+    The exact solver handles the plant's sticking as an event, with a derivative almost everywhere: only observer and
+    controller are looked at.
+    """
     if solver.name != "exact":
         return set_valued(loop)
     return next((found for part in (loop.observer, loop.controller) if (found := set_valued(part))), "")

@@ -1,4 +1,4 @@
-"""When a search ends besides its own rules: a target cost, a budget of simulations; and its progress on the way."""
+"""Stopping rules common to all methods, a target cost and a budget of simulations; and the progress bar."""
 
 import dataclasses
 
@@ -12,13 +12,13 @@ from .lanes import Best
 
 @dataclasses.dataclass
 class Stop:
-    """Common to all methods.
+    """Stopping rules and progress of a search, common to all methods.
 
     Attributes:
-        target: a lane is over once its cost is at most this.
-        budget: simulations that a lane may use; None for no limit.
+        target: a lane ends once its cost is at most this [1]; 0 for no target.
+        budget: simulations that each lane may use; None for no limit.
         bar: the progress bar, or None.
-        expected: iterations that it may take.
+        expected: largest number of iterations.
     """
 
     target: float = 0.0
@@ -27,7 +27,7 @@ class Stop:
     expected: int = 1
 
     def before(self, best: Best, needed: int) -> np.ndarray:
-        """Which lanes are over before an iteration that needs so many simulations; their reasons are noted."""
+        """Which lanes end before an iteration of `needed` simulations, shape (lanes,); the reasons go into `best`."""
         over = np.zeros(best.costs.shape, bool)
         for lane, cost in enumerate(best.costs):
             if cost <= self.target and self.target > 0.0:
@@ -40,5 +40,5 @@ class Stop:
         """Draw the bar."""
         if self.bar is not None:
             done = float(best.iterations.max())
-            # Most searches end before their last iteration, and none says when.
+            # A search may end at any iteration: what is left is between 0 and the rest.
             self.bar.stage(f"best {best.costs.min():.4g}", WorkDone(done, 0.0, self.expected - done))

@@ -18,15 +18,15 @@ from .cluster import on_cluster
 from .parameters import Parameter
 from .problem import Problem, References, make_problem
 from .result import versions
-from .setup import Setup, SetupWords, settled
+from .setup import Setup, SetupWords, with_keywords
 from .sweep_chunk import evaluate_chunk
 from .sweep_result import SweepResult
 from .sweep_store import SweepStore, fingerprint
 
-CHUNK = 4096  # candidates of one chunk: of one file, of one task of a cluster
-LARGEST = 10**10  # candidates; more is a slip of a count, not a sweep
-PICTURES = 3.0  # times the processor time of starting that the command's pictures and page take
-STEPS_A_SECOND = 1e8  # of one machine, to say how long; an estimate
+CHUNK = 4096  # candidates of one chunk, which is one file and one task of a cluster
+LARGEST = 10**10  # candidates of a sweep; more is a mistyped count: days to years on one machine
+PICTURES = 3.0  # time of the command's pictures and page, as a multiple of the processor time of starting (for the ETA)
+STEPS_A_SECOND = 1e8  # simulated steps a second of one core, an estimate for the message on too many candidates
 
 
 def sweep(
@@ -47,7 +47,7 @@ def sweep(
     Args:
         loop: the closed loop; its own friction law is the truth that estimates are judged by.
         references: one, a list, or a dictionary by label; each has its own cost at every point.
-        axes: one for each parameter; the first varies slowest.
+        axes: one for each parameter; the first one varies slowest in the order of candidates.
         setup: how a candidate is judged: step, horizon, solver, objective, plants, noise.
         chunk: candidates in one file; memory grows with it, not with the sweep.
         out: folder for the finished chunks; without it an interrupted sweep is lost.
@@ -66,13 +66,14 @@ def sweep(
         InputError: for invalid input, with what to do.
         KeyboardInterrupt: on Ctrl-C; the chunks finished by then stay in `out`.
     """
-    judged = settled(setup, words)
+    judged = with_keywords(setup, words)
     if judged.dt is None:
         raise InputError("sweep needs dt, the step [s].")
     problem, labels, axes = _prepare(loop, references, axes, judged.words())
     if chunk < 1:
         raise InputError(f"chunk must be at least 1 candidate, got {chunk}.")
     shape = tuple(axis.count for axis in axes)
+    # Python integers: the product of mistyped counts overflows int64 and would pass the check below.
     total, columns = int(np.prod([int(count) for count in shape], dtype=object)), problem.shape[0]
     if total > LARGEST:
         steps = total * int(np.prod(problem.shape)) * problem.stepper.samples * problem.stepper.substeps
@@ -81,6 +82,7 @@ def sweep(
             f" a second they would take about {steps / STEPS_A_SECOND / (365.25 * 86_400):.2g} years; give smaller "
             "counts, or tune with several starts."
         )
+    # Rounded up: the last chunk may be shorter.
     pieces = -(-total // chunk)
     identity = "" if out is None else fingerprint(problem, axes, chunk)
     begin = time.perf_counter()
@@ -109,7 +111,7 @@ def _fill(
     scheduler: str | None,
     progress: bool,
 ) -> None:
-    """Compute what the store has not."""
+    """Compute the chunks that the store lacks, and keep each as it is finished."""
     there = store.finished()
     finished, missing = len(there), store.missing(there)
     bar = Stages(f"sweep of {total:,} candidates", tail=drawing(PICTURES)) if progress else None
@@ -122,6 +124,7 @@ def _fill(
         else:
             done = on_cluster(scheduler, problem, axes, total, chunk, missing, store)
         for piece, costs in done:
+            # None: a worker of the cluster has written the chunk itself.
             if costs is not None:
                 store.keep(piece, costs)
             finished += 1
@@ -148,7 +151,7 @@ def _prepare(
     for axis in axes:
         get_parameter(loop, axis.name)
         axis.check()
-    # A linear space has no say in a sweep; it only lets a parameter be zero or negative.
+    # `make_problem` wants bounds, which a sweep does not use; a linear scale allows values of zero and below.
     named = [Parameter(axis.name, axis.low, axis.low, axis.low + 1.0, "linear") for axis in axes]
     problem, _, labels = make_problem(loop, references, named, **settings)
     return problem, labels, axes

@@ -1,4 +1,4 @@
-"""The page of a sweep: one file that loads nothing, with the cost and the parameters under the pointer."""
+"""The page of a sweep: one HTML file without external resources, with cost and parameters under the pointer."""
 
 import html
 import importlib.resources
@@ -17,7 +17,7 @@ from fpjax.output.runfile import plain, write_whole
 from .axis import Paths
 from .sweep_plot import Slice, colour_levels
 
-DIGITS = 5  # of a cost on the page
+DIGITS = 5  # significant digits of a cost on the page, for a smaller file
 
 
 def write_page(shown: Slice, path: Path, paths: Paths) -> Path:
@@ -32,7 +32,7 @@ def write_page(shown: Slice, path: Path, paths: Paths) -> Path:
         InputError: where it cannot be written.
     """
     template = importlib.resources.files("tuning").joinpath("sweep_page.html").read_text(encoding="utf-8")
-    # "</script>" within a name would end the script.
+    # A name that holds "</script>" would end the script: "<" is written as its JSON escape.
     content = json.dumps(plain(_content(shown, paths)), allow_nan=False).replace("<", "\\u003c")
     page = template.replace("@TITLE@", html.escape(shown.title)).replace("@DATA@", content)
     write_whole(path, page)
@@ -40,6 +40,7 @@ def write_page(shown: Slice, path: Path, paths: Paths) -> Path:
 
 
 def _content(shown: Slice, paths: Paths) -> JsonObject:
+    """What the script of the page draws, as JSON takes it."""
     grid = shown.cost
     levels = colour_levels(grid)
     colours = colormaps["viridis_r"](np.linspace(0.0, 1.0, max(len(levels) - 1, 1)))
@@ -71,6 +72,7 @@ def _content(shown: Slice, paths: Paths) -> JsonObject:
 
 
 def _rounded(grid: np.ndarray) -> Any:
+    """Nested lists of costs rounded to `DIGITS`; None where a run diverged: JSON has no infinity."""
     if grid.ndim > 1:
         return [_rounded(row) for row in grid]
     return [float(f"{value:.{DIGITS}g}") if np.isfinite(value) else None for value in grid]

@@ -16,14 +16,14 @@ from fpjax.output.plotting import BLACK, BLUE, GREY, SERIES, STYLE, new_figure, 
 
 from .axis import Axis, Paths
 
-APART = 30.0  # dots between labels of contours
-LEVELS = 24
-MOST_POINTS = 400  # drawn along an axis; a denser grid is thinned for the picture
+APART = 30.0  # least distance between two labels of contours [pixels]
+LEVELS = 24  # borders of the colours
+MOST_POINTS = 400  # drawn along an axis, about the pixels there are; a denser grid is thinned for the picture
 
 
 @dataclasses.dataclass(frozen=True)
 class Slice:
-    """What of a sweep can be shown: its first two axes (or its only one), any further one at its best value.
+    """The part of a sweep that is shown: its first two axes (or its only one), any further one at its best value.
 
     Attributes:
         axes: that are shown.
@@ -32,7 +32,7 @@ class Slice:
         title: objective, references, and the values of the axes that are not shown.
         gains: of the least cost, by parameter name.
         least: that cost [1].
-        thinned: "2 x 3" where only every so many points are shown, else empty.
+        thinned: "2 x 3" where every second row and every third column is shown; "" where all are.
     """
 
     axes: tuple[Axis, ...]
@@ -53,6 +53,7 @@ def slice_of(named: Sequence[Axis], cost: np.ndarray, title: str) -> Slice:
         title: objective and references.
     """
     cost = np.asarray(cost, dtype=float)
+    # Of the whole grid, before it is thinned: the marked minimum is one that was swept.
     best = np.unravel_index(int(np.argmin(cost)), cost.shape)
     least = float(cost[best])
     gains = {axis.name: float(axis.values[place]) for axis, place in zip(named, best, strict=True)}
@@ -60,6 +61,7 @@ def slice_of(named: Sequence[Axis], cost: np.ndarray, title: str) -> Slice:
         cost = cost[(slice(None), slice(None), *best[2:])]
         title += f"  ({', '.join(f'{axis.name} = {gains[axis.name]:.4g}' for axis in named[2:])})"
     axes = tuple(named[:2])
+    # Rounded up, so that at most MOST_POINTS remain.
     every = [-(-count // MOST_POINTS) for count in cost.shape]
     thin = tuple(slice(None, None, step) for step in every)
     values = tuple(axis.values[step] for axis, step in zip(axes, thin, strict=True))
@@ -116,7 +118,8 @@ def _draw(shown: Slice, paths: Paths) -> Figure:
             axes.set_yscale("log")
     else:
         second = shown.axes[1]
-        axes.set(xlabel=second.name, ylabel=first.name, xscale=second.scale, yscale=first.scale)  # labels need them
+        # The scales come before the contours: their labels are placed in screen coordinates.
+        axes.set(xlabel=second.name, ylabel=first.name, xscale=second.scale, yscale=first.scale)
         _contours(figure, axes, shown)
         limits = axes.get_xlim(), axes.get_ylim()
         for color, (method, points) in zip(SERIES[1:], paths.items(), strict=False):
@@ -132,7 +135,7 @@ def _draw(shown: Slice, paths: Paths) -> Figure:
 
 
 def _path(axes: Axes, across: Sequence[float], up: Sequence[float], color: str, method: str) -> None:
-    """A line with a white edge, an open circle where it begins, a square where it ends."""
+    """The path of a search: a line with a white edge, an open circle at its start, a square at its end."""
     axes.plot(across, up, color="white", linewidth=3.4, solid_joinstyle="round", zorder=3)
     axes.plot(across, up, color=color, linewidth=1.5, marker=".", markersize=4, label=method, zorder=3.5)
     axes.plot(across[:1], up[:1], "o", color="white", markeredgecolor=color, markersize=6, zorder=4)
@@ -140,9 +143,10 @@ def _path(axes: Axes, across: Sequence[float], up: Sequence[float], color: str, 
 
 
 def colour_levels(cost: np.ndarray) -> np.ndarray:
-    """Borders of the colours, logarithms where all costs are above zero.
+    """Borders of the colours, shape (levels,): quantiles of the cost, or of its logarithm where all costs are positive.
 
-    The far end of a landscape would take all the levels: they follow the quantiles, where the points are.
+    Evenly spaced levels would nearly all lie between the few points just before divergence, whose costs are orders of
+    magnitude larger; with quantiles every colour has the same share of the points.
     """
     finite = cost[np.isfinite(cost)]
     if not finite.size:
@@ -154,8 +158,9 @@ def colour_levels(cost: np.ndarray) -> np.ndarray:
 
 
 def _labelled(levels: np.ndarray) -> np.ndarray:
-    """Logarithms of the round costs (1, 2, 5 of each decade; whole decades where they are many) within the levels."""
-    low, high = levels[0], levels[-1 - levels.size // 12]  # the cliff before divergence would stack the lines
+    """Logarithms of the round costs (1, 2, 5 of each decade; whole decades beyond three) within the levels."""
+    # The top twelfth of the points is left out: just before divergence the cost rises so steeply that lines overlap.
+    low, high = levels[0], levels[-1 - levels.size // 12]
     parts = (1.0,) if high - low > 3.0 else (1.0, 2.0, 5.0)
     decades = np.arange(np.floor(low), np.ceil(high) + 1.0)
     found = np.array(sorted(decade + np.log10(part) for decade in decades for part in parts))
@@ -164,7 +169,7 @@ def _labelled(levels: np.ndarray) -> np.ndarray:
 
 
 def _spread(axes: Axes, labels: Sequence[Text]) -> None:
-    """Take away the labels that lie over another one: at a cliff the lines are close."""
+    """Remove labels that overlap an earlier one, as they do where the cost rises steeply and the lines are close."""
     kept: list[np.ndarray] = []
     for label in labels:
         place = axes.transData.transform(label.get_position())
@@ -186,7 +191,7 @@ def _contours(figure: Figure, axes: Axes, shown: Slice) -> None:
     if logarithmic:
         grid = np.ma.log10(grid)
     levels = colour_levels(shown.cost)
-    # Every level gets the same share of the colours: those of a linear scale were all one purple.
+    # BoundaryNorm gives every level the same share of the colour map; with a linear norm nearly all had one colour.
     filled = axes.contourf(across, down, grid, levels=levels, cmap="viridis_r", norm=BoundaryNorm(levels, 256))
     marked = _labelled(levels) if logarithmic else levels[:: max(1, levels.size // 6)]
     lines = axes.contour(across, down, grid, levels=marked, colors="white", linewidths=0.7, linestyles="solid")

@@ -1,4 +1,4 @@
-"""What a sweep leaves: the grid of costs, its `.npz` with named axes, its contour picture."""
+"""The result of a sweep: the grid of costs, its `.npz` with named axes, its contour picture and its page."""
 
 import dataclasses
 import io
@@ -21,11 +21,11 @@ class SweepResult:
     """A grid of costs.
 
     Attributes:
-        axes: of the grid, the first varying slowest.
+        axes: of the grid; the first one varies slowest in the order of candidates.
         references: labels of the references.
-        costs: shape (*counts, references); infinite where a run diverged; a memory map where the sweep had a folder.
+        costs: shape (*counts, references) [1]; infinite where a run diverged; a memory map if the sweep had a folder.
         objective: its name.
-        simulations: runs of one case.
+        simulations: candidates x cases (references x plants x noise seeds).
         simulated_steps: simulations x samples.
         run_seconds: computing, compiling included.
         versions: of what computed it.
@@ -47,6 +47,7 @@ class SweepResult:
             InputError: for a reference that was not swept.
         """
         if reference is None:
+            # A mean over one column would read a memory map of a large sweep into memory.
             return self.costs[..., 0] if len(self.references) == 1 else self.costs.mean(axis=-1)
         if reference not in self.references:
             raise InputError(f"{reference!r} was not swept: choose among {', '.join(self.references)}.")
@@ -80,13 +81,14 @@ class SweepResult:
         }
 
     def to_dataframe(self) -> Any:
-        """A `pandas.DataFrame` with a row a candidate: its values by the axes' names, its cost by reference.
+        """A `pandas.DataFrame` with one row for each candidate: values by the axes' names, cost by reference.
 
         Raises:
             InputError: where pandas is not installed.
         """
         from fpjax.output.frames import to_frame
 
+        # "ij": the order of `costs`, in which the first axis varies slowest.
         grid = np.meshgrid(*(axis.values for axis in self.axes), indexing="ij")
         columns = {axis.name: values.ravel() for axis, values in zip(self.axes, grid, strict=True)}
         costs = {f"cost on {label}": self.costs[..., i].ravel() for i, label in enumerate(self.references)}
@@ -109,6 +111,7 @@ class SweepResult:
             raise InputError(
                 f"The sweep cannot be written to {path} ({error.strerror}): choose another place."
             ) from error
+        # np.savez would copy the memory map of a large sweep into memory; force_zip64 for arrays beyond 4 GiB.
         with whole_file(path) as whole, zipfile.ZipFile(whole, "w") as archive:
             for name, array in small.items():
                 buffer = io.BytesIO()
@@ -119,13 +122,12 @@ class SweepResult:
         return path
 
     def plot(self, path: str | Path | None = None, reference: str | None = None, paths: Paths | None = None) -> Any:
-        """Draw the cost over the first two axes (over one, a line; any further axis at its best value).
+        """Draw the cost as contours over the first two axes, or as a line over one; further axes at their best values.
 
         Args:
             path: picture file to write; None to write none.
-            reference: which one's cost; None for the mean over all.
-            paths: by the method's name, the values that it went through by parameter name, as `TuningResult.path`;
-                drawn over two axes.
+            reference: label of the reference whose cost is shown; None for the mean over all.
+            paths: of searches, by the method's name, each as `TuningResult.path` has it; drawn if there are two axes.
 
         Returns:
             The matplotlib figure.
@@ -139,11 +141,11 @@ class SweepResult:
         return draw(shown, None if path is None else Path(path), checked_paths(self.axes, paths or {}))
 
     def page(self, path: str | Path, reference: str | None = None, paths: Paths | None = None) -> Path:
-        """Write the same as one HTML file that loads nothing and reads the cost under the pointer.
+        """Write the picture as one HTML file without external resources that shows the cost under the pointer.
 
         Args:
             path: file to write.
-            reference: which one's cost; None for the mean over all.
+            reference: label of the reference whose cost is shown; None for the mean over all.
             paths: as of `plot`.
 
         Raises:
@@ -172,7 +174,7 @@ class SweepResult:
 
 
 def load_sweep(path: str | Path) -> JsonObject:
-    """What `SweepResult.save` wrote: arrays by name, `summary` as a dictionary.
+    """The arrays of a file from `SweepResult.save` by name, with `summary` as a dictionary.
 
     Args:
         path: of the .npz.
@@ -187,7 +189,7 @@ def load_sweep(path: str | Path) -> JsonObject:
 
 
 def _stream(file: Any, array: np.ndarray) -> None:
-    """Write an array in `.npy` form piece by piece: a memory map never comes into memory whole."""
+    """Write an array in `.npy` format in pieces of 2^20 numbers, so that a memory map is never in memory whole."""
     header = {"descr": np.lib.format.dtype_to_descr(array.dtype), "fortran_order": False, "shape": array.shape}
     np.lib.format.write_array_header_2_0(file, header)
     flat = array.reshape(-1)

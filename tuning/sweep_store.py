@@ -1,4 +1,4 @@
-"""The finished chunks of a sweep: one file each, written whole and checked when read, so that a sweep can go on.
+"""The finished chunks of a sweep: one file each, written atomically and checked when read, so that it can be resumed.
 
 A chunk counts when its file is on the disk, has the length that its sweep needs, and ends in the SHA-256 of the
 sweep's identity, its own number and its bytes: a damaged file, one of another sweep or one under another name is
@@ -30,11 +30,13 @@ from .problem import Problem
 from .result import versions
 
 MANIFEST = "sweep.json"
-FORM = 2  # of the files; 1 had no checksums
-NAMED = 5  # damaged chunks that a warning names
+FORM = 2  # version of the file format; 1 had no checksums
+NAMED = 5  # most damaged chunks that a warning lists
 _CHUNK_NAME = re.compile(r"chunk-(\d{7,})\.npy")
 _PARTIAL_NAME = re.compile(r"\.(chunk-\d{7,}|cost)\.npy\..*\.partial")
+# A chunk file: an .npy array, then this mark (7 bytes) and a SHA-256 (32 bytes).
 _MARK = b"sha256:"
+_TAIL = len(_MARK) + hashlib.sha256().digest_size
 
 
 class SweepStore:
@@ -42,7 +44,7 @@ class SweepStore:
 
     Attributes:
         folder: holds `sweep.json` and `chunk-NNNNNNN.npy`; None for memory.
-        identity: what the sweep is; chunks of another one are refused.
+        identity: `fingerprint` of the sweep; chunks of another sweep are refused.
     """
 
     def __init__(
@@ -56,16 +58,16 @@ class SweepStore:
         *,
         resume: bool,
     ):
-        """Open a folder, or begin it.
+        """Open the folder of a sweep, or create it.
 
         Args:
             folder: where chunks go; None for memory.
             identity: from `fingerprint`.
             total: candidates of the sweep.
-            columns: numbers of one candidate.
+            columns: costs of one candidate, one for each reference.
             chunk: candidates of one file.
-            dtype: of the numbers.
-            resume: take what is there.
+            dtype: of the costs.
+            resume: use the chunks that are there.
 
         Raises:
             InputError: for a folder of another sweep, one that another process works in, or one that cannot be written.
@@ -101,7 +103,7 @@ class SweepStore:
         self.close()
 
     def close(self) -> None:
-        """Give the folder to whoever wants it next."""
+        """Release the folder, for another process to use."""
         if self._lock is not None:
             self._lock.release()
             self._lock = None
@@ -116,12 +118,13 @@ class SweepStore:
                 f"{folder} holds another sweep (other axes, loop, reference, settings or versions): resume it "
                 "as it was begun, or use another folder."
             )
-        for entry in list(os.scandir(folder)):  # of a writer that was killed: nobody else works here now
+        for entry in list(os.scandir(folder)):  # left by a killed writer: we hold the lock
             if _PARTIAL_NAME.fullmatch(entry.name):
                 with contextlib.suppress(OSError):
                     os.unlink(entry.path)
         if known is not None:
             return
+        # Chunks without a manifest: their checksums contain the identity, so that one good chunk proves whose they are.
         chunks = self._numbers()
         if there or chunks:
             if chunks and not any(isinstance(self._read(piece), np.ndarray) for piece in sorted(chunks)):
@@ -129,7 +132,7 @@ class SweepStore:
                     f"{folder / MANIFEST} is {'damaged' if there else 'missing'}, and no chunk beside it is one of this"
                     " sweep, so the folder may hold another one: use another folder."
                 )
-            _warn(f"{folder / MANIFEST} was {'damaged' if there else 'missing'}: it is written anew.")
+            _warn(f"{folder / MANIFEST} was {'damaged' if there else 'missing'}: it is written again.")
         content = {
             "form": FORM,
             "identity": self.identity,
@@ -147,7 +150,7 @@ class SweepStore:
         return chunk_path(self.folder, piece)
 
     def finished(self) -> set[int]:
-        """Chunks that are there and whole; a damaged one is warned of, and counts as missing."""
+        """Numbers of the chunks that are there and undamaged; a damaged one counts as missing, with a warning."""
         if self.folder is None:
             return set(self._kept)
         found, damaged = set(), {}
@@ -167,10 +170,10 @@ class SweepStore:
         return found
 
     def missing(self, finished: set[int]) -> Iterator[int]:
-        """Chunks still to be computed, one by one: a large sweep has millions of them.
+        """Numbers of the chunks still to be computed, as a generator: a large sweep has millions of them.
 
         Args:
-            finished: those that need not be.
+            finished: numbers of the chunks that are there.
         """
         return (piece for piece in range(self._pieces) if piece not in finished)
 
@@ -186,14 +189,14 @@ class SweepStore:
             write_chunk(self.folder, self.identity, piece, costs)
 
     def assemble(self) -> np.ndarray:
-        """All costs, shape (candidates, columns); with a folder a memory map of `cost.npy` there.
+        """All costs, shape (candidates, columns): an array in memory, or with a folder a memory map of its `cost.npy`.
 
         Raises:
             InputError: where `cost.npy` cannot be written, or a chunk was damaged since it was written.
         """
         if self.folder is None:
             return np.concatenate([self._kept[piece] for piece in range(self._pieces)])
-        # Written as a stream and not through a memory map: a full disk is then an error and not a bus error.
+        # Written as a stream: writing through a memory map to a full disk kills the process (SIGBUS) without an error.
         header = {"descr": self._dtype.str, "fortran_order": False, "shape": (self._total, self._columns)}
         with whole_file(self.folder / "cost.npy") as file:
             np.lib.format.write_array_header_1_0(file, header)
@@ -201,8 +204,8 @@ class SweepStore:
                 costs = self._read(piece)
                 if not isinstance(costs, np.ndarray):
                     raise InputError(
-                        f"{self.path(piece)} {costs}, though it was whole a moment ago: check the disk, then run the "
-                        "sweep again with resume=True."
+                        f"{self.path(piece)} {costs}, though it was undamaged when this sweep read it first: check the "
+                        "disk, then run the sweep again with resume=True."
                     )
                 file.write(costs.tobytes())
         return np.load(self.folder / "cost.npy", mmap_mode="r")
@@ -213,16 +216,16 @@ class SweepStore:
         return {int(match[1]) for match in found if match and int(match[1]) < self._pieces}
 
     def _read(self, piece: int) -> np.ndarray | str:
-        """The costs of a chunk, or what is wrong with its file."""
+        """The costs of a chunk, or what is wrong with its file, as the end of a sentence."""
         shape = (min(self._total, (piece + 1) * self._chunk) - piece * self._chunk, self._columns)
         try:
-            # Not to be opened where it is no file: a FIFO would wait for a writer.
+            # Only a regular file is opened: opening a FIFO would wait for a writer for ever.
             if not stat.S_ISREG(self.path(piece).lstat().st_mode):
-                return "is no file"
+                return "is not a file"
             content = self.path(piece).read_bytes()
         except OSError as error:
             return f"cannot be read ({error.strerror or error})"
-        body, mark, digest = content[:-39], content[-39:-32], content[-32:]
+        body, mark, digest = content[:-_TAIL], content[-_TAIL : len(_MARK) - _TAIL], content[len(_MARK) - _TAIL :]
         if mark != _MARK:
             return "is cut off or has no checksum"
         if digest != _chunk_digest(self.identity, piece, body):
@@ -230,7 +233,7 @@ class SweepStore:
         try:
             costs = np.load(io.BytesIO(body), allow_pickle=False)
         except (ValueError, EOFError, OSError):
-            return "is no array"
+            return "is not an array"
         if costs.shape != shape or costs.dtype != self._dtype:
             return f"holds {costs.dtype} of shape {costs.shape}, not {self._dtype} of shape {shape}"
         return costs
@@ -242,7 +245,7 @@ def chunk_path(folder: Path, piece: int) -> Path:
 
 
 def write_chunk(folder: Path, identity: str, piece: int, costs: np.ndarray) -> None:
-    """Write a chunk whole or not at all: a reader never meets half a file, however the writer ends.
+    """Write a chunk atomically: a reader never finds half a file, however the writer ends.
 
     Args:
         folder: of the sweep.
@@ -256,12 +259,12 @@ def write_chunk(folder: Path, identity: str, piece: int, costs: np.ndarray) -> N
     body = io.BytesIO()
     np.save(body, costs)
     with whole_file(chunk_path(folder, piece)) as file:
-        file.write(body.getvalue())  # np.load stops where the array ends, so other readers are not disturbed
+        file.write(body.getvalue())  # np.load reads to the end of the array only: any reader opens it
         file.write(_MARK + _chunk_digest(identity, piece, body.getvalue()))
 
 
 def is_folder_of(folder: Path, identity: str) -> bool:
-    """Whether a folder is that of a sweep, as a worker on another machine sees it."""
+    """Whether a folder is that of the sweep: a worker on another machine may have another folder of that name."""
     known = _read_manifest(folder / MANIFEST)
     return known is not None and known.get("identity") == identity
 
@@ -275,7 +278,7 @@ def _checksum(content: JsonObject) -> str:
 
 
 def _read_manifest(path: Path) -> JsonObject | None:
-    """What `sweep.json` says; None where it is not there or damaged."""
+    """The content of `sweep.json`; None where it is missing or damaged."""
     try:
         if not stat.S_ISREG(path.lstat().st_mode):
             return None
@@ -285,7 +288,7 @@ def _read_manifest(path: Path) -> JsonObject | None:
         checksum = content.pop("sha256", None)
     except (OSError, ValueError, RecursionError):
         return None
-    # The first form had no checksum, and its chunks none either: its identity then says that it is another sweep.
+    # A manifest of format 1, without checksums, is read too: its identity differs, and it is refused as another sweep.
     return content if checksum == _checksum(content) or (checksum is None and "form" not in content) else None
 
 
@@ -294,13 +297,14 @@ def _warn(sentence: str) -> None:
 
 
 def fingerprint(problem: Problem, axes: Sequence[Axis], chunk: int) -> str:
-    """What a sweep is, as a hash of every array, every static setting, the axes, the chunk and the versions.
+    """A hash of everything that the costs depend on: arrays, static settings, axes, chunk size and versions.
 
     Raises:
-        InputError: for a function without a name of its own, which cannot be told from another one.
+        InputError: for a lambda or a function defined within another: its code is not hashed, and its name is shared.
     """
     digest = hashlib.sha256()
     leaves, structure = jax.tree.flatten(problem)
+    # The tree structure as text holds the static fields: names, functions, numbers of bins.
     text = str(structure)
     if unnamed := re.search(r"<function ([^ >]*<(?:lambda|locals)>[^ ]*)", text):
         raise InputError(
@@ -311,6 +315,7 @@ def fingerprint(problem: Problem, axes: Sequence[Axis], chunk: int) -> str:
     digest.update(json.dumps(versions(), sort_keys=True).encode())
     for leaf in leaves:
         array = np.asarray(leaf)
+        # Type and shape first: equal bytes of another shape are another array.
         digest.update(f"{array.dtype}{array.shape}".encode())
         digest.update(array.tobytes())
     digest.update(repr([*axes, chunk]).encode())
@@ -318,5 +323,5 @@ def fingerprint(problem: Problem, axes: Sequence[Axis], chunk: int) -> str:
 
 
 def _stable(text: str) -> str:
-    """Without addresses of functions, which change from process to process."""
+    """The text without the memory addresses of functions, which change from process to process."""
     return re.sub(r" at 0x[0-9a-f]+", "", text)

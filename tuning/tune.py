@@ -27,18 +27,20 @@ from .lanes import Lanes, Outcome, Stopwatch
 from .levenberg_marquardt import levenberg_marquardt
 from .methods import LBFGS, METHODS, Adam, GridSearch, LevenbergMarquardt, Method, NelderMead, RepairedGridSearch
 from .nelder_mead import nelder_mead
-from .noisy import calmer, upset
+from .noisy import less_sensitive, noise_sensitive
 from .notes import SETTLED, judging_measures, notes_of
 from .objective import Thesis, get_objective
 from .parameters import Parameter, default_parameters
 from .problem import Problem, References, case_costs, label_references, make_problem, under_noise
 from .result import TuningResult, versions
-from .setup import Setup, SetupWords, settled
+from .setup import Setup, SetupWords, with_keywords
 from .smoothness import not_smooth
 from .starts import KEPT, placed_parameters, screen
 from .stopping import Stop
 
-DRAWS = 8  # of the sensor's noise, under which tuned gains are looked at
+# Draws of the sensor's noise under which tuned gains are judged; the worst one counts. They reuse the compiled program
+# of the judgement, so that eight cost little beside a search.
+DRAWS = 8
 
 _SEARCHES: dict[type, Callable[[Lanes, Any, Stop], Outcome]] = {
     GridSearch: algorithm_1,
@@ -69,21 +71,22 @@ def tune(
 
     Args:
         loop: the closed loop; its own friction law is the truth that estimates are judged by. Or a `Model`, or the path
-            of a servo.toml: what is not given then has its values, in double precision.
+            of a servo.toml: arguments not given are then taken from it, and double precision is used.
         references: one, a list, or a dictionary by label; with several, one set of gains for all.
         parameters: names as "observer.gain_1", or `Parameter`s with start, bounds and scale; None for the observer's
             gains, or the controller's without an observer. Where they have no bounds, those of a model's [bounds] hold.
         setup: how gains are judged: step, horizon, solver, objective, plants, noise.
         method: "levenberg_marquardt", "lbfgs", "adam", "grid" (Algorithm 1), "grid_repaired", "nelder_mead", or a
             method's settings, as `Adam(rate=0.1)`.
-        starts: number of starts: the parameters' own, and others drawn around it. None: the parameters' own and up to
-            four more, the best of a screen of 64 around the gains that pole placement gives (`tuning.starts`), so that
-            no gains need be known; but one start for the "thesis" objective, a target, a budget and Algorithm 1, which
-            are there for comparing.
-        spread: how far others are drawn: 10^(+-spread) times on a log scale, that share of the range on a linear one.
+        starts: number of starts: the parameters' own start, and others drawn around it. None: the gains in the loop and
+            up to four more, the best of a screen of 64 around the gains that pole placement gives (`tuning.starts`), so
+            that no gains need be known; but one start for the "thesis" objective, a target, a budget and Algorithm 1,
+            whose searches are compared with each other from one start.
+        spread: half width of the draw: within 10^(+-spread) times the start on a log scale, within that share of the
+            range on a linear one.
         seed: of the drawn starts.
         target: stop once the cost is at most this [1].
-        max_simulations: stop before a start uses more; tangents count.
+        max_simulations: most simulations of each start, tangents counted; None for no limit.
         progress: show a bar with an ETA on stderr, where that is a terminal.
         **words: fields of `Setup` (dt, duration, samples, objective, solver, stepping, substeps, plants, noise_seeds,
             aggregate), in place of those of `setup`.
@@ -94,10 +97,11 @@ def tune(
     Raises:
         InputError: for invalid input, with what to do.
     """
-    judged = settled(setup, words)
+    judged = with_keywords(setup, words)
     model = None if isinstance(loop, ClosedLoop) else as_model(loop, "tune")
     if model is not None:
         model.needed_controller()
+        # Recursion with the model's loop cast to float64: a servo.toml has no precision of its own.
         with double_precision():
             return tune(
                 astype(model.loop, np.float64),
@@ -119,7 +123,7 @@ def tune(
         references = checked_reference(references)
     listed = _listed(parameters)
     parameters = default_parameters(loop) if listed is None else listed
-    automatic = starts is None and _searches(method, judged.objective, target, max_simulations)
+    automatic = starts is None and _finds_own_starts(method, judged.objective, target, max_simulations)
     stepper = judged.stepper()
     written = parameters
     if automatic:
@@ -134,6 +138,7 @@ def tune(
         if automatic:
             if bar is not None:
                 bar.stage("compiling, then screening starts")
+            # The screen compares the placed gains with those that the loop has already, if it has any.
             own = np.array([_value_of(loop, one, value) for one, value in zip(written, middle, strict=True)])
             clock = Stopwatch()
             drawn, screened = screen(
@@ -141,19 +146,21 @@ def tune(
             )
         else:
             drawn = _draw_starts(problem, middle, 1 if starts is None else starts, spread, seed)
-        # One number of rows whatever the screen keeps: another one would compile everything again. What fills it up is
-        # computed side by side and not counted; Nelder-Mead takes one start after the other.
+        # Always KEPT + 1 rows, however many starts the screen keeps: another number would compile every program again.
+        # Rows are filled up with copies, which are computed but not counted. Nelder-Mead takes one start after the
+        # other and needs none.
         count = max(len(drawn), KEPT + 1) if automatic and not isinstance(settings, NelderMead) else len(drawn)
         lanes = Lanes(problem, np.resize(drawn, (count, drawn.shape[1])), None)
         stop = Stop(target, max_simulations, bar)
         draws = under_noise(problem, DRAWS)
         (result,) = _search(lanes, [labels], settings, stop, len(drawn), screened, draws)
-        if _searches(method, judged.objective, target, max_simulations) and upset(result):
-            # Without noise a search may end where the observer is unstable: nothing there pushes it off the truth.
+        if _finds_own_starts(method, judged.objective, target, max_simulations) and noise_sensitive(result):
+            # Without noise a search may end at gains of an unstable observer: on the truth nothing excites its unstable
+            # mode. Under noise the same programs run: another draw is another array.
             lanes = Lanes(draws[0], lanes.start, None)
             stop = Stop(target, max_simulations, bar)
             (again,) = _search(lanes, [labels], settings, stop, len(drawn), screened, draws)
-            result = calmer(result, again)
+            result = less_sensitive(result, again)
     finally:
         if bar is not None:
             bar.end()
@@ -164,15 +171,15 @@ def _listed(parameters: Sequence[str | Parameter] | None) -> Sequence[str | Para
     return [parameters] if isinstance(parameters, str | Parameter) else parameters
 
 
-def _searches(method: Any, objective: Any, target: float, budget: int | None) -> bool:
-    """Whether the search looks for its own starts: not where it is compared with another one from the same start."""
+def _finds_own_starts(method: Any, objective: Any, target: float, budget: int | None) -> bool:
+    """Whether start values are found automatically: not where searches are compared from one given start."""
     compared = objective == "thesis" or isinstance(objective, Thesis) or target > 0.0 or budget is not None
     printed = method in ("grid", "grid_repaired") or isinstance(method, GridSearch | RepairedGridSearch)
     return not compared and not printed
 
 
 def _value_of(loop: ClosedLoop, one: str | Parameter, placed: float) -> float:
-    """Where a parameter stands: its own start, else its value in the loop, else where it was placed."""
+    """A parameter's own start, else its value in the loop if positive, else its placed value."""
     if isinstance(one, Parameter) and one.start is not None:
         return one.start
     value = float(np.asarray(get_parameter(loop, one if isinstance(one, str) else one.name)))
@@ -216,7 +223,7 @@ def tune_each(
     Raises:
         InputError: for invalid input, with what to do.
     """
-    judged = settled(setup, words)
+    judged = with_keywords(setup, words)
     if judged.dt is None:
         raise InputError("tune_each needs dt, the step [s].")
     problem, start, labels = make_problem(loop, references, parameters, **judged.words())
@@ -246,18 +253,20 @@ def _settings(method: str | Method, loop: ClosedLoop, solver: AbstractPlantSolve
         method = METHODS[method]()
     if isinstance(method, (Adam, LBFGS, LevenbergMarquardt)) and (where := not_smooth(loop, solver)):
         raise InputError(
-            f"{where} uses sign(), whose derivative says nothing: give it a steepness in s/rad (in a servo.toml drop "
-            f'steepness = "sign" and a safe one is chosen; in Python fpjax.safe_steepness chooses one), or use '
-            f"'grid', 'grid_repaired' or 'nelder_mead'."
+            f"{where} uses sign(), whose derivative is zero wherever it exists: give it a steepness in s/rad (in a "
+            f'servo.toml drop steepness = "sign" and a safe one is chosen; in Python use fpjax.safe_steepness), '
+            f"or use 'grid', 'grid_repaired' or 'nelder_mead'."
         )
     return method
 
 
 def _draw_starts(problem: Problem, start: np.ndarray, starts: int, spread: float, seed: int) -> np.ndarray:
+    """The start and others drawn uniformly around it within the bounds, shape (starts, n); in decades where log."""
     if not isinstance(starts, int | np.integer):
         raise InputError(f"starts must be a whole number, got {type(starts).__name__} {starts!r}.")
     if starts < 1:
         raise InputError(f"starts must be at least 1, got {starts}.")
+    # The first start is the given one itself; the others differ in every parameter.
     draws = np.random.default_rng(seed).uniform(-spread, spread, (starts - 1, start.size))
     space = problem.space
     middle, half = np.asarray(space.middle, float), np.asarray(space.half, float)
@@ -278,6 +287,17 @@ def _search(
     screened: int,
     draws: Sequence[Problem],
 ) -> list[TuningResult]:
+    """Run a method and judge what it finds: one result for each group of lanes.
+
+    Args:
+        lanes: of all groups, group after group.
+        groups: labels of the references of each: all of them in `tune`, one each in `tune_each`.
+        settings: of the method.
+        stop: target, budget and progress bar.
+        starts: of each group; further lanes of a group are copies.
+        screened: costs that the screen computed before.
+        draws: the problem under draws of noise; empty for none.
+    """
     name = _name(settings)
     stop.expected = settings.iterations
     if stop.bar is not None:
@@ -288,22 +308,26 @@ def _search(
         stop.bar.stage("judging the result")
     spent = time.perf_counter() - begin
     compiled = lanes.clock.compile_seconds - before
-    # What follows is told apart from the search: it is the report's cost, not the method's.
-    each = lanes.count // len(groups)  # rows of a group: its starts, and copies of them that fill it up
+    # What follows judges the gains: its time and simulations are not counted as the method's.
+    each = lanes.count // len(groups)  # rows of a group: its starts, and copies of them
     by_group = outcome.costs.reshape(len(groups), each)
+    # The cheapest lane of each group; infinity where it diverged.
     chosen = [group * each + int(np.argmin(row)) for group, row in enumerate(by_group)]
+    # A group whose lanes all diverged has no best values: its start is reported, with infinite cost.
     values = np.where(np.isfinite(outcome.values[chosen]), outcome.values[chosen], lanes.start[chosen])
-    # Every kernel was compiled for a number of rows: what is asked of it now is padded to it, and nothing recompiles.
+    # Padded to the number of rows for which the residuals and the screen were compiled, so that nothing recompiles.
     padded = np.resize(values, (lanes.count, values.shape[1]))
     index = None if lanes.index is None else np.resize(lanes.index[chosen], lanes.count)
     final = Lanes(lanes.problem, padded, index, Stopwatch())
     begun = np.array([lanes.start[group * each] for group in range(len(groups))])
+    # Rows: the best of every group, then the first start of every group, repeated up to the rows of the screen.
     rows = np.resize(np.concatenate([values, begun]), (max(screened, 2 * len(groups)), values.shape[1]))
     which = None if lanes.index is None else np.resize(np.tile(lanes.index[chosen], 2), len(rows))
     totals, cases, further = _judged(final.clock, rows, which, lanes.problem)
     rates, fastest = further.pop("rate", np.zeros_like(cases)), further.pop("fastest")
-    if draws:  # the program is there: another draw of the noise compiles nothing
+    if draws:  # the same program: only the noise tables change
         noisy = [_judged(final.clock, rows, which, one) for one in draws]
+        # costs (draws, rows) -> worst (rows,); measures (rows, ...) -> (rows, draws, ...).
         worst = np.max([found for found, _, _ in noisy], axis=0)
         further = {name: np.stack([found[name] for _, _, found in noisy], axis=1) for name in further}
     else:
@@ -317,12 +341,14 @@ def _search(
         of_group = slice(group * each, group * each + starts)
         lane, failed = chosen[group], ~np.isfinite(outcome.costs[of_group])
         used = int(outcome.simulations[of_group].sum()) + screened * lanes.cases
-        history = _together(outcome.history[of_group])
+        history = _joined_history(outcome.history[of_group])
         tuned = _named(names, values[group])
+        # Estimates of a diverged run are not numbers; there is nothing to say about where they end.
         ended = {} if failed.all() else {name: found for name, found in further.items() if name.startswith(SETTLED)}
-        off = {name.removeprefix(SETTLED): _furthest(found[group]) for name, found in ended.items()}
+        off = {name.removeprefix(SETTLED): _largest_error(found[group]) for name, found in ended.items()}
         which = range(len(labels)) if lanes.index is None else [int(lanes.index[lane])]
         followed = [(label, lanes.problem.references[0][place]) for label, place in zip(labels, which, strict=True)]
+        # rates, fastest and cases have the shape (rows, references, plants, seeds).
         about = (lanes.problem, tuned, float(np.max(rates[group])), float(np.max(fastest[group])), off, followed)
         notes = [] if failed.all() else notes_of(*about, len(draws))
         results.append(
@@ -359,8 +385,8 @@ def _search(
     return results
 
 
-def _furthest(errors: np.ndarray) -> float:
-    """The error of the largest magnitude, with its sign; one that is no number is the largest."""
+def _largest_error(errors: np.ndarray) -> float:
+    """The error of the largest magnitude, with its sign; NaN where one is NaN (argmax takes NaN as the largest)."""
     flat = np.ravel(errors)
     return float(flat[int(np.argmax(np.abs(flat)))])
 
@@ -369,8 +395,11 @@ def _named(names: tuple[str, ...], values: np.ndarray) -> dict[str, float]:
     return {name: float(value) for name, value in zip(names, values, strict=True)}
 
 
-def _together(histories: list[list[tuple[int, float]]]) -> list[tuple[int, float]]:
-    """The histories of several starts as one: what all have used, and the best of all, iteration by iteration."""
+def _joined_history(histories: list[list[tuple[int, float]]]) -> list[tuple[int, float]]:
+    """The histories of several starts as one: by iteration, the simulations used by all and the least cost of all.
+
+    A start that has ended keeps its last entry.
+    """
     joined = []
     for step in range(max((len(history) for history in histories), default=0)):
         now = [history[min(step, len(history) - 1)] for history in histories if history]
@@ -381,7 +410,7 @@ def _together(histories: list[list[tuple[int, float]]]) -> list[tuple[int, float
 def _judged(
     clock: Stopwatch, values: np.ndarray, index: Any, problem: Any
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """(costs of shape (m,), infinite where a run diverged; cases; `judging_measures`) of candidates of shape (m, n)."""
+    """Costs (m,), infinite where a run diverged; cases (m, ...); `judging_measures` (m, ...); of candidates (m, n)."""
     cases, further = clock.call(_cases, values.astype(problem.dtype), index, problem)
     flat = cases.reshape(len(values), -1)
     costs = np.mean(flat, axis=1) if problem.aggregate == "mean" else np.max(flat, axis=1)

@@ -182,12 +182,12 @@ def test_what_is_shown_is_the_number_rounded(report):
 def test_a_linear_axis_is_told_in_its_own_words(written):
     _, _, _, source = written("unexplained")
     shown = "".join(Page(source).text)
-    assert "commanded less needed [N]" in shown
+    assert "commanded minus needed [N]" in shown
     assert "velocity [m/s]" in shown
     assert "near the force limit" in shown
     assert "rad/s" not in shown
     assert "torque" not in shown
-    assert shown.count("at the end of what was allowed") == 1
+    assert shown.count("at a bound of the search: not a measurement") == 1
 
 
 def test_what_was_learned_is_told_beside_the_effects_and_never_as_one(written):

@@ -27,7 +27,7 @@ from fpjax.model_file import dump_model, load_model
 def test_verdicts_have_fitting_sentences():
     told = {name: make() for name, make in CASES.items()}
     sentences = {name: text.verdict_sentence(told[name]) for name in told}
-    assert sentences["explained"].startswith("The simulation lacks Stribeck friction; with that put right")
+    assert sentences["explained"].startswith("The simulation lacks Stribeck friction; with that corrected")
     assert "cannot tell which" in sentences["pair_with_twins"]
     assert "a constant torque or asymmetric friction" in sentences["pair_with_twins"]
     assert "agrees" in sentences["no_gap"]
@@ -185,6 +185,6 @@ def test_an_interval_that_nobody_knows_is_not_printed():
 
 
 def test_what_is_traded_off_is_not_called_unknown_where_its_interval_is_narrow():
-    assert words.state_meaning("traded off with viscous", 0.3) == "only their combination is fixed"
+    assert words.state_meaning("traded off with viscous", 0.3) == "only their combination is determined"
     assert "small error" in words.state_meaning("traded off with viscous", 1e-4)
-    assert words.state_meaning("pinned", 1e-4) == "this log fixes it"
+    assert words.state_meaning("pinned", 1e-4) == "this log determines it"

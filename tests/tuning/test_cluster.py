@@ -141,6 +141,6 @@ def test_workers_that_do_not_see_the_folder_send_their_chunks(cluster, tmp_path,
 def test_a_scheduler_that_does_not_answer_is_said_so(monkeypatch):
     from tuning import cluster as module
 
-    monkeypatch.setattr(module, "PATIENCE", "1s")
+    monkeypatch.setattr(module, "TIMEOUT", "1s")
     with pytest.raises(InputError, match="No Dask scheduler answers"):
         tuning.sweep(efp(150.0), SINE, scheduler="tcp://127.0.0.1:9", **COMMON)

@@ -8,7 +8,7 @@ import pytest
 
 import fpjax as fp
 import tuning
-from tuning.notes import _accuracy, _heard
+from tuning.notes import _accuracy, _noise_clause
 from tuning.problem import make_problem
 
 GAINS = ("observer.gain_1", "observer.gain_2")
@@ -133,7 +133,7 @@ solver = "exact"
 
 
 def test_an_estimate_that_runs_away_is_said_as_such():
-    assert _accuracy({"coulomb": float("nan"), "viscous": 0.1})[0].count("coulomb without an end, viscous +10 %") == 1
+    assert _accuracy({"coulomb": float("nan"), "viscous": 0.1})[0].count("coulomb without bound, viscous +10 %") == 1
     assert _accuracy({"coulomb": float("inf")})
     assert not _accuracy({"coulomb": 0.01})
 
@@ -144,8 +144,8 @@ def test_the_note_says_under_which_noise():
         make_problem(noisy_loop, fp.Sine(1.0, 1.0), ["observer.gain_1"], dt=1e-3, duration=0.1, noise_seeds=seeds)[0]
         for seeds in ((), (0,), (0, 1))
     )
-    assert _heard(quiet, 0) == ""
-    assert "worst of 8 draws" in _heard(quiet, 8)
-    assert [_heard(one, 0).removeprefix(", ") for one in noisy] == [
+    assert _noise_clause(quiet, 0) == ""
+    assert "worst of 8 draws" in _noise_clause(quiet, 8)
+    assert [_noise_clause(one, 0).removeprefix(", ") for one in noisy] == [
         "under one draw of the sensor's noise", "in the worst of 2 draws of the sensor's noise"
     ]  # fmt: skip

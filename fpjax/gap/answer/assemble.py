@@ -1,4 +1,4 @@
-"""Assemble: from what the fits led to, to a `Diagnosis`."""
+"""Assemble a `Diagnosis` from the decision on the fits: verdict, numbers with intervals, models, places, warnings."""
 
 import math
 from collections.abc import Sequence
@@ -32,55 +32,63 @@ from .tracking import Side, tracking_error
 from .warned import at_bounds, beyond_torque, details, where_fitted_alone
 from .where import locate
 
-ROUNDED = 1.5  # steps of a reading that its noise must be below for its rounding to be a cause [standard deviations]
+# A rate reading whose rounding step is above this many standard deviations of its noise is named as rounded. Rounding
+# alone gives a standard deviation of step / sqrt(12), and noise of more than step / 1.5 dithers it away.
+ROUNDED = 1.5
 
 
 def assemble(
     search: Search, decision: Decision, curves: Curves, model: Model, warnings: Sequence[str], allowed: tuple[str, ...],
     clock: StageClock,
 ) -> Diagnosis:  # fmt: skip
-    """The answer.
+    """The diagnosis, from the decision on the fits.
 
     Args:
         search: of the logs.
-        decision: what its fits led to.
-        curves: what a table of each recorded variable holds.
+        decision: on its fits.
+        curves: share of the missing torque that a table of each recorded variable accounts for.
         model: the nominal one.
         warnings: about the logs.
-        allowed: names of the effects, where not the whole vocabulary was tried.
-        clock: of the stages.
+        allowed: names of the effects that were tried; () for the whole vocabulary.
+        clock: of the stages, told when each one begins.
     """
     records = search.records
     linear = records[0].linear
     step = unknown_step(search)
     torque = float(np.sqrt(np.mean(np.concatenate([record.torque for record in records]) ** 2)))
+    # Errors of the velocity column that the encoder shows by itself, before any model of the machine.
     read = material(readings(in_one_piece(records[0]), search.setting.inertia), torque)
     read = tuple(one for one in read if not allowed or one.effect in allowed)
     wrong = (*(one.effect for one in read), *([ROUNDING] if step > 0.0 else []))
     judged = judge(search, decision, Read(torque, wrong, read, allowed), curves, linear_unit("N m", linear))
     decision, found, gap, spread = judged.decision, judged.verdict, judged.gap, judged.spread
     before, after, chosen = judged.before, judged.after, judged.decision.chosen.fit
+    # Causes of the machine; errors of the reading change no torque, so that the gap after them is the gap after these.
     causes = [name for name in found.causes if name not in wrong]
     steps = steps_of(search, decision, causes) if causes else ()
     steps = (*steps, *(Step(name, gap.after, gap.after_interval) for name in wrong))
     seen = {one.effect: read_estimates(one, linear=linear) for one in read}
     if step > 0.0:
+        # The step is read off the column exactly: its interval is narrow but not empty.
         seen[ROUNDING] = {"step": Estimate(step, 0.9999 * step, 1.0001 * step, linear_unit("rad/s", linear))}
     ranking = rank(search, decision, found, gap, steps, seen, allowed, _instead(read, allowed))
+    # The model to write: the nominal one where nothing of the machine is missing.
     gapless = found.word == "no_gap" or (found.word == "explained" and not causes)
-    told = decision.exact if gapless else chosen
+    written = decision.exact if gapless else chosen
     read_values = {name: value for one in read for name, value in one.values.items()}
-    machine = with_reading(machine_of(told.candidate), read_values)
+    machine = with_reading(machine_of(written.candidate), read_values)
     text, missing = corrected_model(model, machine, step)
-    graded = found.word in ("partly_explained", "unexplained")
+    # Only where the causes leave something: a learned law, and where the rest of the missing torque lies.
+    something_left = found.word in ("partly_explained", "unexplained")
     clock("learned law")
-    laws = learn(search, chosen) if graded else None
+    laws = learn(search, chosen) if something_left else None
     learned_text = ""
     if laws is not None:
         size, spread_of_it = rms_of(withheld(search, laws.fit))
         gap = replace(gap, learned=size, learned_interval=spread_of_it)
         learned_text, _ = corrected_model(model, with_reading(machine_of(laws.fit.candidate), read_values), step)
     clock("closed loop")
+    # Over fitted and withheld windows, to notice a gap that the withheld ones do not show.
     everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
     said = [*at_bounds(chosen, linear), *beyond_torque(gap, torque), *warnings]
     said += details(chosen, causes)
@@ -103,7 +111,7 @@ def assemble(
         identifiability=identifiability(search, chosen, spread),
         probability=min(found.probability + _alike(ranking.entries, found), 1.0),
         ahead=found.ahead,
-        residual_where=locate(records, after) if graded else None,
+        residual_where=locate(records, after) if something_left else None,
         motion="linear" if linear else "rotary",
         nominal=model.text,
         tracking=tracking,
@@ -111,7 +119,7 @@ def assemble(
         allowed=allowed,
         learned=() if laws is None else laws.laws,
         learned_model=learned_text,
-        dominant_variable=judged.dominant_variable if graded else None,
+        dominant_variable=judged.dominant_variable if something_left else None,
         posterior=make_posterior(
             search,
             chosen,
@@ -125,45 +133,50 @@ def assemble(
 
 
 def _instead(read: Sequence[Reading], allowed: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    """What a reading may have in the place of an error of it, by effect: the likelihoods decide from `close` on."""
+    """By error of the reading, the other error that the log shows it may be instead.
+
+    Named only where the probability of the error is below that of a lead of `close` nats, 1 / (1 + exp(-close)).
+    """
     decided = 1.0 / (1.0 + math.exp(-THRESHOLDS.close))
     rivals = [one for one in read if one.rival and one.sure < decided]
     return {one.effect: (one.rival,) for one in rivals if not allowed or one.rival in allowed}
 
 
 def _alike(ranking: tuple[Ranked, ...], found: Verdict) -> float:
-    """Probability of the effects that no data can tell from the causes: the statement names them too."""
+    """Probability of the effects that cannot be distinguished from the causes: the statement names them too."""
     asserted = [entry for entry in ranking if entry.effect in found.causes]
     others = {name for entry in asserted for name in entry.indistinguishable_from} - set(found.causes)
     return sum(found.main.get(name, 0.0) for name in others)
 
 
 def experiments(ranking: tuple[Ranked, ...]) -> tuple[Experiment, ...]:
-    """For the effects that this log cannot tell apart."""
+    """Experiments that distinguish the leading effects (the first three) from those this log cannot tell them from."""
     return next_experiment((entry.effect, other) for entry in ranking[:3] for other in entry.indistinguishable_from)
 
 
 def unknown_step(search: Search) -> float:
-    """Step that the rate reading is rounded to, where it is most of its noise and new to the model; else 0."""
+    """Rounding step of the rate reading [rad/s] if it is most of the reading's noise and not in the model; else 0."""
     steps = [_step(record) for record in search.records]
     known = float(getattr(search.nominal.sensor, "step_size", None) or 0.0)
     return 0.0 if known > 0.0 or min(steps) == 0.0 else max(steps)
 
 
 def _step(record: Record) -> float:
+    """Rounding step of one log's rate reading [rad/s], where it is above its noise; else 0."""
     channel = record.reading
     if record.velocity is None and channel is not None and record.position is not None:
-        # Derived by the drive: its steps are the encoder's, and no fault of a sensor.
+        # Derived from the encoder by the drive: its steps are the encoder's resolution, not an error of a sensor.
         channel = None if is_derived(channel.values, record.position.values) else channel
     return channel.step if channel is not None and channel.step > ROUNDED * channel.noise else 0.0
 
 
 def _comparisons(search: Search, before: Sequence[Course], after: Sequence[Course]) -> tuple[Comparison, ...]:
-    """The commanded torque against what each model needs for the measured motion, one entry a log."""
+    """The commanded torque beside the torque that each model needs for the measured motion, one entry for each log."""
     found = []
     for which, record in enumerate(search.records):
         window = record.windows_of_samples()
         withheld = np.concatenate([record.withheld, [False]])[window]
+        # commanded + missing = what the measured motion needs by that model.
         first, then = (record.torque + courses[which].torque for courses in (before, after))
         found.append(Comparison(record.name, record.time, record.torque, first, then, withheld, window))
     return tuple(found)

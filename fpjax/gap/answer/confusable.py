@@ -1,4 +1,4 @@
-"""Confusable: effects that a log cannot tell apart, exactly or by its data."""
+"""Effects that a log cannot distinguish: exact twins, and rivals of nearly the same evidence."""
 
 from collections.abc import Sequence
 
@@ -6,23 +6,24 @@ from ..effects.twins import Twin
 from ..select.decision import Decision, Weighed
 from ..select.thresholds import THRESHOLDS
 
-LARGEST_CLASS = 3  # names; a class of everything says nothing
+LARGEST_CLASS = 3  # most effects named as one class, the cause included: a list of everything is no information
 
 
 def indistinguishable(decision: Decision, effect: str, twins: Sequence[Twin]) -> tuple[str, ...]:
-    """Effects that could stand in one place of the causes as well.
+    """Effects that could replace one of the causes.
 
-    First the effect that is its exact twin; then those that are worth nearly as much in its place; last, where there
-    is room, several effects that together are its exact twin.
+    First a single effect that is its exact twin; then effects in whose place the model has nearly the same worth
+    (within `close` nats); last, if the class has room, several effects that together are an exact twin.
 
     Args:
         decision: of the fits.
-        effect: which of the chosen model's causes is asked about.
+        effect: one of the causes of the chosen model.
         twins: of the chosen model's causes.
 
     Returns:
         At most two names, the closest first.
     """
+    # Each a tuple of effects that together give the same log.
     sets = [twin.instead for twin in twins if effect in twin.causes]
     found = [instead[0] for instead in sets if len(instead) == 1][: LARGEST_CLASS - 1]
     for rival, other in _in_place(decision.chosen, effect, decision.rivals):
@@ -38,7 +39,7 @@ def indistinguishable(decision: Decision, effect: str, twins: Sequence[Twin]) ->
 
 
 def _in_place(chosen: Weighed, effect: str, rivals: Sequence[Weighed]) -> list[tuple[Weighed, str]]:
-    """Rivals that differ from the chosen model in one effect, with that effect's name, the most likely first."""
+    """Rivals that have another effect in place of `effect`, with the name of that one, the most likely first."""
     others = set(chosen.structural) - {effect}
     near = [
         (rival, next(iter(set(rival.structural) - others)))

@@ -1,4 +1,4 @@
-"""Corrected: the model with the causes in, as servo.toml text."""
+"""The corrected model: the nominal one with the causes in, as a loop and as servo.toml text."""
 
 import dataclasses
 
@@ -14,14 +14,14 @@ def corrected_loop(model: Model, machine: Machine, step: float = 0.0) -> ClosedL
     Args:
         model: the nominal one.
         machine: as fitted.
-        step: that the rate reading is rounded to [rad/s], where that is a cause; 0 for as fitted.
+        step: rounding step of the rate reading [rad/s] where that is a cause; 0 to keep the sensor as fitted.
     """
     sensor = machine.sensor if step == 0 else dataclasses.replace(machine.sensor, step_size=step)
     return dataclasses.replace(model.loop, plant=machine.plant, actuator=machine.actuator, sensor=sensor)
 
 
 def corrected_model(model: Model, machine: Machine, step: float = 0.0) -> tuple[str, str]:
-    """(servo.toml text of the corrected model, ""), or ("", why the file has no words for it).
+    """(servo.toml text of the corrected model, ""), or ("", why it cannot be written as servo.toml).
 
     Args:
         model: the nominal one: stepping, units, controller and reference are kept.
@@ -31,4 +31,4 @@ def corrected_model(model: Model, machine: Machine, step: float = 0.0) -> tuple[
     try:
         return dump_model(simplified(model, corrected_loop(model, machine, step))), ""
     except InputError as error:
-        return "", f"The corrected model has no words in servo.toml: {error}"
+        return "", f"The corrected model cannot be written as servo.toml: {error}"

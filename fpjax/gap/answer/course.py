@@ -1,8 +1,9 @@
-"""Course: the missing torque over time, from the same posterior as its level, and what noise puts into it.
+"""The course of the missing torque over time, from the same posterior as its level, and its variance by sensor noise.
 
-d = V diag(band) c / sqrt(lambda): the coefficients of a fit's residual, through the Wiener filter of the nominal
-model's missing torque, back as a torque. Every model's course passes the same filter, so that they can be compared,
-and the energy of a course is the square of the gap that is told.
+d = V diag(band) c / sqrt(lambda): the coefficients c of a fit's residual in the modes of a window (`fit/modes.py`)
+pass the Wiener filter of the nominal model's missing torque and are turned back into a torque. The courses of all
+models pass the same filter, so that they can be compared, and the mean square of a course, noise's share taken out, is
+the square of the reported gap.
 """
 
 from dataclasses import dataclass
@@ -21,11 +22,11 @@ class Course:
 
     Attributes:
         torque: that the real machine has and the model lacks [N m], shape (samples,); NaN outside windows.
-        noise: variance that the sensors' noise puts there [N^2 m^2], shape (samples,); NaN outside windows.
+        noise: variance of `torque` by the sensors' noise [N^2 m^2], shape (samples,); NaN outside windows.
         frequency: of the modes [Hz], shape (modes,).
         power: mean square of the missing torque by mode, noise's share taken out [N^2 m^2], shape (modes,).
-        spread: standard deviation that noise gives `power` [N^2 m^2], shape (modes,).
-        independent: independent values of noise per sample [1].
+        spread: standard deviation of `power` by noise [N^2 m^2], shape (modes,).
+        independent: independent values of noise for each sample [1], at most 1: the filter correlates neighbours.
     """
 
     torque: Values
@@ -46,12 +47,14 @@ def course_of(search: Search, fit: Fit, which: int) -> Course:
     """
     record, modes, fitter = search.records[which], search.modes, search.fitters[fit.candidate.family.key]
     windows = np.arange(len(record.starts))
+    # Shapes: c (windows, modes), torque and variance (windows, samples). Modes that hold no torque, only a disagreement
+    # of the two sensors, are left out.
     share = np.where(modes.sensor, 0.0, search.band)
     root = np.where(modes.sensor | (modes.gain <= 0.0), 0.0, share / np.sqrt(np.maximum(modes.gain, 1e-300)))
     root = root * fitter.torque_scale(fit.candidate)
     c = modes.plain(fitter.coefficients([fit.candidate], which, windows)[0])
     noise = search.real_noise * fitter.noise[which][windows]
-    # The residual is simulated less measured: what the model lacks has the other sign.
+    # The residual is simulated minus measured, so that the torque that the model lacks has the opposite sign.
     torque = -(c * root) @ modes.torque.T
     variance = noise[:, None] * (modes.torque**2 @ root**2)
     place = record.starts[:, None] + np.arange(record.samples)
@@ -59,8 +62,10 @@ def course_of(search: Search, fit: Fit, which: int) -> Course:
     found[place], spread[place] = torque, variance
     torques = ~modes.sensor
     weight = root[torques] ** 2 / record.samples
+    # Of white noise of variance s^2: E c^2 = s^2 is taken off, var(c^2) = 2 s^4.
     power = weight * np.mean(c[:, torques] ** 2 - noise[:, None], axis=0)
     deviation = weight * float(np.sqrt(2.0 * np.sum(noise**2))) / len(noise)
+    # Degrees of freedom of the filtered noise, (sum of variances)^2 / sum of their squares (Satterthwaite), per sample.
     whole = np.sum(root**2)
     independent = float(whole**2 / max(np.sum(root**4), 1e-300)) / record.samples
     return Course(found, spread, modes.frequency[torques], power, deviation, min(max(independent, 1e-6), 1.0))

@@ -1,8 +1,8 @@
-"""Curves: what one recorded variable alone would hold of the missing torque, as rivals of names.
+"""The share of the missing torque that a curve of one recorded variable accounts for, to compare named causes with.
 
-A table of velocity, position, torque or time knows no name. Where it holds half of what the nominal model lacks and no
-other variable does, the missing torque is a law of that variable, whatever else the machine does; where it holds more
-than named causes of other variables, those names bend after it.
+A table of velocity, position, torque or time needs no named law. If one accounts for half of what the nominal model
+lacks and no other variable does, the missing torque is a function of that variable, whatever its cause. If it accounts
+for more than the named causes, which are functions of other variables, those have only adapted to it.
 """
 
 from dataclasses import dataclass
@@ -23,8 +23,8 @@ class Curves:
     """The best table of each variable, beside the nominal model with its numbers free.
 
     Attributes:
-        by: {variable: what its table holds}.
-        whole: energy of the missing torque without a table [N^2 m^2], noise's share taken out; 0 for noise alone.
+        by: the best table's share and evidence, by variable.
+        whole: mean square of the missing torque without a table [N^2 m^2], noise's share taken out; 0 for noise alone.
     """
 
     by: dict[str, Curve]
@@ -32,7 +32,7 @@ class Curves:
 
 
 def curves_of(search: Search) -> Curves:
-    """What each recorded variable would hold alone; only fitted windows are looked at."""
+    """The share that a table of each recorded variable accounts for alone, on the fitted windows only."""
     smoother, base = smoother_of(search, search.base)
     whole, found = _energy(search, smoother, base), {}
     if not whole > 0.0:
@@ -41,6 +41,7 @@ def curves_of(search: Search) -> Curves:
         for table in tables:
             gains, penalty = smoother.gains(base, table)
             after = smoother.fit((table,), (penalty,), base.weight)
+            # `gains` are cross-validated; `share` is not, as the share of named causes is of fitted windows too.
             share = 1.0 - _energy(search, smoother, after) / whole
             one = Curve(float(np.clip(share, 0.0, 1.0)), float(np.sum(gains)))
             if variable not in found or found[variable].share < one.share:
@@ -49,12 +50,15 @@ def curves_of(search: Search) -> Curves:
 
 
 def named_share(search: Search, fit: Fit, curves: Curves) -> float:
-    """What the named causes of a fit hold [1], in the measure of the curves: at the measured motion."""
+    """The share that the named causes of a fit account for [1], computed as for the curves: at the measured motion."""
     if not curves.whole > 0.0:
         return 0.0
     return 1.0 - _energy(search, *smoother_of(search, fit.candidate)) / curves.whole
 
 
 def _energy(search: Search, smoother: Smoother, fit: Smooth) -> float:
-    """Mean square of the missing torque [N^2 m^2], each frequency weighed by how far it moves the machine."""
+    """Mean square of the missing torque [N^2 m^2], each frequency weighted by how far it moves the machine.
+
+    Without this weight, noise of differentiation at high frequencies would decide which variable is dominant.
+    """
     return smoother.energy(fit, search.moves * search.band**2)

@@ -1,4 +1,4 @@
-"""Diagnosis: what was found, as data; the contract's `diagnosis.json` is its `to_dict`."""
+"""The result of a diagnosis, as data; the contract's `diagnosis.json` is its `to_dict`."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ class Ranked:
     """One effect of the ranking.
 
     Attributes:
-        effect: name of the vocabulary.
-        probability: that it is the main cause, calibrated on simulated logs; effects that no log can tell apart divide
-            theirs. Sums to at most 1.
+        effect: its name in the vocabulary.
+        probability: that it is the main cause [1], calibrated on simulated logs; exact twins share theirs equally. Sums
+            to at most 1 over the ranking.
         gap_after: missing torque on withheld windows with this effect (beside the causes before it) in the model.
-        parameters: by the contract's name.
-        indistinguishable_from: effects that this log cannot tell from it.
-        cause_probability: that it is among the causes, the main one or not: of a sure pair, the same for either.
-        evidence: log evidence less that of the nominal model [1], for those who want to look behind the probability.
+        parameters: estimates by the contract's names.
+        indistinguishable_from: effects that this log cannot distinguish from it.
+        cause_probability: that it is among the causes [1], the main one or not: near 1 for both of a certain pair.
+        evidence: log evidence over that of the nominal model [nats], from which the probability follows.
     """
 
     effect: str
@@ -59,13 +59,13 @@ class Ranked:
 
 @dataclass(frozen=True)
 class Share:
-    """A stretch of an axis and the share of the gap's energy in it.
+    """An interval of an axis (time, velocity, ...) and the share of the missing torque's energy in it.
 
     Attributes:
         start: in the axis' unit (s, rad/s, rad, Hz).
         stop: in the axis' unit.
-        share: of the gap's energy [1].
-        expected: of the samples (or of the band) [1], what a gap that is everywhere alike would have.
+        share: of the missing torque's energy [1].
+        expected: share that a missing torque of the same size everywhere would have there [1].
     """
 
     start: float
@@ -83,14 +83,14 @@ class Where:
     """Where the missing torque lies, from its course over the windows.
 
     Attributes:
-        time: stretches that stand out [s].
-        velocity: [rad/s].
-        position: [rad].
-        frequency: [Hz].
-        regime: shares by name: reversal, low_speed, acceleration, cruise, limit.
-        residual: the course of the missing torque [N m], shape (samples,), and its axes, for the report.
-        axes: "time", "velocity", "position" (None where unknown), each of shape (samples,).
-        maps: for each axis every bin, not only those that stand out.
+        time: intervals that stand out [s].
+        velocity: likewise [rad/s].
+        position: likewise [rad].
+        frequency: likewise [Hz].
+        regime: share of the energy by regime: reversal, low_speed, acceleration, cruise, limit [1].
+        residual: course of the missing torque of the first log [N m], shape (samples in windows,), for the report.
+        axes: "time" [s], "velocity" [rad/s] and, where it moves, "position" [rad], each of the shape of `residual`.
+        maps: every bin of each axis, not only those that stand out.
     """
 
     time: tuple[Share, ...] = ()
@@ -112,10 +112,10 @@ class Where:
 class Comparison:
     """The commanded torque against the torque that each model says the measured motion needed; NaN outside windows.
 
-    What they differ by is the model's missing torque, as far as the sensors show it.
+    Their difference is the missing torque of the model, as far as the sensors show it.
 
     Attributes:
-        name: the log's.
+        name: of the log.
         time: [s], shape (samples,).
         torque: commanded [N m], shape (samples,).
         before: that the nominal model needs [N m], shape (samples,).
@@ -135,10 +135,10 @@ class Comparison:
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """What the final fit knows about each of its parameters.
+    """One parameter of the final fit, and how well the log determines it.
 
     Attributes:
-        parameter: dotted name or the contract's.
+        parameter: its name in the machine, or the contract's.
         value: in `unit`.
         standard_deviation: in `unit`.
         unit: of both.
@@ -160,12 +160,13 @@ class TrackingError:
     have the log's noise.
 
     Attributes:
-        unit: of the three.
-        measured: rms of reference less measured.
+        unit: of the three errors.
+        measured: rms of reference minus measured.
         before: rms that the nominal simulator predicts.
         after: rms that the corrected simulator predicts.
-        signal: "velocity" or "position", as the reference is.
-        controller_error: share of the torque column [1] that the known controller does not account for.
+        signal: "velocity" or "position": what the reference is of.
+        controller_error: rms of the part of the torque column that the known controller does not make, over the rms of
+            that column [1].
     """
 
     unit: str
@@ -182,16 +183,16 @@ class TrackingError:
 
 @dataclass(frozen=True)
 class Learned:
-    """A law that was learned from what is left: a torque that opposes, as friction does, as a table of one variable.
+    """A law learned from the torque that the causes leave: an opposing torque, as friction is, over one variable.
 
     Attributes:
-        of: "velocity", "position", "torque" or "time".
-        share: of the energy of what is left on withheld windows that it takes [1].
-        at: points, in the unit of `of`, increasing; a velocity has 0 twice, once for each direction.
-        torque: at each point [N m]; between them straight lines.
+        of: the variable: "velocity", "position", "torque" or "time".
+        share: of the missing torque's energy that is left on withheld windows, which this law removes [1].
+        at: points of the table, in the unit of the variable, increasing; a velocity has 0 twice, once a direction.
+        torque: at each point [N m]; linear between points.
         low: lower end of the 90 % band [N m].
         high: upper end of the 90 % band [N m].
-        period: of the variable, in its unit; None where nothing repeats.
+        period: of the variable, in its unit; None where the law does not repeat.
     """
 
     of: Literal["velocity", "position", "torque", "time"]
@@ -214,22 +215,22 @@ class Diagnosis:
 
     Attributes:
         verdict: "no_gap", "explained", "partly_explained" or "unexplained".
-        causes: what is asserted, most important first.
+        causes: effects that are asserted, most important first.
         ranking: every effect tried, most probable first.
         gap: before and after, on withheld data.
-        steps: the ladder.
-        where: places that stand out.
-        next_experiment: for effects that this log cannot tell apart.
+        steps: the gap after each cause, in the order in which they are added.
+        where: places in which the missing torque of the nominal model stands out.
+        next_experiment: for effects that this log cannot distinguish.
         model: the corrected model as `servo.toml` text.
         warnings: sentences.
-        comparisons: measured against simulated, one entry a log.
+        comparisons: commanded against needed torque, one entry for each log.
         identifiability: of the final fit.
-        residual_where: where what is left lies, unless that is nothing that matters.
-        probability: that the verdict is right, calibrated: the causes are exactly these (each itself or one that it
-            cannot be told from), or with no causes stated, that none of the effects tried is one.
-        ahead: how far the leading cause is beyond the others: share of the evidence that the best model without it
-            lacks [1]; of a wrong nominal number, what would come back without it. 0 where nothing leads.
-        seconds: time spent by stage [s].
+        residual_where: places in which the rest stands out; None where the rest does not matter.
+        probability: that the verdict is right [1], calibrated on simulated logs: the causes are exactly these (each
+            itself or one that it cannot be distinguished from), or, with no causes stated, no effect tried is one.
+        ahead: lead of the first cause [1]: share of the evidence that the best model without it lacks; for a wrong
+            nominal number, share of the gap that would come back without it. 0 where nothing leads.
+        seconds: time of each stage [s], by its name.
         motion: "rotary" or "linear", as in the model's `[units]`.
         nominal: the model as given, `servo.toml` text, so that a report can show what changed; "" where unknown.
         tracking: closed-loop tracking error, measured and predicted; None where the controller is not known.
@@ -238,10 +239,10 @@ class Diagnosis:
         allowed: names of the effects that were tried, where the vocabulary was restricted; () for all of it.
         model_missing: why there is no corrected model as text; "" where there is one.
         same_as: exact twins of the causes, a sentence each.
-        learned: what is left as laws of what was recorded, the largest share first; () where none could be learned.
-        dominant_variable: that the missing torque is a law of; None where no table of one variable stands out.
+        learned: laws of recorded variables for the torque that the causes leave, largest share first; () for none.
+        dominant_variable: the variable that the missing torque is mostly a function of; None where none stands out.
         learned_model: the corrected model with the learned laws beside the causes, as `servo.toml` text; "" without.
-        posterior: what is known of the machine, with its correlations, for drawing machines from; None where unknown.
+        posterior: distribution of the fitted parameters, from which machines can be drawn; None where unknown.
     """
 
     verdict: Word
@@ -281,7 +282,7 @@ class Diagnosis:
             InputError: where the file cannot be written.
         """
         from ...output.plotting import saved
-        from ..report import draw_overview  # here, because a diagnosis is data that needs no pictures
+        from ..report import draw_overview  # imported here: matplotlib is needed for pictures only
 
         return saved(draw_overview(self), path)
 
@@ -302,7 +303,7 @@ class Diagnosis:
         """Write `report.html` and every picture as PNG.
 
         Args:
-            path: the folder; it is made.
+            path: the folder, created if needed.
 
         Returns:
             The path of `report.html`.

@@ -1,4 +1,4 @@
-"""The ranking of a diagnosis as a data frame, for those who have pandas."""
+"""The ranking of a diagnosis as a data frame (needs pandas)."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ if TYPE_CHECKING:
 
 
 def ranking_frame(diagnosis: Diagnosis) -> Any:
-    """A row for each parameter of each effect tried, most probable effect first; `Diagnosis.to_dataframe` tells more.
+    """A row for each parameter of each effect tried, most probable effect first, as `Diagnosis.to_dataframe` says.
 
     Args:
-        diagnosis: what was found.
+        diagnosis: whose ranking is tabulated.
     """
     rows = []
     for entry in diagnosis.ranking:
         head = (entry.effect in diagnosis.causes, entry.probability, entry.cause_probability, entry.gap_after)
+        # An effect without parameters keeps one row, so that its probability is in the frame.
         parameters = [(name, p.value, p.low, p.high, p.unit) for name, p in entry.parameters.items()]
         rows += [(*head, *each) for each in parameters or [("", math.nan, math.nan, math.nan, "")]]
     names = ("cause", "probability", "cause_probability", "gap_after", "parameter", "value", "low", "high", "unit")

@@ -1,4 +1,4 @@
-"""Gap: how large the missing torque is before and after, and the ladder between, with intervals."""
+"""The sim-to-real gap as numbers: the missing torque before and after, and after each cause, with intervals."""
 
 import math
 from dataclasses import dataclass
@@ -9,13 +9,16 @@ from ..effects.estimate import Estimate
 
 @dataclass(frozen=True)
 class Gap:
-    """The missing torque at the command, rms over withheld windows, the noise's share taken out; 90 % intervals.
+    """The sim-to-real gap: rms of the missing torque over withheld windows, noise's share taken out; 90 % intervals.
+
+    The missing torque is the torque that would have to be added to the command for the model to move as measured.
+
 
     Attributes:
         unit: of before, after and noise_floor: N m, or N of a linear axis.
         before: with the nominal model as it was given.
         after: with the causes in.
-        noise_floor: what noise alone would show less often than once in twenty.
+        noise_floor: the gap that noise alone would exceed in one log out of twenty.
         closed: (before - after) / (before - noise_floor) [1], at most 1; 0 where `before` is not above the noise.
         before_interval: (low, high), by a bootstrap over windows.
         after_interval: likewise.
@@ -53,7 +56,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class Step:
-    """One rung of the ladder: the gap once this effect is in as well.
+    """One step from the nominal to the corrected model: the gap with this effect added to those before it.
 
     Attributes:
         added: name of the effect.

@@ -1,4 +1,4 @@
-"""Intervals: what a fit knows of its parameters, and of the contract's."""
+"""Covariance of fitted parameters, and 90 % intervals of the reported ones."""
 
 from dataclasses import replace
 
@@ -12,20 +12,21 @@ from ..fit.search import Search
 from ..select.readings import Reading
 from .diagnosis import FittedParameter
 
-NINETY = 1.645  # standard deviations of a 90 % interval
-PIECES = 10.0  # observations that a log's missing torque counts as, at most: set on eight development values
+NINETY = 1.645  # half width of a 90 % interval of a normal distribution [standard deviations]
+PIECES = 10.0  # most observations that the modes with missing torque count as; set on eight development values
 
 Values = np.ndarray
 
 
 def covariance(search: Search, fit: Fit) -> Values:
-    """Of the free parameters, in their own units, shape (free, free); parameters at a bound count as known.
+    """Covariance of the free parameters, in their own units, shape (free, free); those at a bound count as known.
 
-    The inverse curvature, with what the windows' own scatter says where that is more (the sandwich of White,
-    "Maximum likelihood estimation of misspecified models", 1982): a law of another form leaves windows that disagree.
-    What a machine's model leaves is no noise either: it is a function of the same few states in every window, and does
-    not average out over a log as noise does. So the modes that hold missing torque and not noise count as `PIECES`
-    observations at most; where there is no missing torque, this changes nothing. What the sampling blurs is added.
+    The inverse curvature of the cost, or the scatter of the windows' own gradients where that gives more (the sandwich
+    estimator of White, "Maximum likelihood estimation of misspecified models", 1982): under a law of another form the
+    windows disagree by more than noise. Moreover the missing torque that remains is not noise: it is a function of the
+    same few states in every window and does not average out over a log. So the modes that hold missing torque count as
+    `PIECES` observations at most; without missing torque this changes nothing. The blur of a parameter by sampling (its
+    `blur`) is added.
     """
     c = fit.candidate
     inside = ~at_bound(c)
@@ -34,12 +35,15 @@ def covariance(search: Search, fit: Fit) -> Values:
     if not len(index):
         return found
     block = np.ix_(index, index)
+    # In units of `scale`: normal is J^T W J of the cost, the prior has the standard deviation `spread`.
     unit = c.scale[index] / c.spread[index]
     inverse = _inverse(c.normal[block] + np.diag(unit**2))
+    # Sandwich A^-1 B A^-1: A the curvature, B the sum of outer products of the windows' gradients.
     scores = _scores(search, c)[:, index]
     meat = scores.T @ scores
     sandwich = np.diag(inverse @ meat @ inverse)
     variance = np.maximum(np.diag(inverse), 1e-300)
+    # A factor on every standard deviation; correlations stay those of the curvature.
     wider = np.sqrt(np.maximum(np.maximum(sandwich / variance, 1.0), _observations(search, c) / PIECES))
     found[block] = inverse * wider[:, None] * wider * c.scale[index][:, None] * c.scale[index]
     found[index, index] += np.square([c.family.parameters[c.free[i]].blur(search.setting) for i in index])
@@ -47,7 +51,7 @@ def covariance(search: Search, fit: Fit) -> Values:
 
 
 def _observations(search: Search, c: Candidate) -> float:
-    """How many coefficients of the fitted windows hold missing torque and not noise."""
+    """Effective number of coefficients of the fitted windows that hold missing torque and not noise (Wiener shares)."""
     noise = search.fitters[c.family.key].noise
     return float(sum(np.sum(search.modes.wiener(c.level, n[w])) for n, w in zip(noise, search.train, strict=True)))
 
@@ -59,12 +63,12 @@ def at_bound(c: Candidate) -> Values:
 
 
 def estimates(search: Search, fit: Fit, effect: Effect, spread: Values | None) -> dict[str, Estimate]:
-    """The contract's parameters of one effect with 90 % intervals (delta method).
+    """The reported parameters of one effect with 90 % intervals, by the delta method.
 
     Args:
         search: of the logs.
         fit: with the effect in.
-        effect: which.
+        effect: whose parameters are reported.
         spread: covariance of the free parameters; None for no intervals.
     """
     c = fit.candidate
@@ -75,7 +79,7 @@ def estimates(search: Search, fit: Fit, effect: Effect, spread: Values | None) -
     names = [c.family.parameters[i].name for i in c.free]
     gradients = {name: np.zeros(len(names)) for name in center}
     for j, name in enumerate(names):
-        h = 1e-4 * c.scale[j]
+        h = 1e-4 * c.scale[j]  # forward difference; `describe` is smooth, and 1e-4 is far above rounding
         moved = effect.describe(values | {name: values[name] + h}, search.setting)
         for key in center:
             gradients[key][j] = (moved[key][0] - center[key][0]) / h
@@ -84,13 +88,14 @@ def estimates(search: Search, fit: Fit, effect: Effect, spread: Values | None) -
     for key, (value, unit) in center.items():
         half = NINETY * float(np.sqrt(max(gradients[key] @ spread @ gradients[key], 0.0)))
         touches = bool(np.any(bounded & (gradients[key] != 0.0)))
-        half = float("nan") if touches else half  # how far a bound held it back is not known
+        # A parameter at its bound has no curvature there: its uncertainty is not known.
+        half = float("nan") if touches else half
         result[key] = Estimate(value, value - half, value + half, linear_unit(unit, linear), touches)
     return result
 
 
 def read_estimates(reading: Reading, *, linear: bool) -> dict[str, Estimate]:
-    """What the encoder tells of the velocity column, with 90 % intervals."""
+    """Parameters of an error of the velocity column, as found by comparison with the encoder, with 90 % intervals."""
     return {
         name: Estimate(value, value - NINETY * deviation, value + NINETY * deviation, linear_unit(unit, linear))
         for name, (value, deviation, unit) in reading.values.items()
@@ -105,7 +110,7 @@ def linear_unit(unit: str, linear: bool) -> str:
 
 
 def identifiability(search: Search, fit: Fit, spread: Values) -> tuple[FittedParameter, ...]:
-    """What the fit knows about each free parameter."""
+    """Value, standard deviation and identifiability verdict of each free parameter."""
     c = fit.candidate
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
     safe = np.where(deviation > 0, deviation, 1.0)
@@ -128,7 +133,7 @@ def identifiability(search: Search, fit: Fit, spread: Values) -> tuple[FittedPar
 def _scores(search: Search, c: Candidate) -> Values:
     """Gradient of half the cost of each fitted window in units of `scale`, start states eliminated, (windows, free)."""
     fitter = search.fitters[c.family.key]
-    copy = replace(c)  # `reduced` notes its determinant in the candidate
+    copy = replace(c)  # `reduced` writes its determinant into the candidate
     rows = []
     for part in fitter.linearise([c], search.train)[0]:
         for i in range(len(part.windows)):
@@ -138,5 +143,6 @@ def _scores(search: Search, c: Candidate) -> Values:
 
 
 def _inverse(matrix: Values) -> Values:
+    """Inverse of a positive semidefinite matrix, scaled to a unit diagonal first: its entries have mixed units."""
     size = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
     return np.linalg.pinv(matrix / size[:, None] / size, rcond=1e-12, hermitian=True) / size[:, None] / size

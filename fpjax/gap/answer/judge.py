@@ -1,4 +1,4 @@
-"""Judge: the verdict on a decision, with everything that it is judged by, from the fits' own posterior."""
+"""The verdict on a decision, with the sizes that it is based on: gap, covariance, courses, curves."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,12 +25,12 @@ Values = np.ndarray
 
 @dataclass(frozen=True)
 class Read:
-    """What is known of a log beside its fits.
+    """What is known of the logs independently of the fits.
 
     Attributes:
         torque: rms of the commanded torque [N m].
         wrong: errors of the velocity column, the most important first.
-        readings: those of them that the encoder tells.
+        readings: those of them that comparison with the encoder shows.
         allowed: effects that may be asserted; empty for all.
     """
 
@@ -42,15 +42,15 @@ class Read:
 
 @dataclass(frozen=True)
 class Judged:
-    """A decision and what is said of it.
+    """A decision and the verdict on it.
 
     Attributes:
-        decision: the one that is told: as it was found, or by the nominal numbers alone.
+        decision: the one that is reported: as it was found, or with the nominal numbers alone.
         verdict: on it.
         gap: before and after, on withheld windows.
         spread: covariance of the chosen model's free parameters.
-        dominant_variable: that the missing torque is a law of; None where no table of one variable stands out.
-        before: course of the missing torque of the nominal model, one a log.
+        dominant_variable: the variable that the missing torque is mostly a function of; None where none stands out.
+        before: course of the missing torque of the nominal model, one for each log.
         after: likewise, of the chosen model.
     """
 
@@ -66,14 +66,14 @@ class Judged:
 def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: str) -> Judged:
     """The verdict.
 
-    Where no effect is sure beside wrong nominal numbers, and those alone explain the gap or a part of it, they are what
-    is told: which detail stands beside them stays open, and they are wrong whatever it is.
+    If effects beside wrong nominal numbers are not certain enough to assert, and the nominal numbers alone explain the
+    gap or a part of it, the numbers are reported: they are wrong whichever effect stands beside them.
 
     Args:
         search: of the logs.
-        decision: what its fits led to.
-        read: what is known beside them.
-        curves: what a table of each recorded variable holds.
+        decision: on its fits.
+        read: what is known independently of them.
+        curves: share of the missing torque that a table of each recorded variable accounts for.
         unit: of the missing torque.
     """
     found = _judge(search, decision, read, curves, unit)
@@ -90,6 +90,7 @@ def _alone(decision: Decision) -> list[Fit]:
 
 
 def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: str) -> Judged:
+    """The verdict on one decision, as it is."""
     gap, chosen = gap_of(search, decision, unit), decision.chosen.fit
     spread = covariance(search, chosen)
     logs = range(len(search.records))
@@ -99,7 +100,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
     first, then = (fit.missing_rms(windows) for fit in (decision.exact, chosen))
     seen = Seen(
         before=first,
-        after=max(then, (1.0 - gap.closed) * first),  # the word may not say more than the number beside it
+        after=max(then, (1.0 - gap.closed) * first),  # over all windows, but not below what the withheld ones show
         floor=noise_floor(search, windows),
         torque=read.torque,
         sizes=nominal_sizes(search.setting),

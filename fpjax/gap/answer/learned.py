@@ -1,10 +1,10 @@
-"""Learned: what no named effect says, as tables over what was recorded, measured by simulating with them.
+"""Learned laws: the torque that named causes leave, as tables over recorded variables, judged by simulation.
 
-Tables are added while they predict fitted windows that were left out of their own fit. What is told is what a
-simulation gains by them: the tables become blocks of the machine, and what is then missing on withheld windows, which
-had no say so far, is measured as for every other model. A law that does not lower it there, interval and all, is not
-told. (The regression's own evidence was tried as a judge and was wrong on logs without a gap: it takes the model's
-friction at the measured motion, which is noise at every reversal.)
+Tables are added as long as they predict fitted windows that were left out of their own fit. Then the tables become
+blocks of the machine, and the missing torque on withheld windows, which took no part so far, is measured as for every
+other model. A law is reported only if it lowers that torque with its whole 90 % interval. (The evidence of the
+regression was tried as the criterion and was wrong on logs without a gap: it evaluates the model's friction at the
+measured motion, whose sign is noise at every reversal.)
 """
 
 import copy
@@ -23,23 +23,25 @@ from .shrink import draws, interval, withheld
 from .smooth import Smooth, smoother_of
 from .smooth_tables import make_tables
 
-SURE = 5.0  # nats on windows left out, without the best fold: four variables, one in forty by chance
-ERRORS = 2.0  # standard errors by which the mean gain of a fold is above zero
-HARMLESS = -1.0  # nats that the worst fold may lose where the gains differ too much for a standard error
-LEAST = 0.02  # of the missing torque's energy: a table that takes less is not worth its points
-CHORD = 1.0 / 6.0  # of a point's departure from its neighbours' line: what a parabola is off the best straight lines
-BAND = 1.645  # standard deviations of a 90 % band
+SURE = 5.0  # gain on windows left out, without the best fold [nats]: log of four variables x one in forty by chance
+ERRORS = 2.0  # standard errors by which the mean gain of the folds must be above zero
+HARMLESS = -1.0  # gain of the worst fold [nats] that is accepted where the folds differ too much for that
+LEAST = 0.02  # share of the missing energy that a table must remove to be worth its points
+# Largest error of the best piecewise linear fit to a parabola, as a share of how far a point lies off the line between
+# its neighbours; added to the band, as the true law is smooth.
+CHORD = 1.0 / 6.0
+BAND = 1.645  # half width of a 90 % band [standard deviations]
 
 Values = np.ndarray
 
 
 @dataclass(frozen=True)
 class Simulated:
-    """Learned laws in the machine.
+    """Learned laws and the machine that holds them.
 
     Attributes:
-        laws: the largest share first; the shares are of the energy that is missing on withheld windows without them.
-        fit: the model with the laws beside its causes, of which nothing was fitted again.
+        laws: the largest share first; shares are of the missing energy on withheld windows without the laws.
+        fit: the model with the laws beside its causes; nothing was fitted again.
     """
 
     laws: tuple[Learned, ...]
@@ -47,13 +49,14 @@ class Simulated:
 
 
 def learn(search: Search, fit: Fit) -> Simulated | None:
-    """What a fit's missing torque follows of what was recorded; None where no law lowers it on withheld windows.
+    """Laws of recorded variables for the missing torque of a fit; None where none lowers it on withheld windows.
 
     Args:
-        search: that the fit is from.
-        fit: a finished one; it is not changed.
+        search: that the fit comes from.
+        fit: finished; it is not changed.
     """
     laws = proposed(search, fit)
+    # All proposed laws together, or else the first one alone.
     for count in dict.fromkeys((len(laws), 1)):
         if not laws[:count]:
             return None
@@ -67,17 +70,18 @@ def learn(search: Search, fit: Fit) -> Simulated | None:
 
 
 def _taken(before: Values, after: Values) -> tuple[float, float]:
-    """(share of the energy that is gone [1], lower end of its 90 % interval), of the same windows before and after."""
+    """(share of the energy that is removed [1], lower end of its 90 % interval); the same bootstrap draws for both."""
     which = draws(len(before))
     many = 1.0 - np.mean(np.maximum(after, 0.0)[which], 1) / np.maximum(np.mean(before[which], 1), 1e-300)
     return float(1.0 - np.mean(np.maximum(after, 0.0)) / max(np.mean(before), 1e-300)), interval(many)[0]
 
 
 def simulated(search: Search, fit: Fit, laws: Sequence[Learned]) -> Fit:
-    """A fit with laws in its machine; only the windows' start states are looked up again."""
+    """A fit with laws in its machine; only the start states of the windows are estimated again."""
     values = fit.candidate.values()
     tables, coulomb = blocks(laws, values["coulomb"])
     values["coulomb"] += coulomb
+    # A shallow copy of the search with another nominal plant; its compiled fitters belong to the old plant.
     other, plant = copy.copy(search), search.nominal.plant
     other.nominal = replace(search.nominal, plant=eqx.tree_at(lambda p: p.load, plant, join_load(plant.load, tables)))
     other.fitters, other.observers = {}, {}
@@ -88,12 +92,14 @@ def simulated(search: Search, fit: Fit, laws: Sequence[Learned]) -> Fit:
 
 
 def blocks(laws: Sequence[Learned], level: float) -> tuple[tuple[LearnedTorque, ...], float]:
-    """(loads without a jump; the jump at zero velocity, which sticks and belongs in the Coulomb level [N m]).
+    """Laws as blocks: (loads that are continuous, change of the Coulomb level [N m]).
+
+    A jump of a velocity law at zero velocity is Coulomb friction: only there does it stick in simulation.
 
     Args:
         laws: at most one of velocity.
-        level: the Coulomb level that is there [N m]. A friction of less than nothing would push: what a jump down takes
-            beyond it is a slope between the table's innermost points.
+        level: Coulomb level of the machine [N m]. A negative sum would be a friction that drives: what a downward jump
+            takes beyond the level becomes a slope between the two innermost points of the table.
     """
     tables, coulomb = [], 0.0
     for law in laws:
@@ -107,10 +113,10 @@ def blocks(laws: Sequence[Learned], level: float) -> tuple[tuple[LearnedTorque, 
 
 
 def proposed(search: Search, fit: Fit) -> tuple[Learned, ...]:
-    """Laws that predict fitted windows which were left out of their fit, in the order in which they were found.
+    """Laws that predict fitted windows left out of their own fit, in the order in which they were found.
 
-    No withheld window is looked at: they are to judge. A share is of the energy on the fitted windows, what was found
-    before in, as the linear model has it.
+    No withheld window is used: they judge later. A share is of the energy on the fitted windows, by the linear model,
+    with the laws found before already in.
     """
     smoother, current = smoother_of(search, fit.candidate)
     tables = make_tables(search.records, search.setting.periods.get("torque", ())[:1])
@@ -133,7 +139,7 @@ def proposed(search: Search, fit: Fit) -> tuple[Learned, ...]:
 
 
 def _sure(gains: Values) -> bool:
-    """Whether windows left out are better predicted, and not in one fold only."""
+    """Whether windows left out are predicted better, and not in one fold only; gains [nats] of shape (folds,)."""
     if len(gains) < 2 or np.sum(gains) - np.max(gains) < SURE:
         return False
     error = np.std(gains, ddof=1) / np.sqrt(len(gains))
@@ -141,10 +147,11 @@ def _sure(gains: Values) -> bool:
 
 
 def _laws(fit: Smooth, shares: Values) -> tuple[Learned, ...]:
+    """The tables of a fit as `Learned`, each with its share [1] and its 90 % band."""
     found = []
     for table, part, share in zip(fit.tables, fit.parts(), shares, strict=True):
         torque = fit.torque[part]
-        # A smooth curve lies off the straight lines that stand for it.
+        # The true curve is smooth and departs from the straight lines of the table.
         half = BAND * fit.deviation[part] + CHORD * table.departures(torque)
         columns = (table.at, torque, torque - half, torque + half)
         at, middle, low, high = (tuple(float(x) for x in column) for column in columns)

@@ -1,4 +1,4 @@
-"""Posterior: what a diagnosis knows of its machine, with all correlations, so that others can draw machines from it."""
+"""The posterior distribution of the diagnosed machine's parameters, from which `improve` and `plan` draw machines."""
 
 import dataclasses
 import io
@@ -34,33 +34,35 @@ from .course import course_of
 from .intervals import covariance
 
 FILE = "posterior.npz"
-VERSION = 2
-OPEN, MOST = 0.05, 3  # probability from which another explanation is drawn from too; of them, the most likely
-READ = {"time_constant": "lag", "delay": "delay", "scale": "scale", "bias": "bias"}  # of a reading, in the sensor
+VERSION = 2  # of the file format
+OPEN = 0.05  # least probability of another explanation from which machines are drawn too
+MOST = 3  # most other explanations
+# From the parameters of an error of the velocity reading to the fields of the sensor block.
+READ = {"time_constant": "lag", "delay": "delay", "scale": "scale", "bias": "bias"}
 
 Values = np.ndarray
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """A normal distribution of the fitted parameters, cut at their bounds, and what the fit leaves of the torque.
+    """A normal distribution of the fitted parameters, clipped at their bounds, and the torque that the fit leaves.
 
     Attributes:
         key: structure and features of the machine.
         names: all parameters of the machine.
-        values: theirs, in SI units, shape (parameters,).
-        free: those that were fitted.
-        covariance: of the free ones, shape (free, free); zero where one ended at a bound.
-        low: bounds of the free ones, shape (free,).
-        high: likewise.
-        sensor: what the encoder tells of the rate sensor: (value, standard deviation) by field of the sensor.
-        step: that the rate reading is rounded to [rad/s], where that is a cause; else 0.
+        values: of all parameters, in SI units, shape (parameters,).
+        free: names of the fitted parameters.
+        covariance: of the free parameters, shape (free, free); zero rows for those that ended at a bound.
+        low: lower bounds of the free parameters, shape (free,).
+        high: upper bounds, likewise.
+        sensor: errors of the rate sensor that the encoder shows: (value, standard deviation) by field of the sensor.
+        step: rounding step of the rate reading [rad/s], where that is a cause; else 0.
         noise: standard deviation of one reading of (rate [rad/s], position [rad]); 0 without that column.
         missing: torque that the real machine has and the model lacks along each log [N m], each of shape (samples,);
             NaN where the log was not used.
-        causes: effects and wrong numbers in it.
-        gap: rms of it over withheld windows, noise's share taken out [N m]; NaN where it is told elsewhere.
-        rivals: explanations that the log leaves open beside this one: (probability [1], posterior of its own).
+        causes: effects and wrong nominal numbers in the machine.
+        gap: rms of `missing` over withheld windows, noise's share taken out [N m]; NaN where the diagnosis has it.
+        rivals: other explanations that the log leaves open: (probability [1], posterior of that machine).
     """
 
     key: Key
@@ -82,12 +84,13 @@ class Posterior:
         """(parameters of shape (parameters, count), the sensor's fields, each of shape (count,)); the first is the fit.
 
         Args:
-            count: how many.
+            count: number of draws.
             seed: of the draws.
         """
         random = np.random.default_rng(seed)
         vectors = np.repeat(self.values[:, None], count, axis=1)
         if self.free:
+            # By eigenvalues, not Cholesky: the covariance is singular where a parameter is at a bound.
             size, basis = np.linalg.eigh(self.covariance)
             root = basis * np.sqrt(np.maximum(size, 0.0))
             index = [self.names.index(name) for name in self.free]
@@ -98,18 +101,18 @@ class Posterior:
         for name, (value, deviation) in self.sensor.items():
             drawn = value + deviation * random.standard_normal(count)
             drawn[0] = value
-            # A negative lag is no lag; a scale turns no sign.
+            # Lag and delay are not negative, and a scale does not change sign; a bias may be anything.
             floor = -np.inf if name == "bias" else 0.0 if name in ("lag", "delay") else 0.01 * abs(value)
             sensor[name] = np.maximum(drawn, floor)
         return vectors, sensor
 
     def machines(self, model: Model, records: Sequence[Record], count: int, seed: int = 0) -> Machine:
-        """Machines drawn from it: one whose every array has a leading axis of `count`; the first is the fit.
+        """Machines drawn from the posterior: one whose arrays have a leading axis of `count`; the first is the fit.
 
         Args:
             model: the nominal one, as it was diagnosed.
             records: the logs that were diagnosed.
-            count: how many.
+            count: number of machines.
             seed: of the draws.
 
         Raises:
@@ -122,14 +125,15 @@ class Posterior:
         known = [parameter.name for parameter in family.parameters]
         vectors, sensor = self.draw(count, seed)
         here = [name for name in known if name in self.names]
-        strange = [name for name in self.names if name not in known and name in self.free]
-        if strange or family.key != self.key:
+        unknown = [name for name in self.names if name not in known and name in self.free]
+        if unknown or family.key != self.key:
             raise InputError(
-                f"The diagnosis has parameters that fpjax does not know ({', '.join(strange) or family.key}): effects "
+                f"The diagnosis has parameters that fpjax does not know ({', '.join(unknown) or family.key}): effects "
                 f"of your own cannot be drawn from yet; diagnose with the usual vocabulary."
             )
         with double_precision():
             full = np.repeat(family.neutral(make_setting(list(records), model))[:, None], count, axis=1)
+            # Parameters that are not in the file stay neutral: effects added to the vocabulary since.
             full[[known.index(name) for name in here]] = vectors[[self.names.index(name) for name in here]]
             machine = assembled(family.machine, family.effects, family.parameters, jnp.asarray(full))
             shape = (count,)
@@ -140,7 +144,7 @@ class Posterior:
             return _with_sensor(machine, changes)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write `posterior.npz`, whole or not at all.
+        """Write `posterior.npz` atomically.
 
         Args:
             path: of the file.
@@ -159,6 +163,7 @@ class Posterior:
         write_whole(pathlib.Path(path), stream.getvalue())
 
     def _parts(self, prefix: str) -> tuple[dict[str, Any], dict[str, Any]]:
+        """(what is stored as JSON, arrays by name with the prefix) of this posterior without its rivals."""
         words = {
             "version": VERSION, "structure": self.key[0], "features": list(self.key[1]), "names": list(self.names),
             "free": list(self.free), "sensor": {name: list(pair) for name, pair in self.sensor.items()},
@@ -178,7 +183,7 @@ def load_posterior(path: str | os.PathLike[str]) -> Posterior:
         path: of the file.
 
     Raises:
-        InputError: for a file that is not there or is none.
+        InputError: for a file that is missing, damaged or of another version.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
@@ -196,10 +201,11 @@ def load_posterior(path: str | os.PathLike[str]) -> Posterior:
             f"and diagnose now."
         ) from None
     except (OSError, ValueError, LookupError, TypeError, EOFError, zipfile.BadZipFile, zlib.error):
-        raise InputError(f"{path} is no posterior of this version of fpjax: diagnose the log again.") from None
+        raise InputError(f"{path} is not a posterior of this version of fpjax: diagnose the log again.") from None
 
 
 def _of_parts(words: Mapping[str, Any], file: Mapping[str, Any], prefix: str) -> Posterior:
+    """The inverse of `Posterior._parts`."""
     return Posterior(
         key=(words["structure"], tuple(words["features"])),
         names=tuple(words["names"]),
@@ -218,21 +224,22 @@ def _of_parts(words: Mapping[str, Any], file: Mapping[str, Any], prefix: str) ->
 
 
 def left_open(decision: Decision, causes: Sequence[str], likely: Mapping[str, float]) -> list[tuple[float, Fit]]:
-    """Explanations beside the chosen one that the log leaves open: (probability [1], fit), the likeliest first.
+    """Other explanations that the log leaves open: (probability [1], fit), the likeliest first.
 
-    An exact twin of a cause is one of them: its log is the same, what other gains make of it is not.
+    An exact twin of a cause is among them: it makes the same log, but may behave differently under other gains.
 
     Args:
-        decision: what the fits led to.
-        causes: asserted, those that a reading shows among them.
+        decision: on the fits.
+        causes: the asserted ones, errors of the reading among them.
         likely: probability that an effect is among the causes [1], by name.
     """
-    told = {*decision.chosen.fit.candidate.names, *causes}
+    included = {*decision.chosen.fit.candidate.names, *causes}
     tried = sorted((*decision.rivals, *decision.singles), key=lambda one: -one.worth)
     found: list[tuple[float, Fit]] = []
     for name, share in sorted(likely.items(), key=lambda one: -one[1]):
-        if name in told or not share >= OPEN:
+        if name in included or not share >= OPEN:
             continue
+        # The best model with the effect in; a wrong nominal number is in the model of nominal numbers alone.
         fits = [one.fit for one in tried if name in one.structural]
         if name.removesuffix("_error") in decision.nominal.fit.candidate.wide:
             fits.append(decision.nominal.fit)
@@ -249,10 +256,10 @@ def make_posterior(
 
     Args:
         search: of the logs.
-        fit: the chosen one.
+        fit: whose posterior is made.
         spread: covariance of its free parameters.
-        readings: what the encoder tells of the rate sensor, where that is a cause.
-        step: that the rate reading is rounded to, where that is a cause [rad/s].
+        readings: errors of the rate sensor that the encoder shows, where they are causes.
+        step: rounding step of the rate reading [rad/s], where that is a cause; else 0.
         missing: course of the missing torque along each log [N m].
         rivals: other fits that the log leaves open, with their probability.
     """
@@ -283,6 +290,7 @@ def make_posterior(
 
 
 def _rival(search: Search, fit: Fit, readings: Sequence[Reading], step: float) -> Posterior:
+    """The posterior of another explanation, with its own missing torque."""
     courses = [course_of(search, fit, which).torque for which in range(len(search.records))]
     made = make_posterior(search, fit, covariance(search, fit), readings, step, courses)
     return dataclasses.replace(made, gap=float(fit.missing_rms(search.withheld)))

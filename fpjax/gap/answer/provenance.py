@@ -1,4 +1,4 @@
-"""Provenance: from what, with what and when a diagnosis was made, so that it can be traced and made again."""
+"""Provenance: inputs, versions and date of a diagnosis, so that it can be traced and repeated."""
 
 import datetime
 import hashlib
@@ -14,14 +14,14 @@ from .shrink import SEED
 def provenance(
     logs: list[Log], records: list[Record], model: Model, allowed: tuple[str, ...], started: datetime.datetime
 ) -> dict[str, Any]:
-    """What `diagnosis.json` and the report say of a diagnosis' making.
+    """The `provenance` of `diagnosis.json` and of the report.
 
     Args:
-        logs: fitted ones first, then those that are only scored.
-        records: the same, made ready for the fit.
+        logs: the fitted ones first, then those that are withheld whole.
+        records: the same logs, prepared for the fit.
         model: the nominal model.
-        allowed: names of the effects, where not the whole vocabulary was tried.
-        started: with a time zone.
+        allowed: names of the effects that were tried; () for the whole vocabulary.
+        started: when the diagnosis began, with a time zone.
 
     Returns:
         `command`, `arguments`, `inputs` (a list of {name, role: "fitted", "withheld" or "model", sha256, and of a log:
@@ -47,6 +47,7 @@ def provenance(
 
 
 def _log(log: Log, record: Record) -> dict[str, Any]:
+    """The entry of one log in `inputs`."""
     withheld = int(record.withheld.sum())
     return {
         "name": log.name,
@@ -59,7 +60,7 @@ def _log(log: Log, record: Record) -> dict[str, Any]:
 
 
 def columns_hash(log: Log) -> str:
-    """SHA-256 of a log that was no file: its columns as little-endian doubles, each after its name."""
+    """SHA-256 of a log that is not from a file: its columns as little-endian doubles, each after its name."""
     digest = hashlib.sha256()
     for name in ("time", "torque", "velocity", "position", "reference"):
         column = getattr(log, name, None)
@@ -70,7 +71,7 @@ def columns_hash(log: Log) -> str:
 
 
 def _model_hash(model: Model) -> str:
-    """SHA-256 of the model's file, or of its text where it is none (any more)."""
+    """SHA-256 of the model's file, or of its text where there is no file (any more)."""
     content = model.text.encode()
     if model.path is not None and model.path.is_file():
         content = model.path.read_bytes()

@@ -1,4 +1,4 @@
-"""Ranking: every effect with its probability, what it leaves, its parameters, and what it may be mistaken for."""
+"""The ranking: every effect with its probability, the gap it leaves, its parameters, and its twins."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -19,14 +19,14 @@ from .confusable import indistinguishable
 from .diagnosis import Gap, Ranked, Step
 from .intervals import covariance, estimates
 
-WITH_INTERVALS = 6  # entries whose intervals are computed
+WITH_INTERVALS = 6  # entries whose intervals are computed: each needs the gradients of all windows
 
 ERRORS: dict[str, Effect] = {e.name: e for e in EFFECTS if e.name.removesuffix("_error") in NOMINAL}
 
 
 @dataclass(frozen=True)
 class Ranking:
-    """What is known of each effect.
+    """Every effect tried, and the exact twins of the causes.
 
     Attributes:
         entries: the causes first, then by probability.
@@ -45,13 +45,13 @@ def rank(
 
     Args:
         search: the fits.
-        decision: what they led to.
-        found: the verdict on it.
+        decision: on them.
+        found: the verdict.
         gap: on withheld windows.
-        steps: the ladder.
+        steps: the gap after each cause.
         read: parameters of the causes that the velocity column itself shows, by effect.
         allowed: names of the effects that were tried; empty for the whole vocabulary.
-        instead: what the velocity column does not tell from those, by effect.
+        instead: errors that the velocity column does not distinguish from those, by effect.
     """
     chosen, exact = decision.chosen, decision.exact.evidence
     causes = [name for name in found.causes if name not in read]
@@ -71,6 +71,7 @@ def rank(
     asserted = list(entries)
     tried = [(w.fit, w.fit.candidate.effects[0], w.evidence) for w in decision.singles]
     tried += [(decision.nominal.fit, effect, decision.nominal.evidence) for effect in ERRORS.values()]
+    # By probability, so that the intervals are computed for the entries that are read; evidence decides among zeros.
     tried.sort(key=lambda one: (-found.among.get(one[1].name, 0.0), -one[2]))
     for fit, effect, evidence in tried:
         if effect.name in entries or (allowed and effect.name not in allowed):
@@ -88,17 +89,22 @@ def rank(
         share_alike(entries, twin)
     _both_ways(entries, asserted)
     if found.word == "unexplained":
-        asserted = []  # a wrong reading beside a torque that nobody explains comes where its probability is
+        # Nothing of the machine is asserted: an error of the reading is then ranked by its probability, not first.
+        asserted = []
     rest = [entry for entry in entries.values() if entry.effect not in asserted]
     rest.sort(key=lambda entry: (-entry.probability, -entry.evidence))
     return Ranking((*(entries[name] for name in asserted), *rest), tuple(twins))
 
 
 def share_alike(entries: dict[str, Ranked], twin: Twin) -> None:
-    """Two sets of causes with one log hold the same probability, each divided among its causes; in place.
+    """Give exact twins equal probabilities, each divided among its causes; changes `entries` in place.
 
-    Unless the other set is larger: values that all happen to be wrong in one proportion are less likely than the one
+    Not where the other set is larger: several values that happen to be wrong in one proportion are less likely than one
     cause that makes them so, and the simpler statement keeps its probability.
+
+    Args:
+        entries: of the ranking, by effect.
+        twin: two sets of causes that make the same log.
     """
     sides = (tuple(twin.causes), twin.instead)
     if len(twin.instead) > len(twin.causes) or not {*twin.causes, *twin.instead} <= set(entries):
@@ -112,7 +118,7 @@ def share_alike(entries: dict[str, Ranked], twin: Twin) -> None:
 
 
 def _both_ways(entries: dict[str, Ranked], asserted: Sequence[str]) -> None:
-    """What a cause cannot be told from cannot be told from the cause either; in place."""
+    """Make `indistinguishable_from` symmetric between causes and others; changes `entries` in place."""
     for name in asserted:
         for other in entries[name].indistinguishable_from:
             if other in entries and other not in asserted:
@@ -121,13 +127,15 @@ def _both_ways(entries: dict[str, Ranked], asserted: Sequence[str]) -> None:
 
 
 def _left(search: Search, fit: Fit) -> float:
+    """Missing torque of a fit on withheld windows, rms [N m]."""
     return fit.missing_rms(search.withheld)
 
 
 def log_of(search: Search) -> LogFacts:
-    """What decides about exact twins."""
+    """The facts of the log and the nominal model on which exact twins depend."""
     load, actuator = search.nominal.plant.load, search.nominal.actuator
     turning = turns_with_position(load)
+    # The load at rest at position zero: a constant torque that the model knows.
     still = Motion(jnp.zeros(1), jnp.zeros(1), jnp.zeros(1))
     known = turning or bool(load.readout(still)[0]) or bool(getattr(actuator, "offset", None))
     return LogFacts(search.records[0].position is not None, known, turning, search.setting.nominal)

@@ -1,4 +1,4 @@
-"""Shown: which effects of a model a log tells from nothing."""
+"""Effects of a model whose size cannot be distinguished from zero, so that they are not asserted."""
 
 import math
 
@@ -25,19 +25,21 @@ SIZES = {
     "velocity_delay": "delay",
     "velocity_bias": "bias",
 }
-"""The reported parameter that is zero where an effect is not there."""
+"""By effect, the reported parameter that is 0 when the effect is absent."""
 FACTORS = {"torque_gain_error": "gain", "velocity_scale_error": "scale"}
-"""Likewise, that is one."""
+"""By effect, the reported parameter that is 1 when the effect is absent."""
 
 
 def not_shown(search: Search, fit: Fit, spread: np.ndarray) -> frozenset[str]:
-    """Causes whose size has in its 90 % interval what it is without them: a gap that may be none is no backlash, a
-    nominal number whose interval holds the number as given is not wrong.
+    """Causes whose 90 % interval contains their neutral value.
+
+    A clearance that may be zero is not asserted as backlash; a nominal number whose interval holds the number as given
+    is not asserted to be wrong.
 
     Args:
         search: of the logs.
         fit: the chosen model.
-        spread: its covariance (`fpjax.gap.answer.intervals.covariance`).
+        spread: covariance of its free parameters (`intervals.covariance`), shape (free, free).
     """
     c, found = fit.candidate, set()
     for effect in c.effects:
@@ -45,7 +47,7 @@ def not_shown(search: Search, fit: Fit, spread: np.ndarray) -> frozenset[str]:
         name = (FACTORS if effect.name in FACTORS else SIZES).get(effect.name)
         if name is not None:
             size = estimates(search, fit, effect, spread)[name]
-            # One that ended at its bound of zero has no interval.
+            # A size that ended at its bound has no interval: it is neutral only if it is exactly the neutral value.
             known = math.isfinite(size.low) and math.isfinite(size.high)
             if (size.low <= neutral <= size.high) if known else size.value == neutral:
                 found.add(effect.name)

@@ -1,4 +1,4 @@
-"""Shrink: the missing torque before and after, and after each cause, on withheld windows, with intervals."""
+"""How far the gap shrinks: missing torque before, after, and after each cause, on withheld windows, with intervals."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,17 +10,24 @@ from ..fit.search import Search
 from ..select.decision import Decision
 from .diagnosis import Gap, Step
 
-DRAWS = 2000  # of the bootstrap
+DRAWS = 2000  # of the bootstrap: the 5 % quantile then rests on 100 draws
 SEED = 0
-NINETY = (0.05, 0.95)
+NINETY = (0.05, 0.95)  # quantiles of a 90 % interval
 
 Values = np.ndarray
 
 
 def gap_of(search: Search, decision: Decision, unit: str) -> Gap:
-    """How large the gap is before and after."""
+    """The gap before and after the causes, with intervals.
+
+    Args:
+        search: of the logs.
+        decision: on its fits.
+        unit: of the missing torque.
+    """
     before, after = (withheld(search, fit) for fit in (decision.exact, decision.chosen.fit))
     floor = noise_floor(search)
+    # The same windows are drawn for both, so that the interval of `closed` is that of paired differences.
     which = draws(len(before))
     many_before, many_after = _root(np.mean(before[which], 1)), _root(np.mean(after[which], 1))
     small = float(_root(np.mean(before))), float(_root(np.mean(after)))
@@ -38,32 +45,38 @@ def gap_of(search: Search, decision: Decision, unit: str) -> Gap:
 
 
 def closed(before: Values, after: Values, floor: float) -> Values:
-    """(before - after) / (before - floor) [1], at most 1, and 0 where `before` is not above the noise."""
+    """(before - after) / (before - floor) [1], at most 1, and 0 where `before` is not above the noise; elementwise."""
     room = before - floor
     return np.where(room > 0.0, np.minimum((before - after) / np.where(room > 0.0, room, 1.0), 1.0), 0.0)
 
 
 def steps_of(search: Search, decision: Decision, causes: Sequence[str]) -> tuple[Step, ...]:
-    """The ladder from the nominal model to the chosen one, one rung a cause."""
+    """The gap after each cause, from the nominal model to the chosen one.
+
+    Args:
+        search: of the logs.
+        decision: its `path` holds the models between, each with one cause more.
+        causes: asserted causes of the machine.
+    """
     chosen = decision.chosen.fit
-    told: list[Step] = []
+    steps: list[Step] = []
     for fit in [
         *(f for f in decision.path[1:] if set(f.candidate.structural) < set(chosen.candidate.structural)),
         chosen,
     ]:
-        added = [name for name in causes if name not in [s.added for s in told]]
+        added = [name for name in causes if name not in [s.added for s in steps]]
         if fit is not chosen:
             added = [name for name in added if name in fit.candidate.structural]
         if not added:
             continue
         numbers = [name for name in added if name not in fit.candidate.structural]
         if fit is chosen and numbers and len(numbers) < len(added):
-            # The effects first, with the nominal numbers as they were given.
+            # Effects come before nominal numbers: one fit more, with the numbers as they were given, separates the two.
             alone = search.refit(fit, ())
-            told += [_step(name, withheld(search, alone)) for name in added if name not in numbers]
+            steps += [_step(name, withheld(search, alone)) for name in added if name not in numbers]
             added = numbers
-        told += [_step(name, withheld(search, fit)) for name in added]
-    return tuple(told)
+        steps += [_step(name, withheld(search, fit)) for name in added]
+    return tuple(steps)
 
 
 def withheld(search: Search, fit: Fit) -> Values:
@@ -72,13 +85,15 @@ def withheld(search: Search, fit: Fit) -> Values:
 
 
 def noise_floor(search: Search, windows: Sequence[Values] | None = None) -> float:
-    """Missing torque that noise alone would show less often than once in twenty [N m].
+    """Missing torque that noise alone would exceed in one log out of twenty [N m].
 
-    A weighted sum of squares of standard normals, less its mean, by Satterthwaite's scaled chi-square.
+    The mean square of a course under noise alone is a weighted sum of squares of standard normals, minus its mean. Its
+    95 % quantile is that of a scaled chi-square with the same mean and variance (Satterthwaite, "An approximate
+    distribution of estimates of variance components", 1946).
 
     Args:
         search: of the logs.
-        windows: one array of indices a record; the withheld ones where not given.
+        windows: one array of indices for each log; None for the withheld ones.
     """
     from scipy.special import chdtri  # scipy.stats takes a second to import
 
@@ -93,6 +108,8 @@ def noise_floor(search: Search, windows: Sequence[Values] | None = None) -> floa
     square = np.sum(weight**2) * np.sum(noise**2)
     if not square > 0.0:
         return 0.0
+    # scale x chi-square of `degrees`: mean = scale x degrees, variance = 2 square = 2 scale^2 x degrees. chdtri inverts
+    # the upper tail.
     scale, degrees = square / mean, mean**2 / square
     return float(np.sqrt(max(scale * float(chdtri(degrees, 0.05)) - mean, 0.0)))
 
@@ -107,7 +124,7 @@ def rms_of(squares: Values) -> tuple[float, tuple[float, float]]:
 
 
 def draws(count: int) -> Values:
-    """Which windows each draw of the bootstrap takes, shape (draws, windows); the same for every model of a log."""
+    """Windows of each draw of the bootstrap, shape (draws, windows); the same for every model of a log."""
     return np.random.default_rng(SEED).integers(0, count, (DRAWS, count))
 
 

@@ -1,4 +1,4 @@
-"""Told: a diagnosis in a few lines of plain text."""
+"""A diagnosis as a few lines of plain text."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PLACES = {
     "limit": "near the torque limit",
 }
 SHOWN = 5  # entries of the ranking that are printed
-MUCH = 0.4  # share of the energy in one regime from which on the place is said
+MUCH = 0.4  # share of the energy in one regime from which that regime is named
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
@@ -47,7 +47,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
 
 
 def dominant_sentence(diagnosis: Diagnosis) -> str:
-    """Which variable alone holds the missing torque, and how much of that the causes hold; "" where none does."""
+    """The variable that the missing torque is mostly a function of, with its share; "" where none stands out."""
     found = diagnosis.dominant_variable
     if found is None:
         return ""
@@ -61,17 +61,18 @@ def dominant_sentence(diagnosis: Diagnosis) -> str:
 
 
 def _place(diagnosis: Diagnosis) -> str:
+    """The regime that holds most of what the causes leave, as the end of a sentence; "" where none holds much."""
     shares = {} if diagnosis.residual_where is None else diagnosis.residual_where.regime
     name = max(shares, key=lambda regime: shares[regime], default="")
     return f", {shares[name]:.0%} of its energy {PLACES[name]}" if name in PLACES and shares[name] >= MUCH else ""
 
 
 def nothing_closes(allowed: Sequence[str], it: str = "it") -> str:
-    """`no effect of the vocabulary closes it`, or which effects were tried where the vocabulary was restricted.
+    """A clause that no effect closes the gap; where the vocabulary was restricted, it names the effects tried.
 
     Args:
         allowed: names of the effects that were tried; empty for the whole vocabulary.
-        it: what is not closed.
+        it: the word for the gap in the sentence.
     """
     if not allowed:
         return f"no effect of the vocabulary closes {it}"
@@ -81,7 +82,7 @@ def nothing_closes(allowed: Sequence[str], it: str = "it") -> str:
 
 
 def told(diagnosis: Diagnosis) -> str:
-    """The verdict, the gap, the head of the ranking, what has an exact twin, and the warnings."""
+    """Verdict, gap, tracking error, the first entries of the ranking, learned laws, exact twins, and warnings."""
     gap = diagnosis.gap
     lines = [verdict_sentence(diagnosis)]
     lines.append(
@@ -106,14 +107,17 @@ def told(diagnosis: Diagnosis) -> str:
 
 
 def _entry(entry: Ranked, asserted: bool) -> str:
+    """One line of the ranking."""
     values = ", ".join(_value(name, p) for name, p in entry.parameters.items())
-    same = f" (not told apart from {', '.join(entry.indistinguishable_from)})" if entry.indistinguishable_from else ""
-    # A companion may be certain without being the main cause.
+    twins = ", ".join(entry.indistinguishable_from)
+    same = f" (not distinguished from {twins})" if twins else ""
+    # The second cause of a pair may be certain without being the main one: the larger probability is shown.
     probability = max(entry.probability, entry.cause_probability if asserted else 0.0)
     return f"  {probability:6.1%}  {entry.effect:28s} gap {entry.gap_after:.4g}  {values}{same}"
 
 
 def _value(name: str, found: Estimate) -> str:
+    """A parameter with its interval and unit."""
     if math.isfinite(found.low) and math.isfinite(found.high):
         return f"{name} {found.value:.4g} [{found.low:.4g}, {found.high:.4g}] {found.unit}"
     return f"{name} {found.value:.4g} {found.unit}{' (at a bound)' if found.at_bound else ''}"

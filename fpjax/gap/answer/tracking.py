@@ -1,7 +1,8 @@
-"""Tracking: the closed loop's tracking error, predicted around the nominal and the corrected machine, and measured.
+"""The tracking error of the closed loop: measured, and predicted with the nominal and with the corrected machine.
 
-Only where the controller is known to have made the torque: run over the recorded reference and readings, it must give
-the torque column. A friction compensation that the model does not know would act in the log and not in the prediction.
+It is predicted only if the model's controller made the recorded torque: run over the recorded reference and readings,
+it must give the torque column. Otherwise a part of the command, for example a friction compensation that the model does
+not have, would act in the log but not in the prediction.
 """
 
 import dataclasses
@@ -28,17 +29,17 @@ from ..simulate.replay import SUBSTEPS
 from .diagnosis import TrackingError
 from .shrink import SEED
 
-REPRODUCED = 0.03  # of the torque's rms that a known controller may leave unexplained
-HISTORY = 4  # periods kept beyond a dead time
+REPRODUCED = 0.03  # rms of the torque column that the controller may leave unexplained, over that column's rms
+HISTORY = 4  # control periods of history that a delay line keeps beyond the dead time
 
 
 @dataclasses.dataclass(frozen=True)
 class Side:
-    """A machine and the step that its rate reading is rounded to.
+    """A machine, and the rounding step of its rate reading.
 
     Attributes:
         machine: nominal or corrected.
-        step: [rad/s]; 0 for none but the machine's own.
+        step: [rad/s]; 0 for the machine's own.
     """
 
     machine: Machine
@@ -48,14 +49,14 @@ class Side:
 def tracking_error(
     model: Model, records: list[Record], before: Side, after: Side, warnings: list[str]
 ) -> TrackingError | None:
-    """The tracking error on withheld samples; None where there is nothing to predict it with.
+    """The tracking error on withheld samples; None without a known controller, a reference or its reading.
 
     Args:
         model: gives controller and observer, and what the reference is.
         records: the logs; those without a reference are left out.
         before: the nominal machine.
         after: the corrected one.
-        warnings: grows by a sentence where the controller of the model did not make the torque.
+        warnings: sentences are appended where the model's controller did not make the torque, or a loop is unstable.
     """
     position = model.units.reference == "position"
     signal = "position" if position else "velocity"
@@ -85,18 +86,22 @@ def tracking_error(
 
 
 def _other_torque(error: float) -> str:
-    """What a torque column says that the model's controller would not have made; the error is of its rms [1]."""
-    told = "The model's controller and observer, run over the recorded reference and readings, do not give the torque"
+    """The warning on a torque column that the model's controller did not make; the error is relative to its rms [1]."""
+    start = "The model's controller and observer, run over the recorded reference and readings, do not give the torque"
     if error > 1.0:
-        return f"{told} at all: another controller made it, or one without the model's observer"
-    return f"{told}: they differ by {error:.1%} of its rms (something adds to the command, or the gains are others)"
+        return f"{start} at all: another controller made it, or one without the model's observer"
+    return f"{start}: they differ by {error:.1%} of its rms (something is added to the command, or the gains differ)"
 
 
 def made_torque(model: Model, record: Record) -> tuple[float, Any]:
-    """(rms of what the model's controller does not make of the torque column, relative to the torque's rms [1]; state
-    of controller and observer at the log's start).
+    """(error of the model's controller in reproducing the torque column, rms over rms [1]; initial state).
 
-    The state at the start is not recorded: it is the one with which controller and observer make the torque best.
+    The initial state of controller and observer is not recorded: it is estimated, as the one that reproduces the torque
+    column best.
+
+    Args:
+        model: gives controller and observer.
+        record: gives reference, readings and torque.
     """
     controller, observer = astype((model.loop.controller, model.loop.observer), float)
     start, unravel = ravel_pytree((controller.init(), observer.init()))
@@ -104,9 +109,11 @@ def made_torque(model: Model, record: Record) -> tuple[float, Any]:
     angle = _readings(record.position)
     if rate is None:
         assert angle is not None
+        # A loop on an encoder alone takes the velocity from differences, as most drives do.
         rate = np.concatenate([[0.0], np.diff(angle)]) / record.dt
     angle = np.zeros_like(rate) if angle is None else angle
     asked = np.asarray(record.reference)
+    # The last column is the next reference, which a feed-forward of a position looks at.
     columns = tuple(jnp.asarray(column, float) for column in (asked, rate, angle, np.append(asked[1:], asked[-1])))
 
     dt = jnp.asarray(record.dt)
@@ -124,7 +131,7 @@ def made_torque(model: Model, record: Record) -> tuple[float, Any]:
 
     measured = np.asarray(record.torque)
     if start.size:
-        # Linear controllers are there after one step; a second serves those with a limit.
+        # Gauss-Newton in the initial state: a linear controller needs one step, one with a limit a second.
         slope = jax.jit(jax.jacfwd(torque))
         for _ in range(2):
             step, *_ = np.linalg.lstsq(np.asarray(slope(start)), measured - np.asarray(torque(start)), rcond=1e-10)
@@ -134,20 +141,21 @@ def made_torque(model: Model, record: Record) -> tuple[float, Any]:
 
 
 def followed(model: Model, record: Record, side: Side, start: Any, position: bool) -> np.ndarray:
-    """What the sensor of a machine reads in the closed loop under the recorded reference, shape (samples,).
+    """The sensor reading of a machine in the closed loop under the recorded reference, shape (samples,).
 
     Args:
         model: gives controller and observer.
-        record: the log: reference, first motion, noise of the sensors.
-        side: the machine.
-        start: state of controller and observer at the log's start.
-        position: the reading of the position, not of the rate.
+        record: the log: reference, initial motion, noise of the sensors.
+        side: the machine and its rounding step.
+        start: initial state of controller and observer, as `made_torque` estimates it.
+        position: whether the position is read, else the rate.
     """
     machine = side.machine
     loop = ClosedLoop(machine.plant, model.loop.controller, model.loop.observer, *_late(machine, record, side.step))
     loop = astype(loop, float)
     state = loop.init()
     speed, angle = float(record.speed[0]), float(record.angle[0]) + float(machine.origin)
+    # Motor and load, where there are two, start together at the measured motion.
     for name in type(state.plant).__dataclass_fields__:
         if name.endswith(("velocity", "position")):
             value = jnp.asarray(speed if name.endswith("velocity") else angle, float)
@@ -171,7 +179,7 @@ def followed(model: Model, record: Record, side: Side, start: Any, position: boo
 
 
 def _late(machine: Machine, record: Record, step: float) -> tuple[Any, Any]:
-    """Actuator and sensor with history enough for their dead times, the sensor with the log's noise."""
+    """(actuator, sensor) with delay lines long enough for their dead times, the sensor with the noise of the log."""
     actuator, sensor = machine.actuator, machine.sensor
     kept = [
         1 if delay is None else math.ceil(float(delay) / record.dt) + HISTORY
@@ -184,6 +192,7 @@ def _late(machine: Machine, record: Record, step: float) -> tuple[Any, Any]:
         ("position_noise", record.position, float(sensor.position_step)),
     ):
         if channel is not None and float(getattr(sensor, name)) == 0.0:
+            # Rounding to a step adds a variance of step^2 / 12, which the measured noise of the channel contains.
             changes[name] = jnp.asarray(math.sqrt(max(channel.noise**2 - rounded**2 / 12.0, 0.0)))
     return dataclasses.replace(actuator, longest_delay=kept[0]), dataclasses.replace(sensor, **changes)
 

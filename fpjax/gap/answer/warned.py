@@ -1,4 +1,4 @@
-"""Warned: what should be known beside an answer, each said only where it is so; a list of none or one sentence."""
+"""Warnings beside an answer: each function gives a list of sentences, empty where there is nothing to warn of."""
 
 from collections.abc import Sequence
 
@@ -8,19 +8,19 @@ from .intervals import linear_unit
 
 
 def at_bounds(fit: Fit, linear: bool) -> list[str]:
-    """Warnings about parameters that ended at the end of what was allowed."""
+    """Warnings about parameters that ended at a bound of the search."""
     c = fit.candidate
     units = {p.name: linear_unit(p.unit, linear) for p in c.family.parameters}
     return [
-        f"{name} ended at the end of what was allowed ({c.values()[name]:.4g} {units[name]}): its value is a limit of "
-        f"the search and not a measurement."
+        f"{name} ended at a bound of the search ({c.values()[name]:.4g} {units[name]}): its value is that bound, "
+        f"not a measurement."
         for name in c.at_bound()
         if name in {p.name for effect in c.effects for p in effect.parameters} | c.wide
     ]
 
 
 def beyond_torque(gap: Gap, torque: float) -> list[str]:
-    """Said where more torque is missing than was commanded."""
+    """A warning where more torque is missing than was commanded."""
     if not gap.before > torque:
         return []
     return [
@@ -31,23 +31,23 @@ def beyond_torque(gap: Gap, torque: float) -> list[str]:
 
 
 def details(chosen: Fit, causes: Sequence[str]) -> list[str]:
-    """Said of what the corrected model holds beside the causes."""
+    """A warning about effects that the corrected model holds beside the causes."""
     beside = [name for name in chosen.candidate.structural if name not in causes] if causes else []
     if not beside:
         return []
     names = " and ".join(beside)
     return [
-        f"The corrected model also holds {names}: a detail and no cause, since hardly any of the gap would come back "
-        "without it or the log does not tell its size from nothing."
+        f"The corrected model also holds {names}: a detail, not a cause, since hardly any of the gap would come back "
+        "without it, or its size cannot be distinguished from zero in this log."
     ]
 
 
 def where_fitted_alone(gap: Gap, everywhere: float) -> list[str]:
-    """Said where no withheld window holds any of the gap, so that no number here can confirm a cause."""
+    """A warning where the gap shows in fitted windows only, so that the withheld ones cannot confirm a cause."""
     if gap.before > gap.noise_floor or not everywhere > gap.noise_floor:
         return []
     return [
         f"What is missing shows in the fitted windows alone ({everywhere:.3g} {gap.unit} over all windows): the "
-        "withheld ones hold none of it, so the gap told of them is that of noise, and no cause can be confirmed on "
-        "them. Record for longer, so that what happens comes back, or withhold a log in which it does (--holdout)."
+        "withheld ones hold none of it, so the gap reported on them is that of noise, and they can confirm no cause. "
+        "Record for longer, so that the event recurs, or withhold a log in which it occurs (--holdout)."
     ]

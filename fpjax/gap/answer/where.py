@@ -1,7 +1,7 @@
 """Where the gap lies: the energy of the missing torque by time, velocity, position, frequency and regime.
 
-What noise puts there is known and taken off. A place stands out if it holds more than its share of the samples and more
-than noise would put there. With nothing above the noise, nothing is listed.
+The variance by noise is known and subtracted. A place stands out if its energy is well above its share of the samples
+and above what noise would give. Where nothing is above the noise, nothing is listed.
 """
 
 from collections.abc import Sequence
@@ -17,15 +17,17 @@ Values = np.ndarray
 
 REGIMES = ("reversal", "low_speed", "acceleration", "cruise", "limit")
 BINS = {"time": 48, "velocity": 25, "position": 25}
-TIME_BIN = 0.1  # s, with at most MOST_TIME_BINS of them
+TIME_BIN = 0.1  # width of a bin of time [s], with 48 to MOST_TIME_BINS of them
 MOST_TIME_BINS = 240
 BANDS_PER_OCTAVE = 3
-TIMES_EVEN = 1.6  # a place that stands out holds at least this many times an even share; half of all the time makes 2
+# A place that stands out holds at least this many times its even share; below 2, because one that takes half of the
+# time cannot hold more than twice its share.
+TIMES_EVEN = 1.6
 SURE = 4.0  # standard deviations above what noise alone would show
-MOST = {"time": 40, "velocity": 6, "position": 8, "frequency": 6}  # places named
-LEAST = 0.2  # of the energy: fewer than this in all the places together says nothing
-SMALLEST = {"time": 0.002, "velocity": 0.01, "position": 0.01, "frequency": 0.01}  # share of one bin
-FOLDED_BEYOND = 2.0  # revolutions of travel after which positions are told within one revolution
+MOST = {"time": 40, "velocity": 6, "position": 8, "frequency": 6}  # most places that are listed
+LEAST = 0.2  # least share of the energy in all listed places together; with less, none is listed
+SMALLEST = {"time": 0.002, "velocity": 0.01, "position": 0.01, "frequency": 0.01}  # least share of one bin
+FOLDED_BEYOND = 2.0  # revolutions of travel from which positions are given within one revolution
 
 
 @dataclass(frozen=True)
@@ -33,10 +35,10 @@ class Energy:
     """Energy of a missing torque at samples.
 
     Attributes:
-        above: square less what noise puts there [N^2 m^2], shape (samples,).
-        noise: what noise puts there [N^2 m^2], shape (samples,).
-        independent: independent values of noise per sample [1].
-        found: something is above the noise.
+        above: square minus the variance by noise [N^2 m^2], shape (samples,).
+        noise: variance by noise [N^2 m^2], shape (samples,).
+        independent: independent values of noise for each sample [1].
+        found: whether the sum over all samples is above the noise.
     """
 
     above: Values
@@ -45,7 +47,14 @@ class Energy:
     found: bool
 
     def sure(self, above: Values, noise: Values, counts: Values) -> Values:
-        """Whether sums over so many samples are above the noise."""
+        """Whether sums over `counts` samples are above the noise: a chi-square of n degrees has the relative scatter
+        sqrt(2 / n).
+
+        Args:
+            above: sums of `above` [N^2 m^2].
+            noise: sums of `noise` [N^2 m^2].
+            counts: samples in each sum.
+        """
         return above > noise * SURE * np.sqrt(2.0 / np.maximum(counts * self.independent, 0.5))
 
 
@@ -54,7 +63,7 @@ def locate(records: Sequence[Record], courses: Sequence[Course]) -> Where:
 
     Args:
         records: the logs.
-        courses: of the model, one a log.
+        courses: of the model's missing torque, one for each log.
     """
     inside = [np.isfinite(course.torque) for course in courses]
     torque = np.concatenate([c.torque[at] for c, at in zip(courses, inside, strict=True)])
@@ -66,7 +75,7 @@ def locate(records: Sequence[Record], courses: Sequence[Course]) -> Where:
     first = int(np.sum(inside[0]))
     axes = {"time": records[0].time[inside[0]], "velocity": speed}
     if np.ptp(angle) > 0.0:
-        axes["position"] = _told_position(angle, records[0].linear)
+        axes["position"] = _shown_position(angle, records[0].linear)
     maps, out = {}, {}
     for axis, values in axes.items():
         bins = BINS[axis]
@@ -111,33 +120,40 @@ def regime_of(record: Record) -> Values:
     acceleration; cruise: the rest.
     """
     speed, torque, acceleration = np.abs(record.speed), np.abs(record.torque), np.abs(record.acceleration)
+    # The 95 % quantile, not the maximum: a single overshoot would turn everything else into low speed.
     top_speed = float(np.quantile(speed, 0.95))
     regimes = np.full(len(speed), REGIMES.index("cruise"))
     regimes[acceleration > 0.3 * float(np.quantile(acceleration, 0.95))] = REGIMES.index("acceleration")
     regimes[speed < 0.2 * top_speed] = REGIMES.index("low_speed")
     slow = speed < 0.1 * top_speed
     turns = np.concatenate([[False], np.diff(np.sign(record.speed)) != 0.0]) | (speed < 0.005 * top_speed)
+    # Stretches of slow samples, numbered; one that holds a change of sign or a stop is a reversal as a whole.
     stretch = np.cumsum(np.concatenate([[True], np.diff(slow.astype(int)) != 0]))
     regimes[slow & np.isin(stretch, np.unique(stretch[turns & slow]))] = REGIMES.index("reversal")
     largest = float(np.max(torque))
     clipped = torque >= 0.9995 * largest
+    # Clipped if more than 0.5 % of the samples lie at the maximum: only a limit repeats one value.
     threshold = 0.9995 * largest if np.mean(clipped) > 0.005 else max(float(np.quantile(torque, 0.95)), 1e-300)
+    # Last, so that it overrides the others: at its limit the loop is open, whatever the motion is.
     regimes[torque >= threshold] = REGIMES.index("limit")
     return regimes
 
 
-def _told_position(position: Values, linear: bool) -> Values:
+def _shown_position(position: Values, linear: bool) -> Values:
+    """The position, within one revolution where the travel is long."""
     if linear or np.ptp(position) < FOLDED_BEYOND * 2.0 * np.pi:
         return position
     return np.mod(position, 2.0 * np.pi)
 
 
 def _edges(values: Values, bins: int) -> Values | None:
+    """Edges of equal bins, shape (bins + 1,); None where nothing varies. Outliers (0.1 % a side) go to the end bins."""
     low, high = np.quantile(values, [0.001, 0.999])
     return np.linspace(low, high, bins + 1) if high > low else None
 
 
 def _bins(edges: Values, index: Values, energy: Energy) -> tuple[tuple[Share, ...], Values]:
+    """(share of the energy by bin, whether each bin is above the noise) of samples whose bins are `index`."""
     bins = len(edges) - 1
     counts = np.bincount(index, minlength=bins).astype(float)
     above = np.bincount(index, energy.above, minlength=bins)
@@ -148,7 +164,7 @@ def _bins(edges: Values, index: Values, energy: Energy) -> tuple[tuple[Share, ..
 
 
 def _bands(courses: Sequence[Course], *, found: bool) -> tuple[tuple[Share, ...], Values]:
-    """Power of the modes in bands of a third of an octave, or of four modes where these are wider."""
+    """As `_bins`, of the power of the modes in bands of a third of an octave (four modes, where those are wider)."""
     frequency = courses[0].frequency
     order = np.argsort(frequency)
     frequency = frequency[order]
@@ -167,7 +183,8 @@ def _bands(courses: Sequence[Course], *, found: bool) -> tuple[tuple[Share, ...]
     excess = np.where(sure, excess, 0.0)
     total = float(np.sum(excess))
     shares = excess / total if total > 0.0 else np.zeros(len(excess))
-    # Even along the axis as it is drawn, which is by octaves: any machine's torque is stronger at low frequencies.
+    # An even share for each band, that is, a constant power per octave: the torque of any machine is stronger at low
+    # frequencies, so that against a constant power per hertz the lowest band would always stand out.
     used = np.flatnonzero(sure) if np.any(sure) else np.arange(len(excess))
     even = np.where(np.isin(np.arange(len(excess)), used), 1.0 / len(used), 0.0)
     return _shares(edges, shares, even), sure
@@ -180,7 +197,7 @@ def _shares(edges: Values, shares: Values, expected: Values) -> tuple[Share, ...
 
 
 def _standing_out(axis: str, bins: tuple[Share, ...], sure: Values) -> tuple[Share, ...]:
-    """Neighbouring bins that stand out, joined; largest share first."""
+    """Bins that stand out, neighbours joined, largest share first; none where they hold too little together."""
     found: list[Share] = []
     joined = False
     for place, certain in zip(bins, sure, strict=True):

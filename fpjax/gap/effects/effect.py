@@ -1,4 +1,4 @@
-"""What an effect is: parameters with a neutral value, and how they change the blocks."""
+"""The definition of an effect: parameters with neutral values, and how they change the blocks of the machine."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,25 +11,25 @@ from ..machine import FEATURES, Feature, Machine, Structure, has_bristles
 
 Values = TomlTable
 
-
+# A number that depends on the sizes of a log and its nominal model (`Setting`), so that one effect serves any machine.
 Size = Callable[[Setting], float]
 
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """One number that an effect frees.
+    """One parameter that is fitted when an effect is in the model.
 
     Attributes:
-        name: unique in the whole set of effects; effects that share a name share the number.
+        name: unique over all effects; effects that share a name share the parameter.
         unit: SI.
-        neutral: value at which the effect is exactly not there.
+        neutral: value at which the machine is exactly the one without the effect.
         low: physical lower bound.
         high: physical upper bound.
-        scale: typical size, for the fit's steps.
-        path: dotted name of the leaf of `Machine`, "law." standing for the static friction law; "" where the effect's
-            `apply` sets it.
-        reach: of one step of a fit: beyond it the parameter says another thing than where the step was computed.
-        blur: standard deviation that the sampling of a log leaves it, however well a model follows; 0 for none.
+        scale: typical change, the unit in which the fit steps.
+        path: dotted name of the leaf of `Machine` that it sets, "law." standing for the static friction law; "" where
+            the effect's `apply` sets it.
+        reach: longest change in one step of a fit, beyond which the linearisation of the step no longer holds.
+        blur: standard deviation by the sampling of the log alone, however well the model fits; 0 for none.
     """
 
     name: str
@@ -48,20 +48,20 @@ Report = Callable[[dict[str, float], Setting], dict[str, tuple[float, str]]]
 
 @dataclass(frozen=True)
 class Effect:
-    """One possible cause of a gap.
+    """One possible cause of a sim-to-real gap.
 
     Attributes:
         name: of the vocabulary, or the user's own.
-        parameters: what is free when the effect is in.
+        parameters: fitted when the effect is in the model.
         apply: (machine, values by parameter name) -> machine; the default sets each parameter's `path`.
-        starts: where the fit begins: one dictionary of values (what is missing is neutral) per start.
-        report: from the fitted values to the contract's parameters: {name: (value, unit)}; default: as they are.
-        structure: what the machine must have for it.
-        wide: the nominal parameters lose their tight prior (they are confounded with the effect).
-        features: terms of the machine that it changes; all, unless it says less (what is left out costs no time).
-        fixed: parameters that a start may set and the fit leaves alone.
-        follows: what its torque is a function of, of "velocity", "position", "torque" and "time"; empty where it
-            depends on the past or on an acceleration, or where nothing is said.
+        starts: start values of the fit, one dictionary for each start; a missing parameter is neutral.
+        report: from the fitted values to the reported parameters, {name: (value, unit)}; None: as they are.
+        structure: structure of the machine that it needs: "rigid", "bristles" or "transmission".
+        wide: the nominal parameters lose their tight prior, as they are confounded with the effect.
+        features: optional terms of the machine that it changes; terms that no effect needs are not compiled.
+        fixed: parameters that a start may set and the fit does not change.
+        follows: variables that its torque is a function of, among "velocity", "position", "torque" and "time"; empty
+            where the torque depends on the past or on an acceleration, or is not known.
     """
 
     name: str
@@ -76,13 +76,13 @@ class Effect:
     follows: tuple[str, ...] = ()
 
     def change(self, machine: Machine, values: Values) -> Machine:
-        """The machine with this effect at these values; at the neutral ones it is the same machine."""
+        """The machine with this effect at these values; at the neutral values, the machine unchanged."""
         if self.apply is not None:
             return self.apply(machine, values)
         return place(machine, {p.path: values[p.name] for p in (*self.parameters, *self.fixed) if p.path})
 
     def describe(self, values: dict[str, float], setting: Setting) -> dict[str, tuple[float, str]]:
-        """The contract's parameters: {name: (value, unit)}."""
+        """The reported parameters: {name: (value, unit)}."""
         if self.report is not None:
             return self.report(values, setting)
         return {p.name: (values[p.name], p.unit) for p in self.parameters}
@@ -108,11 +108,12 @@ def leaf(machine: Machine, path: str) -> float | None:
 
 
 def _prefix(machine: Machine) -> str:
+    """Dotted path of the static friction law, which bristles hold inside them."""
     return "plant.friction.law." if has_bristles(machine) else "plant.friction."
 
 
 def free(effects: tuple[Effect, ...]) -> tuple[EffectParameter, ...]:
-    """The parameters of several effects, each name once."""
+    """The parameters of several effects, free and fixed, each name once."""
     found: dict[str, EffectParameter] = {}
     for effect in effects:
         for parameter in (*effect.parameters, *effect.fixed):

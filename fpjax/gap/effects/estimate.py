@@ -11,11 +11,11 @@ class Estimate:
     """One number with its interval.
 
     Attributes:
-        value: in `unit`; NaN where there is none.
+        value: in `unit`; NaN where it is not known.
         low: lower end of the 90 % interval; NaN where it is not known.
         high: upper end of the 90 % interval; NaN where it is not known.
         unit: as in the contract (`N m s/rad`); "1" or "" for a pure number.
-        at_bound: the fit ended at the end of what was allowed.
+        at_bound: whether the fit ended at a bound of the search.
     """
 
     value: float

@@ -1,7 +1,7 @@
-"""Which experiment tells two effects apart: one sentence for every pair of the vocabulary.
+"""Experiments that distinguish two effects: one sentence for every pair of the vocabulary.
 
-Effects are grouped in families by what they answer to. A pair that is known to be confused has its own sentence; any
-other is told apart by what its two families answer to.
+Effects are grouped in families by the excitation that shows them. A pair that is often confused has its own sentence;
+for any other the sentence is put together from the signatures of the two families.
 """
 
 from collections.abc import Iterable
@@ -12,7 +12,7 @@ from ...output.json_object import JsonObject
 
 @dataclass(frozen=True)
 class Experiment:
-    """What would tell two effects apart.
+    """An experiment that would distinguish two effects.
 
     Attributes:
         separates: the two effects.
@@ -43,7 +43,7 @@ FAMILIES: dict[str, tuple[str, ...]] = {
     "limit": ("torque_saturation",),
     "reading": ("velocity_bias", "velocity_scale_error", "velocity_quantisation"),
 }
-"""Every effect of the vocabulary, once."""
+"""The effects by family; every effect of the vocabulary once."""
 
 SIGNATURE = {
     "inertia": "Run the same motion at two accelerations (or with a known payload added)",
@@ -65,7 +65,7 @@ SIGNATURE = {
     "limit": "Command short torque steps of rising amplitude until the acceleration no longer grows",
     "reading": "Record the encoder position beside the rate sensor, once at rest and once at a high constant speed",
 }
-"""What shows a family most plainly, as the beginning of a sentence."""
+"""The experiment that shows a family most clearly, as the beginning of a sentence."""
 
 TELLS = {
     "inertia": "only a wrong inertia grows with acceleration",
@@ -83,13 +83,13 @@ TELLS = {
     "limit": "a limit acts above its torque only",
     "reading": "a wrong reading disagrees with the position, a torque does not",
 }
-"""Why that shows it, as the end of a sentence."""
+"""Why that experiment shows the family, as the end of a sentence."""
 
 PLAINEST = (
     "reading", "late_sensor", "transmission", "limit", "gain", "late_actuator", "time", "angle", "rest", "load",
     "constant", "speed", "inertia", "direction",
 )  # fmt: skip
-"""Whose signature to look for, plainest first."""
+"""Families by how clearly their signature shows: of a pair, the experiment of the first one is proposed."""
 
 PAIRS: dict[frozenset[str], str] = {
     frozenset(pair): sentence
@@ -136,8 +136,8 @@ PAIRS: dict[frozenset[str], str] = {
         ),
         (
             ("unbalance", "cogging"),
-            "Turn slowly through a whole revolution with the encoder recorded: an unbalance goes round once, cogging "
-            "several times.",
+            "Turn slowly through a whole revolution with the encoder recorded: an unbalance has one period a turn, "
+            "cogging several.",
         ),
         (
             ("cogging", "position_dependent_friction"),
@@ -195,7 +195,7 @@ PAIRS: dict[frozenset[str], str] = {
         ),
         (
             ("viscous_error", "actuator_lag"),
-            "Hold constant speeds: a lag is not there when nothing changes, viscous friction is.",
+            "Hold constant speeds: a lag has no effect when nothing changes, viscous friction has.",
         ),
         (
             ("stribeck", "presliding"),
@@ -215,7 +215,7 @@ PAIRS: dict[frozenset[str], str] = {
         (
             ("presliding", "backlash"),
             "Push with small torques below friction and record an encoder on the load: bristles spring back, "
-            "a gap does not, and the load stays behind.",
+            "a clearance does not, and the load stays behind.",
         ),
         (
             ("presliding", "compliance"),
@@ -224,8 +224,8 @@ PAIRS: dict[frozenset[str], str] = {
         ),
         (
             ("torque_dead_zone", "coulomb_error"),
-            "Let the machine coast down with the drive off: friction still slows it, a dead zone is not "
-            "there. While the torque never changes sign in motion the two are the same.",
+            "Let the machine coast down with the drive off: friction still slows it, a dead zone has no "
+            "effect. While the torque never changes sign in motion the two are the same.",
         ),
         (
             ("torque_dead_zone", "backlash"),
@@ -289,7 +289,7 @@ def family_of(effect: str) -> str | None:
 
 
 def experiment_for(first: str, second: str) -> Experiment:
-    """What tells two effects apart; an effect of the user's own is told apart by what the other answers to.
+    """The experiment that distinguishes two effects; for an effect of the user's own, by the signature of the other.
 
     Args:
         first: name of an effect.
@@ -302,11 +302,11 @@ def experiment_for(first: str, second: str) -> Experiment:
 
 
 def next_experiment(confusable: Iterable[tuple[str, str]], *, most: int = 6) -> tuple[Experiment, ...]:
-    """The experiments for pairs of effects that a log cannot tell apart; each pair once, in the order given.
+    """Experiments for pairs of effects that a log cannot distinguish; each pair once, in the order given.
 
     Args:
         confusable: pairs of names, most probable first.
-        most: how many experiments to name; nobody does twenty.
+        most: largest number of experiments that are named.
     """
     found: dict[frozenset[str], Experiment] = {}
     for first, second in confusable:
@@ -316,12 +316,13 @@ def next_experiment(confusable: Iterable[tuple[str, str]], *, most: int = 6) -> 
 
 
 def _from_families(first: str | None, second: str | None) -> str:
+    """The sentence for two effects by their families; None is the family of an effect of the user's own."""
     if first is None and second is None:
         return (
             "Repeat the run at half and at twice the amplitude, and once in the other direction: two effects "
-            "that answer alike to both are one."
+            "that respond alike to both are one."
         )
-    # What shows the first family cannot come from the second, unless both are of one family.
+    # The signature of one family does not show the other, unless both effects are of the same family.
     if first is not None and second is not None and first == second:
         return f"{SIGNATURE[first]}, and once more at another amplitude: the two then differ in shape."
     chosen = next(family for family in PLAINEST if family in (first, second))

@@ -1,4 +1,4 @@
-"""Parameters: those that the effects of the vocabulary free, with units, bounds and sizes from the log."""
+"""The parameters of the effects of the vocabulary, with units, bounds and scales that follow the log (`Setting`)."""
 
 from dataclasses import replace
 from math import pi
@@ -7,15 +7,17 @@ from ..data.setting import Setting
 from ..machine import NO_LIMIT
 from .effect import EffectParameter, Size
 
-HIGHEST_RATIO = 0.5  # of a shaft's damping to its critical one
-HIGHEST_FACE_RATIO = 2.0  # likewise, of the faces of a backlash: what meets there may hardly spring back
+HIGHEST_RATIO = 0.5  # highest damping ratio of a shaft [1]
+HIGHEST_FACE_RATIO = 2.0  # highest damping ratio of the faces of a backlash [1]: contacts may hardly rebound
 
 
 def _constant(value: float) -> Size:
+    """A size that does not depend on the log."""
     return lambda setting: value
 
 
 def _times(name: str, factor: float) -> Size:
+    """A multiple of one of the sizes of the log."""
     return lambda setting: factor * getattr(setting, name)
 
 
@@ -23,37 +25,37 @@ _ZERO = _constant(0.0)
 
 
 def fewest_periods(setting: Setting) -> float:
-    """Of a torque that repeats with the position [1/rev]: it must come back at least once within the travel."""
+    """Fewest periods of a position-dependent torque [1/rev]: it must repeat at least once within the travel."""
     return 2.0 * pi / max(setting.travel, 1e-9)
 
 
 def most_periods(setting: Setting) -> float:
-    """Of such a torque [1/rev]: four hundred, or as many within the travel."""
+    """Most periods of such a torque [1/rev]: 400, or 400 within the travel if that is less than a turn."""
     return 400.0 * max(1.0, fewest_periods(setting))
 
 
 def lowest_frequency(setting: Setting) -> float:
-    """Of a resonance that a window shows [Hz]: one period."""
+    """Lowest resonance that a window shows [Hz]: one period of it within the window."""
     return 1.0 / setting.window
 
 
 def highest_frequency(setting: Setting) -> float:
-    """Of a resonance that the sampling shows [Hz]: a third of the Nyquist frequency."""
+    """Highest resonance that the sampling shows [Hz]: a third of the Nyquist frequency."""
     return 1.0 / (6.0 * setting.dt)
 
 
 def highest_contact(setting: Setting) -> float:
-    """Of a resonance behind the faces of a backlash [Hz]: it need not be resolved for its contacts to be seen."""
+    """Highest contact resonance of a backlash [Hz]: its contacts show even if the oscillation is not resolved."""
     return 2.0 * highest_frequency(setting)
 
 
 def _amplitude(name: str, path: str) -> EffectParameter:
-    """A torque amplitude of either sign [N m], bounded by what the motor gave."""
+    """A torque amplitude of either sign [N m], at most twice the largest torque that can have acted."""
     return EffectParameter(name, "N m", _ZERO, _times("effort", -2), _times("effort", 2), _times("friction", 0.2), path)
 
 
 def _periods(name: str, start: float, least: float, path: str) -> EffectParameter:
-    """How often a torque repeats within a turn [1/rev]: at least once within the travel."""
+    """Number of periods of a torque within a turn [1/rev]; at least one within the travel."""
     return EffectParameter(
         name,
         "1/rev",
@@ -62,10 +64,12 @@ def _periods(name: str, start: float, least: float, path: str) -> EffectParamete
         lambda s: most_periods(s),
         _constant(0.05),
         path,
-        reach=lambda s: 0.25 * fewest_periods(s),  # as far the sines still agree over the travel
+        # A quarter period of phase over the travel: beyond it the gradient has the wrong sign.
+        reach=lambda s: 0.25 * fewest_periods(s),
     )
 
 
+# In the order name, unit, neutral, low, high, scale, path. A real inertia is free up to three times either way.
 INERTIA = EffectParameter(
     "inertia",
     "kg m^2",
@@ -128,6 +132,7 @@ STRIBECK_EXPONENT = EffectParameter(
     "law.stribeck_exponent",
     blur=lambda s: 1.0,
 )
+# Bristle deflection at sliding: from 0.1 ms to 50 ms of motion at top speed, which a log can resolve.
 DEFLECTION = EffectParameter(
     "bristle_deflection",
     "rad",
@@ -137,6 +142,8 @@ DEFLECTION = EffectParameter(
     _times("speed", 1e-3),
     "plant.friction.deflection",
 )
+# sqrt(F J / z): stiffness F / z of the bristles at a deflection z of 1 ms at top speed, with the inertia J; twice it is
+# critical damping.
 BRISTLE_DAMPING = EffectParameter(
     "bristle_damping",
     "N m s/rad",
@@ -156,6 +163,7 @@ BRISTLE_EXPONENT = EffectParameter(
     "plant.friction.exponent",
     blur=lambda s: 1.0,
 )
+# Cosine and sine amplitudes of three harmonics instead of amplitude and phase: linear, and regular at zero.
 RIPPLE = tuple(
     _amplitude(f"ripple_{part}_{order + 1}", f"law.position_{part}.{order}")
     for order in range(3)
@@ -203,11 +211,12 @@ OFFSET = _amplitude("torque", "actuator.offset")
 AMPLITUDES = frozenset(
     p.name for p in (COULOMB_DIFFERENCE, STRIBECK_TORQUE, DRIFT, OFFSET, *RIPPLE, *UNBALANCE, *COGGING)
 )
-"""Torques whose largest value is no property of the machine, but more than the log's torques could have held."""
+"""Torques whose bound is not a property of the machine, but more than the torques of the log could have balanced."""
 GAIN = EffectParameter("gain", "1", _constant(1.0), _constant(0.2), _constant(5.0), _constant(0.1), "actuator.gain")
 
 
 def _time(name: str, path: str) -> EffectParameter:
+    """A lag or dead time, up to 30 samples."""
     return EffectParameter(name, "s", _ZERO, _ZERO, _times("dt", 30), _times("dt", 1), path)
 
 
@@ -234,15 +243,19 @@ SCALE = EffectParameter("scale", "1", _constant(1.0), _constant(0.2), _constant(
 
 
 def _between_samples(setting: Setting) -> float:
-    """The way at top speed in a period, within which a face is met unseen, over a log's reversals [rad]."""
-    reversals = max(setting.duration / setting.window, 1.0)  # a window is about the time from one to the next
+    """Standard deviation of a backlash width by sampling [rad].
+
+    A face is met somewhere between two samples: a uniform error of speed x dt, with a standard deviation of that over
+    sqrt(12), averaged over the reversals of the log.
+    """
+    reversals = max(setting.duration / setting.window, 1.0)  # about one reversal for each window
     return setting.speed * setting.dt / (12.0 * reversals) ** 0.5
 
 
 GAP = EffectParameter(
     "gap", "rad", _ZERO, _ZERO, _times("speed", 0.05), _times("speed", 1e-3), "plant.gap", blur=_between_samples
 )  # fmt: skip
-# A resonance that the data can show: at least one period a window, and at most a third of half the sampling rate.
+# A resonance that the data can show: at least one period a window, and at most a third of the Nyquist frequency.
 FREQUENCY = EffectParameter(
     "frequency",
     "Hz",
@@ -251,15 +264,17 @@ FREQUENCY = EffectParameter(
     lambda s: highest_frequency(s),
     lambda s: 0.05 * (lowest_frequency(s) * highest_frequency(s)) ** 0.5,
 )
-# A shaft rings: were it overdamped, its free start would be a slow torque that explains anything.
+# A shaft oscillates. If it could be overdamped, its free start state would be a slow torque that explains anything.
 DAMPING_RATIO = EffectParameter("damping_ratio", "1", _constant(0.1), _ZERO, _constant(HIGHEST_RATIO), _constant(0.1))
-# Behind a gap both reach further.
+# Within a backlash both may be larger: stiff faces, and contacts that dissipate.
 FACE_FREQUENCY = replace(FREQUENCY, high=highest_contact)
 FACE_RATIO = replace(DAMPING_RATIO, high=_constant(HIGHEST_FACE_RATIO))
+# Shares of the total inertia and of the friction on the load side of the transmission.
 LOAD_SHARE = EffectParameter(
     "load_share", "1", _constant(0.5), _constant(0.05), _constant(0.95), _constant(0.1), "plant.load_share"
 )
 FRICTION_SHARE = EffectParameter(
     "friction_share", "1", _constant(0.5), _ZERO, _constant(1.0), _constant(0.2), "plant.friction_share"
 )
+# Which side the sensors are on: 0 motor, 1 load; set by a start, not fitted.
 LOAD_SIDE = EffectParameter("load_side", "1", _ZERO, _ZERO, _constant(1.0), _constant(1.0), "sensor.load_side")

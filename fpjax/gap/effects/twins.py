@@ -1,4 +1,4 @@
-"""Twins: sets of causes whose logs are exactly the same, whatever the data (the table in docs/gap.md)."""
+"""Exact twins: sets of causes that make exactly the same log, whatever the excitation (the table in docs/gap.md)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,19 +6,20 @@ from dataclasses import dataclass
 from .estimate import Estimate
 
 Parameters = Mapping[str, Mapping[str, Estimate]]
+# Effects that are tied to the position: a scaled velocity integrates to another position, which shows.
 LOCKED = frozenset({"unbalance", "cogging", "position_dependent_friction"})
-TOLERANCE = 0.04  # relative, as far as the fit lets nominal values go
+TOLERANCE = 0.04  # relative deviation from a nominal value within which it counts as right
 DELAYS = ("actuator_delay", "velocity_delay")
 
 
 @dataclass(frozen=True)
 class LogFacts:
-    """What decides whether two sets of causes are twins in a log.
+    """The facts of a log and its nominal model on which twins depend.
 
     Attributes:
-        position: a position channel is there.
-        known_torque: the nominal model knows a torque besides friction (an offset, a load).
-        known_turning: that torque depends on the position.
+        position: whether the log has a position channel.
+        known_torque: whether the nominal model has a torque besides friction (an offset, a load).
+        known_turning: whether that torque depends on the position.
         nominal: `inertia`, `coulomb` and `viscous` of the nominal model.
     """
 
@@ -34,8 +35,8 @@ class Twin:
 
     Attributes:
         causes: some of those found.
-        instead: what could stand in their place.
-        how: what the others' values then are, for a sentence.
+        instead: causes that could replace them.
+        how: values of the replacing causes, as a part of the sentence.
     """
 
     causes: frozenset[str]
@@ -43,22 +44,24 @@ class Twin:
     how: str = ""
 
     def sentence(self) -> str:
-        """For the reader."""
+        """The statement for a reader."""
         names, others = " + ".join(sorted(self.causes)), " + ".join(self.instead)
         return f"{names} and {others}{self.how} make exactly the same log."
 
 
 def exact_twins(causes: Sequence[str], found: Parameters, log: LogFacts) -> list[Twin]:
-    """What could stand in place of some of the causes.
+    """Sets of causes that could replace some of the causes.
 
     Args:
         causes: of the model that was found.
         found: fitted parameters by cause and name.
-        log: what the log holds.
+        log: facts on which twins depend.
     """
     twins = []
     named = set(causes)
     for delay, other in (DELAYS, DELAYS[::-1]):
+        # A dead time of the torque delays the whole motion; without a position, so does one of the reading.
+        # A drift depends on the time and would distinguish them.
         if delay in named and other not in named and not log.position and "friction_drift" not in named:
             twins.append(Twin(frozenset({delay}), (other,)))
     twins += _directions(named, found, log)
@@ -73,7 +76,7 @@ def exact_twins(causes: Sequence[str], found: Parameters, log: LogFacts) -> list
 
 
 def single_twins(log: LogFacts) -> dict[str, frozenset[str]]:
-    """Of each effect, what alone makes the same log in its place, or holds it as a special case."""
+    """By effect, the single effects that make the same log or contain it as a special case."""
     found = {"constant_torque": frozenset({"asymmetric_friction"})}
     if not log.position:
         found |= {delay: frozenset({other}) for delay, other in (DELAYS, DELAYS[::-1])}
@@ -81,7 +84,10 @@ def single_twins(log: LogFacts) -> dict[str, frozenset[str]]:
 
 
 def _directions(named: set[str], found: Parameters, log: LogFacts) -> list[Twin]:
-    """Friction that depends on the direction, against a torque that does not."""
+    """Twins between a constant torque and friction that depends on the direction.
+
+    F+ for v > 0 and -F- for v < 0 is (F+ + F-)/2 sign(v) + (F+ - F-)/2: a Coulomb level and a constant torque.
+    """
     if {"constant_torque", "coulomb_error"} <= named:
         return [Twin(frozenset({"constant_torque", "coulomb_error"}), ("asymmetric_friction",))]
     if "constant_torque" in named:
@@ -96,7 +102,19 @@ def _directions(named: set[str], found: Parameters, log: LogFacts) -> list[Twin]
 
 
 def _scaled(named: set[str], found: Parameters, log: LogFacts, one: str, by: str, wrong: list[str]) -> list[Twin]:
-    """One factor on a signal, against nominal values all divided by it."""
+    """Twins between one factor on a signal and nominal values that are all divided by it.
+
+    g u = J a + C sign(v) + B v is u = (J/g) a + (C/g) sign(v) + (B/g) v; likewise for a scaled velocity, where the
+    Coulomb torque does not change.
+
+    Args:
+        named: the causes.
+        found: fitted parameters by cause and name.
+        log: facts on which twins depend.
+        one: the effect with the factor.
+        by: the parameter that is the factor.
+        wrong: nominal values that it divides.
+    """
     errors = [f"{name}_error" for name in wrong]
     if not errors:
         return []
@@ -117,11 +135,12 @@ def overlap(a: Estimate, b: Estimate) -> bool:
 
 
 def _over(estimate: Estimate, nominal: float) -> Estimate:
+    """An estimate as a multiple of the nominal value [1]."""
     return Estimate(estimate.value / nominal, estimate.low / nominal, estimate.high / nominal, "1")
 
 
 def _mean_is_nominal(sides: Mapping[str, Estimate], name: str, log: LogFacts) -> bool:
-    """Whether the mean of both directions is the nominal value, within its interval or what that may be off."""
+    """Whether the mean of both directions is the nominal value, within its interval or `TOLERANCE`."""
     both = [sides[f"{name}_{side}"] for side in ("positive", "negative")]
     half = 0.25 * sum(side.high - side.low for side in both)
     nominal = log.nominal.get(name, 0.0)

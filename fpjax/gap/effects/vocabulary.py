@@ -1,4 +1,8 @@
-"""The effects of the contract, as changes of the simulator's blocks."""
+"""The vocabulary: the effects of the contract, as changes of the simulator's blocks.
+
+Start values matter: most effects are nonlinear in a parameter (a Stribeck velocity, a number of periods, a resonance),
+and a fit that starts a factor of two to four away ends in another minimum.
+"""
 
 from collections.abc import Callable
 from math import pi
@@ -56,6 +60,7 @@ from .parameters import (
 
 
 def _asymmetric(values: dict[str, float], setting: Setting) -> dict[str, tuple[float, str]]:
+    """Levels of each direction, from mean and half difference."""
     c, dc, b, db = (values[n] for n in ("coulomb", "coulomb_difference", "viscous", "viscous_difference"))
     return {
         "coulomb_positive": (c + dc, "N m"),
@@ -66,6 +71,7 @@ def _asymmetric(values: dict[str, float], setting: Setting) -> dict[str, tuple[f
 
 
 def _presliding(values: dict[str, float], setting: Setting) -> dict[str, tuple[float, str]]:
+    """Deflection at sliding, and the stiffness at which the bristles then hold the Coulomb torque."""
     deflection = values["bristle_deflection"]
     return {
         "bristle_deflection": (deflection, "rad"),
@@ -78,7 +84,10 @@ def _compliance(values: dict[str, float], setting: Setting) -> dict[str, tuple[f
 
 
 def stiffness_of(values: Values) -> Any:
-    """Of the transmission [N m/rad], from its free-free resonance (3.15), the inertia and the load's share of it."""
+    """Stiffness of the transmission [N m/rad], from its free-free resonance, thesis (3.15), and the two inertias.
+
+    omega^2 = k (1/J_motor + 1/J_load), so that k = J s (1 - s) omega^2 with the load's share s of the total inertia J.
+    """
     share = values["load_share"]
     return values["inertia"] * share * (1.0 - share) * (2.0 * pi * values["frequency"]) ** 2
 
@@ -86,6 +95,16 @@ def stiffness_of(values: Values) -> Any:
 def _two_mass_start(
     setting: Setting, frequency: float, share: float, ratio: float, side: float, **more: float
 ) -> dict[str, float]:
+    """Start values of a transmission.
+
+    Args:
+        setting: sizes of the log.
+        frequency: free-free resonance [Hz], clipped to what the log can show.
+        share: of the inertia on the load side [1].
+        ratio: damping ratio [1].
+        side: 0 for sensors on the motor, 1 on the load.
+        **more: further parameters.
+    """
     start = {
         "frequency": min(max(frequency, lowest_frequency(setting)), highest_frequency(setting)),
         "damping_ratio": ratio,
@@ -97,6 +116,7 @@ def _two_mass_start(
 
 
 def _compliance_starts(setting: Setting) -> list[dict[str, float]]:
+    """Two to six resonances, a factor of about 1.8 apart, each with the sensors on either side."""
     low, high = 1.5 * lowest_frequency(setting), 0.8 * highest_frequency(setting)
     if not low < high:
         return []
@@ -106,7 +126,7 @@ def _compliance_starts(setting: Setting) -> list[dict[str, float]]:
 
 
 def _backlash_starts(setting: Setting) -> list[dict[str, float]]:
-    """Where the log shows contacts; as a rule of thumb has it where nobody has looked for them."""
+    """The starts that contacts in the log suggest; else a stiff contact and three widths (motion of 1 to 6 ms)."""
     if setting.contacts:
         return [dict(start) for start in setting.contacts]
     frequency = 0.7 * highest_frequency(setting)
@@ -114,11 +134,12 @@ def _backlash_starts(setting: Setting) -> list[dict[str, float]]:
 
 
 def _joined(*more: EffectParameter) -> Callable[[Machine, Values], Machine]:
-    """A machine's transmission set by stiffness, damping ratio and shares, and what else has a path."""
+    """The `apply` of an effect of the transmission: stiffness, damping and shares, and further parameters by path."""
 
     def apply(machine: Machine, values: Values) -> Machine:
         parameters = (LOAD_SHARE, FRICTION_SHARE, LOAD_SIDE, *more)
         share, stiffness = values["load_share"], stiffness_of(values)
+        # The relative motion of the two masses has the reduced inertia J s (1 - s); critical damping is 2 sqrt(k J_r).
         reduced = values["inertia"] * share * (1.0 - share)
         damping = 2.0 * values["damping_ratio"] * jnp.sqrt(stiffness * reduced)
         found = {p.path: values[p.name] for p in parameters}
@@ -127,11 +148,18 @@ def _joined(*more: EffectParameter) -> Callable[[Machine, Values], Machine]:
     return apply
 
 
-_JOINED, _JOINED_WITH_PLAY = _joined(), _joined(GAP)
+# Made once: the functions are compared when compiled programs are looked up.
+_JOINED, _JOINED_WITH_BACKLASH = _joined(), _joined(GAP)
 
 
 def _sines(names: tuple[str, ...], values: dict[str, float], periods: str | None) -> dict[str, tuple[float, str]]:
-    """Amplitude and periods of the largest harmonic; `names` are cosine and sine of each."""
+    """Amplitude and periods of the largest harmonic.
+
+    Args:
+        names: of cosine and sine amplitude of each harmonic in turn.
+        values: fitted, by name.
+        periods: name of the number of periods of the first harmonic; None for one period a turn, not reported.
+    """
     sizes = [float(np.hypot(values[a], values[b])) for a, b in zip(names[::2], names[1::2], strict=True)]
     largest = int(np.argmax(sizes))
     result = {"amplitude": (sizes[largest], "N m")}
@@ -139,7 +167,7 @@ def _sines(names: tuple[str, ...], values: dict[str, float], periods: str | None
 
 
 def _periods(setting: Setting, kind: str, usual: float) -> tuple[float, ...]:
-    """Periods a revolution to start from: where the missing torque repeats, else the usual one and twice it."""
+    """Start values of the number of periods [1/rev]: those with which the missing torque repeats, else two usual."""
     fewest = fewest_periods(setting)
     return setting.periods.get(kind, (max(usual, fewest), max(2.0 * usual, 2.0 * fewest)))
 
@@ -149,6 +177,7 @@ def _names(parameters: tuple[EffectParameter, ...]) -> tuple[str, ...]:
 
 
 def _effect(name: str, parameters: tuple[EffectParameter, ...], **words: Any) -> Effect:
+    """An `Effect` of the vocabulary, with the optional terms of the machine that it needs and what it follows."""
     features: dict[str, tuple[Feature, ...]] = {
         "stribeck": ("shape",),
         "friction_drift": ("shape",),
@@ -228,7 +257,7 @@ EFFECTS: tuple[Effect, ...] = (
     _effect(
         "backlash",
         (GAP, FACE_FREQUENCY, FACE_RATIO, LOAD_SHARE, FRICTION_SHARE),
-        apply=_JOINED_WITH_PLAY,
+        apply=_JOINED_WITH_BACKLASH,
         starts=_backlash_starts,
         report=lambda v, s: {"gap": (v["gap"], "rad")},
         structure="transmission",
@@ -246,7 +275,7 @@ EFFECTS: tuple[Effect, ...] = (
     _effect(
         "unbalance",
         UNBALANCE,
-        # From none, and from the weight that the missing torque is most like: a large one is far from none.
+        # From zero, and from the weight that fits the missing torque best: a large one is out of reach from zero.
         starts=lambda s: [{}, *([dict(s.weight)] if s.weight else [])],
         report=lambda v, s: _sines(_names(UNBALANCE), v, None),
     ),
@@ -285,6 +314,7 @@ EFFECTS: tuple[Effect, ...] = (
     _effect(
         "torque_saturation",
         (LIMIT,),
+        # Many starts: the cost is flat where nothing is clipped, and has kinks where samples begin to be.
         starts=lambda s: [{"limit": f * s.torque} for f in (0.97, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2)],
     ),
     _effect(
@@ -296,10 +326,10 @@ EFFECTS: tuple[Effect, ...] = (
     _effect("velocity_bias", (BIAS,)),
     _effect("velocity_scale_error", (SCALE,)),
 )
-"""Every effect that changes the simulation; `velocity_quantisation` is read from the data (see `noise`)."""
+"""Every effect that changes the simulation; `velocity_quantisation` is read from the column itself."""
 
 
 def on_rate_sensor(effect: Effect) -> bool:
-    """Whether an effect is of the rate sensor alone, and so is nothing in a log without one."""
+    """Whether an effect changes the rate sensor only, so that it does not exist in a log without one."""
     sensor = (BIAS, SCALE, VELOCITY_LAG, VELOCITY_DELAY)
     return bool(effect.parameters) and all(parameter in sensor for parameter in effect.parameters)

@@ -1,4 +1,4 @@
-"""Numbers for a reader: as many digits as the interval earns, one power of ten per line, units spelled properly."""
+"""Numbers for a reader: as many digits as the interval supports, one power of ten a line, typographic units."""
 
 import math
 import re
@@ -6,8 +6,9 @@ import re
 from ..effects.estimate import Estimate as Estimate
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+# Units that take the prefixes milli and micro; the others (kg m^2, N m s/rad) are unusual with one.
 _PREFIXED = {"s", "m", "m/s", "rad", "rad/s", "N m"}
-_NO_BREAK = "\u202f"
+_NO_BREAK = "\u202f"  # narrow no-break space, between number and unit
 _MINUS = "−"
 
 
@@ -21,7 +22,7 @@ def show_unit(unit: str) -> str:
 
 
 def show(value: float, digits: int = 3) -> str:
-    """A number with so many significant digits; very small and very large ones with a power of ten."""
+    """A number with `digits` significant digits; very small and very large ones with a power of ten."""
     if not math.isfinite(value):
         return "not known"
     if value == 0.0:
@@ -30,10 +31,10 @@ def show(value: float, digits: int = 3) -> str:
 
 
 def show_estimate(estimate: Estimate, digits: int = 4) -> tuple[str, str]:
-    """The value and its interval as text, both with the digits that the interval earns, without unit.
+    """The value and its interval as text, with the digits that the interval supports, without unit.
 
-    Two significant digits of the interval's half width decide; `digits` is the most the value gets, and what it gets
-    without an interval. The interval is "" where it is not known.
+    The last decimal is that of the second significant digit of the interval's half width. `digits` are the significant
+    digits of a value without an interval. The interval is "" where it is not known.
     """
     value, low, high = estimate.value, estimate.low, estimate.high
     if not math.isfinite(value):
@@ -42,7 +43,7 @@ def show_estimate(estimate: Estimate, digits: int = 4) -> tuple[str, str]:
         return show(value, digits), ""
     half = 0.5 * (high - low)
     largest = max(abs(value), abs(low), abs(high))
-    if largest == 0.0:  # a gap that the fit closed altogether has no digits to count
+    if largest == 0.0:  # exactly zero: log10 has no value
         return "0", ""
     power = _power(largest)
     most = _decimals(largest, max(digits, 6))
@@ -51,9 +52,9 @@ def show_estimate(estimate: Estimate, digits: int = 4) -> tuple[str, str]:
 
 
 def scale_for(value: float, unit: str) -> tuple[float, str]:
-    """The factor and the unit in which a value of this size reads best: 0.00402 s as 4.02 ms.
+    """(factor, unit) in which a value of this size reads best: 0.00402 s as 4.02 ms.
 
-    Only units that people say with a prefix get one; any other keeps its unit and the factor 1.
+    Only units that are usual with a prefix get one; any other keeps its unit and the factor 1.
     """
     if unit not in _PREFIXED or not 0.0 < abs(value) < 0.1:
         return 1.0, unit
@@ -77,7 +78,7 @@ def show_with_unit(estimate: Estimate, digits: int = 3) -> str:
 
 
 def show_percent(share: float) -> str:
-    """A share between 0 and 1 in per cent; never "100 %" or "0 %" for what is not exactly that."""
+    """A share between 0 and 1 in per cent; "100 %" and "0 %" only for exactly 1 and 0."""
     if not math.isfinite(share):
         return "not known"
     percent = 100.0 * share
@@ -93,13 +94,14 @@ def show_percent(share: float) -> str:
 
 
 def _power(value: float) -> int:
-    """The power of ten to take out: 0 unless the number would need many zeros."""
+    """The power of ten that is written separately: 0 between 1e-3 and 1e6."""
     exponent = math.floor(math.log10(abs(value)))
     return exponent if exponent < -3 or exponent > 5 else 0
 
 
 def _decimals(value: float, digits: int) -> int:
-    """Decimals that show so many significant digits of the value."""
+    """Number of decimals that show `digits` significant digits of the value; negative for large values."""
+    # 1e-12: log10(1000) may come out just below 3.
     return digits - 1 - math.floor(math.log10(abs(value)) + 1e-12)
 
 

@@ -1,4 +1,4 @@
-"""The head of the report: the verdict, how sure it is, one sentence, four numbers."""
+"""The head of the report: verdict, confidence, one sentence, four numbers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def header(diagnosis: Diagnosis) -> str:
-    """The verdict: a word, how sure, one sentence, four numbers."""
+    """The head as HTML: verdict, confidence, one sentence, four numbers."""
     inputs = [str(entry.get("name", "")) for entry in diagnosis.provenance.get("inputs", ()) if isinstance(entry, dict)]
     origin = " · ".join(["Sim-to-real gap", *(name for name in inputs if name)])
     sure = confidence_sentence(diagnosis)
@@ -44,10 +44,10 @@ def header(diagnosis: Diagnosis) -> str:
 
 
 def _sentence(diagnosis: Diagnosis) -> str:
-    """The verdict's sentence with the effects' names in bold."""
+    """The sentence of the verdict as HTML, with the effects' names in bold."""
     out = text(verdict_sentence(diagnosis))
     named = [effect for cause in diagnosis.causes for effect in (cause, *twins_of(diagnosis, cause))]
-    # longest first, and each once: a name within another's markup is not marked again
+    # Longest first, and replaced by placeholders before markup: a name may be part of another one.
     names = sorted({text(effect_name(effect, diagnosis.motion)) for effect in named}, key=len, reverse=True)
     for i, name in enumerate(names):
         out = out.replace(name, f"\x00{i}\x01")
@@ -57,21 +57,23 @@ def _sentence(diagnosis: Diagnosis) -> str:
 
 
 def _caution(diagnosis: Diagnosis) -> str:
-    """Parameters of the causes that ended at a limit of the search, said in the head."""
-    told = [entry for entry in diagnosis.ranking if entry.effect in diagnosis.causes and at_bound(entry)]
+    """A caution about parameters of the causes that ended at a bound of the search; "" for none."""
+    limited = [entry for entry in diagnosis.ranking if entry.effect in diagnosis.causes and at_bound(entry)]
     names = [
-        f"{parameter_name(name)} of {effect_name(e.effect, diagnosis.motion)}" for e in told for name in at_bound(e)
+        f"{parameter_name(name)} of {effect_name(e.effect, diagnosis.motion)}" for e in limited for name in at_bound(e)
     ]
-    return paragraph(f"At a limit of the search, and so not measured: {join(names)}.") if names else ""
+    return paragraph(f"At a bound of the search, and so not measured: {join(names)}.") if names else ""
 
 
 def _dominant(diagnosis: Diagnosis) -> str:
+    """The paragraph on the variable that the missing torque follows; "" for none."""
     if diagnosis.dominant_variable is None:
         return ""
     return paragraph(dominant_sentence(diagnosis))
 
 
 def _facts(diagnosis: Diagnosis) -> str:
+    """The gap before and after, the noise floor and the share closed, as tiles with intervals."""
     tiles = [
         ("before", "Difference" if diagnosis.verdict == "no_gap" else "Gap before", diagnosis.gap.estimate("before"))
     ]
@@ -84,9 +86,9 @@ def _facts(diagnosis: Diagnosis) -> str:
     cells = []
     for kind, title, size in tiles:
         interval = gap_interval(size, shown_gap(diagnosis, size))
-        told = f"<small>90 % interval {interval}</small>" if interval else ""
+        below = f"<small>90 % interval {interval}</small>" if interval else ""
         number = gap_number(size, shown_gap(diagnosis, size))
-        cells.append(f'<div class="is-{kind}"><dt>{title}</dt><dd>{number}{told}</dd></div>')
+        cells.append(f'<div class="is-{kind}"><dt>{title}</dt><dd>{number}{below}</dd></div>')
     closed = diagnosis.gap.estimate("closed")
     if closed.known and diagnosis.verdict != "no_gap":
         interval = (

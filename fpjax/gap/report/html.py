@@ -1,4 +1,4 @@
-"""report.html: one file that needs nothing from anywhere, and every picture as PNG beside it."""
+"""report.html: one self-contained file, and every picture as PNG beside it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NAVIGATION = (
     ("where", "Where"),
     ("ranking", "Which effect"),
     ("shrink", "How far"),
-    ("apart", "Not told apart"),
+    ("apart", "Not distinguished"),
     ("identifiability", "Identifiability"),
     ("model", "Model"),
     ("warnings", "Warnings"),
@@ -41,21 +41,21 @@ def write_report(diagnosis: Diagnosis, out_dir: str | Path) -> Path:
     A picture for which the diagnosis has no data is left out.
 
     Args:
-        diagnosis: what `fpjax.gap.diagnose` found.
-        out_dir: the folder; it is made.
+        diagnosis: from `fpjax.gap.diagnose`.
+        out_dir: the folder, created if needed.
 
     Returns:
         The path of `report.html`.
 
     Raises:
-        InputError: the folder cannot be written, or the diagnosis' verdict is none of the contract's.
+        InputError: where the folder cannot be written, or the verdict is not one of the contract's.
     """
     if diagnosis.verdict not in TITLES:
         raise InputError(f"The diagnosis' verdict is {diagnosis.verdict!r}; a report knows {', '.join(TITLES)}.")
     folder = Path(out_dir)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        # first, so that somebody who waits has all of it on one sheet seconds before the page
+        # First: it is there seconds before the page, and holds the whole answer on one sheet.
         write_whole(folder / "overview.png", to_png(draw_overview(diagnosis)))
         pictures = draw_pictures(diagnosis)
         drawn = {
@@ -76,10 +76,10 @@ def write_report(diagnosis: Diagnosis, out_dir: str | Path) -> Path:
 
 
 def to_page(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
-    """The page.
+    """The page as HTML.
 
     Args:
-        diagnosis: what is told.
+        diagnosis: what is reported.
         pictures: wide and narrow SVG by name.
     """
     style = css_variables() + files("fpjax.gap.report").joinpath("report.css").read_text("utf-8")
@@ -123,6 +123,7 @@ def to_page(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
 
 
 def _navigation(diagnosis: Diagnosis) -> str:
+    """Links to the sections; the one to warnings with their number."""
     links = []
     for name, title in _NAVIGATION:
         if name == "warnings" and diagnosis.warnings:
@@ -135,11 +136,11 @@ def _navigation(diagnosis: Diagnosis) -> str:
 
 @functools.cache
 def _script() -> str:
-    """What makes the pictures zoom."""
+    """The script that zooms the pictures."""
     return "\n" + files("fpjax.gap.report").joinpath("zoom.js").read_text("utf-8")
 
 
 def _policy() -> str:
-    """A browser that is asked to load anything at all for this page, or to run any other script, refuses."""
+    """The content security policy: no external resource, and no script but the one with this hash."""
     digest = base64.b64encode(hashlib.sha256(_script().encode()).digest()).decode()
     return f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src 'sha256-{digest}'"

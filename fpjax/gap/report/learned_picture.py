@@ -1,4 +1,4 @@
-"""The learned laws, each over its variable with its band, and what is left that they were learned from."""
+"""The picture of the learned laws: each over its variable with its band, and the missing torque it was learned from."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from ..answer.diagnosis import Diagnosis, Learned
 
-MOST = 3  # panels
+MOST = 3  # panels beside each other that can be read
 
 
 def laws_of(diagnosis: Diagnosis) -> tuple[Learned, ...]:
@@ -42,7 +42,7 @@ def draw_learned(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
         at, torque, low, high = (np.asarray(each) for each in (law.at, law.torque, law.low, law.high))
         axes.axhline(0.0, color=MUTED, linewidth=0.8)
         if left is not None and left.residual is not None and law.of in left.axes and law.period is None:
-            # What the model misses acts on the machine; the law opposes, as friction does.
+            # The course is a torque that acts on the machine, a law one that opposes, as friction: the other sign.
             centres, _, middle, _ = binned(np.asarray(left.axes[law.of], float), -np.asarray(left.residual, float))
             axes.plot(centres, middle, color=BEFORE, linestyle="", marker=".", markersize=3.5, label="what is left")
         axes.fill_between(at, low, high, color=AFTER, alpha=0.22, linewidth=0, label="90 % band")

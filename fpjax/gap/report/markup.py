@@ -1,4 +1,4 @@
-"""The few HTML elements a report is made of. Every text goes through `text`; nothing else writes what others named."""
+"""The HTML elements of a report. All text goes through `text`, which escapes it: names of logs may hold anything."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def text(given: object) -> str:
 
 
 def data(value: float, shown: str) -> str:
-    """A number as shown, with the exact one beside it for machines."""
+    """A number as shown, with the exact value in the attribute, for programs that read the page."""
     return f'<data value="{value!r}">{text(shown)}</data>'
 
 
@@ -28,11 +28,11 @@ def percent(share: float) -> str:
 
 
 def gap_number(raw: Estimate, shown: Estimate) -> str:
-    """A gap: shown in the unit that suits the report, exact in the contract's.
+    """The size of a gap, shown in the unit of the report and exact in the contract's.
 
     Args:
         raw: as in `diagnosis.json`.
-        shown: the same in the unit to be read.
+        shown: the same in the unit of the report.
     """
     if not raw.known:
         return '<span class="quiet">not known</span>'
@@ -48,7 +48,7 @@ def gap_interval(raw: Estimate, shown: Estimate) -> str:
 
 
 def parameter(estimate: Estimate) -> str:
-    """A parameter's value, interval and unit, with the digits that the interval earns."""
+    """A parameter's value, interval and unit, with the digits that the interval supports."""
     if not estimate.known:
         return '<span class="quiet">not known</span>'
     shown = readable(estimate)
@@ -70,8 +70,8 @@ def section(name: str, title: str, *parts: str) -> str:
 
 def paragraph(*sentences: str) -> str:
     """Plain sentences; "" where there are none."""
-    told = " ".join(sentence for sentence in sentences if sentence)
-    return f"<p>{text(told)}</p>" if told else ""
+    joined = " ".join(sentence for sentence in sentences if sentence)
+    return f"<p>{text(joined)}</p>" if joined else ""
 
 
 def table(headings: list[str], rows: Iterable[tuple[str, list[str]]]) -> str:
@@ -94,6 +94,6 @@ def table(headings: list[str], rows: Iterable[tuple[str, list[str]]]) -> str:
 
 def figure(name: str, wide: str, narrow: str, caption: str = "") -> str:
     """A picture in its two layouts; the page shows the one that fits."""
-    told = f"<figcaption>{text(caption)}</figcaption>" if caption else ""
+    below = f"<figcaption>{text(caption)}</figcaption>" if caption else ""
     layouts = f'<div class="wide">{wide}</div>\n<div class="narrow">{narrow}</div>'
-    return f'<figure id="figure-{name}">\n{layouts}\n{told}</figure>'
+    return f'<figure id="figure-{name}">\n{layouts}\n{below}</figure>'

@@ -8,7 +8,7 @@ from ...errors import InputError
 from ...model_file import dump_model, load_model
 from .markup import text
 
-# Single precision keeps seven digits: a value that differs by less was written by another precision, not changed.
+# Relative difference below which a value is unchanged: single precision keeps seven digits.
 _SAME = 1e-6
 
 
@@ -19,7 +19,7 @@ class Line:
     Attributes:
         text: as it stands in the file.
         change: "" for none, `changed` or `added`.
-        was: the nominal value of a changed one.
+        was: the nominal value, where changed.
     """
 
     text: str
@@ -28,15 +28,18 @@ class Line:
 
 
 def compare(nominal: str, corrected: str) -> tuple[list[Line], list[str]]:
-    """The corrected model's lines, marked, and what the nominal one had that is gone (`section.key = value`).
+    """(lines of the corrected model, marked; entries of the nominal one that are gone, as `section.key = value`).
 
-    Without a nominal model nothing is marked.
+    Args:
+        nominal: `servo.toml` text; without it nothing is marked.
+        corrected: likewise.
     """
     if not nominal.strip():
         return [Line(line) for line in corrected.splitlines()], []
-    told = {name: value for _, name, value in _entries(nominal)}
+    given = {name: value for _, name, value in _entries(nominal)}
     whole = {name: value for _, name, value in _entries(_spelled_out(nominal))}
-    old = whole | told
+    # Defaults that the author left out are known from the file as the package writes it; given values keep their text.
+    old = whole | given
     new = {name for _, name, _ in _entries(corrected)}
     lines, marks = [], {number: (name, value) for number, name, value in _entries(corrected)}
     sections = {name.rpartition(".")[0] for name in old}
@@ -74,7 +77,7 @@ def save_link(model: str, name: str) -> str:
 
 
 def use_sentence(model: str) -> str:
-    """What the corrected model can be used for, as reading it back has just shown."""
+    """What the corrected model can be used for; it is read back to find out."""
     from tuning.parameters import default_parameters  # the tuning is a package of its own
 
     try:
@@ -82,7 +85,7 @@ def use_sentence(model: str) -> str:
         for needed in (read.needed_controller, read.needed_reference, read.needed_duration):
             needed()
     except InputError as error:
-        return f"The machine is whole; to simulate a loop around it, the file needs more. {error}"
+        return f"The machine is complete; to simulate a loop around it, the file needs more. {error}"
     try:
         default_parameters(read.loop)
     except InputError:
@@ -91,13 +94,13 @@ def use_sentence(model: str) -> str:
 
 
 def count_changes(nominal: str, corrected: str) -> int:
-    """How many values differ from the nominal model, those added or gone included."""
+    """Number of values that differ from the nominal model, those added or gone included."""
     lines, gone = compare(nominal, corrected)
     return sum(bool(line.change) and not _section(line.text) for line in lines) + len(gone)
 
 
 def _entries(model: str) -> list[tuple[int, str, str]]:
-    """(line number, section.key, value) of each `key = value` line; comments are no part of a value."""
+    """(line number, section.key, value) of each `key = value` line; comments are not part of a value."""
     found, section = [], ""
     for number, line in enumerate(model.splitlines()):
         if named := _section(line):
@@ -109,9 +112,9 @@ def _entries(model: str) -> list[tuple[int, str, str]]:
 
 
 def _spelled_out(nominal: str) -> str:
-    """The nominal model as the corrected one is written, with the defaults that its author left out.
+    """The nominal model as the package writes it, with the defaults that its author left out.
 
-    A value that only became visible is no change. A file that cannot be read stands as it is.
+    A default that is only written out is not a change. A file that cannot be read stays as it is.
     """
     try:
         return dump_model(load_model(nominal))
@@ -120,11 +123,13 @@ def _spelled_out(nominal: str) -> str:
 
 
 def _section(line: str) -> str:
+    """The name in a line that is a section header, else ""."""
     stripped = _without_comment(line)
     return stripped.strip("[] ") if stripped.startswith("[") and stripped.endswith("]") and "=" not in stripped else ""
 
 
 def _without_comment(value: str) -> str:
+    """A line without its comment; a # within quotes is not one."""
     quote = ""
     for i, letter in enumerate(value):
         if quote:

@@ -1,4 +1,4 @@
-"""Every picture of a report, in a wide layout and in one for a phone, and the one-page overview."""
+"""The pictures of a report, each in a wide layout and in one for a phone, and the one-page overview."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .where_picture import axes_with_places, draw_residual, draw_where, has_regi
 if TYPE_CHECKING:
     from ..answer.diagnosis import Diagnosis
 
-_WIDE, _NARROW = 11.2, 4.3  # inch; the page shows them at about 96 and 84 pixels per inch
+_WIDE, _NARROW = 11.2, 4.3  # widths [inch]; the page shows them at about 96 and 84 pixels per inch
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Picture:
     """One picture.
 
     Attributes:
-        name: its file's stem.
+        name: stem of its file.
         description: what it shows, in a sentence.
         wide: for paper and a desktop.
         narrow: for a phone.
@@ -45,7 +45,7 @@ def draw_pictures(diagnosis: Diagnosis) -> list[Picture]:
     `shrink`.
 
     Args:
-        diagnosis: what `fpjax.gap.diagnose` found.
+        diagnosis: from `fpjax.gap.diagnose`.
     """
     found = []
     if has_record(diagnosis):
@@ -55,7 +55,7 @@ def draw_pictures(diagnosis: Diagnosis) -> list[Picture]:
     if diagnosis.residual_where is not None:
         rest = replace(diagnosis, where=diagnosis.residual_where)
         if has_where(rest):
-            found.append(_where_picture("left", "Where what is left of the gap lies.", rest))
+            found.append(_where_picture("left", "Where the rest of the gap lies.", rest))
     panels = len(residual_axes(diagnosis))
     if panels:
         description = "What the nominal model cannot account for, against " + ", ".join(residual_axes(diagnosis)) + "."
@@ -76,7 +76,7 @@ def draw_overview(diagnosis: Diagnosis) -> Figure:
     """One page: the verdict, commanded against needed, where the gap lies and how far it shrinks.
 
     Args:
-        diagnosis: what `fpjax.gap.diagnose` found.
+        diagnosis: from `fpjax.gap.diagnose`.
     """
     parts: list[tuple[float, Callable[..., None]]] = []
     if has_record(diagnosis):
@@ -89,14 +89,14 @@ def draw_overview(diagnosis: Diagnosis) -> Figure:
         )
     with report_style():
         figure = _figure(_WIDE, 1.0 + sum(height for height, _ in parts))
-        # at least one part and the head: an array of subfigures, never a single one
+        # Head and at least one part: `subfigures` returns an array, not a single subfigure.
         parts = parts or [(0.1, _draw_nothing)]
         bands: Any = figure.subfigures(
             len(parts) + 1, 1, height_ratios=[1.0, *(height for height, _ in parts)], hspace=0.02
         )
         head = bands[0]
         head.text(0.012, 0.72, verdict_title(diagnosis), fontsize=17, fontweight="bold", va="center")
-        # wrapped here: matplotlib's own wrapping reads a dollar sign in a name as mathematics
+        # Wrapped here: matplotlib's own wrapping reads a dollar sign in a name as mathematics.
         head.text(0.012, 0.5, fill(verdict_sentence(diagnosis), 122), fontsize=10, va="top")
         head.text(0.988, 0.72, confidence_sentence(diagnosis), fontsize=10, color=MUTED, va="center", ha="right")
         for band, (_, draw) in zip(bands[1:], parts, strict=True):
@@ -144,7 +144,7 @@ def _drawn(draw: Callable[..., None], diagnosis: Diagnosis, width: float, height
     with report_style():
         figure = _figure(width, height)
         draw(figure, diagnosis, narrow=narrow)
-        # laid out once, not again for every file that is written from it
+        # Laid out once; the layout engine would run again for the SVG and the PNG.
         layout = figure.get_layout_engine()
         assert layout is not None
         layout.execute(figure)

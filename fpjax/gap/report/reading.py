@@ -1,4 +1,4 @@
-"""Reading: what a report asks a diagnosis for, beside its own fields."""
+"""Values that a report derives from the fields of a diagnosis."""
 
 from __future__ import annotations
 
@@ -12,41 +12,41 @@ if TYPE_CHECKING:
     from ..answer.diagnosis import Diagnosis, FittedParameter, Ranked, Share, Step, Where
 
 AXES = ("time", "velocity", "position", "frequency")
-NEGLIGIBLE = 0.005  # probability below which an effect is folded away
+NEGLIGIBLE = 0.005  # probability below which an effect is shown on request only
 
 
 def gap_scale(diagnosis: Diagnosis) -> tuple[float, str]:
-    """Factor and unit in which gaps are shown: that in which the nominal model's reads best."""
+    """(factor, unit) in which all gaps are shown: those that suit the gap of the nominal model."""
     return scale_for(diagnosis.gap.before, diagnosis.gap.unit)
 
 
 def shown_gap(diagnosis: Diagnosis, gap: Estimate) -> Estimate:
-    """A gap in the one unit that suits them all."""
+    """A gap in the unit of the report."""
     return scaled(gap, *gap_scale(diagnosis))
 
 
 def step_gap(diagnosis: Diagnosis, step: Step) -> Estimate:
-    """What is left of the gap at a rung of the ladder."""
+    """The gap after one of the causes, with its interval."""
     return Estimate(step.gap_after, *step.interval, diagnosis.gap.unit)
 
 
 def entry_gap(diagnosis: Diagnosis, entry: Ranked) -> Estimate:
-    """What an effect of the ranking leaves of the gap."""
+    """The gap that an effect of the ranking leaves."""
     return Estimate(entry.gap_after, unit=diagnosis.gap.unit)
 
 
 def at_bound(entry: Ranked) -> tuple[str, ...]:
-    """Parameters whose fit ended at the end of what was allowed."""
+    """Parameters whose fit ended at a bound of the search."""
     return tuple(name for name, estimate in entry.parameters.items() if estimate.at_bound)
 
 
 def places(where: Where, axis: str) -> tuple[Share, ...]:
-    """The places of an axis that stand out, in its order."""
+    """The places of an axis that stand out, in ascending order."""
     return _drawable(getattr(where, axis))
 
 
 def bins(where: Where, axis: str) -> tuple[Share, ...]:
-    """Every place of an axis, in its order."""
+    """Every bin of an axis, in ascending order."""
     return _drawable(where.maps.get(axis, ()))
 
 
@@ -56,21 +56,21 @@ def _drawable(shares: tuple[Share, ...]) -> tuple[Share, ...]:
 
 
 def main_regime(where: Where | None) -> tuple[float, str]:
-    """(share, name) of the regime that holds most; (0, "") where none does."""
+    """(share, name) of the regime with the largest share; (0, "") where there is none."""
     shares = [] if where is None else [(s, r) for r, s in where.regime.items() if math.isfinite(s) and s > 0.0]
     return max(shares, default=(0.0, ""))
 
 
 def twins_of(diagnosis: Diagnosis, effect: str) -> tuple[str, ...]:
-    """Effects that this log cannot tell from the given one."""
+    """Effects that this log cannot distinguish from the given one."""
     return next((entry.indistinguishable_from for entry in diagnosis.ranking if entry.effect == effect), ())
 
 
 def classes(diagnosis: Diagnosis) -> list[tuple[str, ...]]:
-    """The classes of effects that this log cannot tell apart, the most probable first.
+    """The classes of effects that this log cannot distinguish, the most probable first.
 
-    "Cannot tell apart" is followed from effect to effect: what is joined by a chain is one class. Classes whose
-    probability is negligible are left out, unless a cause is in them.
+    The relation is made transitive: effects joined by a chain of such pairs are one class. Classes of negligible
+    probability are left out, unless a cause is in them.
     """
     groups: list[set[str]] = []
     for entry in diagnosis.ranking:

@@ -27,12 +27,12 @@ class Series:
     """The withheld part of one log.
 
     Attributes:
-        label: the log's name.
-        time: s, shape (samples,).
+        label: name of the log.
+        time: [s], shape (samples,).
         commanded: torque [N m], shape (samples,).
-        before: what the nominal model needs [N m], or None.
-        after: what the corrected model needs [N m], or None.
-        starts: indices at which a new window or block begins: no line is to cross them.
+        before: torque that the nominal model needs [N m], shape (samples,), or None.
+        after: torque that the corrected model needs, likewise.
+        starts: indices at which a new window or block begins; lines are broken there.
     """
 
     label: str
@@ -57,7 +57,8 @@ def _series(comparison: Comparison) -> Series | None:
     known = [part if np.isfinite(part).any() else None for part in parts]
     if known[0] is None:
         return None
-    # a line must not join what two windows, or two withheld blocks, have left
+    # Lines are broken between windows, each of which has its own start state, and between withheld blocks. One missing
+    # sample is not a hole, hence 2.5 steps.
     window = np.asarray(comparison.window)[withheld]
     step = np.median(np.diff(time))
     starts = np.flatnonzero((np.diff(window) != 0) | (np.diff(time) > 2.5 * step)) + 1
@@ -65,12 +66,12 @@ def _series(comparison: Comparison) -> Series | None:
 
 
 def has_record(diagnosis: Diagnosis) -> bool:
-    """Whether there is anything to draw."""
+    """Whether any log has a withheld part with a needed torque."""
     return any(series.before is not None for series in series_of(diagnosis))
 
 
 def model_names(diagnosis: Diagnosis) -> tuple[str, str]:
-    """What the two models are called in a legend."""
+    """Names of the two models in the legend."""
     return "nominal model", "corrected model" if diagnosis.causes else "best attempt"
 
 
@@ -108,7 +109,7 @@ def draw_record(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
             for axes in (signal_axes, error_axes):
                 axes.axvspan(moved[first], moved[last], color=BAND, linewidth=0, zorder=0)
     if np.isfinite(diagnosis.gap.noise_floor):
-        # twice the rms: the band that holds 95 % of what is only noise
+        # Twice the rms: 95 % of noise lies within.
         error_axes.axhspan(
             -2 * factor * diagnosis.gap.noise_floor,
             2 * factor * diagnosis.gap.noise_floor,
@@ -125,7 +126,7 @@ def draw_record(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
     signal_axes.set_title("Withheld data")
     signal_axes.set_ylabel(f"{effort_of(diagnosis)} [{unit}]")
     signal_axes.tick_params(labelbottom=False)
-    error_axes.set_title("Commanded less needed")
+    error_axes.set_title("Commanded minus needed")
     error_axes.set_ylabel(f"error [{clip(show_unit(error_unit))}]")
     error_axes.set_xlabel("withheld time, logs end to end [s]" if moved_ends else "time [s]")
     error_axes.sharex(signal_axes)
@@ -136,11 +137,12 @@ def draw_record(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
 
 
 def worst_place(shown: list[Series]) -> tuple[Series, int, int]:
-    """The stretch in which the nominal model is most wrong: series, first and last sample."""
+    """(series, first sample, last sample) of the stretch with the largest mean square error of the nominal model."""
     best, found = -1.0, (shown[0], 0, len(shown[0].time) - 1)
     for series in shown:
         squares = np.nan_to_num(np.square(_error(series, series.before)))
         for start, stop in _blocks(series):
+            # Half of the block, 300 to 500 samples if it has them: single samples can be seen in the enlargement.
             length = max(min(stop - start, 500, max(stop - start, 600) // 2), 2)
             sums = np.convolve(squares[start:stop], np.ones(length) / length, mode="valid")
             at = int(np.argmax(sums))
@@ -187,8 +189,9 @@ def _lines(
     alpha: float = 1.0,
     style: Any = "-",
 ) -> None:
-    """One line, broken where a window or a block ends, and no denser than can be seen."""
+    """Draw one line, broken where a window or a block ends, and thinned to what can be seen."""
     pieces_time, pieces = [], []
+    # About two points for each pixel of the panel, over all pieces; `thin` keeps the extremes of what it leaves out.
     budget = max(2400 // (len(series.starts) + 1), 6)
     for start, stop in _windows(series):
         part = np.isfinite(values[start:stop])
@@ -221,7 +224,7 @@ def _windows(series: Series) -> list[tuple[int, int]]:
 
 
 def _blocks(series: Series) -> list[tuple[int, int]]:
-    """Stretches without a hole in time; windows that follow one another are one block."""
+    """(first, stop) of stretches without a hole in time; adjacent windows are one block."""
     step = np.median(np.diff(series.time))
     holes = np.flatnonzero(np.diff(series.time) > 2.5 * step) + 1
     ends = [0, *map(int, holes), len(series.time)]
@@ -229,7 +232,7 @@ def _blocks(series: Series) -> list[tuple[int, int]]:
 
 
 def _name_holes(axes: Axes, series: Series) -> None:
-    """Say of a wide hole in the withheld time that it was fitted, so that nobody takes it for lost data."""
+    """Label wide holes in the withheld time as fitted: they could be taken for lost data."""
     blocks = _blocks(series)
     whole = series.time[-1] - series.time[0]
     for (_, stop), (start, _) in itertools.pairwise(blocks):
@@ -242,7 +245,7 @@ def _name_holes(axes: Axes, series: Series) -> None:
 
 
 def _shifts(shown: list[Series]) -> list[float]:
-    """How far each log's time is moved so that no two overlap; zero where they do not."""
+    """Shift of each log's time [s] so that no two overlap; zeros where they do not."""
     spans = sorted((s.time[0], s.time[-1]) for s in shown)
     if all(a[1] < b[0] for a, b in itertools.pairwise(spans)):
         return [0.0] * len(shown)

@@ -1,4 +1,4 @@
-"""The report's sections, each a function from what is told to markup; "" where there is nothing to tell."""
+"""The sections of the report: each function gives the HTML of one section."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def record(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
         return section("record", title, paragraph(note))
     effort = effort_of(diagnosis)
     how = (
-        f"None of these samples was used for the fit. Each model says what {effort} the motion needed; what lacks to "
-        f"the command is its missing {effort}."
+        f"None of these samples was used for the fit. Each model gives the {effort} that the measured motion needed; "
+        f"its difference to the commanded {effort} is the missing {effort} of that model."
     )
     return section(
         "record",
@@ -57,7 +57,7 @@ def record(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
 
 
 def where(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
-    """The maps of where the gap lies."""
+    """Where the gap lies: maps over time, velocity, position and frequency."""
     parts = [paragraph(where_sentence(diagnosis))]
     if "where" in pictures:
         caption = f"Shares of the energy of the missing {effort_of(diagnosis)}; in colour, what stands out."
@@ -68,13 +68,13 @@ def where(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
         effort = effort_of(diagnosis)
         parts.append(f"<h3>The {effort} that the nominal model misses</h3>")
         caption = (
-            f"Commanded less needed {effort}: a model that is right leaves a flat band around zero; the median's "
-            f"shape is the missing law, its sign that of a friction."
+            f"Commanded minus needed {effort}: a correct model leaves a flat band around zero. The shape of the median "
+            f"is that of the missing law, with the sign of friction."
         )
         parts.append(figure("residual", *pictures["residual"], caption))
     if "left" in pictures:
         leaves = "the causes leave" if diagnosis.causes else "the best attempt leaves"
-        parts.append("<h3>Where what is left lies</h3>")
+        parts.append("<h3>Where the rest lies</h3>")
         parts.append(figure("left", *pictures["left"], f"The same shares of what {leaves}."))
     if not any(parts):
         nothing = "Nothing stands above the noise, so there is no place to show."
@@ -83,7 +83,7 @@ def where(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
 
 
 def ranking(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
-    """Every effect with its probability, what it leaves, and its parameters."""
+    """Every effect with its probability, the gap that it leaves, and its parameters."""
     if not diagnosis.ranking:
         return section("ranking", "Which effect", paragraph("No effect was fitted."))
     shown = [c for c in diagnosis.ranking if c.probability >= NEGLIGIBLE or c.effect in diagnosis.causes]
@@ -92,19 +92,19 @@ def ranking(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
         shown, folded = folded[:5], folded[5:]
     probabilities = [c.probability for c in diagnosis.ranking if math.isfinite(c.probability)]
     none = 1.0 - sum(probabilities)
-    rest = "Effects that this log cannot tell apart share their probability."
+    rest = "Effects that this log cannot distinguish share their probability."
     if none >= 0.005:
-        rest += f" {show_percent(none)} is left for none of these."
+        rest += f" {show_percent(none)} is the probability that it is none of these."
     out = [paragraph(rest + " Brackets hold 90 % intervals."), _ranking_table(diagnosis, shown, learned=True)]
     if folded:
         noun = "effect" if len(folded) == 1 else "effects"
         summary = f"<summary>{len(folded)} more {noun}, each less likely</summary>"
         out.append(f"<details>{summary}\n{_ranking_table(diagnosis, folded)}</details>")
     if "learned" in pictures:
-        out.append("<h3>What no named effect says</h3>")
+        out.append("<h3>What no named effect explains</h3>")
         caption = (
-            f"What is left, learned as a {effort_of(diagnosis)} in the sign of a friction. It is no "
-            f"effect of the vocabulary and has no probability: it is in the table for what it takes, measured by "
+            f"The rest, learned as a {effort_of(diagnosis)} with the sign of friction. It is not an effect of the "
+            f"vocabulary and has no probability; the table shows how much of the gap it removes, measured by "
             f"simulating with it."
         )
         out.append(figure("learned", *pictures["learned"], caption))
@@ -113,7 +113,7 @@ def ranking(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
 
 def _ranking_table(diagnosis: Diagnosis, candidates: list[Ranked], *, learned: bool = False) -> str:
     twins = set().union(*(twins_of(diagnosis, cause) for cause in diagnosis.causes)) - set(diagnosis.causes)
-    headings = ["Effect", "Probability", "Gap after", "Parameters found", "Not told apart from"]
+    headings = ["Effect", "Probability", "Gap after", "Parameters found", "Not distinguished from"]
     if not any(c.indistinguishable_from for c in candidates):
         headings.pop()
     rows = []
@@ -128,7 +128,7 @@ def _ranking_table(diagnosis: Diagnosis, candidates: list[Ranked], *, learned: b
             cells.append(text(join([effect_name(t, diagnosis.motion) for t in candidate.indistinguishable_from])))
         rows.append((kind, cells))
     if learned and diagnosis.learned:
-        # Beside the causes, before what is not asserted: it is measured, as they are.
+        # After the causes and before effects that are not asserted: its share is measured, as theirs are.
         rows.insert(
             sum(c.effect in diagnosis.causes for c in candidates), ("", _learned_cells(diagnosis, len(headings)))
         )
@@ -161,17 +161,17 @@ def _effect_cell(diagnosis: Diagnosis, candidate: Ranked) -> str:
 
 
 def _parameter_item(candidate: Ranked, name: str) -> str:
-    note = "<small>at the end of what was allowed: a limit of the search</small>" if name in at_bound(candidate) else ""
+    note = "<small>at a bound of the search: not a measurement</small>" if name in at_bound(candidate) else ""
     return f"<li>{text(parameter_name(name))}<br>{parameter(candidate.parameters[name])}{note}</li>"
 
 
 def _probability_cell(candidate: Ranked) -> str:
     if not math.isfinite(candidate.probability):
         return '<span class="quiet">not known</span>'
-    # a companion may be certain and yet not the main cause: what people want to know is whether it is one at all
+    # The second cause of a pair may be certain and not the main one: then the probability of being a cause is shown.
     companion = candidate.cause_probability > candidate.probability + 0.005
     told = candidate.cause_probability if companion else candidate.probability
-    note = "<small>as a companion</small>" if companion and candidate.probability < 0.005 else ""
+    note = "<small>as a second cause</small>" if companion and candidate.probability < 0.005 else ""
     bar = f'<span class="bar"><i style="width:{100.0 * min(max(told, 0.0), 1.0):.1f}%"></i></span>'
     return f"<span>{percent(told)}{bar}{note}</span>"
 
@@ -179,13 +179,13 @@ def _probability_cell(candidate: Ranked) -> str:
 def shrink(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
     """How far the gap shrinks."""
     if diagnosis.verdict == "no_gap":
-        lead = "There is no gap to close: the nominal model's error is the noise floor's."
+        lead = "There is no gap to close: the error of the nominal model is that of noise."
     elif diagnosis.steps and diagnosis.causes:
-        lead = "Causes are added one by one, most important first; pale is what each one took away."
+        lead = "Causes are added one by one, most important first; pale is the part that each one removes."
     else:
         lead = "No cause is asserted; the best attempt is there for comparison."
     caption = (
-        "Lines over the bars are 90 % intervals; dashed, what a perfect model would leave."
+        "Lines over the bars are 90 % intervals; the dashed line is what a perfect model would leave."
         if diagnosis.gap.estimate("before").bounded
         else ""
     )
@@ -207,26 +207,28 @@ def shrink(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
 
 
 def apart(diagnosis: Diagnosis) -> str:
-    """What cannot be told apart, and what to do about it."""
+    """Effects that cannot be distinguished, and the experiments that would do it."""
     twins = twin_sentences(diagnosis)
     parts = [paragraph(sentence) for sentence in (*twins, *set_twin_sentences(diagnosis))]
     if not parts:
-        parts = [paragraph("No two likely effects leave the same trace in this log.")]
+        parts = [paragraph("No two likely effects make the same log here.")]
     if diagnosis.next_experiment:
         parts.append("<h3>The next experiment</h3>")
         items = ""
         for experiment in diagnosis.next_experiment:
             names = join([effect_name(effect, diagnosis.motion) for effect in experiment.separates], "from")
-            items += f'<li>{text(experiment.do)}<br><span class="quiet">Tells {text(names)}.</span></li>'
+            items += f'<li>{text(experiment.do)}<br><span class="quiet">Distinguishes {text(names)}.</span></li>'
         parts.append(f'<ul class="todo">{items}</ul>')
-    return section("apart", "What cannot be told apart", *parts)
+    return section("apart", "What cannot be distinguished", *parts)
 
 
 def identifiability(diagnosis: Diagnosis) -> str:
-    """How well this log fixes each parameter."""
+    """How well this log determines each parameter."""
     if not diagnosis.identifiability:
         return section(
-            "identifiability", "What this log fixes", paragraph("The diagnosis holds no analysis of its parameters.")
+            "identifiability",
+            "What this log determines",
+            paragraph("The diagnosis holds no analysis of its parameters."),
         )
     rows = []
     for fixing in diagnosis.identifiability:
@@ -245,7 +247,10 @@ def identifiability(diagnosis: Diagnosis) -> str:
         )
     lead = "Parameters of the last fit, with 90 % intervals."
     return section(
-        "identifiability", "What this log fixes", paragraph(lead), table(["Parameter", "Value", "In this log"], rows)
+        "identifiability",
+        "What this log determines",
+        paragraph(lead),
+        table(["Parameter", "Value", "In this log"], rows),
     )
 
 
@@ -274,15 +279,15 @@ def model(diagnosis: Diagnosis) -> str:
     parts = [paragraph(lead), to_html(diagnosis.nominal, diagnosis.model)]
     if diagnosis.learned_model:
         told = (
-            f"The same with the {learned_name(diagnosis)} as tables ([[learned]]): an interpolation of this log that "
-            f"has no name, for a simulator that fits better, within the speeds and positions of the log."
+            f"The same with the {learned_name(diagnosis)} as tables ([[learned]]): an interpolation of this log "
+            f"without a named cause. It simulates better within the speeds and positions of the log."
         )
         parts += [paragraph(told), save_link(diagnosis.learned_model, "learned.toml")]
     return section("model", "The corrected model", *parts)
 
 
 def warnings(diagnosis: Diagnosis) -> str:
-    """What the reader should know before trusting the result."""
+    """The warnings."""
     if not diagnosis.warnings:
         return section("warnings", "Warnings", paragraph("None."))
     items = "".join(f"<li>{text(sentence)}</li>" for sentence in diagnosis.warnings)
@@ -290,7 +295,7 @@ def warnings(diagnosis: Diagnosis) -> str:
 
 
 def provenance(diagnosis: Diagnosis) -> str:
-    """From what, with what and when this was made."""
+    """Inputs, versions and date of the diagnosis."""
     known = diagnosis.provenance
     pairs: list[tuple[str, str]] = []
     if known.get("command"):
@@ -321,7 +326,7 @@ def provenance(diagnosis: Diagnosis) -> str:
     rows = [("", _input_cells(entry)) for entry in inputs]
     files = table(["Input", "Role", "Samples", "SHA-256"], rows) if rows else ""
     if not (pairs or rows):
-        return section("provenance", "Provenance", paragraph("The diagnosis does not say what it was made from."))
+        return section("provenance", "Provenance", paragraph("The diagnosis holds no provenance."))
     return section("provenance", "Provenance", files, f'<dl class="facts-list">{listed}</dl>' if listed else "")
 
 
@@ -336,9 +341,9 @@ def _input_cells(entry: JsonObject) -> list[str]:
 
 
 def units_note(diagnosis: Diagnosis) -> str:
-    """What "gap" means here, for the footer."""
+    """The definition of the gap, for the footer."""
     unit = show_unit(gap_scale(diagnosis)[1])
     return (
-        f"The gap is the {effort_of(diagnosis)} that a model misses at the command, rms on withheld data with the "
-        f"noise's share taken out{f', in {unit}' if unit else ''}."
+        f"The gap is the {effort_of(diagnosis)} that is missing in a model's command for the measured motion, rms on "
+        f"withheld data with the noise's share taken out{f', in {unit}' if unit else ''}."
     )

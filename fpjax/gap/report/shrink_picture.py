@@ -1,4 +1,4 @@
-"""How far the gap shrinks: one row per cause, what is left solid, what went away pale, the noise floor as a line."""
+"""The picture of how far the gap shrinks: a bar for each cause, solid what is left, pale what the cause removes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def rows_of(diagnosis: Diagnosis) -> list[tuple[str, Estimate]]:
     """Names and gaps from top to bottom: the nominal model, each added cause, or the best attempt."""
     rows = [("Nominal model", diagnosis.gap.estimate("before"))]
     for step in diagnosis.steps:
-        # the twin closes the gap just as well: the row must not sound surer than the ranking
+        # A twin closes the gap as well: the row must not claim more than the ranking.
         twin = " (or twin)" if twins_of(diagnosis, step.added) else ""
         rows.append((f"+ {effect_title(step.added, diagnosis.motion)}{twin}", step_gap(diagnosis, step)))
     if not diagnosis.steps and diagnosis.verdict != "no_gap" and diagnosis.gap.estimate("after").known:
@@ -54,7 +54,7 @@ def draw_shrink(figure: FigureBase, diagnosis: Diagnosis, *, narrow: bool) -> No
         axes.barh(at, gap.value, height=0.5, color=BEFORE if i == 0 else AFTER, linewidth=0, zorder=3)
         if gap.bounded:
             low, high = max(gap.low, 0.0), gap.high
-            # the dark whisker would vanish on the bar without a rim of paper
+            # A light rim, without which the dark line of the interval cannot be seen on the bar.
             axes.plot([low, high], [at, at], color=PAPER, linewidth=3.4, solid_capstyle="butt", zorder=4)
             axes.plot([low, high], [at, at], color=INK, linewidth=1.4, solid_capstyle="butt", zorder=5)
         reach = max(gap.value, gap.high if gap.bounded else 0.0, previous or 0.0)
@@ -68,7 +68,7 @@ def draw_shrink(figure: FigureBase, diagnosis: Diagnosis, *, narrow: bool) -> No
             zorder=6,
         )
         if narrow:
-            # on paper of its own: the noise floor's line would run through the name
+            # On a light background: the line of the noise floor would run through the name.
             paper = {"facecolor": PAPER, "linewidth": 0, "pad": 1.0}
             axes.annotate(
                 name, (0.0, at + 0.29), xytext=(6, 2), textcoords="offset points", va="bottom", bbox=paper, zorder=6
@@ -98,7 +98,7 @@ def draw_shrink(figure: FigureBase, diagnosis: Diagnosis, *, narrow: bool) -> No
 
 
 def draw_ranking(figure: FigureBase, diagnosis: Diagnosis) -> None:
-    """Draw how probable the first few effects are, as a main cause or a companion, on a figure or subfigure.
+    """Draw the probabilities of the first five effects to be a cause, on a figure or subfigure.
 
     Args:
         figure: to draw on.
@@ -107,7 +107,7 @@ def draw_ranking(figure: FigureBase, diagnosis: Diagnosis) -> None:
     axes = figure.subplots()
     shown = [c for c in diagnosis.ranking if math.isfinite(c.probability)][:5]
     rows = [-i for i in range(len(shown))]
-    # A companion may be certain and yet not the main cause: drawn is what the table beside says.
+    # The larger of the two probabilities, as in the table: the second cause of a pair may be certain.
     shares = [max(c.probability, c.cause_probability) for c in shown]
     twins = set().union(*(twins_of(diagnosis, cause) for cause in diagnosis.causes))
     colours = [AFTER if c.effect in diagnosis.causes or c.effect in twins else SOFT for c in shown]

@@ -1,4 +1,4 @@
-"""A figure as inline SVG that follows the page: its colours are the page's variables, its text the page's font."""
+"""A figure as inline SVG or PNG; in SVG, colours become CSS variables of the page and text takes its font."""
 
 import io
 import json
@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from ...output.json_object import JsonObject
 from .theme import ROLES, report_style
 
+# From a light shade, as drawn, to its role: matplotlib writes colours as hexadecimal numbers.
 _SHADES = {light: role for role, (light, _) in ROLES.items()}
 
 
@@ -22,17 +23,18 @@ def to_svg(figure: Figure, name: str, description: str) -> str:
         description: what the picture shows, for readers who cannot see it.
     """
     buffer = io.StringIO()
-    # no date and no random identifiers: the same diagnosis gives the same bytes
+    # No date, and identifiers from `name`: the same diagnosis gives the same bytes.
     with report_style(name):
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    # Identifiers and references to them get the name as prefix: several pictures share one page.
     text = re.sub(r'\bid="', f'id="{name}-', text)
     text = re.sub(r"url\(#", f"url(#{name}-", text)
     text = re.sub(r'xlink:href="#', f'href="#{name}-', text)
-    # the root keeps its viewBox only: the page says how wide it is; namespaces are HTML's own
+    # The root keeps its viewBox only: the page sets the width, and inline SVG needs no namespaces.
     box = re.search(r'viewBox="[^"]*"', text)
     label, axes = escape(description, quote=True), escape(json.dumps(_axes(figure)), quote=True)
     text = re.sub(
@@ -48,7 +50,13 @@ def to_svg(figure: Figure, name: str, description: str) -> str:
 
 
 def _axes(figure: Figure) -> list[JsonObject]:
-    """Where each panel lies in the picture, and between which values: for the numbers under a reader's pointer."""
+    """Position and range of each panel, for the values under the reader's pointer.
+
+    An axis is [from, to, low, high, log, label]: where it lies in the picture [1/72 inch], its values there, whether
+    it is logarithmic, and its label.
+
+    SVG has its origin at the top and 72 units an inch, matplotlib at the bottom and `dpi` pixels.
+    """
     found = []
     points, height = 72.0 / figure.dpi, 72.0 * figure.get_figheight()
     for axes in figure.axes:
@@ -61,7 +69,7 @@ def _axes(figure: Figure) -> list[JsonObject]:
                 continue  # names, not numbers
             ends = [points * low, points * high] if side == "x" else [height - points * low, height - points * high]
             limits = [float(end) for end in axis.get_view_interval()]
-            together = getattr(axes, f"get_shared_{side}_axes")().get_siblings(axes)  # one of them has the label
+            together = getattr(axes, f"get_shared_{side}_axes")().get_siblings(axes)  # a shared axis is labelled once
             labels = (getattr(each, f"{side}axis").get_label().get_text() for each in (axes, *together))
             label = next(filter(None, labels), "")
             panel[side] = [*(round(float(end), 2) for end in ends), *limits, axis.get_scale() == "log", label]
@@ -77,13 +85,14 @@ def to_png(figure: Figure, dots_per_inch: int = 150) -> bytes:
     """The figure as PNG, on light paper."""
     buffer = io.BytesIO()
     with report_style():
-        # Level 6 takes as long as drawing does, for a file a tenth smaller.
+        # Level 6, the default, takes as long as drawing, for a file a tenth smaller.
         options = {"compress_level": 2}
         figure.savefig(buffer, format="png", dpi=dots_per_inch, metadata={"Software": None}, pil_kwargs=options)
     return buffer.getvalue()
 
 
 def _shade(found: str) -> str:
+    """The CSS variable of a colour of the theme; any other colour unchanged."""
     role = _SHADES.get(found)
     return f"var(--{role})" if role else found
 

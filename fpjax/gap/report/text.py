@@ -1,4 +1,4 @@
-"""The report's sentences, as plain text: the verdict, where the gap lies, what cannot be told apart."""
+"""The sentences of the report, as plain text: verdict, where the gap lies, effects that cannot be distinguished."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TITLES = {
 
 
 def verdict_title(diagnosis: Diagnosis) -> str:
-    """Two or three words: the answer before the sentence."""
+    """The verdict in one or two words, as the title."""
     return TITLES[diagnosis.verdict]
 
 
@@ -43,7 +43,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
         return f"{_lacks(diagnosis)}; beside it nothing is missing: {before} rms of {effort} on withheld data."
     if diagnosis.verdict == "explained":
         shrink = f"the missing {effort} on withheld data falls from {before} to {after} rms" + _of_closable(diagnosis)
-        return f"{_lacks(diagnosis)}; with {_it(diagnosis)} put right, {shrink}."
+        return f"{_lacks(diagnosis)}; with {_it(diagnosis)} corrected, {shrink}."
     if diagnosis.verdict == "partly_explained":
         share, regime = main_regime(diagnosis.residual_where)
         place = regime_name(regime, diagnosis.motion)
@@ -81,12 +81,12 @@ def learned_name(diagnosis: Diagnosis) -> str:
 
 
 def variable_name(variable: str, diagnosis: Diagnosis) -> str:
-    """What a learned law is of, in the axis' own word."""
+    """The name of a learned law's variable: "force" for the torque of a linear axis."""
     return effort_of(diagnosis) if variable == "torque" else variable
 
 
 def learned_sentence(diagnosis: Diagnosis) -> str:
-    """What of the rest follows what was recorded, and what nothing; "" where no law was learned."""
+    """The shares of the rest that follow recorded variables, and that follow none; "" where no law was learned."""
     if not diagnosis.learned:
         return ""
     parts = [f"{show_percent(law.share)} follows the {variable_name(law.of, diagnosis)}" for law in diagnosis.learned]
@@ -104,7 +104,7 @@ def effort_of(diagnosis: Diagnosis) -> str:
 
 
 def confidence_sentence(diagnosis: Diagnosis) -> str:
-    """How sure the verdict is, in words and as a number; "" where it is not known."""
+    """The probability of the verdict, in words and as a number; "" where it is not known."""
     if not diagnosis.probability > 0.0:
         return ""
     words = sure(diagnosis.probability)
@@ -120,7 +120,7 @@ def where_sentence(diagnosis: Diagnosis) -> str:
     share, regime = main_regime(diagnosis.where)
     if regime:
         parts.append(f"{show_percent(share)} of the gap's energy lies {regime_name(regime, diagnosis.motion)}")
-    told = {
+    prepositions = {
         "time": "from",
         "velocity": "at velocities of",
         "position": "at positions of",
@@ -128,9 +128,9 @@ def where_sentence(diagnosis: Diagnosis) -> str:
     }
     for axis in AXES:
         largest = max(places(diagnosis.where, axis), key=lambda place: place.share, default=None)
-        # what holds less than a fifth is on the map, and too little for a sentence
+        # Less than a fifth is on the map, but too little for a sentence.
         if largest is not None and largest.share >= 0.2:
-            parts.append(f"{show_percent(largest.share)} {told[axis]} {show_range(largest, units[axis])}")
+            parts.append(f"{show_percent(largest.share)} {prepositions[axis]} {show_range(largest, units[axis])}")
     if not parts:
         return ""
     text = join(parts)
@@ -138,7 +138,7 @@ def where_sentence(diagnosis: Diagnosis) -> str:
 
 
 def show_range(place: Share, unit: str) -> str:
-    """`2.4 to 2.8 s`, both ends with the digits that their distance earns."""
+    """`2.4 to 2.8 s`, both ends rounded to the second digit of their distance."""
     width = abs(place.stop - place.start)
     decimals = max(0, 1 - math.floor(math.log10(width))) if width > 0.0 else 2
     low, high = (f"{end:.{min(decimals, 6)}f}".replace("-", "−") for end in (place.start, place.stop))
@@ -146,7 +146,7 @@ def show_range(place: Share, unit: str) -> str:
 
 
 def twin_sentences(diagnosis: Diagnosis) -> list[str]:
-    """One sentence per class of effects that this log cannot tell apart."""
+    """One sentence for each class of effects that this log cannot distinguish."""
     sentences = []
     for group in classes(diagnosis):
         names = [effect_name(effect, diagnosis.motion) for effect in group]
@@ -155,19 +155,19 @@ def twin_sentences(diagnosis: Diagnosis) -> list[str]:
         )
         names = join(names)
         share = f"; together they hold {show_percent(min(probability, 1.0))}" if probability > 0.0 else ""
-        sentences.append(f"{names[:1].upper()}{names[1:]} leave the same trace in this log{share}.")
+        sentences.append(f"{names[:1].upper()}{names[1:]} cannot be distinguished in this log{share}.")
     return sentences
 
 
 def set_twin_sentences(diagnosis: Diagnosis) -> list[str]:
-    """One sentence per set of several effects that together make the same log as what was found."""
+    """One sentence for each set of several effects that together make the same log as the causes."""
     sentences = []
     for sentence in diagnosis.same_as:
-        if " + " in sentence:  # one for one is told with the classes
-            told = re.sub(r"\w+", lambda word: _named(word.group(), diagnosis.motion), sentence).replace(
+        if " + " in sentence:  # a single twin is among the classes
+            named = re.sub(r"\w+", lambda word: _named(word.group(), diagnosis.motion), sentence).replace(
                 " + ", " with "
             )
-            sentences.append(f"{told[:1].upper()}{told[1:]}")
+            sentences.append(f"{named[:1].upper()}{named[1:]}")
     return sentences
 
 
@@ -184,25 +184,27 @@ def tracking_sentence(diagnosis: Diagnosis) -> str:
         f"{show_with_unit(known[name])} {name} the correction" for name in ("before", "after") if name in known
     ]
     measured = show_with_unit(known["measured"])
-    told = join(predicted)
-    return f"Closed-loop tracking error on withheld data: {measured} rms measured; the simulator predicts {told}."
+    return (
+        f"Closed-loop tracking error on withheld data: {measured} rms measured; the simulator predicts "
+        f"{join(predicted)}."
+    )
 
 
 def _alternatives(diagnosis: Diagnosis) -> list[str]:
-    """Each cause with those that it cannot be told from: `a constant torque or asymmetric friction`."""
-    told: set[str] = set()
+    """Each cause with those that it cannot be distinguished from: `a constant torque or asymmetric friction`."""
+    named: set[str] = set()
     names = []
     for cause in diagnosis.causes:
-        if cause in told:
+        if cause in named:
             continue
         group = [cause, *(t for t in twins_of(diagnosis, cause) if t not in diagnosis.causes)]
-        told.update(group)
+        named.update(group)
         names.append(join([effect_name(effect, diagnosis.motion) for effect in group], "or"))
     return names
 
 
 def _asserted(diagnosis: Diagnosis) -> str:
-    """The causes in one phrase, which says so where this log leaves a choice."""
+    """The causes as one phrase, with a remark where this log leaves alternatives."""
     names = _alternatives(diagnosis)
     open_ones = [i for i, name in enumerate(names) if " or " in name]
     if not open_ones:
@@ -214,11 +216,12 @@ def _asserted(diagnosis: Diagnosis) -> str:
 
 
 def _nothing_closes(diagnosis: Diagnosis, it: str) -> str:
-    """Who was tried and failed: the vocabulary, or what was allowed of it."""
+    """A clause that no effect closes the gap, with the effects' names where the vocabulary was restricted."""
     return nothing_closes([effect_name(effect, diagnosis.motion) for effect in diagnosis.allowed], it)
 
 
 def _lacks(diagnosis: Diagnosis) -> str:
+    """The clause `The simulation lacks ...`, or `has ...` of wrong values; another one for a mixture of both."""
     verb = "has" if diagnosis.causes and all(map(is_wrong_value, diagnosis.causes)) else "lacks"
     if any(map(is_wrong_value, diagnosis.causes)) and verb == "lacks":
         return f"The gap comes from {_asserted(diagnosis)}"
@@ -230,6 +233,7 @@ def _it(diagnosis: Diagnosis) -> str:
 
 
 def _of_closable(diagnosis: Diagnosis) -> str:
+    """The share of the gap that is closed, as the end of a sentence."""
     if not math.isfinite(diagnosis.gap.closed):
         return ""
     return f", {show_percent(diagnosis.gap.closed)} of what a perfect model would close"

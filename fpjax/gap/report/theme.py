@@ -7,8 +7,8 @@ from matplotlib import rc_context
 
 from ...output.plotting import BLUE, GREY, RED, STYLE
 
-# role: (light, dark). Every light shade is different, because a picture's colours are told apart by them (see `svg`).
-# Before and after are vermilion and blue of Okabe and Ito, which colour-blind readers tell apart.
+# role: (light, dark). All light shades differ, because `svg` finds the role of a colour by its shade.
+# Before and after are the vermilion and the blue of Okabe and Ito, which colour-blind readers can distinguish.
 ROLES = {
     "paper": ("#ffffff", "#14171b"),
     "ink": ("#1a1d21", "#e9ecef"),
@@ -61,7 +61,7 @@ def report_style(salt: str = "fpjax") -> AbstractContextManager[None]:
     """The style within a `with` block.
 
     Args:
-        salt: what identifiers within an SVG are made from, so that the same figure gives the same bytes.
+        salt: of the identifiers within an SVG, so that the same figure gives the same bytes.
     """
     return rc_context({**_STYLE, "svg.hashsalt": salt})
 

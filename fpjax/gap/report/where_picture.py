@@ -1,4 +1,4 @@
-"""Where the gap lies: its energy along time, velocity, position and frequency, by regime, and the residual itself."""
+"""Pictures of where the gap lies: its energy by time, velocity, position, frequency and regime; the missing torque."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 
 def axes_with_places(diagnosis: Diagnosis) -> list[str]:
-    """The axes that have anything to show."""
+    """The axes on which any bin holds a share of the gap."""
     found = []
     for axis in AXES:
         shown = (*bins(diagnosis.where, axis), *places(diagnosis.where, axis))
-        # a map of zeros is what is left where nothing stands above the noise
+        # Where nothing is above the noise all bins are zero.
         if any(place.share > 0.0 for place in shown):
             found.append(axis)
     return found
@@ -81,7 +81,7 @@ def _side_by_side(figure: Figure, names: list[str]) -> dict[str, Axes]:
     """Time and regime above, the other axes below."""
     rows = [[n for n in ("time", "regime") if n in names], [n for n in names if n not in ("time", "regime")]]
     rows = [row for row in rows if row]
-    # a subfigure per row: labels of one row do not push the other's panels apart
+    # A subfigure for each row: long labels of one row do not shrink the panels of the other.
     bands = np.atleast_1d(figure.subfigures(len(rows), 1))
     spots: dict[str, Axes] = {}
     for band, row in zip(bands, rows, strict=True):
@@ -96,7 +96,7 @@ def _side_by_side(figure: Figure, names: list[str]) -> dict[str, Axes]:
 def _bars(axes: Axes, every: tuple[Share, ...], standing_out: tuple[Share, ...], *, with_even: bool) -> None:
     shown = every or standing_out
     out = [not every or any(_overlap(place, other) > 0.5 for other in standing_out) for place in shown]
-    # One collection: bars of their own are laid out and drawn one by one, which took a sixth of a report's time.
+    # One collection: single bars are laid out and drawn one by one, which took a sixth of a report's time.
     corners = [
         [(place.start, 0.0), (place.start, place.share), (place.stop, place.share), (place.stop, 0.0)]
         for place in shown
@@ -117,7 +117,7 @@ def _bars(axes: Axes, every: tuple[Share, ...], standing_out: tuple[Share, ...],
         )
     top = 1.18 * max(p.share for p in every or standing_out) or 1.0
     axes.set_ylim(0.0, top)
-    # steps of 2.5 would round to labels that lie
+    # Not 2.5: the labels have no decimals and would show 2 and 5 for 2.5 and 5.
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0 if top > 0.04 else 1, symbol="\u202f%"))
     axes.margins(x=0.01)
@@ -133,7 +133,7 @@ def _frequency_scale(axes: Axes, every: tuple[Share, ...]) -> None:
     positive = [p for p in every if p.start > 0.0]
     if len(positive) > 2 and positive[-1].stop > 20.0 * positive[0].start:
         axes.set_xscale("log")
-        # a first bin that begins at zero has no place on this axis: it gets half a decade
+        # A first bin that begins at zero has no place on a logarithmic axis: it gets half a decade.
         first = positive[0].start if every[0].start > 0.0 else every[0].stop / 3.0
         axes.set_xlim(first, positive[-1].stop)
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -175,9 +175,9 @@ def residual_axes(diagnosis: Diagnosis) -> list[str]:
 
 
 def draw_residual(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
-    """Draw what the nominal model cannot account for against motion: the median of each bin, and the middle 80 %.
+    """Draw the missing torque of the nominal model against the motion: median and middle 80 % of each bin.
 
-    The sign is that of commanded less needed, as in the record: what the motor delivers beside the model.
+    The sign is that of commanded minus needed, as in the record: the torque that the model does not account for.
 
     Args:
         figure: to draw on.
@@ -202,15 +202,21 @@ def draw_residual(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None
         axes.set_xlabel(f"{axis} [{show_unit(units[axis])}]")
         axes.margins(x=0.01)
     for axes in drawn if narrow else drawn[:1]:
-        axes.set_ylabel(f"commanded less needed [{effort[1]}]")
+        axes.set_ylabel(f"commanded minus needed [{effort[1]}]")
     drawn[0].legend(loc="best")
 
 
 def binned(axis: np.ndarray, values: np.ndarray, bins: int = 60) -> tuple[np.ndarray, ...]:
-    """Centres, 10 %, 50 % and 90 % of the values in each bin; NaN where a bin holds too few to say."""
+    """(centres, 10 %, 50 %, 90 % quantiles) of the values in equal bins of an axis; bins of fewer than 8 left out.
+
+    Args:
+        axis: of the bins, shape (samples,).
+        values: shape (samples,).
+        bins: their number.
+    """
     known = np.isfinite(axis) & np.isfinite(values)
     axis, values = axis[known], values[known]
-    # the outermost half per cent would stretch the axis for a handful of samples
+    # The outermost half per cent on each side would stretch the axis for a handful of samples.
     first, last = np.quantile(axis, [0.005, 0.995])
     edges = np.linspace(first, last, bins + 1)
     index = np.digitize(axis, edges) - 1

@@ -1,4 +1,4 @@
-"""The vocabulary in a reader's words: what an effect is called, what it means, and how a linear axis says it."""
+"""Names and meanings of effects, regimes and parameters for a reader, of rotary and of linear axes."""
 
 import math
 from dataclasses import dataclass
@@ -53,14 +53,15 @@ EFFECTS = {
     "velocity_quantisation": EffectWords("velocity quantisation", "the reading is rounded to a step"),
 }
 
-# What to make of a parameter's state, by how the state begins.
-KNOWN = 0.02  # standard deviation over value below which a parameter is known, whatever it is traded off with
+# Standard deviation over value below which a parameter is known, whatever it is traded off with.
+KNOWN = 0.02
+# The meaning of an identifiability verdict, by how the verdict begins.
 STATE_MEANINGS = {
-    "pinned": "this log fixes it",
-    "traded": "only their combination is fixed",
-    "flat": "this log says next to nothing about it",
+    "pinned": "this log determines it",
+    "traded": "only their combination is determined",
+    "flat": "this log hardly depends on it",
     "dead": "it changes nothing in this log",
-    "at a bound": "the fit ran into a limit of the search: not a measurement",
+    "at a bound": "the fit ended at a bound of the search: not a measurement",
 }
 
 _LINEAR = (
@@ -76,13 +77,13 @@ def _spell(name: str) -> str:
 
 
 def effect_name(effect: str, motion: str = "rotary") -> str:
-    """What an effect is called; an effect that is not of the vocabulary keeps its own name."""
+    """The name of an effect in a sentence; an effect of the user's own keeps its name."""
     words = EFFECTS.get(effect)
     return _for_motion(words.name, motion) if words else _spell(effect)
 
 
 def effect_title(effect: str, motion: str = "rotary") -> str:
-    """The same, fit for the start of a row: no article, capital first."""
+    """The name of an effect as the start of a row: no article, capital first."""
     name = effect_name(effect, motion)
     if effect not in EFFECTS:
         return name[:1].upper() + name[1:]
@@ -114,14 +115,14 @@ def parameter_name(parameter: str) -> str:
 
 
 def state_meaning(state: str, uncertainty: float = math.inf) -> str:
-    """What a parameter's state means, "" for one that is not known here.
+    """The meaning of an identifiability verdict; "" for an unknown one.
 
     Args:
-        state: of the parameter.
-        uncertainty: standard deviation over value [1]: what is traded off may be known well enough all the same.
+        state: the verdict.
+        uncertainty: standard deviation over value [1]: a parameter that is traded off may still be known well enough.
     """
     if state.startswith("traded") and uncertainty < KNOWN:
-        return "its small error goes with the other's"
+        return "its small error is correlated with the other's"
     return next((meaning for start, meaning in STATE_MEANINGS.items() if state.startswith(start)), "")
 
 
@@ -132,7 +133,7 @@ def motion_units(motion: str) -> dict[str, str]:
 
 
 def clip(text: str, length: int = 26) -> str:
-    """A name short enough for a picture; the page has it whole."""
+    """A name shortened for a picture; the page has the whole name."""
     return text if len(text) <= length else f"{text[: length - 1].rstrip()}…"
 
 
@@ -151,6 +152,7 @@ def sure(probability: float) -> str:
     return "little more than a guess"
 
 
+# (least probability, words), falling.
 _CONFIDENCE = (
     (0.98, "practically certain"),
     (0.9, "very likely"),
