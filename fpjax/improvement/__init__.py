@@ -1,4 +1,4 @@
-"""Improve: from a diagnosis to gains that hold around every machine that it leaves possible."""
+"""From a diagnosis to gains that follow better in nearly every machine that the log leaves possible."""
 
 from .answer import Change as Change
 from .answer import Improvement as Improvement

@@ -1,4 +1,4 @@
-"""Improvement: what would change with other gains, as data; `improve.json` is its `to_dict`."""
+"""The result of `improve`: the predicted effect of other gains, as data; `improve.json` is its `to_dict`."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class Range:
 
     Attributes:
         value: median over the machines.
-        low: 5 %.
-        high: 95 %.
-        unit: of the three.
+        low: 5 % quantile.
+        high: 95 % quantile.
+        unit: of all three.
     """
 
     value: float
@@ -50,16 +50,16 @@ _UNKNOWN = Range(math.nan, math.nan, math.nan, "")
 
 @dataclass(frozen=True)
 class Side:
-    """What one set of gains comes to.
+    """The predicted behaviour with one set of gains.
 
     Attributes:
-        gains: by the file's words.
+        gains: by their names in the file.
         error: rms of the tracking error over the whole reference.
-        reversal: rms while the machine turns round; None for a reference that never does.
+        reversal: rms of the tracking error around reversals; None for a reference without reversals.
         torque: rms of the commanded torque.
         peak: largest commanded torque.
-        headroom: limit of the torque over `peak` [1]; None where no limit is known.
-        rough: size of the torque's second difference from sample to sample: what noise does to it.
+        headroom: torque limit over `peak` [1]; None where no limit is known.
+        rough: size of the torque's second difference from sample to sample, a measure of noise in the torque.
         margins: "modulus", "gain", "phase", "delay" with their intervals; {} where the loop has no steady motion.
         unstable: share of the machines in which the loop is unstable [1].
     """
@@ -96,11 +96,11 @@ class Change:
     """One gain before and after.
 
     Attributes:
-        gain: as the file has it.
-        before: in its unit.
-        after: likewise; the same where it stays.
-        low: of its bounds.
-        high: likewise.
+        gain: its name in the file.
+        before: the file's value, in the gain's unit.
+        after: the proposed value; the same where it is not changed.
+        low: its lower bound.
+        high: its upper bound.
         at: "low" or "high" where it ended at that bound, else "".
     """
 
@@ -114,32 +114,32 @@ class Change:
 
 @dataclass(frozen=True)
 class Improvement:
-    """What would change with other gains.
+    """The predicted effect of other gains, and whether they are proposed.
 
     Attributes:
-        decision: "change", "keep", "cannot_promise" (what is known of the machine is too little) or "unstable" (the
-            corrected model is, with the gains that ran).
+        decision: "change", "keep", "cannot_promise" (too little is known of the machine) or "unstable" (the corrected
+            model is unstable with the gains that ran).
         reason: why, in one sentence.
-        before: the file's gains around the machines that the diagnosis leaves possible.
-        after: the proposed ones; the file's own unless the decision is "change".
-        found: the best that the search saw, also where it is not proposed; None where nothing was searched.
+        before: prediction with the file's gains, over the machines that the diagnosis leaves possible.
+        after: prediction with the proposed gains; equal to `before` unless the decision is "change".
+        found: prediction with the best gains of the search, also where they are not proposed; None without a search.
         changes: every gain that was free.
-        wins: share of the machines, drawn anew, in which `found` follows better than the file's gains [1].
-        ratio: error with `found` over error with the file's gains, machine by machine.
-        measured: rms of the tracking error in the log, its noise taken out; None where the log does not show it or
-            other gains made it.
+        wins: share of the judging machines in which `found` has a smaller error than the file's gains [1].
+        ratio: error with `found` over error with the file's gains, over the machines.
+        measured: rms of the tracking error in the log, corrected for sensor noise; None where the log does not show it
+            or other gains made the log.
         model: the corrected model with the proposed gains as servo.toml text; "" where nothing is proposed or the file
-            has no words for it.
+            cannot hold the model.
         model_missing: why there is no such text.
-        signal: "velocity" or "position": what is followed.
+        signal: "velocity" or "position", the quantity that is followed.
         verdict: of the diagnosis.
-        causes: likewise.
-        machines: samples that the gains were judged on.
-        tuned_on: samples that they were tuned on, others.
+        causes: asserted by the diagnosis.
+        machines: number of machines on which the gains were judged.
+        tuned_on: number of (other) machines on which they were tuned.
         simulations: closed loops that the search ran.
-        notes: sentences.
-        seconds: by stage [s].
-        diagnosis: that it stands on.
+        notes: sentences for the user.
+        seconds: time by stage [s].
+        diagnosis: the diagnosis that was used.
         runs: for the pictures: "time", "reference", and "before", "after", "found" of shape (3, samples): low, median
             and high of the tracking error.
         ratios: error with `found` over error with the file's gains in each machine, for the pictures.
@@ -170,7 +170,7 @@ class Improvement:
 
     @property
     def promised(self) -> bool:
-        """Whether the intervals are a promise: of a log that the diagnosis does not explain they are none."""
+        """Whether the intervals can be relied on; not where the diagnosis does not explain the log."""
         return self.verdict != "unexplained"
 
     def to_dict(self) -> JsonObject:
@@ -206,7 +206,7 @@ class Improvement:
     __repr__ = __str__
 
     def plot(self, path: str | Path | None = None) -> Figure:
-        """Tracking error before and after, and how sure the change is.
+        """The picture of the tracking error before and after, of the machines one by one, and of the gains.
 
         Args:
             path: picture file to write; None to write none.
@@ -220,7 +220,7 @@ class Improvement:
         return saved(draw_overview(self), path)
 
     def to_dataframe(self) -> Any:
-        """What is predicted as a `pandas.DataFrame`, the quantity as its index.
+        """The predictions as a `pandas.DataFrame`, with the quantity as its index.
 
         Columns: unit, and of each of before, after and found (where something was searched) its value, low and high
         (90 % interval): before, before_low, before_high, after, ... A quantity that a side lacks is NaN.
@@ -246,7 +246,7 @@ class Improvement:
         """Write `improve.html`, one self-contained page, and the pictures as PNG.
 
         Args:
-            path: the folder; it is made.
+            path: the folder; created if missing.
 
         Returns:
             The path of the page.

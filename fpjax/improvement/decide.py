@@ -1,4 +1,4 @@
-"""Decide: whether gains are proposed, from the scores of many machines; pure, and all its thresholds stand here."""
+"""The decision whether gains are proposed, from the scores of many machines: pure functions and their thresholds."""
 
 import math
 
@@ -8,47 +8,59 @@ from .answer import Decision, Range
 from .judge import Score
 from .search import allowed_roughness
 
-NEARLY_ALL = 0.95  # of the machines must follow better with the new gains
-WORTH = 0.98  # of the error: less than 2 % is no reason to touch a running machine
-MARGIN_KEPT, MARGIN_ENOUGH = 0.9, 0.5  # of the current modulus margin; or a usual one
-ROUGHNESS = 2.2  # times the current roughness of the torque
-PROMISED = 3.0  # largest ratio of the ends of a 90 % interval of the error that still promises something
-UNSTABLE = 0.1  # share of unstable machines with the current gains from which nothing can be promised
+NEARLY_ALL = 0.95  # share of the machines that must follow better with the new gains
+WORTH = 0.98  # largest error, relative to the present one, of a proposal: under 2 % no running machine is changed
+# A proposal keeps this share of the present modulus margin, or has this margin, which is a usual design value.
+MARGIN_KEPT, MARGIN_ENOUGH = 0.9, 0.5
+ROUGHNESS = 2.2  # largest roughness of the torque, relative to the present one
+PROMISED = 3.0  # largest ratio of the ends of the error's 90 % interval with which a prediction is of use
+UNSTABLE = 0.1  # share of machines unstable with the current gains above which no prediction is made
 
 Values = np.ndarray
 
 
 def hopeless(now: Score) -> tuple[Decision | None, str]:
-    """Why nothing can be proposed whatever the gains; (None, "") where something may be."""
+    """(decision, reason) where nothing can be proposed whatever the gains; (None, "") where a search makes sense.
+
+    Args:
+        now: scores of the current gains, each of shape (machines,); the first machine is the fit itself.
+    """
     unstable = ~np.isfinite(now.error)
     if unstable[0]:
         return "unstable", (
-            "The corrected model is unstable with the gains in the file, though the machine ran: the diagnosis or the "
+            "The corrected model is unstable with the gains in the file, but the machine ran: the diagnosis or the "
             "file's gains are wrong, and nothing is proposed; check [controller], and look at the diagnosis."
         )
     share = float(np.mean(unstable))
     if share > UNSTABLE:
         return "cannot_promise", (
             f"In {share:.0%} of the machines that the log leaves possible the loop is unstable with the gains that "
-            f"ran: too little is known of this machine to promise anything, and nothing is proposed; record a log "
-            f"that shows more (other speeds, more reversals)."
+            f"ran: too little is known of this machine for a prediction, and nothing is proposed; record a log with "
+            f"more information (other speeds, more reversals)."
         )
     low, high = np.quantile(now.error[~unstable], (0.05, 0.95))
     if high > PROMISED * low:
         return "cannot_promise", (
-            f"The log leaves machines possible whose tracking error with the gains that run now goes from {low:.3g} to "
-            f"{high:.3g}: too little is known of this machine to promise anything, and nothing is proposed; record a "
-            f"log that shows more (other speeds, more reversals)."
+            f"Over the machines that the log leaves possible, the tracking error with the present gains goes from "
+            f"{low:.3g} to {high:.3g}: too little is known of this machine for a prediction, and nothing is proposed; "
+            f"record a log with more information (other speeds, more reversals)."
         )
     return None, ""
 
 
 def objection(now: Score, new: Score, margins_now: dict[str, Values], margins_new: dict[str, Values]) -> str:
-    """Why these gains are not proposed; "" for no objection."""
+    """Why these gains are not proposed; "" for no objection.
+
+    Args:
+        now: scores of the current gains, each of shape (machines,).
+        new: scores of the other gains, in the same machines.
+        margins_now: margins by name with the current gains, each of shape (machines,).
+        margins_new: margins by name with the other gains.
+    """
     if not np.isfinite(new.error).all():
         share = float(np.mean(~np.isfinite(new.error)))
-        return f"Keep your gains: the best that the search saw are unstable in {share:.0%} of the possible machines."
-    ratio = new.error / now.error
+        return f"Keep your gains: the best that the search found are unstable in {share:.0%} of the possible machines."
+    ratio = new.error / now.error  # machine by machine: what they have in common drops out
     wins, middle = float(np.mean(ratio < 1.0)), float(np.median(ratio))
     if wins < NEARLY_ALL:
         return (
@@ -73,14 +85,23 @@ def objection(now: Score, new: Score, margins_now: dict[str, Values], margins_ne
 
 
 def _lowest(values: Values) -> float:
+    """The 5 % quantile, without machines whose margin is not known (NaN); infinite without any."""
     fine = values[~np.isnan(values)]
     return float(np.quantile(fine, 0.05)) if len(fine) else math.inf
 
 
 def range_of(values: Values, unit: str, doubt: float = 0.0) -> Range:
-    """Median and 90 % interval, widened by a doubt of the model itself (half an interval of the logarithm)."""
+    """Median and 90 % interval of some values, widened by the uncertainty of the model itself.
+
+    Args:
+        values: one for each machine.
+        unit: of the values.
+        doubt: half of the 90 % interval of the logarithm that the model's own error makes [1].
+    """
+    # "nearest" instead of interpolation, which would give NaN between a finite value and infinity.
     low, middle, high = (float(each) for each in np.quantile(values, (0.05, 0.5, 0.95), method="nearest"))
     if doubt > 0.0 and all(math.isfinite(each) and each > 0.0 for each in (low, middle, high)):
+        # Both uncertainties are independent factors, so their logarithms add as squares.
         low = middle * math.exp(-math.hypot(math.log(middle / low), doubt))
         high = middle * math.exp(math.hypot(math.log(high / middle), doubt))
     return Range(middle, low, high, unit)

@@ -1,4 +1,4 @@
-"""Gains: which may change, between which values, and where a search looks first."""
+"""The gains that may change, their bounds, and the values that a search tries first."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -16,14 +16,15 @@ from ..model_file.bounds import gain_names
 from ..simulation.scan import astype
 
 FREE = ("observer", "feedforward", "controller")
-CONTROLLER = (0.25, 4.0)  # of the file's gain, where no bounds are written
-OBSERVER = (1e-2, 1e2)
-BELIEVED = (0.5, 2.0)  # what an observer believes of the machine, of the corrected value
-FORWARD = 2.0  # of the corrected machine's friction: as much as a feed-forward may give
-FORWARD_INERTIA = 1.5
-RATE = 1.2  # of a position reference's rate: as much as its velocity loop may be told
-TURNING = 0.02  # of the reference's speed: where a new feed-forward turns round
-EDGE = 0.02  # of the range: so near to a bound a gain is at it
+# Default bounds, where none are written:
+CONTROLLER = (0.25, 4.0)  # of a controller's gain, times the file's value
+OBSERVER = (1e-2, 1e2)  # of an observer's gain, times the file's value
+BELIEVED = (0.5, 2.0)  # of an observer's inertia, coulomb and viscous, times the corrected machine's value
+FORWARD = 2.0  # upper bound of a feed-forward's friction, times the corrected machine's value
+FORWARD_INERTIA = 1.5  # upper bound of a feed-forward's inertia, times the corrected machine's value
+RATE = 1.2  # upper bound of the share of a position reference's rate that is fed forward
+TURNING = 0.02  # width of a new feed-forward's friction reversal, as a share of the reference's speed
+EDGE = 0.02  # share of the range within which a gain counts as at its bound
 
 Values = np.ndarray
 
@@ -33,13 +34,13 @@ class Gain:
     """One gain that may change.
 
     Attributes:
-        word: as the file has it, "controller.kp".
-        name: in the loop.
-        now: in the file, in its unit.
-        low: lowest.
-        high: highest.
-        logarithmic: the search moves in its logarithm.
-        written: the bounds are the file's own.
+        word: its name in the file, "controller.kp".
+        name: its name in the loop.
+        now: the file's value, in its unit.
+        low: lower bound.
+        high: upper bound.
+        logarithmic: whether the search works in its logarithm.
+        written: whether the bounds are the user's own.
     """
 
     word: str
@@ -64,7 +65,7 @@ class Gain:
         return (value - self.low) / (self.high - self.low)
 
     def edge(self, value: float) -> str:
-        """Which bound it is at, "low", "high" or ""; zero is no bound that anybody would move."""
+        """The bound that a value is at, "low", "high" or ""; a lower bound of zero does not count, as it is natural."""
         share = self.share(value)
         if share > 1.0 - EDGE:
             return "high"
@@ -73,11 +74,11 @@ class Gain:
 
 @dataclasses.dataclass(frozen=True)
 class Gains:
-    """The gains that may change, and the model that has a place for all of them.
+    """The gains that may change, and a model that contains all of them.
 
     Attributes:
-        model: the nominal one, with a feed-forward where one was asked for.
-        gains: in order.
+        model: the nominal model, with a feed-forward where one was asked for.
+        gains: the gains, in the order of every array of gains.
         added: sections that the model did not have.
     """
 
@@ -87,12 +88,12 @@ class Gains:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """In the loop."""
+        """Their names in the loop."""
         return tuple(gain.name for gain in self.gains)
 
     @property
     def now(self) -> Values:
-        """The file's, shape (gains,)."""
+        """The file's values, shape (gains,)."""
         return np.array([gain.now for gain in self.gains])
 
     def values(self, shares: Values) -> Values:
@@ -104,7 +105,7 @@ class Gains:
         return np.array([gain.share(float(value)) for gain, value in zip(self.gains, values, strict=True)])
 
     def apply(self, model: Model, values: Values) -> Model:
-        """A model with these gains, for instance the corrected one."""
+        """Another model, for instance the corrected one, with this model's control law and these gains."""
         law = astype((self.model.loop.controller, self.model.loop.observer), float)
         loop = dataclasses.replace(model.loop, controller=law[0], observer=law[1])
         loop = set_parameters(loop, {name: float(value) for name, value in zip(self.names, values, strict=True)})
@@ -115,15 +116,15 @@ class Gains:
 def freed(model: Model, machine: Mapping[str, float], reference: Values, free: Sequence[str] = ()) -> Gains:
     """The gains that may change.
 
-    The observer's and the feed-forward's where the file has them, the controller's only where [bounds] or `free` names
-    them: to change a loop's own gains is the user's decision.
+    These are the gains of the observer and of the feed-forward, where the file has them. The controller's are free only
+    where [bounds] or `free` names them: changing a loop's own gains is the user's decision.
 
     Args:
-        model: the nominal one.
+        model: the nominal model.
         machine: inertia, coulomb and viscous of the corrected machine.
-        reference: that is followed.
-        free: more of them: "controller", "feedforward" (which is added where there is none), "observer", or a gain as
-            the file has it, "controller.kp", or with bounds, "controller.kp=1:5".
+        reference: of the loop, shape (samples,).
+        free: further gains: "controller", "feedforward" (added where there is none), "observer", or a gain by its name
+            in the file, "controller.kp", or with bounds, "controller.kp=1:5".
 
     Raises:
         InputError: where nothing may change, or a name or bounds are not valid.
@@ -144,7 +145,9 @@ def freed(model: Model, machine: Mapping[str, float], reference: Values, free: S
         if name in FREE and not equals:
             own = [each for each in known if each.startswith(f"{name}.") and not each.endswith(".speed")]
             if not own:
-                raise InputError(f"There is no {name} in the model to free: write [{name}] in it, or drop it.")
+                raise InputError(
+                    f"The model has no {name} whose gains could change: write [{name}], or drop it."
+                )
             wanted |= dict.fromkeys(own)
             continue
         if name not in known:
@@ -166,6 +169,7 @@ def freed(model: Model, machine: Mapping[str, float], reference: Values, free: S
 
 
 def _gain(model: Model, word: str, name: str, bounds: Mapping[str, tuple[float, float]], machine: Mapping[str, float]):
+    """A gain with its bounds: the user's, or the default ones of its kind."""
     now = float(np.asarray(get_parameter(model.loop, name)))
     section, _, key = word.partition(".")
     if word in bounds:
@@ -178,6 +182,7 @@ def _gain(model: Model, word: str, name: str, bounds: Mapping[str, tuple[float, 
         low, high = 0.0, max(RATE, 1.2 * now)
     elif section == "feedforward" and key != "speed":
         most = FORWARD_INERTIA * machine["inertia"] if key == "inertia" else FORWARD * machine.get(key, 0.0)
+        # The last term only keeps the range from being empty where the machine has no such friction.
         low, high = 0.0, max(most, 1.2 * now, 1e-3 * machine["inertia"])
     elif section == "observer" and key in ("inertia", "coulomb", "viscous"):
         right = machine.get(key, now) or now
@@ -186,14 +191,19 @@ def _gain(model: Model, word: str, name: str, bounds: Mapping[str, tuple[float, 
         span = CONTROLLER if section in ("controller", "feedforward") else OBSERVER
         if not now > 0.0:
             raise InputError(
-                f"{word} = {now:g} has no size to start from: give its bounds, [bounds] {word} = [low, high]."
+                f"{word} = {now:g} gives no scale for its bounds: write them, [bounds] {word} = [low, high]."
             )
         low, high = span[0] * now, span[1] * now
+    # A range of more than a factor of three is searched in the logarithm.
     return Gain(word, name, now, low, high, low > 0.0 and high > 3.0 * low, word in bounds)
 
 
 def guesses(gains: Gains, machine: Mapping[str, float]) -> Values:
-    """Gains that a textbook would try first, shape (guesses, gains): the file's, and the corrected machine's values."""
+    """Gains to try first, shape (guesses, gains).
+
+    The file's; those with the corrected machine's values in observer and feed-forward; and these with 1.5 times the
+    controller's gains.
+    """
     believed = gains.now.copy()
     for place, gain in enumerate(gains.gains):
         section, _, key = gain.word.partition(".")
@@ -209,6 +219,7 @@ def guesses(gains: Gains, machine: Mapping[str, float]) -> Values:
 
 
 def _with_feedforward(model: Model, reference: Values, free: Sequence[str]) -> tuple[Model, tuple[str, ...]]:
+    """(the model, with a feed-forward of zero gains if one was asked for and is missing; the sections added)."""
     asked = any(word.partition("=")[0].partition(".")[0] == "feedforward" for word in free)
     known = model.loop.controller
     if not asked or isinstance(known, AbstractFeedforward):
@@ -216,8 +227,8 @@ def _with_feedforward(model: Model, reference: Values, free: Sequence[str]) -> t
     inner, position = known.controller if isinstance(known, Limited) else known, model.units.reference == "position"
     if position and not isinstance(inner, PositionLoop):
         raise InputError(
-            f"A feed-forward of a position reference tells a velocity loop its rate, and {type(inner).__name__} has "
-            "none: leave --free feedforward out."
+            f"The feed-forward of a position reference needs a velocity loop inside, which {type(inner).__name__} does "
+            "not have: leave out --free feedforward."
         )
     moving = slope(reference, model.dt) if position else reference
     speed = max(TURNING * float(np.quantile(np.abs(moving), 0.95)), 1e-12)
@@ -236,5 +247,5 @@ def _span(word: str, span: str) -> tuple[float, float]:
     except ValueError:
         raise InputError(f"{word!r} is not NAME=LOW:HIGH: write for instance controller.kp=1:5.") from None
     if not (np.isfinite(high) and 0.0 <= low < high):
-        raise InputError(f"{word!r} leaves nothing: LOW must be zero or more and below HIGH.")
+        raise InputError(f"{word!r} is not an interval: LOW must be zero or more and below HIGH.")
     return low, high

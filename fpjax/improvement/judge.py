@@ -1,4 +1,4 @@
-"""Judge: closed loops of many gains around many machines, all in one compiled kernel."""
+"""Closed loops of many gains around many machines, simulated side by side in one compiled program, and their scores."""
 
 import dataclasses
 
@@ -21,27 +21,29 @@ from ..simulation.metrics import AbstractMeasure
 from ..simulation.scan import Inputs, Stepper, astype, make_stepper, roll, sampled_tables
 from .machines import Ground, Machines, Missing
 
-LANES = 256  # closed loops of one call: every call has as many, so that nothing compiles twice
-SETTLING = 0.1  # of the run, and
-LONGEST_SETTLING = 1.0  # s at most: how a loop starts says nothing of how it follows
-SLOW = 0.1  # of the reference's 95 % quantile: below it the machine turns round
-AFTER = 0.05  # s for which a reversal is felt
-DIVERGED = 1e3  # error over the reference at which a loop is no loop any more [1]
+LANES = 256  # closed loops in one call; every call has exactly this many, so that nothing compiles twice
+# The start of a run does not count, because the transient says little about tracking: this share of it, at most so
+# long.
+SETTLING = 0.1
+LONGEST_SETTLING = 1.0  # [s]
+SLOW = 0.1  # share of the reference's speed (95 % quantile) below which the machine counts as reversing
+AFTER = 0.05  # [s] after a reversal that still counts to it
+DIVERGED = 1e3  # error over the reference's standard deviation at which it is cut off [1]
 
 Values = np.ndarray
 
 
 class Following(AbstractMeasure):
-    """Sums of what a loop is judged by; squares, until `Score` takes their roots.
+    """The measure of tracking: sums over the run, kept in the carry of the scan.
 
     Attributes:
-        position: the reference is a position (static).
-        side: 1 where the load is followed, 0 where the motor is [1].
-        start: time from which it counts [s].
-        slow: speed of the reference below which the machine turns round [its unit/s].
-        after: for so long a reversal is felt [s].
+        position: whether the reference is a position (static).
+        side: 1 where the load is to follow, 0 where the motor is [1].
+        start: time from which on samples count [s].
+        slow: speed of the reference below which the machine counts as reversing.
+        after: time after a reversal that still counts to it [s].
         dt: control period [s].
-        largest: an error beyond it means that the loop has diverged.
+        largest: errors are cut off here, in the unit of the reference.
     """
 
     side: Array
@@ -53,7 +55,7 @@ class Following(AbstractMeasure):
     position: bool = eqx.field(static=True)
 
     def init(self, zero: Array) -> tuple[Array, ...]:
-        """Nothing yet."""
+        """Zero sums, in the order of `update`'s first line."""
         return (zero,) * 11
 
     def update(self, total: tuple[Array, ...], signals: Signals) -> tuple[Array, ...]:
@@ -62,12 +64,15 @@ class Following(AbstractMeasure):
         one, two = ("motor_position", "position") if self.position else ("motor_velocity", "velocity")
         motor, load = getattr(signals, one), getattr(signals, two)
         error = signals.reference - motor - self.side * (load - motor)
+        # Cut off, so that a diverging run stays finite and does not spoil its chunk with NaN.
         error = jnp.clip(error, -self.largest, self.largest)
         moving = (signals.reference - before) / self.dt if self.position else signals.reference
         left = jnp.where(jnp.abs(moving) < self.slow, self.after, left - self.dt)
         counts = jnp.where(signals.time >= self.start, 1.0, 0.0)
         turns = counts * jnp.where(left > 0.0, 1.0, 0.0)
         torque = jnp.clip(signals.torque, -1e30, 1e30)
+        # The fourth root of |second difference|: its mean to the fourth power is the power mean of exponent 1/4, in
+        # which rare large steps hardly count.
         bend = jnp.sqrt(jnp.sqrt(jnp.abs(torque - 2.0 * last + second)))
         return (
             square + counts * error**2, near + turns * error**2, turning + turns, count + counts,
@@ -76,7 +81,7 @@ class Following(AbstractMeasure):
         )  # fmt: skip
 
     def final(self, total: tuple[Array, ...], samples: int) -> Array:
-        """(rms of error, of error at reversals, of torque; largest torque; second difference), shape (5,)."""
+        """(rms error, rms error at reversals, rms torque, largest torque, roughness of the torque), shape (5,)."""
         del samples
         square, near, turning, count, effort, peak, rough, *_ = total
         many = jnp.maximum(count, 1.0)
@@ -88,15 +93,15 @@ class Following(AbstractMeasure):
 
 @dataclasses.dataclass(frozen=True)
 class Score:
-    """What closed loops come to, each of shape (candidates, machines).
+    """Scores of closed loops, each of shape (candidates, machines).
 
     Attributes:
         error: rms of the tracking error, in the reference's unit; infinite where the loop is unstable.
-        reversal: likewise, while the machine turns round.
-        torque: rms [N m].
-        peak: largest torque [N m].
-        rough: size of the torque's second difference [N m], the power mean of exponent 1/4: what noise does to it.
-            Sharp and rare steps (of a friction compensation, of a reference with corners) hardly count.
+        reversal: rms of the tracking error around reversals, likewise.
+        torque: rms of the commanded torque [N m].
+        peak: largest commanded torque [N m].
+        rough: size of the torque's second difference [N m], its power mean of exponent 1/4: a measure of noise in the
+            torque, to which rare sharp steps (of a friction compensation, of a reference with corners) hardly add.
     """
 
     error: Values
@@ -106,18 +111,20 @@ class Score:
     rough: Values
 
     def of(self, candidate: int) -> "Score":
-        """Of one candidate, each of shape (machines,)."""
+        """The scores of one candidate, each of shape (machines,)."""
         return Score(*(getattr(self, field.name)[candidate] for field in dataclasses.fields(self)))
 
 
 class Judge:
-    """Runs closed loops; compiled once.
+    """Runs closed loops and scores them; compiled once.
+
+    Every loop gets the same sensor noise, so that differences between gains are not those of random draws.
 
     Args:
-        model: gives controller, observer and what the reference is.
+        model: gives controller, observer and the kind of reference.
         names: of the gains in the loop.
-        ground: of the log.
-        reference: that is followed, shape (samples,).
+        ground: data of the log that all machines share.
+        reference: of the loops, shape (samples,).
         seed: of the sensors' noise.
     """
 
@@ -146,7 +153,7 @@ class Judge:
             )  # fmt: skip
 
     def __call__(self, values: Values, machines: Machines) -> Score:
-        """The closed loops of every candidate around every machine.
+        """The scores of every candidate in every machine.
 
         Args:
             values: gains, shape (candidates, gains).
@@ -164,12 +171,20 @@ class Judge:
         table = np.full(len(self.reference), speed)
         if self.position:
             table = speed * self.dt * np.arange(len(self.reference))
-        after = table[-1:] + (speed * self.dt if self.position else 0.0)  # where the states' next sample is
+        after = table[-1:] + (speed * self.dt if self.position else 0.0)  # the reference of the sample after the run
         return self.run(values, machines, table, noisy=False)[1], after
 
     def run(self, values: Values, machines: Machines, reference: Values, *, noisy: bool) -> tuple[Score, LoopState]:
-        """(scores, states after the last sample), without the machines of other explanations."""
+        """(scores, states after the last sample) for the machines of one explanation.
+
+        Args:
+            values: gains, shape (candidates, gains).
+            machines: of one explanation; `others` are not run.
+            reference: shape (samples,).
+            noisy: with sensor noise, missing torque and the log's initial motion; else without, from rest.
+        """
         candidates, count = len(values), len(machines.shares)
+        # Lanes in the order candidate by candidate, within it machine by machine: shape (candidates x machines, ...).
         rows = np.repeat(np.asarray(values, float), count, axis=0)
         index = np.tile(np.arange(count), candidates)
         shares = machines.shares[index] if noisy else np.zeros((len(index), machines.shares.shape[1]))
@@ -184,6 +199,7 @@ class Judge:
                 jnp.asarray(float(record.angle[0]) if noisy else 0.0), self.measure,
             )  # fmt: skip
             for first in range(0, len(index), LANES):
+                # The last call is filled up by repeating the last lane, to keep its shape.
                 some = np.minimum(np.arange(first, first + LANES), len(index) - 1)
                 machine = jax.tree.unflatten(structure, [leaf[some] for leaf in leaves])
                 lanes = (machine, shares[some], {name: rows[some, i] for i, name in enumerate(self.names)})
@@ -192,13 +208,14 @@ class Judge:
                 found.append(np.asarray(numbers)[:kept])
                 ends.append(jax.tree.map(lambda leaf, kept=kept: np.asarray(leaf)[:kept], state))
         numbers = np.concatenate(found).reshape(candidates, count, -1)
+        # The error was cut off at DIVERGED, so a diverged run shows a large rms rather than infinity.
         bad = ~np.isfinite(numbers).all(axis=2) | (numbers[:, :, 0] > 0.1 * DIVERGED * self.size)
         numbers = np.where(bad[:, :, None], np.inf, numbers)
         state = jax.tree.map(lambda *parts: np.concatenate(parts), *ends)
         return Score(*np.moveaxis(numbers, 2, 0)), state
 
     def _turns(self, moving: Values) -> int:
-        """Reversals of the reference that count."""
+        """The number of reversals of the reference after the settling time, without dips below the slow speed."""
         after = moving[int(self.start / self.dt) :]
         fast = after[np.abs(after) > self.slow]
         return int(np.sum(np.diff(np.sign(fast)) != 0))
@@ -207,7 +224,7 @@ class Judge:
 def assemble_loop(
     law: tuple[PyTree, PyTree], machine: Machine, shares: Array, courses: Array, dt: Array, values: dict[str, Array]
 ) -> ClosedLoop:
-    """The loop of one lane."""
+    """The closed loop of one lane: a machine, its missing torque as a load, and the control law with its gains."""
     missing = Missing(courses, shares, dt)
     plant = eqx.tree_at(lambda at: at.load, machine.plant, Loads((machine.plant.load, missing)))
     loop = ClosedLoop(plant, law[0], law[1], machine.actuator, machine.sensor)
@@ -215,7 +232,7 @@ def assemble_loop(
 
 
 def start_state(loop: ClosedLoop, machine: Machine, speed: Array, angle: Array) -> LoopState:
-    """The loop in the log's first motion."""
+    """The loop's initial state, with the log's first velocity and position on both sides of the plant."""
     state = loop.init()
     for name in type(state.plant).__dataclass_fields__:
         if name.endswith(("velocity", "position")):

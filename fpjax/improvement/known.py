@@ -1,4 +1,4 @@
-"""Known: what improve takes from a diagnosis, in memory or from its folder."""
+"""The part of a diagnosis that `improve` uses, from memory or from a folder."""
 
 import dataclasses
 import json
@@ -20,17 +20,17 @@ RESULT = "diagnosis.json"
 
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """What a diagnosis says of a machine.
+    """The part of a diagnosis that `improve` uses.
 
     Attributes:
-        posterior: of its parameters.
+        posterior: of the machine's parameters.
         verdict: "no_gap", "explained", "partly_explained" or "unexplained".
-        causes: asserted.
-        gap_after: missing torque that is left [N m], rms.
-        learned: laws of what is left.
+        causes: the asserted causes.
+        gap_after: rms of the torque that is still missing [N m].
+        learned: laws learned from that torque.
         made: whether the model's controller is known to have made the log's torque.
-        model: the corrected model, what was learned in it, as servo.toml text; "" where there is none.
-        model_missing: why.
+        model: the corrected model with the learned laws, as servo.toml text; "" where there is none.
+        model_missing: why there is none.
     """
 
     posterior: Posterior
@@ -44,7 +44,7 @@ class Known:
 
 
 def known_of(diagnosis: Diagnosis) -> Known:
-    """What a finished diagnosis says.
+    """The part of a finished diagnosis that `improve` uses.
 
     Raises:
         InputError: for one without a posterior.
@@ -58,38 +58,38 @@ def known_of(diagnosis: Diagnosis) -> Known:
 
 
 def about_left(known: Known, torque: float, unit: str) -> str:
-    """What the torque that nothing explains means for a prediction, a sentence or two.
+    """What the unexplained torque means for the prediction, in a sentence or two.
 
     Args:
         known: of a log that is not wholly explained.
-        torque: rms of the log's [N m].
-        unit: of a torque.
+        torque: rms of the log's torque [N m].
+        unit: of the torque.
     """
     size = ""
     if math.isfinite(known.gap_after) and torque > 0.0:
         size = f" ({known.gap_after:.3g} {unit} rms, {known.gap_after / torque:.0%} of the torque in the log)"
     means = (
-        "it acts on the simulated machines as it was found along the log, with its size and colour. Where it hangs on "
+        "it acts on the simulated machines as it was found along the log, with its size and spectrum. If it depends on "
         "the motion, other gains change it: "
     )
     if known.verdict == "unexplained":
         return (
-            f"The diagnosis does not explain this log: what is missing{size} has no cause, and {means}the intervals "
-            "are what is expected, and no promise. Try new gains in small steps, and record a log with them."
+            f"The diagnosis does not explain this log: the missing torque{size} has no known cause, and {means}the "
+            "intervals are expected values, no promise. Try new gains in small steps, and record a log with them."
         )
-    return f"A part of what is missing{size} has no cause: {means}the intervals hold as far as it does not."
+    return f"A part of the missing torque{size} has no known cause: {means}the intervals hold if it does not."
 
 
 def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True) -> Known:
-    """What the --out of a `fpjax diagnose` says.
+    """The part of a diagnosis that `improve` uses, from the --out folder of `fpjax diagnose`.
 
     Args:
         folder: with diagnosis.json and posterior.npz.
-        log: that it should be of.
-        finished: refuse one whose run has not finished; False for the diagnosis that `improve` itself left there.
+        log: the log that was diagnosed.
+        finished: refuse the folder of an unfinished run; False for the diagnosis that `improve` itself wrote there.
 
     Raises:
-        InputError: where there is none, it is of another log or model, or of more than one log.
+        InputError: where there is no diagnosis, or one of another log, or of more than one log.
     """
     folder = pathlib.Path(folder)
     path = folder / RESULT
@@ -107,25 +107,26 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
         )  # fmt: skip
     except FileNotFoundError:
         raise InputError(
-            f"{folder} holds no {RESULT}: give the --out of a `fpjax diagnose` that has finished, or leave --diagnosis "
-            f"out and diagnose now."
+            f"{folder} holds no {RESULT}: give the --out folder of a `fpjax diagnose` that has finished, or leave out "
+            f"--diagnosis to diagnose now."
         ) from None
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        raise InputError(f"{path} is no diagnosis of this version of fpjax: diagnose the log again.") from None
+        raise InputError(f"{path} is not a diagnosis of this version of fpjax: diagnose the log again.") from None
     _check_same(folder, inputs, log)
     samples = [len(course) for course in found.posterior.missing]
     if len(samples) != 1:
         raise InputError(
-            f"{folder} is a diagnosis of {len(samples)} logs: improve judges gains on one; diagnose "
-            f"the log that stands for the machine's work alone."
+            f"{folder} is a diagnosis of {len(samples)} logs, but improve judges gains on one: diagnose the one log "
+            f"that is typical of the machine's work."
         )
-    # Of a log that is too long to be simulated as a whole, the diagnosis holds stretches, and notes how long it was.
+    # A log that is too long to be simulated as a whole is diagnosed in stretches; its whole length is in the
+    # provenance.
     whole = [entry["samples"] for entry in inputs if entry.get("role") == "fitted" and "samples" in entry]
     diagnosed = whole[0] if len(log.time) > MOST and whole else samples[0]
     if diagnosed != len(log.time):
         raise InputError(
-            f"{log.name} has {len(log.time)} samples and was diagnosed with {diagnosed}: use the "
-            f"same --from, --to and --every, or leave --diagnosis out."
+            f"{log.name} has {len(log.time)} samples, but was diagnosed with {diagnosed}: use the same --from, --to "
+            f"and --every, or leave out --diagnosis."
         )
     return found
 
@@ -140,6 +141,6 @@ def _check_same(folder: pathlib.Path, inputs: list[JsonObject], log: Log) -> Non
     hashes = {entry.get("sha256"): entry.get("name") for entry in inputs if entry.get("role") == "fitted"}
     if log.sha256 and hashes and log.sha256 not in hashes and any(hashes):
         raise InputError(
-            f"{folder} is the diagnosis of {', '.join(map(str, hashes.values()))} and not of {log.name}: give its own, "
-            f"or leave --diagnosis out."
+            f"{folder} is the diagnosis of {', '.join(map(str, hashes.values()))}, not of {log.name}: give the folder "
+            f"of that log's diagnosis, or leave out --diagnosis."
         )

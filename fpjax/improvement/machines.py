@@ -1,4 +1,4 @@
-"""Machines: samples of what the diagnosis knows, with the torque that it leaves, ready for a closed loop."""
+"""Machines drawn from the posterior of a diagnosis, with its unexplained torque, ready for closed loops."""
 
 import dataclasses
 import math
@@ -25,20 +25,22 @@ from ..model_file import Model
 from ..output.json_object import JsonObject
 from .known import Known
 
-COURSES = 3  # the recorded course of the missing torque, and two with the same spectrum and other phases
-TURNED = math.pi / 3.0  # the most that a sample's missing torque is turned away from the recorded course [rad]
-HISTORY = 4  # periods kept beyond the longest dead time
+COURSES = 3  # time courses of the missing torque: as found in the log, and two of the same spectrum with random phases
+# [rad] The missing torque of a drawn machine is cos(angle) x the found course + sin(angle) x the others; the angle is
+# at most this. So its rms stays, and its correlation with the found course is at least 1/2.
+TURNED = math.pi / 3.0
+HISTORY = 4  # periods of history beyond the longest dead time
 
 Values = np.ndarray
 
 
 class Missing(AbstractLoad):
-    """The torque that no law says, over time, as a load: tables that many machines share, in shares of one's own.
+    """The unexplained torque over time, as a load: tables that all machines share, weighted for each machine.
 
     Attributes:
         tables: driving torque [N m], shape (courses, samples).
-        shares: of this machine [1], shape (courses,).
-        dt: of the tables [s].
+        shares: weights of this machine [1], shape (courses,).
+        dt: sample period of the tables [s].
     """
 
     tables: Array
@@ -46,7 +48,8 @@ class Missing(AbstractLoad):
     dt: Array
 
     def readout(self, motion: Motion) -> Array:
-        """Minus the driving torque [N m]; held over a period, zero behind the end."""
+        """Minus the driving torque [N m], held over a period; beyond the end its last value."""
+        # The thousandth keeps a time computed as k * dt from falling below sample k by rounding.
         index = jnp.floor(motion.time / self.dt + 1e-3).astype(jnp.int32)
         last = self.tables.shape[1] - 1
         row = jax.lax.dynamic_index_in_dim(self.tables, jnp.clip(index, 0, last), axis=1, keepdims=False)
@@ -55,12 +58,12 @@ class Missing(AbstractLoad):
 
 @dataclasses.dataclass(frozen=True)
 class Machines:
-    """Machines that one closed loop is judged on.
+    """Machines on which gains are judged.
 
     Attributes:
-        machine: every array has a leading axis; the first is the fit itself.
-        shares: of the courses of the missing torque, shape (own, courses).
-        others: those of explanations that the log leaves open, of another structure each.
+        machine: the machines of one explanation, every array with a leading axis; the first one is the fit itself.
+        shares: weights of the courses of the missing torque, shape (own machines, courses).
+        others: machines of the other explanations that the log leaves open.
     """
 
     machine: Machine
@@ -69,21 +72,21 @@ class Machines:
 
     @property
     def count(self) -> int:
-        """How many, the others included."""
+        """The number of machines, the others included."""
         return sum(len(part.shares) for part in self.parts)
 
     @property
     def parts(self) -> tuple["Machines", ...]:
-        """Of each explanation, this one first, without others."""
+        """The machines of each explanation, this one first, each with empty `others`."""
         return (Machines(self.machine, self.shares), *self.others)
 
     @property
     def substeps(self) -> int:
-        """Solver steps in a period that their structure needs."""
+        """Solver steps per control period that their structures need."""
         return max(SUBSTEPS[structure_of(part.machine)] for part in self.parts)
 
     def periods(self, dt: float) -> tuple[int, int]:
-        """Periods that the longest dead time of (actuator, sensor) needs, and some more."""
+        """Periods of history for the longest dead times of (actuator, sensor), with a reserve."""
         longest = [0.0, 0.0]
         for part in self.parts:
             for side, delay in enumerate((part.machine.actuator.delay, part.machine.sensor.delay)):
@@ -91,21 +94,21 @@ class Machines:
         return math.ceil(longest[0] / dt) + HISTORY, math.ceil(longest[1] / dt) + HISTORY
 
     def first(self, count: int) -> "Machines":
-        """The first of the chosen explanation."""
+        """The first machines of the chosen explanation, without others."""
         return Machines(jax.tree.map(lambda leaf: leaf[:count], self.machine), self.shares[:count])
 
 
 @dataclasses.dataclass(frozen=True)
 class Ground:
-    """What all machines of one log share.
+    """The data of a log that all machines share.
 
     Attributes:
-        record: the log as the diagnosis read it, from sample to sample.
-        whole: all stretches of it that were diagnosed.
-        courses: driving torque that the laws do not say [N m], shape (explanations x courses, samples).
-        noise: standard deviation of a reading of (rate [rad/s], position [rad]).
-        substeps: of the plant in a control period.
-        laws: learned, that are in the machines.
+        record: the log as the diagnosis read it, in one uninterrupted piece.
+        whole: all stretches of the log that were diagnosed.
+        courses: driving torque that the machines' laws do not explain [N m], shape (explanations x courses, samples).
+        noise: noise standard deviation of a reading of (rate [rad/s], position [rad]).
+        substeps: solver steps of the plant per control period.
+        laws: the learned laws that are in the machines.
     """
 
     record: Record
@@ -117,17 +120,17 @@ class Ground:
 
 
 def record_of(log: Log, model: Model) -> Record:
-    """The log as the diagnosis reads it: of one that is too long, stretches."""
+    """The log as the diagnosis reads it; of a log that is too long, stretches of it."""
     return make_records([log], [], model.nominal["inertia"])[0]
 
 
 def one_piece(record: Record, log: Log, table: Values) -> tuple[Record, Values]:
-    """(the record from sample to sample, what is followed along it): of a long log its first stretch.
+    """(the record in one uninterrupted piece, the reference along it); of a long log its first stretch.
 
     Args:
         record: of the log.
-        log: whole.
-        table: reference along the whole log, or another one, shape (samples,).
+        log: the whole log.
+        table: the reference along the whole log, or another reference, shape (samples,).
     """
     piece = in_one_piece(record)
     own = log.reference is not None and np.array_equal(table, np.asarray(log.reference)[: len(table)])
@@ -137,12 +140,12 @@ def one_piece(record: Record, log: Log, table: Values) -> tuple[Record, Values]:
 
 
 def make_ground(known: Known, whole: Record, seed: int) -> Ground:
-    """What the machines of a log share.
+    """The data that the machines of a log share.
 
     Args:
         known: from the diagnosis of the log.
         whole: the log.
-        seed: of the phases.
+        seed: of the surrogates' phases.
     """
     record = in_one_piece(whole)
     posterior, laws = known.posterior, known.learned
@@ -154,26 +157,27 @@ def make_ground(known: Known, whole: Record, seed: int) -> Ground:
 
 
 def _courses(recorded: Values, gap: float, laws: Sequence[Learned], record: Record, seed: int) -> list[Values]:
-    """The recorded course of one explanation's missing torque, and surrogates of it."""
+    """The course of one explanation's missing torque along the log, and surrogates of it, each of shape (samples,)."""
     recorded = recorded[: len(record.time)]
     course = np.nan_to_num(recorded, nan=0.0)
     size = rms(course[np.isfinite(recorded)])
     if size > 0.0 and np.isfinite(gap):
-        # What noise adds to the course is no torque: the gap is told without it.
+        # Sensor noise adds to the course; the gap of the diagnosis is corrected for it, so the course is scaled to it.
         course = course * min(gap / size, 1.0)
+    # The learned laws act in the machines. They oppose the motion, so their torque is added back to what drives.
     for law in laws:
         course = course + np.where(np.isfinite(recorded), opposing(law, record), 0.0)
     return [course, *(surrogate(course, seed + place) for place in range(1, COURSES))]
 
 
 def draw_machines(posterior: Posterior, model: Model, ground: Ground, count: int, seed: int) -> Machines:
-    """Machines of the posterior and of the rivals that the log leaves open, as many of each as it is likely.
+    """Draw machines from the posterior and its rivals, in proportion to their probabilities.
 
     Args:
         posterior: of the diagnosis.
-        model: the nominal one.
+        model: the nominal model.
         ground: of the log.
-        count: how many; the first is the fit itself, with the missing torque as it was recorded.
+        count: number of machines; the first is the fit itself, with the missing torque as found in the log.
         seed: of the draws.
     """
     many = divided(count, [share for share, _ in posterior.rivals])
@@ -190,7 +194,7 @@ def draw_machines(posterior: Posterior, model: Model, ground: Ground, count: int
 
 
 def _widened(posteriors: Sequence[Posterior]) -> list[Posterior]:
-    """The same with all features that one of its structure has: what is alike compiles once."""
+    """The posteriors, each with the features of all of its structure, so that they share compiled programs."""
     found = []
     for one in posteriors:
         wanted = {feature for other in posteriors if other.key[0] == one.key[0] for feature in other.key[1]}
@@ -200,30 +204,30 @@ def _widened(posteriors: Sequence[Posterior]) -> list[Posterior]:
 
 
 def divided(count: int, shares: Sequence[float]) -> list[int]:
-    """How many machines the chosen explanation and each of its rivals get; every open rival gets one at least.
+    """Number of machines of the chosen explanation and of each of its rivals, at least one of each rival.
 
-    The chosen one has the probability that is left, also that of causes outside the vocabulary: their torque is what
-    it does not explain.
+    The chosen explanation gets the remaining probability, that of unknown causes included, because their torque is in
+    its missing torque.
 
     Args:
-        count: of all machines.
+        count: number of all machines.
         shares: probability of each rival [1].
     """
     rivals = [max(round(count * share), 1) for share in shares]
-    while rivals and sum(rivals) > count // 2:  # the chosen one is what is told, and has half of them
+    while rivals and sum(rivals) > count // 2:  # at least half are of the chosen explanation, which is the answer given
         rivals[rivals.index(max(rivals))] -= 1
     return [count - sum(rivals), *rivals]
 
 
 def _padded(shares: Values, ground: Ground, place: int) -> Values:
-    """Shares of one explanation's courses among those of all, shape (count, explanations x COURSES)."""
+    """Weights of one explanation's courses, with zeros for all others, shape (count, explanations x COURSES)."""
     found = np.zeros((len(shares), len(ground.courses)))
     found[:, COURSES * place : COURSES * (place + 1)] = shares
     return found
 
 
 def nominal_machines(model: Model, count: int = 1) -> Machines:
-    """The nominal machine alone, `count` times, without any missing torque: what a tuning without a log would see."""
+    """The nominal machine, `count` times, without missing torque, as for a tuning without a log."""
     with double_precision():
         machine = nominal_machine(model.loop.plant, model.loop.actuator, model.loop.sensor)
         machine = jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, float), (count,)), machine)
@@ -231,7 +235,7 @@ def nominal_machines(model: Model, count: int = 1) -> Machines:
 
 
 def ready(machines: Machines, ground: Ground, longest: tuple[int, int]) -> Machines:
-    """The machines with room for their dead times and with the log's noise on their sensors."""
+    """The machines with histories long enough for their dead times, and with the log's noise on their sensors."""
     first, *others = (Machines(_readied(part, ground, longest), part.shares) for part in machines.parts)
     return dataclasses.replace(first, others=tuple(others))
 
@@ -243,6 +247,7 @@ def _readied(part: Machines, ground: Ground, longest: tuple[int, int]) -> Machin
         for name, step, noise in zip(
             ("noise", "position_noise"), ("step_size", "position_step"), ground.noise, strict=True
         ):
+            # The log's noise includes rounding, step^2 / 12, which the machine's sensor makes itself.
             rounded = np.asarray(getattr(machine.sensor, step))
             own = np.asarray(getattr(machine.sensor, name))
             found = np.sqrt(np.maximum(noise**2 - rounded**2 / 12.0, 0.0))
@@ -255,7 +260,7 @@ def _readied(part: Machines, ground: Ground, longest: tuple[int, int]) -> Machin
 
 
 def with_laws(machine: Machine, laws: Sequence[Learned], count: int) -> Machine:
-    """The machines with what was learned in them; a jump at zero velocity is Coulomb friction."""
+    """The machines with the learned laws; a jump at zero velocity is added to their Coulomb friction."""
     if not laws:
         return machine
     tables, jump = blocks(laws, float(np.min(machine.law.coulomb)))
@@ -274,6 +279,7 @@ def opposing(law: Learned, record: Record) -> Values:
     if law.period is not None:
         at, torque = np.append(at, at[0] + law.period), np.append(torque, torque[0])
         x = at[0] + np.mod(x - at[0], law.period)
+    # A table with two values at zero velocity is interpolated for each direction on its own.
     twice = np.flatnonzero(np.diff(at) == 0.0)
     if not len(twice):
         return np.interp(x, at, torque)
@@ -282,7 +288,7 @@ def opposing(law: Learned, record: Record) -> Values:
 
 
 def surrogate(course: Values, seed: int) -> Values:
-    """A course with the same spectrum and random phases, shape (samples,)."""
+    """A course with the same amplitude spectrum and random phases, shape (samples,)."""
     spectrum = np.fft.rfft(course)
     phases = np.exp(2j * np.pi * np.random.default_rng(seed).random(len(spectrum)))
     phases[0] = 1.0
@@ -290,10 +296,10 @@ def surrogate(course: Values, seed: int) -> Values:
 
 
 def draw_shares(count: int, seed: int) -> Values:
-    """Shares of the courses for each machine, shape (count, COURSES): the first has the recorded course alone.
+    """Weights of the courses for each machine, shape (count, COURSES); the first machine has the found course alone.
 
-    The missing torque was found along the log's own motion. Under other gains the machine moves a little differently,
-    and what is missing then has the same size and colour, and not quite the same course.
+    The missing torque was found along the log's own motion. With other gains the machine moves a little differently, so
+    its missing torque keeps size and spectrum, but not exactly its course. The weights of a machine have unit length.
     """
     random = np.random.default_rng([seed, 1])
     turn = TURNED * random.random(count)

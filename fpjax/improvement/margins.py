@@ -1,4 +1,4 @@
-"""Margins: the loop linearised about a steady motion, around every machine at once."""
+"""Stability margins of the loop linearised about a steady motion, for many machines at once."""
 
 import functools
 
@@ -26,13 +26,13 @@ Values = np.ndarray
 def margins_of(judge: Judge, values: Values, machines: Machines, speed: float) -> list[dict[str, Values]]:
     """Modulus [1], gain [1], phase [deg] and delay [ms] margin of each candidate, each of shape (machines,).
 
-    NaN where a loop does not come to a steady motion, zero where it is unstable.
+    NaN where a loop has no steady motion, zero where it is unstable.
 
     Args:
         judge: runs the loops.
         values: gains, shape (candidates, gains).
         machines: `ready`.
-        speed: of the steady motion, in the unit of the speed.
+        speed: of the steady motion [rad/s].
     """
     states, reference = judge.settle(values, machines, speed)
     count = machines.count
@@ -44,7 +44,8 @@ def margins_of(judge: Judge, values: Values, machines: Machines, speed: float) -
         gains = {name: jnp.asarray(rows[:, i]) for i, name in enumerate(judge.names)}
         states = jax.tree.map(jnp.asarray, states)
         now = float(reference[0])
-        following = jnp.asarray(now + speed * judge.dt) if judge.position else None  # or a position would stop here
+        # A position reference goes on at the steady speed; held, it would look like a stop to a feed-forward.
+        following = jnp.asarray(now + speed * judge.dt) if judge.position else None
         shared = (
             judge.law, judge.stepper.dt, jnp.asarray(now), following, jnp.asarray(judge.ground.courses)
         )  # fmt: skip
@@ -60,7 +61,7 @@ def margins_of(judge: Judge, values: Values, machines: Machines, speed: float) -
 
 @functools.lru_cache(maxsize=8)
 def _tangents(substeps: int, solver: PyTree) -> PyTree:
-    """A compiled function: (machines, gains, states, shared) -> (A, B, C) of the whole loop, batched."""
+    """A compiled function: (machines, gains, states, *shared) -> (A, B, C) of the whole loop, batched over machines."""
 
     def one(
         machine: PyTree,
@@ -90,9 +91,10 @@ def _tangents(substeps: int, solver: PyTree) -> PyTree:
 
 
 def _numbers(a: Values, b: Values, answer: Values, dt: float) -> dict[str, float]:
+    """The margins by name of one loop, from its A, B (of a torque added to the command) and C (of the command)."""
     if not (np.isfinite(a).all() and np.isfinite(b).all() and np.isfinite(answer).all()):
         return dict.fromkeys(NAMES, float("nan"))
-    # v = y + d drives the actuator; cut there, d = v - y (as in fpjax.linear.linearise).
+    # The actuator gets v = y + d. With the loop opened there v is the input: d = v - y (as in fpjax.linear.linearise).
     b, answer = b[:, None], answer[None, :]
     ratio = StateSpace(a - b @ answer, b, -answer, np.zeros((1, 1)), dt, ("torque",), ("return",))
     try:

@@ -1,4 +1,4 @@
-"""Nominal: the gains that the nominal model alone likes, as a tuning without a log finds them; to compare with."""
+"""The gains that are best in the nominal model alone, as a tuning without a log finds them, for comparison."""
 
 from collections.abc import Sequence
 
@@ -14,11 +14,11 @@ from .verb import followed, largest_torque
 
 
 def nominal_gains(log: Log, model: Model, free: Sequence[str] = (), seed: int = 0) -> dict[str, float]:
-    """The gains that follow best in the nominal model, by the file's words: the same search with one machine.
+    """The gains that follow best in the nominal model, by their names in the file: the same search with one machine.
 
     Args:
-        log: gives the reference, the first motion and the sensors' noise; nothing else of it counts.
-        model: the nominal one.
+        log: gives the reference, the initial motion and the sensors' noise; nothing else of it is used.
+        model: the nominal model.
         free: as for `improve`.
         seed: of the search.
     """

@@ -1,4 +1,4 @@
-"""improve.html: the decision, what changes and what is predicted, in one file that needs nothing from anywhere."""
+"""improve.html: the decision, the changes and the predictions on one self-contained page."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .answer import Improvement, Range
 
 PAGE, PICTURE = "improve.html", "improve.png"
+# The page loads nothing: neither scripts nor anything from another host.
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 _STYLE = """
 .gain{font-family:ui-monospace,SFMono-Regular,Menlo,Consolas,monospace;font-size:.9em}
@@ -30,11 +31,11 @@ _STYLE = """
 .old{color:var(--before)}
 """
 WAY = (
-    "Machines are drawn from what the diagnosis knows of this one: its parameters with their uncertainty, what was "
-    "learned, and the torque that nothing explains, with its size and colour. The gains were searched on {tuned} of "
-    "them: least mean + 1.28 standard deviations of the tracking error, which nine machines in ten stay below. They "
-    "are judged here on {judged} others. A change is proposed where it follows better in at least 95 % of them, by 2 % "
-    "or more, without less stability than usual or a rougher torque; the gains that run now are always in the race."
+    "Machines are drawn from the diagnosis: the parameters with their uncertainty, the learned laws, and the torque "
+    "that nothing explains, with its size and spectrum. The gains were searched on {tuned} of them, for the smallest "
+    "mean + 1.28 standard deviations of the tracking error, which nine machines in ten stay below. They are judged "
+    "here on {judged} others. A change is proposed where it follows better in at least 95 % of them, by 2 % or more in "
+    "the median, without less stability than usual or a rougher torque. The present gains are always candidates too."
 )
 
 
@@ -42,8 +43,8 @@ def write_page(found: Improvement, folder: Path) -> Path:
     """Write the page and its picture.
 
     Args:
-        found: what was found.
-        folder: it is made.
+        found: the improvement.
+        folder: created if missing.
 
     Returns:
         The path of `improve.html`.
@@ -87,7 +88,7 @@ def to_page(found: Improvement) -> str:
 <main>
 {body}
 </main>
-<footer>Numbers are medians over machines with 90 % intervals{_no_promise(found)}. Written by fpjax.</footer>
+<footer>Numbers are medians over the machines, with 90 % intervals{_no_promise(found)}. Written by fpjax.</footer>
 </body>
 </html>
 """
@@ -157,12 +158,12 @@ def _pictures(found: Improvement) -> str:
         return ""
     drawn = (
         ("error", draw_error, "Tracking error over time, with the gains now and with the new ones."),
-        ("machines", draw_machines, "Each dot is one machine that the log leaves possible; left of the dashed line it "
-         "follows better."),
+        ("machines", draw_machines, "Each dot is one machine that the log leaves possible; left of the dashed line its "
+         "error is smaller with the new gains."),
         ("gains", draw_gains, "Where the gains lie between their bounds."),
     )  # fmt: skip
     return _section(
-        "Seen", "".join(_figure(name, draw(found), draw(found, narrow=True), said) for name, draw, said in drawn)
+        "Pictures", "".join(_figure(name, draw(found), draw(found, narrow=True), said) for name, draw, said in drawn)
     )
 
 
@@ -176,7 +177,7 @@ def _figure(name: str, wide: Figure, narrow: Figure, caption: str) -> str:
 
 def _notes(found: Improvement) -> str:
     items = "".join(f"<li>{text(note)}</li>" for note in found.notes)
-    return _section("To know", f'<ul class="found">{items}</ul>') if items else ""
+    return _section("Notes", f'<ul class="found">{items}</ul>') if items else ""
 
 
 def _way(found: Improvement) -> str:

@@ -1,4 +1,4 @@
-"""Pictures: the tracking error before and after, machine by machine, and the gains between their bounds."""
+"""The pictures of an improvement: tracking error before and after, machine by machine, and gains in their bounds."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ..gap.report.theme import AFTER, BEFORE, MUTED, SOFT, report_style
 if TYPE_CHECKING:
     from .answer import Improvement
 
-ZOOMED = 2.5  # turns of the reference in the close-up
-POINTS = 1200  # of a line: more cannot be seen
+ZOOMED = 2.5  # length of the close-up, in times between two reversals of the reference
+POINTS = 1200  # of a line; more than the pixels of its picture show nothing
 
 Values = np.ndarray
 
 
 def draw_overview(found: Improvement) -> Figure:
-    """All of it on one sheet: error over time, a close-up, machine by machine, gains."""
+    """One sheet: error over time, a close-up, machine by machine, gains."""
     if not found.runs:
         return draw_gains(found)
     with report_style():
@@ -127,7 +127,7 @@ def _gains(axes: Axes, found: Improvement) -> None:
 
 
 def _close_up(found: Improvement) -> tuple[float, float]:
-    """A stretch about the reversal at which the gains now follow worst."""
+    """(begin, end) [s] of a stretch around the largest error with the present gains."""
     time, reference = found.runs["time"], found.runs["reference"]
     moving = reference if found.signal == "velocity" else np.gradient(reference, time)
     turns = time[1:][np.diff(np.sign(moving)) != 0]
@@ -141,7 +141,7 @@ def _close_up(found: Improvement) -> tuple[float, float]:
 
 
 def _thin(time: Values, low: Values, middle: Values, high: Values) -> tuple[Values, ...]:
-    """As many points as can be seen; a band keeps its ends within each."""
+    """The band with fewer points: of each block of samples the smallest low, the middle sample and the largest high."""
     step = max(1, len(time) // POINTS)
     count = len(time) // step
     if step == 1 or count < 2:

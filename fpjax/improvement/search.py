@@ -1,4 +1,4 @@
-"""Search: gains that follow well in nearly all machines, by cross-entropy; the current ones are in the race."""
+"""Search by cross-entropy for gains that follow well in nearly all machines; the current gains are a candidate too."""
 
 import dataclasses
 from collections.abc import Callable
@@ -9,30 +9,31 @@ from .gains import Gains
 from .judge import Judge, Score
 from .machines import Machines
 
-# One sided 90 % of a normal distribution: mean + 1.28 standard deviations is what nine machines in ten stay below. A
-# quantile of sixteen samples would hang on two of them and jump from one to the next; this uses all, and is smooth.
+# Of a normal distribution nine in ten are below mean + 1.28 standard deviations. The sample quantile of sixteen
+# machines would depend on two of them and jump from one to the next; this estimate uses all, and is smooth.
 NINE_IN_TEN = 1.28
-ROUGHEST = 2.0  # times the current gains' roughness of the torque: more is noise in the motor
-SMOOTH = 2e-3  # of the torque's rms: roughness that no motor hears
-HARDEST = 1.25  # times the largest torque of the log and of the current gains
-FINE = 20.0  # on the cost, for each time over
-UNSTABLE = 1e3  # cost of a machine that is unstable, in errors of the current gains
-SCREENED, CANDIDATES, ELITE = 32, 16, 5  # of the screen; of a generation, and of it those that the next one follows
+ROUGHEST = 2.0  # allowed roughness of the torque, relative to the current gains'
+SMOOTH = 2e-3  # roughness, relative to the rms torque, that is always allowed
+HARDEST = 1.25  # allowed largest torque, relative to that of the log and of the current gains
+FINE = 20.0  # added to the cost for each 100 % beyond what is allowed
+UNSTABLE = 1e3  # error of an unstable machine, in errors of the current gains
+# Candidates of the first screening; candidates of a generation; the best of these, which the next one is drawn around.
+SCREENED, CANDIDATES, ELITE = 32, 16, 5
 GENERATIONS = 12
-WIDE, NARROW = 0.25, 0.01  # standard deviation of a search's start and of its end, in shares of the range
-CLOSE = 0.002  # the search ends when every deviation is below
+WIDE, NARROW = 0.25, 0.01  # largest standard deviation of the draws, and smallest at first, in shares of the range
+CLOSE = 0.002  # the search ends when every standard deviation is below this
 
 Values = np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)
 class AllowedScore:
-    """What a candidate must not cost, from the current gains.
+    """The scale of the cost and the limits of a candidate, from the current gains.
 
     Attributes:
         error: of the current gains, median over machines: the unit of the cost.
-        rough: roughness of the torque with the current gains [N m], see `Score`; a little is always allowed.
-        peak: largest torque that may be asked for [N m].
+        rough: roughness of the torque with the current gains [N m], see `Score`; at least what is always allowed.
+        peak: largest torque that may be commanded [N m].
     """
 
     error: float
@@ -41,15 +42,15 @@ class AllowedScore:
 
 
 def limits_of(current: Score, largest: float, allowed: float | None = None) -> AllowedScore:
-    """What the current gains cost.
+    """The scale and the limits from the scores of the current gains.
 
-    A limit of the actuator is in the machines: a command beyond it comes to nothing there, and winds up what winds up.
-    It is no limit of the command.
+    The actuator's limit is not used here. The machines contain it, so a command beyond it has no effect there but
+    wind-up, which the simulation shows.
 
     Args:
         current: scores of the current gains, each of shape (machines,).
-        largest: torque of the log [N m].
-        allowed: that the machine may be given, [limits] torque of its file [N m]; None: a quarter more than it was.
+        largest: largest torque of the log [N m].
+        allowed: [limits] torque of the model file [N m]; None for `HARDEST` times the largest torque so far.
     """
     fine = np.isfinite(current.error)
     if not fine.any():
@@ -60,13 +61,15 @@ def limits_of(current: Score, largest: float, allowed: float | None = None) -> A
 
 
 def allowed_roughness(current: Score) -> Values:
-    """Roughness [N m] that others are compared with, shape (machines,)."""
+    """The current gains' roughness of the torque [N m], at least `SMOOTH` of its rms, shape (machines,)."""
     return np.maximum(current.rough, SMOOTH * current.torque)
 
 
 def robust_costs(score: Score, limits: AllowedScore) -> Values:
-    """The cost of each candidate, shape (candidates,): mean + 1.28 standard deviations of the tracking error over the
-    machines, in units of the current gains' error, and a fine for a rougher or harder torque.
+    """The cost of each candidate, shape (candidates,).
+
+    It is the mean + 1.28 standard deviations of the tracking error over the machines, in units of the current gains'
+    error, plus a penalty for too rough or too large a torque.
     """
     error = np.where(np.isfinite(score.error), score.error / limits.error, UNSTABLE)
     cost = error.mean(axis=1) + NINE_IN_TEN * error.std(axis=1)
@@ -78,13 +81,13 @@ def robust_costs(score: Score, limits: AllowedScore) -> Values:
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """Where a search ended.
+    """The result of a search.
 
     Attributes:
         values: the best gains, shape (gains,).
-        cost: theirs.
-        cost_now: of the current gains.
-        simulations: closed loops that were run.
+        cost: cost of the best gains.
+        cost_now: cost of the current gains.
+        simulations: number of closed loops that were simulated.
         history: best cost after each generation.
     """
 
@@ -103,8 +106,8 @@ def search(
 
     Args:
         judge: runs the loops.
-        gains: with their ranges.
-        machines: samples.
+        gains: the gains with their ranges.
+        machines: to tune on.
         first: gains to try first, the current ones among them, shape (guesses, gains).
         limits: from the current gains.
         seed: of the draws.
@@ -115,10 +118,12 @@ def search(
     """
     random = np.random.default_rng(seed)
     count = len(gains.gains)
+    # A Latin hypercube: each gain's range is cut into SCREENED equal parts, and each part is used once.
     rows = [random.permutation(SCREENED) for _ in range(count)]
     screen = (np.stack(rows, axis=1) + random.random((SCREENED, count))) / SCREENED
     now = gains.shares(gains.now)
-    # Half of the screen covers the whole range evenly, the other half lies about where the loop stands.
+    # Half of the screening covers the whole ranges, the other half a quarter of the range to either side of the current
+    # gains.
     near = np.clip(now + 0.5 * (screen[SCREENED // 2 :] - 0.5), 0.0, 1.0)
     shares = np.concatenate([np.stack([now, *(gains.shares(one) for one in first)]), screen[: SCREENED // 2], near])
     costs = robust_costs(judge(gains.values(shares), machines), limits)
@@ -136,6 +141,9 @@ def search(
         if costs.min() < cost:
             best, cost = drawn[int(np.argmin(costs))], float(costs.min())
         history.append(cost)
+        # The next generation is drawn around a point between the best so far and the mean of the elite. Its deviation
+        # follows the elite's spread with some inertia, above a floor that falls to zero, so that it neither collapses
+        # early nor wanders late.
         middle = 0.5 * best + 0.5 * elite.mean(axis=0)
         spread = np.sqrt(np.mean((elite - middle) ** 2, axis=0))
         floor = NARROW * (1.0 - generation / GENERATIONS)

@@ -1,6 +1,7 @@
-"""Stages of an improvement, and what each takes."""
+"""The stages of an improvement after the diagnosis, and their costs for the progress bar."""
 
-# What follows the diagnosis, in its unit of work (all effects alone); compiling depends on what the cache holds.
+# (least, expected, most) time of each stage, in units of the diagnosis' stage "all effects alone". Compilation times depend
+# on the contents of jax's cache.
 COSTS = {
     "machines": (0.01, 0.03, 0.1),
     "compiling the closed loop": (0.01, 0.4, 0.8),

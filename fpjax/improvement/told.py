@@ -1,4 +1,4 @@
-"""Told: an improvement as lines of text."""
+"""An improvement as lines of text."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 WORDS = {
     "change": "Change these gains.",
     "keep": "Keep your gains.",
-    "cannot_promise": "Nothing can be promised.",
+    "cannot_promise": "No prediction is possible.",
     "unstable": "The corrected model is unstable.",
 }
 

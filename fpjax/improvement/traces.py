@@ -1,4 +1,4 @@
-"""Traces: closed loops of a few machines over time, for the pictures and for what the log says of the prediction."""
+"""Closed loops of a few machines over time, for the pictures and for comparing the prediction with the log."""
 
 import dataclasses
 import math
@@ -15,9 +15,11 @@ from ..simulation.scan import Inputs, roll, sampled_tables
 from .judge import Judge, assemble_loop, start_state
 from .machines import Ground, Machines, rms
 
-SHOWN = 12  # machines
-OVER = 0.02  # s over which speeds are compared without a rate sensor
-REPEATED = 0.3  # of the error with the gains that ran: what a loop that made the log differs by at most
+SHOWN = 12  # machines in the pictures
+OVER = 0.02  # [s] over which mean speeds are compared without a rate sensor
+# Largest difference between the log's motion and the simulated one, relative to the tracking error. A larger difference
+# means that other gains made the log.
+REPEATED = 0.3
 
 Values = np.ndarray
 
@@ -29,8 +31,8 @@ class Traces:
     Attributes:
         time: [s], shape (samples,).
         reference: shape (samples,).
-        error: reference less true motion of (before, after) around each machine, shape (2, machines, samples).
-        measured: what its sensor reads with the current gains around the first machine, shape (samples,).
+        error: reference less true motion, with the gains (before, after), shape (2, machines, samples).
+        measured: sensor reading of the first machine with the current gains, shape (samples,).
     """
 
     time: Values
@@ -42,7 +44,7 @@ class Traces:
         """For the pictures: `time`, `reference`, and the error's lowest, middle and highest, `before` and `after`.
 
         Args:
-            largest: size at which an error is cut [its unit].
+            largest: errors are cut off here [the unit of the error].
         """
         error = np.clip(np.nan_to_num(self.error, nan=largest, posinf=largest, neginf=-largest), -largest, largest)
         before, after = (np.stack([part.min(axis=0), np.median(part, axis=0), part.max(axis=0)]) for part in error)
@@ -89,15 +91,15 @@ def run_traces(judge: Judge, values: Values, machines: Machines) -> Traces:
 
 
 def unlike(traces: Traces, judge: Judge, record: Record, ground: Ground) -> tuple[float, bool] | None:
-    """(by how much the log's own motion differs from the simulated one with the gains that ran, rms [the error's unit];
-    whether that stands out of the sensor's noise).
+    """Compare the log's motion with the simulated motion with the gains that ran.
 
-    The rms of the error may agree where its course does not; the course is what new gains change. The noise of both
-    readings is taken out. Without a rate sensor the mean speed over 20 ms is compared, from the encoder's readings at
-    both ends.
+    The courses are compared, not the rms errors: these may agree where the courses do not, and new gains change the
+    course. The noise of both readings is taken off. Without a rate sensor mean speeds over 20 ms are compared, from the
+    encoder's readings at both ends.
 
     Returns:
-        None where the motions have little to do with each other: other gains made the log.
+        (rms difference [the error's unit], whether it is larger than the sensors' noise); None where the two motions
+        are so different that other gains must have made the log.
     """
     first, last = math.ceil(judge.start / judge.dt), len(judge.reference)
     rate, angle = ground.noise
@@ -118,8 +120,9 @@ def unlike(traces: Traces, judge: Judge, record: Record, ground: Ground) -> tupl
 
 
 def passed_on(traces: Traces, judge: Judge) -> float:
-    """How much of a torque that is not foreseen is seen in the error with the new gains, over that with the current
-    ones [1]: what the differences between the machines come to; 1 at most.
+    """How strongly unforeseen torques show in the error with the new gains, relative to the current gains [1].
+
+    It is the ratio of the spreads of the error over the machines, and at most 1.
     """
     first = math.ceil(judge.start / judge.dt)
     apart = [rms((part[1:] - part[:1])[:, first:].ravel()) for part in traces.error]

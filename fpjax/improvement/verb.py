@@ -1,4 +1,4 @@
-"""improve: from a log and a nominal model to gains that hold around every machine the diagnosis leaves possible."""
+"""improve: from a log and a nominal model to gains that follow better in nearly every machine that the log allows."""
 
 import dataclasses
 import math
@@ -28,14 +28,16 @@ from .search import HARDEST, Found, limits_of, search
 from .stages import COSTS
 from .traces import passed_on, run_traces, unlike
 
-TUNED_ON, JUDGED_ON, MARGINED = 16, 48, 12  # machines for the search; others for the prediction; of them for margins
-LONGEST = 20_000  # samples of the log that are simulated
-BLENDS = (1.0, 0.6, 0.3)  # of the way from the current gains to the best ones, on the search's scales
-AT_MOST = 0.95  # of the largest torque that is allowed, from where it is taken to have held the gains back
-LEAST_DOUBT = 0.03  # of the error: half of the interval that one draw of the noise and one integrator leave anyway
-UNHELD = 0.08  # likewise, where no log shows what the prediction is worth
-MOST_DOUBT = math.log(2.0)
-NO_LIMIT = 1e29
+# Machines for the search; other machines for the prediction; how many of these for the margins.
+TUNED_ON, JUDGED_ON, MARGINED = 16, 48, 12
+LONGEST = 20_000  # samples of the reference that are simulated at most
+BLENDS = (1.0, 0.6, 0.3)  # shares of the way from the current gains to the best ones, on the search's scales
+AT_MOST = 0.95  # share of the allowed torque above which it is taken to have limited the gains
+# The uncertainty of a prediction by the model itself, as half of a 90 % interval of the logarithm of the error [1]:
+LEAST_DOUBT = 0.03  # at least this, for one draw of the noise and one integrator
+UNHELD = 0.08  # where no log tells how good the prediction is
+MOST_DOUBT = math.log(2.0)  # at most a factor of two
+NO_LIMIT = 1e29  # [N m] from here on a torque limit stands for no limit
 
 Values = np.ndarray
 Keep = Callable[[str, Diagnosis | Found], None]
@@ -53,29 +55,30 @@ def improve(
     keep: Keep | None = None,
     kept: Found | None = None,
 ) -> Improvement:
-    """Gains that follow better in nearly all machines that a log leaves possible, or the sentence why there are none.
+    """Find gains that follow better in nearly all machines that a log leaves possible, or say why there are none.
 
-    The log is diagnosed; machines are drawn from the diagnosis' posterior, the missing torque and the learned laws in
-    them; gains are searched that minimise mean + 1.28 standard deviations of the tracking error; they are judged on
-    other machines, drawn anew, against the gains that run now.
+    The log is diagnosed. Machines are drawn from the posterior of the diagnosis, with the missing torque and the
+    learned laws. A search minimises the mean + 1.28 standard deviations of the tracking error over these machines. The
+    result is compared with the present gains on other machines, drawn anew.
 
     Args:
         log: a `fpjax.logs.Log`, its path, or a mapping of arrays; with a reference.
-        model: the nominal model with a controller that is known: a `Model`, or the path or text of a servo.toml.
-        free: what may change beside the observer's and the feed-forward's gains: "controller", "feedforward" (added
-            where there is none), or gains as the file has them, "controller.kp" or "controller.kp=1:5".
-        diagnosis: a finished one of this log and model, or the --out of `fpjax diagnose`; None: diagnose now.
-        reference: "log", what the log followed, or "model", the file's own.
+        model: the nominal model with a known controller: a `Model`, or the path or text of a servo.toml.
+        free: gains that may change besides the observer's and the feed-forward's: "controller", "feedforward" (added
+            where there is none), or gains by their names in the file, "controller.kp" or "controller.kp=1:5".
+        diagnosis: a finished diagnosis of this log and model, or the --out folder of `fpjax diagnose`; None to diagnose
+            now.
+        reference: "log" for the log's reference, or "model" for the file's own.
         seed: of all draws.
         progress: called with (name of the stage, share of the whole that is done [1]).
         keep: called with ("diagnosis", Diagnosis) and ("search", Found) as they are done.
-        kept: a search that was done before, instead of another one.
+        kept: an earlier search to use instead of a new one.
 
     Returns:
         An `Improvement`: it prints itself, `report(folder)` writes a page.
 
     Raises:
-        InputError: for a log without a reference, a controller that is not known, nothing that may change.
+        InputError: for a log without a reference, an unknown controller, or no gain that may change.
     """
     if isinstance(free, str):
         free = (free,)
@@ -91,7 +94,8 @@ def improve(
     nominal.needed_controller()
     recorded = log if isinstance(log, Log) else read_log(log, linear=nominal.linear or None)
     table = followed(recorded, nominal, reference)
-    # What may change is checked before a diagnosis of half a minute; the ranges need the corrected machine.
+    # The choice of gains is checked before a diagnosis that takes half a minute. Their ranges need the corrected
+    # machine, so the result is not used here.
     freed(nominal, {"inertia": nominal.nominal["inertia"]}, table, free)
     done: Diagnosis | None = None
     if diagnosis is None:
@@ -114,7 +118,7 @@ def improve_known(
     known: Known, log: Log, nominal: Model, table: Values, free: Sequence[str], seed: int, clock: StageClock,
     keep: Keep | None, kept: Found | None,
 ) -> Improvement:  # fmt: skip
-    """The improvement from what is known of the machine."""
+    """The improvement from a diagnosis that is already there."""
     clock("machines")
     whole = record_of(log, nominal)
     record, table = one_piece(whole, log, table)
@@ -132,7 +136,7 @@ def improve_known(
     now = judge(gains.now[None], judged_on)
     speed = _steady_speed(judge)
     ran = record.reference is not None and np.array_equal(table, np.asarray(record.reference)[: len(table)])
-    told = known.made and ran  # the log was made by these gains on this reference
+    told = known.made and ran  # only then can the log's tracking error be compared with the prediction
     measured = measured_error(record, judge, ground) if told else None
     judged = _Judged(judge, gains, judged_on, speed, known, measured)
     decision, reason = hopeless(now.of(0))
@@ -151,6 +155,8 @@ def improve_known(
         if keep is not None:
             keep("search", found)
     clock("judging on other machines")
+    # Besides the best gains of the search, points on the way to them are judged: the first without objection is
+    # proposed, so a large change that costs too much margin may become a smaller one.
     shares, best = gains.shares(gains.now), gains.shares(found.values)
     tried = gains.values(np.stack([shares, *(shares + blend * (best - shares) for blend in BLENDS)]))
     tried[0] = gains.now
@@ -193,14 +199,14 @@ def improve_known(
     for change in changes:
         if change.at:
             notes.append(
-                f"{change.gain} ended at its {change.at} bound ({change.after:.4g}): the bound and not the machine "
-                f"chose it; a wider one, [bounds] {change.gain} = [low, high], may follow better."
+                f"{change.gain} ended at its {change.at} bound ({change.after:.4g}): the bound, not the machine, "
+                f"determined it; a wider one, [bounds] {change.gain} = [low, high], may follow better."
             )
     peak = float(np.median(scores.peak[seen]))
     if chosen and allowed is None and peak > AT_MOST * limits.peak:
         notes.append(
-            f"The largest torque came to what was allowed, {limits.peak:.3g} {judged.torque_unit}: {HARDEST - 1.0:.0%} "
-            f"more than the log's. Where the machine stands more, [limits] torque in the model file may win more."
+            f"The largest torque reached what was allowed, {limits.peak:.3g} {judged.torque_unit}: {HARDEST - 1.0:.0%} "
+            f"more than the log's. If the machine can take more, a larger [limits] torque in the model may gain more."
         )
     answer = judged.answer(
         "change" if chosen else "keep", reason, before, side if chosen else before, side, changes, wins, middle,
@@ -225,15 +231,15 @@ def followed(log: Log, model: Model, reference: str) -> Values:
             table = np.asarray(astype(wanted, jnp.float64).readout(time), float)
     elif log.reference is None:
         raise InputError(
-            f"{log.name} has no reference, so nobody knows what the machine should have followed: add that column "
-            f"(--columns reference=NAME), or judge the gains on the model's own [reference] with --reference model."
+            f"{log.name} has no reference, so its tracking error is not known: add that column (--columns "
+            f"reference=NAME), or judge the gains on the model's own [reference] with --reference model."
         )
     else:
         table = np.asarray(log.reference, float)[:LONGEST]
     if not np.ptp(table) > 0.0:
         raise InputError(
-            "The reference does not move, so following it tells nothing of gains: give a log of the machine at work, "
-            "or --reference model with a [reference] that moves."
+            "The reference is constant, so its tracking error says nothing about gains: give a log of the machine at "
+            "work, or --reference model with a [reference] that moves."
         )
     return table
 
@@ -247,7 +253,7 @@ def corrected_values(machines: Machines) -> dict[str, float]:
 
 
 def measured_error(record: Record, judge: Judge, ground: Ground) -> float | None:
-    """The log's own tracking error where it counts, rms, the reading's noise taken out; None where it is not read."""
+    """Rms of the log's tracking error after the settling time, corrected for sensor noise; None without a reading."""
     channel = record.position if judge.position else record.reading
     if channel is None or record.reference is None:
         return None
@@ -258,12 +264,12 @@ def measured_error(record: Record, judge: Judge, ground: Ground) -> float | None
 
 
 def largest_torque(record: Record) -> float:
-    """The log's largest torque but for a thousandth of its samples [N m]."""
+    """The log's largest torque [N m], its 99.9 % quantile, so that single outliers do not count."""
     return float(np.quantile(np.abs(record.torque), 0.999))
 
 
 class _Judged:
-    """Makes sides and answers of scores."""
+    """Turns scores into sides and answers."""
 
     def __init__(
         self, judge: Judge, gains: Gains, machines: Machines, speed: float, known: Known, measured: float | None
@@ -284,27 +290,27 @@ class _Judged:
         self.resolved = False
 
     def margins(self, values: Values) -> list[dict[str, Values]]:
-        """Of each candidate, around the first machines."""
+        """The margins of each candidate, for the first `MARGINED` machines."""
         return margins_of(self.judge, values, self.machines.first(MARGINED), self.speed)
 
     def compare(self, unlike: tuple[float, bool] | None, passed_on: float) -> None:
-        """What the log's own run says of the prediction.
+        """Take the comparison of the log with its simulation into account.
 
         Args:
-            unlike: rms of the log's motion less the simulated one with the gains that ran, and whether that stands out
-                of the noise; None where other gains ran.
-            passed_on: share of it that is left with the new gains [1].
+            unlike: rms difference of the log's motion and the simulated one, and whether it is larger than the noise;
+                None where other gains made the log.
+            passed_on: share of this difference that remains with the new gains [1].
         """
         if unlike is not None:
             self.unlike, self.resolved = unlike[0] * passed_on, unlike[1]
 
     def doubt(self, score: Score, *, new: bool) -> float:
-        """Of a predicted error, as half of a 90 % interval of its logarithm [1]."""
+        """The model's own uncertainty of a predicted error, as half of a 90 % interval of its logarithm [1]."""
         middle = float(np.median(score.error))
         if not (np.isfinite(middle) and middle > 0.0):
             return MOST_DOUBT
-        # What the simulation misses of the motion adds to the predicted error or takes away from it; an error that
-        # new gains make ten times smaller is in ten times the doubt.
+        # The part of the motion that the simulation misses adds to the predicted error, or takes away from it. So an
+        # error that new gains make ten times smaller is ten times as uncertain, relatively.
         if not new:
             found = UNHELD if self.measured is None else abs(math.log(self.measured / middle))
         elif self.unlike is None:
@@ -314,7 +320,7 @@ class _Judged:
         return min(max(found, LEAST_DOUBT), MOST_DOUBT)
 
     def side(self, values: Values, score: Score, margins: dict[str, Values], *, new: bool = False) -> Side:
-        """What these gains come to."""
+        """The prediction for one set of gains."""
         doubt = self.doubt(score, new=new)
         torque = self.torque_unit
         headroom = None if self.limit is None else range_of(self.limit / np.maximum(score.peak, 1e-300), "1")
@@ -360,11 +366,11 @@ def tuned_text(known: Known, gains: Gains, values: Values) -> tuple[str, str]:
                 corrected = dataclasses.replace(corrected, path=gains.model.path)
             return dump_model(gains.apply(corrected, values)), ""
     except InputError as error:
-        return "", f"The tuned model has no words in servo.toml: {error}"
+        return "", f"The tuned model cannot be written as servo.toml: {error}"
 
 
 def _steady_speed(judge: Judge) -> float:
-    """The speed at which margins are told: the rms of the reference's speed."""
+    """The speed at which margins are computed: the rms of the reference's speed."""
     moving = slope(judge.reference, judge.dt) if judge.position else judge.reference
     return rms(moving)
 
@@ -372,16 +378,16 @@ def _steady_speed(judge: Judge) -> float:
 def _notes(known: Known, gains: Gains, record: Record, table: Values) -> list[str]:
     notes = []
     if gains.added:
-        notes.append(f"[{gains.added[0]}] is not in the model: it was added, starting from nothing.")
+        notes.append(f"[{gains.added[0]}] is not in the model: it was added, with zero gains at first.")
     if not known.made:
         notes.append(
-            "The model's controller is not known to have made this log's torque (its gains are others, something else "
-            "adds to it, or the log has no such column), so the prediction could not be held against the log: "
-            '"before" is what the file\'s gains would do.'
+            "The model's controller is not known to have made this log's torque (its gains were others, something else "
+            "adds to it, or the log has no such column), so the prediction could not be compared with the log: "
+            '"before" is the prediction with the file\'s gains.'
         )
     if record.recorded > len(record.time):
         begin, length = record.time[0], len(table) * record.dt
-        notes.append(f"The log is long: {length:.3g} s of it were followed, from {begin:.3g} s on.")
+        notes.append(f"The log is long: {length:.3g} s of it were used, from {begin:.3g} s on.")
     elif len(table) == LONGEST:
         notes.append(f"The first {LONGEST * record.dt:.3g} s of the reference were simulated.")
     if known.posterior.rivals:

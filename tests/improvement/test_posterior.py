@@ -102,7 +102,7 @@ def test_a_folder_that_is_no_diagnosis_is_refused_in_one_sentence(tmp_path, brok
 
 def test_the_diagnosis_of_another_log_is_refused(tmp_path):
     other = dataclasses.replace(case.log(), sha256="def")
-    with pytest.raises(fp.InputError, match=r"made\.csv and not of"):
+    with pytest.raises(fp.InputError, match=r"made\.csv, not of"):
         known_in(folder_of(tmp_path), other)
     with pytest.raises(fp.InputError, match="samples"):
         known_in(tmp_path, case.log(2.0))
