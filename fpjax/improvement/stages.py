@@ -1,7 +1,7 @@
 """The stages of an improvement after the diagnosis, and their costs for the progress bar."""
 
-# (least, expected, most) time of each stage, in units of the diagnosis' stage "all effects alone". Compilation times depend
-# on the contents of jax's cache.
+# (least, expected, most) time of each stage, in units of the diagnosis' stage "all effects alone". Compilation times
+# depend on the contents of jax's cache.
 COSTS = {
     "machines": (0.01, 0.03, 0.1),
     "compiling the closed loop": (0.01, 0.4, 0.8),
