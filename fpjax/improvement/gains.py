@@ -145,9 +145,7 @@ def freed(model: Model, machine: Mapping[str, float], reference: Values, free: S
         if name in FREE and not equals:
             own = [each for each in known if each.startswith(f"{name}.") and not each.endswith(".speed")]
             if not own:
-                raise InputError(
-                    f"The model has no {name} whose gains could change: write [{name}], or drop it."
-                )
+                raise InputError(f"The model has no {name} whose gains could change: write [{name}], or drop it.")
             wanted |= dict.fromkeys(own)
             continue
         if name not in known:
