@@ -1,10 +1,7 @@
 """The verbs of a user: `simulate`, `estimate`, `linearise` of a model, its file or blocks; errors are one sentence."""
 
-import contextlib
 import dataclasses
-import importlib
 import os
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
@@ -30,6 +27,7 @@ from .errors import InputError
 from .logs import Log, read_log
 from .model_file import Model, load_model
 from .output.run_picture import KINDS, About
+from .precision import double_precision as double_precision
 from .simulation.loop import ClosedLoop, LoopState
 from .simulation.metrics import AbstractMeasure
 from .simulation.run import Run
@@ -294,16 +292,6 @@ def checked_reference(reference: Any) -> AbstractReference:
         hint = "fp.Constant(...)" if isinstance(reference, int | float) else "fp.Sine(amplitude=1.0, frequency=1.0)"
         raise InputError(f"The reference is {_shown(reference)}: give one of the blocks, for instance {hint}.")
     return with_arrays(reference)
-
-
-@contextlib.contextmanager
-def double_precision() -> Iterator[None]:
-    """float64 within, whatever the process has."""
-    enable: Any = getattr(jax, "enable_x64", None)
-    if enable is None:  # before jax 0.8 it stands with the experimental ones
-        enable = importlib.import_module("jax.experimental").enable_x64
-    with enable(True):
-        yield
 
 
 def about_model(model: Model) -> About:

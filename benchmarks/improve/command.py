@@ -21,6 +21,7 @@ SETS = ("single", "wide", "pairs", "none", "outside")
 SENSORS = {1: ("rate", "both", "encoder"), 2: ("rate", "both")}  # by generator: where the controller is known
 PERIODS = 10_001
 CHUNK = 12  # machines that run side by side in the truth: one more costs little; an interrupt loses their run at most
+RECORDED = 44  # likewise, of the logs after the first of them: they take three minutes of processor time, however many
 # Substeps of a run that is scored: the first generator's own are 50, for logs whose noise floor counts. Over five
 # development machines the error with the gains that ran is the same to 3e-4 with 12, where no noise is on it.
 SCORED = 12
@@ -53,7 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.score_only:
         for first in range(0, len(wanted), CHUNK):
             some = wanted[first : first + CHUNK]
-            _record(folder, some, arguments.periods)
+            if any(not (folder / one.name / "made.json").exists() for one in some):
+                _record(folder, wanted[first : first + (RECORDED if first else CHUNK)], arguments.periods)
             _tune(folder, some)
             if not arguments.no_best:
                 _search(folder, some, arguments.periods)

@@ -12,9 +12,10 @@ from ..blocks.block import as_parameter
 from ..blocks.references import AbstractReference, Constant, Recorded
 from ..blocks.signals import Motion
 from ..errors import InputError
+from ..precision import double_precision
 from ..simulation.loop import ClosedLoop, LoopState
 from ..simulation.run import simulate
-from ..simulation.scan import Stepping
+from ..simulation.scan import Stepping, astype
 from ..simulation.solvers import AbstractPlantSolver, get_solver
 from .linear_loop import LinearLoop
 from .state_space import StateSpace
@@ -68,7 +69,8 @@ def linearise(
 
     The derivative is jax's, of the same step (or derivative) that is simulated: delays, lags, the hold of a sampled
     loop and the observer's compensation are all included. The rounding of a sensor is left out, a limit counts where it
-    is active, and Coulomb friction of a moving mass has no slope.
+    is active, and Coulomb friction of a moving mass has no slope. It is computed in double precision, whatever that of
+    the loop: a position that grows is rounded to more than a steady motion may change in single precision.
 
     Args:
         loop: the closed loop.
@@ -82,12 +84,21 @@ def linearise(
     Raises:
         InputError: where the loop does not settle at that speed, or a state comes without its reference.
     """
-    position = loop.controller.follows_position
-    chosen = get_solver(solver)
     if stepping not in ("sampled", "continuous"):
         raise InputError(f'stepping = {stepping!r} is not known: choose "continuous" or "sampled".')
     if not dt > 0.0:
         raise InputError(f"dt must be positive, got {dt:g} s; 1e-3 s is usual for a drive.")
+    with double_precision():
+        loop, at = astype((loop, at), jnp.float64)
+        return _linearised(loop, at, dt, stepping, get_solver(solver), substeps, reference)
+
+
+def _linearised(
+    loop: ClosedLoop, at: float | LoopState, dt: float, stepping: Stepping, chosen: AbstractPlantSolver, substeps: int,
+    reference: float | None,
+) -> LinearLoop:  # fmt: skip
+    """The linearised loop of one in double precision; arguments as of `linearise`."""
+    position = loop.controller.follows_position
     if isinstance(at, int | float):
         if not np.isfinite(at):
             raise InputError(f"at = {at:g} rad/s is not a speed: give a finite one.")

@@ -38,6 +38,7 @@ class Designed:
         ended: why it ended: "converged", "time" or "interrupted".
         history: cost of each shape that was tried.
         usual: expected runs of the plain references, as far as they were tried.
+        unseen: whether no start shows a comparison: it is left out of the design, shape (comparisons,).
     """
 
     shape: Shape
@@ -48,6 +49,7 @@ class Designed:
     ended: str
     history: tuple[float, ...]
     usual: Mapping[str, ExpectedRun]
+    unseen: np.ndarray
 
 
 def design(
@@ -85,6 +87,7 @@ def design(
     shown = np.zeros(np.shape(wanted))  # the largest evidence of any start for each comparison [nats]
     first: ExpectedRun | None = None
     history, beside = list[float](), dict[str, ExpectedRun]()
+    unseen = np.zeros(np.shape(wanted), bool)
     slope: Shape | None = None
     ended = "converged"
 
@@ -119,7 +122,8 @@ def design(
                 break
         if best is None or slope is None:
             return None
-        within = np.where(shown < UNSEEN, 0.0, wanted)
+        unseen = shown < UNSEEN
+        within = np.where(unseen, 0.0, wanted)
         if within.any() and not np.array_equal(within, wanted):
             # Without this the worst comparison is one that no motion within the limits can improve, and the search
             # stands still.
@@ -159,7 +163,7 @@ def design(
         ended = "interrupted"
     share, seen = kept_within(refer(best[1]), best[2])
     start = best[2] if first is None else first
-    return Designed(best[1], share, seen, start, len(history), ended, tuple(history), beside)
+    return Designed(best[1], share, seen, start, len(history), ended, tuple(history), beside, unseen)
 
 
 def _finite(slope: Shape) -> Shape:

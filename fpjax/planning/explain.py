@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..gap.effects.experiments import PLAINEST, SIGNATURE, TELLS, experiment_for, family_of
-from .result import NEEDED, Separation
+from .result import MATERIAL, NEEDED, Separation
 from .sight import Sight
 from .trial import RunComparison
 
@@ -60,7 +60,8 @@ def where_from(sight: Sight, kinds: np.ndarray, left: np.ndarray) -> str:
     modes = sight.modes
     if np.sum(left[modes.sensor] ** 2) > 0.5 * np.sum(left**2):
         return "most of it from the two sensors' disagreement"
-    torque = np.where(modes.sensor[:, None], 0.0, left)
+    # `left` is in turned coefficients: turned back, or the samples of half an octave would be mixed.
+    torque = np.where(modes.sensor[:, None], 0.0, modes.plain(left.T).T)
     # From modes back to samples: the square of the missed torque over its deviation, shape (samples, windows).
     course = (modes.torque @ torque) ** 2
     total = max(float(np.sum(course)), 1e-300)
@@ -70,6 +71,29 @@ def where_from(sight: Sight, kinds: np.ndarray, left: np.ndarray) -> str:
     # The frequency below which half of the misfit's energy lies.
     middle = float(modes.frequency[~modes.sensor][np.searchsorted(energy[~modes.sensor], 0.5)])
     return f"{100 * shares[largest]:.0f} % of it from {largest}, half of it above {middle:.2g} Hz"
+
+
+def not_visible(nats: float, share: float | None, *, nowhere: bool) -> str:
+    """Why a run does not make an effect of the size in plan.json visible; "" where it does.
+
+    Args:
+        nats: that it brings.
+        share: of the commanded torque that the effect's is [1]; None for an error of a reading.
+        nowhere: no motion that was tried shows it.
+    """
+    if nowhere and nats < NEEDED:
+        return (
+            "no motion that was tried within the limits reaches where it begins; an effect of this size needs a larger "
+            "torque, speed or travel, or does no harm within them."
+        )
+    if nats < NEEDED:
+        return f"the evidence stays below the {NEEDED:g} nats that are needed: a longer run shows more."
+    if share is not None and share < MATERIAL:
+        return (
+            f"its torque is less than {MATERIAL:.0%} of what this run commands, which the diagnosis calls no gap: it "
+            "shows where friction and not acceleration takes the torque."
+        )
+    return ""
 
 
 def separations(

@@ -54,24 +54,27 @@ def _course(axis: Axes, time: np.ndarray, values: np.ndarray, limit: float, labe
         axis.set_ylim(-1.12 * limit, 1.12 * limit)
 
 
-def _bars(plan: Plan) -> list[tuple[str, float]]:
+def _bars(plan: Plan) -> list[tuple[str, float, bool]]:
+    """(name, nats, or NaN for twins, and whether the run decides it), from above to below."""
     if plan.aim == "rivals":
-        return [(" / ".join(one.between), float("nan") if one.twins else one.nats) for one in plan.separations]
-    return [(one.effect, float("nan") if one.twin else one.nats) for one in plan.visible]
+        pairs = plan.separations
+        return [(" / ".join(one.between), float("nan") if one.twins else one.nats, one.separated) for one in pairs]
+    return [(one.effect, float("nan") if one.twin else one.nats, one.shown) for one in plan.visible]
 
 
-def _evidence(axis: Axes, bars: list[tuple[str, float]], twins: str) -> None:
+def _evidence(axis: Axes, bars: list[tuple[str, float, bool]], twins: str) -> None:
     place = np.arange(len(bars))[::-1]
-    sizes = np.array([max(nats, LEAST) if np.isfinite(nats) else LEAST for _, nats in bars])
-    colours = [GREY if not np.isfinite(n) else BLUE if n >= THRESHOLDS.sure else RED for _, n in bars]
+    sizes = np.array([max(nats, LEAST) if np.isfinite(nats) else LEAST for _, nats, _ in bars])
+    colours = [GREY if not np.isfinite(nats) else BLUE if decided else RED for _, nats, decided in bars]
     axis.barh(place, sizes - LEAST, left=LEAST, color=colours, height=0.72)
-    for at, size, (_, nats) in zip(place, sizes, bars, strict=True):
-        told = f"{nats:.3g}" if np.isfinite(nats) else twins
+    for at, size, (_, nats, decided) in zip(place, sizes, bars, strict=True):
+        told = twins if not np.isfinite(nats) else f"{nats:.3g}" if nats >= LEAST else f"below {LEAST:g}"
+        told += "" if decided or not np.isfinite(nats) else ", not enough"
         axis.text(size * 1.15, at, told, va="center", fontsize=7.5, color=BLACK)
     axis.axvline(THRESHOLDS.sure, color=BLACK, linestyle="--", linewidth=0.9)
     axis.set_xscale("log")
     axis.set_xlim(LEAST, 60.0 * max(float(np.max(sizes)), THRESHOLDS.sure))
     axis.set_ylim(-0.7, len(bars) - 0.3)
-    axis.set_yticks(place, [name.replace("_", " ") for name, _ in bars])
+    axis.set_yticks(place, [name.replace("_", " ") for name, *_ in bars])
     axis.grid(axis="y", visible=False)
     axis.set_xlabel(f"expected log evidence [nats]; dashed: the {THRESHOLDS.sure:g} that the diagnosis needs")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NEEDED = THRESHOLDS.sure  # [nats] lead that a cause needs before the diagnosis asserts it
+MATERIAL = THRESHOLDS.nothing  # [1] share of the commanded torque below which a missing torque counts as no gap
 
 
 @dataclass(frozen=True)
@@ -26,24 +28,32 @@ class Visible:
         effect: its name in the vocabulary.
         size: its parameters by name: (value, unit).
         nats: expected log evidence over the nominal model with its parameters and an offset free; NaN for a twin.
+        share: the torque that the nominal model lacks over the rms of the commanded torque [1]; NaN for a twin and for
+            an error of a reading, which makes no torque.
         twin: why no run can show it; "" where a run can.
+        unseen: why this run does not show it; "" where it does, and for a twin.
     """
 
     effect: str
     size: dict[str, tuple[float, str]]
     nats: float
+    share: float = math.nan
     twin: str = ""
+    unseen: str = ""
 
     @property
     def shown(self) -> bool:
         """Whether the run is expected to show it."""
-        return not self.twin and self.nats >= NEEDED
+        return not self.twin and not self.unseen
 
     def to_dict(self) -> JsonObject:
-        """By name; `nats` is None for a twin."""
+        """By name; both numbers are None for a twin, the share for an error of a reading."""
         size = {name: {"value": value, "unit": unit} for name, (value, unit) in self.size.items()}
-        nats = None if self.twin else self.nats
-        return {"effect": self.effect, "size": size, "nats": nats, "shown": self.shown, "twin": self.twin}
+        nats, share = (value if math.isfinite(value) else None for value in (self.nats, self.share))
+        return {
+            "effect": self.effect, "size": size, "nats": nats, "share": share, "shown": self.shown, "twin": self.twin,
+            "unseen": self.unseen,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -92,7 +102,8 @@ class Plan:
         motion: the planned "speed" [rad/s], "acceleration" [rad/s^2] and "position" [rad], each of shape (samples,).
         torque: torque of the nominal machine on this run [N m], shape (samples,).
         limits: the limits of the run.
-        visible: the effects of the vocabulary, the least visible first; () where the aim is "rivals".
+        visible: the effects of the vocabulary, the least visible first, what the run does not show and twins last; ()
+            where the aim is "rivals".
         separations: pairs of rivals, the hardest to separate first; () where the aim is "effects".
         rivals: names of the rivals.
         missing: level of the missing torque that was assumed [N m].
@@ -102,9 +113,10 @@ class Plan:
         torque_unit: unit of the torque.
         model: name of the nominal model's file.
         evaluations: how many motions were tried, each with its gradient.
-        gained: the smallest evidence over all comparisons, of the best start and of the plan [nats].
-        usual: the smallest evidence of plain references, a "sine" and a "sweep" within the same limits [nats]; empty
-            after an interrupt.
+        gained: the smallest evidence over all comparisons, of the best start and of the plan, without those that no
+            motion shows [nats].
+        usual: of plain references, a "sine" and a "sweep" within the same limits: how many effects they show (or pairs
+            of rivals they separate), and their smallest evidence [nats]; empty after an interrupt.
         ended: "converged", "time" or "interrupted".
         notes: choices made for the user, a sentence each.
         seconds: processor time by stage [s].
@@ -128,7 +140,7 @@ class Plan:
     evaluations: int
     gained: tuple[float, float]
     ended: str
-    usual: dict[str, float] = field(default_factory=dict)
+    usual: dict[str, tuple[int, float]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -221,7 +233,12 @@ class Plan:
             "visible": [one.to_dict() for one in self.visible],
             "separations": [one.to_dict() for one in self.separations],
             "evaluations": self.evaluations,
-            "worst_nats": {"start": self.gained[0], "plan": self.gained[1], **self.usual},
+            "worst_nats": {
+                "start": self.gained[0],
+                "plan": self.gained[1],
+                **{name: least for name, (_, least) in self.usual.items()},
+            },
+            "decided": {"plan": self.decided, **{name: count for name, (count, _) in self.usual.items()}},
             "ended": self.ended,
             "notes": list(self.notes),
             "seconds": {stage: round(spent, 3) for stage, spent in self.seconds.items()},
@@ -235,24 +252,50 @@ class Plan:
             more = f"; {twins} are exact twins, which no run with these sensors separates" if twins else ""
             return f"The run is expected to separate {done} of {len(self.separations)} pairs of rivals{more}."
         can = [one for one in self.visible if not one.twin]
-        shown = sum(one.shown for one in can)
+        shown = [one for one in can if one.shown]
+        least = ""
+        if shown:
+            first = shown[0]
+            least = f"; of those the least visible is {_plain(first.effect)}: {first.nats:.3g} nats, {NEEDED:g} needed"
+            if math.isfinite(first.share):
+                least += f", and {first.share:.1%} of the commanded torque, {MATERIAL:.0%} needed"
         return (
-            f"The run is expected to show {shown} of {len(can)} effects at the sizes in plan.json; least visible is "
-            f"{can[0].effect} with {can[0].nats:.3g} nats, {NEEDED:g} needed."
+            f"The run is expected to show {len(shown)} of the {len(can)} effects that a run can show, at the sizes in "
+            f"plan.json{least}."
         )
 
+    @property
+    def decided(self) -> int:
+        """Effects that the run is expected to show, or pairs of rivals that it separates."""
+        return sum(one.shown for one in self.visible) + sum(one.separated for one in self.separations)
+
     def without(self) -> str:
-        """The evidence of the plain references beside the plan's, in one sentence."""
-        told = ", ".join(f"a {name} {nats:.3g}" for name, nats in self.usual.items())
-        enough = [f"a {name}" for name, nats in self.usual.items() if nats >= NEEDED]
+        """What the plain references would show beside the plan, in one sentence."""
+        what = "effects shown" if self.aim == "effects" else "pairs separated"
+        told = ", ".join(f"a {name} {count} ({least:.3g})" for name, (count, least) in self.usual.items())
+        enough = [f"a {name}" for name, (count, _) in self.usual.items() if count >= self.decided]
         more = f": {' or '.join(enough)} would do too" if enough else ""
-        return f"smallest evidence within the same limits [nats]: this run {self.gained[1]:.3g}, {told}{more}."
+        return (
+            f"{what} within the same limits (and smallest evidence [nats]): this run {self.decided} "
+            f"({self.gained[1]:.3g}), {told}{more}."
+        )
+
+    def unseen(self) -> list[str]:
+        """Why the run does not show some effects, a sentence for each reason."""
+        reasons: dict[str, list[str]] = {}
+        for one in self.visible:
+            if one.unseen:
+                reasons.setdefault(one.unseen, []).append(_plain(one.effect))
+        return [f"not made visible: {', '.join(names)}: {why}" for why, names in reasons.items()]
 
     def __str__(self) -> str:
         lines = [self.sentence()]
         lines += [f"  {one.sentence}" for one in self.separations]
         if self.visible:
-            lines += [f"  {one.effect:<28}{one.nats:10.3g} nats" for one in self.visible if not one.twin]
+            lines += [
+                f"  {one.effect:<28}{one.nats:10.3g} nats{_of_torque(one.share)}" for one in self.visible if one.shown
+            ]
+            lines += [f"  {one}" for one in self.unseen()]
             lines += [f"  {one.effect:<28}{'':>10} {one.twin}" for one in self.visible if one.twin]
         if self.usual:
             lines.append(f"  {self.without()}")
@@ -261,3 +304,11 @@ class Plan:
         return "\n".join(lines)
 
     __repr__ = __str__
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _of_torque(share: float) -> str:
+    return f"  {share:6.1%} of the commanded torque" if math.isfinite(share) else ""

@@ -53,7 +53,8 @@ class Sight:
     @property
     def variance(self) -> np.ndarray:
         """Variance of each mode's coefficient, from noise (1) and missing torque [1], shape (modes,)."""
-        torque = np.where(self.modes.sensor, 0.0, self.modes.gain)
+        # The coefficients are turned within half an octave, which then has one gain, `flat`, as in the diagnosis.
+        torque = np.where(self.modes.sensor, 0.0, self.modes.flat)
         return 1.0 + self.missing**2 * torque
 
 

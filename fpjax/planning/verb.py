@@ -22,14 +22,14 @@ from ..output.stages import StageClock
 from ..simulation.scan import astype
 from ..verbs import as_model, double_precision
 from .design import Designed, design
-from .explain import beside, kinds_of_samples, separations, where_from
+from .explain import beside, kinds_of_samples, not_visible, separations, where_from
 from .limits import Limits, make_limits
 from .machines import Shop, detectable, make_shop, reported
-from .result import NEEDED, Plan, Separation, Visible
+from .result import MATERIAL, NEEDED, Plan, Separation, Visible
 from .rivals import hidden_by_twin, level_of, machines_of, read_diagnosis, rivals_of, settled_of, twins_of
 from .sight import Sight, make_sight
 from .trajectory import make_course
-from .trial import Trial, effects_trial, rivals_trial
+from .trial import ExpectedRun, Trial, effects_trial, rivals_trial
 from .usual import NAMES
 
 SECONDS = 45.0  # [s] processor time of the design, so that the whole plan takes about a minute
@@ -208,11 +208,12 @@ def _plan(
     motion = {name: np.asarray(values) for name, values in course.motion(found.shape, found.share)._asdict().items()}
     position = model.units.reference == "position"
     nats = np.asarray(seen.nats, float)
-    live = nats[wanted > 0.0]
+    live = (wanted > 0.0) & ~found.unseen
+    live = live if live.any() else wanted > 0.0
     visible, separated = tuple[Visible, ...](), tuple[Separation, ...]()
     aim = "effects" if len(trial.simulated) == 1 else "rivals"
     if aim == "effects":
-        visible = _visible(trial, nats, twins)
+        visible = _visible(trial, found, twins)
     else:
         kinds = kinds_of_samples(trial.sight, motion["speed"], motion["acceleration"], model.units.name("rad/s"))
         wheres = [where_from(trial.sight, kinds, left) for left in np.asarray(seen.left)]
@@ -243,21 +244,41 @@ def _plan(
         torque_unit=model.units.name("N m"),
         model="the model" if model.path is None else model.path.name,
         evaluations=found.evaluations,
-        usual={name: float(np.min(np.asarray(one.nats)[wanted > 0.0])) for name, one in found.usual.items()},
-        gained=(float(np.min(np.asarray(found.first.nats)[wanted > 0.0])), float(np.min(live))),
+        usual={
+            name: (_decided(trial, one, wanted, twins), float(np.min(np.asarray(one.nats)[live])))
+            for name, one in found.usual.items()
+        },
+        gained=(float(np.min(np.asarray(found.first.nats)[live])), float(np.min(nats[live]))),
         ended=found.ended,
         notes=tuple(notes),
         seconds=clock.seconds,
     )  # fmt: skip
 
 
-def _visible(trial: Trial, nats: np.ndarray, twins: dict[frozenset[str], str]) -> tuple[Visible, ...]:
-    found = []
-    for variant, size in zip(trial.models, nats, strict=True):
+def _visible(trial: Trial, found: Designed, twins: dict[frozenset[str], str]) -> tuple[Visible, ...]:
+    seen, listed = found.seen, list[Visible]()
+    for place, variant in enumerate(trial.models):
         values = {name: (one.value, one.unit) for name, one in reported(variant, trial.shop).items()}
+        nats, share = float(seen.nats[place]), float(seen.share[place])
         why = twins.get(frozenset((variant.name,)), "")
-        found.append(Visible(variant.name, values, float("nan") if why else float(size), why))
-    return tuple(sorted(found, key=lambda one: (bool(one.twin), one.nats)))
+        if why:
+            listed.append(Visible(variant.name, values, float("nan"), twin=why))
+            continue
+        material = trial.material[place]
+        unseen = not_visible(nats, share if material else None, nowhere=bool(found.unseen[place]))
+        listed.append(Visible(variant.name, values, nats, share if material else float("nan"), unseen=unseen))
+    return tuple(sorted(listed, key=lambda one: (bool(one.twin), bool(one.unseen), one.nats)))
+
+
+def _decided(trial: Trial, seen: ExpectedRun, wanted: np.ndarray, twins: dict[frozenset[str], str]) -> int:
+    """Effects that a run shows, or pairs of rivals that it separates."""
+    nats, share = np.asarray(seen.nats), np.asarray(seen.share)
+    if len(trial.simulated) > 1:
+        names = [v.name for v in trial.models]
+        pairs = separations(names, trial.comparisons, nats, [""] * len(nats), twins)
+        return sum(one.separated for one in pairs)
+    enough = ~np.asarray(trial.material) | (share >= MATERIAL)
+    return int(np.sum((wanted > 0.0) & (nats >= NEEDED) & enough))
 
 
 __all__ = ["NEEDED", "plan"]

@@ -2,11 +2,13 @@
 
 import math
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import fpjax as fp
+from fpjax.simulation.scan import astype
 
 control = pytest.importorskip("control")
 J, B, KP, KI, DT = 10.0, 2.0, 150.0, 800.0, 1e-3
@@ -115,6 +117,17 @@ def test_a_position_cascade_is_linearised_about_its_ramp():
     time, values = linear.step_response()
     assert values[-1] == pytest.approx(1.0, abs=0.02)
     assert time[-1] > 0.1
+
+
+def test_a_cascade_in_single_precision_is_linearised_in_double():
+    made = loop(controller=fp.PositionLoop(20.0, fp.ProportionalIntegral(KP, KI)))
+    rounded = astype(made, jnp.float32)
+    one, other = made.linearise(0.5, dt=DT).margins(), rounded.linearise(0.5, dt=DT).margins()
+    assert other.modulus_margin == pytest.approx(one.modulus_margin, rel=1e-5)
+    assert other.phase_margin == pytest.approx(one.phase_margin, rel=1e-5)
+    with jax.enable_x64(False):  # as a process runs that never asked for double
+        alone = loop(controller=fp.PositionLoop(20.0, fp.ProportionalIntegral(KP, KI))).linearise(0.5, dt=DT)
+    assert alone.margins().modulus_margin == pytest.approx(one.modulus_margin, rel=1e-5)
 
 
 def test_what_stands_around_a_cascade_is_linearised_about_its_ramp_too():

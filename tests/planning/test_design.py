@@ -27,7 +27,7 @@ class OneNumberTrial:
         nats = jnp.stack([jnp.asarray(1e-7), 1e3 * jnp.exp(-4.0 * (reference[0] - 1.0) ** 2)])
         worth = jnp.log(jnp.maximum(nats, 1e-3))
         soft = -jax.nn.logsumexp(-4.0 * worth, b=wanted) / 4.0
-        return -soft, ExpectedRun(nats, jnp.zeros(1), jnp.zeros(()), jnp.zeros(()), None)
+        return -soft, ExpectedRun(nats, jnp.zeros(1), jnp.ones(2), jnp.zeros(()), jnp.zeros(()), None)
 
     def beyond(self, seen):
         return False
@@ -40,3 +40,4 @@ def test_what_no_motion_shows_does_not_keep_the_rest_from_being_improved():
     assert float(found.seen.nats[1]) > 990.0  # of 1000
     assert float(found.first.nats[1]) < 500.0
     assert float(found.seen.nats[0]) < 1e-6
+    assert found.unseen.tolist() == [True, False]

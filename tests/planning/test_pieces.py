@@ -15,7 +15,7 @@ from fpjax.logs import read_log
 from fpjax.model_file import dump_model, load_model
 from fpjax.planning import Plan, Separation, Visible, plan
 from fpjax.planning.expect import evidence_against
-from fpjax.planning.explain import separations
+from fpjax.planning.explain import not_visible, separations
 from fpjax.planning.limits import Limits, make_limits
 from fpjax.planning.machines import detectable, make_shop, reported, rival
 from fpjax.planning.rivals import (
@@ -272,12 +272,43 @@ def test_what_may_move_is_projected_out():
         more = evidence_against(sight, 3.0 * outside + inside, tangents, shifts)
     assert float(nothing.nats) < 1e-3 * float(some.nats)
     assert float(more.nats) > 2.0 * float(some.nats)
-    # Small misfits cost half their square in deviations, whatever the bands.
-    whitened = np.asarray(1e-3 * outside) / np.sqrt(sight.variance)[:, None]
-    none = jnp.zeros((0, count, windows))
+    # Small misfits, alike in all windows, cost half their square in deviations, whatever the bands.
+    alike = 1e-3 * jnp.tile(outside[:, :1], windows)
+    whitened = np.asarray(alike) / np.sqrt(sight.variance)[:, None]
     with double_precision():
-        small = float(evidence_against(sight, 1e-3 * outside, none, jnp.zeros((1, count, windows))).nats)
+        small = float(evidence_against(sight, alike, *nothing_free(count, windows)).nats)
     assert small == pytest.approx(0.5 * np.sum(whitened**2), rel=1e-4)
+
+
+def nothing_free(count, windows):
+    return jnp.zeros((0, count, windows)), jnp.zeros((1, count, windows))
+
+
+def test_what_one_window_alone_shows_is_no_evidence():
+    sight = make_sight(servo(), LIMITS, None, 0.05, {"velocity": 0.01}, [])
+    count, windows = len(sight.modes.gain), len(sight.starts)
+    random = np.random.default_rng(0)
+    spread = random.normal(size=(count, windows))
+    alone = np.zeros((count, windows))
+    alone[:, 2] = np.sqrt(windows) * random.normal(size=count)
+    with double_precision():
+        free = nothing_free(count, windows)
+        everywhere, once = (float(evidence_against(sight, jnp.asarray(one), *free).nats) for one in (spread, alone))
+    assert everywhere > 10.0
+    assert once < 1e-9
+
+
+@pytest.mark.parametrize("sensors", ["velocity", "position", "both"])
+def test_the_missing_torque_is_that_which_makes_the_misfit(sensors):
+    noise = {"velocity": 1e-4, "position": 1e-6}
+    sight = make_sight(servo(sensors), LIMITS, None, 0.05, noise, [])
+    modes, windows = sight.modes, len(sight.starts)
+    time = np.linspace(0.0, 1.0, sight.samples)[:, None]
+    torque = 0.3 * np.sin(2.0 * np.pi * 5.0 * time + np.arange(windows))  # N m
+    plain = np.where(modes.sensor, 0.0, np.sqrt(modes.gain))[:, None] * (modes.torque.T @ torque)
+    with double_precision():
+        told = evidence_against(sight, jnp.asarray(modes.turn.T @ plain), *nothing_free(len(plain), windows))
+    assert float(told.missing) == pytest.approx(np.sqrt(np.mean(torque**2)), rel=0.1)
 
 
 def test_the_evidence_has_a_gradient():
@@ -307,7 +338,12 @@ def example(aim="rivals"):
         np.array([40.0, 30.0, 2.0, 0.0]), ["here", "there", "x", "y"],
         {frozenset(("viscous_error", "actuator_delay")): "They make exactly the same log."},
     )  # fmt: skip
-    visible = (Visible("stribeck", {"stribeck_torque": (0.1, "N m")}, 4.0),)
+    visible = (
+        Visible("stribeck", {"stribeck_torque": (0.1, "N m")}, 40.0, 0.07),
+        Visible("torque_saturation", {"limit": (3.0, "N m")}, 1e-10, 0.0, unseen=not_visible(1e-10, 0.0, nowhere=True)),
+        Visible("quadratic_drag", {}, 30.0, 0.002, unseen=not_visible(30.0, 0.002, nowhere=False)),
+        Visible("viscous_error", {}, 4.0, 0.1, unseen=not_visible(4.0, 0.1, nowhere=False)),
+    )
     return Plan(
         aim, time, speed, motion, np.sign(speed), LIMITS, visible if aim == "effects" else (),
         pairs if aim == "rivals" else (), (), 0.01, {"velocity": 0.005}, False, False, "N m", "servo.toml", 3,
@@ -328,6 +364,20 @@ def test_every_pair_has_its_sentence_the_weaker_direction_and_its_twins():
     twin = pairs["viscous_error", "actuator_delay"]
     assert twin.twins
     assert "inseparable by any run" in twin.sentence
+
+
+def test_what_the_run_does_not_show_is_said_with_its_reason_and_is_not_the_least_visible():
+    made = example("effects")
+    assert made.decided == 1
+    assert "show 1 of the 4 effects" in made.sentence()
+    assert "least visible is stribeck: 40 nats, 10 needed, and 7.0% of the commanded torque" in made.sentence()
+    limit, drag, viscous = made.unseen()
+    assert re.search("torque saturation: no motion that was tried within the limits", limit)
+    assert re.search("quadratic drag: its torque is less than 1% of what this run commands", drag)
+    assert re.search("viscous error: the evidence stays below the 10 nats", viscous)
+    assert not_visible(20.0, 0.02, nowhere=False) == ""
+    assert not_visible(20.0, None, nowhere=False) == ""
+    assert "1e-10" not in str(made)
 
 
 @pytest.mark.parametrize("aim", ["rivals", "effects"])
