@@ -25,6 +25,7 @@ def main(argv: list[str] | None = None) -> int:
     argv = sys.argv[1:] if argv is None else argv
     chosen = next((word for word in argv if not word.startswith("-")), None)
     for name, summary in NAMES.items():
+        # Every benchmark is listed in the help, but only the chosen one is imported: most of them import jax.
         command = commands.add_parser(name, help=summary, description=summary)
         if name == chosen:
             importlib.import_module(f"benchmarks.{name}.command").add_arguments(command)

@@ -1,4 +1,4 @@
-"""The package's own command line in this process: what a benchmark judges is what a user gets."""
+"""The package's own command line, run in this process: a benchmark judges what a user gets."""
 
 import contextlib
 import io
@@ -8,7 +8,7 @@ def fpjax_command(words: list[str]) -> str:
     """Run `fpjax WORDS...`; returns what it printed.
 
     Raises:
-        RuntimeError: with what it printed, where it does not end in 0.
+        RuntimeError: where the exit code is not 0, with what was printed.
         KeyboardInterrupt: where it was interrupted or terminated.
     """
     from fpjax.cli import main
@@ -17,7 +17,7 @@ def fpjax_command(words: list[str]) -> str:
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         code = main(words)
     if code in (130, 143):
-        # interrupted or terminated: the benchmark stops, it is no failed case
+        # SIGINT or SIGTERM: the benchmark stops; this is not a failed case.
         raise KeyboardInterrupt
     if code != 0:
         raise RuntimeError(f"fpjax {words[0]} ended with code {code}: {said.getvalue().strip()}")

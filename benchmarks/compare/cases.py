@@ -9,7 +9,7 @@ from tuning import AbstractObjective, Axis, Estimation, Parameter, Thesis
 
 DEGREE = math.pi / 180.0
 INERTIA = 10.0 * DEGREE
-STEEPNESS = 150.0  # s/deg, stands for sign(): 69 % of ode3's limit at 1e-4 s
+STEEPNESS = 150.0  # of tanh in place of sign() [s/deg]: 69 % of the stability limit of ode3 at 1e-4 s
 JOINT = "joint"
 
 # Appendix B, lines 3, 5, 10, 11: start and first step of (gain_2, gain_1), in the thesis' units.
@@ -23,9 +23,9 @@ class Case:
     Attributes:
         name: "efp", "extension_1" or "extension_2".
         loop: the closed loop.
-        units: one of the thesis' units of (gain_2, gain_1), in the loop's.
-        ranges: (low, high) of (gain_2, gain_1), in the thesis' units: of the sweep, and of what is bounded.
-        scales: one unit of each estimate that Appendix B adds up, in the loop's units.
+        units: the thesis' units of (gain_2, gain_1) in those of the loop: a gain of b is in N m s/deg here.
+        ranges: (low, high) of (gain_2, gain_1), in the thesis' units: of the sweep and of the bounded methods.
+        scales: by estimate, its unit in the sum of Appendix B, in the loop's units.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Case:
 
     @property
     def printed_parameters(self) -> list[Parameter]:
-        """The same without bounds, of which Algorithm 1 as printed knows nothing."""
+        """The same without bounds, which Algorithm 1 as printed does not have."""
         return [Parameter(one.name, one.start) for one in self.parameters]
 
     @property
@@ -63,6 +63,7 @@ def all_cases() -> list[Case]:
     """EFP (Table 4.1) and its two extensions (Table 4.6)."""
     pi = fpjax.ProportionalIntegral(150.0, 200.0)
     coulomb = fpjax.CoulombViscous(20.0, 2.0 * DEGREE, STEEPNESS)
+    # Tables 4.5 to 4.7: the true steepness is 10 s/deg, which the extensions estimate.
     soft = fpjax.CoulombViscous(20.0, 2.0 * DEGREE, 10.0)
     by_degree, both = (1.0, DEGREE), ((1.0, 300.0), (1.0, 1e4))
     efp = fpjax.ExtendedFriedlandPark(INERTIA, 1.0, 1.0, STEEPNESS)

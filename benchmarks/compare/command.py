@@ -34,10 +34,10 @@ def run(args: argparse.Namespace) -> int:
     if args.budget is not None and args.budget < 12:
         raise InputError(f"--budget {args.budget} is too small to compare anything: give at least 12.")
     if args.points is not None and args.points < 2:
-        raise InputError(f"--points {args.points} is no sweep: give at least 2.")
-    folder = open_folder(args.out)  # an unwritable folder is told before the work, not after it
+        raise InputError(f"--points {args.points} does not make a sweep: give at least 2.")
+    folder = open_folder(args.out)  # fails now, not after the work, if it cannot be written
     assert folder is not None
-    jax.config.update("jax_enable_x64", True)  # stopping tests of 1e-3 want it; a command owns its process
+    jax.config.update("jax_enable_x64", True)  # for stopping tests of 1e-3; the process is ours
     full = Settings()
     duration, points, budget = (0.1, 8, 24) if args.quick else (full.duration, full.points, full.budget)
     settings = Settings(duration=duration, points=args.points or points, budget=args.budget or budget)
@@ -52,6 +52,7 @@ def run(args: argparse.Namespace) -> int:
         record.read(folder / "compare.json", "the rows of the interrupted run")
     rows, spent = _left(folder / "compare.json", shown) if args.resume else ([], {})
     finished = {(row["observer"], row["objective"]) for row in rows}
+    # Shares of the bar for one observer and objective: the sweep, and 6 methods on every reference and on all jointly.
     each = 1 + 6 * (len(signals) + 1)
     expected, done = len(cases) * len(settings.objectives) * each, each * len(finished)
     bar = Stages("compare")
@@ -99,10 +100,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _left(path: Path, settings: JsonObject) -> tuple[list[JsonObject], dict[str, float]]:
-    """(rows, seconds) that an interrupted run left.
+    """(rows, seconds) of an interrupted run.
 
     Raises:
-        InputError: where there is nothing, or something else.
+        InputError: where there is none, or one with other options.
     """
     try:
         content = json.loads(path.read_text())

@@ -4,17 +4,18 @@ from fpjax.output.json_object import JsonObject
 
 from .race import DEFAULT, GRADIENTS, SWEEP
 
-FIFTH = 0.2
-WITHIN = 1.01
-# A cost below this counts as zero for the second goal: the thesis' cost has its minimum, 0, on a whole curve.
+FIFTH = 0.2  # share of Algorithm 1's simulated steps that a gradient method may use to reach its best cost
+WITHIN = 1.01  # times the minimum of the dense sweep that a gradient method must reach
+# A cost below this counts as zero for the second goal: the thesis' cost is 0 on a whole curve, so that ratios of such
+# costs mean nothing. 1e-3 is the threshold of Appendix B.
 ZERO = {"thesis": 1e-3, "estimation": 0.0}
 
 
 def goals(rows: list[JsonObject]) -> list[JsonObject]:
-    """Of every observer, objective, reference and gradient method: steps against Algorithm 1, cost against the sweep.
+    """Both goals for every observer, objective, reference and gradient method.
 
-    Each method is judged alone; the verdict of the default one is the headline: the best of three in hindsight would
-    be a method that nobody can choose beforehand.
+    Each method is judged alone, and the verdict on the default one is the headline: nobody can choose beforehand the
+    method that is the best of three afterwards.
     """
     found = []
     keys = dict.fromkeys((row["observer"], row["objective"], row["reference"]) for row in rows)
@@ -73,7 +74,7 @@ def _minimum(of: dict[str, JsonObject], method: str, zero: float) -> JsonObject:
 
 
 def _where(of: dict[str, JsonObject], method: str) -> str:
-    """Where the gradient ended and where the sweep's minimum lies: one start sees one basin."""
+    """A sentence on where the gradient method ended and where the sweep's minimum is: one start reaches one basin."""
     ours, theirs = of[method]["gains"], of[SWEEP]["gains"]
     return (
         f"{method} from the one common start ended at ({ours['gain_2']:.4g}, {ours['gain_1']:.4g}) "

@@ -21,7 +21,7 @@ COLOURS = {
 
 
 def draw(rows: list[JsonObject], observer: str, objective: str, path: Path) -> Path:
-    """One panel a reference: the best cost so far over the simulations used, and the sweep's minimum."""
+    """One panel for each reference: best cost so far over simulations used, and the minimum of the sweep."""
     ours = [row for row in rows if (row["observer"], row["objective"]) == (observer, objective)]
     labels = list(dict.fromkeys(row["reference"] for row in ours))
     with rc_context(STYLE):
@@ -40,6 +40,7 @@ def draw(rows: list[JsonObject], observer: str, objective: str, path: Path) -> P
             for row in (row for row in ours if row["reference"] == labels[place]):
                 method = row["method"]
                 if method == SWEEP:
+                    # The joint panel is the last of six; its sweep counts the simulations of all five references.
                     name = f"minimum of the dense sweep ({row['simulations'] // (5 if place == 5 else 1)} simulations)"
                     handles["least cost of the dense sweep"] = axes.axhline(
                         row["cost"], color=BLACK, linestyle=":", linewidth=1.2, label=name

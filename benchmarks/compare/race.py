@@ -1,4 +1,4 @@
-"""Every method on every case: one row each."""
+"""Every method on every case, one row each, at the same objective, start and budget."""
 
 import dataclasses
 import time
@@ -18,7 +18,7 @@ DEFAULT = "levenberg_marquardt"  # of tuning.tune: its verdict is the headline
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """Of a whole comparison.
+    """The settings of a whole comparison.
 
     Attributes:
         dt: step [s].
@@ -36,12 +36,13 @@ class Settings:
 
 
 def methods(case: Case, budget: int) -> dict[str, Method]:
-    """The contestants, each allowed as many iterations as the budget can pay."""
+    """The methods, each with as many iterations as the budget allows; the budget, not the iterations, ends a search."""
     return {
         PRINTED: tuning.GridSearch(steps=case.steps, threshold=0.0, iterations=budget),
         "algorithm_1_repaired": tuning.RepairedGridSearch(steps=case.steps, threshold=0.0, iterations=budget),
         "levenberg_marquardt": tuning.LevenbergMarquardt(iterations=budget),
         "lbfgs": tuning.LBFGS(iterations=budget),
+        # 3 simulations an iteration: Adam's step length decays over its iterations, which must fit the budget.
         "adam": tuning.Adam(iterations=max(1, budget // 3)),
         "nelder_mead": tuning.NelderMead(iterations=budget),
     }
@@ -104,7 +105,7 @@ def _sweep_rows(
 ) -> list[JsonObject]:
     axes = case.axes(settings.points)
     begin = time.perf_counter()
-    # A first chunk of the same shape pays for compiling; the sweep after it is timed alone.
+    # A sweep of one point first: its compiled program serves the whole sweep, which is then timed without compiling.
     tuning.sweep(
         case.loop, references, axes=[dataclasses.replace(axis, count=1, high=axis.low) for axis in axes], **common
     )
@@ -140,6 +141,7 @@ def _sweep_rows(
 
 
 def _thesis_units(case: Case, gains: dict[str, float]) -> dict[str, float]:
+    """Gains in the thesis' units."""
     return {
         "gain_2": gains["observer.gain_2"] / case.units[0],
         "gain_1": gains["observer.gain_1"] / case.units[1],
@@ -151,4 +153,5 @@ def _monotone(history: list[tuple[int, float]]) -> list[tuple[int, float]]:
 
 
 def _first_at(history: list[tuple[int, float]], cost: float) -> int:
+    """Simulations used when a cost was first reached."""
     return next(used for used, reached in history if reached <= cost)

@@ -14,10 +14,10 @@ from fpjax.output.json_object import JsonObject
 
 from .machines import Drawn, draw
 
-NEAR = 1.1  # times the best of the many starts: a default result up to here reaches it
-GOAL = 0.95  # of the machines
-ACCURATE = 0.03  # of the true value
-SPREAD = 3.0  # decades that the many starts lie to either side of the placed gains: the default's screen spans 2
+NEAR = 1.1  # a default cost of up to this times the best of the many starts has reached it
+GOAL = 0.95  # share of the machines that must reach it
+ACCURATE = 0.03  # relative error of an estimate that counts as accurate
+SPREAD = 3.0  # decades either side of the placed gains that the many starts span; the default's own screen spans 2
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tune every machine by default and from many starts; print and write what came of it, machine by machine."""
+    """Tune every machine by default and from many starts; print and write the results, machine by machine."""
     if arguments.machines < 1 or arguments.starts < 1:
         raise InputError(f"--machines {arguments.machines} and --starts {arguments.starts} must be at least 1.")
     import jax
@@ -44,13 +44,13 @@ def run(arguments: argparse.Namespace) -> int:
     folder = open_folder(arguments.out)
     assert folder is not None
     jax.config.update("jax_enable_x64", True)
-    enable_compilation_cache(folder / "compiled")  # of this benchmark alone: the times of a user's first run are others
+    enable_compilation_cache(folder / "compiled")  # a cache of this benchmark's own, shared by its machines
     settings = {"starts": arguments.starts, "seed": arguments.seed}
     path = folder / "defaults.json"
     record = RunFile(folder, ["python", "-m", "benchmarks", *sys.argv[1:]])
     rows = _left(path, settings) if arguments.resume else []
     there = {row["name"] for row in rows}
-    # One length of run after the other: machines of one length share every compiled program.
+    # Sorted by length: machines of one length share every compiled program.
     machines = sorted(
         (draw(number, arguments.seed) for number in range(arguments.machines)), key=lambda one: (one.samples, one.name)
     )
@@ -94,6 +94,7 @@ def judge(machine: Drawn, starts: int) -> JsonObject:
     cpu = time.process_time() - begin
     many = tuning.tune(model, starts=starts, spread=SPREAD)
     tuned = dataclasses.replace(model, loop=found.apply(model.loop))
+    # Judged under noise, by another simulation than the tuning used: what `fpjax simulate` shows to a user.
     run = fp.simulate(tuned, key=jax.random.key(0))
     truths = {"coulomb": machine.coulomb, "viscous": machine.viscous}
     off = {name: value / truths[name] - 1.0 for name, value in run.settled.items()}
@@ -120,7 +121,10 @@ def judge(machine: Drawn, starts: int) -> JsonObject:
 
 
 def summary(rows: list[JsonObject]) -> JsonObject:
-    """The counts against their goals."""
+    """Counts and goals as text by name.
+
+    "in silence": off by more than 3 % (or at a bound) without a note or a first line that says so.
+    """
     reached = float(np.mean([row["reached"] for row in rows]))
     spent = float(np.median([row["cpu_s"] for row in rows]))
     verdict = "met" if reached >= GOAL else "not met"
@@ -150,10 +154,10 @@ def _line(row: JsonObject) -> str:
 
 
 def _left(path: pathlib.Path, settings: JsonObject) -> list[JsonObject]:
-    """The rows that an interrupted run left.
+    """The rows of an interrupted run.
 
     Raises:
-        InputError: where there is nothing, or something else.
+        InputError: where there is none, or one with other options.
     """
     try:
         content = json.loads(path.read_text())

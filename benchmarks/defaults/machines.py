@@ -1,11 +1,11 @@
-"""Machines drawn at random as servo.toml files without gains: what a user would type who knows the machine only."""
+"""Machines drawn at random, as servo.toml files without gains: what a user types who knows the machine only."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-LENGTHS = (1000, 4000)  # samples of a run: few, since every length compiles its own programs
+LENGTHS = (1000, 4000)  # samples of a run; two, because every length compiles programs of its own
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,7 @@ def draw(number: int, seed: int) -> Drawn:
     random = np.random.default_rng([seed, number])
 
     def between(low: float, high: float) -> float:
+        """A number of a range, uniform in its logarithm."""
         return float(np.exp(random.uniform(math.log(low), math.log(high))))
 
     inertia, dt = between(1e-5, 100.0), between(2e-4, 4e-3)
@@ -57,7 +58,9 @@ def draw(number: int, seed: int) -> Drawn:
     share = random.uniform(0.01, 0.6)  # of the limit that Coulomb friction takes
     drive = random.uniform(0.1, 0.5) * (1.0 - share)  # of the limit that the acceleration takes
     viscous_share = random.uniform(0.02, 0.6) * (1.0 - share - drive)
+    # 2 amplitude omega: a typical largest acceleration; the two sines in phase would have 1 + 0.6 x 2.7 = 2.6.
     limit = inertia * 2.0 * amplitude * 2.0 * math.pi * frequency / drive
+    # 1.6 x amplitude is the largest speed of the two sines.
     coulomb, viscous = share * limit, viscous_share * limit / (1.6 * amplitude)
     noise = between(1e-5, 1e-3) * amplitude
     text = f"""[plant]

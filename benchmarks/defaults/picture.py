@@ -8,7 +8,7 @@ from matplotlib.ticker import LogFormatter, LogLocator, NullFormatter
 from fpjax.output.json_object import JsonObject
 from fpjax.output.plotting import BLUE, GREY, RED, new_figure, save, style
 
-ENDS = (1e-2, 1e3)  # % that are shown: an error of more is drawn at the end
+ENDS = (1e-2, 1e3)  # range of errors that is shown [%]; others are drawn at its ends
 
 
 def draw_defaults(rows: list[JsonObject], near: float, path: Path) -> Path:

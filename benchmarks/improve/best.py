@@ -1,4 +1,9 @@
-"""Best: candidates for the gains that are best in the truth, by a derivative-free search on its own closed loop."""
+"""The gains that are best in the truth: a derivative-free search on the closed loop of the true machine.
+
+A cross-entropy search: draw gains around a middle, keep the best few, move the middle and the spread towards them
+(Rubinstein, "The cross-entropy method for combinatorial and continuous optimization", 1999). The truth generators are
+numpy programs without derivatives.
+"""
 
 from collections.abc import Callable, Sequence
 
@@ -8,14 +13,14 @@ from fpjax.improvement.search import FINE, HARDEST, ROUGHEST
 
 from .machines import Gains, Record, Truth, error, peak, rough, run
 
-# The truth steps its machines as vectors and the interpreter's cost is by step: sixty loops of a machine take 1.2 times
-# as long as one (8 substeps of 1 ms, 1 s: 0.62 and 0.74 s). So generations are large and few, and of a part of the log.
-CANDIDATES, ELITE, GENERATIONS = 32, 6, 4
-WIDE = 0.2  # standard deviation of the first draws, of the range
-SUBSTEPS, SECONDS = 8, 3.0
-NARROW = 0.01
-KEPT, POLISHED = 6, 14  # of the search's best, and drawn close to them, that run over the whole log at the end
-CLOSE = 0.04  # standard deviation of those draws
+# The truth steps all machines as vectors, and most of the time is the interpreter's for each step: sixty loops take 1.2
+# times as long as one (8 substeps of 1 ms, 1 s: 0.74 and 0.62 s). Hence few, large generations, on a part of the log.
+CANDIDATES, ELITE, GENERATIONS = 32, 6, 4  # drawn in a generation, kept of it, and generations
+WIDE = 0.2  # standard deviation of the first draws, as a share of each gain's range
+NARROW = 0.01  # least standard deviation, likewise
+SUBSTEPS, SECONDS = 8, 3.0  # of the integrator in 1 ms, and length of the part of the log [s]
+KEPT, POLISHED = 6, 14  # best gains of the search, and draws close to them, that run over the whole log at the end
+CLOSE = 0.04  # standard deviation of those draws, as a share of the range
 
 
 def candidates(
@@ -27,7 +32,7 @@ def candidates(
         machines: the truth.
         starts: gains to begin with for each machine; the best of them is where the search begins.
         seed: of the draws.
-        tell: called with the share done.
+        tell: called with the share of the work done.
 
     Returns:
         `KEPT` + `POLISHED` gains a machine, the best of the search first; `chosen` decides over the whole log.
@@ -51,7 +56,7 @@ def candidates(
         return [costs(now[i], [next(records) for _ in some]) for i, some in enumerate(shares)]
 
     seen = [np.array([share(i, one) for one in some]) for i, some in enumerate(starts)]
-    # The first generation looks over the whole range as well: far from the starts may be better.
+    # The first generation also covers the whole range by a Latin hypercube: better gains may be far from the starts.
     latin = [np.stack([random.permutation(CANDIDATES) for _ in words], axis=1) for _ in machines]
     wide = [(one + random.random(one.shape)) / CANDIDATES for one in latin]
     seen = [np.concatenate([some, more]) for some, more in zip(seen, wide, strict=True)]
@@ -67,8 +72,10 @@ def candidates(
         for i, (some, cost) in enumerate(zip(drawn, costs_of(drawn), strict=True)):
             seen[i], scored[i] = np.concatenate([seen[i], some]), np.concatenate([scored[i], cost])
             elite = some[np.argsort(cost)[:ELITE]]
+            # Halfway between the best so far and the mean of the elite: the elite alone drifts on noisy costs.
             middle[i] = 0.5 * seen[i][int(np.argmin(scored[i]))] + 0.5 * elite.mean(axis=0)
             spread = np.sqrt(np.mean((elite - middle[i]) ** 2, axis=0))
+            # Smoothed, so that one lucky generation does not end the search early.
             deviation[i] = np.clip(0.3 * deviation[i] + 0.7 * spread, NARROW, WIDE)
         tell((generation + 2) / (GENERATIONS + 1))
     found = []
@@ -80,13 +87,22 @@ def candidates(
 
 
 def costs(now: Record, records: Sequence[Record]) -> np.ndarray:
-    """Tracking errors in units of that with the gains that ran, with `improve`'s own fines: a torque that is rougher or
-    much larger than what the machine was given before is not to be had for a smaller error.
+    """Costs of runs: tracking error over that with the recorded gains, plus the penalties that `improve` uses.
+
+    A smaller error does not count if its torque is rougher, or much larger, than the torque of the recorded gains.
+
+    Args:
+        now: the run with the recorded gains.
+        records: the runs to judge.
+
+    Returns:
+        Shape (records,) [1]; 1e6 for an unstable loop.
     """
     unit = error(now)
     unit = unit if np.isfinite(unit) else 1.0
     cost = np.array([error(one) for one in records]) / unit
     for size, allowed in ((rough, ROUGHEST * rough(now)), (peak, HARDEST * peak(now))):
+        # Share by which the size exceeds what is allowed.
         over = np.array([max(size(one) / allowed - 1.0, 0.0) for one in records])
         cost = cost + FINE * np.nan_to_num(over, nan=1e3)
     return np.where(np.isfinite(cost), cost, 1e6)

@@ -20,12 +20,12 @@ from .score import Row, goals, share_won, table
 SETS = ("single", "wide", "pairs", "none", "outside")
 SENSORS = {1: ("rate", "both", "encoder"), 2: ("rate", "both")}  # by generator: where the controller is known
 PERIODS = 10_001
-CHUNK = 12  # machines that run side by side in the truth: one more costs little; an interrupt loses their run at most
-RECORDED = 44  # likewise, of the logs after the first of them: they take three minutes of processor time, however many
-# Substeps of a run that is scored: the first generator's own are 50, for logs whose noise floor counts. Over five
-# development machines the error with the gains that ran is the same to 3e-4 with 12, where no noise is on it.
+CHUNK = 12  # machines simulated side by side, where one more costs little; an interrupt loses at most these
+RECORDED = 44  # likewise, of the logs after the first chunk: recording takes three minutes, however many there are
+# Substeps in 1 ms of a run that is scored. The first generator takes 50 for logs, whose integration error must be below
+# their noise. With 12 the error with the recorded gains differed by 3e-4 at most on five development machines.
 SCORED = 12
-VERSION = 2  # of the runs: raise it when a folder of earlier ones must not be reused
+VERSION = 2  # of the runs; to be raised when results of earlier ones must not be reused
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -160,8 +160,8 @@ def _tuned(own: Path, now: dict[str, float]) -> dict[str, dict[str, float]]:
 
 
 def _drive(folder: Path, wanted: list[Identity], periods: int) -> None:
-    """The truth over the whole log: with the gains that ran, the nominal model's, improve's, and with what a search in
-    the truth found, the best of which counts.
+    """Simulate the true machines over the whole log with the recorded gains, those of the nominal model, those of
+    `improve`, and the candidates of the search in the truth, of which the best counts.
     """
     from .best import costs
     from .machines import error, run
@@ -181,7 +181,7 @@ def _drive(folder: Path, wanted: list[Identity], periods: int) -> None:
     for own, some, names in zip(places, tried, tuned, strict=True):
         rows = [next(records) for _ in some]
         if len(rows) > len(names):
-            # A search that may not be rougher than improve's may be; improve's and the nominal's count in any case.
+            # Searched gains are compared by `costs`, with penalties; the other three by their errors alone.
             cost = costs(rows[0], rows)
             cost[: len(names)] = [error(one) / error(rows[0]) for one in rows[: len(names)]]
             best = int(cost.argmin())
@@ -214,7 +214,7 @@ def _row(own: Path, one: Identity) -> Row | None:
 
 
 def _size(error: float | None) -> float:
-    """An unstable loop's error is infinite, which JSON has no number for."""
+    """The error of an unstable loop, which is infinite and null in JSON."""
     return math.inf if error is None else error
 
 

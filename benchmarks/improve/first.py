@@ -1,4 +1,4 @@
-"""First: a machine of the first generator whose drive can be given other gains."""
+"""A machine of the first generator, whose drive can be given other gains."""
 
 import dataclasses
 import math
@@ -20,7 +20,7 @@ DRIVE = {
     "feedforward.coulomb": "forward_coulomb",
     "feedforward.viscous": "forward_viscous",
 }
-TURNING = 0.02  # of the machine's speed: where a feed-forward turns round, for machines that had none
+TURNING = 0.02  # speed scale of the feed-forward's tanh over the machine's speed, for machines without one
 
 
 class First:
@@ -30,7 +30,7 @@ class First:
         self.case = first.build(identity, periods)
         physics = self.case.machine.physics
         physics.setdefault("forward_velocity", TURNING * self.case.plan.draw.kind.speed)
-        physics["forward_ahead"] = 1.0  # the drive runs the law that servo.toml and the exported code have
+        physics["forward_ahead"] = 1.0  # the feed-forward law of servo.toml and of the exported code
 
     @property
     def nominal(self) -> dict[str, float]:
@@ -39,11 +39,11 @@ class First:
 
     @property
     def turning(self) -> float:
-        """Reference at which the drive's feed-forward turns round [rad/s]."""
+        """Speed scale of the tanh of the drive's friction feed-forward [rad/s]."""
         return self.case.machine.physics["forward_velocity"]
 
     def now(self) -> dict[str, float]:
-        """The gains that run when the log is recorded."""
+        """The gains with which the log is recorded, by the keys of servo.toml."""
         return {word: float(self.case.machine.physics.get(name, 0.0)) for word, name in DRIVE.items()}
 
     def write(self, folder: Path, record: Record) -> None:

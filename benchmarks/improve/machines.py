@@ -1,4 +1,4 @@
-"""Machines of both withheld generators in closed loop with given gains: their log, and what the gains come to."""
+"""Machines of both withheld generators in closed loop with given gains: their logs and tracking errors."""
 
 import math
 from collections.abc import Sequence
@@ -14,14 +14,16 @@ from ..withheld.identity import Identity
 from .first import First, run_first
 from .second import Second, finish_second, run_second
 
-CONTROLLER = {"controller.kp": (0.5, 2.5), "controller.ki": (0.25, 5.0)}  # of the gains that run
-FORWARD = {"inertia": 1.5, "coulomb": 2.0, "viscous": 3.0}  # of the nominal values
+# Bounds of the tuned gains, the same for every way of tuning: multiples of the recorded gains for the controller, from
+# zero to multiples of the nominal values for the feed-forward.
+CONTROLLER = {"controller.kp": (0.5, 2.5), "controller.ki": (0.25, 5.0)}
+FORWARD = {"inertia": 1.5, "coulomb": 2.0, "viscous": 3.0}
 
 Gains = dict[str, float]
 
 
 class Record(Protocol):
-    """What a run in the truth leaves, one row a period."""
+    """A run of the true machine, one row for each control period."""
 
     time: np.ndarray
     reference: np.ndarray
@@ -35,7 +37,7 @@ class Truth(NamedTuple):
     Attributes:
         identity: of the case.
         case: the generator's.
-        now: the gains that run when the log is recorded, by the file's words.
+        now: the gains with which the log is recorded, by the keys of servo.toml.
         bounds: (low, high) of each.
     """
 
@@ -46,12 +48,12 @@ class Truth(NamedTuple):
 
 
 def build(identity: Identity, periods: int, drawn: JsonObject | None = None) -> Truth:
-    """A machine, and between which values its gains may be tuned: the same for every way of tuning.
+    """A machine, and the bounds of its gains: the same for every way of tuning.
 
     Args:
         identity: of the case.
         periods: of its log.
-        drawn: what `settled` said of it before.
+        drawn: what `settled` returned for it before.
     """
     case = First(identity, periods) if identity.truth == 1 else Second(identity, periods, drawn)
     now, nominal = case.now(), case.nominal
@@ -63,7 +65,7 @@ def build(identity: Identity, periods: int, drawn: JsonObject | None = None) -> 
 
 
 def settled(wanted: Sequence[Identity], periods: int) -> list[JsonObject]:
-    """What has to be known of each beside its identity to build it again: how often and how large it was drawn."""
+    """What is needed beside the identity to build each machine again: the accepted draw of the second generator."""
     two = [one for one in wanted if one.truth == 2]
     found = dict(zip(two, finish_second(two, periods), strict=True)) if two else {}
     return [found.get(one, {}) for one in wanted]
@@ -84,15 +86,15 @@ def run(
         places = [i for i, (true, _) in enumerate(machines) if isinstance(true.case, kind)]
         if places:
             some: Any = [(machines[i][0].case, machines[i][1]) for i in places]
-            with np.errstate(all="ignore"):  # gains that no machine stands are part of a search
+            with np.errstate(all="ignore"):  # unstable loops are a part of any search
                 found |= dict(zip(places, simulate(some, substeps, seconds), strict=True))
     return [found[i] for i in range(len(machines))]
 
 
 def error(record: Record) -> float:
-    """Rms of reference less true velocity where `improve` counts it [rad/s]; infinite where the loop is none.
+    """Rms of reference minus true velocity, after the settling time that `improve` uses [rad/s].
 
-    A part of a log counts from where the whole one does: what the start leaves is not what gains are tuned for.
+    Infinite for an unstable loop: not finite, or a hundred times the size of the reference.
     """
     left = (record.reference - record.true_velocity)[record.time >= _start(record)]
     value = float(np.sqrt(np.mean(np.square(left))))
@@ -100,16 +102,20 @@ def error(record: Record) -> float:
 
 
 def rough(record: Record) -> float:
-    """Size of the torque's second difference [N m], as `improve` counts it."""
+    """Roughness of the torque [N m], as `improve` defines it: the power mean of exponent 1/4 of its second difference.
+
+    The low exponent measures noise that is always there, not the few steps at reversals.
+    """
     return float(np.mean(np.abs(np.diff(record.torque, n=2)) ** 0.25) ** 4)
 
 
 def peak(record: Record) -> float:
-    """Largest commanded torque where the error counts [N m]."""
+    """Largest commanded torque after the settling time [N m]."""
     return float(np.max(np.abs(record.torque[record.time >= _start(record)])))
 
 
 def _start(record: Record) -> float:
+    """Time from which errors count [s]."""
     length = len(record.time) * (record.time[1] - record.time[0])
     return LONGEST_SETTLING if length > 2.0 * LONGEST_SETTLING else SETTLING * length
 

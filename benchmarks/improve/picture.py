@@ -10,7 +10,7 @@ from .score import Row
 
 
 def draw(rows: list[Row], path: Path) -> None:
-    """One line a machine: error in the truth over that with the gains that ran."""
+    """One line for each machine: error in the truth over that with the recorded gains."""
     order = sorted(rows, key=lambda row: row["error_improve"] / row["error_now"])
     names = [f"{'+'.join(row['effects']) or 'none'}, {row['sensors']}" for row in order]
     with style():

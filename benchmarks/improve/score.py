@@ -1,4 +1,4 @@
-"""Score: how much of what is possible was won, and whether what was promised is true."""
+"""Scores: the share of the possible improvement that was reached, and whether promises hold."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -7,14 +7,20 @@ import numpy as np
 
 from fpjax.output.json_object import JsonObject
 
-WON, WORSE, INTERVALS = 0.9, 0.02, (0.85, 0.95)  # goals
-NOTHING = 0.02  # of the nominal gains' error: where the truth itself wins less, there was nothing to win
+# Goals: median share of the possible improvement; relative increase of the error that counts as worse; share of
+# promised 90 % intervals that hold the truth.
+WON, WORSE, INTERVALS = 0.9, 0.02, (0.85, 0.95)
+# Relative improvement that the best gains in the truth must bring for the machine to count: below it a share is noise.
+NOTHING = 0.02
 
 Row = JsonObject
 
 
 def share_won(row: Row) -> float | None:
-    """(a - b) / (a - c) [1]; None where there was nothing to win, or c was not searched."""
+    """(a - b) / (a - c) [1], errors with the gains of the nominal model (a), of `improve` (b), best in the truth (c).
+
+    None where there was nothing to win, or c was not searched.
+    """
     nominal, ours, best = row["error_nominal"], row["error_improve"], row["error_truth"]
     if best is None:
         return None
@@ -37,7 +43,7 @@ def held(row: Row) -> bool | None:
 
 
 def table(rows: Sequence[Row], group: Callable[[Row], str]) -> list[Row]:
-    """One row a group: machines, median share won, worse, promises held, changes proposed."""
+    """One row for each group: machines, median share won, number worse, promises held, changes proposed."""
     found = []
     for name in sorted({group(row) for row in rows}):
         some = [row for row in rows if group(row) == name]

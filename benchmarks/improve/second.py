@@ -1,4 +1,4 @@
-"""Second: a machine of the second generator whose drive can be given other gains."""
+"""A machine of the second generator, whose drive can be given other gains."""
 
 import dataclasses
 import math
@@ -13,7 +13,7 @@ from ..withheld.second.simulate import SUBSTEPS, simulate
 from ..withheld.second.world import Trace, World
 from .first import DRIVE
 
-TURNING = 0.03  # of the machine's speed, as the generator's own compensation
+TURNING = 0.03  # speed scale of the feed-forward's tanh over the machine's speed, as in the generator itself
 
 
 class Second:
@@ -22,7 +22,7 @@ class Second:
     Args:
         identity: of the case.
         periods: of its log.
-        drawn: `words` and `grow` with which the case came out; None: the first draw.
+        drawn: `words` and `grow` of the accepted draw (`finish_second`); None for the first draw.
     """
 
     def __init__(self, identity: Identity, periods: int, drawn: JsonObject | None):
@@ -34,7 +34,7 @@ class Second:
         )  # fmt: skip
         values = self.case.world.values
         values.setdefault("forward_speed", TURNING * self.case.plan.drawn.kind.speed)
-        values["forward_ahead"] = 1.0  # the drive runs the law that servo.toml and the exported code have
+        values["forward_ahead"] = 1.0  # the feed-forward law of servo.toml and of the exported code
 
     @property
     def nominal(self) -> dict[str, float]:
@@ -43,11 +43,11 @@ class Second:
 
     @property
     def turning(self) -> float:
-        """Reference at which the drive's feed-forward turns round, in the unit of the speed."""
+        """Speed scale of the tanh of the drive's friction feed-forward, in the unit of the speed."""
         return self.case.world.values["forward_speed"]
 
     def now(self) -> dict[str, float]:
-        """The gains that run when the log is recorded."""
+        """The gains with which the log is recorded, by the keys of servo.toml."""
         return {word: float(self.case.world.values.get(name, 0.0)) for word, name in DRIVE.items()}
 
     def write(self, folder: Path, trace: Trace) -> None:
@@ -56,12 +56,15 @@ class Second:
 
 
 def words_of(one: Identity) -> str:
-    """What a case is drawn from, beside its seed."""
+    """The words that a case is drawn from, beside its seed."""
     return f"{one.set}/{one.sensors}/{one.number}"
 
 
 def finish_second(wanted: Sequence[Identity], periods: int) -> list[JsonObject]:
-    """With which words and which size of the effect each case came out: visible, and a log that somebody would keep."""
+    """Words and size factor of the accepted draw of each case.
+
+    The generator draws again until the effect is visible and the log is one that somebody would keep.
+    """
     asked = [
         cases.Asked(one.seed, words_of(one), one.set, one.sensors, one.system, one.effects, one.recording)
         for one in wanted

@@ -17,12 +17,12 @@ from ..withheld.progress import Progress
 from ..withheld.score import score_case
 from . import machines
 
-SURE = 0.8  # probability from which on a statement counts as sure
-RUNS = ("planned", "generic", "sweep")  # by the plan, by habit, and a sine sweep within the same limits
-PURPOSE = {"planned": 4, "generic": 5, "sweep": 3}  # of each kind's noise
-GOAL = 0.9
-LENGTHS = (2.0,)  # s: where time is short a run has to be a good one
-SHORTEST = 1.0  # s: that `plan` takes
+SURE = 0.8  # probability from which a statement counts as certain
+RUNS = ("planned", "generic", "sweep")  # by the plan; a sine as usual; a sine sweep within the same limits
+PURPOSE = {"planned": 4, "generic": 5, "sweep": 3}  # number that the sensor noise of each kind of run is drawn from
+GOAL = 0.9  # share of machines that the planned run must decide rightly
+LENGTHS = (2.0,)  # of the second run [s]; with 10 s nearly any run decides, so that nothing is compared
+SHORTEST = 1.0  # shortest run that `plan` accepts [s]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -75,7 +75,7 @@ class _Asked(NamedTuple):
 
 
 def _all(args: argparse.Namespace, asked: list[_Asked], progress: Progress) -> None:
-    """Machine by machine, so that what is finished counts when it is interrupted."""
+    """Machine by machine, so that an interrupt leaves whole machines."""
     _simulated([_Run(one, "first", machines.first_reference(one.case), 2) for one in asked])
     for turn, length in enumerate(args.lengths):
         for number, one in enumerate(asked):
@@ -100,7 +100,7 @@ def _all(args: argparse.Namespace, asked: list[_Asked], progress: Progress) -> N
 
 
 def _name(kind: str, length: float) -> str:
-    """Of a folder: a kind of run and its length."""
+    """The name of a folder, from kind and length of a run."""
     return f"{kind}_{length:g}s"
 
 
@@ -119,7 +119,7 @@ class _Run(NamedTuple):
 
 
 def _simulated(runs: list[_Run]) -> None:
-    """The logs that are not there yet, all machines side by side: one by one they take as long each."""
+    """Simulate the logs that are missing, all machines side by side: one machine takes as long as all."""
     missing = [one for one in runs if not (one.place / "log.csv").exists()]
     if not missing:
         return
@@ -147,7 +147,7 @@ def _diagnosed(place: Path, logs: tuple[str, ...], out: str) -> None:
 
 
 def _planned(one: _Asked, length: float, seconds: float) -> None:
-    """From the rivals of the first diagnosis; where it left none, a run that shows every effect."""
+    """Plan a run to separate the rivals of the first diagnosis; where it left none, one that shows every effect."""
     place = one.place / _name("plan", length)
     if _finished(place):
         return
@@ -168,7 +168,7 @@ def _table(plan: Path) -> np.ndarray:
 
 
 def _score(place: Path, why: str) -> JsonObject | None:
-    """Of a diagnosis; None where there is none yet."""
+    """The score of a diagnosis; None where there is none yet."""
     if not _finished(place / why):
         return None
     diagnosis = json.loads((place / why / "diagnosis.json").read_text())
@@ -181,7 +181,7 @@ def _score(place: Path, why: str) -> JsonObject | None:
 
 
 def _report(args: argparse.Namespace, asked: list[_Asked]) -> None:
-    """Prints what is finished, and leaves it in plan_check.json."""
+    """Print the finished machines, and write them to plan_check.json."""
     rows, curve = list[JsonObject](), list[JsonObject]()
     for one in asked:
         score = _score(one.place, "why_first")

@@ -13,19 +13,20 @@ from ..withheld.truth.integrate import simulate
 from ..withheld.truth.machine import Record
 from ..withheld.truth.systems import KINDS
 
-FIRST = 4.0  # s: of the first log
-SHARE, SHORT = 0.3, 0.5  # of the top speed, and the largest travel [rad], of the first log
-SLOWEST = 1.0  # Hz: its laps, where the travel lets them be slower
+# The first log is made ambiguous: short, at one low speed, within a short travel, with an encoder only.
+FIRST = 4.0  # length of the first log [s]
+SHARE, SHORT = 0.3, 0.5  # its speed over the top speed [1], and its largest travel [rad]
+SLOWEST = 1.0  # lowest frequency of its motion to and fro [Hz]
 EFFECTS = (
     "quadratic_drag", "stribeck", "cogging", "viscous_error", "position_dependent_friction", "unbalance",
     "presliding", "actuator_lag", "compliance", "torque_dead_zone", "friction_drift", "constant_torque",
 )  # fmt: skip
-TRAVEL = 2.0 * np.pi  # rad: of every machine
-HEADROOM = 1.3  # of the torque that the withheld check's own reference needs
+TRAVEL = 2.0 * np.pi  # of every machine in the second run [rad]
+HEADROOM = 1.3  # torque limit over the torque that the withheld benchmark's own reference needs
 
 
 def chosen(count: int, seed: int) -> list[Identity]:
-    """One machine an effect, the kinds of machines in turn and turned from seed to seed.
+    """One machine for each effect; the kinds of machines alternate, and are shifted from seed to seed.
 
     Args:
         count: how many.
@@ -40,7 +41,7 @@ def chosen(count: int, seed: int) -> list[Identity]:
 
 
 def limits_of(case: first.Case, length: float) -> dict[str, float]:
-    """What the machine may be asked for: --speed, --torque, --travel, --duration.
+    """The limits of the machine, as options of `fpjax plan`: speed, torque, travel, duration.
 
     Args:
         case: of the machine.
@@ -62,7 +63,7 @@ def first_reference(case: first.Case) -> np.ndarray:
 
 
 def generic_reference(case: first.Case, length: float) -> np.ndarray:
-    """What is recorded by habit: a sine as fast, as often and about as far as the first log [rad/s].
+    """What one records as a rule: a sine of the speed, frequency and about the travel of the first log [rad/s].
 
     Args:
         case: of the machine.
@@ -85,6 +86,7 @@ def sweep_reference(case: first.Case, length: float) -> np.ndarray:
     wave = np.sin(2.0 * np.pi * (low * time + (high - low) * time**2 / (2.0 * time[-1])))
     nominal = case.plan.nominal
     most = (0.9 * limits["torque"] - nominal["coulomb"] - nominal["viscous"] * kind.speed) / nominal["inertia"]
+    # Factors by which a sweep at full speed exceeds the torque (after friction), the travel, and the speed itself.
     over = (
         np.max(np.abs(np.gradient(wave, first.DT))) * kind.speed / most,
         np.ptp(np.cumsum(wave)) * first.DT * kind.speed / limits["travel"],
@@ -122,7 +124,7 @@ def write(place: Path, case: first.Case, record: Record) -> None:
 
 
 def label_of(case: first.Case, record: Record) -> JsonObject:
-    """What the scorer is told."""
+    """The label of a case, as `score_case` reads it."""
     one = case.identity
     return first.label_of(case, record) | {
         "case": one.name, "truth": 1, "seed": one.seed, "half": "development", "set": one.set, "group": one.group,

@@ -1,4 +1,4 @@
-"""A diagnosis against what is documented of the record."""
+"""Checks of a diagnosis against what is documented of the record."""
 
 import math
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ Diagnosis = JsonObject
 
 @dataclass(frozen=True)
 class Check:
-    """One sentence, whether it holds (None: could not be asked), and what was found."""
+    """One check: a sentence, whether it holds (None where it cannot be asked), and what was found."""
 
     sentence: str
     passed: bool | None
@@ -23,13 +23,13 @@ class Check:
 
 @dataclass(frozen=True)
 class Figure:
-    """A documented figure and what the diagnosis says of it.
+    """A documented number beside that of the diagnosis.
 
     Attributes:
         name: "effect.parameter", or "missing torque left".
         documented: value, or the most that may be left.
-        within: share of the documented value that it may be off [1]; None where it is an upper limit.
-        value: what was found; None where nothing was.
+        within: relative deviation that is allowed [1]; None where `documented` is an upper limit.
+        value: of the diagnosis; None where it has none.
         low, high: its 90 % interval; None where there is none.
         unit: of what was found.
         passed: None where it could not be asked.
@@ -46,7 +46,7 @@ class Figure:
 
 
 def figures_of(diagnosis: Diagnosis, goal: Goal) -> list[Figure]:
-    """Every documented figure of a goal beside what was found."""
+    """Every documented number of a goal beside that of the diagnosis."""
     found = [parameter_figure(diagnosis, name, wanted) for name, wanted in goal.parameters.items()]
     return [*found, *([after_figure(diagnosis, goal.after)] if goal.after else [])]
 
@@ -99,6 +99,7 @@ def check_all(diagnosis: Diagnosis, goal: Goal, hidden: tuple[tuple[float, float
     if goal.causes:
         right = set(goal.causes) <= set(causes)
         checks.append(Check(f"causes: {', '.join(goal.causes)}", right, ", ".join(causes) or "none"))
+    # A wrong assertion is one check, one above SURE another: the second must never fail.
     allowed = {*goal.causes, *goal.first, *goal.may}
     sure = [name for name in causes if name not in allowed and probability(entry_of(diagnosis, name)) > SURE]
     others = [name for name in causes if name not in allowed]
@@ -142,7 +143,13 @@ def check_after(diagnosis: Diagnosis, wanted: JsonObject) -> Check:
 
 
 def check_located(diagnosis: Diagnosis, wanted: JsonObject, hidden: tuple[tuple[float, float], ...]) -> list[Check]:
-    """Whether the hidden pushes are among the places in time that stand out, and most places are pushes."""
+    """Whether all hidden pushes are among the places in time that stand out, and most of these places are pushes.
+
+    Args:
+        diagnosis: with `where.time`.
+        wanted: slack [s] by which a place may miss a push, and share of places that may be elsewhere [1].
+        hidden: (start, end) of the pushes [s].
+    """
     places = (diagnosis.get("where") or {}).get("time") or []
     slack = float(wanted.get("slack", 0.1))
 

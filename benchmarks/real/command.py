@@ -19,9 +19,10 @@ from .page import write_page
 from .prepare import PREPARE, Stretch
 from .records import RealCase, Records, find_records
 
+# Beside the repository: the records are public, but not a part of it.
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 Tool = Callable[[list[str]], Any]
-FORMAT = 1  # of results.json: raised where a key is taken away or means something else
+FORMAT = 1  # of results.json; raised when a key is removed or changes its meaning
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Diagnose what is missing, print and write what was found; 1 where a check fails."""
+    """Diagnose what is missing, print and write the results; exit code 1 where a check fails."""
     return run_real(SHARED if args.data is None else args.data, args.out, args.only, args.afresh, page=args.page)
 
 
@@ -42,7 +43,16 @@ def run_real(
     data: Path, out: Path, only: list[str] | None = None, afresh: bool = False, tool: Tool = fpjax_command,
     page: Path | None = None,
 ) -> int:  # fmt: skip
-    """The same from Python; `tool` runs the words of a command, `page` is a page of the documentation to write."""
+    """As the command, from Python.
+
+    Args:
+        data: folder of the records' folders.
+        out: folder of the results.
+        only: names of cases; None for all.
+        afresh: diagnose again what is there already.
+        tool: runs a command of the package, given as words.
+        page: page of the documentation to write; None for none.
+    """
     records = find_records(data)
     known = [case.name for some in records for case in some.cases]
     if len(set(known)) != len(known):
@@ -98,7 +108,7 @@ def run_case(case: RealCase, records: Records, out: Path, afresh: bool, tool: To
             tool(words)
             spent = time.process_time() - start
         except (Exception, SystemExit) as caught:
-            # a record that the tool refuses is a result too
+            # A record that the command refuses is a result, and counts as wrong.
             error = f"{type(caught).__name__}: {caught}"
     diagnosis = json.loads(path.read_text()) if path.exists() and not error else {"verdict": "failed"}
     checks = check_all(diagnosis, case.goal, hidden)
@@ -116,7 +126,7 @@ def told(
     case: RealCase, records: Records, diagnosis: JsonObject, checks: list[Check], hidden: tuple[Stretch, ...],
     spent: float | None, error: str,
 ) -> JsonObject:  # fmt: skip
-    """What results.json says of a case."""
+    """The entry of a case in results.json."""
     ranking = [
         {"effect": entry.get("effect"), "probability": probability(entry), "parameters": entry.get("parameters")}
         for entry in (diagnosis.get("ranking") or [])[:3]
@@ -146,8 +156,8 @@ def told(
 
 def made_with(out: Path, results: list[JsonObject]) -> dict[str, str]:
     """Date and versions of the oldest diagnosis."""
-    told = [json.loads(path.read_text()) for one in results if (path := out / one["case"] / "diagnosis.json").exists()]
-    said = [one["provenance"] for one in told if one.get("provenance")]
+    found = [json.loads(path.read_text()) for one in results if (path := out / one["case"] / "diagnosis.json").exists()]
+    said = [one["provenance"] for one in found if one.get("provenance")]
     if not said:
         return {}
     oldest = min(said, key=lambda one: str(one.get("started")))

@@ -47,7 +47,7 @@ def _causes(one: JsonObject) -> str:
 
 
 def gap_words(gap: JsonObject | None, causes: Sequence[str]) -> str:
-    """Before, after the causes that are asserted, and unit."""
+    """The missing torque before and after the asserted causes, as words with its unit."""
     if not gap or gap.get("before") is None:
         return "not given"
     from ..withheld.score import number

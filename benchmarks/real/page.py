@@ -9,8 +9,8 @@ from fpjax.output.runfile import write_whole
 
 from .gallery import gap_words
 
-WIDTH = 1000  # of a picture [pixels]
-COLOURS = 64  # of its palette: the pictures are lines on white
+WIDTH = 1000  # of a picture on the page [pixels]
+COLOURS = 64  # of its palette, enough for lines on white
 
 
 def write_page(page: Path, out: Path, results: Sequence[JsonObject], versions: dict[str, str]) -> None:

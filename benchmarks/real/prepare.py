@@ -1,4 +1,4 @@
-"""Logs that are made of a record before they are diagnosed."""
+"""Preparation of a record before it is diagnosed: a log is made of it that lacks something known."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,22 +11,22 @@ Stretch = tuple[float, float]
 
 @dataclass(frozen=True)
 class Prepared:
-    """A log that was made, and the stretches of time [s] in which something acted that it does not know."""
+    """A prepared log, and the (start, end) [s] of what acted on the machine and was removed from the log."""
 
     log: Path
     hidden: tuple[Stretch, ...]
 
 
 def stretches(active: np.ndarray, stamps: np.ndarray) -> tuple[Stretch, ...]:
-    """Stretches of time in which a mask is true [s]."""
+    """(start, end) [s] of the stretches in which a mask of shape (samples,) is true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], active.astype(int), [0]])))
     return tuple((float(stamps[a]), float(stamps[b - 1])) for a, b in edges.reshape(-1, 2))
 
 
 def leave_out_pulses(record: Path, place: Path) -> Prepared:
-    """The EMPS pulse record with its pulses taken out of the force: a disturbance that nobody recorded.
+    """The EMPS record with pulses, without the pulses in its force column: they become an unrecorded disturbance.
 
-    `vir` [V] holds the pulses [V]; both become N by gtau.
+    `vir` is the drive's command [V] with the pulses `pulses_N` [V] in it; `gtau` [N/V] makes a force of it.
     """
     import scipy.io
 

@@ -1,4 +1,4 @@
-"""What a folder of real records says about itself: its cases, their nominal models, their documented causes."""
+"""Descriptions of real records: cases, nominal models and documented causes, from cases.toml files."""
 
 import tomllib
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from fpjax.errors import InputError
 from fpjax.output.json_object import JsonObject
 
 OWN = Path(__file__).parent / "records"
-FILE = "cases.toml"  # in a folder of one's own
+FILE = "cases.toml"  # description in a folder of the user's own
 CASE_KEYS = {"name", "question", "log", "holdout", "columns", "model", "prepare", "goal"}
 GOAL_KEYS = {"verdict", "causes", "first", "may", "parameters", "after", "located"}
 
@@ -24,8 +24,8 @@ class Goal:
         first: one of them must come first in the ranking; empty for any.
         may: further effects that may be asserted; all others are wrong.
         parameters: "effect.parameter" -> {value, within}: within a share of the value.
-        after: {at_most, unit}: the missing torque at the command on withheld data.
-        located: {pulses, slack, elsewhere} for a case whose preparation knows when something pushed.
+        after: {at_most, unit}: largest missing torque that may be left on withheld data.
+        located: {pulses, slack, elsewhere} for a case whose preparation knows when a disturbance acted.
     """
 
     verdict: tuple[str, ...] = ()
@@ -62,7 +62,7 @@ class Records:
 
 
 def find_records(data: Path) -> list[Records]:
-    """The records below a folder: those that the benchmark knows by their files, and folders with a `cases.toml`.
+    """The records below a folder: those that the benchmark knows by their file names, and folders with a `cases.toml`.
 
     Raises:
         InputError: where there are none, or a description is not right.
@@ -83,7 +83,7 @@ def find_records(data: Path) -> list[Records]:
 
 
 def read_records(path: Path, folder: Path) -> Records:
-    """A description of one's own.
+    """Read a `cases.toml`.
 
     Raises:
         InputError: where it is not right, in one sentence.
@@ -91,7 +91,7 @@ def read_records(path: Path, folder: Path) -> Records:
     try:
         said = tomllib.loads(path.read_text())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is no TOML: {error}.") from error
+        raise InputError(f"{path} is not valid TOML: {error}.") from error
     return _records(said, folder)
 
 

@@ -68,10 +68,12 @@ def run(arguments: argparse.Namespace) -> int:
         "skipped": bench.skipped,
         "calls": [],
     }
+    # In processes of their own, before this one has started jax on a core.
     results["first_call"] = processes.first_calls(bench.repeats) if "first_call" in only else {}
     several = (256,) if arguments.quick else tuple(size for size in sizes if size >= 1024)
     for size in several if "scaling" in only else ():
         results["scaling"] += processes.scaling(size, bench.steps, bench.repeats)
+    # Bound to one core, so that threads of XLA do not help one implementation and not another; scaling is apart.
     with timing.one_core() as results["on_one_core"]:
         for dtype in (np.float64, np.float32):
             for size in sizes if "values" in only else ():
@@ -81,6 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
                 results["flat"] += bench.flat(dtype, (64, 128) if arguments.quick else FLAT)
             for size in (1, 5, 64) if "functions" in only else ():
                 results["functions"] += functions.function_rows(dtype, size, steps, repeats)
+            # Plain gradients of larger batches take minutes and gigabytes (docs/performance.md).
             small = [size for size in sizes if size <= (1024 if dtype is np.float64 else 64)]
             for size in small if "gradients" in only else ():
                 for gains in (2,) if arguments.quick else (2, 5, 10):

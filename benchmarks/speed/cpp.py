@@ -13,11 +13,12 @@ from jaxtyping import PyTree
 from . import servo
 
 FLAGS = ("-O3", "-march=native", "-mprefer-vector-width=512", "-ffast-math", "-fopenmp-simd", "-std=c++17", "-fPIC")
+# Lanes side by side in one call: how many candidates the compiler vectorises over.
 WIDTHS = (1, 2, 4, 5, 8, 16, 32, 64)
 
 
 def build() -> PyTree | str:
-    """The loaded library, or a sentence why there is none."""
+    """The loaded library, or a sentence that says why there is none."""
     compiler = shutil.which("g++")
     if compiler is None:
         return "no g++ on this machine"
@@ -26,6 +27,7 @@ def build() -> PyTree | str:
     try:
         compiled, target = pathlib.Path(folder) / "loop.o", pathlib.Path(folder) / "loop.so"
         flags = list(FLAGS)
+        # An older g++ refuses the vector width; without the flag it still compiles.
         for attempt in (flags, [flag for flag in flags if not flag.startswith("-mprefer")]):
             done = subprocess.run(
                 [compiler, *attempt, "-c", str(source), "-o", str(compiled)], capture_output=True, text=True
@@ -75,6 +77,7 @@ def runner(
         assert code == 0, f"width {width} does not divide {size}"
         return cost
 
+    # The pointers are addresses only: this keeps the arrays alive as long as the call.
     call.keeps = (values, reference)  # type: ignore[attr-defined]
     return call
 

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.speed.first_call [CACHE]`: what a fresh process pays before it computes, as one JSON line."""
+"""`python -m benchmarks.speed.first_call [CACHE]`: time until a fresh process has results, as JSON."""
 
 import json
 import sys

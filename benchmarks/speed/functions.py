@@ -1,4 +1,4 @@
-"""The functions that are written out against XLA's own: the same loop with either, interleaved."""
+"""Elementary functions of the package against XLA's own: the same loop with either, timed interleaved."""
 
 from collections.abc import Callable
 
@@ -25,7 +25,7 @@ PAIRS: dict[str, tuple[Callable[[PyTree], PyTree], Callable[[PyTree], PyTree]]] 
 
 
 def function_rows(dtype: DTypeLike, size: int, steps: int, repeats: int) -> list[JsonObject]:
-    """One row a function: nanoseconds an evaluation takes beyond the loop around it, ours and XLA's.
+    """One row for each function: time of one evaluation without the loop around it [ns], ours and XLA's.
 
     Args:
         dtype: float64 or float32.
@@ -37,7 +37,7 @@ def function_rows(dtype: DTypeLike, size: int, steps: int, repeats: int) -> list
 
     def loop(function: Callable[[PyTree], PyTree]) -> Callable[[], PyTree]:
         def run(start: PyTree) -> PyTree:
-            # What the start adds keeps the states apart.
+            # A contraction; the start is added so that the states do not all run into one value.
             step = lambda x, _: (0.5 * x + 0.2 * function(x) + 0.1 * start, None)  # noqa: E731
             return jax.lax.scan(step, start, None, length=steps)[0]
 
@@ -46,7 +46,8 @@ def function_rows(dtype: DTypeLike, size: int, steps: int, repeats: int) -> list
         return lambda: compiled(start)
 
     calls = {"empty": loop(lambda x: x)}
-    pairs = {name: pair for name, pair in PAIRS.items() if name != "log" or start.dtype == np.float64}  # else XLA's too
+    # In float32 our log is XLA's too.
+    pairs = {name: pair for name, pair in PAIRS.items() if name != "log" or start.dtype == np.float64}
     for name, (mine, theirs) in pairs.items():
         calls |= {f"{name}, fpjax": loop(mine), f"{name}, XLA": loop(theirs)}
     times = timing.interleaved(calls, repeats)

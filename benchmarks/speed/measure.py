@@ -20,7 +20,7 @@ from fpjax.output.json_object import JsonObject
 
 from . import cpp, peers, servo, timing
 
-# Agreement with the plain scan that a row must reach to count: 5,000 steps in another order of operations.
+# Largest relative difference to the plain scan with which a row counts: 5,000 steps in another order of operations.
 AGREE = {"float64": 1e-9, "float32": 2e-4}
 
 
@@ -51,12 +51,12 @@ def peak_memory() -> float:
 
 
 def steps_for(size: int, steps: int) -> int:
-    """Fewer steps for the largest batches: the time is linear in them (see growth), and the peers take minutes."""
+    """Steps of a run, a fifth for large batches: time is linear in the steps, and the peers would take minutes."""
     return steps if size <= 1024 else max(steps // 5, 1)
 
 
 class Bench:
-    """What all rows share: the C++ library or the word why there is none, the versions, what was skipped."""
+    """What all rows share: the C++ library (None where it cannot be built), versions, and what was skipped."""
 
     def __init__(self, steps: int, repeats: int, say: Callable[[str], None]) -> None:
         self.steps, self.repeats, self.say = steps, repeats, say
@@ -81,7 +81,7 @@ class Bench:
         calls = {name: self.value(name, batch, reference) for name in names}
         expected = np.asarray(calls["vmap(lax.scan)"]())
         errors = {name: float(np.max(np.abs(np.asarray(call()) / expected - 1.0))) for name, call in calls.items()}
-        # The first calls above compiled; their time is taken apart, in fresh processes (first_call.py).
+        # The first calls above compiled; compile times are measured in fresh processes (first_call.py).
         times = timing.interleaved(calls, self.repeats)
         rows = []
         for name, spent in times.items():
@@ -91,7 +91,7 @@ class Bench:
         return rows
 
     def call_row(self, dtype: DTypeLike, size: int) -> JsonObject:
-        """What a call of the library costs before it computes: one of two steps."""
+        """The fixed cost of a call of the library: a run of two steps."""
         call = self.fpjax_value(servo.candidates(size, 2, dtype), 2, dtype, size)
         spent = timing.interleaved({"call": call}, self.repeats, budget=0.2)["call"]
         return {"dtype": np.dtype(dtype).name, "candidates": size, "processor_seconds": spent.processor_seconds}
@@ -125,6 +125,7 @@ class Bench:
         return lambda: run(arrays, table)
 
     def _fastest_cpp(self, batch: PyTree, reference: PyTree, size: int) -> Callable[[], PyTree]:
+        # The fastest number of lanes and tanh is found on a part, as a C++ user would tune it once.
         part = min(size, 64) if size % 64 == 0 else size
         small = {name: value[:part] for name, value in batch.items()}
         variants = {f"{width} {tanh}": (width, tanh) for width in cpp.widths(part) for tanh in (False, True)}
@@ -170,6 +171,7 @@ class Bench:
             plain = jax.jit(jax.vmap(one, in_axes=(0, None)) if batched else one)
             calls["plain"] = lambda: plain(arrays, reference)
             scratch["plain"] = _scratch(plain, arrays, reference)
+        # Forward mode is the reference of the other modes: it has no checkpoints and no reordering of time.
         expected = calls["forward"]()[1]
         agree = {}
         for name in calls:
@@ -205,14 +207,14 @@ class Bench:
         calls: dict[str, Callable[[], PyTree]] = {}
         for size in sizes:
             calls[str(size)] = self.fpjax_value(servo.candidates(size, 2, dtype), steps, dtype, size)
-        # Long samples: a short batch right after a long one finds its caches filled with that one's results.
+        # Long samples: the first calls of a small batch after a large one find the caches filled by the large one.
         times = timing.interleaved(calls, self.repeats, at_least=0.05)
         return [self.row("fpjax", "value", dtype, int(size), 2, steps, spent) for size, spent in times.items()]
 
     def row(
         self, name: str, what: str, dtype: DTypeLike, size: int, gains: int, steps: int, spent: timing.Timing
     ) -> JsonObject:
-        """What every row says."""
+        """The fields that every row has."""
         each = spent.processor_seconds / steps
         self.say(f"{name} {what} {np.dtype(dtype).name} B={size} gains={gains}: {each * 1e9:.1f} ns/step")
         package = {"C++": cpp.version() if self.cpp is not None else "", "fpjax": f"jax {self.versions['jax']}"}

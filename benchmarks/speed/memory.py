@@ -1,4 +1,4 @@
-"""`python -m benchmarks.speed.memory NAME SIZE`: what one value adds to a fresh process' memory, as one JSON line."""
+"""`python -m benchmarks.speed.memory NAME SIZE`: memory that one value adds to a fresh process, as one JSON line."""
 
 import json
 import sys
@@ -9,7 +9,7 @@ STEPS = 200
 
 
 def main(name: str, size: int) -> JsonObject:
-    """The peak of the resident memory during one value less what was there before; on Linux.
+    """Peak of the resident memory during one value minus that before; Linux only.
 
     `name` is one of the benchmark's rows.
     """
@@ -22,7 +22,7 @@ def main(name: str, size: int) -> JsonObject:
 
     bench = measure.Bench(STEPS, 1, lambda line: None)
     batch, table = servo.candidates(size, 2, np.float64), servo.table(STEPS, np.float64)
-    # Of this process alone: the maximum that the system reports is inherited from the process that started it.
+    # Writing 5 resets the peak (VmHWM), which is otherwise inherited from the process that started this one.
     with open("/proc/self/clear_refs", "w") as file:
         file.write("5")
     before = _megabytes("VmRSS")

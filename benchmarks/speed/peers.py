@@ -82,7 +82,7 @@ def with_diffrax(candidates: dict[str, PyTree], reference: PyTree) -> Callable[[
     def derivative(t: PyTree, y: PyTree, args: PyTree) -> PyTree:
         c, reference = args
         now = reference[jnp.round(t / dt).astype(jnp.int32)]
-        unit = dtype.type(1.0)  # Euler's increment over a unit step is the derivative
+        unit = dtype.type(1.0)  # the increment of an Euler step of length 1 is the derivative
         w, q, z1, z2, total = y
         after = servo.euler(c, w, q, z1, z2, total, now, unit)
         return (*(new - old for new, old in zip(after[:4], y[:4], strict=True)), jnp.square(now - w))

@@ -1,4 +1,4 @@
-"""What only a fresh process can tell: first calls, memory, and devices that must be there before jax starts."""
+"""Measurements that need a fresh process: first calls, memory, and numbers of devices, set before jax starts."""
 
 import json
 import os
@@ -16,7 +16,7 @@ from . import cpp
 
 
 def first_calls(repeats: int) -> dict[str, float]:
-    """Seconds that fresh processes pay, medians: cold, with a filled compilation cache, and for `fpjax --help`."""
+    """Median seconds of fresh processes: without a compilation cache, with a filled one, and of `fpjax --help`."""
     found: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory() as cache:
         _run("first_call", cache)  # fills it
@@ -44,7 +44,7 @@ def scaling(size: int, steps: int, repeats: int) -> list[JsonObject]:
 def memory(bench: Any, size: int) -> list[JsonObject]:
     """Rows of what one value of `size` candidates, 200 steps, adds to the resident memory of a fresh process."""
     if not os.path.exists("/proc/self/clear_refs"):
-        bench.skipped.append({"implementation": "memory", "why": "this system does not tell a process its own peak"})
+        bench.skipped.append({"implementation": "memory", "why": "this system does not report a process' peak"})
         return []
     names = (["C++"] if bench.cpp is not None else []) + [*bench.peers, "vmap(lax.scan)", "fpjax"]
     rows = [_run("memory", name, str(size)) for name in names]

@@ -34,7 +34,7 @@ def main(size: int, steps: int, repeats: int) -> list[JsonObject]:
         words: dict[str, PyTree] = {"devices": devices[:count], "workers": 1} if by_devices else {"workers": count}
         return map_chunks(cost, batch, shared, **words)
 
-    # Only what really happens: few candidates are not shared.
+    # Only counts that occur: `map_chunks` does not share small batches over workers.
     most = size // PER_WORKER
     counts = sorted({1, (len(devices) if len(devices) <= most else 1) if by_devices else max(1, min(cores(), most))})
     results = {count: np.asarray(call(count)) for count in counts}

@@ -23,7 +23,8 @@ from fpjax.simulation.scan import make_inputs, make_stepper, roll
 DT = 1e-4
 STEPS = 5000
 
-# The gains in the order in which they join the gradient; [unit] as in the design.
+# The ten parameters in the order in which they join the gradient, in SI units (gains as in the EFP). `inertia` is the
+# plant's, `model` the observer's.
 NOMINAL = {
     "gain_1": 2.0,
     "gain_2": 30.0,

@@ -1,4 +1,4 @@
-"""Interleaved timing: every implementation once, then again, so that a busy machine is busy for all of them."""
+"""Interleaved timing: one sample of every implementation in turn, so that other load affects all of them alike."""
 
 import contextlib
 import dataclasses
@@ -17,8 +17,8 @@ class Timing:
 
     Attributes:
         seconds: by the clock.
-        processor_seconds: of this process' processors: what the clock of a quiet machine would show for work on one
-            core, and far steadier on a shared one.
+        processor_seconds: processor time of this process: for work on one core the time on an idle machine, and far
+            steadier than the clock on a shared one.
     """
 
     seconds: float
@@ -27,9 +27,9 @@ class Timing:
 
 @contextlib.contextmanager
 def one_core() -> Iterator[bool]:
-    """The threads of this process on one core for the block; whether that could be done.
+    """Bind all threads of this process to one core within the block; yields whether that was possible.
 
-    Entered before jax starts, so that XLA has one thread to hand work to.
+    To be entered before jax starts: XLA then has one thread in its pool.
     """
     if not hasattr(os, "sched_setaffinity") or not os.path.isdir("/proc/self/task"):
         yield False
@@ -44,7 +44,7 @@ def one_core() -> Iterator[bool]:
 
 def _bind(cores: set[int]) -> None:
     for thread in pathlib.Path("/proc/self/task").iterdir():
-        with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
+        with contextlib.suppress(ProcessLookupError):  # the thread has ended meanwhile
             os.sched_setaffinity(int(thread.name), cores)
 
 

@@ -1,4 +1,7 @@
-"""What print does not ask: do the estimates follow when the truth is another?"""
+"""A question that the thesis does not ask: do the estimates follow when the true parameters change?
+
+An observer whose estimate stays where it was has only been tuned to land there (see docs/thesis.md).
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -17,7 +20,7 @@ class Recovery(NamedTuple):
     """One observer run on a plant with another truth.
 
     Attributes:
-        observer: which, with printed gains.
+        observer: its name; the gains are the printed ones.
         parameter: what it estimates.
         truth: in print's unit.
         estimate: at the end of the run, in print's unit.

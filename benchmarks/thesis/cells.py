@@ -1,4 +1,4 @@
-"""A printed cell, what was obtained for it, and the verdict computed from both."""
+"""Printed cells, the numbers obtained for them, and the verdicts computed from both."""
 
 import dataclasses
 import math
@@ -9,8 +9,8 @@ SOLVER_SPECIFIC = "solver-specific"
 NOT_REPRODUCED = "not reproduced"
 VERDICTS = (REPRODUCED, SOLVER_SPECIFIC, NOT_REPRODUCED)
 
-# A check by another solver or step may differ from print by the tolerance twice: once for the print's own rounding
-# (most of its digits are cut off, not rounded), once for the solver.
+# A check by another solver or step may differ from the printed number by twice the tolerance: once for the rounding of
+# print (most digits are truncated, not rounded), once for the solver.
 CHECK_TOLERANCE = 2.0
 
 
@@ -23,7 +23,7 @@ class Printed:
         text: as printed.
         tolerance: largest relative difference that counts as the same [1].
         absolute: largest difference that counts as the same, in the cell's unit.
-        below: the print is an upper bound ("under 30 %").
+        below: whether print gives an upper bound ("under 30 %").
     """
 
     cell: str
@@ -38,7 +38,7 @@ class Printed:
         return float(self.text)
 
     def matches(self, obtained: float, slack: float = 1.0) -> bool:
-        """Whether `obtained` is the printed number: within the tolerance, or the same digits, rounded or cut off.
+        """Whether `obtained` is the printed number: within the tolerance, or the same digits when rounded or truncated.
 
         Args:
             obtained: in the cell's unit.
@@ -58,7 +58,7 @@ class Printed:
             mantissa, exponent = text.split("e")
             return dataclasses.replace(self, text=mantissa)._same_digits(obtained / 10.0 ** int(exponent))
         decimals = len(text.partition(".")[2])
-        if decimals == 0:  # a whole number has too few digits to tell anything
+        if decimals == 0:  # a whole number has too few digits to compare
             return False
         scaled, target = obtained * 10.0**decimals, round(self.value * 10.0**decimals)
         return target in (round(scaled), math.trunc(scaled + 1e-9))
@@ -72,7 +72,7 @@ class Cell:
         printed: what the thesis prints.
         obtained: with the thesis' solver and step.
         checks: the same with other solvers and steps, by their names.
-        reason: why it is not simply reproduced; empty where it is.
+        reason: why it is not reproduced, or only by this solver; empty where it is reproduced.
     """
 
     printed: Printed
@@ -105,7 +105,7 @@ class Cell:
         }
 
     def details(self) -> dict[str, object]:
-        """What `thesis_details.json` holds besides."""
+        """The cell as `thesis_details.json` holds it."""
         return self.row() | {
             "as_printed": self.printed.text,
             "tolerance": self.printed.tolerance,

@@ -22,7 +22,7 @@ EXTENDED_STEEPNESS = 10.0  # true lambda of Table 4.6 [s/deg]
 OBSERVED_STEEPNESS = 25.0  # true lambda of Table 4.5 [s/deg]
 EXTENSION_1 = (338.0, 10.8)  # Table 4.6: (alpha_1, alpha_2)
 EXTENSION_2 = (90.0, 30.0)
-OSCILLATES = 0.01  # an estimate whose deviation over the last period is above this part of the truth is said to
+OSCILLATES = 0.01  # standard deviation over the last period, over the true value, above which an estimate oscillates
 
 PRINTED = (
     Printed("fig4.2/alpha_2=10,alpha_1=10/viscous", "2.51"),
@@ -51,7 +51,7 @@ PRINTED = (
 
 
 def _coulomb_error(signals: fpjax.Signals) -> Array:
-    """k sign(w) - k_hat tanh(lambda w) [N m]: the tanh belongs to the estimate, b to neither."""
+    """k sign(w) - k_hat tanh(lambda w) [N m]: the estimate has the tanh, and neither has the viscous part."""
     return COULOMB * jnp.sign(signals.velocity) - signals.compensation
 
 
@@ -61,7 +61,7 @@ def obtain(setting: Setting) -> dict[str, float]:
 
 
 def _fig_4_2(setting: Setting) -> dict[str, float]:
-    """b_hat [N m s/rad] as its mean over the last period: it oscillates around that, as the text says of 0.41."""
+    """b_hat [N m s/rad] as the mean over the last period, around which it oscillates (the text says so of 0.41)."""
     found = {}
     for gain_2, gain_1 in FIG_4_2_GAINS:
         loop = presets.one_mass(presets.extended(gain_1, gain_2))

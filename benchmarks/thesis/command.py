@@ -22,7 +22,7 @@ def run(args: argparse.Namespace) -> int:
     """Compute every cell and its verdict, print the table, write the files, draw the figures."""
     import jax
 
-    jax.config.update("jax_enable_x64", True)  # Algorithm 1 stops at 1e-3, and chatter remembers every digit
+    jax.config.update("jax_enable_x64", True)  # Algorithm 1 stops at 1e-3, and chatter amplifies rounding
     from fpjax.output.progress import Stages
     from fpjax.output.runfile import RunFile, open_folder, write_json, write_whole
 
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     from .presets import PRINTED
     from .table import markdown, table
 
-    # An unwritable folder is told before the work, and what an earlier run left there stays until this one is done.
+    # Fails before the work if the folder cannot be written; results of an earlier run stay until this one is done.
     record = RunFile(open_folder(args.out), ["python", "-m", "benchmarks", *sys.argv[1:]])
     record.notes.append(f"printed cells with {PRINTED}; no input files, no random draws")
     record.stage("cells")

@@ -1,4 +1,7 @@
-"""What is left of Table 2.3 as the step goes to zero: the part of a printed figure that is not the solver's chatter."""
+"""Table 2.3 as the step goes to zero: the part of a printed number that is not chatter of the solver.
+
+sign() at a fixed step makes the velocity chatter around zero with an amplitude proportional to the step.
+"""
 
 from collections.abc import Mapping
 

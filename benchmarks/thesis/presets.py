@@ -47,9 +47,9 @@ class Setting:
 
 
 PRINTED = Setting("ode3", 1e-4)  # what the thesis ran
-OTHER_SOLVER = Setting("rk4", 1e-4)
-FINER_STEP = Setting("ode3", 1e-5)
-FINEST_STEP = Setting("ode3", 1e-6)
+OTHER_SOLVER = Setting("rk4", 1e-4)  # checks whether a cell depends on the solver
+FINER_STEP = Setting("ode3", 1e-5)  # checks whether it depends on the step
+FINEST_STEP = Setting("ode3", 1e-6)  # stands for a step of zero
 
 
 def sine(frequency: float) -> fpjax.Sine:
@@ -149,7 +149,7 @@ def two_mass(name: str, *, coulomb: float = COULOMB, compensated: bool = False) 
 
 
 def two_mass_from_motor(name: str) -> fpjax.ClosedLoop:
-    """The same with a compensation that a motor could give: it passes P_HO like the control, and comes late."""
+    """The same with the compensation given by the motor: like the control it passes through P_HO and comes late."""
     plant = fpjax.SeriesTwoMass(
         motor_inertia=MOTOR_INERTIA,
         load_inertia=LOAD_INERTIA,

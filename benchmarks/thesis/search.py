@@ -21,13 +21,14 @@ from .chapter4 import EXTENDED_STEEPNESS
 from .presets import DEGREE, Setting
 
 DURATION = 0.5  # [s]
-START = {"gain_2": 10.0, "gain_1": 100.0}
-STEP = {"gain_2": 10.0, "gain_1": 50.0}
-THRESHOLD = 1e-3
-# Appendix B stops after 20, and so Table 4.6's gains come out; Table 4.2 lists up to 37 iterations, so it cannot have.
+START = {"gain_2": 10.0, "gain_1": 100.0}  # Appendix B, lines 3 and 5, in print's units
+STEP = {"gain_2": 10.0, "gain_1": 50.0}  # lines 10 and 11
+THRESHOLD = 1e-3  # on the sum of the final |errors|
+# Appendix B stops after 20 iterations, with which Table 4.6 is obtained; Table 4.2 lists up to 37, so that its runs
+# cannot have stopped there.
 ITERATIONS_4_2 = 60
 ITERATIONS_4_6 = 20
-LISTED = 20  # iterations after which Table 4.2 gives the error
+LISTED = 20  # iteration at which Table 4.2 gives the error
 
 REFERENCES = ("sine", "constant", "chirp", "triangular", "square")
 _TABLE_4_2 = {
@@ -53,7 +54,7 @@ PRINTED = (
 
 @dataclasses.dataclass(frozen=True)
 class Search:
-    """How a search went, in print's units, one entry an iteration.
+    """The course of a search, in print's units, one entry for each iteration.
 
     Attributes:
         gain_2: alpha_2, shape (iterations,).
@@ -68,7 +69,7 @@ class Search:
 
 @dataclasses.dataclass
 class _Recording(Lanes):
-    """Lanes that remember what was asked of them.
+    """Lanes that record the candidates and costs of every iteration, of which Algorithm 1 keeps only the best.
 
     Attributes:
         asked: (candidates of shape (lanes, 4, 2), costs of shape (lanes, 4)) of every iteration.
@@ -106,7 +107,7 @@ def _search(
     unit: float,
     setting: Setting,
 ) -> dict[str, Search]:
-    """Side by side on all references; `unit` is that of gain_1 in the loop over that in print."""
+    """Algorithm 1 on all references side by side; `unit` is the unit of gain_1 in the loop over that in print."""
     problem, start, labels = make_problem(
         loop,
         references,

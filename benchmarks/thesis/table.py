@@ -6,7 +6,7 @@ from .cells import REPRODUCED, VERDICTS, Cell
 
 
 def table(cells: Sequence[Cell]) -> str:
-    """Every cell as printed / obtained / verdict, and below it the reasons of those that are not simply reproduced."""
+    """Every cell as printed / obtained / verdict, and below it the reasons of those that are not reproduced."""
     width = max(len(cell.printed.cell) for cell in cells)
     lines = [f"{'cell':<{width}}  {'printed':>8}  {'obtained':>9}  {'error':>9}  verdict"]
     lines += [

@@ -1,4 +1,4 @@
-"""Calibration: what was stated against what was so, in bins of the probability and by verdict and lead."""
+"""Calibration: stated probabilities against the share that was true, in bins and by verdict and lead."""
 
 import itertools
 import statistics
@@ -10,17 +10,20 @@ from .score import CaseScore
 
 BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 1.0)
 VERDICTS = ("explained", "partly_explained", "unexplained", "no_gap")
-# how far the leading cause is ahead of the best model without it, of the evidence over the nominal model [1]
+# Bands of `ahead`: share of the evidence over the nominal model that is lost without the leading cause [1].
 LEADS = {"clear": (0.4, float("inf")), "between": (0.1, 0.4), "contested": (-float("inf"), 0.1), "not said": None}
 
 
 def laplace(count: int, of: int) -> float:
-    """(k + 1) / (n + 2): the probability that a count of k in n supports, never 0 or 1."""
+    """(k + 1) / (n + 2): the probability that k of n supports, never 0 or 1.
+
+    Laplace's rule of succession, the posterior mean under a uniform prior.
+    """
     return (count + 1) / (of + 2)
 
 
 def calibration(scores: list[CaseScore]) -> list[JsonObject]:
-    """Stated probability against the share that was so, in bins; empty bins are left out.
+    """Stated probability against the share that was true, in bins; empty bins are left out.
 
     `right`: an effect of the stated class is truly there (the cause, a twin, clutter, a nominal's error); `named`: it
     is the withheld effect itself, of the cases that have one.
@@ -50,7 +53,7 @@ def calibration(scores: list[CaseScore]) -> list[JsonObject]:
 
 
 def lead_of(score: CaseScore) -> str:
-    """How far the leading cause is ahead, in a word."""
+    """The band of `LEADS` of a case."""
     if score.ahead is None:
         return "not said"
     return next(word for word, band in LEADS.items() if band and band[0] <= score.ahead < band[1])

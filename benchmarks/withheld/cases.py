@@ -1,4 +1,4 @@
-"""From identities to logs on disk, and what the scorer is told of each."""
+"""From identities to logs and labels on disk."""
 
 import contextlib
 import json
@@ -16,7 +16,7 @@ from .second import cases as second
 from .second import label as second_label
 
 PERIODS = 10_001
-CHUNK = 350  # machines simulated together; a run that is interrupted loses at most these
+CHUNK = 350  # machines simulated side by side; an interrupt loses at most these
 Label = JsonObject
 
 
@@ -47,7 +47,7 @@ def log_path(folder: Path, one: Identity) -> Path:
 
 
 def label_path(folder: Path, one: Identity) -> Path:
-    """The label, apart from the log."""
+    """The label, in a folder apart from the log: nothing beside a log tells its effect."""
     return folder / "labels" / f"{one.name}.json"
 
 
@@ -70,7 +70,7 @@ def _write_second(folder: Path, part: list[Identity], periods: int, report: Call
 
 
 def _words(one: Identity) -> str:
-    """What a case of the second truth is drawn from, beside its seed."""
+    """The words that a case of the second generator is drawn from, beside its seed."""
     return f"{one.set}/{one.sensors}/{one.number}" + (f"/{one.recording}" if one.recording else "")
 
 
@@ -103,7 +103,7 @@ def _finish(folder: Path, one: Identity, label: Label) -> None:
 
 
 def write_starter(place: Path, linear: bool) -> bool:
-    """Replace the nominal by what `fpjax inspect` writes from the log itself; False where it writes none."""
+    """Replace the nominal model by the one that `fpjax inspect` writes from the log; False where it writes none."""
     with tempfile.TemporaryDirectory() as scratch:
         words = ["inspect", str(place / "log.csv"), "--no-plots", "--out", scratch]
         with contextlib.suppress(RuntimeError):

@@ -9,7 +9,7 @@ from .cases import PERIODS, generate, read_labels
 from .identity import SENSORS, SETS, SYSTEMS, Identity, identities, seeds_of, split, spread_over
 from .progress import Progress
 
-QUICK = (6, 4001)  # cases, and periods of their logs
+QUICK = (6, 4001)  # number of cases, and periods of their logs
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def chosen(text: str, known: tuple[str, ...], option: str) -> tuple[str, ...]:
-    """Words of a comma-separated option."""
+    """The words of a comma-separated option."""
     words = tuple(word.strip() for word in text.split(",") if word.strip())
     for word in words:
         if word not in known:

@@ -10,7 +10,7 @@ from fpjax.output.json_object import JsonObject
 from .score import ONE_EFFECT, SURE, CaseScore
 
 KINDS = {"rate": "rate sensor", "both": "rate sensor", "encoder": "encoder only", "derived": "derived velocity"}
-FORTIETH = 1 / 40
+FORTIETH = 1 / 40  # half of what statements above 0.95 may miss by their own word
 
 
 @dataclass(frozen=True)
@@ -18,12 +18,12 @@ class Row:
     """One row.
 
     Attributes:
-        name: what is asked of which logs.
-        count: how often it is so; None for a row of times.
-        of: how many were asked.
-        found: the share [1], or the time [s]; None where nobody was asked.
+        name: the question and the logs.
+        count: number of cases in which it holds; None for a row of times.
+        of: number of cases in which it was asked.
+        found: the share [1], or the time [s]; None where no case was asked.
         goal: in words.
-        met: None where nobody was asked.
+        met: None where no case was asked.
     """
 
     name: str

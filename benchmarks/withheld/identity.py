@@ -1,4 +1,4 @@
-"""Who is asked: the cases of a seed, of both truths, and a sample of them that is spread evenly."""
+"""The cases of a seed, of both generators, and samples of them that are spread evenly."""
 
 import hashlib
 import itertools
@@ -25,7 +25,8 @@ NOMINAL = ("coulomb_error", "viscous_error", "inertia_error")
 PAIRS_PER_SYSTEM, NONE_PER_SYSTEM = 6, 2  # of the first truth
 PAIRS_2 = 10  # a seed of the second truth, with a rate sensor; half of them again with an encoder only
 
-# what a nominal that is 10 to 30 % off, or a regression on the log itself, makes meaningless as a cause
+# Effects that cannot be asked for under a nominal that is 10 to 30 % off, or that was regressed on the log itself: they
+# cannot be distinguished from the errors of that nominal, or the regression has absorbed them.
 NOT_WIDE = {*NOMINAL, "torque_gain_error", "velocity_scale_error"}
 NOT_STARTER = {*NOT_WIDE, "constant_torque", "asymmetric_friction", "load_dependent_friction", "unbalance"}
 
@@ -43,7 +44,7 @@ def seeds_of(half: str, count: int, skip: int = 0) -> list[int]:
 
 @dataclass(frozen=True)
 class Identity:
-    """What a case is, before anything is drawn."""
+    """What a case is, before anything is drawn: all random draws follow from it."""
 
     truth: int  # 1 or 2
     seed: int
@@ -52,18 +53,18 @@ class Identity:
     system: str
     effects: tuple[str, ...]  # or the kind outside the vocabulary
     number: int  # within its set and system
-    recording: str = ""  # how the log is made, where that is not ten seconds at 1 kHz
+    recording: str = ""  # key of `RECORDINGS`; "" for ten seconds at 1 kHz
 
     @property
     def name(self) -> str:
-        """An opaque name: nothing in a log's path tells its effect."""
+        """A hash as name, so that the path of a log does not reveal its effect."""
         words = f"{self.truth}/{self.seed}/{self.set}/{self.sensors}/{self.system}/{self.number}/{self.effects}"
         words += f"/{self.recording}" if self.recording else ""
         return "case-" + hashlib.sha256(words.encode()).hexdigest()[:10]
 
     @property
     def group(self) -> str:
-        """The row of the tables that it counts in."""
+        """The row of the tables in which the case counts."""
         sensors = {"rate": "rate", "both": "rate"}.get(self.sensors, self.sensors)
         return f"truth {self.truth}, {self.set}, {sensors}"
 
@@ -122,7 +123,7 @@ def _pairs_1(seed: int, system: str) -> list[tuple[str, ...]]:
     pairs: list[tuple[str, ...]] = []
     while len(pairs) < PAIRS_PER_SYSTEM:
         first, second = (names[i] for i in rng.choice(len(names), 2, replace=False))
-        # the transmission is drawn first: lags are sized by the bandwidth that it leaves
+        # The transmission is applied first: lags are sized by the bandwidth that it leaves.
         pair = tuple(sorted((first, second), key=lambda e: e not in ("compliance", "backlash")))
         used = {effect for chosen in pairs for effect in chosen}
         if compatible(first, second) and not {first, second} & used:
@@ -173,11 +174,11 @@ def _recorded(seed: int) -> list[Identity]:
     for number, effect in enumerate((*EFFECTS_2, *[""] * len(ways))):
         way = (number + turn) % len(ways)
         if effect in ACTUATOR and RECORDINGS[ways[way]].filtered:
-            way = (way + 1) % len(ways)  # a current that was measured holds whatever the actuator did
-        # 9 ways and 4 kinds of sensors have no common factor
+            way = (way + 1) % len(ways)  # A measured current contains what the actuator did: the effect is then no gap.
+        # 9 ways of recording and 4 kinds of sensors have no common factor: all pairs of them occur.
         sensors = SENSORS[(number + turn) % len(SENSORS)]
         if RECORDINGS[ways[way]].coarse and sensors in ("rate", "both"):
-            sensors = "encoder"  # beside a rate sensor a coarse encoder decides nothing
+            sensors = "encoder"  # Beside a rate sensor a coarse encoder makes no difference.
         if effect in ON_RATE and sensors not in ("rate", "both"):
             sensors = "both"
         pool = ROTARY if sensors == "rate" or effect == "unbalance" else tuple(KINDS_2)
@@ -200,25 +201,26 @@ def _pairs_2(seed: int) -> list[tuple[str, ...]]:
 
 
 def spread_over(found: list[Identity], limit: int) -> list[Identity]:
-    """So many cases, each time the one whose truth, set, sensors, effects and machine were met least.
+    """`limit` cases, each the one whose generator, set, sensors, effects and machine were chosen least so far.
 
-    In that order: a run that is interrupted has met them evenly too.
+    An interrupted run, which goes in this order, is spread evenly too.
     """
     if limit >= len(found):
         return found
     left = {one: _marks(one) for one in found}
-    # a kind of sensors is one of four, an effect one of thirty: to be met evenly, a meeting counts so much
+    # One of four kinds of sensors is met more often than one of thirty effects: each is weighted by the number of
+    # alternatives.
     worth = Counter(name for name, _ in {mark for marks in left.values() for mark in marks})
     met: Counter[tuple[str, str]] = Counter()
     chosen: list[Identity] = []
 
     def known(one: Identity) -> float:
-        # of two effects each counts half; "none" is met as often as there are logs without a gap
+        # Each effect of a pair counts half; logs without a gap are a large set, so "none" counts half too.
         part = {"effect": 1 / len(one.effects) if one.effects else 0.5}
         return sum(met[mark] * worth[mark[0]] * part.get(mark[0], 1.0) for mark in left[one])
 
     for _ in range(limit):
-        # names are hashes: ties do not favour the head of the list
+        # Ties are broken by name, a hash: the order of the list has no influence.
         best = min(left, key=lambda one: (known(one), one.name))
         met.update(left.pop(best))
         chosen.append(best)
@@ -226,7 +228,7 @@ def spread_over(found: list[Identity], limit: int) -> list[Identity]:
 
 
 def _marks(one: Identity) -> list[tuple[str, str]]:
-    """What is to be met evenly: (question, answer)."""
+    """(property, value) of a case, whose values are to be chosen evenly."""
     marks = [("truth", str(one.truth)), ("set", one.set), ("sensors", one.sensors), ("system", one.system)]
     marks += [("effect", effect) for effect in one.effects or ("none",)]
     return [*marks, ("group", one.group), *([("recording", one.recording)] if one.recording else [])]

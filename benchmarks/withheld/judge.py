@@ -1,4 +1,4 @@
-"""Runs the command on each case, keeps its `diagnosis.json`, and scores that and nothing else."""
+"""Run the command on each case, keep its `diagnosis.json`, and score that file alone."""
 
 import json
 import shutil
@@ -50,7 +50,7 @@ def diagnose_all(folder: Path, wanted: list[Identity], tool: Tool = by_command, 
             return
         place, log = result_folder(folder, one.name), log_path(folder, one)
         place.mkdir(parents=True, exist_ok=True)
-        # in a folder of its own until it is whole: an interrupted run leaves no half answer
+        # Written to another folder until it is complete: an interrupted run leaves no partial result.
         partial = place / "partial"
         shutil.rmtree(partial, ignore_errors=True)
         start = time.process_time()
@@ -58,13 +58,13 @@ def diagnose_all(folder: Path, wanted: list[Identity], tool: Tool = by_command, 
             tool(log / "log.csv", log / "servo.toml", partial)
             json.loads((partial / "diagnosis.json").read_text())
         except (Exception, SystemExit) as error:
-            # one log that breaks the tool is a miss to be counted, not the end of the benchmark
+            # A log on which the command fails counts as a miss and does not end the benchmark.
             (place / "error.txt").write_text(f"{type(error).__name__}: {error}\n")
             print(f"{one.name}: failed, see {place / 'error.txt'}", file=sys.stderr)
             continue
         finally:
             progress.share((number + 1) / len(missing), f"{number + 1}/{len(missing)}")
-        # the first log of each kind of sensors compiles: its time is kept apart
+        # The first log of each kind of sensors compiles programs; its time is counted separately.
         run = {"seconds": time.process_time() - start, "warm": one.sensors in warm}
         warm.add(one.sensors)
         (place / "error.txt").unlink(missing_ok=True)

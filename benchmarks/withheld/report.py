@@ -127,7 +127,7 @@ def draw_confusion(axes: Axes, summary: JsonObject) -> None:
     counts = np.array([[table[r].get(c, 0) for c in columns] for r in rows], dtype=float)
     right = {"no gap": ("no_gap",), "outside": ("unexplained",)}
     shares = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    # blue where the answer is right, orange where it is not: wrong answers stand out
+    # Blue where the answer is right, orange where it is wrong.
     colours = np.ones((*counts.shape, 3))
     for i, row in enumerate(rows):
         for j, column in enumerate(columns):
@@ -173,6 +173,7 @@ def draw_calibration(axes: Axes, summary: JsonObject) -> None:
     for place, kind in enumerate(kinds):
         colour, shift = KIND_COLOURS[kind], 0.006 * (place - (len(kinds) - 1) / 2)
         for row in summary["calibration"][kind]:
+            # Wilson score interval of a proportion p of n at 95 %: it stays within 0 to 1 also for few cases.
             n, p, z = row["count"], row["right"], 1.96
             centre = (p + z * z / (2 * n)) / (1 + z * z / n)
             half = z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)) / (1 + z * z / n)

@@ -1,10 +1,10 @@
-"""Scores of diagnoses against labels: nothing here knows how a diagnosis was made.
+"""Scores of diagnoses against labels; only the content of diagnosis.json is used.
 
 What counts as right, set by set:
 
 * one effect: the first of the ranking is the true effect, or an exact twin of it (`accepted` in the label), or names
-  the true effect in its `indistinguishable_from` (at most `LARGEST_CLASS` names together: a class of everything says
-  nothing). `name` is that, whatever the verdict; `right` also wants the class among the causes that are asserted.
+  the true effect in its `indistinguishable_from` (at most `LARGEST_CLASS` names together: a class of everything is no
+  information). `name` is that, whatever the verdict; `right` also wants the class among the causes that are asserted.
   In the sets whose nominal is off, errors of the nominal that are truly there may stand before it in the ranking.
 * two effects: both (some accepted set, declared confusables count) among the causes.
 * no gap: anything but the verdict `no_gap` is a false alarm.
@@ -31,8 +31,8 @@ ONE_EFFECT = ("single", "single_off", "wide", "starter", "recorded")
 EXACT_NOMINAL = ("single", "recorded")
 LARGEST_CLASS = 3
 SURE = 0.95
-MATTERS = 5.0  # per cent by which a number of the nominal is off, to count as an error that is to be corrected
-CORRECTED = (0.25, 2.0)  # share of the error that may be left, or per cent
+MATTERS = 5.0  # error of a nominal number from which it is expected to be corrected [%]
+CORRECTED = (0.25, 2.0)  # what may be left of it: the larger of this share of the error, and this error [%]
 Diagnosis = JsonObject
 Label = JsonObject
 
@@ -136,7 +136,7 @@ def nominal_errors(label: Label) -> set[str]:
         return set()
     errors = label.get("nominal_error_percent", {})
     found = {f"{name}_error" for name in NOMINAL if abs(errors.get(name, 0.0)) > 0.1}
-    # a regression on the log gives an offset and a load too, and both may be wrong
+    # A model regressed on the log may also have a wrong offset and a wrong load.
     return found | ({"constant_torque", "unbalance"} if label["set"] == "starter" else set())
 
 
@@ -149,7 +149,10 @@ def is_first(entry: JsonObject, causes: set[str], label: Label) -> bool:
 
 
 def _covers(names: set[str], classes: list[set[str]]) -> bool:
-    """Whether every name has a cause of its own, itself or in the class that it declares."""
+    """Whether every name can be matched with a cause of its own, itself or a member of the class that it declares.
+
+    A bipartite matching by recursion, for two or three names; names with the fewest possibilities first.
+    """
     if not names:
         return True
     first, *rest = sorted(names, key=lambda n: sum(n in one for one in classes))
@@ -185,7 +188,7 @@ def nominal_scores(diagnosis: Diagnosis, label: Label) -> list[NominalScore]:
     except tomllib.TOMLDecodeError:
         model = {}
     given = {name: _in_model(model, name) for name in NOMINAL}
-    # these effects give the level or the slope another meaning: there is no one number to be corrected
+    # With these effects the level or the slope is not one number, which could be corrected.
     mixed = {"asymmetric_friction": {"coulomb", "viscous"}, "load_dependent_friction": {"coulomb"}}
     left_out = set().union(*(mixed.get(effect, set()) for effect in label["effects"]))
     result = []
@@ -277,7 +280,7 @@ def _score_statements(score: CaseScore, ranking: list[JsonObject], label: Label,
         return
     true = {name for one in label["accepted"] for name in one} | off | set(label.get("also_true", []))
     if label["set"] in EXACT_NOMINAL:
-        # a twin of several causes is right as a whole only; alone it is a wrong statement
+        # A twin that consists of several causes is right only if all are stated; one of them alone is wrong.
         wholes = [set(one) for one in label["accepted"] if len(one) > 1]
         true -= {n for one in wholes if not one <= set(score.asserted) for n in one} - single_names(label)
     entries = {entry["effect"]: entry for entry in reversed(ranking)}
@@ -297,7 +300,7 @@ def _score_statements(score: CaseScore, ranking: list[JsonObject], label: Label,
             names = single_names(label) or {name for one in label["accepted"] for name in one}
             score.own = is_first(ranking[0], set(score.asserted), label) or bool(groups[0] & names)
     if score.verdict in ASSERTING:
-        # of several causes each is told as sure as it is to be among them
+        # Of several causes each is stated with its probability to be among the causes.
         for cause, group in zip(score.asserted, causes, strict=True):
             among = number(entries.get(cause, {}).get("cause_probability"))
             stated[group] = max(stated[group], among if math.isfinite(among) else 0.0)

@@ -1,4 +1,4 @@
-"""From scored cases to the figures of a group, of a row of the goals' table, and of all together."""
+"""Figures of groups of scored cases, of the rows of the goals' table, and of all cases together."""
 
 import statistics
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ from .score import ASSERTING, ONE_EFFECT, SURE, CaseScore, ParameterScore
 
 
 def share(values: Iterable[bool | None]) -> float | None:
-    """Share that is true of those that were asked, in [0, 1]."""
+    """Share of the values that is true, None left out [1]."""
     asked = [value for value in values if value is not None]
     return sum(asked) / len(asked) if asked else None
 
@@ -92,7 +92,7 @@ VERDICTS = (*ASSERTING, "unexplained", "no_gap", "failed")
 
 def summarise(scores: list[CaseScore]) -> JsonObject:
     """The content of `withheld.json`, but for provenance."""
-    # in a pair each effect's probability is at most what the sum leaves: not a calibrated single
+    # In a pair the two main-cause probabilities share at most 1: they are not calibrated as those of single effects.
     judged = [s for s in scores if s.set != "pairs"]
     effects = sorted({s.truth for s in scores if s.set in ONE_EFFECT})
     kinds = dict.fromkeys(KINDS.values())

@@ -188,7 +188,7 @@ def test_pushes_are_located_where_most_places_are_pushes():
         ("[[case]]\nname = 'a'\nlog = 'run.csv'\nmodel = 'no.toml'", "no.toml is not there"),
         ("[[case]]\nname = 'a'\nlog = 'run.csv'\nmodel = 'servo.toml'\ncolums = 'x'", "colums is not known"),
         ("title = 'x'", "has no [[case]]"),
-        ("title = ", "is no TOML"),
+        ("title = ", "is not valid TOML"),
     ],
 )
 def test_a_description_that_is_not_right_is_one_sentence(mine, capsys, text, said):

@@ -9,7 +9,7 @@ from fpjax.output import plotting
 
 
 def all_figures() -> dict[str, Callable[[], Figure]]:
-    """What draws each figure, by the stem of its file."""
+    """The function that draws each figure, by the stem of its file."""
     from . import diagrams, estimates, loops, searches, two_mass
 
     return diagrams.FIGURES | loops.FIGURES | two_mass.FIGURES | estimates.FIGURES | searches.FIGURES

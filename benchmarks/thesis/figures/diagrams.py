@@ -9,7 +9,7 @@ from matplotlib.patches import Circle, FancyBboxPatch
 
 from fpjax.output import plotting
 
-HEIGHT, RADIUS = 0.66, 0.17
+HEIGHT, RADIUS = 0.66, 0.17  # of a box and of a summing point, in the units of the diagram
 FILL = "#EEF4FA"
 
 Corners = Sequence[tuple[float, float]]
@@ -40,7 +40,7 @@ def _sum(axis: Axes, x: float, signs: dict[tuple[float, float], str]) -> None:
 def _arrow(axis: Axes, corners: Corners) -> None:
     xs, ys = zip(*corners, strict=True)
     axis.plot(xs, ys, color=plotting.BLACK, lw=1.1)
-    # The head alone: a line under it keeps every corner square.
+    # An arrow head without a shaft: the line drawn before it keeps the corners square.
     axis.annotate(
         "",
         corners[-1],
@@ -52,6 +52,7 @@ def _arrow(axis: Axes, corners: Corners) -> None:
 def _draw(name: str, loop: _Loop) -> Figure:
     figure, axes = plotting.new_figure(title=name, size=(9.2, 3.9))
     axis = axes[0, 0]
+    # The block P_HO needs room: everything to the right of the controller is shifted.
     shift = 1.75 if loop.high_order else 0.0
     tap, first, second, plant, end = (3.3 + shift, 4.2 + shift, 5.6 + shift, 7.0 + shift, 8.2 + shift)
     low, high, bottom = -1.55, 1.25, -2.45

@@ -154,7 +154,7 @@ def figure_4_10() -> Figure:
 
 
 def figure_4_11() -> Figure:
-    """What the thesis calls instability."""
+    """The oscillation at lambda = 1, which the thesis calls instability: ode3 beside RK4, which is stable there."""
     name = "Fig 4.11  Nominal input with the steepness observer: the oscillation at $\\lambda$ = 1 is the solver's"
     cases = (
         (1.0, presets.PRINTED, plotting.UNCOMPENSATED),

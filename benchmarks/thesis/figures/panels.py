@@ -74,7 +74,7 @@ def chirp_figure(name: str, runs: Mapping[str, Mapping[str, np.ndarray]], durati
     outer_labels(axes[:2])
     axes[0, 0].set_xlabel(SECONDS)
     for label, signals in runs.items():
-        # Windows of two periods hold a peak each.
+        # The largest value of every two periods of the chirp, whose frequency rises linearly.
         edges = _period_edges(rate, duration)
         places = np.searchsorted(signals["time"], edges)
         peaks = [np.max(np.abs(signals["velocity"][start:stop])) for start, stop in itertools.pairwise(places)]

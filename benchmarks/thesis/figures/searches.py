@@ -1,4 +1,4 @@
-"""Figs 4.3 and 4.4: how Algorithm 1 goes."""
+"""Figs 4.3 and 4.4: the course of Algorithm 1."""
 
 from matplotlib.figure import Figure
 
@@ -31,7 +31,8 @@ def figure_4_4() -> Figure:
     axis = axes[0, 0]
     colors = dict(zip(search.REFERENCES, plotting.SERIES, strict=False)) | {"square": plotting.YELLOW}
     for reference, found in search.efp_searches(presets.PRINTED).items():
-        wide = reference == "constant"  # the square lies on it
+        # Drawn wide: within 0.5 s the 1 Hz square is the constant, and its curve lies on this one.
+        wide = reference == "constant"
         axis.semilogy(
             range(1, len(found.errors) + 1),
             found.errors,

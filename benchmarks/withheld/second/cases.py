@@ -1,4 +1,4 @@
-"""A case of the second truth: machine, reference, effect, clutter, sensors, all from (seed, words) alone."""
+"""A case of the second generator: machine, reference, effect, clutter, sensors, all drawn from (seed, words) alone."""
 
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -19,8 +19,8 @@ from .world import Trace, World
 
 DT, PERIODS = USUAL, 10_001
 VERSION = 2  # of the laws and their draws; 1: the nominal models of "single_off" were exact
-ATTEMPTS = 5  # a case whose effect does not show is made larger, one that is not tracked is drawn anew
-SHORTEST = 3000  # periods on which that can be judged
+ATTEMPTS = 5  # draws of a case: an effect that is not visible is made larger, a loop that does not track is drawn again
+SHORTEST = 3000  # fewest periods on which both can be judged
 
 
 @dataclass
@@ -36,7 +36,7 @@ class Case:
 
 
 def generator(seed: int, words: str, purpose: str) -> np.random.Generator:
-    """Random numbers of one purpose in one case."""
+    """A random generator of its own for each purpose: more draws for one do not change another."""
     return np.random.default_rng([2, seed, zlib.crc32(words.encode()), zlib.crc32(purpose.encode())])
 
 
@@ -84,7 +84,7 @@ def build(
         clutter = add_clutter(plan, effects, generator(seed, words, "clutter"))
     spread_nominal(plan, set_, generator(seed, words, "nominal"))
     world.curve = plan.curve
-    # a current that was measured holds whatever the actuator did: such effects need the command
+    # A measured current contains what the actuator did: effects of the actuator need the command in the log.
     commanded = set_ == "outside" or bool(ACTUATOR & set(effects))
     world.measured = not commanded and (rng.random() < 0.35 or recording.filtered)
     return Case(plan, world, clutter, seed, words, recording)
@@ -107,16 +107,20 @@ def machine_values(drawn: Drawn, sensors: str, rng: np.random.Generator, dt: flo
     """The true machine without effects, with the loop that its sensors allow."""
     kind = drawn.kind
     reads_rate = sensors in ("rate", "both")
-    # differences over some periods and a filter, longer where the counts are coarse
+    # The drive derives its velocity by differences over some periods and a filter, both longer for coarse counts.
     coarse = drawn.encoder_step / (kind.speed * dt)
     average = int(np.clip(round(between(rng, 1, 4) * (1 + 2 * coarse)), 1, 16))
     pole = between(rng, 0.8e-3, 2.5e-3) * (1 + 2 * min(coarse, 2))
-    # the lag that the loop has to stand: its period, and what the drive makes of its encoder
+    # Lag in the loop: the period, or filter and mean delay of the differences. A bandwidth of 0.25 / lag keeps a phase
+    # margin of about 90 - 14 deg.
     late = dt if reads_rate else pole + average * dt / 2 + dt
     bandwidth = min(drawn.bandwidth, 0.25 / late)
     drawn.bandwidth = bandwidth
+    # Velocity loop J s w = kp e: bandwidth kp / J.
     kp = drawn.inertia * bandwidth
+    # Sticking friction is a spring that resonates with the inertia at 220 to 300 Hz: far above the loop, nearly rigid.
     stiffness = drawn.inertia * (2 * np.pi * between(rng, 220, 300)) ** 2
+    # The torque word spans twice the rating, which is six times what the reference asks for.
     rating = 6 * (drawn.coulomb + drawn.viscous * kind.speed + drawn.inertia * kind.speed * 2 * np.pi * kind.highest)
     values = {
         "inertia": drawn.inertia,
@@ -153,7 +157,7 @@ def machine_values(drawn: Drawn, sensors: str, rng: np.random.Generator, dt: flo
 
 
 def scales_of(drawn: Drawn, wanted: np.ndarray, dt: float = DT) -> Scales:
-    """What the reference asks, had the machine followed it."""
+    """Sizes of the motion and torque of a machine that follows the reference exactly."""
     acceleration = np.gradient(wanted, dt)
     torque = drawn.inertia * acceleration + drawn.viscous * wanted
     torque = torque + drawn.coulomb * np.tanh(wanted / (0.01 * drawn.kind.speed))
@@ -167,18 +171,18 @@ def scales_of(drawn: Drawn, wanted: np.ndarray, dt: float = DT) -> Scales:
 
 
 def missing_torque(nominal: dict[str, float], trace: Trace, dt: float = DT) -> np.ndarray:
-    """What the nominal model cannot account for, a value a period, on the hidden true motion."""
+    """Torque that the nominal model lacks on the true motion, one value for each period, shape (periods - 1,)."""
     velocity, position = trace.true_velocity, trace.true_position
     middle = 0.5 * (velocity[1:] + velocity[:-1])
     angle = 0.5 * (position[1:] + position[:-1])
-    # friction over a period in which the speed changes its sign acts on the parts of it
+    # In a period in which the speed changes sign, Coulomb friction is the mean over both parts.
     spread = np.maximum(np.abs(velocity[1:] - velocity[:-1]) / 2, 1e-12)
     direction = np.clip(middle / spread, -1, 1)
     needed = nominal["inertia"] * np.diff(velocity) / dt + nominal["viscous"] * middle
     needed = needed + nominal["coulomb"] * direction + nominal.get("offset", 0.0)
     needed = needed + nominal.get("unbalance", 0.0) * np.sin(angle + nominal.get("unbalance_phase", 0.0))
     missing = trace.command[:-1] - needed
-    # near rest friction holds what it must: nothing is missing unless the torque exceeds the level
+    # Near rest, friction holds the torque: nothing is missing unless it exceeds the Coulomb level.
     still = np.abs(middle) < 0.01 * np.std(velocity)
     held = trace.command[:-1] - needed + nominal["coulomb"] * direction
     beyond = np.sign(held) * np.maximum(np.abs(held) - nominal["coulomb"], 0)
@@ -199,7 +203,7 @@ def sizes(case: Case, trace: Trace) -> dict[str, float]:
 
 
 def shows(case: Case, size: dict[str, float], set_: str) -> bool:
-    """Whether the effect stands out of the clutter, which is at most 8 % of the torque."""
+    """Whether the effect is clearly larger than the clutter, which is at most 8 % of the torque."""
     if set_ == "none":
         return True
     if any(effect.startswith("velocity_") for effect in case.plan.parameters):
@@ -208,11 +212,11 @@ def shows(case: Case, size: dict[str, float], set_: str) -> bool:
 
 
 def sane(case: Case, trace: Trace) -> bool:
-    """Whether somebody would have kept this record: the machine follows its reference, and does not howl."""
+    """Whether somebody would have kept this record: the machine follows its reference and is stable."""
     speed = case.plan.drawn.kind.speed
     error = np.std(trace.true_velocity - trace.reference)
     howls = np.max(np.abs(trace.true_velocity)) > 2.5 * speed
-    # at its limit most of the time, a machine shows nothing else
+    # A machine at its torque limit for a quarter of the time shows little else.
     limited = np.mean(np.abs(trace.command) > case.world.values.get("limit", np.inf)) > 0.25
     return bool(np.isfinite(error) and error < 0.7 * np.std(trace.reference) and not howls and not limited)
 
@@ -235,7 +239,7 @@ Done = tuple[Case, Trace, dict[str, float]]
 def finished(
     wanted: Sequence[Asked], periods: int = PERIODS, progress: Callable[[float], None] | None = None
 ) -> Iterator[tuple[int, Done]]:
-    """Simulate cases; one whose effect does not show is made larger, one that nobody would keep is drawn anew.
+    """Simulate cases; an effect that is not visible is made larger, a record that nobody would keep is drawn again.
 
     Args:
         wanted: one a case.
@@ -258,7 +262,7 @@ def finished(
 
         def report(share: float, attempt: int = attempt) -> None:
             if progress is not None:
-                # the first round has all of them
+                # The first round simulates all cases, later rounds few.
                 progress(0.6 * share if attempt == 0 else 0.6 + 0.4 * (attempt - 1 + share) / (ATTEMPTS - 1))
 
         again = []

@@ -24,12 +24,13 @@ CLASHES = {
 
 
 def add_clutter(plan: Plan, effects: tuple[str, ...], rng: np.random.Generator) -> list[str]:
-    """Two or three small effects; returns the contract's names of what is truly there beside the cause."""
+    """Add two or three small effects; returns the contract's names of what is there beside the cause."""
     total = plan.scales.torque * between(rng, 0.03, 0.08)
     free = [item for item in ITEMS if not CLASHES[item] & set(effects)]
     items = [str(item) for item in rng.choice(free, min(len(free), int(rng.integers(2, 4))), replace=False)]
     if {"offset", "asymmetry"} <= set(items):
         items.remove("asymmetry")
+    # The squares of the sizes add up to the square of the total, as rms values of independent torques do.
     shares = rng.dirichlet(np.full(len(items), 2.0))
     kind, values, coulomb = plan.drawn.kind, plan.values, plan.drawn.coulomb
     for item, share in zip(items, np.sqrt(shares), strict=True):

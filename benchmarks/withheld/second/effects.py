@@ -43,7 +43,7 @@ class Plan:
     other_form: list[str] = field(default_factory=list)
 
     def size(self, rng: np.random.Generator, low: float = 0.13, high: float = 0.35) -> float:
-        """Torque of an effect, rms [N m]."""
+        """Torque of an effect, rms [N m]: a share of all torque, raised by `grow`, never more than 70 % of it."""
         return self.scales.torque * min(between(rng, low, high) * self.grow, 0.7)
 
 
@@ -53,6 +53,7 @@ def sign(rng: np.random.Generator) -> float:
 
 
 def coulomb_error(plan: Plan, rng: np.random.Generator) -> None:
+    # A torque c sign(v) has an rms of c sqrt(share of the time in motion).
     change = sign(rng) * plan.size(rng) / np.sqrt(plan.scales.moving)
     true = plan.drawn.coulomb
     plan.nominal["coulomb"] = true + change if true + change > 0.25 * true else true + abs(change)
@@ -84,7 +85,10 @@ def stribeck(plan: Plan, rng: np.random.Generator) -> None:
 
 
 def stribeck_table(rng: np.random.Generator) -> tuple[float, np.ndarray]:
-    """A measured-looking fall from 1 to 0 over v / (v + vs), and v / vs where 1/e is left."""
+    """(v / vs at which 1/e is left, table of a fall from 1 to 0 over v / (v + vs)): a shoulder and a slow tail.
+
+    As measured Stribeck curves look, and of none of the forms of the vocabulary.
+    """
     ratio = FADES[:-1] / (1 - FADES[:-1])
     shoulder, tail = rng.uniform(0.8, 1.6), rng.uniform(0.05, 0.2)
     fall = (1 - tail) / (1 + ratio ** (2 * shoulder)) + tail / (1 + 0.3 * ratio)
@@ -150,7 +154,8 @@ def periods_of(plan: Plan, rng: np.random.Generator, low: float, high: float) ->
 
 def friction_drift(plan: Plan, rng: np.random.Generator) -> None:
     constant = between(rng, 1.2, 4.5)
-    fading = np.sqrt(constant / 20)  # rms of exp(-t / constant) over 10 s
+    # rms of exp(-t / T) over 10 s: sqrt(T / (2 x 10 s)).
+    fading = np.sqrt(constant / 20)
     plan.values |= {
         "drift": plan.size(rng) / fading,
         "drift_time": constant,
@@ -168,6 +173,7 @@ def load_dependent_friction(plan: Plan, rng: np.random.Generator) -> None:
 
 
 def quadratic_drag(plan: Plan, rng: np.random.Generator) -> None:
+    # rms of v |v| is about 1.5 times the square of the rms speed, for a sine sqrt(3/2) = 1.22, more for peaks.
     coefficient = plan.size(rng) / (1.5 * plan.scales.speed**2)
     plan.values["drag"] = coefficient
     plan.parameters["quadratic_drag"] = {"coefficient": coefficient}
@@ -183,13 +189,14 @@ def backlash(plan: Plan, rng: np.random.Generator) -> None:
     drawn = plan.drawn
     gap = max(drawn.kind.speed * between(rng, 0.9e-3, 5e-3), 4 * drawn.encoder_step) * plan.grow
     wanted = _split(plan, rng, between(rng, 60, 150), float(rng.uniform(0.3, 0.7)))
-    # k depth^1.5 has the wanted stiffness at the depth that the log's torque presses it to
+    # Contact torque k d^1.5 has the slope 1.5 k d^0.5: k such that the slope is `wanted` at the depth to which the
+    # torque of the log presses the faces.
     press = max(0.5 * plan.scales.torque, drawn.coulomb)
     stiffness = (wanted / 1.5) ** 1.5 / np.sqrt(press)
     plan.values |= {
         "clearance": gap,
         "contact_stiffness": stiffness,
-        # impacts at a few hundredths of the machine's speed lose about half of it
+        # Impacts at a few hundredths of the machine's speed lose about half of their speed.
         "contact_loss": between(rng, 0.15, 0.5) / drawn.kind.speed * 80,
     }
     plan.parameters["backlash"] = {"gap": gap}
@@ -205,7 +212,7 @@ def compliance(plan: Plan, rng: np.random.Generator) -> None:
     ratio = between(rng, 0.12, 0.2) if on_load else between(rng, 0.03, 0.12)
     reduced = drawn.inertia * share * (1 - share)
     if on_load:
-        # a velocity loop across a spring is stable up to about 2 ratio omega
+        # With the sensor behind the spring the loop is stable up to a bandwidth of about 2 zeta omega.
         plan.values["sensor_on_load"] = 1.0
         slow_down(plan, ratio * 2 * np.pi * frequency)
     twist = 0.5 * plan.scales.torque / stiffness
@@ -251,7 +258,7 @@ def cogging(plan: Plan, rng: np.random.Generator) -> None:
 
 
 def constant_torque(plan: Plan, rng: np.random.Generator) -> None:
-    # the contract's offset is added to the command: what the motor has to hold is its opposite
+    # The contract's offset is added to the command; the torque that the motor has to hold is its opposite.
     torque = sign(rng) * plan.size(rng)
     plan.values["offset"] = -torque
     plan.parameters["constant_torque"] = {"torque": torque}
@@ -305,7 +312,7 @@ def torque_saturation(plan: Plan, rng: np.random.Generator) -> None:
 def torque_dead_zone(plan: Plan, rng: np.random.Generator) -> None:
     width = plan.size(rng)
     plan.values |= {"lost": width, "lost_rounding": width * between(rng, 0.1, 0.5)}
-    # far from the knee a rounded zone loses a little less than its corner
+    # Far from the rounded knee slightly less is lost than with a sharp corner.
     knee = plan.values["lost_rounding"]
     plan.parameters["torque_dead_zone"] = {"width": width + 0.5 * (np.hypot(width, knee) - width)}
     plan.other_form.append("torque_dead_zone")
@@ -335,7 +342,7 @@ ACTUATOR = {"torque_gain_error", "actuator_lag", "actuator_delay", "torque_satur
 ON_RATE = {name for name in EFFECTS if name.startswith("velocity_")}
 PERIODIC = {"unbalance", "cogging", "position_dependent_friction"}
 
-# effects that are not put in one pair: twins of each other, or two laws of one place
+# Effects that are not combined in a pair: twins, or two laws of the same place in the loop.
 APART: tuple[frozenset[str], ...] = (
     frozenset({"actuator_lag", "velocity_lag", "actuator_delay", "velocity_delay", "compliance", "backlash"}),
     frozenset({"constant_torque", "asymmetric_friction", "velocity_bias", "unbalance"}),
@@ -351,5 +358,5 @@ APART: tuple[frozenset[str], ...] = (
 
 
 def pair_fits(first: str, second: str) -> bool:
-    """Whether two effects make a pair that is neither one effect in principle nor a twin."""
+    """Whether two effects make a pair that can be distinguished in principle."""
     return first != second and not any({first, second} <= group for group in APART)

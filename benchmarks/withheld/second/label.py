@@ -1,4 +1,4 @@
-"""What the scorer is told of a case of the second truth, and how its log and its nominal model lie on disk."""
+"""The label of a case of the second generator, and its log and nominal model on disk."""
 
 from itertools import product
 from pathlib import Path
@@ -62,7 +62,7 @@ def label_of(case: Case, trace: Trace, size: dict[str, float], sensors: str, set
             effect: {
                 name: {"value": float(value), "unit": unit_of(effect, name)}
                 for name, value in values.items()
-                # the periods of a linear axis have no agreed unit
+                # The number of periods of a linear axis has no agreed unit.
                 if not (linear and name == "periods")
             }
             for effect, values in plan.parameters.items()

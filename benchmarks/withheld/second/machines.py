@@ -1,4 +1,4 @@
-"""Six machines from a hobby servo to a gantry, each drawn around its type, with its drive's rounding."""
+"""Six types of machines from a hobby servo to a gantry, with the resolutions of their drives."""
 
 from dataclasses import dataclass
 
@@ -44,7 +44,7 @@ ROTARY = tuple(name for name, kind in KINDS.items() if not kind.linear)
 
 
 def between(rng: np.random.Generator, low: float, high: float) -> float:
-    """A number of a geometric range."""
+    """A number of a range, uniform in its logarithm."""
     return float(low * (high / low) ** rng.random())
 
 

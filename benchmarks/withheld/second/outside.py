@@ -1,4 +1,4 @@
-"""What the vocabulary has no name for, as the second truth has it."""
+"""Effects outside the vocabulary, of the second generator."""
 
 import numpy as np
 

@@ -1,11 +1,13 @@
-"""The laws of the second truth on many machines at once: friction, waves, contact, actuator.
+"""The laws of the second generator on many machines at once: friction, waves, contact, actuator.
 
 Every function takes arrays with the machines last (elements or table points first) and has no state of its own.
 """
 
 import numpy as np
 
-ELEMENTS = 6  # Maxwell elements a friction
+# Friction is a Maxwell-slip model: parallel elements, each a spring in series with a slider, which slip one after the
+# other. Presliding then has hysteresis, by another law than the bristles of the vocabulary.
+ELEMENTS = 6
 POINTS = 65  # of a tabulated Stribeck curve, uniform in v / (v + vs)
 LIMITS = np.array([0.12, 0.14, 0.18, 0.2, 0.18, 0.18])  # share of each element in the level
 YIELDS = np.array([0.25, 0.5, 0.8, 1.1, 1.6, 2.4])  # deflection at which each slips, in the mean one
@@ -54,14 +56,18 @@ def table(values: np.ndarray, speed: np.ndarray, scale: np.ndarray) -> np.ndarra
 def trapezoid(angle: np.ndarray, steepness: np.ndarray) -> np.ndarray:
     """A trapezoidal wave whose fundamental is sin(angle); a steepness of 1 is a triangle."""
     height = np.minimum(np.maximum(2 / np.pi * np.arcsin(np.sin(angle)) * steepness, -1), 1)
-    # of the triangle cut at 1 / steepness: b = 8 s / pi^2 sin(pi / (2 s))
+    # Divided by the amplitude of its fundamental; a triangle of slope s clipped at 1: 8 s / pi^2 sin(pi / (2 s)).
     return height / (8 * steepness / np.pi**2 * np.sin(np.pi / (2 * steepness)))
 
 
 def contact(
     twist: np.ndarray, rate: np.ndarray, gap: np.ndarray, stiffness: np.ndarray, loss: np.ndarray
 ) -> np.ndarray:
-    """Hertz-like contact behind a clearance: k depth^1.5 (1 + loss x rate), never pulling."""
+    """Hertzian contact behind a clearance: k depth^1.5 (1 + loss x rate), never pulling.
+
+    The damping that grows with the depth is that of Hunt and Crossley ("Coefficient of restitution interpreted as
+    damping in vibroimpact", 1975): no torque jumps where a contact begins.
+    """
     depth = np.abs(twist) - gap / 2
     inside = np.maximum(depth, 0.0)
     side = np.sign(twist)

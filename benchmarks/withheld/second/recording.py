@@ -1,4 +1,4 @@
-"""How a record is made: the drive's rate, its length, its stamps, a filtered current, a coarse encoder."""
+"""Ways of recording: the drive's rate, length, jitter of stamps, missing rows, a filtered current, a coarse encoder."""
 
 from dataclasses import dataclass
 
@@ -15,11 +15,11 @@ class Recording:
 
     Attributes:
         dt: control period, and that of the log [s].
-        length: of the log, of the usual length [1].
-        jitter: stamps that are off by up to so many periods [1]; the samples themselves are taken on time.
-        gaps: rows are missing, once after the start and once within.
-        filtered: the torque is a measured current behind a filter, in coarse counts.
-        coarse: 12 bits a turn, or a 4096th of a linear axis' travel.
+        length: of the log, as a multiple of the usual length [1].
+        jitter: largest error of the stamps, in periods [1]; the samples themselves are taken on time.
+        gaps: whether rows are missing, once after the start and once within.
+        filtered: whether the torque is a measured current behind a filter, in coarse counts.
+        coarse: whether the encoder has 12 bits a turn, or 4096 steps over a linear axis' travel.
     """
 
     dt: float = USUAL
@@ -55,7 +55,7 @@ def coarsen(drawn: Drawn) -> None:
 
 
 def recorded(columns: dict[str, np.ndarray], recording: Recording, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """The columns as such a recorder leaves them.
+    """The columns as this way of recording gives them.
 
     Args:
         columns: by name, `time` and `torque` among them, one value a period.

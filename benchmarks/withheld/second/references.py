@@ -19,7 +19,7 @@ def reference(kind: Kind, rng: np.random.Generator, count: int, dt: float) -> np
         stop = max(end - rest, begin + 100)
         part = PIECES[piece](kind, rng, np.arange(stop - begin) * dt)[: end - begin]
         part = smooth(part - part.mean(), int(0.02 / dt))
-        # bring the piece into the travel: people set the amplitude so that nothing hits a stop
+        # Scaled down to the travel, as one would set the amplitude so that nothing hits a stop.
         reach = np.ptp(np.cumsum(part) * dt)
         value[begin : begin + len(part)] = part * min(1.0, 0.8 * kind.travel / max(reach, 1e-12))
         begin = end

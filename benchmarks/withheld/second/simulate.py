@@ -1,7 +1,7 @@
-"""The second truth's integrator: Runge-Kutta of third order on all machines at once, friction by elastic elements.
+"""The integrator of the second generator: third-order Runge-Kutta on all machines at once, elastic friction elements.
 
-Nothing sticks exactly: at rest a body hangs on its Maxwell elements and creeps as they stretch. Their anchors follow
-after each step, so that the right-hand side is continuous within it.
+Nothing sticks exactly: at rest a body is held by its Maxwell elements and creeps as they stretch. Their sliders move
+after each step only, so that the right-hand side is continuous within a step.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from . import physics
 from .world import NEUTRAL, Trace, World, stack
 
 SUBSTEPS = 12
-HISTORY = 24  # periods of velocity kept for a delayed sensor
+HISTORY = 24  # periods of velocity and commands kept for dead times, the longest of which is 11 ms
 
 
 class Plant:
@@ -24,7 +24,7 @@ class Plant:
         self.curved = np.any(self.curve != 1.0)
         self.split = p["split"] > 0
         self.two = bool(self.split.any())
-        # what no machine of the batch has costs no time
+        # Terms that no machine of the batch has are not computed.
         self.has = {name for name, value in p.items() if np.any(value != NEUTRAL[name])}
         share = np.where(self.split, p["load_share"], 0.0)
         self.motor, self.load = p["inertia"] * (1 - share), p["inertia"] * np.where(self.split, p["load_share"], 1.0)
@@ -118,7 +118,7 @@ class Plant:
         self.position = x + step / 6 * (v + 4 * v2 + v3)
         self.velocity = v + step / 6 * (a1 + 4 * a2 + a3)
         if "load_friction" in self.has:
-            # what goes on behind the gear: most of the inertia, and all that hangs on it
+            # The torque through the gear: most of the inertia is behind it, and all loads.
             self.through = 0.8 * self.p["inertia"] * a3[-1] + self.held(self.position[-1])
         for side in sides:
             stretch = physics.slide(self.position[side] - self.anchor[side], *levels[side], self.p["element_stiffness"])
@@ -137,7 +137,7 @@ class Actuator:
     def torque(self, command: np.ndarray, time: float) -> np.ndarray:
         """Torque over one step, of the command that has arrived."""
         p = self.p
-        # the mean over the step, not its end: a pole's own half step is not a delay
+        # The mean over the step, not its end value, which would lead by half a step.
         room = p["slew"] * self.step
         self.slewed = self.slewed + np.minimum(np.maximum(command - self.slewed, -room), room)
         before = self.first
@@ -146,7 +146,7 @@ class Actuator:
         before = self.second
         self.second = middle + (self.second - middle) * self.keep[1]
         lagged = 0.5 * (before + self.second) * (self.keep[1] > 0) + self.second * (self.keep[1] == 0)
-        # a magnet that remembers: part of the torque follows through a play
+        # Magnetic hysteresis: part of the torque follows through a play operator (backlash of the given width).
         width = p["magnet_width"]
         self.magnet = np.minimum(np.maximum(self.magnet, lagged - width), lagged + width)
         shaped = lagged + p["magnet"] * (self.magnet - lagged)
@@ -166,13 +166,22 @@ def rounded(value: np.ndarray, step: np.ndarray) -> np.ndarray:
 def simulate(
     worlds: list[World], substeps: int = SUBSTEPS, progress: Callable[[float], None] | None = None
 ) -> list[Trace]:
-    """Run machines, side by side those of one body or two, of one rate and one length; `substeps` are of 1 ms."""
+    """Simulate machines, those with one body or two, one rate and one length side by side.
+
+    Args:
+        worlds: the machines.
+        substeps: of the integrator in 1 ms.
+        progress: called with the share done.
+
+    Returns:
+        One trace for each machine, in the given order.
+    """
     groups: dict[tuple[bool, float, int], list[int]] = {}
     for i, world in enumerate(worlds):
         key = (bool(world.values.get("split", 0.0)), world.dt, len(world.reference))
         groups.setdefault(key, []).append(i)
     found: dict[int, Trace] = {}
-    work = {key: key[1] * key[2] * (2 if key[0] else 1) for key in groups}  # a machine more costs little
+    work = {key: key[1] * key[2] * (2 if key[0] else 1) for key in groups}  # whatever the number of machines
     done = 0.0
     for key in sorted(groups):
 
@@ -215,7 +224,7 @@ def _simulate(worlds: list[World], substeps: int, progress: Callable[[float], No
     smooth = np.where(p["filter"] > 0, np.exp(-dt / np.maximum(p["filter"], 1e-9)), 0.0)
     measures = np.array([world.measured for world in worlds])
     on_load = (p["sensor_on_load"] > 0) & plant.split
-    arrives = p["delay"] / step  # in steps; the step that a switch falls into takes the mean of both
+    arrives = p["delay"] / step  # in steps; a step in which the command switches takes the weighted mean
     whole = np.floor(arrives)
     number = 0
     for k in range(periods):
@@ -234,14 +243,15 @@ def _simulate(worlds: list[World], substeps: int, progress: Callable[[float], No
         error = target - used
         forward = p["forward_coulomb"] * np.tanh(aimed[:, k] / p["forward_speed"]) + p["forward_viscous"] * aimed[:, k]
         command = p["kp"] * error + integral + forward + p["forward_inertia"] * slope[:, k]
+        # Anti-windup: the integral stands still while the drive is at its rating.
         held = np.clip(command, -p["rating"], p["rating"])
         integral = integral + p["ki"] * dt * error * (held == command)
         command = rounded(held, p["torque_step"])
-        # a lost command is logged as sent; the drive goes on with the last one that came
+        # A lost command is in the log as sent; the drive keeps the last one that arrived.
         commands[k % HISTORY] = np.where(lost[:, k], commands[(k - 1) % HISTORY], command)
         applied = np.zeros(count)
         for i in range(substeps):
-            # the command that has arrived: period k minus the delay, split where it switches within this step
+            # The command that has arrived: period k minus the dead time, interpolated where it switches in the step.
             place = k * substeps + i - whole
             now = commands[np.floor(place / substeps).astype(np.intp) % HISTORY, lanes]
             before = commands[np.floor((place - 1) / substeps).astype(np.intp) % HISTORY, lanes]

@@ -1,4 +1,4 @@
-"""A machine of the second truth as numbers: every parameter with its neutral value, and what belongs to its log."""
+"""A machine of the second generator as numbers: every parameter with its neutral value, and the inputs of its log."""
 
 from dataclasses import dataclass, field
 
@@ -7,7 +7,7 @@ import numpy as np
 from .physics import POINTS
 
 NEUTRAL: dict[str, float] = {
-    # masses: motor and load are one unless `split` is 1
+    # masses: one body unless `split` is 1
     "inertia": 1.0,
     "split": 0.0,
     "load_share": 0.5,
@@ -64,7 +64,7 @@ NEUTRAL: dict[str, float] = {
     "slew": 1e12,
     "magnet": 0.0,
     "magnet_width": 1.0,
-    # inertia that is none
+    # inertia that changes with position or time
     "swing": 0.0,
     "swing_phase": 0.0,
     "payload": 0.0,
@@ -106,7 +106,7 @@ class World:
         values: what differs from `NEUTRAL`.
         reference: velocity reference, one a period.
         seed: of the sensors' noise.
-        curve: factor on the friction level over v / (v + curve_speed), (POINTS,).
+        curve: factor on the friction level over v / (v + curve_speed), shape (POINTS,).
         push: torque on the machine, held over a period, or None.
         lost_commands: periods in which the drive goes on with the last command, or None.
         measured: whether the log's torque is the measured one.

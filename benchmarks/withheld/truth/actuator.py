@@ -6,7 +6,7 @@ Parameters = dict[str, np.ndarray]
 
 
 def shaped(command: np.ndarray, p: Parameters) -> np.ndarray:
-    """What the drive makes of a held command, before dead time and lag [N m]."""
+    """Torque of a held command after dead zone, gain and limit, before dead time and lag [N m]."""
     lost = np.clip(command, -p["dead_zone"], p["dead_zone"])
     torque = p["gain"] * (command - lost)
     hard = np.clip(torque, -p["limit"], p["limit"])
@@ -18,7 +18,7 @@ def shaped(command: np.ndarray, p: Parameters) -> np.ndarray:
 
 
 class Actuator:
-    """Dead time (any fraction of a period) by two held values per period, then an exact lag."""
+    """Dead time, any fraction of a period, by two held values in each period; then a lag, integrated exactly."""
 
     def __init__(self, p: Parameters, dt: float, substeps: int):
         self.p, self.substeps = p, substeps
@@ -33,7 +33,7 @@ class Actuator:
         h = dt / substeps
         lag = p["actuator_lag"]
         self.decay = np.where(lag > 0, np.exp(-h / np.where(lag > 0, lag, 1.0)), 0.0)
-        # mean of the lagged torque over a substep = input + weight (state - input)
+        # Mean of the lag's exponential over a substep h: input + weight (state - input), weight = (1 - e^(-h/T)) T / h.
         self.weight = np.where(lag > 0, (1 - self.decay) * lag / h, 0.0)
         self.state = np.zeros(count)
 

@@ -1,4 +1,4 @@
-"""How large a gap is against the noise: the nominal model re-simulated in short windows.
+"""The size of a gap relative to the noise: the nominal model simulated again in short windows.
 
 Each window starts from the true state and is driven by the logged torque; the reduced chi-square of
 the velocity reading is 1 where the nominal model is right. Used to check the generator itself.

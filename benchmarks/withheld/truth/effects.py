@@ -34,7 +34,7 @@ class Plan:
 
 
 def off(rng: np.random.Generator, low: float, high: float) -> float:
-    """A factor off one, up or down by low ... high."""
+    """A factor of 1 + d or 1 / (1 + d), d drawn from low to high, uniform in its logarithm."""
     size = 1 + spread(rng, low, high)
     return size if rng.random() < 0.5 else 1 / size
 
@@ -186,7 +186,7 @@ def backlash(plan: Plan, rng: np.random.Generator) -> None:
     share = rng.uniform(0.3, 0.7)
     frequency = spread(rng, 50, 200)
     stiffness = _two_mass(plan, rng, frequency, share)
-    # a load that nothing brakes would rattle for ever: play needs some friction behind it
+    # A load without friction of its own would rattle for ever: some of the friction is put behind the backlash.
     plan.physics["friction_load_share"] = float(np.clip(plan.physics["friction_load_share"], 0.15, 0.85))
     ratio = spread(rng, 0.05, 0.6)
     reduced = draw.inertia * share * (1 - share)
@@ -211,7 +211,7 @@ def compliance(plan: Plan, rng: np.random.Generator) -> None:
     stiffness = _two_mass(plan, rng, frequency, share)
     reduced = draw.inertia * share * (1 - share)
     if on_load:
-        # velocity control across a spring is stable up to about 2 ratio omega
+        # With the sensor behind the spring the loop is stable up to a bandwidth of about 2 zeta omega.
         _slow_down(plan, 1.0 * ratio * 2 * np.pi * frequency)
     plan.physics |= {
         "transmission": 1.0,
@@ -328,7 +328,7 @@ EFFECTS: dict[str, Callable[[Plan, np.random.Generator], None]] = {
     name: globals()[name] for name in NAMES if name != "load_dependent_friction"
 }
 
-# effects that are not put in one pair: exact twins, or two of one place in the loop
+# Effects that are not combined in a pair: exact twins, or two of the same place in the loop.
 EXCLUSIVE: tuple[frozenset[str], ...] = (
     frozenset({"actuator_lag", "velocity_lag", "actuator_delay", "velocity_delay", "compliance"}),
     frozenset({"constant_torque", "asymmetric_friction", "velocity_bias"}),
@@ -341,5 +341,5 @@ EXCLUSIVE: tuple[frozenset[str], ...] = (
 
 
 def compatible(first: str, second: str) -> bool:
-    """Whether two effects make a pair that is one in principle and not one of its twins."""
+    """Whether two effects make a pair that can be distinguished in principle."""
     return first != second and not any({first, second} <= group for group in EXCLUSIVE)

@@ -11,7 +11,7 @@ MAXWELL_ELEMENTS = 8
 
 
 class Friction:
-    """Friction of one group of machines; laws that no machine of the group has cost nothing."""
+    """Friction of one group of machines; laws that no machine of the group has are not computed."""
 
     def __init__(self, p: Parameters):
         self.p = p
@@ -22,6 +22,7 @@ class Friction:
         self.ripple = bool(np.any(p["ripple"] != 0))
         self.drift = bool(np.any(p["drift"] != 0))
         self.drag = bool(np.any(p["drag"] != 0))
+        # The level stays positive under ripple and drift: a negative one would drive.
         self.floor = 0.02 * np.minimum(p["coulomb_positive"], p["coulomb_negative"])
 
     def base(self, position: np.ndarray, time: float) -> np.ndarray | float:
@@ -75,7 +76,7 @@ def soft(torque: np.ndarray, level: np.ndarray) -> np.ndarray:
 
 
 def dahl_travel(relative: np.ndarray, travel: np.ndarray, exponent: np.ndarray) -> np.ndarray:
-    """Exact solution of dr/ds = sign (1 - r sign)^exponent over a signed travel (in units of C/k).
+    """Exact solution of Dahl's dr/ds = sign (1 - r sign)^exponent over a signed travel (in units of C/k).
 
     `relative` is the bristle force over the Coulomb level, exponents 1/2, 1 and 2 are closed forms.
     """

@@ -1,6 +1,6 @@
 """The integrator: leapfrog with many substeps per control period and sticking as an event.
 
-Positions (and bristles) move half a substep, then the velocities are kicked over a whole one, then
+Positions (and bristles) move half a substep, then the velocities are changed over a whole one, then
 positions again: second order where friction is smooth. Within a kick a velocity that would change
 sign stops at the crossing; the rest of the substep starts from rest, where friction takes up to
 its static level. No steepness, no regularisation. All machines of a group are stepped as vectors.
@@ -15,7 +15,7 @@ from .friction import MAXWELL_ELEMENTS, Friction, dahl_travel, maxwell_shares, s
 from .machine import Machine, Record, stack
 from .sensor import VelocitySensor, rounded
 
-SUBSTEPS = 50
+SUBSTEPS = 50  # in each control period; the integration error is then below the noise of the sensors
 
 
 class Body:
@@ -35,7 +35,7 @@ class Body:
         self.load_position = self.position.copy()
         self.velocity, self.load_velocity = np.zeros(count), np.zeros(count)
         self.bristle = np.zeros((MAXWELL_ELEMENTS, count) if self.kind == 3 else count)
-        self.lagging = self.position.copy()  # the position that follows with play
+        self.lagging = self.position.copy()  # a position that follows through a backlash (play operator)
         self.cogs = bool(np.any(p["cogging"] != 0))
         self.unbalanced = bool(np.any(p["unbalance"] != 0) or np.any(p["known_unbalance"] != 0))
         self.hysteretic = bool(np.any(p["hysteresis"] != 0))
@@ -98,7 +98,7 @@ class Body:
             force = p["bristle_stiffness"] * self.bristle
             relative = self.bristle / reach * np.where(velocity >= 0, 1.0, -1.0)
             free = np.maximum(1 - relative, 0.0) ** p["bristle_exponent"]
-        # the damping acts on the bristle's own rate: none once it slides
+        # The damping acts on the rate of the bristle itself, which is zero once it slides.
         return force + p["bristle_damping"] * free * velocity + self.friction.smooth(velocity)
 
     def kick(self, torque: np.ndarray, h: float, time: float) -> None:
@@ -123,8 +123,8 @@ class Body:
         twist = self.position - self.load_position
         if not self.play:
             return p["stiffness"] * twist + p["damping"] * speed
-        # the twist is that of the substep's middle: mean of the pressed depth and share of the time
-        # in contact over the whole substep, so that a contact may begin or end within it
+        # Mean depth and share of the time in contact over the substep, around the twist at its middle: a
+        # contact may then begin or end within a substep without a jump in torque.
         side = np.where(twist >= 0, 1.0, -1.0)
         depth = twist * side - p["gap"] / 2
         swing = np.maximum(np.abs(speed) * h / 2, 1e-30)
@@ -134,6 +134,7 @@ class Body:
         return side * np.maximum(torque, 0.0)
 
     def kick_two(self, outer: np.ndarray, h: float) -> None:
+        """`kick` for motor and load, with the coupling torque at the half step."""
         v, w = self.velocity, self.load_velocity
         weight = self.weight()
         through = self.coupling(v - w, h)
@@ -166,12 +167,12 @@ class Body:
         at = v if half is None else half
         static = level = friction.coulomb(forward, self.change)
         if friction.stribeck:
-            # the half-way velocity counts only up to rest
+            # A half-way velocity beyond zero counts as rest.
             level = static + friction.near_rest(np.maximum(at * sign, 0.0))
             static = static + friction.p["stribeck_torque"]
         drive = outer - share * (sign * level + friction.smooth(at))
         new = v + h * drive / inertia
-        # at rest: stays unless the torque beats the static level; then it starts with what is left
+        # At rest it stays unless the torque exceeds the static level; then it starts with the excess.
         holds = resting & (np.abs(breaking) <= share * static)
         new = np.where(holds, 0.0, new)
         crossing = ~resting & (new * sign < 0)
@@ -179,6 +180,7 @@ class Body:
             static = friction.coulomb(breaking > 0, self.change)
             if friction.stribeck:
                 static = static + friction.p["stribeck_torque"]
+            # Time left after the crossing of zero, by linear interpolation of the velocity.
             rest = h * new / np.where(crossing, new - v, 1.0)
             new = np.where(crossing, rest * soft(breaking, share * static) / inertia, new)
         return np.where(resting & (new * sign < 0), 0.0, new)

@@ -43,7 +43,7 @@ NEUTRAL: dict[str, float] = {
     "bristle_stiffness": 1.0,
     "bristle_damping": 0.0,
     "bristle_exponent": 1.0,
-    # transmission: kind 0 rigid, 1 spring, 2 play with a contact spring
+    # transmission: kind 0 rigid, 1 spring, 2 backlash with a contact spring
     "transmission": 0.0,
     "stiffness": 0.0,
     "damping": 0.0,
@@ -85,7 +85,7 @@ NEUTRAL: dict[str, float] = {
     "forward_inertia": 0.0,
     "forward_ahead": 0.0,  # 1: it is for the period that begins: difference to the next sample, friction at their mean
     "start_position": 0.0,
-    # outside the vocabulary: a spring to a position that follows with play (N m, rad, rad)
+    # outside the vocabulary: a spring to a position that follows through a backlash (N m, rad, rad)
     "hysteresis": 0.0,
     "hysteresis_play": 0.0,
     "hysteresis_width": 1.0,
@@ -114,7 +114,7 @@ class Machine:
 
 @dataclass
 class Record:
-    """What a run leaves, one row per control period [s, N m, rad/s, rad]; `true_*` are hidden."""
+    """A run, one row for each control period [s, N m, rad/s, rad]; `true_*` are hidden from the log."""
 
     time: np.ndarray
     torque: np.ndarray

@@ -16,7 +16,7 @@ def reference(kind: Kind, rng: np.random.Generator, periods: int, preroll: int, 
     value = np.zeros(total)
     blend = int(0.12 / dt)
     for piece, start, end in zip(pieces, starts, ends, strict=True):
-        # every piece runs into the next one and is faded over it
+        # Every piece overlaps the next one and is faded into it.
         stop = min(end + blend, total)
         time = np.arange(stop - start) * dt
         part = PIECES[piece](kind, rng, time)
@@ -66,7 +66,7 @@ def _slow(kind: Kind, rng: np.random.Generator, time: np.ndarray) -> np.ndarray:
 
 
 def _fast(kind: Kind, rng: np.random.Generator, time: np.ndarray) -> np.ndarray:
-    # a chirp: excites what lies near the loop's bandwidth
+    # A chirp up to beyond the highest reference frequency, where lags and resonances show.
     low, high = 1.0, 2.2 * kind.highest
     duration = max(time[-1], 0.1)
     phase = 2 * np.pi * (low * time + (high - low) * time**2 / (2 * duration))

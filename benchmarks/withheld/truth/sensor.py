@@ -11,7 +11,7 @@ def rounded(value: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 class VelocitySensor:
-    """Follows the true velocity substep by substep where it has a memory, is read once a period."""
+    """Follows the true velocity in every substep where it has a memory; is read once in each period."""
 
     def __init__(self, p: dict[str, np.ndarray], dt: float, substeps: int):
         self.p = p

@@ -1,4 +1,4 @@
-"""Three machines of different scale, each drawn around its type: plant, noise, controller."""
+"""Three types of machines of different size; plant, noise and controller are drawn around them."""
 
 from dataclasses import dataclass
 
@@ -46,7 +46,7 @@ class Draw:
 
 
 def spread(rng: np.random.Generator, low: float, high: float) -> float:
-    """A number from a log range."""
+    """A number of a range, uniform in its logarithm."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
@@ -93,8 +93,8 @@ def base_physics(draw: Draw) -> dict[str, float]:
 
 
 def peak_torque(physics: dict[str, float], reference: np.ndarray, dt: float) -> float:
-    """Torque that the loop commands in its hardest moments [N m]: a plain simulation, one step
-    per period and no noise, is good enough for that.
+    """Torque that the loop commands in its hardest moments [N m]: a plain simulation with one step
+    in each period and without noise is accurate enough for that.
     """
     inertia, coulomb = physics["inertia"], physics["coulomb_positive"]
     viscous = physics["viscous_positive"]
