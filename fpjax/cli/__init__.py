@@ -1,3 +1,3 @@
-"""`fpjax COMMAND`: one file a command, imported only when it is asked for."""
+"""`fpjax COMMAND`: one module for each command, imported only when that command is called."""
 
 from .command_line import main as main

@@ -1,4 +1,4 @@
-"""The command line: parses, runs one command, and turns what went wrong into one sentence and an exit code."""
+"""The command line: parses it, runs one command, and turns every error into one sentence and an exit code."""
 
 import argparse
 import contextlib
@@ -21,28 +21,28 @@ COMMANDS = {
     "sweep": "the cost on a dense grid of gains",
     "tune": "gains by gradients, Algorithm 1 or Nelder-Mead",
     "estimate": "run an observer over a log: friction estimates against least squares",
-    "inspect": "what is in a log, what it can show, and a starter servo.toml",
+    "inspect": "what is in a log, what can be identified from it, and a first servo.toml",
     "diagnose": "where simulation and log differ, which effect causes it, how far the gap shrinks",
-    "plan": "which run to record next: one that shows every effect, or decides between what a diagnosis left open",
-    "improve": "from a log to gains that hold around every machine that it leaves possible",
-    "export": "the control law as C for a drive, the body as MuJoCo or URDF, both checked",
+    "plan": "which run to record next: one that shows every effect, or that separates the causes a diagnosis left open",
+    "improve": "gains that follow better in nearly every machine that a log leaves possible",
+    "export": "the control law as C for a drive, the mechanics as MuJoCo or URDF, both checked",
     "demo": "simulate, tune and compare on an embedded example, in a minute",
 }
 INTERRUPTED = 130
 EPILOG = """\
 a first hour:
   fpjax demo --out demo                                simulate, tune, compare: pictures in demo/
-  fpjax inspect run.csv --out look                     what a log holds, and look/servo.toml to start from
+  fpjax inspect run.csv --out look                     what is in a log, and look/servo.toml as a first model
   fpjax estimate run.csv --model look/servo.toml       Coulomb and viscous friction over time
   fpjax diagnose run.csv --model look/servo.toml --out why
-  fpjax improve run.csv --model servo.toml --diagnosis why --out better    gains for the machine that it found
+  fpjax improve run.csv --model servo.toml --diagnosis why --out better    gains for the machine that was found
 
 exit codes: 0 done, 2 bad input (one sentence on stderr), 130 interrupted, 143 terminated (what is finished is kept)
 """
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose complaint is one sentence."""
+    """A parser whose error message is one sentence."""
 
     def error(self, message: str) -> NoReturn:
         sentence = message[:1].upper() + message[1:]
@@ -78,27 +78,29 @@ def main(argv: list[str] | None = None) -> int:
     """Run one command.
 
     Args:
-        argv: the words behind `fpjax`; None for the process's own.
+        argv: the arguments after `fpjax`; None for those of the process.
 
     Returns:
-        The exit code: 0, 2 after one sentence on bad input, 130 after Ctrl-C, 143 after SIGTERM, 1 for our
-        defect.
+        The exit code: 0, 2 after one sentence on bad input, 130 after Ctrl-C, 143 after SIGTERM, 1 for a defect of
+        fpjax.
     """
     own_process = argv is None
     words = sys.argv[1:] if argv is None else argv
     if own_process:
-        gc.set_threshold(50_000, 20, 20)  # jax and matplotlib hold a million objects that are never garbage
+        # jax and matplotlib hold a million objects that are never garbage: with the default thresholds the collector
+        # would walk them again and again.
+        gc.set_threshold(50_000, 20, 20)
     with _terminable():
         code = _run(words)
     if own_process and code >= INTERRUPTED:
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(code)  # a compiler that another thread is in would be waited for
+        os._exit(code)  # a regular exit would wait for a compilation that runs on another thread
     return code
 
 
 class _Terminated(KeyboardInterrupt):
-    """The system asks to end: what is finished is kept, as after Ctrl-C."""
+    """A request of the system to end; finished results are kept, as after Ctrl-C."""
 
 
 @contextlib.contextmanager
@@ -122,6 +124,7 @@ def _terminable() -> Iterator[None]:
 
 
 def _run(argv: list[str]) -> int:
+    """Parse and run one command; returns the exit code."""
     chosen = next((word for word in argv if not word.startswith("-")), None)
     name = chosen if chosen in COMMANDS else None
     arguments: Any = None
@@ -147,13 +150,13 @@ def _run(argv: list[str]) -> int:
     except KeyboardInterrupt as error:
         kept = getattr(arguments, "kept", "")
         ended, code = ("terminated", 143) if isinstance(error, _Terminated) else ("interrupted", INTERRUPTED)
-        return _fail(name, f"{ended}{f': {kept}' if kept else '; nothing was lost that was finished'}.", code)
-    except BrokenPipeError:  # a reader such as `head` has had enough
+        return _fail(name, f"{ended}{f': {kept}' if kept else '; finished results are kept'}.", code)
+    except BrokenPipeError:  # a reader such as `head` has closed the pipe
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 (for the interpreter's own flush at exit)
         return 0
     except Exception as error:
-        if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):  # numpy's, and jax's
-            return _fail(name, "the memory is full: use fewer candidates, a shorter run or a larger step.", 2)
+        if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):  # numpy's error, and jax's
+            return _fail(name, "out of memory: use fewer candidates, a shorter run or a larger step.", 2)
         if os.environ.get("FPJAX_TRACEBACK"):
             raise
         first = (str(error).splitlines() or [""])[0][:200]

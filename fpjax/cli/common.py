@@ -1,4 +1,4 @@
-"""What commands share: arguments, the start of jax, tables, notes."""
+"""Parts that several commands share: arguments, the start of jax, tables, notes."""
 
 import argparse
 import concurrent.futures
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from ..model_file import Model
 
 T = TypeVar("T")
-HEARD_WITHIN = 0.2  # s
+HEARD_WITHIN = 0.2  # [s] within which an interrupt is noticed while another thread works
 
 
 def add_out(parser: argparse.ArgumentParser, required: bool = False) -> None:
     """--out, --no-cache."""
     parser.add_argument(
-        "--out", metavar="DIR", required=required, help="folder for results, pictures and run.json (made if missing)"
+        "--out", metavar="DIR", required=required, help="folder for results, pictures and run.json (created if missing)"
     )
     parser.add_argument(
-        "--no-cache", action="store_true", help="compile afresh: do not keep compiled programs for the next time"
+        "--no-cache", action="store_true", help="compile everything; do not keep compiled programs for the next run"
     )
 
 
@@ -36,14 +36,14 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
     """--columns, --rate, --from, --to, --every, --strict; --repair is accepted for old scripts."""
     parser.add_argument(
         "--columns", metavar="MAP",
-        help='where names or units differ: "velocity=gyro_z:deg/s,torque=tau_cmd", with a scale "torque=Iq:A*0.12" '
-        '(N m per A), "position=enc:counts/4096" (a turn), "torque_measured=Iq:A*0.12", "axis=2" of a robot, or "emps"',
+        help='names and units of columns: "velocity=gyro_z:deg/s,torque=tau_cmd", with a scale "torque=Iq:A*0.12" '
+        '(N m/A), "position=enc:counts/4096" (per turn), "torque_measured=Iq:A*0.12", "axis=2" of a robot, or "emps"',
     )  # fmt: skip
-    parser.add_argument("--rate", type=real, metavar="HZ", help="rows a second, of a log without a time column")
-    parser.add_argument("--from", dest="start", type=real, metavar="S", help="leave out what is before, in log time")
-    parser.add_argument("--to", dest="stop", type=real, metavar="S", help="leave out what is after, in log time")
+    parser.add_argument("--rate", type=real, metavar="HZ", help="sample rate of a log without a time column")
+    parser.add_argument("--from", dest="start", type=real, metavar="S", help="leave out rows before this log time [s]")
+    parser.add_argument("--to", dest="stop", type=real, metavar="S", help="leave out rows after this log time [s]")
     parser.add_argument(
-        "--every", type=whole, default=1, metavar="N", help="make one row of N: torque by its mean, motion at the first"
+        "--every", type=whole, default=1, metavar="N", help="make one row of N: mean torque, motion of the first row"
     )
     parser.add_argument(
         "--strict", action="store_true", help="refuse a log that would have to be cut, filled or resampled"
@@ -52,7 +52,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
 
 
 def log_options(arguments: argparse.Namespace) -> JsonObject:
-    """What `add_log_options` gave, as `read_log` takes it.
+    """The options of `add_log_options` as keyword arguments of `read_log`.
 
     Raises:
         InputError: for a rate that is not positive.
@@ -67,16 +67,16 @@ def log_options(arguments: argparse.Namespace) -> JsonObject:
 
 
 def check_torque_unit(log: "Log", model: "Model") -> None:
-    """A torque in amperes and a model in newton metres cannot be compared.
+    """Check that the torques of log and model have the same unit.
 
     Raises:
-        InputError: where the log's torque has another label than the model's.
+        InputError: where the log's torque has another label than the model's, for instance A and N m.
     """
     label = log.torque_unit
     if label not in ("N m", "N", model.units.torque):
         unit = "N" if model.linear else "N m"
         raise InputError(
-            f"{log.name}: its torque is in {label} and the model's in {model.units.name('N m')}: give {unit} per "
+            f"{log.name}: its torque is in {label}, but the model's in {model.units.name('N m')}: give the {unit} per "
             f'{label}, as in --columns torque=NAME:{label}*0.12, or write [units] torque = "{label}" in the model.'
         )
 
@@ -90,13 +90,13 @@ def read_measured(
     role: str = "log",
     require: tuple[str, ...] | None = None,
 ) -> "Log":
-    """A log of the model's machine, noted in the run's record with what its reader warns of.
+    """Read a log of the model's machine, and note it and its warnings in the run file.
 
     Args:
         path: of the log.
-        model: whose motion and torque it is in.
+        model: of the machine; gives the kind of motion and the unit of the torque.
         arguments: with those of `add_log_options`.
-        record: of the run.
+        record: the run file.
         role: of the log in the run.
         require: columns that must be there; None for those that every log needs.
 
@@ -113,7 +113,7 @@ def read_measured(
 
 
 def start_jax(arguments: argparse.Namespace) -> None:
-    """Double precision, and compiled programs kept for the next process unless --no-cache."""
+    """Start jax in double precision, with compiled programs kept for the next process unless --no-cache is given."""
     from ..output.progress import Stages, starting
 
     with starting(), Stages("fpjax") as stages:
@@ -121,26 +121,26 @@ def start_jax(arguments: argparse.Namespace) -> None:
         import jax
 
         jax.config.update("jax_enable_x64", True)
-        from .. import model_file as model_file  # what every command needs; the rest is imported where it is used
+        from .. import model_file as model_file  # needed by every command; all else is imported where it is used
     if not arguments.no_cache:
         from ..compiled.native import enable_compilation_cache
 
-        with contextlib.suppress(InputError):  # a home that cannot be written is no reason not to compute
+        with contextlib.suppress(InputError):  # without a writable home folder the command works, only slower
             enable_compilation_cache()
 
 
 @contextlib.contextmanager
 def running(arguments: argparse.Namespace) -> Iterator[RunFile]:
-    """The run file of a command: --out is tried first, run.json is left at the end, also after a failure.
+    """The run file of a command: --out is tested at the beginning, run.json written at the end, also after an error.
 
-    Termination (SIGTERM) ends here as an interrupt does (`command_line`), so it leaves the same.
+    SIGTERM arrives here as a KeyboardInterrupt (see `command_line`), and so is treated as one.
     """
     record = RunFile(open_folder(arguments.out), arguments.argv)
     arguments.kept = ""
     try:
         yield record
     except KeyboardInterrupt:
-        with contextlib.suppress(InputError):  # a full disk is no reason to hide the interrupt
+        with contextlib.suppress(InputError):  # a full disk must not hide the interrupt
             record.write("interrupted")
         raise
     except InputError as error:
@@ -152,15 +152,15 @@ def running(arguments: argparse.Namespace) -> Iterator[RunFile]:
 
 
 def interruptible(work: Callable[[], T]) -> T:
-    """What `work` returns, computed on another thread, so that an interrupt is heard at once."""
+    """The result of `work`, computed on another thread, so that an interrupt takes effect at once."""
     return started(work)()
 
 
 def started(work: Callable[[], T]) -> Callable[[], T]:
-    """Begins `work` on another thread; what is returned waits for it, and an interrupt of the waiting is heard at once.
+    """Start `work` on another thread; the function returned waits for its result, and can be interrupted at once.
 
-    Python hears signals only between its own instructions, and one call into the compiler takes many seconds. After an
-    interrupt the thread is left behind, to be waited for again or not; `command_line` ends the process without it.
+    Python handles signals only between its own instructions, and one call into the compiler takes many seconds. After
+    an interrupt the thread goes on: its result can be waited for again, or `command_line` ends the process without it.
     """
     done: concurrent.futures.Future[T] = concurrent.futures.Future()
     context = contextvars.copy_context()
@@ -176,7 +176,7 @@ def started(work: Callable[[], T]) -> Callable[[], T]:
             try:
                 return done.result(HEARD_WITHIN)
             except concurrent.futures.TimeoutError:
-                if done.done():  # the work's own
+                if done.done():  # then it is not our waiting that timed out: the work itself raised TimeoutError
                     raise
 
     threading.Thread(target=run, daemon=True).start()
@@ -185,7 +185,7 @@ def started(work: Callable[[], T]) -> Callable[[], T]:
 
 @contextlib.contextmanager
 def busy(title: str, what: str) -> Iterator[None]:
-    """One stage of a command that has no share of its own: drawing, writing."""
+    """Show one stage of a command whose progress is not known: drawing, writing."""
     from ..output.progress import Stages
 
     with Stages(title) as stages:
@@ -194,13 +194,13 @@ def busy(title: str, what: str) -> Iterator[None]:
 
 
 def say(record: RunFile, sentence: str) -> None:
-    """A note for the user, kept in run.json."""
+    """Print a note for the user, and keep it in run.json."""
     record.notes.append(sentence)
     print(f"note: {sentence}", file=sys.stderr)
 
 
 def table(rows: Sequence[Sequence[Any]], header: Sequence[str] = ()) -> str:
-    """Columns that line up: words to the left, numbers to the right."""
+    """A text table: words aligned to the left, numbers to the right."""
     cells = [[show(cell) for cell in row] for row in ([header] if header else []) + [list(row) for row in rows]]
     width = [max(len(row[i]) for row in cells if i < len(row)) for i in range(max(map(len, cells), default=0))]
     numeric = [
@@ -217,24 +217,24 @@ def table(rows: Sequence[Sequence[Any]], header: Sequence[str] = ()) -> str:
 
 
 def show(value: object) -> str:
-    """A number with five digits, a word as it is."""
+    """A number with five significant digits; anything else as text."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return str(value)
     return str(value) if isinstance(value, int) else f"{value:.5g}"
 
 
 def finish(record: RunFile) -> None:
-    """Say where the results are."""
+    """Print where the results are."""
     if record.folder is not None and record.outputs:
         names = ", ".join(dict.fromkeys(record.outputs))
         print(f"\nwrote {names} and run.json to {record.folder}")
 
 
 def read_pairs(words: Sequence[str], option: str) -> dict[str, float]:
-    """{"plant.inertia": 12.0} of ["plant.inertia=12"].
+    """{"plant.inertia": 12.0} from ["plant.inertia=12"].
 
     Raises:
-        InputError: for what is not NAME=NUMBER.
+        InputError: for a word that is not NAME=NUMBER.
     """
     values = {}
     for word in words:

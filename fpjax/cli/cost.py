@@ -1,4 +1,4 @@
-"""What sweep and tune share: the objective, the references, the plants to tune for."""
+"""Arguments that sweep and tune share: the objective, the references, the plants to tune for."""
 
 import argparse
 from typing import TYPE_CHECKING
@@ -22,7 +22,7 @@ REFERENCES = ("sine", "constant", "chirp", "triangle", "square")
 
 
 def add_cost_arguments(parser: argparse.ArgumentParser) -> None:
-    """--objective and what it is averaged over."""
+    """--objective, and the references, plants and noise over which it is averaged."""
     parser.add_argument("model", metavar="MODEL", help="servo.toml")
     parser.add_argument(
         "--objective", choices=("estimation", "tracking", "thesis"),
@@ -32,20 +32,20 @@ def add_cost_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--after", type=real, metavar="S", default=0.0, help="count nothing before this time [s]")
     parser.add_argument(
         "--references", metavar="LIST",
-        help=f"several at once, of {','.join(REFERENCES)}, with the amplitude and frequency of [reference]",
+        help=f"several references, of {','.join(REFERENCES)}, with the amplitude and frequency of [reference]",
     )  # fmt: skip
     parser.add_argument(
         "--plants", metavar="NAME=A,B,...", action="append", default=[],
-        help="true plants to tune for, as plant.friction.viscous=1,2,5 (several: the first of each go together)",
+        help="true plants, as plant.friction.viscous=1,2,5 (the first values of several lists make one plant)",
     )  # fmt: skip
     parser.add_argument(
         "--spread", metavar="NAME=SHARE", action="append", default=[],
         help="true plants at the corners of +- SHARE around the model, as plant.inertia=0.2",
     )  # fmt: skip
-    parser.add_argument("--worst", action="store_true", help="judge the worst case, not the mean")
+    parser.add_argument("--worst", action="store_true", help="minimise the worst case instead of the mean")
     parser.add_argument("--noise-seeds", type=whole, metavar="N", default=0, help="runs with N draws of sensor noise")
     parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter first")
-    parser.add_argument("--duration", type=real, metavar="S", help="of a run, instead of the model's [s]")
+    parser.add_argument("--duration", type=real, metavar="S", help="length of a run, instead of the model's [s]")
 
 
 def cost_settings(
@@ -74,9 +74,9 @@ def cost_settings(
     plants = dict(map(_plants, arguments.plants))
     spread = {name: values[0] for name, values in map(_plants, arguments.spread)}
     if plants and spread:
-        raise InputError("--plants and --spread are two ways to say the same: give one of them.")
+        raise InputError("--plants and --spread both give the true plants: give one of them.")
     if len({len(values) for values in plants.values()}) > 1:
-        raise InputError("--plants: every list needs as many values as the others: they go together, one plant each.")
+        raise InputError("--plants: all lists must have the same length: the n-th value of each makes the n-th plant.")
     if spread:
         plants = {name: list(values) for name, values in population(model.loop, spread).items()}
     if arguments.noise_seeds < 0:
@@ -85,7 +85,7 @@ def cost_settings(
     if chosen == "tracking" and not arguments.noise_seeds:
         has = bool(np.any(np.asarray(getattr(model.loop.sensor, "noise", 0.0))))
         add = "add --noise-seeds 4" if has else "give the model a [sensor] noise and add --noise-seeds 4"
-        say(record, f"without sensor noise nothing but the step and the limits speaks against larger gains: {add}.")
+        say(record, f"without sensor noise only the step and the limits keep the gains from growing: {add}.")
     settings = {
         "dt": model.dt,
         "duration": duration,

@@ -1,4 +1,4 @@
-"""`fpjax demo`: the main job on an embedded example, by the very commands that a user would type."""
+"""`fpjax demo`: the main steps on an embedded example, by the commands that a user would type."""
 
 import argparse
 import pathlib
@@ -9,7 +9,7 @@ from .common import add_out
 
 SERVO = """\
 # A gimbal axis: 10 kg m^2 with 20 N m of Coulomb friction under a sampled PI velocity loop with a noisy gyro, and an
-# EFP observer whose gains are too small to follow. fpjax tune finds better ones.
+# EFP observer whose gains are too small. fpjax tune finds better ones.
 [plant]
 type = "one_mass"
 inertia = 10.0               # kg m^2
@@ -47,7 +47,7 @@ gain_2 = 5.0
 """
 EMPS = """\
 # EMPS, a ball-screw axis: A. Janot, M. Gautier, M. Brunot, "Data Set and Reference Models of EMPS", 2019 Workshop on
-# Nonlinear System Identification Benchmarks. Parameters and controller as published; the record brings the reference.
+# Nonlinear System Identification Benchmarks. Parameters and controller as published; the log has the reference.
 [units]
 motion = "linear"
 reference = "position"
@@ -80,13 +80,13 @@ substeps = 4
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's words."""
+    """Add the command's arguments."""
     parser.add_argument("--emps", metavar="PATH", help="DATA_EMPS.mat: replay it and estimate its friction too")
     add_out(parser, required=True)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Each step is a command; it is printed before it runs."""
+    """Run the demo. Each step is a command, printed before it runs."""
     from .command_line import main
 
     folder = open_folder(arguments.out)
@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
         emps, log = folder / "emps.toml", str(pathlib.Path(arguments.emps))
         write_whole(emps, EMPS)
         steps += [
-            ("a real axis: its record replayed",
+            ("a real axis: its log replayed",
              ["simulate", str(emps), "--log", log, "--columns", "emps", "--out", str(folder / "6-emps-replay")]),
             ("its friction by an observer, beside least squares",
              ["estimate", log, "--columns", "emps", "--model", str(emps), "--average", "6.24", "--out",

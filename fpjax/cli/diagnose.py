@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ..logs import Log
     from ..model_file import Model
 
-REPORT = 4.0  # times the processor time of starting that drawing the report takes
+REPORT = 4.0  # time to draw the report, relative to the start-up of the command
 EXAMPLES = """\
 examples:
   fpjax diagnose run.csv --model servo.toml --out why
@@ -47,7 +47,7 @@ DIAGNOSIS = "diagnosis.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's words."""
+    """Add the command's arguments."""
     parser.epilog = EXAMPLES
     parser.add_argument("logs", metavar="LOG", nargs="+", help="runs of one machine (with --each, of several)")
     parser.add_argument("--model", metavar="MODEL", required=True, help="servo.toml of the nominal simulator")
@@ -55,9 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--holdout", metavar="LOG", nargs="+", default=[],
         help="runs that are only scored, never fitted (default: whole blocks of the logs themselves)",
     )  # fmt: skip
-    parser.add_argument("--each", action="store_true", help="each log is a machine of its own, with its own folder")
+    parser.add_argument("--each", action="store_true", help="each log is of another machine, and gets its own folder")
     parser.add_argument(
-        "--resume", action="store_true", help="with --each: leave out finished logs (one diagnosis goes on by itself)"
+        "--resume", action="store_true", help="with --each: skip finished logs (without, a diagnosis always resumes)"
     )
     add_log_options(parser)
     parser.add_argument("--no-report", action="store_true", help="diagnosis.json only: no report.html, no pictures")
@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
                     record.path(f"{name}/{DIAGNOSIS}")
                     continue
                 finished.unlink(missing_ok=True)
-                # Those before that were finished took no time: what is left counts from the first that is not.
+                # Logs skipped at the beginning took no time, so progress counts from the first one that is diagnosed.
                 begun = place if bar is None else begun
                 bar = Stages("diagnose", after=bar)
                 part = (place - begun, len(logs) - begun)
@@ -108,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _key(place: int, record: RunFile, arguments: argparse.Namespace) -> str:
-    """What one log's diagnosis depends on, as a hash: the log, the model, the holdout, the options, the versions."""
+    """A hash of everything that one log's diagnosis depends on: log, model, holdout, options, versions."""
     shared = [entry["sha256"] for entry in record.inputs if entry["role"] != "log"]
     own = [entry["sha256"] for entry in record.inputs if entry["role"] == "log"][place]
     content = [own, shared, log_options(arguments), arguments.no_report, versions()]
@@ -116,7 +116,7 @@ def _key(place: int, record: RunFile, arguments: argparse.Namespace) -> str:
 
 
 def _earlier(folder: pathlib.Path) -> str:
-    """What is said of a diagnosis that was in the folder before."""
+    """A note on an earlier diagnosis in the folder, for the message after an interrupt."""
     return f"; {folder / DIAGNOSIS} is the earlier one" if (folder / DIAGNOSIS).exists() else ""
 
 
@@ -143,7 +143,7 @@ def _one(
     bar: Stages | None = None,
     part: tuple[int, int] = (0, 1),
 ) -> None:
-    """Diagnose and write; of several logs this is the part (place, of how many), whose pace the bar knows."""
+    """Diagnose and write the results; `part` is (index, number) of this diagnosis among several that share the bar."""
     from ..gap import diagnose
     from ..gap.fit.kept import NAME, Kept
 
@@ -160,7 +160,7 @@ def _one(
 
             found = interruptible(lambda: diagnose(logs, model, holdout=holdout, progress=progress, keep=kept))
     except InputError:
-        kept.discard()  # the same input is refused again
+        kept.discard()  # of no use: the same input would be refused again
         raise
     except KeyboardInterrupt:
         if kept.lost and not arguments.each:
@@ -171,7 +171,7 @@ def _one(
     if kept.lost:
         say(record, f"{kept.path} could not be written ({kept.lost}): an interrupt would have kept nothing")
     found = dataclasses.replace(found, provenance=_provenance(found, record))
-    # What the reader said of the logs stands above.
+    # Warnings of the log reader were printed before.
     print(dataclasses.replace(found, warnings=tuple(each for each in found.warnings if each not in record.notes)))
     record.stage("write")
     write_json(record.path(f"{prefix}{DIAGNOSIS}"), found.to_dict())
@@ -190,5 +190,5 @@ def _one(
 
 
 def _provenance(found: "Diagnosis", record: RunFile) -> JsonObject:
-    """The diagnosis' own, with the command as it was typed."""
+    """The provenance of the diagnosis, with the command as it was typed."""
     return {**found.provenance, "command": shlex.join(record.command)}

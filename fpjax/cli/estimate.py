@@ -20,35 +20,35 @@ if TYPE_CHECKING:
     from ..logs import Log
     from ..model_file import Model
 
-LAPS = 20.0  # time constants in a log, for gains that nobody gave
-NOISE_WIDTHS = 0.5  # steepness x noise of the speed: tanh reaches 0.96 at four standard deviations
+LAPS = 20.0  # time constants in a log, for default gains
+NOISE_WIDTHS = 0.5  # steepness x noise standard deviation of the speed: tanh reaches 0.96 at four deviations
 EXAMPLES = """\
 examples:
   fpjax estimate run.csv --model servo.toml --out friction
   fpjax estimate DATA_EMPS.mat --columns emps --model emps.toml --average 6.24 --out friction
-without [observer] in the model an EFP is taken whose gains follow the inertia and the log's speed
+without [observer] in the model an EFP is used, with gains from the inertia and the log's speed
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's words."""
+    """Add the command's arguments."""
     parser.epilog = EXAMPLES
     parser.add_argument("log", metavar="LOG", help="CSV, .npz, .mat, Parquet or MCAP with torque and motion")
     parser.add_argument("--model", metavar="MODEL", required=True, help="servo.toml: inertia, known load, observer")
     add_log_options(parser)
     parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter")
     parser.add_argument(
-        "--average", type=real, metavar="S", help="take the mean over the last S seconds, a lap (default: a quarter)"
+        "--average", type=real, metavar="S", help="mean over the last S seconds, such as a lap (default: a quarter)"
     )
     parser.add_argument(
         "--differentiator", choices=("zero_phase", "causal"), default="zero_phase",
-        help="how a log without velocity gets one (default zero_phase; causal is what a drive could do)",
+        help="filter that gives a log without velocity one (default zero_phase; causal is possible in a drive)",
     )  # fmt: skip
     parser.add_argument(
         "--passes", type=whole, default=1, metavar="N",
-        help="go over the log N times, each from the last one's estimates: time for slow gains (default 1)",
+        help="passes over the log, each starting from the estimates of the one before, for slow gains (default 1)",
     )  # fmt: skip
-    parser.add_argument("--cutoff", type=real, metavar="HZ", help="of that differentiator (default: rate / 10)")
+    parser.add_argument("--cutoff", type=real, metavar="HZ", help="cutoff of that filter (default: sample rate / 10)")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")
     add_out(parser)
 
@@ -106,7 +106,7 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> "tuple
         model = dataclasses.replace(model, loop=dataclasses.replace(model.loop, observer=observer))
     record.stage("read")
     log = read_measured(arguments.log, model, arguments, record)
-    # its friction is what is to be found
+    # Friction is what is to be estimated, so the checks get the inertia and the load only.
     for one in suspicions(log, Numbers(model.nominal["inertia"], load=_known_load(model))):
         print(f"warning: {one.sentence}", file=sys.stderr)
         record.notes.append(one.sentence)
@@ -114,7 +114,7 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> "tuple
 
 
 def _known_load(model: "Model") -> Callable[[Any, Any, Any], np.ndarray]:
-    """The model's load as the checks take it: torque [N m] by (velocity, position, time)."""
+    """The model's load as a function for the checks: (velocity, position, time) -> torque [N m]."""
     from ..blocks.signals import Motion
 
     load = model.loop.plant.load
@@ -122,11 +122,14 @@ def _known_load(model: "Model") -> Callable[[Any, Any, Any], np.ndarray]:
 
 
 def default_observer(model: "Model", log: "Log", velocity: np.ndarray, record: RunFile) -> "AbstractObserver":
-    """An EFP for a model without one: both modes as fast as a twentieth of the log, by (4.12) e' = -(1/J) s phi^T e.
+    """An EFP for a model without an observer; both modes get a time constant of a twentieth of the log (4.12).
 
-    Nothing here looks at the torque, so the answer has no say in the gains. The sign of a noisy speed near zero is the
-    noise's, and an observer that compensates by it learns too little Coulomb friction and too much viscous: it gets a
-    tanh as wide as the noise instead (gimbal motor, noise 0.2 % of the peak speed: -19 % became -5 %).
+    The averaged matrix of (4.12) has the diagonal -gain_2 / J, -gain_1 mean(w^2) / J, whose inverses are set to -tau.
+    The torque is not used, so the gains do not depend on the answer.
+
+    Near zero the sign of a noisy speed is that of the noise. An observer that compensates by it learns too little
+    Coulomb friction and too much viscous friction. So the compensation is a tanh as wide as the noise (gimbal motor,
+    noise 0.2 % of the peak speed: an error of -19 % became -5 %).
     """
     from .. import ExtendedFriedlandPark
     from ..logs.noise import noise_level
@@ -134,7 +137,7 @@ def default_observer(model: "Model", log: "Log", velocity: np.ndarray, record: R
     inertia = model.nominal["inertia"]
     mean_square = float(np.mean(np.square(velocity)))
     if mean_square == 0.0:
-        raise InputError(f"{log.name} does not move, so no friction can be estimated from it: record one that does.")
+        raise InputError(f"{log.name} has no motion, so no friction can be estimated from it: record a moving axis.")
     time_constant = log.duration / LAPS
     gain_1 = float(f"{inertia / (time_constant * mean_square):.3g}")
     gain_2 = float(f"{inertia / time_constant:.3g}")

@@ -1,4 +1,4 @@
-"""`fpjax export`: the control law as C, the body as MuJoCo or URDF."""
+"""`fpjax export`: the control law as C, the mechanics as MuJoCo or URDF."""
 
 import argparse
 import pathlib
@@ -23,16 +23,16 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's words."""
+    """Add the command's arguments."""
     parser.epilog = EXAMPLES
     parser.add_argument("model", metavar="MODEL", help="servo.toml, as tuned or corrected")
     parser.add_argument("--c", metavar="DIR", help="the control law as C99: header, source, test program, vectors")
     parser.add_argument("--precision", choices=("double", "float"), default="double", help="of the C (default double)")
-    parser.add_argument("--name", metavar="WORD", help="prefix of the C's files and symbols (default: the file's)")
+    parser.add_argument("--name", metavar="WORD", help="prefix of the C files and symbols (default: the model's name)")
     parser.add_argument("--check", action="store_true", help="compile the C with cc, compare it with the simulation")
-    parser.add_argument("--mujoco", metavar="DIR", help="the body as MJCF, replayed in MuJoCo where that is installed")
-    parser.add_argument("--urdf", metavar="DIR", help="the body as URDF, replayed likewise")
-    parser.add_argument("--log", metavar="LOG", help="record to replay (default: the model's own reference, in fpjax)")
+    parser.add_argument("--mujoco", metavar="DIR", help="the mechanics as MJCF, replayed in MuJoCo if it is installed")
+    parser.add_argument("--urdf", metavar="DIR", help="the mechanics as URDF, replayed in MuJoCo if it is installed")
+    parser.add_argument("--log", metavar="LOG", help="log to replay (default: the model's reference against fpjax)")
     add_log_options(parser)
     parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter")
     add_out(parser)
@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write what is asked for."""
     targets = [folder for folder in (arguments.c, arguments.mujoco, arguments.urdf) if folder]
     if not targets:
-        raise InputError("nothing to export: give --c DIR, --mujoco DIR or --urdf DIR, or several.")
+        raise InputError("nothing to export: give --c DIR, --mujoco DIR or --urdf DIR, or several of them.")
     if not arguments.out:
         arguments.out = targets[0]
     with running(arguments) as record:
@@ -91,12 +91,12 @@ def _export_body(
     held = [left.name for left in made.body.leftovers]
     unit = unit_of(made.tracked, model.units)
     if made.costs:
-        print(f"\n  not held there, and what that adds to the rms error of the {made.tracked}:")
+        print(f"\n  not expressed there, and what that adds to the rms error of the {made.tracked}:")
         print(table([(left, cost, unit) for left, cost in made.costs.items()]))
     elif held:
-        print(f"  not held there: {', '.join(held)}")
+        print(f"  not expressed there: {', '.join(held)}")
     else:
-        print("  all of the model's body is held there")
+        print("  all of the model's mechanics is expressed there")
     same = pathlib.Path(arguments.out).resolve() == made.file.parent.resolve()
     record.outputs.append(made.file.name if same else str(made.file))
     errors = {
@@ -128,7 +128,7 @@ def _export_c(model: "Model", arguments: argparse.Namespace, record: RunFile) ->
             (name, found.steps[name], found.runs[name], made.bounds[name], units[name]) for name in made.law.outputs
         ]
         print(table(rows, ("output", f"a step [ulp, {ULPS:g} allowed]", "the run", "bound", "unit")))
-        print(f"  {found.nanoseconds:.3g} ns a step on this machine; passed")
+        print(f"  {found.nanoseconds:.3g} ns per step on this machine; passed")
         content["check"] = {**vars(found), "run_bounds": made.bounds}
     same = pathlib.Path(arguments.out).resolve() == made.folder.resolve()
     record.outputs.extend(name if same else str(made.folder / name) for name in made.files)

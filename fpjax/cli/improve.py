@@ -1,4 +1,4 @@
-"""`fpjax improve`: from a log to gains that hold around every machine it leaves possible."""
+"""`fpjax improve`: gains that follow better in nearly every machine that a log leaves possible."""
 
 from __future__ import annotations
 
@@ -44,28 +44,28 @@ examples:
   fpjax simulate better/tuned.toml                                            the corrected model with the new gains
   fpjax export --c drive better/tuned.toml                                    the control law for the drive
 
-An interrupt keeps the finished diagnosis and search; the same command goes on from there.
+After an interrupt the finished diagnosis and search are kept; the same command goes on from there.
 """
-DIAGNOSIS, SEARCH = "diagnosed.json", "searched.json"  # what is finished, and what it depended on
+DIAGNOSIS, SEARCH = "diagnosed.json", "searched.json"  # written when a stage is finished, with a hash of its inputs
 REFERENCE = "reference.csv"
 KEPT = ("diagnosis.json", "corrected.toml", "posterior.npz")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's words."""
+    """Add the command's arguments."""
     parser.epilog = EXAMPLES
-    parser.add_argument("log", metavar="LOG", help="the machine at work, with its reference")
+    parser.add_argument("log", metavar="LOG", help="log of the machine at work, with its reference")
     parser.add_argument(
         "--model", metavar="MODEL", required=True, help="servo.toml of the nominal simulator, with its controller"
     )
     parser.add_argument(
         "--free", metavar="GAIN", action="append", default=[],
-        help="what may change beside the observer's and the feed-forward's gains: controller, feedforward (added where "
-        "there is none), or a gain as the file has it, controller.kp, or with bounds, controller.kp=1:5",
+        help="gains that may change besides those of observer and feed-forward: controller, feedforward (added where "
+        "there is none), or a gain by its name in the file, controller.kp, or with bounds, controller.kp=1:5",
     )  # fmt: skip
     parser.add_argument("--diagnosis", metavar="DIR", help="--out of a finished fpjax diagnose of this log and model")
     parser.add_argument(
-        "--reference", choices=("log", "model"), default="log", help="what the gains are judged on (default log)"
+        "--reference", choices=("log", "model"), default="log", help="reference to judge the gains on (default log)"
     )
     parser.add_argument("--seed", type=whole, default=0, help="of the drawn machines and of the search (default 0)")
     parser.add_argument("--no-report", action="store_true", help="improve.json and tuned.toml only")
@@ -116,7 +116,7 @@ def _write(found: Improvement, log: Log, record: RunFile, arguments: argparse.Na
     if found.model:
         write_whole(tuned, _with_reference(found.model, log, record))
     else:
-        tuned.unlink(missing_ok=True)  # of an earlier run: nothing is proposed now
+        tuned.unlink(missing_ok=True)  # an earlier run's: this run proposes nothing
         record.outputs.remove("tuned.toml")
     if not arguments.no_report:
         for name in ("improve.html", "improve.png"):
@@ -126,7 +126,7 @@ def _write(found: Improvement, log: Log, record: RunFile, arguments: argparse.Na
 
 
 def _with_reference(text: str, log: Log, record: RunFile) -> str:
-    """The tuned model as one that can be simulated: where it has no reference, the log's, in a file beside it."""
+    """The tuned model with a reference, so that it can be simulated: its own, or the log's in a file beside it."""
     if "[reference]" in text or log.reference is None:
         return text
     rows = "\n".join(f"{time:.9g},{value:.9g}" for time, value in zip(log.time, log.reference, strict=True))
@@ -137,19 +137,19 @@ def _with_reference(text: str, log: Log, record: RunFile) -> str:
 
 
 class _Store:
-    """What is finished, in the folder, with what it depended on."""
+    """The finished stages in the folder, each with a hash of its inputs, to go on from after an interrupt."""
 
     def __init__(self, folder: pathlib.Path, record: RunFile, arguments: argparse.Namespace) -> None:
         self.folder, self.record, self.arguments = folder, record, arguments
         hashes = [entry["sha256"] for entry in record.inputs]
-        # A model's recorded reference is a file of its own; its folder's contents are not followed further.
+        # A reference in a file of its own, named by the model, is not part of the hash.
         self.key = _hash([hashes, log_options(arguments), versions()])
-        # Of a diagnosis elsewhere what it says counts, not its folder: that may hold another one by now.
+        # Of a diagnosis in another folder the contents count, not the folder: it may hold another diagnosis by now.
         given = [] if arguments.diagnosis is None else _contents(pathlib.Path(arguments.diagnosis))
         self.search_key = _hash([self.key, arguments.free, arguments.reference, arguments.seed, given])
 
     def diagnosis(self, log: Log) -> Known | None:
-        """The diagnosis that this command would make, where it is finished."""
+        """The finished diagnosis of the same inputs; None without one."""
         if _read(self.folder / DIAGNOSIS).get("key") != self.key:
             return None
         from ..improvement.known import known_in
@@ -163,7 +163,7 @@ class _Store:
         return None
 
     def search(self) -> Found | None:
-        """The search that this command would make, where it is finished."""
+        """The finished search of the same inputs; None without one."""
         content = _read(self.folder / SEARCH)
         if content.get("key") != self.search_key:
             return None
@@ -178,7 +178,7 @@ class _Store:
             return None
 
     def keep(self, what: str, done: Any) -> None:
-        """Write a finished stage at once; its key comes last."""
+        """Write a finished stage at once; its key last, so that a crash in between leaves no valid stage."""
         if what == "diagnosis":
             (self.folder / DIAGNOSIS).unlink(missing_ok=True)
             write_json(self.record.path("diagnosis.json"), done.to_dict())
@@ -199,7 +199,7 @@ class _Store:
 def _contents(folder: pathlib.Path) -> list[str]:
     found = []
     for name in ("diagnosis.json", "posterior.npz"):
-        with contextlib.suppress(OSError):  # told where it is read
+        with contextlib.suppress(OSError):  # reported where the diagnosis is read
             found.append(hashlib.sha256((folder / name).read_bytes()).hexdigest())
     return found
 

@@ -1,4 +1,4 @@
-"""`fpjax inspect`: what is in a log, what it can show, and a starter servo.toml."""
+"""`fpjax inspect`: what is in a log, what can be identified from it, and a first servo.toml."""
 
 import argparse
 import sys
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..logs.checks.inspection import Inspection
     from ..logs.dynamics.nominal import Nominal
 
-EXTRAS = 6  # columns shown that nobody mapped
+EXTRAS = 6  # unmapped columns shown at most
 EXAMPLES = """\
 examples:
   fpjax inspect run.csv --out look
@@ -24,17 +24,17 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's words."""
+    """Add the command's arguments."""
     parser.epilog = EXAMPLES
     parser.add_argument("log", metavar="LOG", help="CSV, .npz, .mat, JSON, WPILOG, Parquet, MCAP or a ROS 2 bag")
     add_log_options(parser)
-    parser.add_argument("--linear", action="store_true", help="a linear axis: m, N (told from the units where given)")
+    parser.add_argument("--linear", action="store_true", help="a linear axis, m and N (default: by the columns' units)")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")
     add_out(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Inspect; needs no jax."""
+    """Inspect a log; this needs no jax."""
     from ..logs import read_log
     from ..logs.checks.inspection import inspect_log
 
@@ -64,7 +64,7 @@ def _show(found: "Inspection") -> None:
     for column in found.columns[: len(log.columns()) - 1 + EXTRAS]:
         step = "" if column.step is None else f"{column.step:.3g}"
         limit = "" if not column.at_limit else f"{100 * column.at_limit:.2g} %"
-        noise = column.noise if column.noise > 1e-12 * column.rms else 0.0  # of a constant column: of its last bit
+        noise = column.noise if column.noise > 1e-12 * column.rms else 0.0  # the rounding of a constant column is none
         rows.append((column.name, column.unit, column.low, column.high, column.rms, noise, step, limit))
     print(table(rows, ("column", "unit", "low", "high", "rms", "noise", "step", "at its limit")))
     rate, unit = ("m/s", "m") if log.linear else ("rad/s", "rad")
@@ -75,7 +75,7 @@ def _show(found: "Inspection") -> None:
     print(table([(each.what, each.can, each.why) for each in found.abilities], ("can this log show", "", "because")))
     nominal = found.nominal
     if nominal is None:
-        print("\n  no nominal model: the motion has too few windows in both directions and at several speeds")
+        print("\n  no nominal model: the log has too few windows of motion in both directions and at several speeds")
         return
     print(
         f"\nrigid machine fitted to {nominal.rows} windows of {nominal.window:g} s: explains "
@@ -102,7 +102,7 @@ def _units(log: "Log") -> dict[str, str]:
 
 
 def starter(found: "Inspection") -> str | None:
-    """A servo.toml with the least-squares nominal; None where it is not plausible."""
+    """A servo.toml with the least-squares nominal model; None where this is not plausible."""
     from ..output.toml_text import write
 
     nominal, log = found.nominal, found.log
@@ -136,15 +136,15 @@ def starter(found: "Inspection") -> str | None:
     }
     if nominal.amplitude > 0.0:
         comments["load", "amplitude"] = f"{names['sine']}, +- {max(nominal.deviations[4:]):.2g}"
-        comments["load", "phase"] = "rad: amplitude x sin(position + phase), to be held by the motor"
+        comments["load", "phase"] = "rad: the motor holds amplitude x sin(position + phase)"
     comments["controller", "type"] = 'enough to estimate and diagnose; to simulate or tune: "pi" with kp and ki, ...'
     comments["simulation", "dt"] = "s"
-    head = f"# A start fitted to {log.name} (windows of {nominal.window:g} s); correct what you know better.\n"
+    head = f"# A first model, fitted to {log.name} (windows of {nominal.window:g} s); correct what you know better.\n"
     return head + write(sections, comments)
 
 
 def _load(nominal: "Nominal") -> JsonObject:
-    """[load], where the log shows a torque that follows the sine of the position."""
+    """The [load] section, where the log shows a torque that depends on the sine of the position."""
     if nominal.amplitude == 0.0:
         return {}
     return {
@@ -157,6 +157,7 @@ def _load(nominal: "Nominal") -> JsonObject:
 
 
 def _digits(value: float) -> float:
+    """A number with six significant digits, for a file that people read."""
     return float(f"{value:.6g}")
 
 

@@ -1,4 +1,4 @@
-"""What `fpjax simulate` measures on a run, and how it is said."""
+"""The measures that `fpjax simulate` takes of a run, and their table."""
 
 from typing import TYPE_CHECKING
 
@@ -11,18 +11,18 @@ from ..output.json_object import JsonObject
 if TYPE_CHECKING:
     from ..simulation.run import Run
 
-LOOKED_AT = 4000  # samples of a run that the excitation is judged by
-WITHIN = 0.05  # of the truth, where an estimate counts as settled
-SMOOTHED = 0.05  # of the run: an estimate is settled as its mean over so much is, or its noise would unsettle it
+LOOKED_AT = 4000  # samples of a run from which the excitation is assessed
+WITHIN = 0.05  # error, relative to the true value, within which an estimate counts as settled
+SMOOTHED = 0.05  # share of the run over which an estimate is averaged to judge its settling, because it is noisy
 
 
 def excitation_sentences(model: Model, velocity: np.ndarray, settled: dict[str, float]) -> tuple[str, ...]:
-    """Which estimates cannot converge along a run; empty where all do, and for an observer whose law is not known.
+    """Sentences on estimates that cannot converge along a run; empty where all do, or where it cannot be assessed.
 
     Args:
-        model: its observer, and the true values of what that estimates.
+        model: gives the observer and the true values of its parameters.
         velocity: of the run [rad/s], shape (samples,).
-        settled: what each estimate came to in it, in its unit.
+        settled: final value of each estimate in the run, by name.
     """
     from ..analysis.excitation import assess_excitation
 
@@ -41,7 +41,7 @@ def excitation_sentences(model: Model, velocity: np.ndarray, settled: dict[str, 
 
 
 def recorded_names(model: Model) -> tuple[str, ...]:
-    """Signals worth keeping of a single run."""
+    """Names of the signals that are kept of a single run."""
     names = (
         "torque", "measured_velocity", "measured_position", "reference", "velocity", "position", "control",
         "compensation", "applied", "friction",
@@ -50,7 +50,7 @@ def recorded_names(model: Model) -> tuple[str, ...]:
 
 
 def measures_of(model: Model) -> JsonObject:
-    """Measures by the sentence they are shown with."""
+    """Measures by the words under which they are shown."""
     from ..simulation import metrics
 
     error = metrics.position_error if model.units.reference == "position" else metrics.velocity_error
@@ -72,8 +72,8 @@ def measures_of(model: Model) -> JsonObject:
 def settling_time(time: np.ndarray, estimate: np.ndarray, truth: float) -> float:
     """Time [s] after which an estimate's moving mean stays within 5 % of the truth; infinite where it ends outside.
 
-    The mean is over a twentieth of the run, so the time is known to a fortieth of it; of the estimate itself the first
-    noisy sample after an hour would say that it never settled.
+    The mean is over a twentieth of the run, so the time is known to a fortieth of it. Without averaging one noisy
+    sample late in a run would mean that the estimate never settled.
 
     Args:
         time: [s], shape (samples,).
@@ -94,7 +94,7 @@ def summary(model: Model, run: "Run") -> list[tuple[str, float, str]]:
     units = model.units
     motion = units.name("rad" if units.reference == "position" else "rad/s")
     rows: list[tuple[str, float, str]] = []
-    for quantity in measures_of(model):  # jit hands them back in the alphabet's order
+    for quantity in measures_of(model):  # this order, because jit returns the measures in alphabetical order
         number = float(np.asarray(run.measures[quantity]))
         name, _, which = quantity.partition(", ")
         unit = motion
@@ -103,7 +103,7 @@ def summary(model: Model, run: "Run") -> list[tuple[str, float, str]]:
         elif name in run.settled:
             unit = units.name(ESTIMATES.get(name, ""))
         elif quantity.endswith("gradient"):
-            unit = f"{motion} a sample"
+            unit = f"{motion} per sample"
         if which == "final estimate" and name in run.settled:
             rows += _settled_rows(model, run, name, unit)
         rows.append((quantity, number, unit))
@@ -114,7 +114,7 @@ ESTIMATES = {"coulomb": "N m", "viscous": "N m s/rad", "steepness": "s/rad"}
 
 
 def _settled_rows(model: Model, run: "Run", name: str, unit: str) -> list[tuple[str, float, str]]:
-    """What an estimate came to: one noisy last sample says less than the last quarter, which `tune` judges too."""
+    """Rows on an estimate's final value: its mean over the last quarter, as in `tune`; the last sample is noisy."""
     true = model.nominal.get(name)
     rows = [
         (f"{name}, mean of the last quarter", run.settled[name], f"{unit}  (true {true:g})" if true else unit),

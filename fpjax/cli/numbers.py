@@ -1,4 +1,4 @@
-"""Numbers as a user types them: Python takes 1_0 for 10, digits of other scripts and infinity, which nobody means."""
+"""Numbers on the command line, more strictly than Python, which takes 1_0 for 10, digits of other scripts and inf."""
 
 import math
 import re
@@ -29,5 +29,5 @@ def whole(text: str) -> int:
     return int(text)
 
 
-# argparse says "invalid number value: '1_0'" by these names.
+# argparse uses these names in its message "invalid number value: '1_0'".
 real.__name__, whole.__name__ = "number", "whole number"

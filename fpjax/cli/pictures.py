@@ -1,4 +1,4 @@
-"""Pictures of the commands, in the package's one style."""
+"""Pictures of the commands, in the common style."""
 
 import functools
 from collections.abc import Callable
@@ -25,7 +25,7 @@ R = TypeVar("R")
 
 
 def _styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Titles and legends are styled when they are made, not when the figure is."""
+    """`draw` with the common style active, because titles and legends are styled when they are made."""
 
     @functools.wraps(draw)
     def inside(*arguments: P.args, **options: P.kwargs) -> R:
@@ -37,7 +37,7 @@ def _styled(draw: Callable[P, R]) -> Callable[P, R]:
 
 @_styled
 def draw_run(model: Model, signals: dict[str, np.ndarray], path: Path) -> Path:
-    """Reference and motion, the error, the torques, and the estimates with their truth."""
+    """Draw reference and motion, the error, the torques, and the estimates with their true values."""
     from ..output.run_picture import run_figure
     from ..verbs import about_model
 
@@ -46,7 +46,7 @@ def draw_run(model: Model, signals: dict[str, np.ndarray], path: Path) -> Path:
 
 @_styled
 def draw_replay(model: Model, found: "Replay", path: Path) -> Path:
-    """Record and simulation, and the difference, for every quantity that was compared."""
+    """Draw log and simulation, and their difference, for every quantity that was compared."""
     names = list(found.errors)
     figure, axes = new_figure(
         2 * len(names), 1, share_x=True, size=(7.4, 3.2 * len(names)), height_ratios=[2, 1] * len(names)
@@ -64,14 +64,14 @@ def draw_replay(model: Model, found: "Replay", path: Path) -> Path:
         beside(upper)
         line(lower, found.log.time, recorded - simulated, RED)
         lower.set_ylabel(f"difference [{unit}]")
-        lower.set_title(f"{word}: rms {error:.3g} {unit}, {100 * relative:.2g} % of the record")
+        lower.set_title(f"{word}: rms {error:.3g} {unit}, {100 * relative:.2g} % of the log's rms")
     panels[-1].set_xlabel("time [s]")
     return save(figure, path)
 
 
 @_styled
 def draw_tuning(after: Model, runs: "dict[str, Run]", results: "list[TuningResult]", path: Path) -> Path:
-    """Cost against simulations for every method, and the run before and after."""
+    """Draw the cost over the number of simulations for every method, and the run before and after."""
     estimates = [f"estimates.{name}" for name in after.loop.observer.estimated]
     rows = 2 + len(estimates)
     figure, axes = new_figure(rows, 1, size=(8.0, 2.3 * rows))
@@ -108,18 +108,18 @@ def draw_tuning(after: Model, runs: "dict[str, Run]", results: "list[TuningResul
 
 
 def _look_at_the_truth(panel: "Axes", truth: float | None) -> None:
-    """The start's swing, of a hundred times the truth at large gains, must not hide what comes after it."""
+    """Limit a panel to values around the true one: with large gains the transient is a hundred times as large."""
     low, high = panel.get_ylim()
     if truth and (high > 4.0 * abs(truth) or low < -3.0 * abs(truth)):
         panel.set_ylim(max(low, truth - 2.0 * abs(truth)), min(high, truth + 2.0 * abs(truth)))
 
 
 def _name_what_leaves(panel: "Axes") -> None:
-    """A curve that goes on outside its panel says in the legend how far."""
+    """Write into the legend how far a curve goes beyond its panel."""
     low, high = panel.get_ylim()
     for curve in panel.lines:
         values, label = np.asarray(curve.get_ydata(), float), str(curve.get_label())
-        outside = values[(values < low) | (values > high)]  # where a run diverged it is no number, and on neither side
+        outside = values[(values < low) | (values > high)]  # NaN of a diverged run is on neither side
         if outside.size and not label.startswith("_"):
             furthest = float(outside[np.argmax(np.abs(outside))])
             curve.set_label(f"{label} (to {furthest:.3g})")

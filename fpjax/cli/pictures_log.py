@@ -1,4 +1,4 @@
-"""The picture of `fpjax inspect`; apart from the others because it needs no model, and so no jax."""
+"""The picture of `fpjax inspect`; a module of its own because it needs no model, and so no jax."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def draw_inspection(found: "Inspection", path: Path) -> Path:
-    """The columns over time, and friction over speed in bins with the fitted law over it."""
+    """Draw the columns over time, and friction over speed in bins with the fitted law."""
     from ..logs.log import asks_for_a_position
 
     log = found.log

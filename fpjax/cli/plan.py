@@ -1,4 +1,4 @@
-"""`fpjax plan`: which run to record next, as a reference table with a picture and a sentence a pair of rivals."""
+"""`fpjax plan`: which run to record next, as a table with a picture and a sentence for each pair of rivals."""
 
 import argparse
 import threading
@@ -14,36 +14,36 @@ from .simulate import open_model
 EXAMPLES = """\
 examples:
   fpjax plan --model servo.toml --speed 2 --torque 40 --travel 6 --out next        show every effect
-  fpjax plan --model servo.toml --diagnosis why --travel 6 --out next              decide what why/ left open
+  fpjax plan --model servo.toml --diagnosis why --travel 6 --out next              separate the causes left open in why/
   fpjax plan --model servo.toml --log run.csv --out next                           diagnose run.csv first
   fpjax diagnose run.csv next_run.csv --model servo.toml --out why2                with the run that was recorded then
 
-next/reference.csv is what the drive is to follow; in servo.toml: [reference] type = "recorded", file = "reference.csv"
+next/reference.csv is the reference for the drive; in servo.toml: [reference] type = "recorded", file = "reference.csv"
 """
-FIRST_RUN = "trying starts"  # the stage from which on there is a run to keep
+FIRST_RUN = "trying starts"  # the stage from which on there is a run that can be kept
 LIMITS = (
     ("speed", "rad/s", "largest speed"),
-    ("acceleration", "rad/s^2", "largest acceleration (default: what the torque leaves)"),
+    ("acceleration", "rad/s^2", "largest acceleration (default: the torque limit less friction, over the inertia)"),
     ("torque", "N m", "largest commanded torque (default: the model's limit, or a fifth above the log's)"),
-    ("travel", "rad", "from one end of the motion to the other"),
-    ("duration", "s", "of the run"),
+    ("travel", "rad", "largest distance between both ends of the motion"),
+    ("duration", "s", "length of the run"),
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's words."""
+    """Add the command's arguments."""
     parser.epilog = EXAMPLES
     parser.add_argument("--model", metavar="MODEL", required=True, help="servo.toml of the nominal simulator")
     source = parser.add_mutually_exclusive_group()
-    source.add_argument("--log", metavar="LOG", help="a run that was recorded before: it is diagnosed first")
+    source.add_argument("--log", metavar="LOG", help="log of an earlier run: it is diagnosed first")
     source.add_argument(
-        "--diagnosis", metavar="DIR", help="the --out of fpjax diagnose, whose rivals are to be decided"
+        "--diagnosis", metavar="DIR", help="the --out of fpjax diagnose, whose rival causes are to be separated"
     )
     for name, unit, words in LIMITS:
         parser.add_argument(f"--{name}", type=real, metavar="X", help=f"{words} [{unit}]")
-    parser.add_argument("--missing", type=real, metavar="X", help="torque that every model is taken to miss [N m]")
-    parser.add_argument("--velocity-noise", type=real, metavar="X", help="of a rate reading [rad/s]")
-    parser.add_argument("--position-noise", type=real, metavar="X", help="of a position reading [rad]")
+    parser.add_argument("--missing", type=real, metavar="X", help="missing torque assumed in every model, rms [N m]")
+    parser.add_argument("--velocity-noise", type=real, metavar="X", help="noise standard deviation [rad/s]")
+    parser.add_argument("--position-noise", type=real, metavar="X", help="noise standard deviation [rad]")
     parser.add_argument(
         "--seconds", type=real, default=45.0, metavar="S", help="processor time of the design (default 45)"
     )
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Plan a run."""
+    """Plan a run; after an interrupt the best one so far is written."""
     with running(arguments) as record:
         record.stage("start")
         start_jax(arguments)
@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
 
             def progress(stage: str, share: float) -> None:
                 reached.append(stage)
-                if asked.is_set():  # to end, with the best run so far
+                if asked.is_set():  # interrupted: `plan` ends with the best run so far
                     raise KeyboardInterrupt
                 stages.stage(stage, share)
 
@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
             try:
                 found = result()
             except KeyboardInterrupt:
-                if FIRST_RUN not in reached:  # in the diagnosis or in the compiler, with nothing to keep
+                if FIRST_RUN not in reached:  # still in the diagnosis or the compiler, so there is nothing to keep
                     raise
                 asked.set()
                 found = result()

@@ -1,4 +1,4 @@
-"""A recorded reference replayed through a model, and how far the record is from the simulation."""
+"""Replay of a log's reference through a model, and the difference of log and simulation."""
 
 import dataclasses
 
@@ -12,13 +12,13 @@ from ..model_file.initial_state import initial_state
 
 @dataclasses.dataclass(frozen=True)
 class Replay:
-    """A log beside its simulation.
+    """A log and its simulation.
 
     Attributes:
-        log: the record.
+        log: the log.
         signals: simulated signals by name, each of shape (samples,).
-        errors: by quantity: rms of record less simulation, its unit, and relative to the record's rms [1].
-        tracking: rms of reference less motion, of the record and of the simulation.
+        errors: by quantity: rms of log less simulation, its unit, and this relative to the log's rms [1].
+        tracking: rms tracking error of the log and of the simulation.
         unit: of the tracked motion.
     """
 
@@ -30,10 +30,10 @@ class Replay:
 
 
 def replay(model: Model, log: Log, record: tuple[str, ...] = (), *, from_rest: bool = False) -> Replay:
-    """Run the closed loop under the log's reference, from the log's first state.
+    """Simulate the closed loop with the log's reference, from the log's initial state.
 
     Args:
-        model: with a known controller; its stepping is "sampled", as the log was.
+        model: with a known controller; it is always stepped "sampled", as the log was.
         log: with a reference.
         record: signals to keep besides those that are compared.
         from_rest: start at the log's first position without its velocity.
@@ -51,7 +51,7 @@ def replay(model: Model, log: Log, record: tuple[str, ...] = (), *, from_rest: b
         )
     if abs(log.dt / model.dt - 1.0) > 1e-3:
         raise InputError(
-            f"{log.name} has a period of {log.dt:g} s and the model [simulation] dt = {model.dt:g} s: write "
+            f"{log.name} has a period of {log.dt:g} s, but the model has [simulation] dt = {model.dt:g} s: write "
             f"dt = {log.dt:g}."
         )
     compared = ("torque", "velocity", "position", "measured_velocity", "measured_position")

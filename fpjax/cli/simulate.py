@@ -36,21 +36,21 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's words."""
+    """Add the command's arguments."""
     parser.epilog = EXAMPLES
     parser.add_argument("model", metavar="MODEL", help="servo.toml")
-    parser.add_argument("--log", metavar="LOG", help="replay the log's reference, print the error against its record")
+    parser.add_argument("--log", metavar="LOG", help="replay the log's reference, print its difference to the log")
     parser.add_argument(
-        "--from-rest", action="store_true", help="replay from the log's first position at rest (default: in its motion)"
+        "--from-rest", action="store_true", help="replay from the log's first position at rest, without its velocity"
     )
     add_log_options(parser)
     parser.add_argument("--set", metavar="NAME=NUMBER", action="append", default=[], help="change a parameter")
-    parser.add_argument("--duration", type=real, metavar="S", help="instead of the model's [s]")
+    parser.add_argument("--duration", type=real, metavar="S", help="length of the run, instead of the model's [s]")
     parser.add_argument("--seed", type=whole, default=0, help="of the sensor's noise (default 0)")
     parser.add_argument(
         "--margins", action="store_true", help="also linearise: gain, phase, delay, modulus margin, Bode, step response"
     )
-    parser.add_argument("--at", type=real, metavar="SPEED", help="of --margins [rad/s] (default: the run's rms speed)")
+    parser.add_argument("--at", type=real, metavar="SPEED", help="speed for --margins [rad/s] (default: the run's rms)")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")
     add_out(parser)
 
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         start_jax(arguments)
         model = open_model(arguments.model, arguments.set, record)
         if arguments.log and arguments.margins:
-            raise InputError("--margins goes with a simulation: leave --log away.")
+            raise InputError("--margins needs a simulation: run it without --log.")
         if arguments.log:
             _replay(model, arguments, record)
         else:
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def open_model(path: str, changes: list[str], record: RunFile) -> "Model":
-    """The model of a command, its notes said, with `--set` applied.
+    """The model of a command, with `--set` applied; its notes are printed.
 
     Raises:
         InputError: for invalid content of the file or of the changes.
@@ -134,14 +134,14 @@ def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) ->
             from .pictures import draw_run
 
             draw_run(model, signals, record.path("simulation.png"))
-    if arguments.margins:  # last: a loop that never moves steadily has none, and its run is there all the same
+    if arguments.margins:  # last: where the loop has no steady motion this fails, and the run is already written
         found = _margins(model, arguments, record, signals["velocity"])
         if record.folder is not None:
             write_json(record.path("simulation.json"), content | {"margins": found})
 
 
 def _margins(model: "Model", arguments: argparse.Namespace, record: RunFile, velocity: np.ndarray) -> JsonObject:
-    """Print the margins about a steady motion, leave margins.png, return what simulation.json keeps."""
+    """Print the margins about a steady motion, write margins.png, and return them for simulation.json."""
     from ..linear import linearise
 
     record.stage("margins")
@@ -152,7 +152,7 @@ def _margins(model: "Model", arguments: argparse.Namespace, record: RunFile, vel
     margins, unit = linear.margins(), model.units.name("rad/s")
     time = f"sampled every {linear.dt:g} s" if linear.dt is not None else "in continuous time"
     stable = "stable" if margins.stable else "UNSTABLE"
-    print(f"\n  about a steady {speed:.4g} {unit}, {time}, cut at the commanded torque: {stable}")
+    print(f"\n  about a steady {speed:.4g} {unit}, {time}, opened at the commanded torque: {stable}")
     bandwidth = ("bandwidth", linear.bandwidth() / (2.0 * np.pi), "Hz")
     rows = [*margins.rows(), bandwidth]
     print(table(rows, ("margin", "value", "unit")))
@@ -166,18 +166,19 @@ def _title(model: "Model") -> str:
 
 
 def _diverged(signals: dict[str, np.ndarray]) -> str:
+    # Values beyond 1e15 count as diverged; NaN compares false, so it does too.
     healthy = np.ones(signals["time"].size, bool)
     for values in signals.values():
         healthy &= np.abs(values) < 1e15
     first = int(np.argmin(healthy)) if not healthy.all() else healthy.size - 1
     return (
-        f"The loop blows up at t = {signals['time'][first]:g} s: use smaller gains (controller or observer) or a "
+        f"The loop diverges at t = {signals['time'][first]:g} s: use smaller gains (controller or observer) or a "
         f"smaller [simulation] dt, and check the signs."
     )
 
 
 def write_signals(record: RunFile, signals: dict[str, np.ndarray]) -> None:
-    """simulation.csv in the log's own columns, so that every command that takes a log takes it."""
+    """Write simulation.csv with the columns of a log, so that every command that reads a log can read it."""
     names = {"measured_velocity": "velocity", "measured_position": "position"}
     own = {"velocity": "true_velocity", "position": "true_position"}
     first = ("time", "torque", "measured_velocity", "measured_position", "reference")
@@ -197,7 +198,7 @@ def _replay(model: "Model", arguments: argparse.Namespace, record: RunFile) -> N
     found = replay(model, log, from_rest=arguments.from_rest)
     rows = [(name, error, unit, f"{100.0 * relative:.3g} %") for name, (error, unit, relative) in found.errors.items()]
     print(f"{_title(model)} against {log}")
-    print(table(rows, ("record less simulation", "rms", "unit", "of the record's rms")))
+    print(table(rows, ("log less simulation", "rms", "unit", "of the log's rms")))
     recorded, simulated = found.tracking
     print(f"\n  tracking error rms: {recorded:.4g} {found.unit} recorded, {simulated:.4g} {found.unit} simulated")
     record.stage("write")

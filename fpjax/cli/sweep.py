@@ -28,7 +28,7 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's words."""
+    """Add the command's arguments."""
     parser.epilog = EXAMPLES
     add_cost_arguments(parser)
     parser.add_argument(
@@ -37,12 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--resume", action="store_true", help="go on with an interrupted sweep in --out")
     parser.add_argument(
-        "--tuned", metavar="DIR", help="--out of a fpjax tune of the same model: the path of every method is drawn"
+        "--tuned", metavar="DIR", help="--out of fpjax tune for the same model: the path of every method is drawn"
     )
     parser.add_argument(
-        "--chunk", type=whole, default=4096, metavar="N", help="candidates kept at a time (default 4096)"
+        "--chunk", type=whole, default=4096, metavar="N", help="candidates computed and kept at a time (default 4096)"
     )
-    parser.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster (extra `cluster`)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="address of a Dask cluster (extra `cluster`)")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")
     add_out(parser, required=True)
 
@@ -84,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
                 result.plot(record.path("sweep.png"), paths=paths)
                 result.page(record.path("sweep.html"), paths=paths)
         del result
-        shutil.rmtree(chunks, ignore_errors=True)  # sweep.npz holds it all
+        shutil.rmtree(chunks, ignore_errors=True)  # sweep.npz holds all of their contents
         arguments.kept = ""
         finish(record)
     return 0
@@ -93,14 +93,14 @@ def run(arguments: argparse.Namespace) -> int:
 def paths_of(
     folder: str | None, axes: "list[Axis]", objective: "AbstractObjective", references: list[str], record: RunFile
 ) -> dict[str, dict[str, list[float]]]:
-    """The path of every method that a finished `fpjax tune` left in a folder, by the method's name.
+    """The path of every method of a finished `fpjax tune`, by the method's name: {method: {parameter: values}}.
 
     Raises:
-        InputError: for a folder without it, or one of another problem.
+        InputError: for a folder without a finished tuning, or one of another objective, reference or parameter.
     """
     if folder is None:
         return {}
-    read_run(folder)  # a run that has not finished is refused
+    read_run(folder)  # refuses an unfinished run
     file = record.read(pathlib.Path(folder) / "tune.json", "tuning whose paths are drawn")
     try:
         results = json.loads(file.read_text())["results"]
@@ -120,20 +120,20 @@ def paths_of(
             )
         if not swept <= set(path):
             raise InputError(
-                f"--tuned {folder}: {method} tuned {', '.join(path)}, the sweep's axes are {', '.join(sorted(swept))}: "
-                f"sweep what was tuned."
+                f"--tuned {folder}: {method} tuned {', '.join(path)}, but the sweep's axes are "
+                f"{', '.join(sorted(swept))}: sweep the parameters that were tuned."
             )
     model, tuned = record.inputs[0], (read_run(folder).get("inputs") or [{}])[0]
     if model.get("sha256") != tuned.get("sha256"):
-        say(record, f"{folder} was tuned from another model file than this: its paths may lie on another landscape.")
+        say(record, f"{folder} was tuned with another model file: its paths may belong to another cost function.")
     return {method: path for method, (path, _, _) in found.items()}
 
 
 def read_axis(word: str) -> "Axis":
-    """An `Axis` of NAME=LOW:HIGH:COUNT[:log|linear].
+    """An `Axis` from NAME=LOW:HIGH:COUNT[:log|linear].
 
     Raises:
-        InputError: for what cannot be read or is no range.
+        InputError: for a word that cannot be read, or an empty range.
     """
     from tuning import Axis
 
@@ -157,7 +157,7 @@ def read_axis(word: str) -> "Axis":
 
 
 def at_ends(result: "SweepResult") -> list[str]:
-    """Where the best of all lies at the end of an axis, the sentence that says so."""
+    """Sentences on axes along which the cost is flat, or at whose end the best candidate lies."""
     best, least = result.best()
     if not math.isfinite(least):
         return ["every candidate diverged: sweep smaller values, or use a smaller [simulation] dt"]
@@ -165,10 +165,11 @@ def at_ends(result: "SweepResult") -> list[str]:
     place = np.unravel_index(int(np.argmin(cost)), cost.shape)
     flat, ends = [], []
     for number, axis in enumerate(result.axes):
-        through = cost[(*place[:number], slice(None), *place[number + 1 :])]  # the best one, along this axis
+        # the cost along this axis through the best
+        through = cost[(*place[:number], slice(None), *place[number + 1 :])]
         if axis.count > 2 and np.all(through == through[0]):
             flat.append(axis.name)
         elif axis.count > 2 and best[axis.name] in (axis.values[0], axis.values[-1]):
             ends.append(axis.name)
-    said = [f"the cost does not depend on {' and '.join(flat)} at its least"] if flat else []
-    return [*said, f"the least cost lies at an end of {' and '.join(ends)}: widen that range"] if ends else said
+    said = [f"the cost does not depend on {' and '.join(flat)} at its minimum"] if flat else []
+    return [*said, f"the minimum lies at an end of {' and '.join(ends)}: widen that range"] if ends else said

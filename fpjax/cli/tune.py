@@ -28,22 +28,22 @@ examples:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The command's words."""
+    """Add the command's arguments."""
     parser.epilog = EXAMPLES
     add_cost_arguments(parser)
     parser.add_argument(
         "--parameter", metavar="NAME[=LOW:START:HIGH[:linear]]", action="append", default=[],
-        help="what to tune (default: the observer's gains, or kp and ki without an observer)",
+        help="parameter to tune (default: the observer's gains, or kp and ki without an observer)",
     )  # fmt: skip
     parser.add_argument(
         "--method", action="append", choices=METHODS, help="one or several to compare (default levenberg_marquardt)"
     )
     parser.add_argument(
         "--starts", type=whole, metavar="N",
-        help="number of starts (default: the model's own and up to four of a screen around gains by pole placement)",
+        help="number of starts (default: the model's gains, and up to four from a screening around pole placement)",
     )  # fmt: skip
-    parser.add_argument("--seed", type=whole, default=0, help="of the drawn starts (default 0)")
-    parser.add_argument("--max-simulations", type=whole, metavar="N", help="stop a start before it uses more")
+    parser.add_argument("--seed", type=whole, default=0, help="of the random starts (default 0)")
+    parser.add_argument("--max-simulations", type=whole, metavar="N", help="largest number of simulations per start")
     parser.add_argument("--no-plots", action="store_true", help="no pictures")
     add_out(parser)
 
@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
         whole = [result for result in results if not result.diverged]
         if not whole:
             raise InputError(
-                "Every start blows up: start from smaller gains (--parameter NAME=LOW:START:HIGH), or use a smaller "
+                "Every start diverges: start from smaller gains (--parameter NAME=LOW:START:HIGH), or use a smaller "
                 "[simulation] dt."
             )
         best = min(whole, key=lambda result: result.cost)
@@ -94,10 +94,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def read_parameter(word: str) -> "Parameter":
-    """A `Parameter` of NAME, NAME=START or NAME=LOW:START:HIGH[:linear].
+    """A `Parameter` from NAME, NAME=START or NAME=LOW:START:HIGH[:linear].
 
     Raises:
-        InputError: for what cannot be read.
+        InputError: for a word that cannot be read.
     """
     from tuning import Parameter
 
@@ -119,7 +119,7 @@ def read_parameter(word: str) -> "Parameter":
 
 
 def compare(results: "list[TuningResult]") -> str:
-    """A row a method."""
+    """A table with a row for each method."""
     rows = []
     for result in results:
         gains = ", ".join(f"{value:.5g}" for value in result.gains.values())
@@ -131,10 +131,10 @@ def compare(results: "list[TuningResult]") -> str:
 def _keep_finished(
     model: "Model", results: "list[TuningResult]", record: RunFile, arguments: argparse.Namespace
 ) -> None:
-    """Write what the methods before the interrupted one found."""
+    """Write the results of the methods that finished before the interrupt."""
     whole = [result for result in results if not result.diverged]
     if whole and record.folder is not None:
-        arguments.no_plots = True  # a picture takes longer than one waits for after Ctrl-C
+        arguments.no_plots = True  # drawing takes longer than a user waits after Ctrl-C
         best = min(whole, key=lambda result: result.cost)
         tuned = dataclasses.replace(model, loop=best.apply(model.loop))
         _write(tuned, {}, results, best, record, arguments)
@@ -143,9 +143,9 @@ def _keep_finished(
 
 
 def check(model: "Model", tuned: "Model", best: "TuningResult", duration: float, record: RunFile) -> "dict[str, Run]":
-    """The runs before and after, on the model's own reference; what the tuned estimates come to is printed.
+    """Simulate before and after with the model's own reference, and print the final values of the estimates.
 
-    A sensor that has noise has the one that `fpjax simulate` gives it, so that both print the same numbers.
+    The sensor noise has the seed that `fpjax simulate` uses, so that both commands print the same numbers.
     """
     import jax
 

@@ -1,1 +1,1 @@
-"""What a command leaves and shows: pictures, run files, TOML text, progress."""
+"""Output of the commands: pictures, run files, TOML text, progress on the terminal."""

@@ -1,19 +1,20 @@
-"""Names of folders for results that are named after a user's files: none leaves its parent, and no two are the same."""
+"""Names of result folders made from the names of a user's files: each within its parent folder, and no two the same."""
 
 import collections
 import re
 import unicodedata
 from collections.abc import Sequence
 
-LONGEST = 80  # characters: file systems allow 255 bytes, and a letter may take four
+LONGEST = 80  # characters; file systems allow 255 bytes, and in UTF-8 a letter may take four
+# Names that Windows reserves for devices, whatever the suffix.
 _DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10))}
 _KEPT = re.compile(r"[^\w .+=@()\-]+")
 
 
 def folder_names(files: Sequence[str]) -> list[str]:
-    """A folder's name for each file: its own name without folders and suffix, as far as every system takes it.
+    """A folder name for each file: its name without folders and suffix, with characters that every system allows.
 
-    Those that would be the same, also where letters differ by case only, are numbered: run-1, run-2.
+    Names that would be the same, also those that differ only in upper and lower case, are numbered: run-1, run-2.
 
     Args:
         files: names or paths.
@@ -34,7 +35,7 @@ def folder_names(files: Sequence[str]) -> list[str]:
 
 
 def _plain(file: str) -> str:
-    """One part of a path that is neither empty, nor hidden, nor "..", nor a device's name."""
+    """The name as one part of a path: not empty, not hidden, not "..", not the name of a device."""
     last = re.split(r"[/\\]", unicodedata.normalize("NFC", file))[-1]
     stem = last.rpartition(".")[0] or last
     stem = _KEPT.sub("_", stem)[:LONGEST].strip(" .")

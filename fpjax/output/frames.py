@@ -1,4 +1,4 @@
-"""Results as data frames, for those who have pandas."""
+"""Results as data frames, where pandas is installed."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ def to_frame(columns: TomlTable, index: Any = None, index_name: str = "time") ->
     Args:
         columns: by name, each of shape (rows,).
         index: of shape (rows,); None for the row numbers.
-        index_name: what the index is.
+        index_name: name of the index.
 
     Raises:
         InputError: where pandas is not installed.

@@ -1,9 +1,9 @@
-"""The one name for what JSON, TOML and a row of results hold: text keys, values known only where they are read."""
+"""Types of JSON objects and TOML tables: text keys, and values whose types are known only where they are read."""
 
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
-JsonObject: TypeAlias = dict[str, Any]  # made here and written, or read back from a file
-TomlTable: TypeAlias = Mapping[
-    str, Any
-]  # of a file that a user wrote: nothing in it is checked yet, and nobody changes it
+# An object that fpjax makes and writes, or reads back from its own file.
+JsonObject: TypeAlias = dict[str, Any]
+# A table of a file that a user wrote: its contents are not checked yet, and it is never changed.
+TomlTable: TypeAlias = Mapping[str, Any]

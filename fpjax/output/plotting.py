@@ -1,6 +1,6 @@
-"""One style for every picture: a palette that colour-blind readers can tell apart, and files written whole.
+"""The common style of all pictures, with a palette that colour-blind readers can distinguish, and saving of figures.
 
-matplotlib is imported where something is drawn: it takes half a second, and most of what imports this draws nothing.
+matplotlib is imported where something is drawn: it takes half a second, and most importers of this module draw nothing.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .runfile import whole_file
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Okabe and Ito, "Color universal design" (2008): distinct under the common colour deficiencies.
+# Okabe and Ito, "Color universal design" (2008): distinct for people with the common colour vision deficiencies.
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PURPLE = (
     "#000000",
     "#E69F00",
@@ -31,12 +31,12 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PURPLE = (
 )
 GREY = "#6F6F6F"
 
-# What a colour means, the same in every picture.
+# Colours with a fixed meaning, the same in every picture.
 REFERENCE = GREY
 TRUTH = BLACK
 UNCOMPENSATED = RED
 COMPENSATED = BLUE
-SERIES = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, BLACK)  # lines that mean nothing in particular, in this order
+SERIES = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, BLACK)  # for lines without a fixed meaning, in this order
 
 STYLE: Any = {
     "figure.dpi": 100,
@@ -73,7 +73,7 @@ STYLE: Any = {
 
 
 def style() -> AbstractContextManager[None]:
-    """The common style for what is drawn inside the `with`: lines, titles and legends take it when they are made."""
+    """The common style for everything drawn within the block: matplotlib styles an object when it is made."""
     from matplotlib import rc_context
 
     return rc_context(STYLE)
@@ -98,7 +98,7 @@ def new_figure(
         share_x: one horizontal axis for all panels, or for each "row" or "col".
         share_y: one vertical axis for all panels, or for each "row" or "col".
         title: above all panels.
-        height_ratios: heights of the rows to one another [1].
+        height_ratios: relative heights of the rows [1].
 
     Returns:
         (figure, axes of shape (rows, columns)).
@@ -125,7 +125,7 @@ def new_figure(
 
 
 def save(figure: Figure, path: str | Path) -> Path:
-    """Write a figure whole or not at all; the folder is made.
+    """Write a figure, atomically; the folder is created if missing.
 
     Args:
         figure: from `new_figure`.
@@ -150,7 +150,7 @@ def save(figure: Figure, path: str | Path) -> Path:
 
 
 def saved(figure: Figure, path: str | Path | None) -> Figure:
-    """A figure, written too where a path is given: what every `plot` of a result ends with.
+    """The figure, after writing it where a path is given; every `plot` of a result ends with this.
 
     Args:
         figure: drawn.
@@ -165,7 +165,7 @@ def saved(figure: Figure, path: str | Path | None) -> Figure:
 
 
 def thin(time: Any, *signals: Any, points: int = 4000) -> tuple[np.ndarray, ...]:
-    """Signals with few enough points to draw fast, every peak kept: the lowest and highest of each bin.
+    """Signals with fewer points for fast drawing; the lowest and the highest sample of every bin are kept.
 
     Args:
         time: [s], shape (samples,).
@@ -177,6 +177,7 @@ def thin(time: Any, *signals: Any, points: int = 4000) -> tuple[np.ndarray, ...]
     """
     arrays = [np.asarray(array) for array in (time, *signals)]
     samples = len(arrays[0])
+    # Samples of a bin: each bin keeps up to two samples of each signal. Bins under three samples would save nothing.
     width = -(-samples * 2 * max(len(signals), 1) // max(points, 1))
     if width < 3:
         return tuple(arrays)

@@ -1,4 +1,4 @@
-"""The picture of a run: reference and motion, error, torques, estimates with their truth."""
+"""The picture of a run: reference and motion, error, torques, estimates and true values."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 KINDS = {"coulomb": "N m", "viscous": "N m s/rad", "steepness": "s/rad"}
-WITHIN = 1.0  # of the last quarter's estimate, either side, that a panel shows: the start's swing would hide the rest
+# A panel shows at least this share of the settled estimate to either side; the transient at the start may be cut off.
+WITHIN = 1.0
 
 
 class About(NamedTuple):
-    """What a run does not hold itself and its picture wants. Hashable, so that it can be static.
+    """Facts for the picture of a run that the run itself does not hold. Hashable, so that it can be a static field.
 
     Attributes:
         truths: (name, value) of the plant's friction parameters.
-        units: a rotary SI unit in the machine's units, as pairs; empty for SI.
+        units: pairs of a rotary SI unit and the machine's unit; empty for SI.
         position: whether the reference is a position.
         linear: whether the axis is linear.
         title: of the picture.
@@ -35,17 +36,17 @@ class About(NamedTuple):
     title: str = ""
 
     def unit(self, unit: str) -> str:
-        """In the machine's words."""
+        """A rotary SI unit in the machine's units."""
         return dict(self.units).get(unit, unit)
 
 
 def run_figure(time: np.ndarray, signals: Mapping[str, np.ndarray], about: About) -> Figure:
-    """A panel for each of reference and motion, error, torques and every estimate that was recorded.
+    """A figure with a panel for reference and motion, for the error, for the torques, and for every recorded estimate.
 
     Args:
         time: [s], shape (samples,).
-        signals: by name, each of shape (samples,); what is missing leaves its panel out.
-        about: truths and units.
+        signals: by name, each of shape (samples,); panels of missing signals are left out.
+        about: true values and units.
     """
     motion, unit = ("position", about.unit("rad")) if about.position else ("velocity", about.unit("rad/s"))
     torque = about.unit("N m")
@@ -101,14 +102,14 @@ def columns_figure(
 
 
 def beside(panel: Axes) -> None:
-    """The legend outside the axes, to the right: never over data."""
+    """Draw the legend outside the axes, to the right, so that it never covers data."""
     panel.legend(loc="upper left", bbox_to_anchor=(1.01, 1.02), borderaxespad=0.0, frameon=False)
 
 
 def line(axes: Axes, time: np.ndarray, values: np.ndarray, color: str, label: str = "", **more: Any) -> None:
-    """A signal; one of more periods than a picture resolves is drawn as the band that it fills, with its edges."""
+    """Draw a signal; one with more periods than a picture resolves is drawn as a band between its envelopes."""
     values = np.asarray(values)
-    if turns(values) < 400:
+    if turns(values) < 400:  # about one crossing for each pixel and a half of a panel's width
         axes.plot(*thin(time, values), color=color, label=label or None, **more)
         return
     middle, low, high = envelope(np.asarray(time), values)
@@ -118,7 +119,7 @@ def line(axes: Axes, time: np.ndarray, values: np.ndarray, color: str, label: st
 
 
 def turns(values: np.ndarray) -> int:
-    """How often a signal crosses its middle with a swing that a picture would show."""
+    """How often a signal crosses its mid-range, with a hysteresis of 10 % of its range to either side."""
     low, high = np.nanmin(values), np.nanmax(values)
     band = 0.1 * (high - low)
     centre = 0.5 * (low + high)
@@ -169,7 +170,7 @@ def _estimate(axes: Axes, time: np.ndarray, values: np.ndarray, truth: float | N
     room = max(WITHIN * abs(about), 1.2 * float(np.max(np.abs(settled - about))))
     if high > about + 3.0 * room or low < about - 3.0 * room:
         axes.set_ylim(about - 1.5 * room, about + 1.5 * room)
-        axes.set_title(f"swings from {low:.3g} to {high:.3g} on its way", fontsize=8)
+        axes.set_title(f"transient from {low:.3g} to {high:.3g} not shown in full", fontsize=8)
     axes.set_ylabel(label)
     beside(axes)
 

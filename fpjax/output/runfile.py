@@ -1,7 +1,7 @@
 """run.json: the command, the inputs' hashes, seeds, versions and times, so that a figure can be traced.
 
-A folder of results is marked (`run.unfinished`) before the first of them is written; `run.json` is written last, and
-only then the mark goes. A folder with a mark may hold the outputs of two runs: readers refuse them.
+A folder of results is marked with the file `run.unfinished` before the first result is written. `run.json` is written
+last, and only then the mark is removed. A marked folder may hold outputs of two different runs, so readers refuse them.
 """
 
 import contextlib
@@ -23,19 +23,19 @@ from ..errors import InputError
 from .json_object import JsonObject
 
 RUN, MARK = "run.json", "run.unfinished"
-FINISHED = "finished.json"  # written last into a folder within the run's own that is whole by itself
+FINISHED = "finished.json"  # written last into a subfolder whose results are complete on their own
 _PACKAGES = ("jax", "jaxlib", "numpy", "scipy", "equinox", "optax", "optimistix", "matplotlib")
 
 
 class RunFile:
-    """What a run leaves beside its results.
+    """The provenance of a run, written beside its results.
 
     Attributes:
-        folder: where results go; None for a run that keeps nothing.
-        command: as typed.
-        inputs: files read, by path, with their SHA-256.
-        seeds: of every random draw, by what it is for.
-        seconds: by stage.
+        folder: folder of the results; None for a run that writes nothing.
+        command: the command as typed.
+        inputs: the files read, with role, name, SHA-256 and size.
+        seeds: of the random draws, by their purpose.
+        seconds: wall time by stage [s].
         notes: sentences shown to the user.
     """
 
@@ -52,7 +52,7 @@ class RunFile:
         self._stage: str | None = None
 
     def read(self, path: str | os.PathLike[str], role: str) -> pathlib.Path:
-        """Note an input file by its hash; a file that cannot be read is left to its reader to complain about.
+        """Note an input file with its hash. A file that cannot be read is not noted: its own reader reports the error.
 
         Raises:
             InputError: for an output of a run that did not finish.
@@ -60,7 +60,7 @@ class RunFile:
         path = pathlib.Path(path)
         refuse_unfinished(path)
         try:
-            if not path.is_file():  # a pipe or a device would be read without an end
+            if not path.is_file():  # reading a pipe or a device might never end
                 return path
             digest, size = hashlib.sha256(), 0
             with path.open("rb") as stream:
@@ -73,7 +73,7 @@ class RunFile:
         return path
 
     def stage(self, name: str) -> None:
-        """Begin a stage: its seconds end with the next one."""
+        """Begin a stage; it ends with the next one."""
         self._end_stage()
         self._stage, self._stage_begin = name, time.perf_counter()
 
@@ -84,7 +84,7 @@ class RunFile:
         self._stage = None
 
     def path(self, name: str) -> pathlib.Path:
-        """The path of a result in the folder, noted as an output; the folder is marked unfinished first."""
+        """The path of a result in the folder, noted as an output, after the folder was marked unfinished."""
         assert self.folder is not None
         if name not in self.outputs:
             self.outputs.append(name)
@@ -92,10 +92,11 @@ class RunFile:
         return self.folder / name
 
     def mark(self) -> None:
-        """Mark the folder unfinished: from here on it may hold the outputs of two runs."""
+        """Mark the folder unfinished, because from now on it may hold outputs of two runs."""
         if self.folder is None:
             return
         if not self._marked:
+            # The outputs of an earlier run are noted in the mark: until this run has finished, they are refused too.
             run, unfinished = _read(self.folder / RUN), _read(self.folder / MARK)
             self._earlier = sorted({*_names(run, "outputs"), *_names(unfinished, "outputs", "earlier")})
         content = {
@@ -106,16 +107,17 @@ class RunFile:
             "earlier": self._earlier,
         }
         write_json(self.folder / MARK, content)
-        if not self._marked:  # only now: a folder is never without one of the two
+        if not self._marked:  # only after the mark is on the disk: a crash in between leaves one of the two files
             (self.folder / RUN).unlink(missing_ok=True)
             sync_folder(self.folder)
         self._marked = True
 
     def write(self, status: str = "completed") -> None:
-        """Leave run.json; nothing without a folder.
+        """Write run.json, if there is a folder.
 
-        A run that ends before its first output leaves an earlier complete run as it is; one that ends after it, and not
-        as "completed", leaves the folder marked. An interrupted one marks it in any case: someone waited for it.
+        A run that ends before its first output leaves an earlier complete run untouched. A run that ends after its
+        first output, but not as "completed", leaves the folder marked. An interrupted run marks the folder in any case
+        unless a complete run is there.
         """
         self._end_stage()
         if self.folder is None:
@@ -145,12 +147,12 @@ class RunFile:
 
 
 def refuse_unfinished(path: pathlib.Path) -> None:
-    """Refuse a file that a run wrote, or was about to write, and did not finish.
+    """Refuse a file that belongs to an unfinished run.
 
     Raises:
-        InputError: where it is one.
+        InputError: for such a file.
     """
-    for folder in (path.parent, path.parent.parent):  # a run of several logs has a folder for each within its own
+    for folder in (path.parent, path.parent.parent):  # a run over several logs has a subfolder for each
         mark = _read(folder / MARK)
         if mark is None or mark.get("process") == os.getpid():
             continue
@@ -171,13 +173,13 @@ def _unfinished(path: pathlib.Path, marked: pathlib.Path, mark: JsonObject) -> s
 
 
 def read_run(folder: str | os.PathLike[str]) -> JsonObject:
-    """What `run.json` of a finished run says.
+    """The contents of `run.json` of a finished run.
 
     Args:
         folder: of the results.
 
     Raises:
-        InputError: for a folder without it, or one that is marked unfinished.
+        InputError: for a folder without run.json, or one that is marked unfinished.
     """
     folder = pathlib.Path(folder)
     if (folder / MARK).exists():
@@ -205,7 +207,7 @@ def _names(content: JsonObject | None, *keys: str) -> list[str]:
 
 
 def versions() -> dict[str, str]:
-    """Versions that a figure may depend on, without importing anything."""
+    """Versions of the packages on which a result may depend, without importing any of them."""
     found = {"fpjax": __version__, "python": platform.python_version(), "platform": platform.platform()}
     for package in _PACKAGES:
         try:
@@ -219,7 +221,7 @@ def versions() -> dict[str, str]:
 
 
 def open_folder(out: str | os.PathLike[str] | None) -> pathlib.Path | None:
-    """The results' folder, made and tried before anything is computed.
+    """The folder of the results, created and tested for writing before anything is computed.
 
     Raises:
         InputError: where it cannot be written.
@@ -234,23 +236,23 @@ def open_folder(out: str | os.PathLike[str] | None) -> pathlib.Path | None:
         probe.unlink()
     except OSError as error:
         raise InputError(
-            f"--out {folder} cannot be written ({error.strerror or error}): give a folder that can be."
+            f"--out {folder} cannot be written ({error.strerror or error}): give a folder that can be written."
         ) from error
     return folder
 
 
 @contextlib.contextmanager
 def whole_file(path: pathlib.Path) -> Iterator[BinaryIO]:
-    """A file that appears under its name whole and on the disk, or not at all, however the writing ends.
+    """Write a file atomically: it appears under its name complete and on the disk, or not at all.
 
     Args:
-        path: of the file; what stood there before stays until the new one is whole.
+        path: of the file; an earlier file of this name stays until the new one is complete.
 
     Yields:
         The file to write to.
 
     Raises:
-        InputError: where it cannot be written, a full disk included; nothing is left then.
+        InputError: where it cannot be written, a full disk included; no partial file is left.
     """
     partial = path.with_name(f".{path.name}.{os.getpid()}-{secrets.token_hex(4)}.partial")
     try:
@@ -260,7 +262,7 @@ def whole_file(path: pathlib.Path) -> Iterator[BinaryIO]:
             os.fsync(file.fileno())
         partial.replace(path)
         sync_folder(path.parent)
-    except BaseException as error:  # an interrupt too leaves nothing half written
+    except BaseException as error:  # also after an interrupt no partial file is left
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)
         if isinstance(error, OSError):
@@ -271,20 +273,20 @@ def whole_file(path: pathlib.Path) -> Iterator[BinaryIO]:
 
 
 def sync_folder(folder: pathlib.Path) -> None:
-    """Put a folder's list of names on the disk: a renamed file counts only then. Nothing where a system cannot."""
-    if os.name == "nt":  # a folder cannot be opened there, and the journal orders renames
+    """Flush a folder's entries to the disk, which makes a rename in it permanent; where a system cannot, do nothing."""
+    if os.name == "nt":  # Windows cannot open a folder, and its journal keeps the order of renames
         return
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)
     except OSError:
-        pass  # some network file systems cannot sync a folder: their rename is on the server already
+        pass  # some network file systems cannot sync a folder; there the rename is on the server already
     finally:
         os.close(handle)
 
 
 def write_whole(path: pathlib.Path, content: str | bytes) -> None:
-    """Write a file whole or not at all.
+    """Write a file atomically: complete, or not at all.
 
     Raises:
         InputError: where it cannot be written.
@@ -294,12 +296,12 @@ def write_whole(path: pathlib.Path, content: str | bytes) -> None:
 
 
 def write_json(path: pathlib.Path, content: Any) -> None:
-    """JSON with what is not finite as null."""
+    """Write a JSON file; numbers that are not finite become null."""
     write_whole(path, json.dumps(plain(content), indent=1, allow_nan=False) + "\n")
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON takes it: arrays as lists, numbers that are not finite as None."""
+    """A value as JSON can hold it: arrays as lists, numbers that are not finite as None."""
     if isinstance(value, dict):
         return {str(key): plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
@@ -307,7 +309,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, str | bool | int) or value is None:
         return value
     if isinstance(value, float):
-        return value if value - value == 0.0 else None
+        return value if value - value == 0.0 else None  # infinity less infinity is NaN, so false for both
     if hasattr(value, "tolist"):
         return plain(value.tolist())
     return str(value)

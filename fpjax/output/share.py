@@ -1,18 +1,18 @@
-"""Share: how much of a work is done, where how much is left is known between two bounds only."""
+"""The share of work that is done, where the work left is only known between two bounds."""
 
 from collections.abc import Mapping
 
 
 class WorkDone(float):
-    """Share of a work that is done [1], at least: a plain number for who asks no more.
+    """The least share of work that is done [1], a plain number for readers that need no more, with bounds.
 
-    A diagnosis does not know beforehand whether a second and a third cause will be tried, each of which takes as long
-    as all before. One number for the time left would be wrong by a factor; two bounds are true.
+    A diagnosis does not know beforehand whether it will try a second and a third cause, each of which takes as long as
+    everything before. A single number for the time left would be wrong by a factor, so there are two bounds.
 
     Attributes:
         done: work so far, in any unit.
-        least: work that is left at least, in the same unit.
-        most: work that is left at most.
+        least: the least work that may be left, in the same unit.
+        most: the most work that may be left, in the same unit.
     """
 
     done: float
@@ -20,7 +20,7 @@ class WorkDone(float):
     most: float
 
     def __new__(cls, done: float, least: float, most: float) -> "WorkDone":
-        """Of bounds that may be equal; work beyond the most that was expected is no work left."""
+        """From both bounds, which may be equal; negative bounds (more was done than expected) count as zero."""
         least, most = max(least, 0.0), max(most, least, 0.0)
         whole = done + most
         made = super().__new__(cls, done / whole if whole > 0.0 else 1.0)
@@ -29,35 +29,35 @@ class WorkDone(float):
 
     @classmethod
     def of(cls, share: float) -> "WorkDone":
-        """A `WorkDone` as it is; of a plain number the rest is certain."""
+        """A `WorkDone` unchanged; a plain share with the certain rest 1 - share."""
         return share if isinstance(share, cls) else cls(float(share), 1.0 - share, 1.0 - share)
 
 
-SPREAD = 0.5  # how far other parts of a work may be from the one under way, of it [1]
+SPREAD = 0.5  # how much the other parts of a work may differ from the present one, relative to it [1]
 
 
 def part_of(share: float, place: int, count: int) -> float:
-    """The share of several works one after the other, of the share of the one under way.
+    """The share of several works that is done, from the share of the present one.
 
     Args:
-        share: of the work under way [1].
-        place: works before it.
-        count: of all.
+        share: of the present work [1].
+        place: number of works before it.
+        count: number of all works.
     """
     if count == 1 or not isinstance(share, WorkDone):
         return share if count == 1 else (place + share) / count
-    # In works as long as this one is expected to be.
+    # The unit of work is the expected length of the present one.
     whole, rest = share.done + 0.5 * (share.least + share.most), count - place - 1
     least, most = share.least / whole + (1.0 - SPREAD) * rest, share.most / whole + (1.0 + SPREAD) * rest
     return WorkDone(place + share.done / whole, least, most)
 
 
 class Outline:
-    """Stages of a work that come one after the other, and what each is expected to take.
+    """The consecutive stages of a work and their expected costs.
 
     Args:
-        costs: of each stage in its order, in one unit of work: (at least, expected, at most). At least 0 is a stage
-            that may be left out.
+        costs: by stage, in order: (least, expected, most) work, all in one unit. A least work of 0 is for a stage that
+            may be left out.
         done: work before the first stage, in that unit.
     """
 
@@ -66,9 +66,9 @@ class Outline:
         self._stage, self._share = "", 0.0
 
     def __call__(self, stage: str, share: float = 0.0) -> WorkDone:
-        """How much is done when a stage begins, or is at a share [1] of itself, which never becomes less.
+        """The work done when a stage begins, or has reached a share [1] of itself; a smaller share is ignored.
 
-        A stage that is not in the outline takes no work.
+        A stage that is not in the outline counts as no work.
         """
         if stage != self._stage:
             self._before += self._expected(self._stage)
@@ -81,7 +81,7 @@ class Outline:
         return WorkDone(self._before + own - left, left + least, left + most)
 
     def end(self) -> WorkDone:
-        """All is done."""
+        """The work done at the end of the last stage, with nothing left."""
         self._before += self._expected(self._stage)
         self._stage = ""
         return WorkDone(self._before, 0.0, 0.0)

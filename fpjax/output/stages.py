@@ -1,4 +1,4 @@
-"""StageClock: where the time of a long piece of work goes, and how much of it is left."""
+"""StageClock: the time by stage of a long piece of work, and its progress."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -7,11 +7,11 @@ from .share import Outline, WorkDone
 
 
 class StageClock:
-    """Seconds by stage; calling it begins a stage, which ends when another one begins.
+    """Measures the time by stage. Calling it begins a stage, which ends when another one begins.
 
     Attributes:
-        seconds: spent by stage [s], in the order in which they first began. Stages named "diagnose: looking" and
-            "diagnose: where" are parts of "diagnose" and counted there.
+        seconds: time by stage [s], in the order in which they first began. "diagnose: looking" and "diagnose: where"
+            are parts of the stage "diagnose".
     """
 
     def __init__(
@@ -25,9 +25,9 @@ class StageClock:
 
         Args:
             progress: called with (name of the stage, share of the whole that is done [1]).
-            costs: what each stage takes, as `Outline` has it: shares are then those of the stage; None where they are
-                those of the whole.
-            now: the clock [s]; `time.process_time` is the processor's.
+            costs: of the stages, as in `Outline`; the shares reported are then shares of the stage. None where they are
+                shares of the whole.
+            now: the clock [s]; `time.process_time` for processor time.
         """
         self.seconds: dict[str, float] = {}
         self._progress, self._costs, self._now = progress, costs, now
@@ -40,7 +40,8 @@ class StageClock:
 
         Args:
             stage: its name.
-            share: that is done [1]; the `WorkDone` of a work that is itself a stage, before all that have costs.
+            share: share that is done [1]; or the `WorkDone` of a work that is itself a stage and comes before all
+                stages that have costs.
         """
         self.end()
         self._stage, self._began = stage.partition(":")[0], self._now()
@@ -50,13 +51,13 @@ class StageClock:
             self._progress(stage, told)
 
     def end(self) -> None:
-        """End the stage; a stage that was there before is added to."""
+        """End the stage; the times of a stage that comes several times are added."""
         if self._stage is not None:
             self.seconds[self._stage] += self._now() - self._began
         self._stage = None
 
     def done(self) -> None:
-        """The last stage ends, and progress is told that all is done."""
+        """End the last stage and report that all is done."""
         self.end()
         if self._progress is not None:
             self._progress("done", 1.0 if self._outline is None else self._outline.end())

@@ -11,7 +11,7 @@ from typing import Any
 from ..errors import InputError
 from .json_object import JsonObject, TomlTable
 
-LARGEST = 20_000_000  # bytes of a model file; a learned table of a million points has as many
+LARGEST = 20_000_000  # largest model file [bytes]: about a learned table of a million points
 
 
 def read_source(source: str | os.PathLike[str]) -> tuple[str, pathlib.Path | None]:
@@ -34,7 +34,7 @@ def read_source(source: str | os.PathLike[str]) -> tuple[str, pathlib.Path | Non
     try:
         _check_regular(path)
         return path.read_bytes().decode("utf-8-sig", "strict" if path.suffix == ".toml" else "replace"), path
-    except InputError:  # a ValueError too
+    except InputError:  # first, because it is a ValueError too
         raise
     except FileNotFoundError:
         raise InputError(f"{path} does not exist: {_neighbour(path)}") from None
@@ -46,7 +46,7 @@ def read_source(source: str | os.PathLike[str]) -> tuple[str, pathlib.Path | Non
 
 
 def _check_regular(path: pathlib.Path) -> None:
-    """Refuse what has no end, or is far too long: a pipe is waited for, and a device fills the memory."""
+    """Refuse pipes and devices, whose reading might never end, and files that are far too long for a model."""
     found = path.stat()
     if stat.S_ISDIR(found.st_mode):
         raise IsADirectoryError
@@ -54,8 +54,8 @@ def _check_regular(path: pathlib.Path) -> None:
         raise InputError(f"{path} is a pipe or a device, not a file: save the model to a file first.")
     if found.st_size > LARGEST:
         raise InputError(
-            f"{path} has {found.st_size / 1e6:.0f} MB, and a model at most {LARGEST / 1e6:.0f}: is it a log? Give a "
-            "servo.toml."
+            f"{path} has {found.st_size / 1e6:.0f} MB, but a model has at most {LARGEST / 1e6:.0f} MB: is it a log? "
+            "Give a servo.toml."
         )
 
 
@@ -74,7 +74,7 @@ def parse(text: str, name: str) -> JsonObject:
     """The sections of a model file.
 
     Raises:
-        InputError: where the text is no TOML, with the line.
+        InputError: where the text is not valid TOML, naming the line.
     """
     try:
         return tomllib.loads(text)
@@ -88,7 +88,7 @@ def write(sections: TomlTable, comments: Mapping[tuple[str, str], str] | None = 
 
     Args:
         sections: by name, in the order to write.
-        comments: by (section, key), what to write behind the value.
+        comments: by (section, key), a comment after the value.
     """
     blocks = []
     for name, tables in sections.items():
@@ -115,7 +115,7 @@ def _value(value: Any) -> str:
     number = float(value)
     if not math.isfinite(number):
         raise InputError(f"{number} cannot be written into a model file: every value must be finite.")
-    text = repr(number)
+    text = repr(number)  # the shortest digits that read back to the same number
     return text
 
 

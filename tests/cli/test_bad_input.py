@@ -31,7 +31,7 @@ def test_a_model_that_has_no_end_is_refused_and_not_waited_for(tmp_path, capsys)
         refuse(capsys, "simulate", tmp_path / name, match="is a pipe or a device")
     with open(tmp_path / "large.toml", "wb") as file:
         file.truncate(1 << 26)  # a hole: it takes no room
-    refuse(capsys, "simulate", tmp_path / "large.toml", match="has 67 MB, and a model at most 20: is it a log?")
+    refuse(capsys, "simulate", tmp_path / "large.toml", match="has 67 MB, but a model has at most 20 MB: is it a log?")
 
 
 def test_a_bad_model_is_one_sentence(servo, capsys):
@@ -51,10 +51,10 @@ def test_a_step_past_the_stability_limit_warns_with_the_number(servo, capsys):
 
 def test_gains_at_which_the_loop_blows_up(servo, tmp_path, capsys):
     servo.write_text(SERVO.replace("kp = 150.0", "kp = 150000.0"))
-    refuse(capsys, "simulate", servo, "--out", tmp_path / "out", "--no-plots", match="The loop blows up at t =")
+    refuse(capsys, "simulate", servo, "--out", tmp_path / "out", "--no-plots", match="The loop diverges at t =")
     assert (tmp_path / "out" / "simulation.csv").exists()
     assert json.loads((tmp_path / "out" / "run.json").read_text())["status"] == "bad input"
-    refuse(capsys, "tune", servo, "--max-simulations", 12, match="Every start blows up")
+    refuse(capsys, "tune", servo, "--max-simulations", 12, match="Every start diverges")
 
 
 def test_bad_logs_in_every_command_that_takes_one(servo, log, tmp_path, capsys):

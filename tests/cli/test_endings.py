@@ -21,7 +21,7 @@ def test_a_full_memory_is_one_sentence(servo, monkeypatch, capsys, error):
         raise error
 
     monkeypatch.setattr("fpjax.cli.simulate.open_model", full)
-    refuse(capsys, "simulate", servo, match="the memory is full: use fewer candidates")
+    refuse(capsys, "simulate", servo, match="out of memory: use fewer candidates")
 
 
 def test_ctrl_c_is_130(servo, monkeypatch, capsys):

@@ -55,7 +55,7 @@ def test_the_path_is_drawn(servo, tuned, tmp_path, capsys):
     [
         ({"objective": "tracking"}, "minimised the tracking cost"),
         ({"references": ["chirp"]}, "on chirp"),
-        ({"path": {"controller.kp": [1.0]}}, "sweep what was tuned"),
+        ({"path": {"controller.kp": [1.0]}}, "sweep the parameters that were tuned"),
         ({"path": None}, "holds no paths"),
     ],
 )
