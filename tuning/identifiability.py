@@ -77,6 +77,7 @@ def judge(
     # A direction on which no residual depends leaves every parameter that takes part in it undetermined.
     unpinned = np.any((np.abs(directions) > SHARE) & (padded <= PINNED * largest)[:, None], axis=0)
     smallest = float(padded.min()) if n else 0.0
+    # Scaled to a largest exponent of 1, so that it reads as gain_i ~ s^exponent.
     weakest = directions[-1] / directions[-1][int(np.argmax(np.abs(directions[-1])))]
     return Identifiability(
         names,

@@ -49,6 +49,7 @@ class Stopwatch:
         if made:
             self.compile_seconds += time.perf_counter() - begin
         begin = time.perf_counter()
+        # np.asarray waits for the result: jax returns before it is computed.
         result = jax.tree.map(np.asarray, program(*arguments))
         self.run_seconds += time.perf_counter() - begin
         return result
@@ -119,6 +120,7 @@ class Lanes:
 
     def value_and_gradient(self, at: np.ndarray, mode: str) -> tuple[np.ndarray, np.ndarray]:
         """(costs of shape (lanes,), gradients of shape (lanes, n)) at unbounded coordinates of shape (lanes, n)."""
+        # float64 on the host, whatever the precision of the loop, for norms and line searches.
         fn = _gradient_function(mode, max(1, self.cases))
         value, gradient = self.clock.call(fn, at.astype(self.problem.dtype), self.index, self.problem)
         return value.astype(float), gradient.astype(float)

@@ -76,6 +76,7 @@ class SquaredAfter(AbstractMeasure):
         """The mean square, or the residuals (means, then standard deviations) of shape (2 bins,)."""
         del samples
         if self.bins == 0:
+            # A start after the end leaves no sample: 0 / 1 and not 0 / 0.
             return total[0] / jnp.maximum(total[1], 1.0)
         first, second, number = total
         # Counts do not depend on the gains; without this the derivative of sqrt(0) in an empty bin would be NaN.

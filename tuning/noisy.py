@@ -32,6 +32,7 @@ def less_sensitive(result: TuningResult, again: TuningResult) -> TuningResult:
     if again.noisy_cost is None or not again.noisy_cost < result.noisy_cost:
         return result
     gains = ", ".join(f"{name} = {value:.4g}" for name, value in result.gains.items())
+    # The worst draw may diverge, and infinity has no place in a sentence.
     cost = f"goes from {result.cost:.3g} to {result.noisy_cost:.3g}" if np.isfinite(result.noisy_cost) else "diverges"
     said = f"tuned under the sensor's noise: with the best gains without it ({gains}) the cost {cost} under it."
     return dataclasses.replace(

@@ -35,6 +35,7 @@ def population(
         if not 0.0 < share < 1.0:
             raise InputError(f"{name}: a spread must be a fraction between 0 and 1, as 0.2, got {share:g}.")
     if count is None:
+        # The corners bound the cost where it is monotonic in each parameter.
         signs = np.array(list(itertools.product((-1.0, 1.0), repeat=len(spread))))
     else:
         if count < 1:

@@ -93,6 +93,7 @@ def screen(
     # Row 0 is always there, so that the program is compiled for one number of rows.
     candidates = np.vstack([written if inside else start, candidates])
     costs = judge(candidates)
+    # Stable: of equal costs the earlier candidate, so that results do not depend on the sort.
     order = np.argsort(np.where(np.isfinite(costs), costs, np.inf), kind="stable")
     # Distances are taken in the coordinates of the search: e-folds where log, half ranges where linear.
     scaled = np.where(log, np.log(np.where(log, candidates, 1.0)), candidates / np.where(log, 1.0, half))

@@ -65,6 +65,7 @@ def _kernel_by_kernel(values: np.ndarray, problem: Problem, kernel: int, workers
     `map_chunks` would compile a loop over each core's share: with another number of cores it is another program, whose
     results differ in the last bits, so that a resumed sweep was not bit-equal to an uninterrupted one.
     """
+    # A whole number of kernels for each call, of which there are about CALLS; the last block is padded with copies.
     block_size = kernel * max(1, len(values) // (kernel * CALLS))
     count = -(-len(values) // block_size)
     missing = count * block_size - len(values)
@@ -76,6 +77,7 @@ def _kernel_by_kernel(values: np.ndarray, problem: Problem, kernel: int, workers
     def part(number: int) -> None:
         # jax settings (x64, matrix precision) are those of a thread: the workers get the caller's.
         with under(own):
+            # Thread `number` takes every threads-th block: all of them have about the same work.
             for place in range(number, count, threads):
                 block = padded[place * block_size : (place + 1) * block_size]
                 one = map_chunks(

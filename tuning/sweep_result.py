@@ -63,6 +63,7 @@ class SweepResult:
     @property
     def diverged(self) -> int:
         """Candidates whose run diverged on some reference."""
+        # A candidate counts once, on however many references it diverged.
         return int(np.count_nonzero(~np.all(np.isfinite(self.costs), axis=-1)))
 
     def to_dict(self) -> JsonObject:

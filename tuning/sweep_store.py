@@ -154,6 +154,7 @@ class SweepStore:
         if self.folder is None:
             return set(self._kept)
         found, damaged = set(), {}
+        # Every file is read and checked: a damaged one must not count as a result.
         for piece in self._numbers():
             read = self._read(piece)
             if isinstance(read, np.ndarray):
@@ -280,6 +281,7 @@ def _checksum(content: JsonObject) -> str:
 def _read_manifest(path: Path) -> JsonObject | None:
     """The content of `sweep.json`; None where it is missing or damaged."""
     try:
+        # lstat: a link to another sweep would be read as this one.
         if not stat.S_ISREG(path.lstat().st_mode):
             return None
         content = json.loads(path.read_bytes())

@@ -340,6 +340,7 @@ def _search(
     for group, labels in enumerate(groups):
         of_group = slice(group * each, group * each + starts)
         lane, failed = chosen[group], ~np.isfinite(outcome.costs[of_group])
+        # The screen counts too: its simulations were needed to find the starts.
         used = int(outcome.simulations[of_group].sum()) + screened * lanes.cases
         history = _joined_history(outcome.history[of_group])
         tuned = _named(names, values[group])

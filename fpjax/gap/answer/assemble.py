@@ -66,6 +66,7 @@ def assemble(
     # Causes of the machine; errors of the reading change no torque, so that the gap after them is the gap after these.
     causes = [name for name in found.causes if name not in wrong]
     steps = steps_of(search, decision, causes) if causes else ()
+    # Errors of the reading close no torque gap: their step repeats the gap after the causes.
     steps = (*steps, *(Step(name, gap.after, gap.after_interval) for name in wrong))
     seen = {one.effect: read_estimates(one, linear=linear) for one in read}
     if step > 0.0:

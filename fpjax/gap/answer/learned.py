@@ -79,13 +79,16 @@ def _taken(before: Values, after: Values) -> tuple[float, float]:
 def simulated(search: Search, fit: Fit, laws: Sequence[Learned]) -> Fit:
     """A fit with laws in its machine; only the start states of the windows are estimated again."""
     values = fit.candidate.values()
+    # The Coulomb part goes into the level, where it sticks; the rest acts as loads.
     tables, coulomb = blocks(laws, values["coulomb"])
     values["coulomb"] += coulomb
     # A shallow copy of the search with another nominal plant; its compiled fitters belong to the old plant.
     other, plant = copy.copy(search), search.nominal.plant
     other.nominal = replace(search.nominal, plant=eqx.tree_at(lambda p: p.load, plant, join_load(plant.load, tables)))
+    # Caches of compiled programs of the nominal plant without the laws.
     other.fitters, other.observers = {}, {}
     c = other.candidate(Start(fit.candidate.effects, (), values), exact=True)
+    # Start states and hidden states begin where the fit left them, so that few steps are needed.
     for own, was in ((c.states, fit.candidate.states), (c.hidden, fit.candidate.hidden)):
         own[:] = [each.copy() for each in was]
     return other.finish([c])[0]
@@ -124,6 +127,7 @@ def proposed(search: Search, fit: Fit) -> tuple[Learned, ...]:
     energies = [smoother.energy(current, band)]
     while tables:
         tried = [(table, *smoother.gains(current, table)) for some in tables.values() for table in some]
+        # One more table at a time, the one with the largest cross-validated gain; a variable is used once.
         sure = [one for one in tried if _sure(one[1])]
         if not sure:
             break
@@ -131,6 +135,7 @@ def proposed(search: Search, fit: Fit) -> tuple[Learned, ...]:
         after = smoother.fit((*current.tables, table), (*current.penalties, penalty), current.weight)
         energies.append(smoother.energy(after, band))
         if energies[-2] - energies[-1] < LEAST * energies[0]:
+            # A certain but negligible gain: not worth a table.
             energies.pop()
             break
         current = after

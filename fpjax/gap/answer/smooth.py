@@ -1,9 +1,10 @@
-"""Smooth: a missing torque as penalised tables of what was recorded, fitted in the modes.
+"""A missing torque as penalised tables of recorded variables, fitted in the modes of the windows.
 
-The coefficients of a window are c = sqrt(lambda) V' d + S e + n, with d the missing torque of each period, S e what
-its start state adds, and n of the variance s^2 + q^2 lambda. A law d = Phi(x) beta is linear in beta, so that all of
-it is one weighted least squares problem. The tables are B-splines of degree one, whose coefficients are the torques at
-the points, penalised by second differences (Eilers, Marx, "Flexible smoothing with B-splines and penalties", 1996):
+The coefficients of a window are c = sqrt(lambda) V' d + S e + n: d is the missing torque of each period, S e the
+contribution of the start state, and n noise of variance s^2 + q^2 lambda. A law d = Phi(x) beta is linear in beta, and
+the fit is one weighted least-squares problem. The tables are B-splines of degree one, whose coefficients are the
+torques at the points, penalised by second differences (Eilers, Marx, "Flexible smoothing with B-splines and
+penalties", 1996):
 what is fitted is what a `LearnedTorque` simulates.
 """
 
@@ -30,11 +31,15 @@ from .smooth_tables import Table, resting
 
 Values = np.ndarray
 
-PENALTIES = np.geomspace(1e-4, 3.0, 10)  # departures from a straight line that are tried, of the friction's size
-FOLDS = 5
-BLOCK = 2  # windows in a row that are left out together
-PASSES = 2  # times that the level and the penalty are looked up again
-CENTRED = 1e-3  # of the friction: how well the mean of a table beside another one is held at zero
+# Standard deviations of the departure of a point from its neighbours' line that are tried, over the size of friction:
+# from a straight line to a table without smoothing.
+PENALTIES = np.geomspace(1e-4, 3.0, 10)
+FOLDS = 5  # of the cross-validation
+BLOCK = 2  # adjacent windows that are left out together: neighbours are alike, and would predict each other
+PASSES = 2  # iterations of the weights, which depend on what the tables leave
+CENTRED = (
+    1e-3  # standard deviation of the mean of a further table, over the size of friction: a constant belongs to one
+)
 
 
 # --- the windows
@@ -42,15 +47,15 @@ CENTRED = 1e-3  # of the friction: how well the mean of a table beside another o
 
 @dataclass(frozen=True)
 class Windows:
-    """The fitted windows of a fit as one linear problem; withheld ones are not looked at.
+    """The fitted windows as one linear problem; withheld windows are not used.
 
     Attributes:
         fitter: of the fit.
-        which: (record, its windows) of each record.
+        which: (index of the record, indices of its windows), one for each record.
         c: coefficients at start states zero, shape (windows, modes).
         start: change of c by the start states in prior units, shape (windows, modes, states).
         noise: s^2 [1], shape (windows,).
-        fold: of cross-validation, shape (windows,).
+        fold: number of the fold of cross-validation, shape (windows,).
     """
 
     fitter: Fitter
@@ -67,18 +72,20 @@ class Windows:
         for which, windows in self.which:
             record = self.fitter.records[which]
             rows = record.starts[windows][:, None] + np.arange(record.samples)
-            columns = table.columns[which][rows.T].reshape(record.samples, -1)  # one product, not one a window
+            columns = table.columns[which][rows.T].reshape(record.samples, -1)  # one matrix product for all windows
             found.append((way.T @ columns).reshape(len(modes.gain), len(windows), -1).transpose(1, 0, 2))
         return np.concatenate(found)
 
 
 def make_windows(search: Search, candidate: Candidate) -> Windows:
-    """The fitted windows of a fit around where it stands; hidden states stay where they are."""
+    """The fitted windows, linearised at the candidate; hidden states are not changed."""
     empty = np.zeros(0)
     c = replace(candidate, free=np.zeros(0, int), low=empty, high=empty, center=empty, spread=empty, scale=empty)
     fitter = search.fitters[c.family.key]
     which, coefficients, starts, noise, fold = [], [], [], [], []
-    heavier = c.values()["inertia"] / search.setting.inertia  # the modes hold the nominal mass, the residual this one's
+    heavier = (
+        c.values()["inertia"] / search.setting.inertia
+    )  # the modes are of the nominal mass, the residual of this one
     for part in fitter.linearise([c], search.train, hidden=False)[0]:
         deviation = fitter.deviations(c, part.which, hidden=False)
         live = np.flatnonzero(deviation > 0)
@@ -93,10 +100,11 @@ def make_windows(search: Search, candidate: Candidate) -> Windows:
 
 
 def _misread(search: Search, c: Candidate, part: Linear) -> Values:
-    """What c lacks because the model's own torques are taken at the simulated motion, shape (windows, modes).
+    """Correction of c for the model's own torques, taken at the simulated motion, shape (windows, modes).
 
-    The simulation goes its own way from the measured motion until the window ends. The modes know no friction, so that
-    J r' = d - (F(simulated) - F(measured)): the difference is added, and what remains is the missing torque alone.
+    Within a window the simulated motion departs from the measured one, and with it friction and load F. The modes are
+    those of a mass without friction: J r' = d - (F(simulated) - F(measured)). The difference is added, and what
+    remains is the missing torque d at the measured motion.
     """
     fitter, record = search.fitters[c.family.key], search.records[part.which]
     vector = np.repeat(c.vector[:, None], len(part.windows), 1)
@@ -107,13 +115,14 @@ def _misread(search: Search, c: Candidate, part: Linear) -> Values:
         simulated = record.velocity.values[rows] + record.velocity.noise * residual
     else:
         assert record.position is not None
+        # Positions only: the simulated speed is the slope of measured position plus residual.
         simulated = np.gradient(record.position.values[rows] + record.position.noise * residual, record.dt, axis=1)
     measured, angle = record.speed[rows], record.angle[rows]
     away = np.cumsum(simulated - measured, axis=1) * record.dt
     family = fitter.family
     padded = 1024
     while padded < rows.size:
-        padded *= 2  # logs of similar length share one compiled function
+        padded *= 2  # powers of two: logs of similar length share one compiled function
     times = record.time[rows] - record.time[0]
     found = []
     with double_precision():
@@ -133,7 +142,7 @@ def _own_torque(
     nominal: Machine, effects: tuple[Effect, ...], parameters: tuple[EffectParameter, ...], vector: Array,
     motion: Motion, rest: float,
 ) -> Array:  # fmt: skip
-    """Friction and load of a model [N m] along a motion; at rest, friction holds what it is given, up to its level."""
+    """Friction and load of a model [N m] along a motion; at rest, friction balances the torque, up to its level."""
     machine = assembled(nominal, effects, parameters, vector)
     load = machine.plant.load.readout(motion)
     most = machine.law.breakaway(motion)
@@ -153,10 +162,11 @@ class Smooth:
     Attributes:
         tables: in the order in which they were added.
         penalties: of each [1 / (N m)^2].
-        torque: at all points, shape (points,) [N m].
-        deviation: of it, the model's or the windows' scatter where that is larger, shape (points,) [N m].
-        weight: 1 / variance of each coefficient beside the tables, shape (windows, modes).
-        left: coefficients that are left, shape (windows, modes).
+        torque: at the points of all tables, shape (points,) [N m].
+        deviation: standard deviation of `torque` by the model or by the scatter of the windows, the larger one, shape
+            (points,) [N m].
+        weight: 1 / variance of each coefficient, shape (windows, modes).
+        left: coefficients without the torque of the tables, shape (windows, modes).
     """
 
     tables: tuple[Table, ...]
@@ -177,8 +187,8 @@ class Smoother:
 
     Args:
         windows: of a fit.
-        size: a torque to compare with [N m].
-        largest: that a table may hold, one standard deviation [N m].
+        size: of the friction, with which penalties are scaled [N m].
+        largest: prior standard deviation of a torque in a table [N m].
     """
 
     def __init__(self, windows: Windows, size: float, largest: float):
@@ -186,11 +196,11 @@ class Smoother:
         self.designs: dict[int, Values] = {}
 
     def base(self, level: Values) -> Smooth:
-        """Without a table, from a level of the missing torque."""
+        """The fit without a table, from a level of the missing torque."""
         return self.fit((), (), self._weight(level, self.windows.c))
 
     def fit(self, tables: tuple[Table, ...], penalties: tuple[float, ...], weight: Values) -> Smooth:
-        """Tables with their penalties, from weights that are then looked up again beside them."""
+        """Tables with their penalties, from weights that are iterated: the tables leave a lower level."""
         x, prior, modes = self._design(tables), self._prior(tables, penalties), self.windows.fitter.modes
         for _ in range(PASSES):
             left = self._left(x, _solve(np.sum(self._products(x, weight), axis=0), prior), weight)
@@ -198,17 +208,18 @@ class Smoother:
         normal = self._products(x, weight)
         total = np.sum(normal, axis=0)
         torque = _solve(total, prior)
-        scores = normal[:, 1:] @ np.concatenate([[1.0], -torque])  # of each window, shape (windows, points)
+        # Gradient of each window, shape (windows, points): the sandwich estimator, as in `intervals.covariance`.
+        scores = normal[:, 1:] @ np.concatenate([[1.0], -torque])
         inverse = np.linalg.inv(total[1:, 1:] + prior)
         robust = inverse @ (scores.T @ scores) @ inverse
         deviation = np.sqrt(np.maximum(np.diag(inverse), np.diag(robust)))
         return Smooth(tables, penalties, torque, deviation, weight, self._left(x, torque, weight))
 
     def gains(self, before: Smooth, table: Table) -> tuple[Values, float]:
-        """What one more table predicts better of windows left out, at the weights before it, and its penalty.
+        """Cross-validated gain of one more table, at the weights before it.
 
         Returns:
-            ([nats] of each fold, shape (folds,); the penalty with which they sum to most).
+            (gain in log likelihood of each fold left out [nats], shape (folds,); the penalty with the largest sum).
         """
         tables = (*before.tables, table)
         normal = self._products(self._design(tables), before.weight)
@@ -236,7 +247,7 @@ class Smoother:
         return float(np.mean((modes.plain(fit.left) ** 2 - w.noise[:, None]) @ weight)) / w.fitter.records[0].samples
 
     def _errors(self, parts: Sequence[Values], total: Values, prior: Values) -> Values:
-        """Weighted square of what each fold is mispredicted by, the others fitted, shape (folds,)."""
+        """Weighted squared prediction error of each fold, with the tables fitted to the others, shape (folds,)."""
         betas = [np.concatenate([[1.0], -_solve(total - part, prior)]) for part in parts]
         return np.array([beta @ part @ beta for beta, part in zip(betas, parts, strict=True)])
 
@@ -248,7 +259,7 @@ class Smoother:
         return np.concatenate([np.zeros((*self.windows.c.shape, 0)), *found], axis=2)
 
     def _prior(self, tables: Sequence[Table], penalties: Sequence[float]) -> Values:
-        """Precision of the torques before the logs are seen."""
+        """Prior precision of the torques: size, smoothness, and a zero mean of further tables."""
         count = sum(len(t.at) for t in tables)
         prior = np.eye(count) / self.largest**2
         place = 0
@@ -256,7 +267,7 @@ class Smoother:
             own = slice(place, place + len(table.at))
             prior[own, own] += penalty * table.bend.T @ table.bend
             if index and table.of in ("position", "time", "torque"):
-                # A constant torque belongs to one table: this one's mean along the logs is zero.
+                # A constant torque could be in any table: the mean of this one along the logs is held at zero.
                 prior[own, own] += np.outer(table.mean, table.mean) / (CENTRED * self.size) ** 2
             place = own.stop
         return prior

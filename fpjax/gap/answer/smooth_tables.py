@@ -1,4 +1,4 @@
-"""Tables: a missing torque as a table of one variable that was recorded.
+"""Tables of a missing torque over one recorded variable.
 
 The tables are B-splines of degree one, whose coefficients are the torques at the points, penalised by second
 differences (Eilers, Marx, "Flexible smoothing with B-splines and penalties", 1996): what is fitted is what a
@@ -17,27 +17,27 @@ from ..data.record import Record
 Variable = Literal["velocity", "position", "torque", "time"]
 Values = np.ndarray
 
-SPEEDS = 14  # points for each direction, the closer the slower: friction bends near rest
-ANGLES = 72  # points a revolution
-CLOSE = 16  # points of a period that repeats within a revolution
-STRAIGHT = 40  # points over a travel that does not come round
-TORQUES = 17
-TIMES = 17
-RESTING = 2.0  # standard deviations of the speed below which there is no direction
-SMOOTHED = 3.0  # by what smoothing lowers the noise of a rate sensor
-ONE_SIDED = 0.01  # of the samples: a direction seen less is not learned
-TURNS = 1.5  # revolutions of travel from which a position comes round
+SPEEDS = 14  # points for each direction, closer towards rest, where friction has its curvature
+ANGLES = 72  # points a revolution, one every 5 deg
+CLOSE = 16  # points of a period that repeats within a revolution: up to its fifth harmonic or so
+STRAIGHT = 40  # points over a travel of less than a revolution, or of a linear axis
+TORQUES = 17  # points over the range of the commanded torque
+TIMES = 17  # points over the duration
+RESTING = 2.0  # standard deviations of the speed below which its sign is noise
+SMOOTHED = 3.0  # factor by which smoothing lowers the noise of a rate sensor
+ONE_SIDED = 0.01  # share of the samples below which a direction is not learned
+TURNS = 1.5  # revolutions of travel from which a position is taken within one revolution
 
 
 @dataclass(frozen=True)
 class Table:
-    """The points of one law and what it adds to every period.
+    """The points of one table, and the weights of its points at every sample.
 
     Attributes:
         of: the variable.
         at: points, in the variable's unit, shape (points,); a velocity has 0 twice.
         period: of the variable; None where nothing repeats.
-        columns: one array a record, shape (samples, points).
+        columns: weight of each point at each sample [1], one array of shape (samples, points) for each record.
         bend: departure of a point from the straight line between its neighbours, shape (rows, points).
     """
 
@@ -53,7 +53,7 @@ class Table:
         return np.sum([np.sum(each, axis=0) for each in self.columns], axis=0) / sum(len(c) for c in self.columns)
 
     def departures(self, torque: Values) -> Values:
-        """How far each point is from its neighbours' line [N m], shape (points,); ends as their neighbour."""
+        """Distance of each point from its neighbours' line [N m], shape (points,); an end has that of its neighbour."""
         inner = np.argmax(np.abs(self.bend), axis=1) if len(self.bend) else np.zeros(0, int)
         found = np.zeros(len(self.at))
         found[inner] = np.abs(self.bend @ torque)
@@ -65,11 +65,11 @@ class Table:
 
 
 def make_tables(records: Sequence[Record], periods: Sequence[float] = ()) -> dict[Variable, list[Table]]:
-    """Every law that the logs can show, by variable; several of one variable are alternatives.
+    """The tables that the logs can determine, by variable; several of one variable are alternatives.
 
     Args:
         records: the logs.
-        periods: per revolution [1/rev], with which a torque seems to repeat.
+        periods: numbers of periods a revolution with which the missing torque seems to repeat [1/rev].
     """
     speeds = [_mid(r.speed) for r in records]
     rests = [resting(r) for r in records]
@@ -77,6 +77,7 @@ def make_tables(records: Sequence[Record], periods: Sequence[float] = ()) -> dic
     if (velocity := _velocity_table(speeds, rests)) is not None:
         found["velocity"] = [velocity]
     angles = [_mid(r.angle) for r in records]
+    # Integrated positions of several logs have no common zero.
     if len(records) == 1 or not any(r.integrated for r in records):
         found["position"] = _position_tables(records, angles, periods)
     torques = [r.torque for r in records]
@@ -88,7 +89,7 @@ def make_tables(records: Sequence[Record], periods: Sequence[float] = ()) -> dic
 
 
 def _mid(values: Values) -> Values:
-    """Mean over the period that begins at each sample."""
+    """Mean over the period that begins at each sample: the torque is held over it."""
     return 0.5 * (values + np.concatenate([values[1:], values[-1:]]))
 
 
@@ -106,6 +107,7 @@ def _velocity_table(speeds: Sequence[Values], rests: Sequence[float]) -> Table |
         own = side * everything
         if np.mean(own > rest) < ONE_SIDED or not np.max(own) > 4.0 * rest:
             continue
+        # Quadratic spacing, the first points within the noise of rest left out.
         points = np.max(own) * (np.arange(SPEEDS + 1) / SPEEDS) ** 2
         points = np.concatenate([[0.0], points[points > rest]])
         for column, speed, still in zip(columns, speeds, rests, strict=True):
@@ -115,6 +117,7 @@ def _velocity_table(speeds: Sequence[Values], rests: Sequence[float]) -> Table |
         bends.append(_bend(at[-1], None))
     if not at:
         return None
+    # Block diagonal: no smoothness across zero, where Coulomb friction jumps.
     bend = np.zeros((sum(len(b) for b in bends), sum(len(a) for a in at)))
     row = place = 0
     for b in bends:
@@ -131,7 +134,7 @@ def _position_tables(records: Sequence[Record], angles: Sequence[Values], period
     if any(r.linear for r in records) or spread[1] - spread[0] < TURNS * turn:
         return [_table("position", np.linspace(*spread, STRAIGHT), angles)]
     found = [_table("position", np.arange(ANGLES) * turn / ANGLES, angles, turn)]
-    # What comes round often needs closer points than a revolution has room for.
+    # A torque that repeats often within a revolution needs closer points than one every 5 deg.
     for count in periods:
         if count > ANGLES / CLOSE:
             short = turn / count

@@ -104,6 +104,7 @@ def made_torque(model: Model, record: Record) -> tuple[float, Any]:
         record: gives reference, readings and torque.
     """
     controller, observer = astype((model.loop.controller, model.loop.observer), float)
+    # As one vector, in which the torque column is linear for a linear controller.
     start, unravel = ravel_pytree((controller.init(), observer.init()))
     rate = _readings(record.reading)
     angle = _readings(record.position)

@@ -80,11 +80,13 @@ def locate(records: Sequence[Record], courses: Sequence[Course]) -> Where:
     for axis, values in axes.items():
         bins = BINS[axis]
         if axis == "time":
+            # One bin for 0.1 s, so that short disturbances stand out.
             bins = int(np.clip(np.ptp(values) / TIME_BIN, bins, MOST_TIME_BINS))
         edges = _edges(values, bins)
         if edges is None:
             continue
         index = np.clip(np.digitize(values, edges) - 1, 0, len(edges) - 2)
+        # Times of several logs are not comparable: only the first one is mapped over time.
         here = _energy(torque[:first], noise[:first], energy.independent) if axis == "time" else energy
         maps[axis], sure = _bins(edges, index, here)
         out[axis] = _standing_out(axis, maps[axis], sure)
@@ -171,6 +173,7 @@ def _bands(courses: Sequence[Course], *, found: bool) -> tuple[tuple[Share, ...]
     power = np.mean([c.power[order] for c in courses], axis=0)
     spread = np.sqrt(np.sum([c.spread[order] ** 2 for c in courses], axis=0)) / len(courses)
     line, top = 2.0 * frequency[0], frequency[-1]
+    # From twice the lowest mode: its band and all below are one.
     edges = [line]
     while edges[-1] < top:
         edges.append(max(edges[-1] * 2.0 ** (1.0 / BANDS_PER_OCTAVE), edges[-1] + 4.0 * line))

@@ -90,6 +90,7 @@ class Effect:
 
 def place(machine: Machine, values: TomlTable) -> Machine:
     """The machine with leaves set by dotted name, "law." standing for the static friction law wherever it is."""
+    # "law." has four characters: what follows is looked up where this machine holds its static law.
     prefix = _prefix(machine)
     return set_parameters(
         machine, {prefix + name[4:] if name.startswith("law.") else name: value for name, value in values.items()}
@@ -117,5 +118,6 @@ def free(effects: tuple[Effect, ...]) -> tuple[EffectParameter, ...]:
     found: dict[str, EffectParameter] = {}
     for effect in effects:
         for parameter in (*effect.parameters, *effect.fixed):
+            # The first definition counts: effects that share a name share the object.
             found.setdefault(parameter.name, parameter)
     return tuple(found.values())

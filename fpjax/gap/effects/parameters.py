@@ -79,9 +79,11 @@ INERTIA = EffectParameter(
     _times("inertia", 0.2),
     "plant.inertia",
 )
+# At most the largest commanded torque: with more friction the machine would not move.
 COULOMB = EffectParameter(
     "coulomb", "N m", lambda s: s.coulomb, _ZERO, _times("torque", 1), _times("friction", 0.2), "law.coulomb"
 )
+# torque / speed: all torque is viscous at top speed, for a nominal model without viscous friction.
 VISCOUS = EffectParameter(
     "viscous",
     "N m s/rad",
@@ -91,9 +93,11 @@ VISCOUS = EffectParameter(
     lambda s: 0.2 * s.viscous + 0.05 * s.friction / s.speed,
     "law.viscous",
 )
+# Zero of the position against that of a known load that turns, where no sensor gives it: three turns either way.
 ORIGIN = EffectParameter("origin", "rad", _ZERO, _constant(-20.0), _constant(20.0), _constant(0.1), "origin")
 NOMINAL = (INERTIA, COULOMB, VISCOUS, ORIGIN)
 
+# Half the difference between the directions: level +- difference.
 COULOMB_DIFFERENCE = _amplitude("coulomb_difference", "law.coulomb_difference")
 VISCOUS_DIFFERENCE = EffectParameter(
     "viscous_difference",
@@ -113,6 +117,7 @@ STRIBECK_TORQUE = EffectParameter(
     _times("friction", 0.2),
     "law.stribeck_torque",
 )
+# From 0.2 % of the top speed, where few samples lie, to half of it, where it would be viscous friction.
 STRIBECK_VELOCITY = EffectParameter(
     "stribeck_velocity",
     "rad/s",
@@ -122,6 +127,7 @@ STRIBECK_VELOCITY = EffectParameter(
     _times("speed", 0.02),
     "law.stribeck_velocity",
 )
+# Fitted but not reported: 1 (Tustin) and 2 (Gaussian) are the usual forms, and a machine follows neither exactly.
 STRIBECK_EXPONENT = EffectParameter(
     "stribeck_exponent",
     "1",
@@ -153,6 +159,7 @@ BRISTLE_DAMPING = EffectParameter(
     lambda s: 0.3 * (s.friction * s.inertia / (1e-3 * s.speed)) ** 0.5,
     "plant.friction.damping",
 )
+# Dahl's exponent: 1 for most materials, below 1 brittle, above 1 ductile; fitted but not reported.
 BRISTLE_EXPONENT = EffectParameter(
     "bristle_exponent",
     "1",
@@ -169,7 +176,9 @@ RIPPLE = tuple(
     for order in range(3)
     for part in ("cosine", "sine")
 )
+# From once in two turns; cogging from 1.5, as once a turn is an unbalance.
 RIPPLE_PERIODS = _periods("ripple_periods", 3.0, 0.5, "law.position_periods")
+# Extra Coulomb friction at the start, which decays: a machine that warms up.
 DRIFT = EffectParameter(
     "drift_amplitude",
     "N m",
@@ -188,9 +197,11 @@ DRIFT_TIME = EffectParameter(
     _times("duration", 0.1),
     "law.drift_time",
 )
+# Friction torque over the torque through the gear: efficiencies down to 40 %.
 LOAD_COEFFICIENT = EffectParameter(
     "load_coefficient", "1", _ZERO, _ZERO, _constant(0.6), _constant(0.02), "law.load_coefficient"
 )
+# Bound: twice the drag that takes all torque at top speed.
 DRAG = EffectParameter(
     "drag_coefficient",
     "N m s^2/rad^2",
@@ -200,6 +211,7 @@ DRAG = EffectParameter(
     lambda s: 0.2 * s.friction / s.speed**2,
     "law.drag_coefficient",
 )
+# A cos + B sin of the position: linear in both, where amplitude and phase would be singular at zero.
 UNBALANCE = tuple(_amplitude(f"unbalance_{part}", f"plant.load.parts.1.{part}.0") for part in ("cosine", "sine"))
 COGGING = tuple(
     _amplitude(f"cogging_{part}_{order + 1}", f"plant.load.parts.2.{part}.{order}")
@@ -207,11 +219,13 @@ COGGING = tuple(
     for part in ("cosine", "sine")
 )
 COGGING_PERIODS = _periods("cogging_periods", 6.0, 1.5, "plant.load.parts.2.periods")
+# Added to the command, as in the contract: a torque that the motor gives.
 OFFSET = _amplitude("torque", "actuator.offset")
 AMPLITUDES = frozenset(
     p.name for p in (COULOMB_DIFFERENCE, STRIBECK_TORQUE, DRIFT, OFFSET, *RIPPLE, *UNBALANCE, *COGGING)
 )
 """Torques whose bound is not a property of the machine, but more than the torques of the log could have balanced."""
+# Beyond a factor of five the model has another unit than the log, which `inspect` finds.
 GAIN = EffectParameter("gain", "1", _constant(1.0), _constant(0.2), _constant(5.0), _constant(0.1), "actuator.gain")
 
 
@@ -224,6 +238,7 @@ ACTUATOR_LAG = _time("actuator_lag", "actuator.lag")
 ACTUATOR_DELAY = _time("actuator_delay", "actuator.delay")
 VELOCITY_LAG = _time("velocity_lag", "sensor.lag")
 VELOCITY_DELAY = _time("velocity_delay", "sensor.delay")
+# The bound of 0.999 of the largest command: a limit that clips nothing has no gradient.
 LIMIT = EffectParameter(
     "limit",
     "N m",
@@ -236,6 +251,7 @@ LIMIT = EffectParameter(
 DEAD_ZONE = EffectParameter(
     "dead_zone", "N m", _ZERO, _ZERO, _times("torque", 0.8), _times("friction", 0.1), "actuator.dead_zone"
 )
+# Errors of the rate sensor, in the unit of the velocity.
 BIAS = EffectParameter(
     "bias", "rad/s", _ZERO, _times("speed", -0.5), _times("speed", 0.5), _times("speed", 0.02), "sensor.bias"
 )
@@ -252,6 +268,7 @@ def _between_samples(setting: Setting) -> float:
     return setting.speed * setting.dt / (12.0 * reversals) ** 0.5
 
 
+# Clearance up to 50 ms of motion at top speed; beyond it the load would be free for most of a reversal.
 GAP = EffectParameter(
     "gap", "rad", _ZERO, _ZERO, _times("speed", 0.05), _times("speed", 1e-3), "plant.gap", blur=_between_samples
 )  # fmt: skip

@@ -65,9 +65,11 @@ def exact_twins(causes: Sequence[str], found: Parameters, log: LogFacts) -> list
         if delay in named and other not in named and not log.position and "friction_drift" not in named:
             twins.append(Twin(frozenset({delay}), (other,)))
     twins += _directions(named, found, log)
+    # A nominal value of zero stays zero when divided.
     wrong = [name for name in ("inertia", "coulomb", "viscous") if log.nominal.get(name, 0.0) > 0.0]
     if not log.known_torque:
         twins += _scaled(named, found, log, "torque_gain_error", "gain", wrong)
+    # Torques tied to the position show the true position, and with it the scale of the velocity.
     moving = named & LOCKED or log.known_turning
     if not log.position and not moving:
         wrong = [name for name in wrong if name != "coulomb"]
@@ -95,6 +97,7 @@ def _directions(named: set[str], found: Parameters, log: LogFacts) -> list[Twin]
     if "asymmetric_friction" not in named:
         return []
     sides = found["asymmetric_friction"]
+    # A difference in slope is not a constant torque: no twin.
     if not overlap(sides["viscous_positive"], sides["viscous_negative"]):
         return []
     wrong = [f"{name}_error" for name in ("coulomb", "viscous") if not _mean_is_nominal(sides, name, log)]
@@ -122,6 +125,7 @@ def _scaled(named: set[str], found: Parameters, log: LogFacts, one: str, by: str
         return [Twin(frozenset({one}), tuple(errors), f" (all divided by {found[one][by].value:.4g})")]
     if one in named or not set(errors) <= named:
         return []
+    # Nominal errors are a twin of the one factor only if all are wrong in one proportion, within their intervals.
     ratios = [_over(found[error][name], log.nominal[name]) for error, name in zip(errors, wrong, strict=True)]
     if all(overlap(a, b) for i, a in enumerate(ratios) for b in ratios[:i]):
         mean = sum(ratio.value for ratio in ratios) / len(ratios)

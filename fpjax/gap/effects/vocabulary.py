@@ -117,6 +117,7 @@ def _two_mass_start(
 
 def _compliance_starts(setting: Setting) -> list[dict[str, float]]:
     """Two to six resonances, a factor of about 1.8 apart, each with the sensors on either side."""
+    # Within what a window and the sampling can show, with a margin: a start at a bound has no gradient.
     low, high = 1.5 * lowest_frequency(setting), 0.8 * highest_frequency(setting)
     if not low < high:
         return []
@@ -178,6 +179,7 @@ def _names(parameters: tuple[EffectParameter, ...]) -> tuple[str, ...]:
 
 def _effect(name: str, parameters: tuple[EffectParameter, ...], **words: Any) -> Effect:
     """An `Effect` of the vocabulary, with the optional terms of the machine that it needs and what it follows."""
+    # Optional terms of the compiled machine; effects that are not named here need none.
     features: dict[str, tuple[Feature, ...]] = {
         "stribeck": ("shape",),
         "friction_drift": ("shape",),
@@ -189,6 +191,8 @@ def _effect(name: str, parameters: tuple[EffectParameter, ...], **words: Any) ->
     return Effect(name, parameters, features=features.get(name, ()), follows=_FOLLOWS.get(name, ()), **words)
 
 
+# Variables that the torque of an effect is a function of; friction always follows the sign of the velocity too. Lags,
+# delays, bristles and transmissions depend on the past, an inertia on the acceleration: they have no entry.
 _FOLLOWS: dict[str, tuple[str, ...]] = {
     "coulomb_error": ("velocity",),
     "viscous_error": ("velocity",),
@@ -215,7 +219,7 @@ EFFECTS: tuple[Effect, ...] = (
         (STRIBECK_TORQUE, STRIBECK_VELOCITY, STRIBECK_EXPONENT),
         starts=lambda s: [
             {"stribeck_torque": 0.3 * s.friction, "stribeck_velocity": factor * s.speed, "stribeck_exponent": 1.5}
-            for factor in (0.015, 0.06)
+            for factor in (0.015, 0.06)  # two valleys: a narrow rise near rest, and a wide one
         ],
         report=lambda v, s: {
             "stribeck_torque": (v["stribeck_torque"], "N m"),
@@ -228,9 +232,10 @@ EFFECTS: tuple[Effect, ...] = (
         starts=lambda s: [
             {
                 "bristle_deflection": factor * s.speed,
+                # A damping ratio of 0.3 with the stiffness that the friction torque has at this deflection.
                 "bristle_damping": 0.6 * float(np.sqrt(s.friction * s.inertia / (factor * s.speed))),
             }
-            for factor in (7e-4, 2e-3, 6e-3)
+            for factor in (7e-4, 2e-3, 6e-3)  # deflection as motion at top speed [s]
         ],
         report=_presliding,
         structure="bristles",

@@ -58,6 +58,7 @@ def write_report(diagnosis: Diagnosis, out_dir: str | Path) -> Path:
         # First: it is there seconds before the page, and holds the whole answer on one sheet.
         write_whole(folder / "overview.png", to_png(draw_overview(diagnosis)))
         pictures = draw_pictures(diagnosis)
+        # Each picture twice: the page shows the layout that fits, without a script.
         drawn = {
             picture.name: (
                 to_svg(picture.wide, f"{picture.name}-wide", picture.description),

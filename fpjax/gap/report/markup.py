@@ -42,6 +42,7 @@ def gap_number(raw: Estimate, shown: Estimate) -> str:
 
 def gap_interval(raw: Estimate, shown: Estimate) -> str:
     """The interval of a gap, "" where it is not known."""
+    # The noise floor is computed: its interval is a point.
     if not raw.bounded or raw.low == raw.high:
         return ""
     return f"{data(raw.low, show(shown.low))} to {data(raw.high, show(shown.high))}"
@@ -56,6 +57,7 @@ def parameter(estimate: Estimate) -> str:
     unit = show_unit(shown.unit)
     out = f'<span class="value">{data(estimate.value, value)}{f" {text(unit)}" if unit else ""}</span>'
     if interval:
+        # The words of `show_estimate`, each with its exact value again.
         low, high = interval.split(" to ")
         out += f' <span class="interval">[{data(estimate.low, low)} to {data(estimate.high, high)}]</span>'
     return out

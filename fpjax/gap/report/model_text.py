@@ -41,6 +41,7 @@ def compare(nominal: str, corrected: str) -> tuple[list[Line], list[str]]:
     # Defaults that the author left out are known from the file as the package writes it; given values keep their text.
     old = whole | given
     new = {name for _, name, _ in _entries(corrected)}
+    # By line number: the marks go to the text as it is written, which tomllib does not give.
     lines, marks = [], {number: (name, value) for number, name, value in _entries(corrected)}
     sections = {name.rpartition(".")[0] for name in old}
     for number, line in enumerate(corrected.splitlines()):

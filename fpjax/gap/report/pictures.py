@@ -49,10 +49,12 @@ def draw_pictures(diagnosis: Diagnosis) -> list[Picture]:
     """
     found = []
     if has_record(diagnosis):
+        # Heights [inch] of the wide and of the narrow layout.
         found.append(_picture("record", _record_description(), draw_record, diagnosis, 4.6, 7.4))
     if has_where(diagnosis):
         found.append(_where_picture("where", where_sentence(diagnosis) or "Shares of the gap's energy.", diagnosis))
     if diagnosis.residual_where is not None:
+        # The same picture, of what the causes leave.
         rest = replace(diagnosis, where=diagnosis.residual_where)
         if has_where(rest):
             found.append(_where_picture("left", "Where the rest of the gap lies.", rest))
@@ -95,6 +97,7 @@ def draw_overview(diagnosis: Diagnosis) -> Figure:
             len(parts) + 1, 1, height_ratios=[1.0, *(height for height, _ in parts)], hspace=0.02
         )
         head = bands[0]
+        # In shares of the head's width and height.
         head.text(0.012, 0.72, verdict_title(diagnosis), fontsize=17, fontweight="bold", va="center")
         # Wrapped here: matplotlib's own wrapping reads a dollar sign in a name as mathematics.
         head.text(0.012, 0.5, fill(verdict_sentence(diagnosis), 122), fontsize=10, va="top")

@@ -78,6 +78,7 @@ def classes(diagnosis: Diagnosis) -> list[tuple[str, ...]]:
         if not twins or (entry.probability < NEGLIGIBLE and entry.effect not in diagnosis.causes):
             continue
         joined = {entry.effect, *twins}
+        # All groups that the new pair touches become one.
         for group in [g for g in groups if g & joined]:
             joined |= group
             groups.remove(group)

@@ -84,6 +84,7 @@ def draw_record(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
         narrow: panels below one another, for a phone.
     """
     if narrow:
+        # A phone: below one another, the enlargement highest.
         signal_axes, error_axes, zoom_axes = figure.subplots(3, 1, gridspec_kw={"height_ratios": [1.0, 1.0, 1.35]})
     else:
         grid = figure.add_gridspec(2, 2, width_ratios=[1.55, 1.0])
@@ -144,6 +145,7 @@ def worst_place(shown: list[Series]) -> tuple[Series, int, int]:
         for start, stop in _blocks(series):
             # Half of the block, 300 to 500 samples if it has them: single samples can be seen in the enlargement.
             length = max(min(stop - start, 500, max(stop - start, 600) // 2), 2)
+            # Moving mean over `length` samples, never across a hole.
             sums = np.convolve(squares[start:stop], np.ones(length) / length, mode="valid")
             at = int(np.argmax(sums))
             if sums[at] > best:
@@ -155,6 +157,7 @@ def _zoom(axes: Axes, series: Series, first: int, last: int, names: tuple[str, s
     part = slice(first, last + 1)
     time = series.time[part]
     starts = series.starts[(series.starts > first) & (series.starts <= last)] - first
+    # The part as a series of its own, whose windows start where those of the whole do.
     near = Series(series.label, time, series.commanded[part], series.before, series.after, starts)
     _lines(axes, near, time, INK, series.commanded[part], names[0], width=3.2, alpha=0.28)
     if series.before is not None:
@@ -201,6 +204,7 @@ def _lines(
         pieces_time += [short_time, short_time[-1:]]
         pieces += [short, np.array([np.nan])]
     if pieces:
+        # Several logs have one entry in the legend: a label that begins with _ is left out.
         known = axes.get_legend_handles_labels()[1]
         axes.plot(
             np.concatenate(pieces_time),

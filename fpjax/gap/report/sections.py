@@ -92,6 +92,7 @@ def ranking(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
         shown, folded = folded[:5], folded[5:]
     probabilities = [c.probability for c in diagnosis.ranking if math.isfinite(c.probability)]
     none = 1.0 - sum(probabilities)
+    # Main-cause probabilities sum to at most 1; the remainder is that of no effect of the vocabulary.
     rest = "Effects that this log cannot distinguish share their probability."
     if none >= 0.005:
         rest += f" {show_percent(none)} is the probability that it is none of these."
@@ -112,6 +113,7 @@ def ranking(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
 
 
 def _ranking_table(diagnosis: Diagnosis, candidates: list[Ranked], *, learned: bool = False) -> str:
+    # Twins of the causes are marked in the table, as they are as likely.
     twins = set().union(*(twins_of(diagnosis, cause) for cause in diagnosis.causes)) - set(diagnosis.causes)
     headings = ["Effect", "Probability", "Gap after", "Parameters found", "Not distinguished from"]
     if not any(c.indistinguishable_from for c in candidates):

@@ -57,6 +57,7 @@ def draw_shrink(figure: FigureBase, diagnosis: Diagnosis, *, narrow: bool) -> No
             # A light rim, without which the dark line of the interval cannot be seen on the bar.
             axes.plot([low, high], [at, at], color=PAPER, linewidth=3.4, solid_capstyle="butt", zorder=4)
             axes.plot([low, high], [at, at], color=INK, linewidth=1.4, solid_capstyle="butt", zorder=5)
+        # The number stands right of everything that is drawn in its row.
         reach = max(gap.value, gap.high if gap.bounded else 0.0, previous or 0.0)
         axes.annotate(
             show(gap.value),
@@ -113,6 +114,7 @@ def draw_ranking(figure: FigureBase, diagnosis: Diagnosis) -> None:
     colours = [AFTER if c.effect in diagnosis.causes or c.effect in twins else SOFT for c in shown]
     bars = axes.barh(rows, shares, height=0.5, color=colours, linewidth=0)
     for bar, candidate in zip(bars, shown, strict=True):
+        # Twins of a cause are drawn in its colour, half transparent.
         bar.set_alpha(0.5 if candidate.effect in twins - set(diagnosis.causes) else 1.0)
     for row, share in zip(rows, shares, strict=True):
         axes.annotate(show_percent(share), (share, row), xytext=(5, 0), textcoords="offset points", va="center")

@@ -27,6 +27,7 @@ def to_svg(figure: Figure, name: str, description: str) -> str:
     with report_style(name):
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
+    # Without the XML header, comments and metadata, which have no place within HTML.
     text = text[text.index("<svg") :]
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
@@ -65,6 +66,7 @@ def _axes(figure: Figure) -> list[JsonObject]:
         panel: JsonObject = {}
         for side, (low, high) in sides.items():
             axis = getattr(axes, f"{side}axis")
+            # Axes with words as ticks have no number under the pointer.
             if axis.get_major_formatter().__class__.__name__ == "FixedFormatter" or not len(axis.get_ticklocs()):
                 continue  # names, not numbers
             ends = [points * low, points * high] if side == "x" else [height - points * low, height - points * high]

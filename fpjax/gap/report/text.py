@@ -33,6 +33,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     before, after, floor = (
         show_with_unit(shown_gap(diagnosis, gap.estimate(name))) for name in ("before", "after", "noise_floor")
     )
+    # Without withheld windows there is no floor to compare with.
     over_floor = f", against a noise floor of {floor}" if math.isfinite(gap.noise_floor) else ""
     if diagnosis.verdict == "no_gap":
         return (
@@ -54,6 +55,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
             f"{asserted[:1].upper()}{asserted[1:]} {verb} {show_percent(gap.closed)} of the missing {effort}; "
             f"{show_percent(1.0 - gap.closed)} is left ({after} of {before} rms on withheld data){where}."
         )
+    # Unexplained, from here on: without a gap on withheld data, with an asserted part, or with a best attempt only.
     if gap.before <= gap.noise_floor:
         return (
             f"On withheld data no missing {effort} stands above the noise floor of {floor}; the fitted windows show "

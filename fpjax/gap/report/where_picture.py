@@ -94,6 +94,7 @@ def _side_by_side(figure: Figure, names: list[str]) -> dict[str, Axes]:
 
 
 def _bars(axes: Axes, every: tuple[Share, ...], standing_out: tuple[Share, ...], *, with_even: bool) -> None:
+    # Diagnoses made without maps have only the places that stand out.
     shown = every or standing_out
     out = [not every or any(_overlap(place, other) > 0.5 for other in standing_out) for place in shown]
     # One collection: single bars are laid out and drawn one by one, which took a sixth of a report's time.
@@ -188,6 +189,7 @@ def draw_residual(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None
     drawn = figure.subplots(*((len(panels), 1) if narrow else (1, len(panels))), squeeze=False, sharey=True).ravel()
     units = motion_units(diagnosis.motion)
     effort = ("force", "N") if diagnosis.motion == "linear" else ("torque", "N·m")
+    # The course is the torque to be added to the command; plotted is commanded minus needed, its negative.
     residual = -np.asarray(diagnosis.where.residual, float)
     left = diagnosis.residual_where if diagnosis.causes else None
     for axes, axis in zip(drawn, panels, strict=True):
@@ -223,6 +225,7 @@ def binned(axis: np.ndarray, values: np.ndarray, bins: int = 60) -> tuple[np.nda
     quantiles = np.full((3, bins), np.nan)
     for i in range(bins):
         inside = values[index == i]
+        # Fewer values have no 10 % quantile.
         if inside.size >= 8:
             quantiles[:, i] = np.quantile(inside, [0.1, 0.5, 0.9])
     centres = 0.5 * (edges[1:] + edges[:-1])
