@@ -17,7 +17,7 @@ ROOT = pathlib.Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data" / "emps"
 RECORD, PULSES = DATA / "DATA_EMPS.mat", DATA / "DATA_EMPS_PULSES.mat"
 MODEL = ROOT / "examples" / "emps.toml"
-LAP = 6.24
+LAP = 6.24  # [s] one period of the reference, over which final estimates are averaged
 pytestmark = pytest.mark.skipif(not RECORD.exists(), reason=f"the EMPS data are not at {DATA.name} beside the repo")
 
 
@@ -42,6 +42,7 @@ class Drive(fp.AbstractSensor):
 
 def replay(log, law, offset):
     """(force error relative to the record's force, position error [m] rms) of the closed loop on the reference."""
+    # As published with the record: position gain [1/s], velocity gain [V s/m], drive gain [N/V], moved mass [kg].
     start = jnp.asarray(log.position[0])
     controller = fp.PositionLoop(160.18, fp.Proportional(243.45 * 35.15))
     plant = fp.OneMass(95.1089, law, fp.Unbalance(0.0, 0.0, offset))
@@ -87,6 +88,7 @@ def test_least_squares_pairs_the_torque_with_its_period(log):
     """The published least squares: 95.11 kg, 20.39 N, 203.5 N s/m, -3.16 N, from the positions alone."""
     velocity, _ = measured_velocity(log)
     found = fit_pairs(log.torque[:-1], velocity, log.dt, 95.1089)
+    # Within a per cent: the published fit filters the positions in another way.
     assert found["coulomb"] == pytest.approx(20.39, rel=0.01)
     assert found["viscous"] == pytest.approx(203.5, rel=0.01)
     assert found["offset"] == pytest.approx(-3.165, abs=0.1)

@@ -93,6 +93,7 @@ def test_slow_gains_over_many_passes_are_least_squares():
     middle, rate = 0.5 * (log.velocity[1:] + log.velocity[:-1]), np.diff(log.velocity) / DT
     instruments = np.stack([np.sign(middle), middle])
     solution = np.linalg.solve(instruments @ instruments.T, instruments @ (log.torque[:-1] - inertia * rate))
+    # A 20th of the usual gains: the estimates hardly move within a pass, as averaging needs.
     slow = fp.ExtendedFriedlandPark(inertia, 4.0, 2.0)
     found = fp.estimate(log, slow, passes=30, average=log.duration)
     assert found.final["coulomb"] == pytest.approx(solution[0], rel=5e-3)
@@ -108,6 +109,7 @@ def test_the_causal_differentiator_says_how_late_it_is():
     late = float(how.rpartition("at 50 Hz, ")[2].split()[0]) * 1e-3
     shifts = np.linspace(0.0, 8e-3, 161)
     time = np.arange(len(truth)) * DT
+    # The first 100 samples are the start of the filter.
     misfit = [np.sum((np.interp(time - shift, time, truth) - velocity)[100:] ** 2) for shift in shifts]
     assert shifts[int(np.argmin(misfit))] == pytest.approx(late, abs=3e-4)
 
@@ -140,6 +142,7 @@ def test_a_pass_starts_where_the_last_one_ended():
     arrays = (jnp.asarray(log.torque[:-1]), jnp.asarray(log.velocity), jnp.asarray(DT))
     one, two = observe(EFP, *arrays, 1), observe(EFP, *arrays, 2)
     step = np.max(np.abs(np.diff(np.asarray(one["coulomb"])[-300:])))
+    # A jump back to the initial state would be 20 N m; a pass that continues moves by about a step.
     assert abs(float(two["coulomb"][0] - one["coulomb"][-1])) < 3.0 * step
 
 

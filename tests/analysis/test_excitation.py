@@ -12,6 +12,7 @@ from fpjax.cli import main
 DEGREE = math.pi / 180.0
 INERTIA = 10.0 * DEGREE  # the thesis' loop runs in deg/s
 TRUTH = {"coulomb": 20.0, "viscous": 2.0 * DEGREE}
+# One period of 1 Hz.
 TIME = np.arange(0.0, 1.0, 1e-4)
 SINE = np.sin(2.0 * np.pi * TIME)
 
@@ -136,6 +137,7 @@ def test_sticking_rate_is_the_one_of_the_chattering_loop():
     record = ("control", "estimates.coulomb", "velocity")
     run = fp.simulate(loop, fp.Constant(5.0), dt=1e-5, duration=0.5, solver="euler", record=record)
     estimate, control = np.asarray(run.signals["estimates.coulomb"]), np.asarray(run.signals["control"])
+    # After the start, and before the estimate reaches k: the mass sticks all the time.
     stuck = slice(5000, 30000)
     assert np.max(np.abs(run.signals["velocity"][stuck])) < 1e-3
     measured = (estimate[stuck][-1] - estimate[stuck][0]) / (25000 - 1) / 1e-5

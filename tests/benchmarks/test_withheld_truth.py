@@ -160,7 +160,7 @@ def test_two_masses_swing_at_their_free_frequency():
     assert 1 / (np.mean(np.diff(exact)) * DT) == pytest.approx(frequency, rel=5e-4)
 
 
-def test_play_moves_the_load_only_once_it_is_crossed():
+def test_backlash_moves_the_load_only_once_it_is_crossed():
     physics = {
         "inertia": 0.2,
         "load_share": 0.5,
@@ -176,6 +176,7 @@ def test_play_moves_the_load_only_once_it_is_crossed():
     crossing = np.sqrt(2 * 0.01 * 0.1 / 1.0)  # half the gap by the motor alone
     alone = record.time < crossing
     np.testing.assert_allclose(record.true_velocity[alone], 10 * record.time[alone], atol=1e-9)
+    # (1 - 0.05) N m on 0.2 kg m^2 for 0.3 s, but for the swing that the impact leaves.
     assert record.true_velocity[-1] == pytest.approx(0.95 / 0.2 * 0.3, rel=0.1)
 
 
@@ -352,6 +353,7 @@ def test_the_labels_parameters_close_the_gap():
         noise = case.machine.physics["velocity_noise"]
         perfect = np.mean(window_residual(plan.nominal, record, DT, change=change) ** 2) / noise**2
         nominal = np.mean(window_residual(plan.nominal, record, DT) ** 2) / noise**2
+        # 1500 samples of noise scatter by sqrt(2 / 1500) = 0.037: four of it.
         assert abs(perfect - 1) < 0.15, effect
         assert nominal > 1.5, effect
 

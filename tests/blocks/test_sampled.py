@@ -26,6 +26,7 @@ def test_lead_is_the_zero_order_hold_of_scipy():
 @pytest.mark.parametrize("damping", [0.0, 0.5, 8.94427191, 50.0])  # swinging, nearly critical, far beyond
 def test_high_order_step_is_the_matrix_exponential(damping):
     plant = fp.SeriesTwoMass(0.02, 10.0, 1000.0, damping, fp.NoFriction())
+    # 2 sqrt(k J_r) = 8.94: critical damping.
     reduced = 0.02 * 10.0 / 10.02
     system = signal.StateSpace(
         [[0.0, 1.0], [-1000.0 / reduced, -damping / reduced]], [[0.0], [1.0 / reduced]], np.eye(2), np.zeros((2, 1))

@@ -24,6 +24,7 @@ def settled(observer, dt, duration=60.0):
     run = fp.simulate(
         loop, fp.Sine(1.0, 0.5), dt=dt, duration=duration, solver="exact", stepping="sampled", record=names
     )
+    # One period of the 0.5 Hz reference.
     last = round(2.0 / dt)
     return {name.removeprefix("estimates."): float(np.mean(run.signals[name][-last:])) for name in names}
 

@@ -41,6 +41,7 @@ def test_sine_and_cosine_within_two_and_a_half_units(dtype, reach):
 @pytest.mark.parametrize(("dtype", "reach"), [(np.float64, 1e6), (np.float32, 1e4)])
 def test_next_to_a_zero_within_three_and_a_half_units(dtype, reach):
     """The numbers nearest to multiples of pi / 2, where nearly all of the angle cancels, and their neighbours."""
+    # pi in extended precision: the second term is what double precision rounds off.
     pi = np.longdouble(np.pi) + np.longdouble(1.2246467991473532e-16)
     quarters = (np.arange(1, int(reach / (np.pi / 2.0))) * pi / 2.0).astype(dtype)
     x = np.concatenate([quarters, np.nextafter(quarters, dtype(0)), np.nextafter(quarters, dtype(np.inf))])
@@ -58,6 +59,7 @@ def test_far_away_sine_and_cosine_err_by_what_the_angle_is_rounded(dtype):
         x = RNG.uniform(-reach, reach, 10_000).astype(dtype)
         s, c = (np.asarray(part, np.longdouble) for part in jax.jit(sincos)(x))
         assert np.max(np.abs([s, c])) < 1.01
+        # Beyond the range of exact reduction the angle is rounded to its own spacing.
         allowed = np.spacing(np.abs(x)) + 3.0 * np.finfo(dtype).eps
         exact = x.astype(np.longdouble)
         assert np.all(np.abs(s - np.sin(exact)) <= allowed)

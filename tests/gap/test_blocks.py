@@ -73,8 +73,10 @@ def test_a_mass_that_stops_within_the_step_sticks_and_one_that_is_pushed_harder_
     dt, zero = jnp.asarray(0.1), jnp.asarray(0.0)
     held = advance_exact(plant, state, jnp.asarray(2.0), zero, dt)
     assert float(held.velocity) == 0.0
+    # Stops after v / a with a = (3 - 2) / 2 = 0.5 rad/s^2, on half of v t.
     np.testing.assert_allclose(held.position, 0.5 * 0.01 * (0.01 / 0.5), rtol=1e-12)
     turned = advance_exact(plant, state, jnp.asarray(-5.0), zero, dt)
+    # Slowed down by 5 + 3 N m until rest, then driven back by 5 - 3.
     until = 0.01 / (8.0 / 2.0)
     np.testing.assert_allclose(turned.velocity, -(0.1 - until) * 1.0, rtol=1e-12)
     np.testing.assert_allclose(turned.position, 0.5 * 0.01 * until - 0.5 * (0.1 - until) ** 2, rtol=1e-9)
@@ -91,6 +93,7 @@ def test_a_resting_mass_stays_exactly_and_its_sensitivity_is_zero():
     assert float(value) == 0.0
     assert float(slope) == 0.0
     value, slope = jax.jvp(after, (jnp.asarray(3.5),), (jnp.asarray(1.0),))
+    # (3.5 - 3) N m on 2 kg m^2 for 1 ms; viscous friction takes a share of 5e-5.
     np.testing.assert_allclose(value, 0.5e-3 * 0.5, rtol=1e-3)
     np.testing.assert_allclose(slope, 0.5e-3, rtol=1e-3)
 
@@ -116,6 +119,7 @@ def test_one_step_a_period_is_second_order_away_from_rest():
                 plant, state, jnp.asarray(6.0), jnp.asarray(k * 0.1 / steps), jnp.asarray(0.1 / steps)
             )
         errors.append(abs(float(state.velocity) - exact[0]))
+    # Half the step: a quarter of the error, nearly.
     assert errors[1] < errors[0] / 3.5
 
 

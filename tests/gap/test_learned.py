@@ -63,6 +63,7 @@ def test_a_curve_of_velocity_lies_within_its_band_and_the_gap_closes():
     (law,) = learned("velocity").laws
     assert law.of == "velocity"
     assert inside(law, bend) >= 0.8
+    # A band of half the curve would hold nearly any curve.
     assert np.max(np.array(law.high) - np.array(law.low)) < 0.5 * np.max(np.abs(law.torque))
     assert missing(search, learned("velocity").fit) < 0.2 * missing(search, fit)
     # The share is of the energy that the simulation with the law no longer misses.

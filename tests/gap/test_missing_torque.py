@@ -86,6 +86,7 @@ def test_what_a_sluggish_model_leaves_is_read_as_the_larger_torque_that_it_is(ha
     assert fitter.log_volume(c, np.where(fitter.modes.sensor, 0.0, 3.0)) > 0.0
     few, many = (fitter.torques(replace(c, level=np.full(fitter.modes.bands, q)), hanging.train) for q in (1e-4, 1e3))
     windows = sum(len(chosen) for chosen in hanging.train)
+    # A level far below the noise counts no torque, one far above it counts nearly every window.
     assert few[0] < 0.01 * windows
     assert many[0] > 0.9 * windows
 
@@ -100,5 +101,6 @@ def test_a_log_that_is_quiet_but_for_a_few_pushes_has_a_gap():
     def missing(one):
         return one.finish([one.exact])[0].missing_rms(one.train)
 
+    # 3 N m for 0.15 s of every 4 s: 0.58 N m rms over the log.
     assert missing(search) > 0.1
     assert missing(quiet) < 0.1 * missing(search)

@@ -33,6 +33,7 @@ def test_gyro_noise_bias_and_scale():
     assert np.mean(left) == pytest.approx(0.05, abs=5 * 0.02 / np.sqrt(samples))
     assert np.std(left) == pytest.approx(0.02, rel=5 / np.sqrt(2 * samples))
     white = left - np.mean(left)
+    # The correlation at lag one of white noise has the standard error sigma^2 / sqrt(n).
     assert abs(np.mean(white[1:] * white[:-1])) < 5 * 0.02**2 / np.sqrt(samples)
 
 
@@ -66,6 +67,7 @@ def test_encoder_quantisation():
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
     error = reading - signals["position"]
     assert np.max(np.abs(error)) <= 0.5 * step * (1 + 1e-9)
+    # A uniform error within half a step; the sine crosses few hundred steps, so that it is not exactly uniform.
     assert np.std(error) == pytest.approx(step / np.sqrt(12.0), rel=0.15)
     difference = np.diff(reading, prepend=reading[0]) / DT
     np.testing.assert_allclose(signals["measured_velocity"], difference, atol=1e-9)
@@ -88,6 +90,7 @@ FUSION = fp.KalmanFusion(GYRO, fp.Encoder(0.0, 1e-3), 1e-3)
 
 def kalman(rates, readings):
     """The textbook filter: x = (angle, bias), F = [[1, -dt], [0, 1]], matrices and the Joseph form."""
+    # Angle and bias: the angle grows by (rate - bias) dt; noise of the rate, 0.05, and of the bias, 0.02 a root second.
     transition = np.asarray([[1.0, -DT], [0.0, 1.0]])
     process = np.diag([(0.05 * DT) ** 2, 0.02**2 * DT])
     measurement, variance = np.asarray([[1.0, 0.0]]), 1e-6
@@ -163,6 +166,7 @@ def windup(limited):
     control, velocity = np.asarray(run.signals["control"]), np.asarray(run.signals["velocity"])
     assert np.max(np.abs(control)) <= 20.0 + 1e-12
     assert np.sum(np.abs(control) > 19.999) > 100
+    # 20 N m on 10 kg m^2 reach 2 rad/s in one second: the limit acts for a thousand samples.
     return np.max(velocity) - 2.0, velocity[-1]
 
 

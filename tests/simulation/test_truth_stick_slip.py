@@ -75,6 +75,7 @@ def test_sign_converges_to_it_with_the_first_order(solver):
     for dt in (1e-3, 1e-4):
         time, velocity = simulated(dt, solver)
         errors.append(np.max(np.abs(velocity - exact(time)[0])))
+        # The largest change of speed in one step is (k + A) dt / J; a switch may come up to a step late.
         assert errors[-1] < 3.0 * (COULOMB + AMPLITUDE) * dt / INERTIA
     assert errors[1] < 0.2 * errors[0]
 
@@ -85,6 +86,7 @@ def test_tanh_converges_to_it_as_its_steepness_grows():
     for steepness in (1e3, 1e4):
         time, velocity = simulated(1e-5 if steepness > 5e3 else 1e-4, "rk4", steepness, end=1.0)
         errors.append(np.max(np.abs(velocity - exact(time)[0])))
+    # Creep of at most atanh(T / k) / lambda; a T of nearly k makes it several times 1 / lambda.
     assert errors[0] < 10.0 / 1e3
     assert errors[1] < 0.2 * errors[0]
 
@@ -104,6 +106,7 @@ def test_the_sticking_step_is_second_order_at_periods_a_hundred_times_longer():
         return np.max(np.abs(np.asarray(velocity) - truth)), np.mean(np.asarray(velocity) == 0.0)
 
     (coarse, _), (fine, resting) = largest(2e-2), largest(5e-3)
+    # A quarter of the step: a sixteenth of the error for second order, an eighth with the events between.
     assert fine < coarse / 8.0
     assert resting > 0.1
 

@@ -29,8 +29,10 @@ def test_coordinates_linear_below_the_start_are_the_inverse_too_and_halve_with_i
     linear = space.linear_below(np.asarray(start))
     for value in (1e-2, 0.0999, 0.3, 10.0, 500.0):
         np.testing.assert_allclose(linear.values(jnp.asarray(linear.coordinates([value]))), [value], rtol=1e-9)
+    # 1e-3: the bend towards the bounds, four decades away.
     np.testing.assert_allclose(linear.values(jnp.array([-0.5])), [5.0], rtol=1e-3)
     np.testing.assert_allclose(linear.values(jnp.array([1.0])), [10.0 * np.e], rtol=1e-3)
+    # The joints of the map: the knee, and TAIL - 1 = -0.7.
     for turn in (0.0, -0.7):
         left, right = (jax.jvp(linear.values, (jnp.array([turn + side]),), (jnp.ones(1),))[1] for side in (-1e-9, 1e-9))
         np.testing.assert_allclose(left, right, rtol=1e-5)

@@ -44,6 +44,7 @@ def test_the_estimation_objective_finds_gains_that_follow_every_true_b(example):
     tuned = (result.gains["observer.gain_2"], result.gains["observer.gain_1"] / example.DEGREE)
     truth = np.array(example.TRUE_VISCOUS)
     final, peak = estimates(example, tuned)
+    # The slow mode settles in seconds, and 30 s are simulated; 5 % is far from the 100 % that the thesis' gains miss.
     np.testing.assert_allclose(final, truth, rtol=0.05)
     # The price: on its way b_hat swings to hundreds of times the truth.
     assert np.all(peak > 500.0)
