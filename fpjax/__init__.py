@@ -1,7 +1,7 @@
 """fpjax: simulate, tune and diagnose servo loops with friction, in JAX.
 
-The public surface is `fpjax/public.py`; it is imported when its first name is asked for, so that `fpjax --help` and
-`fpjax inspect` need not wait for jax.
+The public names are those of `fpjax/public.py`. It is imported when the first of them is used, so that `fpjax --help`
+and `fpjax inspect` do not have to wait for jax.
 """
 
 import importlib
@@ -18,7 +18,7 @@ _moved.keep_old_names()
 def __getattr__(name: str) -> Any:
     if name.startswith("__"):
         raise AttributeError(f"module 'fpjax' has no attribute {name!r}")
-    # A module first: one of ours may ask for another while the public surface is still being imported.
+    # Modules first: while the public names are still being imported, one module may ask for another.
     if _moved.is_module(name):
         return importlib.import_module(f"fpjax.{name}")
     public = importlib.import_module("fpjax.public")

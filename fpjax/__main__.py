@@ -1,4 +1,4 @@
-"""`python -m fpjax` is `fpjax`."""
+"""`python -m fpjax` runs the command `fpjax`."""
 
 import sys
 

@@ -1,6 +1,6 @@
-"""Modules that stood elsewhere until 0.1: their old names work for one version more, with a warning.
+"""Old names of modules that moved since 0.1: they work for one more version, with a warning.
 
-The finder stands last in `sys.meta_path`: it is asked only for what is found nowhere else.
+The finder is the last one in `sys.meta_path`, so it is only asked for modules that no other finder has found.
 """
 
 import importlib
@@ -36,16 +36,16 @@ MOVED = {
     "logs.measures": "logs.noise",
     **{f"logs.{name}": f"logs.{room}.{name}" for room, names in _ROOMS_OF_LOGS.items() for name in names},
 }
-"""Old name of a module -> where it is now, both without `fpjax.`."""
+"""Old name of a module -> its present name, both without `fpjax.`."""
 RENAMED = {"Estimation": "Estimated"}
-"""Old name of a public symbol -> its name now: what `estimate` found, no longer the name of a tuning's objective."""
+"""Old name of a public symbol -> its present name. `Estimation` is now the name of a tuning objective only."""
 
 
 class _OldName(types.ModuleType):
-    """Hands on what the module of the new name has; called, it is the public function that shares its old name."""
+    """Stands for the module of the new name. It can be called, because `fpjax.simulate` was a function and a module."""
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):  # the import system's own: above all no `__path__` of the room
+        if name.startswith("__"):  # attributes of the import system must be this module's own, above all `__path__`
             raise AttributeError(name)
         return getattr(self.__dict__["_now"], name)
 
@@ -76,7 +76,7 @@ class _OldNames(MetaPathFinder, Loader):
 
 
 def _now(fullname: str) -> str | None:
-    """Where the module of this old name is, or what stood within a folder of this name; None where nothing moved."""
+    """The present full name of a module by its old one, also of a module in a folder that moved; None for any other."""
     head, rest = fullname.removeprefix("fpjax."), ""
     while head not in MOVED:
         if "." not in head:
@@ -87,12 +87,12 @@ def _now(fullname: str) -> str | None:
 
 
 def warn_of(old: str, now: str) -> None:
-    """Say to whoever asks for the old name what it is called now."""
+    """Warn that a public symbol has a new name."""
     warnings.warn(f"{old} is now {now}; the old name goes with the next version", DeprecationWarning, stacklevel=3)
 
 
 def keep_old_names() -> None:
-    """Let the old names be imported, from here on."""
+    """Make the old names importable; a second call does nothing."""
     if not any(isinstance(finder, _OldNames) for finder in sys.meta_path):
         sys.meta_path.append(_OldNames())
 

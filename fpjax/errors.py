@@ -1,12 +1,12 @@
-"""What is raised and warned of: each text is one sentence for the user."""
+"""Exceptions and warnings; the text of each is one sentence for the user."""
 
-LONGEST = 600  # characters of a message: what is longer is not read
-LONGEST_WORD = 255  # characters: the longest name that file systems take
+LONGEST = 600  # longest message [characters]: users do not read more
+LONGEST_WORD = 255  # longest word of a long message [characters]: the longest file name of common file systems
 _CUT = "..."
 
 
 def readable(text: str) -> str:
-    """A message of one line and a length that is read: what users or files named without an end is cut in its middle.
+    """A message on one line and of limited length; very long words, which come from users' files, are shortened.
 
     Args:
         text: the message.
@@ -14,6 +14,7 @@ def readable(text: str) -> str:
     line = " ".join(text.split("\n")) if "\n" in text else text
     if len(line) <= LONGEST:
         return line
+    # Long words are shortened further and further, before the message itself is cut: the sentence around them matters.
     words = line.split(" ")
     most = LONGEST_WORD
     while most > 40 and sum(map(len, words)) + len(words) - 1 > LONGEST:
@@ -30,7 +31,7 @@ def _shortened(text: str, most: int) -> str:
 
 
 class InputError(ValueError):
-    """Bad input, said in one sentence: what it must be, what was given, what to do.
+    """Bad input; the message says in one sentence what it must be, what was given, and what to do.
 
     The command line prints the sentence and exits with code 2; from Python it is a `ValueError`.
     """
@@ -40,11 +41,11 @@ class InputError(ValueError):
 
 
 class FpjaxWarning(UserWarning):
-    """A result is given, but the user should know something about it (the sentence says what)."""
+    """A warning about a result that is given; the message says in one sentence what the user should know."""
 
     def __init__(self, sentence: str = "") -> None:
         super().__init__(readable(sentence))
 
 
 class DivergedError(ArithmeticError):
-    """A run that left the range of finite numbers, where `throw` asked for it: a result, not a wrong input."""
+    """A run that diverged, raised only where `throw` asks for it: divergence is a result, not a wrong input."""

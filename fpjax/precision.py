@@ -1,4 +1,4 @@
-"""Double precision for what needs it, whatever the process has chosen for itself."""
+"""Double precision for computations that need it, whatever the setting of the process."""
 
 from contextlib import AbstractContextManager
 from typing import Any
@@ -7,8 +7,8 @@ import jax
 
 
 def double_precision() -> AbstractContextManager[Any]:
-    """A context in which arrays are float64; the process' own setting is left alone."""
+    """A context in which arrays are float64; the setting of the process is not changed."""
     switch = getattr(jax, "enable_x64", None)
-    if switch is None:  # before jax 0.8 it stands with the experimental ones
+    if switch is None:  # before jax 0.8 it was in jax.experimental
         from jax.experimental import enable_x64 as switch  # pyright: ignore[reportAttributeAccessIssue]
     return switch(True)

@@ -1,4 +1,4 @@
-"""The public surface of fpjax: explicit re-exports, nothing else; `fpjax` itself hands them on when asked."""
+"""The public names of fpjax: explicit re-exports, nothing else; `fpjax` gives access to them on first use."""
 
 from .analysis.estimate import Estimated as Estimated
 from .analysis.excitation import Excitation as Excitation

@@ -1,4 +1,4 @@
-"""The verbs of a user: `simulate`, `estimate`, `linearise` of a model, its file or blocks; errors are one sentence."""
+"""The public functions `simulate`, `estimate` and `linearise`, for a model, its file, or blocks, with input checks."""
 
 import dataclasses
 import os
@@ -44,13 +44,14 @@ DEFAULT_SIGNALS = (
 )  # fmt: skip
 
 
+# The blocks of a loop: (name, class, an example for the error message).
 _BLOCKS = (
     ("plant", AbstractPlant, "OneMass(10.0, fp.CoulombViscous(20.0, 2.0))"),
     ("controller", AbstractController, "ProportionalIntegral(150.0, 200.0)"),
     ("observer", AbstractObserver, "ExtendedFriedlandPark(10.0, 100.0, 100.0, steepness=500.0)"),
     ("actuator", AbstractActuator, "IdealActuator()"),
     ("sensor", AbstractSensor, "IdealSensor()"),
-)  # of a loop, and what each may be
+)
 
 
 def simulate(
@@ -69,30 +70,30 @@ def simulate(
     key: Array | None = None,
     throw: bool = False,
 ) -> Run:
-    """Simulate a closed loop, or what a servo.toml describes.
+    """Simulate a closed loop, or the model of a servo.toml.
 
-    Given a model or its file, everything else has the file's value, all signals are recorded, and the run is in double
-    precision, as on the command line. Given blocks, the precision is the process's: float32 unless
-    `jax.config.update("jax_enable_x64", True)` was called first. `print(run)` says which.
+    For a model or its file all other settings default to the file's, all signals are recorded, and the run is in double
+    precision, as on the command line. For blocks the precision is that of the process: float32, unless
+    `jax.config.update("jax_enable_x64", True)` was called first. `print(run)` shows which it was.
 
     Args:
         loop: the closed loop; a `Model`, or the path (or the text) of a servo.toml.
-        reference: what it follows; None for the model's.
+        reference: reference of the loop [rad/s], or [rad] for a position loop; None for the model's.
         dt: step, or control period when sampled [s]; None for the model's.
         duration: [s]; samples run from 0 to duration, both included; None for the model's.
         samples: number of samples, instead of `duration`.
         solver: "euler", "heun", "ode3" or "rk4" (default); "exact" resolves sticking exactly (sampled stepping).
         stepping: "continuous" (default) or "sampled".
         substeps: solver steps per control period when sampled; 1 by default.
-        measures: what to accumulate, by name of your choice.
-        record: signals to store, by the names of `Signals`; an estimate as "estimates.coulomb". None: of a model
-            everything that a picture shows, of blocks nothing.
+        measures: measures to accumulate along the run, by names of your choice.
+        record: signals to store, by the names of `Signals`; an estimate as "estimates.coulomb". None records all
+            signals of a picture for a model, and nothing for blocks.
         initial: state to start from; None for rest.
-        key: `jax.random` key of the sensor's noise; None for none.
-        throw: raise where the run diverged, instead of saying so in `status`.
+        key: `jax.random` key of the sensor's noise; None for no noise.
+        throw: raise an error where the run diverges, instead of reporting it in `status`.
 
     Returns:
-        A `Run`, which prints its numbers, `plot`s itself and becomes a data frame.
+        A `Run`: it can be printed, plotted and converted to a data frame.
 
     Raises:
         InputError: for invalid settings.
@@ -121,7 +122,7 @@ def simulate(
                 key=key,
                 throw=throw,
             )
-        # Double-precision jax arrays in a process that has float32 warn at every operation: a user gets numpy's.
+        # In a process with float32, every operation on a float64 jax array warns: so the result holds numpy arrays.
         time, signals, measured = jax.tree.map(_on_host, (run.time, run.signals, run.measures))
         return dataclasses.replace(run, time=time, signals=signals, measures=measured, about=about_model(model))
     blocks = checked_loop(loop, "simulate")
@@ -160,17 +161,18 @@ def estimate(
     Args:
         log: torque and velocity or position on one clock, or the path of its file.
         observer: with its gains and the axis' inertia; or a `Model`, or the path of a servo.toml, with an [observer],
-            whose known load then holds too.
+            whose known load is then used too.
         load: known load torque (an unbalance, an offset), subtracted from the log's torque; None for the model's.
-        average: seconds at the end over which the estimates are averaged (a lap of a periodic program); None for the
-            last quarter.
-        differentiator: how a log without velocity gets one: "zero_phase" (central difference of the position passed
-            forwards and backwards through a low-pass: no delay, not possible online) or "causal" (backward difference
-            and a first-order low-pass, as a drive would).
-        cutoff: of that low-pass [Hz]; None for a tenth of the control rate. A logged velocity is taken as it is.
-        passes: over the log, each starting from the last one's estimates; the last one is returned. Slow gains need
-            the time, and are worth it: in their limit the observer solves the normal equations of least squares, while
-            fast ones follow friction that depends on direction and place.
+        average: length of the window at the end over which the estimates are averaged, for instance a lap of a periodic
+            program [s]; None for the last quarter.
+        differentiator: how the velocity is computed for a log without one: "zero_phase" (central difference of the
+            position, filtered forwards and backwards by a low-pass: no delay, but not possible online) or "causal"
+            (backward difference and a first-order low-pass, as in a drive).
+        cutoff: cutoff frequency of that low-pass [Hz]; None for a tenth of the control rate. A logged velocity is used
+            as it is.
+        passes: passes over the log, each starting from the estimates of the one before; the last one is returned. Slow
+            gains need more passes. In the limit of slow gains the observer solves the normal equations of least
+            squares, while fast gains follow friction that depends on direction and position.
 
     Raises:
         InputError: for a log that is too short, an observer without estimates, or estimates that left the finite range.
@@ -202,11 +204,11 @@ def linearise(
     substeps: int | None = None,
     reference: float | None = None,
 ) -> "LinearLoop":
-    """Linearise a loop, or what a servo.toml describes, about a steady motion.
+    """Linearise a loop, or the model of a servo.toml, about a steady motion.
 
-    The tangent is jax's, of the very step (or derivative) that is simulated: delays, lags, the hold of a sampled loop
-    and the observer's compensation are in it. A rounding passes as if it were not there, a limit counts where it acts,
-    and Coulomb friction of a moving mass has no slope.
+    The derivative is jax's, of the same step (or derivative) that is simulated: delays, lags, the hold of a sampled
+    loop and the observer's compensation are all included. The rounding of a sensor is left out, a limit counts where it
+    is active, and Coulomb friction of a moving mass has no slope.
 
     Args:
         loop: the closed loop; a `Model`, or the path (or the text) of a servo.toml.
@@ -214,18 +216,18 @@ def linearise(
         dt: control period, or step of the settling simulation in continuous time [s]; None for the model's.
         stepping: "sampled" (default) or "continuous"; None for the model's.
         solver: of the plant; None for the model's, or "rk4".
-        substeps: solver steps a period when sampled; None for the model's, or 1.
-        reference: r at a given state [rad/s or rad]; with a speed it follows from it.
+        substeps: solver steps per control period when sampled; None for the model's, or 1.
+        reference: r at a given state [rad/s or rad]; where `at` is a speed, r follows from it.
 
     Returns:
-        A `LinearLoop`, which prints its margins and plots them.
+        A `LinearLoop`: it prints its margins and can be plotted.
 
     Raises:
         InputError: where the loop does not settle at that speed, or a state comes without its reference.
     """
     if not isinstance(at, int | float | LoopState):
-        raise InputError(f"at = {_shown(at)} is no steady motion: give a speed [rad/s], or a LoopState.")
-    from .linear.linearise import linearise as linearise_loop  # scipy's searches, which only margins need
+        raise InputError(f"at must be a speed [rad/s] or a LoopState, got {_shown(at)}.")
+    from .linear.linearise import linearise as linearise_loop  # here, because it imports scipy's root searches
 
     model = as_model(loop, "linearise")
     if model is None:
@@ -244,12 +246,15 @@ def linearise(
 
 
 def as_model(source: Any, verb: str, also: str = "a ClosedLoop") -> Model | None:
-    """The model that was given, read where it is a path or text; None for anything else.
+    """The model given, read from its file where it is a path or text; None for a loop or an observer.
 
     Args:
-        source: what the user gave.
-        verb: whose argument it is.
-        also: what else it may be, for the sentence; "" for nothing.
+        source: the user's argument.
+        verb: the function whose argument it is, for the message.
+        also: what else the argument may be, for the message; "" for nothing.
+
+    Raises:
+        InputError: for anything else.
     """
     if isinstance(source, Model):
         return source
@@ -265,10 +270,10 @@ def as_model(source: Any, verb: str, also: str = "a ClosedLoop") -> Model | None
 
 
 def checked_loop(loop: Any, verb: str) -> ClosedLoop:
-    """The loop, its plain numbers as arrays (one that was built under another precision, or by `tree_at`).
+    """The loop, with plain numbers as arrays, after checking the type of each block.
 
     Raises:
-        InputError: for what is no loop.
+        InputError: for anything but a `ClosedLoop` of blocks.
     """
     if not isinstance(loop, ClosedLoop):
         raise InputError(f"{verb} got {_shown(loop)}: give a ClosedLoop, a Model or the path of a servo.toml.")
@@ -283,10 +288,10 @@ def checked_loop(loop: Any, verb: str) -> ClosedLoop:
 
 
 def checked_reference(reference: Any) -> AbstractReference:
-    """The reference.
+    """The reference, with plain numbers as arrays.
 
     Raises:
-        InputError: for what is none.
+        InputError: for anything but a reference block.
     """
     if not isinstance(reference, AbstractReference):
         hint = "fp.Constant(...)" if isinstance(reference, int | float) else "fp.Sine(amplitude=1.0, frequency=1.0)"
@@ -295,7 +300,7 @@ def checked_reference(reference: Any) -> AbstractReference:
 
 
 def about_model(model: Model) -> About:
-    """What a picture of this model's run wants to know."""
+    """True values, units and title for the picture of a run of this model."""
     units = ("rad", "rad/s", "N m", *KINDS.values())
     return About(
         tuple((name, value) for name, value in model.nominal.items() if name in KINDS),
@@ -307,7 +312,7 @@ def about_model(model: Model) -> About:
 
 
 def about_loop(loop: ClosedLoop) -> About:
-    """The truths of a loop of blocks, where they are numbers."""
+    """True values for the picture of a run of a loop of blocks, where they are single numbers."""
     law = loop.plant.friction
     found = {name: getattr(law, name, None) for name in KINDS}
     numbers = {

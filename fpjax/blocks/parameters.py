@@ -1,7 +1,7 @@
-"""Parameters by dotted name: what a sweep, a tuning and an identification read and set in any tree of blocks.
+"""Parameters by dotted name, as sweeps, tunings and identifications read and set them in any tree of blocks.
 
-A name is the path of attributes to an array leaf, as in `observer.gain_1` or `plant.friction.coulomb`; an entry of a
-tuple is its index (`parts.0.gain`), an entry of a dictionary its key.
+A name is the path of attributes to an array leaf, as in `observer.gain_1` or `plant.friction.coulomb`. An entry of a
+tuple goes by its index (`parts.0.gain`), an entry of a dictionary by its key.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ from ..errors import InputError
 
 
 def parameter_names(tree: PyTree) -> tuple[str, ...]:
-    """Dotted names of all floating-point leaves of `tree`, in order; what is None or static has none."""
+    """Dotted names of all floating-point leaves of `tree`, in order; fields that are None or static have no name."""
     return tuple(".".join(path) for path, _ in _leaves(tree, ()))
 
 
@@ -31,7 +31,7 @@ def get_parameter(tree: PyTree, name: str) -> Array:
         name: dotted name, one of `parameter_names(tree)`.
 
     Raises:
-        InputError: for a name that is not there; the nearest one is named.
+        InputError: for an unknown name; the message gives the nearest one.
     """
     for path, leaf in _leaves(tree, ()):
         if ".".join(path) == name:
@@ -47,7 +47,7 @@ def get_parameters(tree: PyTree, names: tuple[str, ...] | list[str]) -> dict[str
         names: dotted names, each one of `parameter_names(tree)`.
 
     Raises:
-        InputError: for a name that is not there; the nearest one is named.
+        InputError: for an unknown name; the message gives the nearest one.
     """
     known = {".".join(path): leaf for path, leaf in _leaves(tree, ())}
     for name in names:
@@ -63,17 +63,17 @@ def set_parameters(tree: PyTree, values: Mapping[str, PyTree]) -> PyTree:
 
     Args:
         tree: a closed loop, a block, or any container of them.
-        values: by dotted name, a number or an array that has the parameter's shape or, for a vmap, that shape behind
-            leading batch axes.
+        values: by dotted name, a number or an array of the parameter's shape; for a vmap, with batch axes before it.
 
     Raises:
-        InputError: for a name that is not there (the nearest one is named), a wrong shape, or an invalid value.
+        InputError: for an unknown name (the message gives the nearest one), a wrong shape, or an invalid value.
     """
     names = tuple(values)
     old = get_parameters(tree, names)
     new = [_cast(name, values[name], old[name]) for name in names]
     if not names:
         return tree
+    # `tree_at` does not run the blocks' own checks, so every block on the way to a changed leaf is checked again.
     changed = eqx.tree_at(lambda at: [_at(at, name.split(".")) for name in names], tree, new)
     checked: set[int] = set()
     for name in names:
@@ -130,8 +130,8 @@ def _cast(name: str, value: ArrayLike, old: Array) -> Array:
     kept = new.shape[new.ndim - old.ndim :] if new.ndim >= old.ndim else None
     if kept != old.shape:
         raise InputError(
-            f"{name} has shape {old.shape}, but the new value has {new.shape}: give one value of its own shape "
-            f"(or that shape behind batch axes, for a vmap)."
+            f"{name} has shape {old.shape}, but the new value has {new.shape}: give a value of the parameter's shape "
+            f"(for a vmap, with batch axes before it)."
         )
     return new
 
@@ -145,11 +145,11 @@ def _unknown(tree: PyTree, name: str) -> str:
         absent = False
     if absent:
         return (
-            f"parameter {name!r} is not a number here (it is absent or a whole block): build the block with a value "
-            f"for it first, or choose among {', '.join(known)}."
+            f"parameter {name!r} is not a number in this loop (it is absent or a whole block): build the block with a "
+            f"value for it first, or choose among {', '.join(known)}."
         )
-    # The last word is what people remember: look for it anywhere before comparing whole paths.
+    # Users remember the last word of a name: it is looked for anywhere, before whole names are compared.
     near = [each for each in known if each.rpartition(".")[2] == last]
     near = near or difflib.get_close_matches(name, known, n=1, cutoff=0.0)
     hint = f"did you mean {near[0]!r}? " if near else ""
-    return f"parameter {name!r} is not known: {hint}Known here: {', '.join(known) or 'none'}."
+    return f"parameter {name!r} is not known: {hint}Known: {', '.join(known) or 'none'}."

@@ -1,1 +1,1 @@
-"""One run of a closed loop: its equations, solvers and time step, what is recorded and what is measured on the way."""
+"""Simulation of a closed loop: its equations, the solvers, the scan over time, recorded signals and measures."""

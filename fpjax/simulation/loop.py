@@ -1,4 +1,4 @@
-"""ClosedLoop: the blocks joined; its derivative and its step."""
+"""ClosedLoop: the blocks joined to one loop; its derivative and its step."""
 
 from collections.abc import Callable
 from typing import ClassVar
@@ -18,16 +18,16 @@ from ..blocks.signals import Measurement, Motion, PlantOutput, Signals
 from ..compiled.native import alike_on_devices
 from .solvers import AbstractPlantSolver, AbstractSolver
 
-UNROLLED_SUBSTEPS = 4  # more of them go into an inner loop, so that compiling stays short
+UNROLLED_SUBSTEPS = 4  # more substeps than this are an inner loop, to keep compilation short
 
 
 class Period(eqx.Module):
-    """What a sampled observer keeps of the period that ends now.
+    """Memory of a sampled observer about the period that ends now.
 
     Attributes:
-        torque: commanded over it [N m].
-        velocity: measured at its start [rad/s].
-        begun: whether there was one.
+        torque: torque commanded over the period [N m].
+        velocity: velocity measured at its start [rad/s].
+        begun: 0 at the first sample, which ends no period; 1 later.
     """
 
     torque: Array
@@ -39,11 +39,11 @@ class LoopState(eqx.Module):
     """The evolving state of a closed loop.
 
     Attributes:
-        plant: the plant's, the friction law's within it.
-        controller: the controller's.
-        observer: the observer's.
-        actuator: the actuator's.
-        sensor: the sensor's.
+        plant: the plant's state, which contains that of the friction law.
+        controller: the controller's state.
+        observer: the observer's state.
+        actuator: the actuator's state.
+        sensor: the sensor's state.
         period: a `Period` for a sampled observer; the empty tuple in continuous time and without one.
     """
 
@@ -56,12 +56,12 @@ class LoopState(eqx.Module):
 
 
 class Command(eqx.Module):
-    """What the control law makes of one sample: all that a drive computes in a period.
+    """The result of the control law at one sample: all that a drive computes in a period.
 
     Attributes:
-        memory: what the law keeps for the next sample: (the controller's state, the observer's, the `Period`).
+        memory: memory of the law for the next sample: (the controller's state, the observer's state, the `Period`).
         control: the controller's output u [N m].
-        compensation: what the observer adds [N m].
+        compensation: torque added by the observer [N m].
         torque: commanded torque u + compensation [N m].
         estimates: the observer's estimates by name.
     """
@@ -74,17 +74,17 @@ class Command(eqx.Module):
 
 
 class ClosedLoop(eqx.Module):
-    """Plant, controller, and what stands between them.
+    """The closed loop of a plant, a controller, an observer, an actuator and a sensor.
 
-    Plain numbers in a block of your own become array leaves here, so that gradients, sweeps and names reach them.
+    Plain numbers in a user's own block become array leaves here, so that gradients, sweeps and names reach them.
 
     Attributes:
-        plant: the body and its friction.
+        plant: the mechanics with its friction.
         controller: from reference and measurement to control.
         observer: estimates friction and compensates it.
         actuator: from commanded to applied torque.
         sensor: from the plant's output to a measurement.
-        linearise: `fpjax.linearise` as a method; `fpjax.linear`, which stands above the loop, puts it here.
+        linearise: `fpjax.linearise` as a method; `fpjax.linear` sets it, because this module does not import it.
     """
 
     plant: AbstractPlant = eqx.field(converter=with_arrays)
@@ -127,6 +127,8 @@ class ClosedLoop(eqx.Module):
 
     def signals(self, state: LoopState, reference: Array, time: Array) -> Signals:
         """All signals of the continuous loop at one instant."""
+        # The plant is read twice. Its motion does not depend on the torque, and is needed to compute the torque; its
+        # friction may depend on the torque (stiction, load-dependent friction), and is read at the end.
         output = self.plant.readout(state.plant, jnp.zeros_like(time), time)
         measurement = self.sensor.readout(output)
         compensation, estimates = self.observer.readout(state.observer, measurement.velocity)
@@ -159,14 +161,14 @@ class ClosedLoop(eqx.Module):
         substeps: int,
         following: Array | None = None,
     ) -> tuple[LoopState, Signals]:
-        """One control period: read, control, observe, hold the torque while the plant takes `substeps` solver steps.
+        """One control period: read, observe, control, hold the torque while the plant takes `substeps` solver steps.
 
         Args:
             state: at `time`.
             reference: r at `time` [rad/s].
             time: start of the period [s].
             dt: control period [s].
-            noise: the sensor's standard normals of this sample.
+            noise: standard normal random numbers of the sensor for this sample.
             solver: for the plant.
             substeps: solver steps per period.
             following: r at `time` + dt [rad/s] for a controller that looks ahead; None where it is not known.
@@ -207,12 +209,12 @@ class ClosedLoop(eqx.Module):
         dt: Array,
         following: Array | None = None,
     ) -> Command:
-        """One period of the sampled control law, the plant left out: what `fpjax.export` writes as C.
+        """One period of the sampled control law, without the plant; `fpjax.export` writes this as C.
 
         Args:
-            memory: (the controller's state, the observer's, the `Period` before), see `sampled`.
+            memory: (the controller's state, the observer's state, the last `Period`), see `sampled`.
             reference: r [rad/s] (or [rad] for a position loop).
-            measurement: what the sensor reads now.
+            measurement: reading of the sensor now.
             dt: control period [s].
             following: the next sample's reference for a controller that looks ahead; None where it is not known.
         """
@@ -220,6 +222,8 @@ class ClosedLoop(eqx.Module):
             told = eqx.tree_at(lambda at: at.controller, self, self.controller.knowing(following))
             return told.control_law(memory, reference, measurement, dt)
         before, observer, period = memory
+        # The observer moves first: the velocity at the period's end is known only now, and the new estimates are used
+        # in this very sample. Controller and limit come after it, because the limit holds for the sum.
         observer = self._observe(observer, period, measurement.velocity, dt)
         compensation, estimates = self.observer.readout(observer, measurement.velocity)
         control, torque, excess = self._command(before, reference, measurement, compensation)
@@ -236,10 +240,10 @@ class ClosedLoop(eqx.Module):
     def _command(
         self, state: PyTree, reference: Array, measurement: Measurement, compensation: Array
     ) -> tuple[Array, Array, Array | None]:
-        """(control, torque that leaves the controller, what a limit moved it by) [N m]; None without a limit.
+        """(control, commanded torque, change of the torque by the limit) [N m]; the last is None without a limit.
 
-        Control and compensation always sum to the torque that leaves: what the limit cuts off, it cuts off the control,
-        so that an observer is never told of a torque that was not there.
+        Control and compensation always sum to the commanded torque. The part that the limit cuts off is taken off the
+        control, so that the observer never uses a torque that was not applied.
         """
         control = self._unbounded().readout(state, reference, measurement)
         wanted = control + compensation
@@ -259,7 +263,7 @@ class ClosedLoop(eqx.Module):
         return rates if back is None else jax.tree.map(jnp.add, rates, back)
 
     def sampled(self, state: LoopState) -> LoopState:
-        """The state as `advance_sampled` wants it: with room for the period before where an observer needs it."""
+        """The state in the form of `advance_sampled`: with a `Period`, where the loop has an observer."""
         if not self.observer.estimated or isinstance(state.period, Period):
             return state
         zero = jnp.zeros_like(jnp.asarray(jax.tree.leaves(state.plant)[0]))
@@ -268,7 +272,7 @@ class ClosedLoop(eqx.Module):
         )
 
     def _observe(self, observer: PyTree, last: PyTree, velocity: Array, dt: Array) -> PyTree:
-        """The observer's state now that the velocity at the period's end is known."""
+        """The observer's state after the last period, whose final velocity is known now; the same at the first sample."""
         if not isinstance(last, Period):
             return observer
         moved = self.observer.advance(observer, last.torque, last.velocity, velocity, dt)

@@ -1,4 +1,4 @@
-"""What is measured on a run: accumulators that ride in the scan's carry, and step information of a recorded trace."""
+"""Measures of a run: accumulators in the carry of the scan, and step information of a recorded response."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
@@ -16,7 +16,7 @@ Quantity = Callable[[Signals], Array]
 
 
 class AbstractMeasure(Block):
-    """A number that a run leaves, accumulated sample by sample without storing the trace."""
+    """A number computed along a run, accumulated sample by sample without storing the signals."""
 
     @abstractmethod
     def init(self, zero: Array) -> PyTree:
@@ -32,7 +32,7 @@ class AbstractMeasure(Block):
 
 
 class AbstractTerms(AbstractMeasure):
-    """A measure of one number a sample, its `term`, kept in one number."""
+    """A measure whose accumulator is one number, updated by one number per sample, its `term`."""
 
     def init(self, zero: Array) -> Array:
         """Zero."""
@@ -40,7 +40,7 @@ class AbstractTerms(AbstractMeasure):
 
     @abstractmethod
     def term(self, signals: Signals) -> Array:
-        """What a sample has to say."""
+        """The contribution of one sample."""
 
 
 class AbstractMean(AbstractTerms):
@@ -130,7 +130,7 @@ class RootMeanSquare(AbstractMean):
 
 
 class MeanSquare(AbstractMean):
-    """Mean square of a quantity over all samples: smooth where `RootMeanSquare` has a kink, so a better cost.
+    """Mean square of a quantity over all samples: a better cost, smooth at zero, where `RootMeanSquare` has a kink.
 
     Attributes:
         quantity: a function of the signals (static), by default r - w.
@@ -163,8 +163,8 @@ class StandardDeviation(AbstractMeasure):
 
     def final(self, total: PyTree, samples: int) -> Array:
         """The standard deviation (population)."""
-        # One pass, so that only two sums ride in the carry. The difference of two large numbers: in single precision a
-        # mean of a thousand times the deviation leaves one digit.
+        # E[x^2] - E[x]^2, so that one pass with two sums is enough. It is a difference of large numbers: in single
+        # precision a mean of a thousand times the deviation leaves one digit.
         mean = total[0] / samples
         return safe_root(total[1] / samples - jnp.square(mean))
 
@@ -218,7 +218,7 @@ class GradientRootMeanSquare(AbstractMeasure):
 
     def final(self, total: PyTree, samples: int) -> Array:
         """The root mean square, in the quantity's unit per sample."""
-        # per sample and not per second, as Table 3.4 prints it: a figure belongs to its step
+        # Per sample and not per second, as in Table 3.4; so the value depends on the step.
         return safe_root(total[0] / max(samples - 1, 1))
 
 
@@ -234,18 +234,18 @@ class CoulombTorqueError(AbstractMean):
     def term(self, signals: Signals) -> Array:
         """|(k - k_hat) sign(w)| [N m]; without an observer k_hat is zero."""
         estimate = signals.estimates.get("coulomb", jnp.zeros_like(signals.velocity))
-        # The sign makes it zero at rest, where the compensation is, too: an estimate's error costs nothing there.
+        # At rest sign(w) is zero: the compensation is zero there too, so an error of the estimate does not count.
         return jnp.abs((self.coulomb - estimate) * jnp.sign(signals.velocity))
 
 
 class EstimateError(AbstractMeasure):
-    """Mean square of (estimate - truth) / scale: the default tuning cost's one term.
+    """Mean square of (estimate - truth) / scale: one term of the default tuning cost.
 
     Attributes:
         name: which estimate (static).
         truth: its true value, in its own unit.
-        scale: what the error is divided by; None for |truth|.
-        start: time [s] before which nothing counts.
+        scale: divisor of the error, in the estimate's unit; None for |truth|.
+        start: samples before this time do not count [s].
     """
 
     name: str = eqx.field(static=True)
@@ -312,15 +312,15 @@ class SettlingTime(AbstractMeasure):
     tolerance: Array = eqx.field(converter=as_parameter, default=0.05)
 
     def init(self, zero: Array) -> tuple[Array, Array]:
-        """(first time inside since last outside [s], 1 while outside)."""
+        """(time of the last entry into the band [s], 1 while outside the band)."""
         return zero, zero + 1.0
 
     def update(self, total: PyTree, signals: Signals) -> PyTree:
         """Remember when the band was entered."""
         entered, was_outside = total
         error = jnp.abs(signals.estimates[self.name] - self.truth)
-        # Written as multiples of the carry: its precision and its batch axes stay, whatever the signals' are. What is
-        # not a number compares as outside.
+        # Written as multiples of the carry, so that the carry keeps its dtype and its batch axes. NaN compares as
+        # outside.
         outside = jnp.where(error <= self.tolerance * jnp.abs(self.truth), 0.0 * was_outside, 0.0 * was_outside + 1.0)
         return jnp.where(was_outside > outside, signals.time, entered), outside
 
@@ -331,10 +331,10 @@ class SettlingTime(AbstractMeasure):
 
 
 def safe_root(value: Array) -> Array:
-    """Root of a value; 0 where it is not positive, with slope 0: a loop at rest has no error, and no direction.
+    """Square root; 0 with slope 0 where the value is not positive; NaN stays NaN.
 
-    The square root's own slope is infinite at zero, and times the zero slope of a square it is not a number; both
-    branches of the `where` must be finite, hence the second one. What is not a number stays so.
+    The slope of the square root is infinite at zero, and infinity times the zero slope of a square is NaN. As gradients
+    pass through both branches of a `where`, the argument of the root is replaced by 1 where the root is not used.
     """
     rest = value <= 0.0
     return jnp.where(rest, 0.0, jnp.sqrt(jnp.where(rest, 1.0, value)))
@@ -378,7 +378,7 @@ def step_info(
     relative = response / target
     low, high = (np.flatnonzero(relative >= fraction) for fraction in rise)
     outside = np.flatnonzero(np.abs(relative - 1.0) > settling)
-    # from the last sample outside on: a response that leaves the band again has not settled before
+    # Settled after the last sample outside the band: a response that leaves the band again had not settled.
     settled = 0 if outside.size == 0 else int(outside[-1]) + 1
     peak = int(np.argmax(np.abs(response)))
     values = (

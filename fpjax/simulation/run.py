@@ -1,4 +1,4 @@
-"""One run of a closed loop, from its settings to a `Run`; `fpjax.simulate` (`verbs`) takes models and files too."""
+"""One run of a closed loop, from its settings to a `Run`; `fpjax.simulate` (in `verbs`) also takes models and files."""
 
 import os
 from enum import IntEnum
@@ -25,7 +25,8 @@ from .scan import Stepper, Stepping, make_inputs, make_stepper, roll
 from .solvers import AbstractPlantSolver
 from .stability import warn_if_stiff
 
-BYTES, INPUTS = 8, 4  # of a number; tables that every run has: the time, and the reference at a solver's nodes
+# Bytes of a number, and the number of tables in every run: the time, and the reference at up to three solver nodes.
+BYTES, INPUTS = 8, 4
 
 
 class Status(IntEnum):
@@ -42,12 +43,12 @@ SENTENCES = {
 
 
 class Run(eqx.Module):
-    """What a simulation leaves.
+    """The result of a simulation.
 
     Attributes:
-        time: [s], shape (samples,); numpy's, as all that follows, where a model was simulated.
-        signals: what was recorded, by name, each of shape (samples,).
-        measures: what was measured, by name.
+        time: [s], shape (samples,). All arrays are numpy's where a model was simulated, jax' where blocks were.
+        signals: recorded signals by name, each of shape (samples,).
+        measures: measures by name.
         status: a `Status` as an integer.
         final_state: state one step after the last sample.
         about: units and true values for the picture (static).
@@ -108,7 +109,7 @@ class Run(eqx.Module):
     __repr__ = __str__
 
     def plot(self, path: str | Path | None = None) -> Any:
-        """Reference and motion, error, torques, and every estimate with its truth: what of it was recorded.
+        """The picture of the recorded signals: reference and motion, error, torques, estimates with their true values.
 
         Args:
             path: picture file to write; None to write none.
@@ -161,18 +162,18 @@ def simulate(
 
     Args:
         loop: the closed loop.
-        reference: what it follows.
+        reference: reference of the loop [rad/s], or [rad] for a position loop.
         dt: step, or control period when sampled [s].
         duration: [s]; samples run from 0 to duration, both included.
         samples: number of samples, instead of `duration`.
         solver: "euler", "heun", "ode3" or "rk4"; "exact" resolves sticking exactly (sampled stepping).
         stepping: "continuous" or "sampled".
         substeps: solver steps per control period when sampled.
-        measures: what to accumulate, by name of your choice.
+        measures: measures to accumulate along the run, by names of your choice.
         record: signals to store, by the names of `Signals`; an estimate as "estimates.coulomb".
         initial: state to start from; None for rest.
-        key: `jax.random` key of the sensor's noise; None for none.
-        throw: raise where the run diverged, instead of saying so in `status`.
+        key: `jax.random` key of the sensor's noise; None for no noise.
+        throw: raise an error where the run diverges, instead of reporting it in `status`.
 
     Returns:
         A `Run`.
@@ -197,21 +198,24 @@ def simulate(
 
 
 def _check_memory(samples: int, recorded: int) -> None:
-    """Refuse a run whose signals no memory holds: a system that lends more than it has just ends the process."""
+    """Refuse a run whose signals do not fit into the memory.
+
+    Systems that overcommit memory would grant the request, and end the process later.
+    """
     try:
         there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):  # not every system tells
+    except (AttributeError, ValueError, OSError):  # not every system reports its memory
         return
     needed = BYTES * samples * (INPUTS + recorded)
     if needed > there:
         raise InputError(
-            f"{samples} samples with {recorded} signals recorded need {needed / 1e9:.3g} GB, and this machine has "
+            f"{samples} samples with {recorded} signals recorded need {needed / 1e9:.3g} GB, but this machine has "
             f"{there / 1e9:.3g} GB: shorten the run, take a larger dt, or record less."
         )
 
 
 def _check_periods(loop: ClosedLoop, dt: float) -> None:
-    """A transfer function is discretised when it is built: at another control period it would be another controller."""
+    """Refuse a transfer function that was discretised for another control period: it would be another controller."""
     for part in jax.tree.leaves(loop, is_leaf=lambda leaf: isinstance(leaf, TransferFunction)):
         period = part.period if isinstance(part, TransferFunction) else None
         if period is not None and abs(dt / period - 1.0) > 1e-6:
@@ -225,6 +229,7 @@ def _shape_of_run(
     loop: ClosedLoop, reference: AbstractReference, stepper: Stepper, measures: JsonObject, record: tuple[str, ...],
     initial: LoopState | None, key: Array | None,
 ) -> tuple[Any, ...]:  # fmt: skip
+    """What a run is compiled for, as a key for `jit_by`."""
     del loop, reference, initial, key
     return stepper.samples, stepper.stepping, stepper.substeps, type(stepper.solver), record, tuple(sorted(measures))
 
@@ -240,6 +245,7 @@ def _run(
     key: Array | None,
 ) -> Run:
     inputs = make_inputs(loop, reference, stepper, key)
+    # `native` takes arrays only, so all else (functions, names, settings) is split off and put back inside.
     dynamic, static = eqx.partition((loop, inputs, stepper, measures, initial), eqx.is_array)
 
     def scan(arrays: Any) -> Any:
@@ -251,11 +257,11 @@ def _run(
 
 
 def run_status(finals: dict[str, Array], state: LoopState) -> Int[Array, ""]:
-    """`Status` of a run from its measures and its final state: anything not finite, or past 1e15, is diverged."""
-    leaves = [leaf for leaf in jax.tree.leaves(state) if eqx.is_inexact_array(leaf)]  # a counter cannot diverge
+    """`Status` of a run: diverged where a final state is not finite or beyond 1e15, or a measure is NaN."""
+    leaves = [leaf for leaf in jax.tree.leaves(state) if eqx.is_inexact_array(leaf)]  # integers cannot diverge
     healthy = jnp.array(True)
     for leaf in leaves:
         healthy = healthy & jnp.all(jnp.abs(leaf) < 1e15)
     for value in finals.values():
-        healthy = healthy & jnp.all(~jnp.isnan(value))
+        healthy = healthy & jnp.all(~jnp.isnan(value))  # a measure may be infinite: a time of something that never was
     return jnp.where(healthy, int(Status.COMPLETED), int(Status.DIVERGED))

@@ -1,4 +1,4 @@
-"""THE scan: every simulation of a closed loop, by whomever it is asked for, runs through `roll`."""
+"""The scan over time: every simulation of a closed loop runs through `roll`."""
 
 from typing import Any, Literal, NamedTuple, SupportsFloat
 
@@ -24,7 +24,7 @@ Checkpoint = Literal["auto", "none", "step", "nested"]
 
 
 class Stepper(eqx.Module):
-    """How time passes: the step is an array leaf (changing it never recompiles), the rest is static.
+    """The time steps of a run. The step is an array leaf, so changing it never recompiles; all else is static.
 
     Attributes:
         dt: step, or control period when sampled [s].
@@ -32,7 +32,7 @@ class Stepper(eqx.Module):
         solver: the solver (static).
         stepping: "continuous" (the whole loop is one ODE) or "sampled" (torque held over a period) (static).
         substeps: solver steps per control period when sampled (static).
-        checkpoint: what reverse mode keeps, see `native.scan_loop` (static).
+        checkpoint: what is stored for reverse mode, see `native.scan_loop` (static).
     """
 
     dt: Float[Array, ""]
@@ -53,7 +53,7 @@ def make_stepper(
     substeps: int = 1,
     checkpoint: Checkpoint = "auto",
 ) -> Stepper:
-    """A `Stepper` from the words of `servo.toml`.
+    """A `Stepper` from the settings as in `servo.toml`.
 
     Args:
         dt: step, or control period when sampled [s].
@@ -76,7 +76,7 @@ def make_stepper(
     if not isinstance(dt, Tracer) and not float(dt) > 0.0:
         raise InputError(f"dt must be positive, got {float(dt):g} s; 1e-4 s is usual here.")
     if (duration is None) == (samples is None):
-        raise InputError("Give either duration [s] or samples, not both and not neither.")
+        raise InputError("Give either duration [s] or samples: exactly one of them.")
     if samples is None:
         assert duration is not None
         if not float(dt) <= duration < float("inf"):
@@ -98,15 +98,15 @@ def make_stepper(
 
 
 class Inputs(NamedTuple):
-    """What a run is driven by, as tables built once outside the scan.
+    """The inputs of a run, as tables built once outside the scan.
 
-    A named tuple, which jax takes apart without any Python: a call of one candidate would notice.
+    It is a named tuple, because jax flattens these without calling Python, which counts in a call for one candidate.
 
     Attributes:
         time: start of each sample [s], shape (samples,).
-        references: one table per node of the solver, each of shape (samples,) [rad/s]; sampled that of the samples, and
-            that of the next samples for a controller that looks ahead.
-        noise: one table of standard normals per channel of the sensor, each of shape (samples,).
+        references: in continuous stepping one table for each node of the solver, each of shape (samples,) [rad/s]; in
+            sampled stepping the reference at the samples, and for a controller that looks ahead also at the next ones.
+        noise: one table of standard normal random numbers for each channel of the sensor, each of shape (samples,).
     """
 
     time: Float[Array, " samples"]
@@ -120,12 +120,12 @@ def make_inputs(loop: ClosedLoop, reference: AbstractReference, stepper: Stepper
     Args:
         loop: gives the dtype and the number of noise channels.
         reference: r(t).
-        stepper: how time passes.
+        stepper: the time steps.
         key: a `jax.random` key for the sensor's noise; None for no noise.
     """
     dtype = loop_dtype(loop)
     dt = stepper.dt.astype(dtype)
-    # Rounding: k * dt in float32 is off by 1e-7 relative, which no reference notices.
+    # k * dt and not a running sum, whose rounding errors would add up; in float32 it is off by 1e-7, relatively.
     time = jnp.arange(stepper.samples).astype(dtype) * dt
     solver = stepper.solver
     nodes = (0.0, 1.0) if loop.controller.looks_ahead else (0.0,)
@@ -141,15 +141,15 @@ def make_inputs(loop: ClosedLoop, reference: AbstractReference, stepper: Stepper
 
 
 def sampled_tables(controller: AbstractController, reference: Array) -> tuple[Array, ...]:
-    """`Inputs.references` of a table that is run sample by sample; its last velocity continues.
+    """`Inputs.references` from a table with one value per sample; beyond its end a position goes on at its last rate.
 
     Args:
-        controller: whether it looks ahead.
+        controller: whose need of the next sample decides.
         reference: r [rad/s], or [rad] for a position loop, shape (samples,).
     """
     if not controller.looks_ahead:
         return (reference,)
-    # A position that stopped within a sample would ask for all the torque there is.
+    # A position that stopped within one sample would mean an enormous deceleration to a feed-forward.
     moving = controller.follows_position and reference.shape[0] > 1
     after = 2.0 * reference[-1] - reference[-2] if moving else reference[-1]
     return reference, jnp.append(reference[1:], after)
@@ -163,13 +163,13 @@ def roll(
     record: tuple[str, ...] = (),
     initial: LoopState | None = None,
 ) -> tuple[dict[str, Float[Array, "..."]], dict[str, Float[Array, " samples"]], LoopState]:
-    """The scan. A pure function of arrays: jit, vmap and differentiate it at will; `simulate` does so for one run.
+    """The scan over time. It is a pure function of arrays, so it can be jitted, vmapped and differentiated.
 
     Args:
         loop: the closed loop.
         inputs: from `make_inputs`.
-        stepper: how time passes.
-        measures: accumulated in the carry.
+        stepper: the time steps.
+        measures: accumulated in the carry of the scan, by name.
         record: names of the signals to store.
         initial: state to start from; None for rest.
 
@@ -199,7 +199,7 @@ def advance(
 ) -> tuple[LoopState, Signals]:
     """One step, continuous or sampled, from one row of the inputs."""
     if stepper.stepping == "continuous":
-        assert isinstance(stepper.solver, AbstractSolver)  # `make_stepper` lets nothing else through
+        assert isinstance(stepper.solver, AbstractSolver)  # checked by `make_stepper`
         return loop.advance_continuous(state, sample.references, sample.time, dt, stepper.solver)
     reference, *following = sample.references
     return loop.advance_sampled(
@@ -239,7 +239,7 @@ def loop_dtype(tree: PyTree) -> np.dtype:
     return dtypes.pop() if dtypes else jnp.result_type(float)
 
 
-# Any: jax.typing.DTypeLike holds a protocol that no isinstance takes, and the tests check these types at run time.
+# `Any`, because jax.typing.DTypeLike contains a protocol without isinstance, and the tests check types at run time.
 def astype(tree: PyTree, dtype: Any) -> PyTree:
     """A copy of `tree` (a block, a loop, a reference) with every floating leaf in `dtype`."""
     return jax.tree.map(lambda leaf: leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf, tree)

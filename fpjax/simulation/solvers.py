@@ -14,10 +14,10 @@ from ..errors import InputError
 
 
 class AbstractPlantSolver(eqx.Module):
-    """How a plant is stepped under a held torque (sampled stepping).
+    """One step of a plant under a held torque (sampled stepping).
 
     Class attributes:
-        name: its word in `servo.toml`.
+        name: its name in `servo.toml`.
         stability_limit: largest |rate| x dt on the negative real axis at which the step is stable [1].
     """
 
@@ -33,7 +33,8 @@ class AbstractSolver(AbstractPlantSolver):
     """One explicit step of any ODE: a plant under a held torque, or the whole loop (continuous stepping).
 
     Class attributes:
-        nodes: fractions of the step [1] at which the derivative is asked for and inputs must be known, no repeats.
+        nodes: fractions of the step [1] at which derivatives are evaluated, so that inputs must be known there; each
+            only once.
     """
 
     nodes: ClassVar[tuple[float, ...]]
@@ -56,7 +57,8 @@ class Euler(AbstractSolver):
 
     name: ClassVar[str] = "euler"
     nodes: ClassVar[tuple[float, ...]] = (0.0,)
-    # Each limit is where |R(z)| = 1 on the negative real axis, R being the exponential's series to the method's order.
+    # Here and below the limit is -z with |R(z)| = 1 on the negative real axis, where R, the stability function, is the
+    # series of exp(z) up to the method's order (Hairer, Wanner, "Solving ordinary differential equations II").
     stability_limit: ClassVar[float] = 2.0
 
     def advance(self, derivative: Callable[[int, PyTree], PyTree], state: PyTree, dt: Array) -> PyTree:
@@ -79,7 +81,7 @@ class Heun(AbstractSolver):
 
 
 class BogackiShampine(AbstractSolver):
-    """ode3, third order: what Simulink took for the thesis (Bogacki, Shampine, "A 3(2) pair of formulas", 1989)."""
+    """ode3, third order, Simulink's solver in the thesis (Bogacki, Shampine, "A 3(2) pair of formulas", 1989)."""
 
     name: ClassVar[str] = "ode3"
     nodes: ClassVar[tuple[float, ...]] = (0.0, 0.5, 0.75)
@@ -97,7 +99,7 @@ class RungeKutta4(AbstractSolver):
     """The classical Runge-Kutta method, fourth order."""
 
     name: ClassVar[str] = "rk4"
-    nodes: ClassVar[tuple[float, ...]] = (0.0, 0.5, 1.0)  # the middle one is asked for twice
+    nodes: ClassVar[tuple[float, ...]] = (0.0, 0.5, 1.0)  # the middle one is evaluated twice
     stability_limit: ClassVar[float] = 2.7853
 
     def advance(self, derivative: Callable[[int, PyTree], PyTree], state: PyTree, dt: Array) -> PyTree:
@@ -110,9 +112,9 @@ class RungeKutta4(AbstractSolver):
 
 
 class ExactSticking(AbstractPlantSolver):
-    """The plant's own step, `AbstractPlant.advance`: set-valued friction whose sticking is resolved within the step.
+    """The plant's own step, `AbstractPlant.advance`: set-valued friction, with sticking resolved within the step.
 
-    For sampled stepping only: a whole loop as one ODE holds no torque.
+    It is for sampled stepping only, because it needs a torque that is held over the step.
     """
 
     name: ClassVar[str] = "exact"

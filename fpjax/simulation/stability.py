@@ -1,4 +1,4 @@
-"""Whether a solver's step can follow a smooth friction law: the number, and the warning that carries it."""
+"""The stability of a solver's step with a smooth friction law: its number, a safe steepness, and a warning."""
 
 import warnings
 from typing import Any
@@ -33,7 +33,7 @@ def stiffness_number(loop: ClosedLoop, dt: float) -> float | None:
         return None
     if any(isinstance(leaf, Tracer) or np.ndim(leaf) for leaf in jax.tree.leaves((plant, dt))):
         return None
-    # The law itself tells its slope, whatever its levels: on a grid over the width of the tanh, finer than it bends.
+    # The slope is taken numerically from the law itself, so it holds for any law: on a grid of +-3 widths of the tanh.
     velocity = np.linspace(-3.0, 3.0, 241, dtype=steepness.dtype) / np.asarray(steepness)
     slope = np.max(np.diff(np.asarray(_torque(law, velocity, _driving(loop)))) / np.diff(velocity))
     return float(slope * float(dt) / np.asarray(plant.rubbing_inertia()))
@@ -41,20 +41,20 @@ def stiffness_number(loop: ClosedLoop, dt: float) -> float | None:
 
 @eqx.filter_jit
 def _torque(law: AbstractStaticFriction, velocity: Array, driving: Array) -> Array:
-    """Friction torque [N m] at these velocities [rad/s]; compiled, because every `simulate` asks."""
+    """Friction torque [N m] at velocities [rad/s] of shape (points,); compiled, because every `simulate` calls it."""
     velocity = jnp.asarray(velocity)
     rest = jnp.zeros_like(velocity)
     return law.readout((), Motion(velocity, rest, rest, rest + driving), rest)
 
 
 def _driving(loop: ClosedLoop) -> Array:
-    """The torque [N m] for a level that grows with it: the actuator's limit, else what holds a constant speed."""
+    """The torque [N m] for load-dependent friction: the actuator's limit, or else the torque at a constant speed."""
     law: Any = loop.plant.friction
     share = getattr(law, "load_coefficient", None)
     if share is None:
         return jnp.zeros_like(law.steepness)
     limit = getattr(loop.actuator, "limit", None)
-    return law.coulomb / (1.0 - share) if limit is None else limit
+    return law.coulomb / (1.0 - share) if limit is None else limit  # T = k + mu T at a constant speed
 
 
 def safe_steepness(
