@@ -272,7 +272,7 @@ class ClosedLoop(eqx.Module):
         )
 
     def _observe(self, observer: PyTree, last: PyTree, velocity: Array, dt: Array) -> PyTree:
-        """The observer's state after the last period, whose final velocity is known now; the same at the first sample."""
+        """The observer's state after the last period, whose final velocity is known now."""
         if not isinstance(last, Period):
             return observer
         moved = self.observer.advance(observer, last.torque, last.velocity, velocity, dt)

@@ -94,7 +94,7 @@ def test_linearise_takes_a_file_a_model_or_blocks():
     [
         (lambda: fp.linearise(3), "linearise got int '3'"),
         (lambda: fp.linearise(fp.load_model(GIMBAL).loop), "linearise needs dt"),
-        (lambda: fp.linearise(GIMBAL, at="fast"), "is no steady motion"),
+        (lambda: fp.linearise(GIMBAL, at="fast"), "must be a speed"),
         (lambda: fp.diagnose("run.csv", GIMBAL, effects=("stribeck",)), "effects holds str 'stribeck'"),
         (lambda: fp.improve("run.csv", GIMBAL, diagnosis=3), "improve got int '3' as its diagnosis"),
         (lambda: fp.plan(3), "plan got int '3': give a Model"),
