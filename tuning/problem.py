@@ -110,7 +110,9 @@ def make_problem(
     varied = {name: jnp.asarray(np.atleast_1d(np.asarray(values)), dtype) for name, values in (plants or {}).items()}
     sizes = {values.shape for values in varied.values()}
     if len(sizes) > 1:
-        raise InputError(f"plants gives arrays of shapes {sorted(sizes)}: give one value a plant for each parameter.")
+        raise InputError(
+            f"plants gives arrays of shapes {sorted(sizes)}: give each parameter one value for every plant."
+        )
     for name in varied:
         get_parameter(loop, name)
         if name in names:

@@ -116,13 +116,13 @@ def run_case(case: RealCase, records: Records, out: Path, afresh: bool, tool: To
         (place / "seconds.json").write_text(json.dumps(spent) + "\n")
     elif (place / "seconds.json").exists() and not error:
         spent = json.loads((place / "seconds.json").read_text())
-    found = told(case, records, diagnosis, checks, hidden, spent, error)
+    found = entry_of_case(case, records, diagnosis, checks, hidden, spent, error)
     pictures = [f"{case.name}/{path.name}" for path in sorted(place.glob("*.png"))]
     report = f"{case.name}/report.html" if (place / "report.html").exists() else None
     return found | {"pictures": pictures, "report": report}
 
 
-def told(
+def entry_of_case(
     case: RealCase, records: Records, diagnosis: JsonObject, checks: list[Check], hidden: tuple[Stretch, ...],
     spent: float | None, error: str,
 ) -> JsonObject:  # fmt: skip

@@ -32,7 +32,7 @@ def write_page(page: Path, out: Path, results: Sequence[JsonObject], versions: d
         "# Gallery: records of real machines",
         "",
         "Written by the command below, with every figure as it printed it; the records are public and are not part of",
-        "the repository. What is documented of each, and how a diagnosis is checked against it, is told in",
+        "the repository. What is documented of each, and how a diagnosis is checked against it, is described in",
         "[evidence](evidence.md).",
         "",
         "```console",

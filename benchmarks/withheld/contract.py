@@ -1,4 +1,4 @@
-"""What both truths are asked for: the names of the effects and the units of their parameters; no law and no number.
+"""What both generators share: names of effects and units of their parameters; no law and no number.
 
 The two generators share this table and the identities of their cases, and nothing else (a test compares their lines).
 """

@@ -1,4 +1,4 @@
-"""`--write DIR`: cases as folders for whoever works on the diagnosis and is not to read the truths."""
+"""`--write DIR`: cases as folders, for people who work on the diagnosis and must not read the generators."""
 
 import json
 import shutil
@@ -10,19 +10,29 @@ from .cases import PERIODS, Label, generate, log_path, read_labels
 from .identity import Identity
 from .progress import Progress
 
-TOLD = (
+# Keys of a label that an answer holds.
+ANSWER = (
     "effects", "outside", "accepted", "also_true", "parameters", "set", "sensors", "system", "truth", "seed", "linear",
     "nominal_true", "nominal_error_percent", "measured_torque", "starter", "recording",
 )  # fmt: skip
 
 
 def answer_of(label: Label) -> Label:
-    """What a development case's answer.json says: no law, no size of the clutter."""
-    return {name: label[name] for name in TOLD if name in label}
+    """The answer of a case, without the form of the law and the size of the clutter."""
+    return {name: label[name] for name in ANSWER if name in label}
 
 
 def write_collection(folder: Path, wanted: list[Identity], answers: Path | None, periods: int = PERIODS) -> int:
-    """NAME/log.csv and NAME/servo.toml, with answer.json for development cases, the others' in a file of their own."""
+    """Write NAME/log.csv and NAME/servo.toml of each case, answer.json beside those of the development half.
+
+    Answers of the reported half go to one file elsewhere, so that nobody meets them by chance.
+
+    Args:
+        folder: of the cases.
+        wanted: the cases.
+        answers: file of the reported half's answers; None if there are none.
+        periods: of a log.
+    """
     reported = [one for one in wanted if one.seed % 2]
     if reported and answers is None:
         raise InputError(

@@ -82,7 +82,7 @@ def build(identity: Identity, periods: int = PERIODS) -> Case:
 
 
 def label_of(case: Case, record: Record) -> JsonObject:
-    """What the scorer is told and the tool is not, but for the identity."""
+    """The label of a case without its identity: for the scorer, never for the diagnosis."""
     plan, identity, physics = case.plan, case.identity, case.machine.physics
     true = {
         "inertia": plan.draw.inertia,

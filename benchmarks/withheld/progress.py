@@ -5,7 +5,7 @@ import time
 
 
 class Progress:
-    """One line that is rewritten; every 60 s a whole line where nobody watches."""
+    """One line that is rewritten; without a terminal, a whole line every 60 s."""
 
     def __init__(self, stage: str):
         self.stage = stage

@@ -115,7 +115,7 @@ def ranking_of(diagnosis: Diagnosis) -> list[JsonObject]:
 
 
 def declared(entry: JsonObject) -> set[str]:
-    """The class an entry stands for: itself and what it says cannot be told apart from it."""
+    """The class that an entry stands for: itself and the effects that it declares indistinguishable."""
     names = {entry["effect"], *(entry.get("indistinguishable_from") or [])}
     return names if len(names) <= LARGEST_CLASS else {entry["effect"]}
 

@@ -66,6 +66,7 @@ def build(
     load_matters = "load_dependent_friction" in effects
     scales = scales_of(drawn, wanted, dt)
     if not drawn.kind.linear and "unbalance" not in effects and (load_matters or rng.random() < 0.15):
+        # A load that is known: large where friction that depends on the load is asked for, else a side issue in 15 %.
         known = scales.torque * (rng.uniform(1.2, 2.0) if load_matters else rng.uniform(0.2, 0.6))
         nominal |= {"unbalance": known, "unbalance_phase": float(rng.uniform(0, 2 * np.pi))}
         values |= {"unbalance": known, "unbalance_phase": nominal["unbalance_phase"]}
@@ -162,6 +163,7 @@ def scales_of(drawn: Drawn, wanted: np.ndarray, dt: float = DT) -> Scales:
     torque = drawn.inertia * acceleration + drawn.viscous * wanted
     torque = torque + drawn.coulomb * np.tanh(wanted / (0.01 * drawn.kind.speed))
     return Scales(
+        # peak is exceeded in 2 % of the time; moving counts speeds above 2 % of the top speed.
         torque=float(np.sqrt(np.mean(torque**2))),
         speed=float(np.sqrt(np.mean(wanted**2))),
         acceleration=float(np.sqrt(np.mean(acceleration**2))),
@@ -242,7 +244,7 @@ def finished(
     """Simulate cases; an effect that is not visible is made larger, a record that nobody would keep is drawn again.
 
     Args:
-        wanted: one a case.
+        wanted: the cases.
         periods: length of the logs at 1 kHz; those of another rate or length in proportion.
         progress: called with the share done.
 

@@ -32,6 +32,7 @@ def turn(bits: int) -> float:
 KINDS = {
     kind.name: kind
     for kind in (
+        # name, linear, inertia, coulomb, viscous, speed, travel, bandwidth, rate noise, rate step, encoder, bits, Hz
         Kind("hobby", False, 2.2e-3, 0.06, 6e-3, 6.0, 2.8, (38, 65), 0.02, 0.0153, turn(12), 11, 2.5),
         Kind("joint", False, 0.16, 1.6, 0.45, 2.5, 2.8, (30, 65), 2e-3, 1.1e-3, turn(17), 14, 2.5),
         Kind("motor", False, 6.5e-4, 0.062, 1.1e-3, 42.0, 60.0, (90, 190), 0.012, 0.02, turn(16), 13, 7.0),

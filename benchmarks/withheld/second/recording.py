@@ -58,7 +58,7 @@ def recorded(columns: dict[str, np.ndarray], recording: Recording, rng: np.rando
     """The columns as this way of recording gives them.
 
     Args:
-        columns: by name, `time` and `torque` among them, one value a period.
+        columns: by name, `time` and `torque` among them, one value for each period.
         recording: what the recorder does.
         rng: random numbers of this purpose.
     """

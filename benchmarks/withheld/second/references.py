@@ -7,6 +7,7 @@ from .machines import Kind, between
 
 def reference(kind: Kind, rng: np.random.Generator, count: int, dt: float) -> np.ndarray:
     """Velocity reference of `count` samples from rest; its integral stays within the machine's travel."""
+    # Always one wide-band piece, reversals and trapezoids: every effect is excited somewhere.
     wide = ["chirp", "steps"][int(rng.integers(2))]
     others = rng.permutation(["sines", "trapezoids", "reversals", "chirp", "steps"])
     pieces = [wide, "reversals", "trapezoids", str(others[0])]
@@ -18,6 +19,7 @@ def reference(kind: Kind, rng: np.random.Generator, count: int, dt: float) -> np
         rest = int(rng.uniform(0.05, 0.25) / dt) if rng.random() < 0.5 else 0
         stop = max(end - rest, begin + 100)
         part = PIECES[piece](kind, rng, np.arange(stop - begin) * dt)[: end - begin]
+        # Without its mean, so that the piece comes back; smoothed over 20 ms, as by a generator that limits the jerk.
         part = smooth(part - part.mean(), int(0.02 / dt))
         # Scaled down to the travel, as one would set the amplitude so that nothing hits a stop.
         reach = np.ptp(np.cumsum(part) * dt)

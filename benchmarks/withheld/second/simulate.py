@@ -208,6 +208,7 @@ def _simulate(worlds: list[World], substeps: int, progress: Callable[[float], No
         change = np.diff(reference, axis=1, append=reference[:, -1:])
         slope = slope + p["forward_ahead"][:, None] * (change / dt - slope)
         aimed = reference + 0.5 * p["forward_ahead"][:, None] * change
+    # Position reference of a cascade: the integral of the velocity reference up to this sample.
     wanted = p["start"][:, None] + np.cumsum(reference, axis=1) * dt - reference * dt
     normals = np.stack([np.random.default_rng(world.seed).normal(size=(3, periods)) for world in worlds], axis=1)
     push = np.stack([np.zeros(periods) if w.push is None else w.push for w in worlds])
@@ -235,6 +236,7 @@ def _simulate(worlds: list[World], substeps: int, progress: Callable[[float], No
         rate = rounded(p["rate_scale"] * read + p["rate_bias"] + p["rate_noise"] * normals[0, :, k], p["rate_step"])
         encoder = p["encoder_step"] * np.floor((source + p["encoder_noise"] * normals[1, :, k]) / p["encoder_step"])
         counts[k % 64] = encoder
+        # Difference over `average` periods, then a first-order filter: how a drive derives its velocity.
         span = p["average"].astype(np.intp)
         change = encoder - counts[(k - span) % 64, lanes]
         derived = change / (span * dt) + (derived - change / (span * dt)) * smooth
@@ -259,6 +261,7 @@ def _simulate(worlds: list[World], substeps: int, progress: Callable[[float], No
             applied += torque / substeps
             plant.step(torque + push[:, k], time + (i + 0.5) * step, step)
             history[number % len(history)] = np.where(on_load, plant.velocity[-1], plant.velocity[0])
+            # Dead time of the sensor in steps, interpolated between two of them.
             back = p["rate_delay"] / step
             lower = np.floor(back).astype(np.intp)
             one = history[(number - lower) % len(history), lanes]

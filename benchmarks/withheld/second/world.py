@@ -104,7 +104,7 @@ class World:
 
     Attributes:
         values: what differs from `NEUTRAL`.
-        reference: velocity reference, one a period.
+        reference: velocity reference, one value for each period.
         seed: of the sensors' noise.
         curve: factor on the friction level over v / (v + curve_speed), shape (POINTS,).
         push: torque on the machine, held over a period, or None.
@@ -124,7 +124,7 @@ class World:
 
 @dataclass
 class Trace:
-    """What one machine leaves, one row a period; `true_*` belong to the sensors' side and are hidden."""
+    """The run of one machine, one row for each period; `true_*` are on the side of the sensors, hidden from the log."""
 
     time: np.ndarray
     torque: np.ndarray  # as logged

@@ -84,9 +84,11 @@ STRIBECK = [
 
 def presliding(plan: Plan, rng: np.random.Generator) -> None:
     draw = plan.draw
+    # 0.7 to 7 ms of motion at top speed.
     deflection = draw.kind.speed * spread(rng, 0.7e-3, 7e-3)
     name, kind, exponent = BRISTLES[int(rng.integers(len(BRISTLES)))]
     stiffness = draw.coulomb / deflection
+    # Dahl friction has hysteresis of its own, and needs less damping than LuGre.
     ratio = spread(rng, 0.1, 0.8) if kind != 2 else spread(rng, 0.03, 0.3)
     plan.physics |= {
         "bristle_kind": kind,
@@ -142,6 +144,7 @@ def position_dependent_friction(plan: Plan, rng: np.random.Generator) -> None:
     amplitude = plan.draw.coulomb * spread(rng, 0.1, 0.4)
     slow = plan.draw.kind.name == "gimbal"
     periods = float(rng.integers(2, 9)) if slow else float(rng.integers(1, 7))
+    # Two of three are not sinusoidal: a machine's dependence on the angle rarely is.
     sharp = rng.random() < 0.7
     second, third = (rng.uniform(0.1, 0.4), rng.uniform(0.0, 0.3)) if sharp else (0.0, 0.0)
     plan.physics |= {
@@ -182,6 +185,7 @@ def _two_mass(plan: Plan, rng: np.random.Generator, frequency: float, share: flo
 
 def backlash(plan: Plan, rng: np.random.Generator) -> None:
     draw = plan.draw
+    # 0.8 to 8 ms of motion at top speed.
     gap = draw.kind.speed * spread(rng, 0.8e-3, 8e-3)
     share = rng.uniform(0.3, 0.7)
     frequency = spread(rng, 50, 200)
@@ -243,6 +247,7 @@ def cogging(plan: Plan, rng: np.random.Generator) -> None:
     amplitude = plan.draw.coulomb * spread(rng, 0.06, 0.35)
     low, high = {"gimbal": (6, 25), "servo": (4, 13), "drive": (6, 31)}[plan.draw.kind.name]
     periods = float(rng.integers(low, high))
+    # Half of them with a second harmonic.
     second = float(rng.uniform(0.05, 0.3)) if rng.random() < 0.5 else 0.0
     plan.physics |= {
         "cogging": amplitude,
@@ -293,7 +298,9 @@ def velocity_delay(plan: Plan, rng: np.random.Generator) -> None:
 
 
 def torque_saturation(plan: Plan, rng: np.random.Generator) -> None:
+    # Below the largest torque that the reference needs, so that it acts.
     limit = plan.peak * rng.uniform(0.6, 0.9)
+    # Seven of ten are hard; the others bend with a power of 20 to 40.
     softness = 0.0 if rng.random() < 0.7 else 1 / rng.uniform(20, 40)
     plan.physics |= {"limit": limit, "softness": softness}
     plan.parameters["torque_saturation"] = {"limit": limit}
@@ -307,6 +314,7 @@ def torque_dead_zone(plan: Plan, rng: np.random.Generator) -> None:
 
 
 def velocity_bias(plan: Plan, rng: np.random.Generator) -> None:
+    # 0.8 to 5 % of the top speed.
     bias = sign(rng) * plan.draw.kind.speed * spread(rng, 0.008, 0.05)
     plan.physics["bias"] = bias
     plan.parameters["velocity_bias"] = {"bias": bias}
@@ -319,6 +327,7 @@ def velocity_scale_error(plan: Plan, rng: np.random.Generator) -> None:
 
 
 def velocity_quantisation(plan: Plan, rng: np.random.Generator) -> None:
+    # Well above the noise, which would dither the steps away.
     step = plan.draw.velocity_noise * spread(rng, 6, 40)
     plan.physics["velocity_step"] = step
     plan.parameters["velocity_quantisation"] = {"step": step}

@@ -110,10 +110,12 @@ class Body:
         elif self.kind:
             outer = outer - self.weight()
             v = self.velocity
+            # Midpoint rule: bristle damping depends on the velocity.
             half = v + h / 2 * (outer - self.bristle_friction(v)) / self.inertia
             self.velocity = v + h * (outer - self.bristle_friction(half)) / self.inertia
         else:
             outer = outer - self.weight()
+            # The same for set-valued friction: the half step gives the velocity at which smooth friction is taken.
             half = self.stick_slip(self.velocity, outer, outer, h / 2, self.inertia, 1.0)
             self.velocity = self.stick_slip(self.velocity, outer, outer, h, self.inertia, 1.0, half)
 
@@ -232,6 +234,7 @@ def run_group(machines: list[Machine], substeps: int, progress: Callable[[float]
     body, actuator = Body(p), Actuator(p, dt, substeps)
     body.change = body.friction.base(body.position, -1.0)
     sensor = VelocitySensor(p, dt, substeps)
+    # Acceleration feed-forward by central differences: the drive knows its trajectory.
     slope = np.gradient(reference, dt, axis=0)
     aimed = reference
     if np.any(p["forward_ahead"]):
@@ -266,6 +269,7 @@ def run_group(machines: list[Machine], substeps: int, progress: Callable[[float]
             sent = np.where(held[1][k], last_sent, command)
         last_sent = sent
         actuator.hold(sent)
+        # Time zero is the first row of the log; the preroll lets transients of the start die out.
         start = (k - preroll) * dt
         body.drift(h / 2)
         for j in range(substeps):

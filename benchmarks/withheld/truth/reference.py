@@ -14,6 +14,7 @@ def reference(kind: Kind, rng: np.random.Generator, periods: int, preroll: int, 
     ends = np.round(np.cumsum(lengths) / lengths.sum() * total).astype(int)
     starts = np.concatenate([[0], ends[:-1]])
     value = np.zeros(total)
+    # Pieces overlap by 0.12 s.
     blend = int(0.12 / dt)
     for piece, start, end in zip(pieces, starts, ends, strict=True):
         # Every piece overlaps the next one and is faded into it.
@@ -38,6 +39,7 @@ def _ramp(count: int) -> np.ndarray:
 def _multisine(kind: Kind, rng: np.random.Generator, time: np.ndarray) -> np.ndarray:
     frequencies = np.geomspace(0.35, kind.highest, 7) * rng.uniform(0.9, 1.1, 7)
     phases = rng.uniform(0, 2 * np.pi, 7)
+    # Amplitudes fall with frequency, so that accelerations stay of one size.
     waves = np.sin(2 * np.pi * frequencies * time[:, None] + phases) * frequencies**-0.7
     wave = waves.sum(axis=1)
     return kind.speed * rng.uniform(0.7, 1.0) * wave / np.max(np.abs(wave))

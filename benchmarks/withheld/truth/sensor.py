@@ -33,6 +33,7 @@ class VelocitySensor:
     def follow(self, velocity: np.ndarray) -> None:
         """The true velocity at the end of a substep [rad/s]."""
         if self.lagged:
+            # The lag of a velocity that is linear within the substep, by its mean: second order.
             mean = (velocity + self.before) / 2
             lagged = mean + self.decay * (self.state - mean)
             self.state = np.where(self.p["velocity_lag"] > 0, lagged, velocity)

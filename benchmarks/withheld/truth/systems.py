@@ -69,6 +69,7 @@ def draw_system(kind: Kind, rng: np.random.Generator) -> Draw:
 def base_physics(draw: Draw) -> dict[str, float]:
     """Physics of a drawn machine without effects; the controller is tuned on its true inertia."""
     kind = draw.kind
+    # Velocity loop J s w = kp e: bandwidth kp / J.
     kp = draw.inertia * draw.bandwidth
     physics = {
         "inertia": draw.inertia,
@@ -109,5 +110,7 @@ def peak_torque(physics: dict[str, float], reference: np.ndarray, dt: float) -> 
         integral += physics["ki"] * dt * error
         torques[k] = torque
         free = velocity + dt * (torque - viscous * velocity) / inertia
+        # Coulomb friction takes up to k dt / J of the speed, and all of it when that is less: sticking.
         velocity = free - np.clip(free, -dt * coulomb / inertia, dt * coulomb / inertia)
+    # Not the maximum, which a single step of the reference would set.
     return float(np.quantile(np.abs(torques), 0.998))

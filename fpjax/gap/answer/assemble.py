@@ -50,7 +50,7 @@ def assemble(
         model: the nominal one.
         warnings: about the logs.
         allowed: names of the effects that were tried; () for the whole vocabulary.
-        clock: of the stages, told when each one begins.
+        clock: of the stages, called when each one begins.
     """
     records = search.records
     linear = records[0].linear
