@@ -52,6 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     wanted = cases_wanted(arguments)
     folder: Path = arguments.out
     if not arguments.score_only:
+        _refuse_earlier(folder, wanted)
         for first in range(0, len(wanted), CHUNK):
             some = wanted[first : first + CHUNK]
             if any(not (folder / one.name / "made.json").exists() for one in some):
@@ -84,12 +85,15 @@ def cases_wanted(arguments: argparse.Namespace) -> list[Identity]:
     return spread_over(found, arguments.machines)
 
 
-def _record(folder: Path, wanted: list[Identity], periods: int) -> None:
-    made = {one: folder / one.name / "made.json" for one in wanted}
-    for path in made.values():
+def _refuse_earlier(folder: Path, wanted: list[Identity]) -> None:
+    """Raise `InputError` where the folder holds machines of an earlier version of this benchmark."""
+    for path in (folder / one.name / "made.json" for one in wanted):
         if path.exists() and _read(path)["version"] != VERSION:
             raise InputError(f"{folder} holds machines of an earlier version of this benchmark: give an empty folder.")
-    missing = [one for one, path in made.items() if not path.exists()]
+
+
+def _record(folder: Path, wanted: list[Identity], periods: int) -> None:
+    missing = [one for one in wanted if not (folder / one.name / "made.json").exists()]
     if not missing:
         return
     from .machines import build, run, settled, write
