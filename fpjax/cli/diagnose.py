@@ -30,7 +30,7 @@ from .common import (
 from .simulate import open_model
 
 if TYPE_CHECKING:
-    from ..gap.answer.diagnosis import Diagnosis
+    from ..gap.diagnosis import Diagnosis
     from ..logs import Log
     from ..model_file import Model
 

@@ -30,8 +30,8 @@ from .numbers import whole
 from .simulate import open_model
 
 if TYPE_CHECKING:
-    from ..improvement.answer import Improvement
     from ..improvement.known import Known
+    from ..improvement.result import Improvement
     from ..improvement.search import Found
     from ..logs import Log
 

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from ..output.json_object import JsonObject
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from ..gap import Diagnosis
 
 Decision = Literal["change", "keep", "cannot_promise", "unstable"]
@@ -43,9 +39,6 @@ class Range:
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit not in ("", "1") else ""
         return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g}){unit}"
-
-
-_UNKNOWN = Range(math.nan, math.nan, math.nan, "")
 
 
 @dataclass(frozen=True)
@@ -113,8 +106,8 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Improvement:
-    """The predicted effect of other gains, and whether they are proposed.
+class Answer:
+    """The predicted effect of other gains, as data; `fpjax.improvement.Improvement` also prints and plots it.
 
     Attributes:
         decision: "change", "keep", "cannot_promise" (too little is known of the machine) or "unstable" (the corrected
@@ -197,60 +190,3 @@ class Improvement:
             "notes": list(self.notes),
             "seconds": {stage: round(spent, 3) for stage, spent in self.seconds.items()},
         }
-
-    def __str__(self) -> str:
-        from .told import told
-
-        return told(self)
-
-    __repr__ = __str__
-
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """The picture of the tracking error before and after, of the machines one by one, and of the gains.
-
-        Args:
-            path: picture file to write; None to write none.
-
-        Raises:
-            InputError: where the file cannot be written.
-        """
-        from ..output.plotting import saved
-        from .pictures import draw_overview
-
-        return saved(draw_overview(self), path)
-
-    def to_dataframe(self) -> Any:
-        """The predictions as a `pandas.DataFrame`, with the quantity as its index.
-
-        Columns: unit, and of each of before, after and found (where something was searched) its value, low and high
-        (90 % interval): before, before_low, before_high, after, ... A quantity that a side lacks is NaN.
-
-        Raises:
-            InputError: where pandas is not installed.
-        """
-        from ..output.frames import to_frame
-
-        sides = {name: dict(side.rows()) for name in ("before", "after", "found") if (side := getattr(self, name))}
-        units = {quantity: value.unit for rows in sides.values() for quantity, value in rows.items()}
-        columns: dict[str, list[Any]] = {"unit": list(units.values())}
-        for name, rows in sides.items():
-            found = [rows.get(quantity, _UNKNOWN) for quantity in units]
-            columns |= {
-                name: [each.value for each in found],
-                f"{name}_low": [each.low for each in found],
-                f"{name}_high": [each.high for each in found],
-            }
-        return to_frame(columns, list(units), "quantity")
-
-    def report(self, path: str | Path) -> Path:
-        """Write `improve.html`, one self-contained page, and the pictures as PNG.
-
-        Args:
-            path: the folder; created if missing.
-
-        Returns:
-            The path of the page.
-        """
-        from .page import write_page
-
-        return write_page(self, Path(path))

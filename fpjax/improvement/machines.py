@@ -13,8 +13,8 @@ from jaxtyping import Array
 from ..blocks.loads import AbstractLoad
 from ..blocks.position_torque import Loads
 from ..blocks.signals import Motion
-from ..gap.answer.diagnosis import Learned
 from ..gap.answer.learned import blocks
+from ..gap.answer.parts import Learned
 from ..gap.answer.posterior import Posterior
 from ..gap.data.record import Record, in_one_piece, make_records
 from ..gap.machine import FEATURES, Machine, has_bristles, nominal_machine, structure_of

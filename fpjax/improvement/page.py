@@ -17,7 +17,7 @@ from .pictures import draw_error, draw_gains, draw_machines, draw_overview
 from .told import WORDS, headline
 
 if TYPE_CHECKING:
-    from .answer import Improvement, Range
+    from .answer import Answer, Range
 
 PAGE, PICTURE = "improve.html", "improve.png"
 # The page loads nothing: neither scripts nor anything from another host.
@@ -39,7 +39,7 @@ WAY = (
 )
 
 
-def write_page(found: Improvement, folder: Path) -> Path:
+def write_page(found: Answer, folder: Path) -> Path:
     """Write the page and its picture.
 
     Args:
@@ -61,7 +61,7 @@ def write_page(found: Improvement, folder: Path) -> Path:
     return folder / PAGE
 
 
-def to_page(found: Improvement) -> str:
+def to_page(found: Answer) -> str:
     """The page's text."""
     style = css_variables() + files("fpjax.gap.report").joinpath("report.css").read_text("utf-8") + _STYLE
     parts = [_changes(found), _predicted(found), _pictures(found), _notes(found), _way(found), _model(found)]
@@ -94,16 +94,16 @@ def to_page(found: Improvement) -> str:
 """
 
 
-def _no_promise(found: Improvement) -> str:
+def _no_promise(found: Answer) -> str:
     return "" if found.promised else ", which are no promise: the diagnosis does not explain this log"
 
 
-def _diagnosed(found: Improvement) -> str:
+def _diagnosed(found: Answer) -> str:
     words = found.verdict.replace("_", " ")
     return f"{words} ({', '.join(cause.replace('_', ' ') for cause in found.causes)})" if found.causes else words
 
 
-def _facts(found: Improvement) -> str:
+def _facts(found: Answer) -> str:
     rows = [("is-before", "tracking error now", found.before.error)]
     if found.decision == "change":
         rows.append(("is-after", "with the new gains", found.after.error))
@@ -118,7 +118,7 @@ def _facts(found: Improvement) -> str:
     return f'<dl class="facts">{cells}</dl>'
 
 
-def _changes(found: Improvement) -> str:
+def _changes(found: Answer) -> str:
     if not found.changes:
         return ""
     rows = []
@@ -131,7 +131,7 @@ def _changes(found: Improvement) -> str:
     return _section("Gains", _table(["gain", "now", "new", "bounds"], rows))
 
 
-def _predicted(found: Improvement) -> str:
+def _predicted(found: Answer) -> str:
     after = dict(found.after.rows())
     changed = found.decision == "change"
     rows = [
@@ -153,7 +153,7 @@ def _number(value: Range) -> str:
     return f'<span class="number">{value.value:.4g}{unit}</span> {ends}'
 
 
-def _pictures(found: Improvement) -> str:
+def _pictures(found: Answer) -> str:
     if not found.runs or found.ratios is None:
         return ""
     drawn = (
@@ -175,19 +175,19 @@ def _figure(name: str, wide: Figure, narrow: Figure, caption: str) -> str:
     return f"<figure>{layouts}<figcaption>{text(caption)}</figcaption></figure>"
 
 
-def _notes(found: Improvement) -> str:
+def _notes(found: Answer) -> str:
     items = "".join(f"<li>{text(note)}</li>" for note in found.notes)
     return _section("Notes", f'<ul class="found">{items}</ul>') if items else ""
 
 
-def _way(found: Improvement) -> str:
+def _way(found: Answer) -> str:
     told = WAY.format(tuned=found.tuned_on, judged=found.machines)
     times = ", ".join(f"{stage} {spent:.1f} s" for stage, spent in found.seconds.items())
     spent = f'<p class="quiet">{text(times)}</p>' if times else ""
     return _section("How it was found", f"<p>{text(told)}</p>{spent}")
 
 
-def _model(found: Improvement) -> str:
+def _model(found: Answer) -> str:
     if not found.model:
         return ""
     return _section(

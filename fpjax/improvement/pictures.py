@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ..gap.report.theme import AFTER, BEFORE, MUTED, SOFT, report_style
 
 if TYPE_CHECKING:
-    from .answer import Improvement
+    from .answer import Answer
 
 ZOOMED = 2.5  # length of the close-up, in times between two reversals of the reference
 POINTS = 1200  # of a line; more than the pixels of its picture show nothing
@@ -20,7 +20,7 @@ POINTS = 1200  # of a line; more than the pixels of its picture show nothing
 Values = np.ndarray
 
 
-def draw_overview(found: Improvement) -> Figure:
+def draw_overview(found: Answer) -> Figure:
     """One sheet: error over time, a close-up, machine by machine, gains."""
     if not found.runs:
         return draw_gains(found)
@@ -33,7 +33,7 @@ def draw_overview(found: Improvement) -> Figure:
     return figure
 
 
-def draw_error(found: Improvement, *, narrow: bool = False) -> Figure:
+def draw_error(found: Answer, *, narrow: bool = False) -> Figure:
     """The tracking error over the whole reference and about a reversal."""
     with report_style():
         size = (4.4, 5.4) if narrow else (9.6, 3.2)
@@ -44,7 +44,7 @@ def draw_error(found: Improvement, *, narrow: bool = False) -> Figure:
     return figure
 
 
-def draw_machines(found: Improvement, *, narrow: bool = False) -> Figure:
+def draw_machines(found: Answer, *, narrow: bool = False) -> Figure:
     """Error after over error before in every machine."""
     with report_style():
         figure, axes = _new(1, 1, (4.4, 2.6) if narrow else (9.6, 2.6))
@@ -52,7 +52,7 @@ def draw_machines(found: Improvement, *, narrow: bool = False) -> Figure:
     return figure
 
 
-def draw_gains(found: Improvement, *, narrow: bool = False) -> Figure:
+def draw_gains(found: Answer, *, narrow: bool = False) -> Figure:
     """The gains between their bounds, before and after."""
     with report_style():
         height = 1.0 + 0.42 * max(len(found.changes), 1)
@@ -68,11 +68,11 @@ def _new(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Va
     return figure, figure.subplots(rows, columns, squeeze=False)
 
 
-def _unit(found: Improvement) -> str:
+def _unit(found: Answer) -> str:
     return found.before.error.unit
 
 
-def _error(axes: Axes, found: Improvement, span: tuple[float, float] | None) -> None:
+def _error(axes: Axes, found: Answer, span: tuple[float, float] | None) -> None:
     runs = found.runs
     time = runs["time"]
     kept = slice(None) if span is None else slice(*np.searchsorted(time, span))
@@ -90,7 +90,7 @@ def _error(axes: Axes, found: Improvement, span: tuple[float, float] | None) -> 
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=2)
 
 
-def _machines(axes: Axes, found: Improvement) -> None:
+def _machines(axes: Axes, found: Answer) -> None:
     assert found.ratios is not None
     ratios = np.sort(100.0 * found.ratios[np.isfinite(found.ratios)])
     rank = np.arange(1, len(ratios) + 1)
@@ -101,7 +101,7 @@ def _machines(axes: Axes, found: Improvement) -> None:
     axes.set_xlim(left=0.0, right=max(110.0, 1.05 * float(ratios.max(initial=100.0))))
 
 
-def _gains(axes: Axes, found: Improvement) -> None:
+def _gains(axes: Axes, found: Answer) -> None:
     for place, change in enumerate(reversed(found.changes)):
         logarithmic = change.low > 0.0 and change.high > 3.0 * change.low
 
@@ -126,7 +126,7 @@ def _gains(axes: Axes, found: Improvement) -> None:
     axes.set_title("gains within bounds: now (orange), new (blue)")
 
 
-def _close_up(found: Improvement) -> tuple[float, float]:
+def _close_up(found: Answer) -> tuple[float, float]:
     """(begin, end) [s] of a stretch around the largest error with the present gains."""
     time, reference = found.runs["time"], found.runs["reference"]
     moving = reference if found.signal == "velocity" else np.gradient(reference, time)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from .answer import Improvement
+    from .answer import Answer
 
 WORDS = {
     "change": "Change these gains.",
@@ -15,7 +15,7 @@ WORDS = {
 }
 
 
-def told(found: Improvement) -> str:
+def told(found: Answer) -> str:
     """The decision, what changes, and what is predicted before and after."""
     lines = [headline(found), ""]
     if found.changes:
@@ -30,13 +30,13 @@ def told(found: Improvement) -> str:
     return "\n".join(lines)
 
 
-def headline(found: Improvement) -> str:
+def headline(found: Answer) -> str:
     """The decision in one sentence or two."""
     word = WORDS[found.decision]
     return found.reason if found.reason.startswith(word.rstrip(".")) else f"{word} {found.reason}"
 
 
-def predicted(found: Improvement) -> list[tuple[str, str, str]]:
+def predicted(found: Answer) -> list[tuple[str, str, str]]:
     """(quantity, before, after), as text."""
     after = dict(found.after.rows())
     return [(name, str(value), str(after[name]) if name in after else "") for name, value in found.before.rows()]

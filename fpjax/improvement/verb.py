@@ -17,13 +17,14 @@ from ..logs.dynamics.derivative import slope
 from ..model_file import Model, ModelSource, dump_model, load_model
 from ..output.stages import StageClock
 from ..simulation.scan import astype
-from .answer import Change, Decision, Improvement, Range, Side
+from .answer import Change, Decision, Range, Side
 from .decide import hopeless, objection, range_of
 from .gains import Gains, freed, guesses
 from .judge import Judge, Score
 from .known import Known, about_left, known_in, known_of
 from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, record_of, rms
 from .margins import NAMES, UNITS, margins_of
+from .result import Improvement
 from .search import HARDEST, Found, limits_of, search
 from .stages import COSTS
 from .traces import passed_on, run_traces, unlike

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..gap.effects.experiments import PLAINEST, SIGNATURE, TELLS, experiment_for, family_of
-from .result import MATERIAL, NEEDED, Separation
+from .answer import MATERIAL, NEEDED, Separation
 from .sight import Sight
 from .trial import RunComparison
 

@@ -13,13 +13,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from .result import Plan
+    from .answer import Answer
 
 TWINS = {"rivals": "exact twins: no run separates them", "effects": "a twin of the nominal numbers: no run shows it"}
 LEAST = 1e-2  # [nats] the left end of the logarithmic axis
 
 
-def draw(plan: Plan) -> Figure:
+def draw(plan: Answer) -> Figure:
     """One page: speed, position and torque over time with their limits, and a bar for each effect or pair."""
     bars = _bars(plan)
     height = 5.0 + 0.19 * len(bars)
@@ -54,7 +54,7 @@ def _course(axis: Axes, time: np.ndarray, values: np.ndarray, limit: float, labe
         axis.set_ylim(-1.12 * limit, 1.12 * limit)
 
 
-def _bars(plan: Plan) -> list[tuple[str, float, bool]]:
+def _bars(plan: Answer) -> list[tuple[str, float, bool]]:
     """(name, nats, or NaN for twins, and whether the run decides it), from above to below."""
     if plan.aim == "rivals":
         pairs = plan.separations

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import InputError
-from ..gap.answer.diagnosis import Diagnosis
+from ..gap.diagnosis import Diagnosis
 from ..gap.effects.twins import exact_twins
 from ..gap.effects.vocabulary import EFFECTS
 from ..output.json_object import JsonObject, TomlTable

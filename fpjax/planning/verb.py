@@ -14,18 +14,19 @@ import numpy as np
 
 from ..errors import InputError
 from ..gap import diagnose
-from ..gap.diagnose import Diagnosis
+from ..gap.diagnosis import Diagnosis
 from ..logs import Log, read_log
 from ..model_file import Model
 from ..output.json_object import JsonObject, TomlTable
 from ..output.stages import StageClock
 from ..simulation.scan import astype
 from ..verbs import as_model, double_precision
+from .answer import MATERIAL, NEEDED, Separation, Visible
 from .design import Designed, design
 from .explain import beside, kinds_of_samples, not_visible, separations, where_from
 from .limits import Limits, make_limits
 from .machines import Shop, detectable, make_shop, reported
-from .result import MATERIAL, NEEDED, Plan, Separation, Visible
+from .result import Plan
 from .rivals import hidden_by_twin, level_of, machines_of, read_diagnosis, rivals_of, settled_of, twins_of
 from .sight import Sight, make_sight
 from .trajectory import make_course

@@ -1,7 +1,5 @@
 """Logs that once ended a diagnosis in a traceback: each is refused in one sentence, before anything is fitted."""
 
-import sys
-
 import numpy as np
 import pytest
 from model_files import LARGE_BODY
@@ -56,7 +54,7 @@ def test_equations_without_a_solution_are_a_sentence(monkeypatch):
     def singular(*_):
         raise np.linalg.LinAlgError("Singular matrix")
 
-    monkeypatch.setattr(sys.modules["fpjax.gap.diagnose"], "make_search", singular)  # the name is the function
+    monkeypatch.setattr("fpjax.gap.verb.make_search", singular)
     with pytest.raises(InputError, match=r"no model can be fitted to what is recorded \(Singular matrix\)") as refused:
         diagnose(log(), MODEL)
     assert not faults(str(refused.value))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fpjax.gap import EFFECTS, diagnose
-from fpjax.gap.diagnose import make_search
+from fpjax.gap.verb import make_search
 from fpjax.model_file import load_model
 
 GAP, LOAD = 0.02, 0.02  # rad, kg m^2 of the 0.05

@@ -13,11 +13,11 @@ from gap_machine import record
 
 from fpjax.errors import InputError
 from fpjax.gap import EFFECTS
-from fpjax.gap.diagnose import make_search
 from fpjax.gap.fit import kept as module
 from fpjax.gap.fit.kept import Kept, key_of
 from fpjax.gap.precision import double_precision
 from fpjax.gap.select.decision import decide
+from fpjax.gap.verb import make_search
 from fpjax.model_file import load_model
 
 FEW = tuple(effect for effect in EFFECTS if effect.name in ("constant_torque", "presliding", "quadratic_drag"))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from fpjax.gap.answer.curves import curves_of, named_share
-from fpjax.gap.diagnose import make_search
 from fpjax.gap.effects.vocabulary import EFFECTS
 from fpjax.gap.fit.search import Start
 from fpjax.gap.select.dominant import dominant
+from fpjax.gap.verb import make_search
 from fpjax.model_file import load_model
 
 

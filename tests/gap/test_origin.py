@@ -5,7 +5,7 @@ import gap_search
 import numpy as np
 import pytest
 
-from fpjax.gap.diagnose import make_search
+from fpjax.gap.verb import make_search
 from fpjax.model_file import load_model
 
 WEIGHT, START = 0.5, 0.7  # N m, rad

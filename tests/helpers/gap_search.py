@@ -2,7 +2,7 @@
 
 from model_files import SMALL_BODY
 
-from fpjax.gap.diagnose import make_search
+from fpjax.gap.verb import make_search
 from fpjax.model_file import load_model
 
 MODEL = (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fpjax.blocks.signals import Motion
-from fpjax.gap.answer.diagnosis import Learned
+from fpjax.gap.answer.parts import Learned
 from fpjax.improvement.decide import hopeless, objection
 from fpjax.improvement.judge import Score
 from fpjax.improvement.machines import (

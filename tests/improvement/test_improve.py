@@ -10,7 +10,6 @@ import pytest
 
 import fpjax as fp
 from fpjax.gap.data.record import in_one_piece
-from fpjax.improvement.answer import Improvement
 from fpjax.improvement.gains import freed
 from fpjax.improvement.judge import Score
 from fpjax.improvement.known import about_left
@@ -23,6 +22,7 @@ from fpjax.improvement.machines import (
     record_of,
 )
 from fpjax.improvement.page import to_page
+from fpjax.improvement.result import Improvement
 from fpjax.improvement.search import limits_of, robust_costs
 from fpjax.improvement.verb import followed, improve_known
 from fpjax.output.stages import StageClock

@@ -10,8 +10,9 @@ import report_cases
 import fpjax as fp
 from fpjax.errors import InputError
 from fpjax.improvement import Change, Improvement, Range, Side
+from fpjax.planning.answer import Visible
 from fpjax.planning.limits import Limits
-from fpjax.planning.result import Plan, Visible
+from fpjax.planning.result import Plan
 
 TIME = np.arange(101) * 1e-2
 

@@ -17,14 +17,16 @@ from ..select.decision import Decision
 from ..select.readings import Reading, readings
 from ..select.thresholds import THRESHOLDS
 from ..select.verdict import ROUNDING, Verdict, material
+from .answer import Answer
 from .corrected import corrected_model
 from .course import Course
 from .curves import Curves
-from .diagnosis import Comparison, Diagnosis, Ranked, Step
+from .gap import Step
 from .intervals import identifiability, linear_unit, read_estimates
 from .judge import Read, judge
 from .learned import learn
 from .machines import machine_of, with_reading
+from .parts import Comparison, Ranked
 from .posterior import left_open, make_posterior
 from .ranking import rank
 from .shrink import rms_of, steps_of, withheld
@@ -40,7 +42,7 @@ ROUNDED = 1.5
 def assemble(
     search: Search, decision: Decision, curves: Curves, model: Model, warnings: Sequence[str], allowed: tuple[str, ...],
     clock: StageClock,
-) -> Diagnosis:  # fmt: skip
+) -> Answer:  # fmt: skip
     """The diagnosis, from the decision on the fits.
 
     Args:
@@ -97,7 +99,7 @@ def assemble(
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
     tracking = tracking_error(model, [in_one_piece(record) for record in records], *sides, said)
     clock("where")
-    return Diagnosis(
+    return Answer(
         verdict=found.word,
         causes=found.causes,
         ranking=ranking.entries,

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 from ...output.frames import to_frame
 
 if TYPE_CHECKING:
-    from .diagnosis import Diagnosis
+    from .answer import Answer
 
 
-def ranking_frame(diagnosis: Diagnosis) -> Any:
+def ranking_frame(diagnosis: Answer) -> Any:
     """A row for each parameter of each effect tried, most probable effect first, as `Diagnosis.to_dataframe` says.
 
     Args:

@@ -14,7 +14,7 @@ from ..select.readings import Reading
 from ..select.verdict import Seen, Verdict, verdict
 from .course import Course, course_of
 from .curves import Curves, named_share
-from .diagnosis import Gap
+from .gap import Gap
 from .intervals import covariance
 from .ranking import log_of
 from .shown import not_shown

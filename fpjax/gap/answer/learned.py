@@ -18,7 +18,7 @@ from ...blocks.learned import LearnedTorque, split_jump
 from ...model_file.learned import join_load
 from ..fit.candidate import Fit
 from ..fit.search import Search, Start
-from .diagnosis import Learned
+from .parts import Learned
 from .shrink import draws, interval, withheld
 from .smooth import Smooth, smoother_of
 from .smooth_tables import make_tables

@@ -16,8 +16,9 @@ from ..fit.search import Search
 from ..select.decision import Decision
 from ..select.verdict import Verdict
 from .confusable import indistinguishable
-from .diagnosis import Gap, Ranked, Step
+from .gap import Gap, Step
 from .intervals import covariance, estimates
+from .parts import Ranked
 
 WITH_INTERVALS = 6  # entries whose intervals are computed: each needs the gradients of all windows
 

@@ -8,7 +8,7 @@ import numpy as np
 from ..fit.candidate import Fit
 from ..fit.search import Search
 from ..select.decision import Decision
-from .diagnosis import Gap, Step
+from .gap import Gap, Step
 
 DRAWS = 2000  # of the bootstrap: the 5 % quantile then rests on 100 draws
 SEED = 0

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ..effects.estimate import Estimate
-    from .diagnosis import Diagnosis, Ranked
+    from .answer import Answer
+    from .parts import Ranked
 
 PLACES = {
     "reversal": "at reversals",
@@ -21,7 +22,7 @@ SHOWN = 5  # entries of the ranking that are printed
 MUCH = 0.4  # share of the energy in one regime from which that regime is named
 
 
-def verdict_sentence(diagnosis: Diagnosis) -> str:
+def verdict_line(diagnosis: Answer) -> str:
     """The verdict in one sentence."""
     gap = diagnosis.gap
     causes = " + ".join(diagnosis.causes)
@@ -46,7 +47,7 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     return f"Unexplained: there is a gap{beside}, and {nothing_closes(diagnosis.allowed)}."
 
 
-def dominant_sentence(diagnosis: Diagnosis) -> str:
+def dominant_sentence(diagnosis: Answer) -> str:
     """The variable that the missing torque is mostly a function of, with its share; "" where none stands out."""
     found = diagnosis.dominant_variable
     if found is None:
@@ -60,7 +61,7 @@ def dominant_sentence(diagnosis: Diagnosis) -> str:
     )
 
 
-def _place(diagnosis: Diagnosis) -> str:
+def _place(diagnosis: Answer) -> str:
     """The regime that holds most of what the causes leave, as the end of a sentence; "" where none holds much."""
     shares = {} if diagnosis.residual_where is None else diagnosis.residual_where.regime
     name = max(shares, key=lambda regime: shares[regime], default="")
@@ -81,10 +82,10 @@ def nothing_closes(allowed: Sequence[str], it: str = "it") -> str:
     return f"none of the {len(allowed)} effects that were allowed ({', '.join(allowed)}) closes {it}"
 
 
-def told(diagnosis: Diagnosis) -> str:
+def told(diagnosis: Answer) -> str:
     """Verdict, gap, tracking error, the first entries of the ranking, learned laws, exact twins, and warnings."""
     gap = diagnosis.gap
-    lines = [verdict_sentence(diagnosis)]
+    lines = [verdict_line(diagnosis)]
     lines.append(
         f"gap (missing torque, rms, withheld): before {gap.before:.4g}, after {gap.after:.4g}, "
         f"noise floor {gap.noise_floor:.4g} {gap.unit}"

@@ -26,7 +26,7 @@ from ..data.record import Record
 from ..machine import Machine, structure_of
 from ..precision import double_precision
 from ..simulate.replay import SUBSTEPS
-from .diagnosis import TrackingError
+from .parts import TrackingError
 from .shrink import SEED
 
 REPRODUCED = 0.03  # rms of the torque column that the controller may leave unexplained, over that column's rms

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..data.record import Record
 from .course import Course
-from .diagnosis import Share, Where
+from .parts import Share, Where
 
 Values = np.ndarray
 

@@ -22,10 +22,10 @@ from .text import (
 from .words import effect_name, join, parameter_name
 
 if TYPE_CHECKING:
-    from ..answer.diagnosis import Diagnosis
+    from ..answer.answer import Answer
 
 
-def header(diagnosis: Diagnosis) -> str:
+def header(diagnosis: Answer) -> str:
     """The head as HTML: verdict, confidence, one sentence, four numbers."""
     inputs = [str(entry.get("name", "")) for entry in diagnosis.provenance.get("inputs", ()) if isinstance(entry, dict)]
     origin = " · ".join(["Sim-to-real gap", *(name for name in inputs if name)])
@@ -43,7 +43,7 @@ def header(diagnosis: Diagnosis) -> str:
     )
 
 
-def _sentence(diagnosis: Diagnosis) -> str:
+def _sentence(diagnosis: Answer) -> str:
     """The sentence of the verdict as HTML, with the effects' names in bold."""
     out = text(verdict_sentence(diagnosis))
     named = [effect for cause in diagnosis.causes for effect in (cause, *twins_of(diagnosis, cause))]
@@ -56,7 +56,7 @@ def _sentence(diagnosis: Diagnosis) -> str:
     return out
 
 
-def _caution(diagnosis: Diagnosis) -> str:
+def _caution(diagnosis: Answer) -> str:
     """A caution about parameters of the causes that ended at a bound of the search; "" for none."""
     limited = [entry for entry in diagnosis.ranking if entry.effect in diagnosis.causes and at_bound(entry)]
     names = [
@@ -65,14 +65,14 @@ def _caution(diagnosis: Diagnosis) -> str:
     return paragraph(f"At a bound of the search, and so not measured: {join(names)}.") if names else ""
 
 
-def _dominant(diagnosis: Diagnosis) -> str:
+def _dominant(diagnosis: Answer) -> str:
     """The paragraph on the variable that the missing torque follows; "" for none."""
     if diagnosis.dominant_variable is None:
         return ""
     return paragraph(dominant_sentence(diagnosis))
 
 
-def _facts(diagnosis: Diagnosis) -> str:
+def _facts(diagnosis: Answer) -> str:
     """The gap before and after, the noise floor and the share closed, as tiles with intervals."""
     tiles = [
         ("before", "Difference" if diagnosis.verdict == "no_gap" else "Gap before", diagnosis.gap.estimate("before"))

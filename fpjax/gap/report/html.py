@@ -20,7 +20,7 @@ from .text import TITLES, verdict_sentence, verdict_title
 from .theme import css_variables
 
 if TYPE_CHECKING:
-    from ..answer.diagnosis import Diagnosis
+    from ..answer.answer import Answer
 
 _NAVIGATION = (
     ("record", "Record"),
@@ -35,7 +35,7 @@ _NAVIGATION = (
 )
 
 
-def write_report(diagnosis: Diagnosis, out_dir: str | Path) -> Path:
+def write_report(diagnosis: Answer, out_dir: str | Path) -> Path:
     """Write `report.html` and its pictures: `overview.png`, `record.png`, `where.png`, `residual.png`, `shrink.png`.
 
     A picture for which the diagnosis has no data is left out.
@@ -76,7 +76,7 @@ def write_report(diagnosis: Diagnosis, out_dir: str | Path) -> Path:
     return folder / "report.html"
 
 
-def to_page(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
+def to_page(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
     """The page as HTML.
 
     Args:
@@ -123,7 +123,7 @@ def to_page(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
 """
 
 
-def _navigation(diagnosis: Diagnosis) -> str:
+def _navigation(diagnosis: Answer) -> str:
     """Links to the sections; the one to warnings with their number."""
     links = []
     for name, title in _NAVIGATION:

@@ -15,17 +15,18 @@ from .words import motion_units
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..answer.diagnosis import Diagnosis, Learned
+    from ..answer.answer import Answer
+    from ..answer.parts import Learned
 
 MOST = 3  # panels beside each other that can be read
 
 
-def laws_of(diagnosis: Diagnosis) -> tuple[Learned, ...]:
+def laws_of(diagnosis: Answer) -> tuple[Learned, ...]:
     """The laws that are drawn."""
     return diagnosis.learned[:MOST]
 
 
-def draw_learned(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
+def draw_learned(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
     """Draw on a figure or subfigure.
 
     Args:

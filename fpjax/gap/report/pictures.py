@@ -18,7 +18,7 @@ from .theme import MUTED, report_style
 from .where_picture import axes_with_places, draw_residual, draw_where, has_regimes, has_where, residual_axes
 
 if TYPE_CHECKING:
-    from ..answer.diagnosis import Diagnosis
+    from ..answer.answer import Answer
 
 _WIDE, _NARROW = 11.2, 4.3  # widths [inch]; the page shows them at about 96 and 84 pixels per inch
 
@@ -40,7 +40,7 @@ class Picture:
     narrow: Figure
 
 
-def draw_pictures(diagnosis: Diagnosis) -> list[Picture]:
+def draw_pictures(diagnosis: Answer) -> list[Picture]:
     """Every picture that the diagnosis has the data for: `record`, `where`, `residual`, `left`, `learned`,
     `shrink`.
 
@@ -74,7 +74,7 @@ def draw_pictures(diagnosis: Diagnosis) -> list[Picture]:
     return found
 
 
-def draw_overview(diagnosis: Diagnosis) -> Figure:
+def draw_overview(diagnosis: Answer) -> Figure:
     """One page: the verdict, commanded against needed, where the gap lies and how far it shrinks.
 
     Args:
@@ -107,17 +107,17 @@ def draw_overview(diagnosis: Diagnosis) -> Figure:
     return figure
 
 
-def _where_picture(name: str, description: str, diagnosis: Diagnosis) -> Picture:
+def _where_picture(name: str, description: str, diagnosis: Answer) -> Picture:
     panels = len(axes_with_places(diagnosis)) + has_regimes(diagnosis)
     rows = 1 if panels < 3 else 2
     return _picture(name, description, draw_where, diagnosis, 2.3 * rows + 0.2, 2.0 * panels + 0.2)
 
 
-def _draw_nothing(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
+def _draw_nothing(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
     del figure, diagnosis, narrow
 
 
-def _draw_shrink_and_ranking(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
+def _draw_shrink_and_ranking(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
     if not diagnosis.ranking:
         draw_shrink(figure, diagnosis, narrow=narrow)
         return
@@ -133,7 +133,7 @@ def _record_description() -> str:
 
 
 def _picture(
-    name: str, description: str, draw: Callable[..., None], diagnosis: Diagnosis, high: float, high_narrow: float
+    name: str, description: str, draw: Callable[..., None], diagnosis: Answer, high: float, high_narrow: float
 ) -> Picture:
     return Picture(
         name,
@@ -143,7 +143,7 @@ def _picture(
     )
 
 
-def _drawn(draw: Callable[..., None], diagnosis: Diagnosis, width: float, height: float, *, narrow: bool) -> Figure:
+def _drawn(draw: Callable[..., None], diagnosis: Answer, width: float, height: float, *, narrow: bool) -> Figure:
     with report_style():
         figure = _figure(width, height)
         draw(figure, diagnosis, narrow=narrow)

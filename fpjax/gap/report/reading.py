@@ -9,28 +9,30 @@ from ..effects.estimate import Estimate
 from .digits import scale_for, scaled
 
 if TYPE_CHECKING:
-    from ..answer.diagnosis import Diagnosis, FittedParameter, Ranked, Share, Step, Where
+    from ..answer.answer import Answer
+    from ..answer.gap import Step
+    from ..answer.parts import FittedParameter, Ranked, Share, Where
 
 AXES = ("time", "velocity", "position", "frequency")
 NEGLIGIBLE = 0.005  # probability below which an effect is shown on request only
 
 
-def gap_scale(diagnosis: Diagnosis) -> tuple[float, str]:
+def gap_scale(diagnosis: Answer) -> tuple[float, str]:
     """(factor, unit) in which all gaps are shown: those that suit the gap of the nominal model."""
     return scale_for(diagnosis.gap.before, diagnosis.gap.unit)
 
 
-def shown_gap(diagnosis: Diagnosis, gap: Estimate) -> Estimate:
+def shown_gap(diagnosis: Answer, gap: Estimate) -> Estimate:
     """A gap in the unit of the report."""
     return scaled(gap, *gap_scale(diagnosis))
 
 
-def step_gap(diagnosis: Diagnosis, step: Step) -> Estimate:
+def step_gap(diagnosis: Answer, step: Step) -> Estimate:
     """The gap after one of the causes, with its interval."""
     return Estimate(step.gap_after, *step.interval, diagnosis.gap.unit)
 
 
-def entry_gap(diagnosis: Diagnosis, entry: Ranked) -> Estimate:
+def entry_gap(diagnosis: Answer, entry: Ranked) -> Estimate:
     """The gap that an effect of the ranking leaves."""
     return Estimate(entry.gap_after, unit=diagnosis.gap.unit)
 
@@ -61,12 +63,12 @@ def main_regime(where: Where | None) -> tuple[float, str]:
     return max(shares, default=(0.0, ""))
 
 
-def twins_of(diagnosis: Diagnosis, effect: str) -> tuple[str, ...]:
+def twins_of(diagnosis: Answer, effect: str) -> tuple[str, ...]:
     """Effects that this log cannot distinguish from the given one."""
     return next((entry.indistinguishable_from for entry in diagnosis.ranking if entry.effect == effect), ())
 
 
-def classes(diagnosis: Diagnosis) -> list[tuple[str, ...]]:
+def classes(diagnosis: Answer) -> list[tuple[str, ...]]:
     """The classes of effects that this log cannot distinguish, the most probable first.
 
     The relation is made transitive: effects joined by a chain of such pairs are one class. Classes of negligible
@@ -95,7 +97,7 @@ def fixed(found: FittedParameter) -> Estimate:
     return Estimate(found.value, found.value - half, found.value + half, found.unit)
 
 
-def tracking(diagnosis: Diagnosis) -> dict[str, Estimate]:
+def tracking(diagnosis: Answer) -> dict[str, Estimate]:
     """The tracking error `measured`, `before` and `after`; empty where not known."""
     found = diagnosis.tracking
     if found is None:

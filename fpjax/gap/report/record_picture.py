@@ -19,7 +19,8 @@ from .words import clip
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..answer.diagnosis import Comparison, Diagnosis
+    from ..answer.answer import Answer
+    from ..answer.parts import Comparison
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Series:
     starts: np.ndarray
 
 
-def series_of(diagnosis: Diagnosis) -> list[Series]:
+def series_of(diagnosis: Answer) -> list[Series]:
     """The withheld part of each log."""
     return [s for s in map(_series, diagnosis.comparisons) if s is not None]
 
@@ -65,17 +66,17 @@ def _series(comparison: Comparison) -> Series | None:
     return Series(comparison.name, time, known[0], known[1], known[2], starts)
 
 
-def has_record(diagnosis: Diagnosis) -> bool:
+def has_record(diagnosis: Answer) -> bool:
     """Whether any log has a withheld part with a needed torque."""
     return any(series.before is not None for series in series_of(diagnosis))
 
 
-def model_names(diagnosis: Diagnosis) -> tuple[str, str]:
+def model_names(diagnosis: Answer) -> tuple[str, str]:
     """Names of the two models in the legend."""
     return "nominal model", "corrected model" if diagnosis.causes else "best attempt"
 
 
-def draw_record(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
+def draw_record(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
     """Draw on a figure or subfigure.
 
     Args:

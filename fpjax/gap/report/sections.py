@@ -33,10 +33,11 @@ from .text import (
 from .words import effect_meaning, effect_name, effect_title, join, parameter_name, state_meaning
 
 if TYPE_CHECKING:
-    from ..answer.diagnosis import Diagnosis, Ranked
+    from ..answer.answer import Answer
+    from ..answer.parts import Ranked
 
 
-def record(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
+def record(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
     """Commanded against needed torque on the withheld part."""
     title = "Commanded against needed"
     if "record" not in pictures:
@@ -56,7 +57,7 @@ def record(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
     )
 
 
-def where(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
+def where(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
     """Where the gap lies: maps over time, velocity, position and frequency."""
     parts = [paragraph(where_sentence(diagnosis))]
     if "where" in pictures:
@@ -82,7 +83,7 @@ def where(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
     return section("where", "Where the gap lies", *parts)
 
 
-def ranking(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
+def ranking(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
     """Every effect with its probability, the gap that it leaves, and its parameters."""
     if not diagnosis.ranking:
         return section("ranking", "Which effect", paragraph("No effect was fitted."))
@@ -112,7 +113,7 @@ def ranking(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
     return section("ranking", "Which effect", *out)
 
 
-def _ranking_table(diagnosis: Diagnosis, candidates: list[Ranked], *, learned: bool = False) -> str:
+def _ranking_table(diagnosis: Answer, candidates: list[Ranked], *, learned: bool = False) -> str:
     # Twins of the causes are marked in the table, as they are as likely.
     twins = set().union(*(twins_of(diagnosis, cause) for cause in diagnosis.causes)) - set(diagnosis.causes)
     headings = ["Effect", "Probability", "Gap after", "Parameters found", "Not distinguished from"]
@@ -137,7 +138,7 @@ def _ranking_table(diagnosis: Diagnosis, candidates: list[Ranked], *, learned: b
     return table(headings, rows)
 
 
-def _learned_cells(diagnosis: Diagnosis, count: int) -> list[str]:
+def _learned_cells(diagnosis: Answer, count: int) -> list[str]:
     """The learned laws as a row of the ranking's table."""
     name, beside = learned_name(diagnosis), "the causes" if diagnosis.causes else "the best attempt"
     gap = diagnosis.gap.estimate("learned")
@@ -154,7 +155,7 @@ def _learned_cells(diagnosis: Diagnosis, count: int) -> list[str]:
     ][:count]
 
 
-def _effect_cell(diagnosis: Diagnosis, candidate: Ranked) -> str:
+def _effect_cell(diagnosis: Answer, candidate: Ranked) -> str:
     title = text(effect_title(candidate.effect, diagnosis.motion))
     pill = '<span class="pill">asserted</span>' if candidate.effect in diagnosis.causes else ""
     meaning = text(effect_meaning(candidate.effect, diagnosis.motion))
@@ -178,7 +179,7 @@ def _probability_cell(candidate: Ranked) -> str:
     return f"<span>{percent(told)}{bar}{note}</span>"
 
 
-def shrink(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
+def shrink(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
     """How far the gap shrinks."""
     if diagnosis.verdict == "no_gap":
         lead = "There is no gap to close: the error of the nominal model is that of noise."
@@ -208,7 +209,7 @@ def shrink(diagnosis: Diagnosis, pictures: dict[str, tuple[str, str]]) -> str:
     return section("shrink", "How far the gap shrinks", paragraph(lead), drawn, steps)
 
 
-def apart(diagnosis: Diagnosis) -> str:
+def apart(diagnosis: Answer) -> str:
     """Effects that cannot be distinguished, and the experiments that would do it."""
     twins = twin_sentences(diagnosis)
     parts = [paragraph(sentence) for sentence in (*twins, *set_twin_sentences(diagnosis))]
@@ -224,7 +225,7 @@ def apart(diagnosis: Diagnosis) -> str:
     return section("apart", "What cannot be distinguished", *parts)
 
 
-def identifiability(diagnosis: Diagnosis) -> str:
+def identifiability(diagnosis: Answer) -> str:
     """How well this log determines each parameter."""
     if not diagnosis.identifiability:
         return section(
@@ -256,7 +257,7 @@ def identifiability(diagnosis: Diagnosis) -> str:
     )
 
 
-def model(diagnosis: Diagnosis) -> str:
+def model(diagnosis: Answer) -> str:
     """The corrected model, with what changed marked."""
     if not diagnosis.model.strip():
         return section(
@@ -288,7 +289,7 @@ def model(diagnosis: Diagnosis) -> str:
     return section("model", "The corrected model", *parts)
 
 
-def warnings(diagnosis: Diagnosis) -> str:
+def warnings(diagnosis: Answer) -> str:
     """The warnings."""
     if not diagnosis.warnings:
         return section("warnings", "Warnings", paragraph("None."))
@@ -296,7 +297,7 @@ def warnings(diagnosis: Diagnosis) -> str:
     return section("warnings", "Warnings", f'<ul class="warnings">{items}</ul>')
 
 
-def provenance(diagnosis: Diagnosis) -> str:
+def provenance(diagnosis: Answer) -> str:
     """Inputs, versions and date of the diagnosis."""
     known = diagnosis.provenance
     pairs: list[tuple[str, str]] = []
@@ -342,7 +343,7 @@ def _input_cells(entry: JsonObject) -> list[str]:
     ]
 
 
-def units_note(diagnosis: Diagnosis) -> str:
+def units_note(diagnosis: Answer) -> str:
     """The definition of the gap, for the footer."""
     unit = show_unit(gap_scale(diagnosis)[1])
     return (

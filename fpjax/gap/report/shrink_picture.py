@@ -14,11 +14,11 @@ from .words import clip, effect_title
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
 
-    from ..answer.diagnosis import Diagnosis
+    from ..answer.answer import Answer
     from ..effects.estimate import Estimate
 
 
-def rows_of(diagnosis: Diagnosis) -> list[tuple[str, Estimate]]:
+def rows_of(diagnosis: Answer) -> list[tuple[str, Estimate]]:
     """Names and gaps from top to bottom: the nominal model, each added cause, or the best attempt."""
     rows = [("Nominal model", diagnosis.gap.estimate("before"))]
     for step in diagnosis.steps:
@@ -32,7 +32,7 @@ def rows_of(diagnosis: Diagnosis) -> list[tuple[str, Estimate]]:
     return [(name, gap) for name, gap in rows if gap.known]
 
 
-def draw_shrink(figure: FigureBase, diagnosis: Diagnosis, *, narrow: bool) -> None:
+def draw_shrink(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
     """Draw on a figure or subfigure.
 
     Args:
@@ -98,7 +98,7 @@ def draw_shrink(figure: FigureBase, diagnosis: Diagnosis, *, narrow: bool) -> No
     )
 
 
-def draw_ranking(figure: FigureBase, diagnosis: Diagnosis) -> None:
+def draw_ranking(figure: FigureBase, diagnosis: Answer) -> None:
     """Draw the probabilities of the first five effects to be a cause, on a figure or subfigure.
 
     Args:

@@ -12,7 +12,8 @@ from .reading import AXES, classes, main_regime, places, shown_gap, tracking, tw
 from .words import EFFECTS, effect_name, is_wrong_value, join, motion_units, regime_name, sure
 
 if TYPE_CHECKING:
-    from ..answer.diagnosis import Diagnosis, Share
+    from ..answer.answer import Answer
+    from ..answer.parts import Share
 
 TITLES = {
     "no_gap": "No gap",
@@ -22,12 +23,12 @@ TITLES = {
 }
 
 
-def verdict_title(diagnosis: Diagnosis) -> str:
+def verdict_title(diagnosis: Answer) -> str:
     """The verdict in one or two words, as the title."""
     return TITLES[diagnosis.verdict]
 
 
-def verdict_sentence(diagnosis: Diagnosis) -> str:
+def verdict_sentence(diagnosis: Answer) -> str:
     """The verdict in one sentence, without the confidence."""
     gap, effort = diagnosis.gap, effort_of(diagnosis)
     before, after, floor = (
@@ -76,18 +77,18 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     return f"{differs}, and {_nothing_closes(diagnosis, 'this gap')}{rest}.{place}"
 
 
-def learned_name(diagnosis: Diagnosis) -> str:
+def learned_name(diagnosis: Answer) -> str:
     """What the learned laws are called: `learned law of velocity`, `learned laws of velocity and position`."""
     names = [variable_name(law.of, diagnosis) for law in diagnosis.learned]
     return f"learned law{'s' if len(names) > 1 else ''} of {join(names)}"
 
 
-def variable_name(variable: str, diagnosis: Diagnosis) -> str:
+def variable_name(variable: str, diagnosis: Answer) -> str:
     """The name of a learned law's variable: "force" for the torque of a linear axis."""
     return effort_of(diagnosis) if variable == "torque" else variable
 
 
-def learned_sentence(diagnosis: Diagnosis) -> str:
+def learned_sentence(diagnosis: Answer) -> str:
     """The shares of the rest that follow recorded variables, and that follow none; "" where no law was learned."""
     if not diagnosis.learned:
         return ""
@@ -100,12 +101,12 @@ def learned_sentence(diagnosis: Diagnosis) -> str:
     )
 
 
-def effort_of(diagnosis: Diagnosis) -> str:
+def effort_of(diagnosis: Answer) -> str:
     """`torque`, or `force` of a linear axis."""
     return "force" if diagnosis.motion == "linear" else "torque"
 
 
-def confidence_sentence(diagnosis: Diagnosis) -> str:
+def confidence_sentence(diagnosis: Answer) -> str:
     """The probability of the verdict, in words and as a number; "" where it is not known."""
     if not diagnosis.probability > 0.0:
         return ""
@@ -113,7 +114,7 @@ def confidence_sentence(diagnosis: Diagnosis) -> str:
     return f"{words[:1].upper()}{words[1:]} ({show_percent(diagnosis.probability)})."
 
 
-def where_sentence(diagnosis: Diagnosis) -> str:
+def where_sentence(diagnosis: Answer) -> str:
     """Where most of the gap lies; "" where nothing stands out or there is no gap."""
     if diagnosis.verdict == "no_gap":
         return ""
@@ -147,7 +148,7 @@ def show_range(place: Share, unit: str) -> str:
     return f"{low} to {high}\u202f{show_unit(unit)}"
 
 
-def twin_sentences(diagnosis: Diagnosis) -> list[str]:
+def twin_sentences(diagnosis: Answer) -> list[str]:
     """One sentence for each class of effects that this log cannot distinguish."""
     sentences = []
     for group in classes(diagnosis):
@@ -161,7 +162,7 @@ def twin_sentences(diagnosis: Diagnosis) -> list[str]:
     return sentences
 
 
-def set_twin_sentences(diagnosis: Diagnosis) -> list[str]:
+def set_twin_sentences(diagnosis: Answer) -> list[str]:
     """One sentence for each set of several effects that together make the same log as the causes."""
     sentences = []
     for sentence in diagnosis.same_as:
@@ -177,7 +178,7 @@ def _named(word: str, motion: str) -> str:
     return effect_name(word, motion) if word in EFFECTS else word
 
 
-def tracking_sentence(diagnosis: Diagnosis) -> str:
+def tracking_sentence(diagnosis: Answer) -> str:
     """The closed loop's tracking error, predicted before and after, against the measured one; "" where not known."""
     known = {name: readable(estimate) for name, estimate in tracking(diagnosis).items() if estimate.known}
     if "measured" not in known or not ({"before", "after"} & set(known)):
@@ -192,7 +193,7 @@ def tracking_sentence(diagnosis: Diagnosis) -> str:
     )
 
 
-def _alternatives(diagnosis: Diagnosis) -> list[str]:
+def _alternatives(diagnosis: Answer) -> list[str]:
     """Each cause with those that it cannot be distinguished from: `a constant torque or asymmetric friction`."""
     named: set[str] = set()
     names = []
@@ -205,7 +206,7 @@ def _alternatives(diagnosis: Diagnosis) -> list[str]:
     return names
 
 
-def _asserted(diagnosis: Diagnosis) -> str:
+def _asserted(diagnosis: Answer) -> str:
     """The causes as one phrase, with a remark where this log leaves alternatives."""
     names = _alternatives(diagnosis)
     open_ones = [i for i, name in enumerate(names) if " or " in name]
@@ -217,12 +218,12 @@ def _asserted(diagnosis: Diagnosis) -> str:
     return text if len(open_ones) == 1 else f"{text} (in each case this log cannot tell which)"
 
 
-def _nothing_closes(diagnosis: Diagnosis, it: str) -> str:
+def _nothing_closes(diagnosis: Answer, it: str) -> str:
     """A clause that no effect closes the gap, with the effects' names where the vocabulary was restricted."""
     return nothing_closes([effect_name(effect, diagnosis.motion) for effect in diagnosis.allowed], it)
 
 
-def _lacks(diagnosis: Diagnosis) -> str:
+def _lacks(diagnosis: Answer) -> str:
     """The clause `The simulation lacks ...`, or `has ...` of wrong values; another one for a mixture of both."""
     verb = "has" if diagnosis.causes and all(map(is_wrong_value, diagnosis.causes)) else "lacks"
     if any(map(is_wrong_value, diagnosis.causes)) and verb == "lacks":
@@ -230,11 +231,11 @@ def _lacks(diagnosis: Diagnosis) -> str:
     return f"The simulation {verb} {_asserted(diagnosis)}"
 
 
-def _it(diagnosis: Diagnosis) -> str:
+def _it(diagnosis: Answer) -> str:
     return "that" if len(diagnosis.causes) == 1 else "both" if len(diagnosis.causes) == 2 else "all of them"
 
 
-def _of_closable(diagnosis: Diagnosis) -> str:
+def _of_closable(diagnosis: Answer) -> str:
     """The share of the gap that is closed, as the end of a sentence."""
     if not math.isfinite(diagnosis.gap.closed):
         return ""

@@ -18,10 +18,11 @@ from .words import clip, motion_units, regime_name
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..answer.diagnosis import Diagnosis, Share
+    from ..answer.answer import Answer
+    from ..answer.parts import Share
 
 
-def axes_with_places(diagnosis: Diagnosis) -> list[str]:
+def axes_with_places(diagnosis: Answer) -> list[str]:
     """The axes on which any bin holds a share of the gap."""
     found = []
     for axis in AXES:
@@ -32,17 +33,17 @@ def axes_with_places(diagnosis: Diagnosis) -> list[str]:
     return found
 
 
-def has_regimes(diagnosis: Diagnosis) -> bool:
+def has_regimes(diagnosis: Answer) -> bool:
     """Whether any regime holds a share of the gap."""
     return any(share > 0.0 for share in diagnosis.where.regime.values())
 
 
-def has_where(diagnosis: Diagnosis) -> bool:
+def has_where(diagnosis: Answer) -> bool:
     """Whether there is anything to draw."""
     return bool(axes_with_places(diagnosis)) or has_regimes(diagnosis)
 
 
-def draw_where(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
+def draw_where(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
     """Draw the maps on a figure or subfigure: what stands out in colour, the rest in grey.
 
     Args:
@@ -140,7 +141,7 @@ def _frequency_scale(axes: Axes, every: tuple[Share, ...]) -> None:
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
 
 
-def _regimes(axes: Axes, diagnosis: Diagnosis) -> None:
+def _regimes(axes: Axes, diagnosis: Answer) -> None:
     names = [r for r, share in diagnosis.where.regime.items() if math.isfinite(share)]
     shares = [diagnosis.where.regime[name] for name in names]
     largest = max(shares, default=0.0)
@@ -160,7 +161,7 @@ def _regimes(axes: Axes, diagnosis: Diagnosis) -> None:
     axes.grid(visible=False)
 
 
-def residual_axes(diagnosis: Diagnosis) -> list[str]:
+def residual_axes(diagnosis: Answer) -> list[str]:
     """The axes against which the residual can be drawn."""
     if diagnosis.where.residual is None or diagnosis.verdict == "no_gap":
         return []
@@ -175,7 +176,7 @@ def residual_axes(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
-def draw_residual(figure: Figure, diagnosis: Diagnosis, *, narrow: bool) -> None:
+def draw_residual(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
     """Draw the missing torque of the nominal model against the motion: median and middle 80 % of each bin.
 
     The sign is that of commanded minus needed, as in the record: the torque that the model does not account for.

@@ -13,12 +13,12 @@ from ..model_file import Model, ModelSource
 from ..output.stages import StageClock
 from .answer.assemble import assemble
 from .answer.curves import curves_of
-from .answer.diagnosis import Diagnosis
 from .answer.provenance import provenance
 from .answer.stages import COSTS
 from .data.inputs import about_noise, look_at, read_logs, read_model
 from .data.record import about_stretches, make_records
 from .data.setting import make_setting
+from .diagnosis import Diagnosis
 from .effects.effect import Effect
 from .effects.vocabulary import EFFECTS, on_rate_sensor
 from .fit.kept import Kept, KeptSearch, key_of
@@ -121,7 +121,7 @@ def _diagnose(
     made = provenance(everything, search.records, model, allowed, started)
     clock.done()
     told = (*found.warnings, *about_noise(everything, found.gap.noise_floor, found.gap.unit))
-    return dataclasses.replace(found, seconds=clock.seconds, provenance=made, warnings=told)
+    return Diagnosis.of(found, seconds=clock.seconds, provenance=made, warnings=told)
 
 
 def make_search(

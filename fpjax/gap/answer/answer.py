@@ -1,0 +1,104 @@
+"""The answer to a log, as data; the contract's `diagnosis.json` is its `to_dict`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from ..effects.experiments import Experiment
+from ..select.dominant import DominantVariable
+from ..select.verdict import Word
+from .gap import Gap, Step
+from .parts import Comparison, FittedParameter, Learned, Ranked, TrackingError, Where
+from .posterior import Posterior
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a diagnosis found, as data; `fpjax.gap.Diagnosis` also prints, plots and reports it.
+
+    Attributes:
+        verdict: "no_gap", "explained", "partly_explained" or "unexplained".
+        causes: effects that are asserted, most important first.
+        ranking: every effect tried, most probable first.
+        gap: before and after, on withheld data.
+        steps: the gap after each cause, in the order in which they are added.
+        where: places in which the missing torque of the nominal model stands out.
+        next_experiment: for effects that this log cannot distinguish.
+        model: the corrected model as `servo.toml` text.
+        warnings: sentences.
+        comparisons: commanded against needed torque, one entry for each log.
+        identifiability: of the final fit.
+        residual_where: places in which the rest stands out; None where the rest does not matter.
+        probability: that the verdict is right [1], calibrated on simulated logs: the causes are exactly these (each
+            itself or one that it cannot be distinguished from), or, with no causes stated, no effect tried is one.
+        ahead: lead of the first cause [1]: share of the evidence that the best model without it lacks; for a wrong
+            nominal number, share of the gap that would come back without it. 0 where nothing leads.
+        seconds: time of each stage [s], by its name.
+        motion: "rotary" or "linear", as in the model's `[units]`.
+        nominal: the model as given, `servo.toml` text, so that a report can show what changed; "" where unknown.
+        tracking: closed-loop tracking error, measured and predicted; None where the controller is not known.
+        provenance: `command`, `arguments`, `inputs` (a list of {name, role, sha256, samples, windows_fitted,
+            windows_withheld}), `windows`, `versions`, `started`, `seeds`.
+        allowed: names of the effects that were tried, where the vocabulary was restricted; () for all of it.
+        model_missing: why there is no corrected model as text; "" where there is one.
+        same_as: exact twins of the causes, a sentence each.
+        learned: laws of recorded variables for the torque that the causes leave, largest share first; () for none.
+        dominant_variable: the variable that the missing torque is mostly a function of; None where none stands out.
+        learned_model: the corrected model with the learned laws beside the causes, as `servo.toml` text; "" without.
+        posterior: distribution of the fitted parameters, from which machines can be drawn; None where unknown.
+    """
+
+    verdict: Word
+    causes: tuple[str, ...]
+    ranking: tuple[Ranked, ...]
+    gap: Gap
+    steps: tuple[Step, ...]
+    where: Where
+    next_experiment: tuple[Experiment, ...]
+    model: str
+    warnings: tuple[str, ...]
+    comparisons: tuple[Comparison, ...] = ()
+    identifiability: tuple[FittedParameter, ...] = ()
+    residual_where: Where | None = None
+    probability: float = 0.0
+    seconds: dict[str, float] = field(default_factory=dict)
+    motion: Literal["rotary", "linear"] = "rotary"
+    nominal: str = ""
+    tracking: TrackingError | None = None
+    provenance: dict[str, Any] = field(default_factory=dict)
+    allowed: tuple[str, ...] = ()
+    model_missing: str = ""
+    same_as: tuple[str, ...] = ()
+    learned: tuple[Learned, ...] = ()
+    learned_model: str = ""
+    dominant_variable: DominantVariable | None = None
+    ahead: float = 0.0
+    posterior: Posterior | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The contract's `diagnosis.json` (numbers, strings, lists and dictionaries only), and beside it `ahead`,
+        `tracking`, `seconds`, `provenance`, `allowed_effects` and `model_missing`.
+        """
+        return {
+            "verdict": self.verdict,
+            "causes": list(self.causes),
+            "ranking": [entry.to_dict() for entry in self.ranking],
+            "gap": self.gap.to_dict(),
+            "steps": [step.to_dict() for step in self.steps],
+            "where": self.where.to_dict(),
+            "next_experiment": [experiment.to_dict() for experiment in self.next_experiment],
+            "model": self.model,
+            "warnings": list(self.warnings),
+            "probability": self.probability,
+            "ahead": self.ahead,
+            "same_as": list(self.same_as),
+            "learned": [law.to_dict() for law in self.learned],
+            "learned_model": self.learned_model,
+            "dominant_variable": None if self.dominant_variable is None else self.dominant_variable.to_dict(),
+            "model_missing": self.model_missing,
+            "tracking": None if self.tracking is None else self.tracking.to_dict(),
+            "allowed_effects": list(self.allowed) if self.allowed else "all",
+            "seconds": {stage: round(spent, 3) for stage, spent in self.seconds.items()},
+            "provenance": self.provenance,
+        }
