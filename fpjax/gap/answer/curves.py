@@ -17,6 +17,8 @@ from .smooth_tables import make_tables
 
 Values = np.ndarray
 
+UNFELT = 0.5  # share of the commanded torque that the nominal model misses, from which on its table says nothing
+
 
 @dataclass(frozen=True)
 class Curves:
@@ -37,7 +39,10 @@ def curves_of(search: Search) -> Curves:
     whole, found = _energy(search, smoother, base), {}
     if not whole > 0.0:
         return Curves({}, 0.0)  # noise alone
-    for variable, tables in make_tables(search.records, search.setting.periods.get("torque", ())[:1]).items():
+    tried = make_tables(search.records, search.setting.periods.get("torque", ())[:1])
+    if _unfelt(search) > UNFELT:
+        tried.pop("torque", None)
+    for variable, tables in tried.items():
         for table in tables:
             gains, penalty = smoother.gains(base, table)
             after = smoother.fit((table,), (penalty,), base.weight)
@@ -47,6 +52,21 @@ def curves_of(search: Search) -> Curves:
             if variable not in found or found[variable].share < one.share:
                 found[variable] = one
     return Curves(found, whole)
+
+
+def _unfelt(search: Search) -> float:
+    """Slope of the missing torque against the commanded one [1], at most what a machine that does not feel it has.
+
+    Where hardly anything but the missing torque holds the motor back (a weight that is turned slowly), the missing
+    torque *is* the commanded one, and a table of the torque repeats it without being a law of the machine.
+    """
+    pairs = [
+        (course[known], record.torque[known])
+        for course, record in zip(search.missing_course(search.base), search.records, strict=True)
+        if np.any(known := np.isfinite(course))
+    ]
+    missing, torque = (np.concatenate(part) for part in zip(*pairs, strict=True))
+    return -float(missing @ torque) / max(float(torque @ torque), 1e-300)
 
 
 def named_share(search: Search, fit: Fit, curves: Curves) -> float:

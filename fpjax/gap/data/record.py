@@ -14,7 +14,7 @@ from ...logs.noise import is_derived
 from .channel import Channel, common_noise, make_channel
 from .motion import motion
 from .split import every_fourth
-from .tables import TAPS, Tables
+from .tables import TAPS, Guide, Tables
 
 SECONDS = (0.5, 1.0)  # least and most of a window: about the time from one reversal to the next
 RESOLVED = 0.02  # of the torque's rms: the standard deviation of a constant torque over one window
@@ -25,6 +25,7 @@ MOST = 48_000  # samples that are simulated; of a longer log, stretches spread o
 STRETCHES = 8  # of a longer log: a few seconds each at 1 kHz, long enough for the memory of friction and for a loop
 LEAD = 512  # samples kept before the first window of a stretch: the past of lags (`TAPS`) and of hidden states
 LONG = 4  # times lead and edge: in a shorter log pairs of windows are left out instead
+DAMPED = 0.7  # damping ratio of the guide
 EDGE = 32  # samples kept after the last window, for a sensor's dead time
 LEAST = 3 * SHORTEST + EDGE  # samples of a log that can be diagnosed
 
@@ -79,6 +80,16 @@ class Record:
     def channels(self) -> tuple[bool, bool]:
         """Whether (velocity, position) is fitted."""
         return self.velocity is not None, self.position is not None
+
+    def motion_squares(self) -> np.ndarray:
+        """Mean square of the motion in each window, in standard deviations of the sensors, shape (windows,)."""
+        rows = self.starts[:, None] + np.arange(self.samples)
+        found = []
+        if self.velocity is not None:
+            found.append(np.mean((self.speed[rows] / self.velocity.noise) ** 2, axis=1))
+        if self.position is not None:
+            found.append(np.var(self.angle[rows], axis=1) / self.position.noise**2)
+        return np.mean(found, axis=0)
 
     def windows_of_samples(self) -> np.ndarray:
         """Index of the window of each sample, -1 for none, shape (samples,)."""
@@ -313,14 +324,23 @@ def with_noise(records: list[Record], scale: float) -> list[Record]:
     return [replace(r, velocity=scaled(r.velocity), position=scaled(r.position)) for r in records]
 
 
-def tables_of(record: Record) -> Tables:
-    """The record as the replay loop reads it, padded so that all logs share one compiled loop."""
+def tables_of(record: Record, bandwidth: float = 0.0) -> Tables:
+    """The record as the replay loop reads it, padded so that all logs share one compiled loop.
+
+    Args:
+        record: a log.
+        bandwidth: with which a simulation follows the measured motion [Hz]; zero leaves it to itself.
+    """
     count = len(record.time)
     padded = _padded(count + TAPS + 64)
     torque = np.full(padded, record.torque[0])
     torque[TAPS : TAPS + count] = record.torque
     velocity, velocity_weight = _column(record.velocity, count, padded)
     position, position_weight = _column(record.position, count, padded)
+    speed, angle = np.zeros(padded), np.zeros(padded)
+    # Where an encoder tells both, the guide follows it alone: a rate reading may lag or be off.
+    speed[TAPS : TAPS + count] = record.speed if record.integrated else np.gradient(record.angle, record.dt)
+    angle[TAPS : TAPS + count] = record.angle
     return Tables(
         jnp.asarray(torque, float),
         jnp.asarray(velocity, float),
@@ -328,7 +348,14 @@ def tables_of(record: Record) -> Tables:
         jnp.asarray(position, float),
         jnp.asarray(position_weight, float),
         jnp.asarray(record.dt, float),
+        Guide(*(jnp.asarray(value, float) for value in (speed, angle, *guide_of(record, bandwidth)))),
     )
+
+
+def guide_of(record: Record, bandwidth: float) -> tuple[float, float]:
+    """(stiffness [1/s^2], damping [1/s]) of a guide; without an encoder nothing says where the angle is."""
+    turning = 2.0 * np.pi * bandwidth
+    return (0.0 if record.integrated else turning**2), 2.0 * DAMPED * turning
 
 
 def _column(channel: Channel | None, count: int, padded: int) -> tuple[np.ndarray, np.ndarray]:

@@ -63,6 +63,8 @@ class Fitter:
         self.speed, self.effort = float(np.sqrt(np.mean(speed**2))), np.sort(np.abs(torque))
         self.driving = float(np.clip(np.mean(np.sign(torque) * np.sign(speed)), 0.0, 1.0))
         self.inertial = self._inertial()
+        guide = runner.tables[0].guide
+        self.guide = float(guide.stiffness), float(guide.damping)
         self._nominal = self._response(self.family.neutral(setting))
         # Windows whose readings repeat have more noise.
         self.noise = [2.0 ** np.round(np.log2(record.runs)) for record in self.records]
@@ -225,7 +227,9 @@ class Fitter:
         passed = max(count, 0) / len(self.effort)
         gain = found.get("gain", 1.0) * max(1.0 - found.get("load_coefficient", 0.0) * self.driving, LEAST_PASSED)
         lag = max(found.get("actuator_lag", 0.0), 0.0)
-        return self.modes.response(found["inertia"], max(viscous, 0.0), gain * max(passed, LEAST_PASSED), lag)
+        return self.modes.response(
+            found["inertia"], max(viscous, 0.0), gain * max(passed, LEAST_PASSED), lag, self.guide
+        )
 
     def log_volume(self, c: Candidate, torques: Values, vector: Values | None = None) -> float:
         """Twice the negative log of the Jacobian from torques to motion, of so many coefficients a mode."""

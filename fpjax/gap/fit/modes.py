@@ -115,14 +115,23 @@ class Modes:
         signal = np.where(self.sensor, 0.0, level[self.band] ** 2 * self.gain)
         return signal / (noise[:, None] + signal)
 
-    def response(self, inertia: float, viscous: float, gain: float, lag: float) -> Values:
-        """Frequency response of the speed to a torque at the command, over that of the nominal rigid mass, by mode [1].
+    def response(
+        self, inertia: float, viscous: float, gain: float, lag: float, guide: tuple[float, float] = (0.0, 0.0)
+    ) -> Values:
+        """Frequency response of the motion to a torque at the command, over that of the nominal rigid mass [1].
 
-        Its magnitude: g J_nominal w / |(J j w + B) (1 + j w T)| of inertia J [kg m^2], viscous friction B [N m s/rad],
-        torque gain g [1] and lag T [s].
+        Its magnitude by mode: g J_nominal / J |s^2 + K| / |(s^2 + s B / J + K) (1 + s T)|.
+
+        Args:
+            inertia: J [kg m^2].
+            viscous: B [N m s/rad].
+            gain: of the torque g [1].
+            lag: of the torque T [s].
+            guide: stiffness [1/s^2] and damping [1/s] of K, what holds a simulation near the motion.
         """
-        speed = 2.0 * np.pi * self.frequency
-        return gain * self.inertia / (np.hypot(inertia, viscous / speed) * np.hypot(1.0, lag * speed))
+        s = 2j * np.pi * self.frequency
+        held = s**2 + guide[0] + guide[1] * s
+        return np.abs(gain * self.inertia / inertia * held / ((held + s * viscous / inertia) * (1.0 + s * lag)))
 
     def plain(self, coefficients: Values) -> Values:
         """c = U' r of turned coefficients; both of shape (windows, modes)."""

@@ -50,6 +50,27 @@ def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[
     return found
 
 
+def repeating_share(course: Values, record: Record, periods: tuple[float, ...]) -> tuple[float, float]:
+    """(periods a revolution [1/rev], share [1] of the missing torque) of the sine of the position that holds most.
+
+    Args:
+        course: the missing torque [N m], NaN where unknown, shape (samples,).
+        record: its motion.
+        periods: to choose from [1/rev].
+
+    Returns:
+        (0, 0) where there is none.
+    """
+    keep, best = np.flatnonzero(np.isfinite(course)), (0.0, 0.0)
+    left = course[keep] - np.mean(course[keep])
+    for period in periods:
+        waves = np.stack([np.cos(period * record.angle[keep]), np.sin(period * record.angle[keep])], 1)
+        rest = left - waves @ np.linalg.lstsq(waves, left, rcond=1e-6)[0]
+        share = 1.0 - float(np.sum(rest**2)) / max(float(np.sum(left**2)), 1e-300)
+        best = max(best, (period, share), key=lambda one: one[1])
+    return best
+
+
 def turning_weight(course: Values, record: Record) -> dict[str, float]:
     """Values of an unbalance that a missing torque is most like, by name [N m]; nothing where too little is known.
 

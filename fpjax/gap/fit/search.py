@@ -16,6 +16,7 @@ from ..simulate.hidden import Observer
 from .band import highest_of_speed, level_with_bursts, real_noise
 from .candidate import NOMINAL, Candidate, Fit, make_candidate
 from .contacts import contact_starts
+from .guide import dominant_period, guide_bandwidth
 from .least_squares import Fitter
 from .modes import Modes, make_modes
 from .periods import repeating_periods, turning_weight
@@ -69,14 +70,22 @@ class Search:
         self.tick = tick or (lambda share: None)
         self.real_noise = 1.0
         """Variance of modes that hold hardly any torque, over what the sensors' noise says [1], at most 1."""
+        self.guide = 0.0
+        """Bandwidth with which a simulation is held near the measured motion [Hz]; 0 where it stays there by itself."""
         self._prepare(records, 0)
         base = self._base(wide=NOMINAL)
         scale = self._noise_scale(base)
+        self.guide = guide_bandwidth(records, self.modes, self._coefficients(base), self.setting)
         if abs(np.log(scale)) > 0.1:
             records = with_noise(records, scale)
         self._prepare(records, self._material_modes())
         self.exact = self._base(wide=None)
         """The nominal model as it was given."""
+        if self.guide > 0.0 and (period := self._dominant_period()) > 0.0:
+            left = self._coefficients(self.exact)
+            self.guide = guide_bandwidth(self.records, self.modes, left, self.setting, period)
+            self._prepare(records, self._material_modes())
+            self.exact = self._base(wide=None)
         self.band = self._band()
         """Wiener filter of the nominal model's missing torque, by which every model's is told, shape (modes,)."""
         if self._split_fairly():
@@ -93,7 +102,7 @@ class Search:
     def _prepare(self, records: list[Record], most: int) -> None:
         self.records = records
         with double_precision():
-            self.tables: list[Tables] = [tables_of(record) for record in records]
+            self.tables: list[Tables] = [tables_of(record, self.guide) for record in records]
         self._divide()
         first = records[0]
         rate = 0.0 if first.velocity is None else first.velocity.noise
@@ -169,7 +178,7 @@ class Search:
 
     def _look_for_starts(self) -> None:
         """Values that fits start from, as the missing torque of the log with the most fitted windows shows them."""
-        which = max(range(len(self.records)), key=lambda i: len(self.train[i]))
+        which = self._longest()
         free, given = (self.missing_course(c)[which] for c in (self.base, self.exact))
         record, contacts = self.records[which], None
         backlash = [effect for effect in self.effects if effect.name == "backlash"]
@@ -187,11 +196,19 @@ class Search:
 
         What the first cause makes hides them in the nominal model's missing torque.
         """
-        which = max(range(len(self.records)), key=lambda i: len(self.train[i]))
+        which = self._longest()
         course, record = self.missing_course(c)[which], self.records[which]
         return replace(
             self.setting, periods=repeating_periods(course, record, self.setting), weight=turning_weight(course, record)
         )  # fmt: skip
+
+    def _longest(self) -> int:
+        """Index of the log with the most fitted windows."""
+        return max(range(len(self.records)), key=lambda i: len(self.train[i]))
+
+    def _dominant_period(self) -> float:
+        which = self._longest()
+        return dominant_period(self.missing_course(self.exact)[which], self.records[which], self.setting)
 
     def _noise_scale(self, base: Candidate) -> float:
         """By what the sensors' noise is larger than its differences say [1]."""

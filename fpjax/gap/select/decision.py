@@ -126,7 +126,7 @@ def decide(
     weighed = _weigh(search, exact, fits)
     nominal = next(w for w in weighed if not w.structural)
     singles = [w for w in weighed if w.structural]
-    chosen = _settled(search, exact, weighed[0])
+    chosen = _first_settled(search, exact, weighed)
     tried = list(weighed)
     rivals, path, likely = weighed, [exact.fit], [effect.name for effect in search.effects]
     for size in range(2, thresholds.most_causes + 1):
@@ -138,7 +138,7 @@ def decide(
         if not found:
             break
         tried += found
-        best = _settled(search, exact, found[0])
+        best = _first_settled(search, exact, found)
         if not _better(search, exact, chosen, best, thresholds):
             break
         path.append(chosen.fit)
@@ -270,6 +270,15 @@ def _settled(search: Search, exact: Exact, weighed: Weighed) -> Weighed:
         return weighed
     fit = search.refit(weighed.fit, wrong)
     return _weighed(search, exact, fit, max(evidence, fit.evidence - len(wrong)))
+
+
+def _first_settled(search: Search, exact: Exact, ordered: Sequence[Weighed]) -> Weighed:
+    """The likeliest of some models that is still resolved once only its wrong numbers are wide."""
+    for weighed in ordered:
+        settled = _settled(search, exact, weighed)
+        if settled is weighed or resolved(search, settled.fit):
+            return settled
+    return ordered[0]
 
 
 def _left(search: Search, fit: Fit) -> float:

@@ -133,7 +133,7 @@ class Runner:
     """
 
     def __init__(self, family: Family, records: list[Record], tables: list[Tables], *, fine: bool = False):
-        self.family, self.records = family, records
+        self.family, self.records, self.tables = family, records, tables
         first = records[0]
         self.samples, self.channels = first.samples, sum(first.channels)
         with double_precision():

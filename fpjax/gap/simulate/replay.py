@@ -169,18 +169,25 @@ def command_at(tables: Tables, index: Array, delay: Array) -> Array:
 
 
 class Carry(eqx.Module):
-    """State of a lane: the plant's, the lagged torque [N m], the lagged rate now and one period ago [rad/s]."""
+    """State of a lane.
+
+    The plant's, the lagged torque [N m], the lagged rate now and one period ago [rad/s], and by how much the guide has
+    turned the masses (speed [rad/s], angle [rad]).
+    """
 
     plant: PyTree
     torque: Array
     lagged: Array
     lagged_before: Array
+    guided: tuple[Array, Array]
 
 
 def begin(machine: Machine, windows: Windows, states: Array, tables: Tables) -> Carry:
     """The carry before the first sample."""
     plant, torque, reading = initial(machine, windows, states, tables)
-    return Carry(plant, torque, reading, reading - tables.dt * windows.slope / machine.sensor.scale)
+    return Carry(
+        plant, torque, reading, reading - tables.dt * windows.slope / machine.sensor.scale, (0.0 * torque,) * 2
+    )
 
 
 def advance(
@@ -194,7 +201,8 @@ def advance(
     state = carry.plant
     sensor = machine.sensor
     output = output_of(state)
-    rate, angle = sensor.seen(output)
+    guided_rate, guided_angle = sensor.seen(output)
+    rate, angle = guided_rate - carry.guided[0], guided_angle - carry.guided[1]
     late = carry.lagged + _fraction(sensor.delay, tables.dt) * (carry.lagged_before - carry.lagged)
     predicted = (sensor.reading(late), angle)
     assert machine.actuator.delay is not None
@@ -204,10 +212,26 @@ def advance(
     actuator = eqx.tree_at(lambda block: block.delay, machine.actuator, None, is_leaf=lambda leaf: leaf is None)
     after, applied = actuator.step(ActuatorState(carry.torque, ()), command, motion, tables.dt)
     following = advance_exact(machine.plant, state, applied, time, tables.dt, substeps)
-    rate_after, _ = sensor.seen(output_of(following))
+    guide = tables.guide
+    turning = guide.stiffness * (guide.angle[at] - guided_angle)
+    turning = turning + guide.damping * (guide.speed[at] - sensor.reading(guided_rate))
+    faster, further = tables.dt * turning, half * tables.dt * turning
+    following = _turned(following, faster, further)
+    guided = (carry.guided[0] + faster, carry.guided[1] + tables.dt * carry.guided[0] + further)
+    rate_after = sensor.seen(output_of(following))[0] - guided[0]
     lagged = sensor.follow(carry.lagged, rate, rate_after, tables.dt)
     torque = carry.torque if after.lagged is None else after.lagged
-    return Carry(following, torque, lagged, carry.lagged), predicted
+    return Carry(following, torque, lagged, carry.lagged, guided), predicted
+
+
+def _turned(state: PyTree, faster: Array, further: Array) -> PyTree:
+    """A plant's state, its masses all moved alike."""
+    if isinstance(state, TwoMassState):
+        return TwoMassState(
+            state.motor_velocity + faster, state.motor_position + further,
+            state.load_velocity + faster, state.load_position + further, state.friction,
+        )  # fmt: skip
+    return OneMassState(state.velocity + faster, state.position + further, state.friction)
 
 
 def residuals(

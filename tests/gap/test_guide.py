@@ -1,0 +1,84 @@
+"""The guide: a simulation that leaves the measured motion is held near it, and a linear one's residual stays."""
+
+import gap_machine
+import gap_search
+import numpy as np
+import pytest
+
+from fpjax.gap.data.record import tables_of
+from fpjax.gap.diagnose import make_search
+from fpjax.gap.effects.vocabulary import EFFECTS
+from fpjax.gap.fit.least_squares import Fitter
+from fpjax.gap.fit.search import Start
+from fpjax.gap.precision import double_precision
+from fpjax.gap.simulate.family import Runner
+from fpjax.model_file import load_model
+
+SLOW = 2.0 * np.pi * 0.2  # of a reference that turns slowly [rad/s]
+
+
+def missing(search):
+    """RMS of what the nominal model lacks [N m]."""
+    return search.finish([search.exact])[0].missing_rms([np.arange(len(r.starts)) for r in search.records])
+
+
+def guided_fitter(search, bandwidth):
+    """A fitter of the rigid family whose simulations are held with that bandwidth [Hz]."""
+    with double_precision():
+        tables = [tables_of(record, bandwidth) for record in search.records]
+    family = search.fitters[search.exact.family.key].family
+    return Fitter(Runner(family, search.records, tables), search.setting, search.modes)
+
+
+@pytest.mark.parametrize("sensors", [("position",), ("velocity",), ("velocity", "position")])
+def test_a_guide_leaves_the_residual_of_a_linear_machine_as_it_is(sensors):
+    linear = gap_machine.Machine(coulomb=0.0, viscous=0.0)
+    log = gap_machine.record(linear, seconds=3.0, sensors=sensors, extra=lambda time, *_: 0.3 * np.sin(20.0 * time))
+    model = gap_search.MODEL.replace("coulomb = 0.4", "coulomb = 0.0").replace("viscous = 0.03", "viscous = 0.0")
+    search = make_search([log], [], load_model(model))
+    c = search.candidate(Start((), ("inertia",), {"inertia": 0.06}))
+    windows = search.train[0]
+    free, held = (guided_fitter(search, bandwidth).coefficients([c], 0, windows)[0] for bandwidth in (0.0, 20.0))
+    assert np.max(np.abs(free)) > 10.0  # standard deviations: there is something to see
+    np.testing.assert_allclose(held, free, atol=1e-3 * np.max(np.abs(free)))
+
+
+def test_under_a_guide_viscous_friction_answers_to_the_measured_speed():
+    search = gap_search.search_of(gap_machine.record(seconds=3.0, sensors=("position",)))
+    c = search.candidate(Start((), ("viscous",), {"viscous": 2.0}))
+    free, held = (guided_fitter(search, bandwidth).torque_scale(c) for bandwidth in (0.0, 100.0))
+    slow = int(np.argmin(search.modes.frequency))
+    assert free[slow] > 2.0  # much damping alone moves little
+    assert held[slow] == pytest.approx(1.0, abs=0.1)  # held, it misses the torque that it misses
+
+
+def test_a_machine_that_its_cogging_traps_is_held_and_its_cogging_found():
+    strong = 1.5
+    log = gap_machine.record(
+        seconds=8.0, sensors=("position",), reference=2.0 + 0.5 * np.sin(SLOW * 1e-3 * np.arange(8000)),
+        extra=lambda time, speed, angle, command: strong * np.sin(24.0 * angle),
+    )  # fmt: skip
+    search = gap_search.search_of(log)
+    assert search.guide > 0.0
+    effect = next(one for one in EFFECTS if one.name == "cogging")
+    fits = search.explore([Start((effect,), (), values) for values in effect.starts(search.setting)])
+    values = next(f for f in fits if f.names == ("cogging",)).candidate.values()
+    assert values["cogging_periods"] == pytest.approx(24.0, rel=1e-3)
+    found = np.hypot(values["cogging_sine_1"], values["cogging_cosine_1"])
+    assert found == pytest.approx(strong, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("name", "torque"),
+    [("constant", lambda time, speed, angle, u: -2.0), ("weight", lambda time, speed, angle, u: -2.0 * np.sin(angle))],
+)
+def test_the_gap_is_the_torque_that_is_missing(name, torque):
+    time = 1e-3 * np.arange(12_000)
+    log = gap_machine.record(seconds=12.0, sensors=("position",), reference=2.0 * np.sin(SLOW * time), extra=torque)
+    angle = log.position
+    truth = np.sqrt(np.mean(torque(time, 0.0, angle, 0.0) ** 2 * np.ones(len(time))))
+    assert missing(gap_search.search_of(log)) == pytest.approx(truth, rel=0.15), name
+
+
+def test_a_model_that_stays_near_is_left_to_itself():
+    assert gap_search.search_of(gap_machine.record(seconds=3.0)).guide == 0.0
