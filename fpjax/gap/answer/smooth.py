@@ -118,6 +118,7 @@ def _misread(search: Search, c: Candidate, part: Linear) -> Values:
         # Positions only: the simulated speed is the slope of measured position plus residual.
         simulated = np.gradient(record.position.values[rows] + record.position.noise * residual, record.dt, axis=1)
     measured, angle = record.speed[rows], record.angle[rows]
+    simulated = measured + held_departure(simulated - measured, record.dt, *fitter.guide)
     away = np.cumsum(simulated - measured, axis=1) * record.dt
     family = fitter.family
     padded = 1024
@@ -135,6 +136,26 @@ def _misread(search: Search, c: Candidate, part: Linear) -> Values:
             found.append(np.asarray(torque)[: rows.size].reshape(rows.shape))
     modes = fitter.modes
     return (found[0] - found[1]) @ (modes.torque * np.sqrt(modes.gain)) @ modes.turn
+
+
+def held_departure(speed: Values, dt: float, stiffness: float, damping: float) -> Values:
+    """What a guide leaves of a simulation's departure from the measured speed [rad/s], shape (windows, samples).
+
+    Args:
+        speed: departure of the prediction, from which the guide's own motion is taken off, of that shape.
+        dt: control period [s].
+        stiffness: of the guide [1/s^2].
+        damping: of it [1/s].
+    """
+    if stiffness == 0.0 and damping == 0.0:
+        return speed
+    found = speed.copy()
+    turned = further = np.zeros(len(speed))
+    for k in range(1, speed.shape[1]):  # as the replay does it: a change of speed at the end of every period
+        further = further + dt * found[:, k - 1]
+        turned = turned - dt * (stiffness * further + damping * found[:, k - 1])
+        found[:, k] = speed[:, k] + turned
+    return found
 
 
 @functools.partial(jax.jit, static_argnums=(1, 2))
@@ -262,11 +283,12 @@ class Smoother:
         """Prior precision of the torques: size, smoothness, and a zero mean of further tables."""
         count = sum(len(t.at) for t in tables)
         prior = np.eye(count) / self.largest**2
-        place = 0
-        for index, (table, penalty) in enumerate(zip(tables, penalties, strict=True)):
+        place, laws = 0, 0
+        for table, penalty in zip(tables, penalties, strict=True):
             own = slice(place, place + len(table.at))
             prior[own, own] += penalty * table.bend.T @ table.bend
-            if index and table.of in ("position", "time", "torque"):
+            laws += table.of != "acceleration"
+            if laws > 1 and table.of in ("position", "time", "torque"):
                 # A constant torque could be in any table: the mean of this one along the logs is held at zero.
                 prior[own, own] += np.outer(table.mean, table.mean) / (CENTRED * self.size) ** 2
             place = own.stop

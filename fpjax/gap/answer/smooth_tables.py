@@ -14,7 +14,7 @@ import numpy as np
 
 from ..data.record import Record
 
-Variable = Literal["velocity", "position", "torque", "time"]
+Variable = Literal["velocity", "position", "torque", "time", "acceleration"]
 Values = np.ndarray
 
 SPEEDS = 14  # points for each direction, closer towards rest, where friction has its curvature
@@ -86,6 +86,19 @@ def make_tables(records: Sequence[Record], periods: Sequence[float] = ()) -> dic
     times = [r.time - r.time[0] for r in records]
     found["time"] = [_table("time", np.linspace(0.0, max(t[-1] for t in times), TIMES), times)]
     return found
+
+
+def inertia_table(records: Sequence[Record]) -> Table:
+    """An error of the inertia as a table of one point: the torque [N m] at the acceleration's rms."""
+    accelerations = [_mid(r.acceleration) for r in records]
+    size = max(float(np.sqrt(np.mean(np.concatenate(accelerations) ** 2))), 1e-300)
+    return Table(
+        "acceleration",
+        np.array([size]),
+        None,
+        tuple(a[:, None] / size for a in accelerations),
+        _bend(np.zeros(1), None),
+    )
 
 
 def _mid(values: Values) -> Values:
