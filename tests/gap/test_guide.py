@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from fpjax.gap.data.record import tables_of
-from fpjax.gap.diagnose import make_search
 from fpjax.gap.effects.vocabulary import EFFECTS
 from fpjax.gap.fit.least_squares import Fitter
 from fpjax.gap.fit.search import Start
 from fpjax.gap.precision import double_precision
 from fpjax.gap.simulate.family import Runner
+from fpjax.gap.verb import make_search
 from fpjax.model_file import load_model
 
 SLOW = 2.0 * np.pi * 0.2  # of a reference that turns slowly [rad/s]
