@@ -32,7 +32,8 @@ MOVED = {
     **{name: f"{room}.{name}" for room, names in _ROOMS.items() for name in names},
     "plants": "blocks.plants",
     "parameters": "blocks.parameters",
-    "simulate": "public",
+    "public": "",
+    "simulate": "",
     "logs.measures": "logs.noise",
     **{f"logs.{name}": f"logs.{room}.{name}" for room, names in _ROOMS_OF_LOGS.items() for name in names},
 }
@@ -83,7 +84,7 @@ def _now(fullname: str) -> str | None:
             return None
         head, _, last = head.rpartition(".")
         rest = f".{last}{rest}"
-    return f"fpjax.{MOVED[head]}{rest}"
+    return f"fpjax.{MOVED[head]}{rest}".rstrip(".")
 
 
 def warn_of(old: str, now: str) -> None:

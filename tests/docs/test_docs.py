@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-import fpjax.public
+import fpjax
 import tuning
 
 ROOT = pathlib.Path(__file__).parents[2]
@@ -16,9 +16,9 @@ DOCUMENTED = {
 }
 PUBLIC = [
     (package.__name__, name, value)
-    for package in (fpjax.public, tuning)
-    for name, value in vars(package).items()
-    if not name.startswith("_") and (inspect.isclass(value) or inspect.isfunction(value))
+    for package, names in ((fpjax, dir(fpjax)), (tuning, vars(tuning)))
+    for name in names
+    if not name.startswith("_") and (inspect.isclass(value := getattr(package, name)) or inspect.isfunction(value))
 ]
 IDS = [f"{package}.{name}" for package, name, _ in PUBLIC]
 
@@ -35,8 +35,16 @@ def test_public_symbol_says_what_its_arguments_are(package, name, value):
     text = inspect.getdoc(value) or ""
     assert text, f"{name} has no docstring"
     if inspect.isclass(value):
-        fields = [field for field in getattr(value, "__annotations__", {}) if not field.startswith("_")]
-        fields = [field for field in fields if "ClassVar" not in str(value.__annotations__[field])]
+        # Its own fields, and those of the data that a result is: `Diagnosis` has the fields of `Answer`.
+        told = {value: vars(value).get("__annotations__", {})}
+        told |= {base: base.__annotations__ for base in value.__bases__ if base.__name__ == "Answer"}
+        text += "".join(inspect.getdoc(base) or "" for base in told if base is not value)
+        fields = [
+            field
+            for each in told.values()
+            for field, kind in each.items()
+            if not field.startswith("_") and "ClassVar" not in str(kind)
+        ]
         text += inspect.getdoc(value.__init__) or "" if "__init__" in vars(value) else ""
         is_abstract = inspect.isabstract(value)
         missing = [] if is_abstract or issubclass(value, Exception) else [f for f in fields if not _named(text, f)]

@@ -1,4 +1,4 @@
-"""The public names of fpjax: explicit re-exports, nothing else; `fpjax` gives access to them on first use."""
+"""The public names of fpjax and where each is: read by type checkers, and by `__init__.py` when a name is used."""
 
 from .analysis.estimate import Estimated as Estimated
 from .analysis.excitation import Excitation as Excitation
