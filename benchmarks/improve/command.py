@@ -168,7 +168,7 @@ def _drive(folder: Path, wanted: list[Identity], periods: int) -> None:
     `improve`, and the candidates of the search in the truth, of which the best counts.
     """
     from .best import costs
-    from .machines import error, run
+    from .machines import beyond, error, run
 
     def is_missing(own: Path) -> bool:
         return not (own / "driven.json").exists() or ((own / "searched.json").exists() and not _best_of(own))
@@ -191,6 +191,7 @@ def _drive(folder: Path, wanted: list[Identity], periods: int) -> None:
             best = int(cost.argmin())
             write_json(own / "best.json", {"gains": some[best], "error": error(rows[best]), "tried": len(rows)})
         write_json(own / "driven.json", {name: error(one) for name, one in zip(names, rows, strict=False)})
+        write_json(own / "beyond.json", {name: beyond(one, rows[0]) for name, one in zip(names, rows, strict=False)})
     progress.end(f"{len(missing)} machines")
 
 
@@ -207,11 +208,13 @@ def _row(own: Path, one: Identity) -> Row | None:
     ours = _proposed(own, _read(own / "made.json")["now"])
     best = _best_of(own)
     least = None if best is None else _size(best["error"])
+    over = _read(own / "beyond.json") if (own / "beyond.json").exists() else {}
     return {
         "case": one.name, "generator": one.truth, "set": one.set, "sensors": one.sensors, "system": one.system,
         "effects": list(one.effects), "error_now": driven["now"], "error_nominal": driven["nominal"],
         "error_improve": driven["improve"], "error_truth": least, "decision": ours["decision"],
         "verdict": ours["verdict"], "reason": ours["reason"], "promised": ours["promised"],
+        "beyond_nominal": over.get("nominal"), "beyond_improve": over.get("improve"),
         "processor_s": _read(own / "cost.json")["processor_s"],
         "gains": {"nominal": nominal, "improve": ours["gains"], "truth": None if best is None else best["gains"]},
     }  # fmt: skip

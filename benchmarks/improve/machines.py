@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from fpjax.improvement.judge import LONGEST_SETTLING, SETTLING
+from fpjax.improvement.search import HARDEST, ROUGHEST
 from fpjax.output.json_object import JsonObject
 
 from ..withheld.identity import Identity
@@ -112,6 +113,20 @@ def rough(record: Record) -> float:
 def peak(record: Record) -> float:
     """Largest commanded torque after the settling time [N m]."""
     return float(np.max(np.abs(record.torque[record.time >= _start(record)])))
+
+
+def beyond(record: Record, now: Record) -> float | None:
+    """How far a torque goes beyond what `improve` allows, the larger of its roughness and its peak over theirs [1].
+
+    Args:
+        record: with other gains.
+        now: with the gains that ran.
+
+    Returns:
+        At most 1 where both limits hold; None for a loop that is none.
+    """
+    shares = rough(record) / (ROUGHEST * rough(now)), peak(record) / (HARDEST * peak(now))
+    return max(shares) if all(math.isfinite(one) for one in shares) else None
 
 
 def _start(record: Record) -> float:

@@ -36,6 +36,17 @@ def worse(row: Row) -> bool:
     return row["error_improve"] > (1.0 + WORSE) * row["error_nominal"]
 
 
+def within_limits(row: Row) -> bool | None:
+    """Whether the nominal model's gains keep, in the truth, the limits of the torque that `improve` keeps; None where
+    that was not measured.
+
+    The nominal model knows no missing friction, so its gains may ask for a larger or rougher torque than they were
+    allowed, and follow better for it.
+    """
+    over = row.get("beyond_nominal")
+    return None if over is None else over <= 1.0 + WORSE
+
+
 def held(row: Row) -> bool | None:
     """Whether the truth lies within the promised interval; None where nothing was promised."""
     low, high = row["promised"]
@@ -70,7 +81,9 @@ def goals(rows: Sequence[Row]) -> list[tuple[str, str, str, str]]:
     (all_of,) = table(rows, lambda row: "all")
     unexplained = [row for row in rows if row["verdict"] == "unexplained"]
     lost = sum(row["error_improve"] > (1.0 + WORSE) * row["error_now"] for row in unexplained)
-    won, kept = all_of["won, median"], all_of["promises held"]
+    fair = [row for row in rows if within_limits(row)]
+    against = sum(worse(row) for row in fair)
+    won, promised = all_of["won, median"], all_of["promises held"]
     low, high = INTERVALS
 
     def met(value: bool | None) -> str:
@@ -80,8 +93,10 @@ def goals(rows: Sequence[Row]) -> list[tuple[str, str, str, str]]:
         ("share of what is possible, median", f"{WON:.0%}", _percent(won), met(None if won is None else won >= WON)),
         ("worse than the nominal gains by over 2 %", "none", f"{all_of['worse by over 2 %']} of {len(rows)}",
          met(all_of["worse by over 2 %"] == 0)),
-        ("truth within the promised 90 % interval", f"{low:.0%} to {high:.0%}", _percent(kept),
-         met(None if kept is None else low <= kept <= high)),
+        ("of these, against gains that keep improve's limits of torque", "none",
+         f"{against} of {len(fair)}", met(against == 0 if fair else None)),
+        ("truth within the promised 90 % interval", f"{low:.0%} to {high:.0%}", _percent(promised),
+         met(None if promised is None else low <= promised <= high)),
         ("unexplained logs worse than with the gains that ran", "none",
          f"{lost} of {len(unexplained)}", met(lost == 0 if unexplained else None)),
     ]  # fmt: skip

@@ -14,9 +14,37 @@ WORTH = 0.98  # largest error, relative to the present one, of a proposal: under
 MARGIN_KEPT, MARGIN_ENOUGH = 0.9, 0.5
 ROUGHNESS = 2.2  # largest roughness of the torque, relative to the present one
 PROMISED = 3.0  # largest ratio of the ends of the error's 90 % interval with which a prediction is of use
+# Largest factor between the tracking error of a drawn machine with the gains that ran and the log's. A machine beyond
+# it is not the one that made the log.
+PLAUSIBLE = 2.0
+LEFT = 0.5  # smallest share of the drawn machines that such a comparison may leave
 UNSTABLE = 0.1  # share of machines unstable with the current gains above which no prediction is made
 
+LEFT_OUT = (
+    "{:.0%} of the machines that the diagnosis leaves possible were left out: with the gains that ran they would be "
+    "unstable, or follow much better or worse than the log shows."
+)
+LESS = "The best gains that the search found are not proposed, but {}: {}"
+
 Values = np.ndarray
+
+
+def plausible(now: Score, measured: float | None) -> Values:
+    """Whether each drawn machine may have made the log: it was stable with the gains that ran, and followed as well.
+
+    The draws know the log's windows, each from its own initial state, but not that the loop as a whole was stable.
+    Where most of them are refuted, the posterior is what is wrong, and all are kept.
+
+    Args:
+        now: scores with the gains that made the log, each of shape (machines,); the first machine is the fit itself.
+        measured: rms of the tracking error in the log, in its unit; None where the log does not show it.
+    """
+    stable = np.isfinite(now.error)
+    kept = stable
+    if measured is not None and abs(math.log(max(now.error[0], 1e-300) / measured)) < math.log(PLAUSIBLE):
+        ratio = np.where(stable, now.error, np.inf) / measured
+        kept = stable & (np.abs(np.log(ratio)) < math.log(PLAUSIBLE))
+    return kept if kept[0] and np.mean(kept) >= LEFT else np.ones(len(kept), bool)
 
 
 def hopeless(now: Score) -> tuple[Decision | None, str]:

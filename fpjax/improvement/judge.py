@@ -110,6 +110,14 @@ class Score:
     peak: Values
     rough: Values
 
+    def only(self, kept: Values) -> "Score":
+        """The scores in some machines.
+
+        Args:
+            kept: whether each machine is kept, shape (machines,).
+        """
+        return Score(*(getattr(self, field.name)[:, kept] for field in dataclasses.fields(self)))
+
     def of(self, candidate: int) -> "Score":
         """The scores of one candidate, each of shape (machines,)."""
         return Score(*(getattr(self, field.name)[candidate] for field in dataclasses.fields(self)))

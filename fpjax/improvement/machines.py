@@ -93,6 +93,19 @@ class Machines:
                 longest[side] = max(longest[side], 0.0 if delay is None else float(np.max(np.asarray(delay))))
         return math.ceil(longest[0] / dt) + HISTORY, math.ceil(longest[1] / dt) + HISTORY
 
+    def only(self, kept: Values) -> "Machines":
+        """Some of the machines, the first one among them.
+
+        Args:
+            kept: whether each machine is kept, in the order of `parts`, shape (machines,).
+        """
+        ends = np.cumsum([len(part.shares) for part in self.parts])
+        own, *others = (
+            Machines(jax.tree.map(lambda leaf, some=some: np.asarray(leaf)[some], part.machine), part.shares[some])
+            for part, some in zip(self.parts, np.split(np.asarray(kept), ends[:-1]), strict=True)
+        )
+        return dataclasses.replace(own, others=tuple(part for part in others if len(part.shares)))
+
     def first(self, count: int) -> "Machines":
         """The first machines of the chosen explanation, without others."""
         return Machines(jax.tree.map(lambda leaf: leaf[:count], self.machine), self.shares[:count])

@@ -18,14 +18,14 @@ from ..model_file import Model, ModelSource, dump_model, load_model
 from ..output.stages import StageClock
 from ..simulation.scan import astype
 from .answer import Change, Decision, Range, Side
-from .decide import hopeless, objection, range_of
+from .decide import LEFT_OUT, LESS, hopeless, objection, plausible, range_of
 from .gains import Gains, freed, guesses
 from .judge import Judge, Score
 from .known import Known, about_left, known_in, known_of
 from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, record_of, rms
 from .margins import NAMES, UNITS, margins_of
 from .result import Improvement
-from .search import HARDEST, Found, limits_of, search
+from .search import HARDEST, Found, limits_of, robust_costs, search
 from .stages import COSTS
 from .traces import passed_on, run_traces, unlike
 
@@ -139,6 +139,12 @@ def improve_known(
     ran = record.reference is not None and np.array_equal(table, np.asarray(record.reference)[: len(table)])
     told = known.made and ran  # only then can the log's tracking error be compared with the prediction
     measured = measured_error(record, judge, ground) if told else None
+    now_tuned = judge(gains.now[None], tuned_on)
+    if told:  # a machine that would not have followed as the log shows did not make it
+        fits, fits_tuned = (plausible(each.of(0), measured) for each in (now, now_tuned))
+        judged_on, tuned_on = judged_on.only(fits), tuned_on.only(fits_tuned)
+        now, now_tuned = now.only(fits), now_tuned.only(fits_tuned)
+        notes += [LEFT_OUT.format(1.0 - np.mean(fits))] if not fits.all() else []
     judged = _Judged(judge, gains, judged_on, speed, known, measured)
     decision, reason = hopeless(now.of(0))
     if decision is not None:
@@ -147,7 +153,7 @@ def improve_known(
         return judged.answer(decision, reason, before, before, None, (), 0.0, None, 0, notes)
     clock("searching")
     allowed = nominal.limits.get("torque")
-    limits = limits_of(judge(gains.now[None], tuned_on).of(0), largest_torque(record), allowed)
+    limits = limits_of(now_tuned.of(0), largest_torque(record), allowed)
     if kept is not None and len(kept.values) == len(gains.gains):
         found = kept
     else:
@@ -156,22 +162,28 @@ def improve_known(
         if keep is not None:
             keep("search", found)
     clock("judging on other machines")
-    # Besides the best gains of the search, points on the way to them are judged: the first without objection is
-    # proposed, so a large change that costs too much margin may become a smaller one.
+    # Besides the best gains of the search, points on the way to them are judged, so a large change that costs too much
+    # margin may become a smaller one. And the feed-forward alone: it is outside the loop and costs no stability.
     shares, best = gains.shares(gains.now), gains.shares(found.values)
-    tried = gains.values(np.stack([shares, *(shares + blend * (best - shares) for blend in BLENDS)]))
+    steps = [shares + blend * (best - shares) for blend in BLENDS]
+    outside = np.array([gain.word.startswith("feedforward.") for gain in gains.gains])
+    if outside.any() and not outside.all():
+        steps.append(np.where(outside, best, shares))
+    tried = gains.values(np.stack([shares, *steps]))
     tried[0] = gains.now
     scores = judge(tried, judged_on)
     clock("margins")
     margins = judged.margins(tried)
     before = judged.side(tried[0], scores.of(0), margins[0])
-    chosen, reason = 0, ""
-    for place in range(1, len(tried)):
-        reason_not = objection(scores.of(0), scores.of(place), margins[0], margins[place])
-        if reason_not == "":
-            chosen = place
-            break
-        reason = reason or reason_not
+    against = [objection(scores.of(0), scores.of(i), margins[0], margins[i]) for i in range(1, len(tried))]
+    costs, fine = robust_costs(scores, limits), [place for place, said in enumerate(against, 1) if not said]
+    chosen, reason = min(fine, key=lambda place: costs[place]) if fine else 0, against[0]
+    if chosen and reason:
+        notes.append(
+            LESS.format(
+                "the feed-forward alone" if chosen > len(BLENDS) else "a part of the way", reason.partition(": ")[2]
+            )
+        )
     seen = chosen or 1
     clock("runs over time")
     runs = run_traces(judge, tried[[0, seen]], judged_on)
@@ -213,7 +225,7 @@ def improve_known(
         "change" if chosen else "keep", reason, before, side if chosen else before, side, changes, wins, middle,
         found.simulations, notes, tried[chosen],
     )  # fmt: skip
-    return dataclasses.replace(answer, runs=runs.summary(10.0 * judge.size), ratios=ratios)
+    return dataclasses.replace(answer, runs=runs.summary(10.0 * judge.size), ratios=ratios, tuned_on=tuned_on.count)
 
 
 def followed(log: Log, model: Model, reference: str) -> Values:

@@ -36,6 +36,13 @@ def test_worse_and_held_are_counted_as_the_goals_say():
     assert held(row(promised=(None, None))) is None
 
 
+def test_gains_that_ask_for_more_torque_than_improve_allows_are_counted_apart():
+    rows = [row(ours=1.5, beyond_nominal=1.3), row(ours=0.9, beyond_nominal=0.8), row(beyond_nominal=None)]
+    found = {goal: (have, met) for goal, _, have, met in goals(rows)}
+    assert found["worse than the nominal gains by over 2 %"] == ("1 of 3", "not met")
+    assert found["of these, against gains that keep improve's limits of torque"] == ("0 of 1", "met")
+
+
 def test_the_goals_are_met_only_where_they_are():
     good = [row(ours=0.41, promised=(0.4, 0.6)) for _ in range(9)] + [row(ours=0.41, promised=(0.5, 0.6))]
     words = {goal: met for goal, _, _, met in goals(good)}

@@ -9,11 +9,13 @@ import pytest
 
 from fpjax.blocks.signals import Motion
 from fpjax.gap.answer.parts import Learned
-from fpjax.improvement.decide import hopeless, objection
+from fpjax.improvement.decide import hopeless, objection, plausible
 from fpjax.improvement.judge import Score
 from fpjax.improvement.machines import (
+    Machines,
     Missing,
     draw_shares,
+    nominal_machines,
     opposing,
     record_of,
     surrogate,
@@ -63,6 +65,30 @@ def test_nothing_is_promised_of_a_machine_that_may_be_anything(errors, decision)
     found, reason = hopeless(score(errors))
     assert found == decision
     assert bool(reason) == (decision is not None)
+
+
+@pytest.mark.parametrize(
+    ("errors", "measured", "kept"),
+    [
+        ([1.0, 1.1, np.inf, 0.9], None, [True, True, False, True]),  # the machine that made the log was stable
+        ([1.0, 1.1, 0.3, 2.3], 1.0, [True, True, False, False]),  # and followed as the log shows
+        ([1.0, 1.1, 0.3, 2.3], None, [True] * 4),
+        ([1.0, np.inf, np.inf, np.inf], 1.0, [True] * 4),  # the posterior is what is wrong
+        ([np.inf, 1.0, 1.0, 1.0], 1.0, [True] * 4),  # the fit itself: said by `hopeless`
+        ([3.0, 3.1, 3.2, 3.0], 1.0, [True] * 4),  # the fit itself is off: the interval says it
+    ],
+)
+def test_a_machine_that_cannot_have_made_the_log_is_left_out(errors, measured, kept):
+    assert plausible(score(errors), measured).tolist() == kept
+
+
+def test_machines_are_left_out_of_every_explanation():
+    rival = Machines(nominal_machines(case.model(), 3).machine, np.arange(9.0).reshape(3, 3))
+    every = dataclasses.replace(nominal_machines(case.model(), 4), others=(rival, rival))
+    some = every.only(np.array([1, 0, 1, 1, 0, 1, 0, 0, 0, 0], bool))
+    assert [len(part.shares) for part in some.parts] == [3, 1]
+    assert some.parts[1].shares.tolist() == [[3.0, 4.0, 5.0]]
+    assert np.shape(some.machine.plant.inertia) == (3,)
 
 
 def test_the_cost_is_the_mean_and_the_spread_and_fines_what_a_motor_would_feel():
