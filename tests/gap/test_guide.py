@@ -7,8 +7,8 @@ import pytest
 
 from fpjax.gap.data.record import tables_of
 from fpjax.gap.effects.vocabulary import EFFECTS
+from fpjax.gap.fit.candidate import Start
 from fpjax.gap.fit.least_squares import Fitter
-from fpjax.gap.fit.search import Start
 from fpjax.gap.precision import double_precision
 from fpjax.gap.simulate.family import Runner
 from fpjax.gap.verb import make_search

@@ -9,7 +9,7 @@ import pytest
 
 from fpjax.gap.answer.curves import curves_of, named_share
 from fpjax.gap.effects.vocabulary import EFFECTS
-from fpjax.gap.fit.search import Start
+from fpjax.gap.fit.candidate import Start
 from fpjax.gap.select.dominant import dominant
 from fpjax.gap.verb import make_search
 from fpjax.model_file import load_model

@@ -158,12 +158,19 @@ def test_a_wrong_reading_does_not_lead_where_a_torque_is_missing_that_nobody_exp
     assert lost.among["velocity_lag"] > 0.9
 
 
+def test_a_reading_leads_where_more_of_the_speed_is_wrong_than_of_the_torque_is_missing():
+    # 5 N m are commanded and 1 N m of it is missing: a fifth.
+    chosen = weighed("stribeck", 1000.0)
+    less, more = (judged(chosen, (), readings=("velocity_lag",), misread=share) for share in (0.15, 0.25))
+    assert (less.causes, more.causes) == (("stribeck", "velocity_lag"), ("velocity_lag", "stribeck"))
+    assert 0.9 < more.main["velocity_lag"] <= sum(more.main.values()) <= 1.0
+
+
 def test_nothing_is_sure_where_nothing_explains():
     found = judged(weighed("stribeck", 500.0), [weighed("presliding", 100.0)], left=0.97)
     assert max(found.main.values()) <= max(THRESHOLDS.right_unexplained) <= 0.5
     assert (found.word, found.causes) == ("unexplained", ())
-    silent = judged(weighed("stribeck", 500.0), [], allowed=("backlash",))
-    assert silent.word == "unexplained"
+    assert judged(weighed("stribeck", 500.0), [], allowed=("backlash",)).word == "unexplained"
 
 
 def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():

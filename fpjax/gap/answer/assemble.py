@@ -62,7 +62,11 @@ def assemble(
     read = material(readings(in_one_piece(records[0]), search.setting.inertia), torque)
     read = tuple(one for one in read if not allowed or one.effect in allowed)
     wrong = (*(one.effect for one in read), *([ROUNDING] if step > 0.0 else []))
-    judged = judge(search, decision, Read(torque, wrong, read, allowed), curves, linear_unit("N m", linear))
+    # Of a rounding, the standard deviation of a uniform error one step wide.
+    speed = float(np.sqrt(np.mean(np.concatenate([record.speed for record in records]) ** 2)))
+    misread = max([step / math.sqrt(12.0) / speed, *(one.size for one in read)])
+    known = Read(torque, wrong, read, allowed, misread)
+    judged = judge(search, decision, known, curves, linear_unit("N m", linear))
     decision, found, gap, spread = judged.decision, judged.verdict, judged.gap, judged.spread
     before, after, chosen = judged.before, judged.after, judged.decision.chosen.fit
     # Causes of the machine; errors of the reading change no torque, so that the gap after them is the gap after these.

@@ -39,22 +39,24 @@ def curves_of(search: Search) -> Curves:
     whole, found = _energy(search, smoother, base), {}
     if not whole > 0.0:
         return Curves({}, 0.0)  # noise alone
-    # A missing law bends the nominal model's inertia, which would hide the law from its own table. Beside a table of
-    # the torque the inertia stays: with it free, what drives less what accelerates is the missing torque by definition.
-    heavier = smoother.fit((inertia_table(search.records),), (0.0,), base.weight)
+    # A missing law bends the nominal model's inertia, which would hide the law from its own table; and a free inertia
+    # takes what a weight does to a machine that swings freely. So a table is tried beside either. Beside one of the
+    # torque the inertia stays: with it free, what drives less what accelerates is the missing torque by definition.
+    free = smoother.fit((inertia_table(search.records),), (0.0,), base.weight)
     tried = make_tables(search.records, search.setting.periods.get("torque", ())[:1])
     if _unfelt(search) > UNFELT:
         tried.pop("torque", None)
     for variable, tables in tried.items():
-        before = base if variable == "torque" else heavier
-        for table in tables:
-            gains, penalty = smoother.gains(before, table)
-            after = smoother.fit((*before.tables, table), (*before.penalties, penalty), before.weight)
-            # `gains` are cross-validated; `share` is not, as the share of named causes is of fitted windows too.
-            share = 1.0 - _energy(search, smoother, after) / max(_energy(search, smoother, before), 1e-300)
-            one = Curve(float(np.clip(share, 0.0, 1.0)), float(np.sum(gains)))
-            if variable not in found or found[variable].share < one.share:
-                found[variable] = one
+        for before in (base,) if variable == "torque" else (base, free):
+            energy = max(_energy(search, smoother, before), 1e-300)
+            for table in tables:
+                gains, penalty = smoother.gains(before, table)
+                after = smoother.fit((*before.tables, table), (*before.penalties, penalty), before.weight)
+                # `gains` are cross-validated; `share` is not, as the share of named causes is of fitted windows too.
+                share = 1.0 - _energy(search, smoother, after) / energy
+                one = Curve(float(np.clip(share, 0.0, 1.0)), float(np.sum(gains)))
+                if variable not in found or found[variable].share < one.share:
+                    found[variable] = one
     return Curves(found, whole)
 
 

@@ -32,12 +32,14 @@ class Read:
         wrong: errors of the velocity column, the most important first.
         readings: those of them that comparison with the encoder shows.
         allowed: effects that may be asserted; empty for all.
+        misread: rms of the largest of these errors, of the speed's rms [1].
     """
 
     torque: float
     wrong: tuple[str, ...]
     readings: Sequence[Reading]
     allowed: tuple[str, ...]
+    misread: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         torque=read.torque,
         sizes=nominal_sizes(search.setting),
         readings=read.wrong,
+        misread=read.misread,
         allowed=frozenset(read.allowed),
         doubts={one.effect: (one.rival, one.sure) for one in read.readings if one.rival},
         twins=single_twins(log_of(search)),

@@ -16,8 +16,8 @@ import numpy as np
 
 from ...blocks.learned import LearnedTorque, split_jump
 from ...model_file.learned import join_load
-from ..fit.candidate import Fit
-from ..fit.search import Search, Start
+from ..fit.candidate import Fit, Start
+from ..fit.search import Search
 from .parts import Learned
 from .shrink import draws, interval, withheld
 from .smooth import Smooth, smoother_of

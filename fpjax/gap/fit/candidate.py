@@ -161,6 +161,23 @@ def make_candidate(
 
 
 @dataclass(frozen=True)
+class Start:
+    """A set of causes and the values that its fit starts from.
+
+    Attributes:
+        effects: in the model.
+        wide: nominal values that may be wrong.
+        values: that are not neutral, by name.
+        like: a fit whose windows' start states are taken over.
+    """
+
+    effects: tuple[Effect, ...]
+    wide: tuple[str, ...]
+    values: dict[str, float]
+    like: Candidate | None = None
+
+
+@dataclass(frozen=True)
 class Fit:
     """A finished candidate and its scores; nothing changes it.
 

@@ -1,7 +1,7 @@
 """Search: every set of causes from all its starts, screened on a few windows, the leaders finished on all of them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from ..precision import double_precision
 from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
 from ..simulate.hidden import Observer
 from .band import highest_of_speed, level_with_bursts, real_noise
-from .candidate import NOMINAL, Candidate, Fit, make_candidate
+from .candidate import NOMINAL, Candidate, Fit, Start, make_candidate
 from .contacts import contact_starts
 from .guide import dominant_period, guide_bandwidth
 from .least_squares import Fitter
@@ -32,23 +32,6 @@ SCREENED, AFTER = 0.58, (0.66, 0.7, 0.73, 0.82)
 HEAVY = 3.0  # times the time of a rigid candidate that one with a transmission takes
 COLOURED = 25  # steps with a level of the missing torque for each octave
 BAND = 0.25  # of the Nyquist frequency: above it lie the drive's own sampling and rounding, and no cause of a gap
-
-
-@dataclass(frozen=True)
-class Start:
-    """A set of causes and the values that its fit starts from.
-
-    Attributes:
-        effects: in the model.
-        wide: nominal values that may be wrong.
-        values: that are not neutral, by name.
-        like: a fit whose windows' start states are taken over.
-    """
-
-    effects: tuple[Effect, ...]
-    wide: tuple[str, ...]
-    values: dict[str, float]
-    like: Candidate | None = None
 
 
 class Search:
@@ -81,11 +64,8 @@ class Search:
         self._prepare(records, self._material_modes())
         self.exact = self._base(wide=None)
         """The nominal model as it was given."""
-        if self.guide > 0.0 and (period := self._dominant_period()) > 0.0:
-            left = self._coefficients(self.exact)
-            self.guide = guide_bandwidth(self.records, self.modes, left, self.setting, period)
-            self._prepare(records, self._material_modes())
-            self.exact = self._base(wide=None)
+        if self.guide > 0.0:
+            self._hold_phase()
         self.band = self._band()
         """Wiener filter of the nominal model's missing torque, by which every model's is told, shape (modes,)."""
         if self._split_fairly():
@@ -206,9 +186,14 @@ class Search:
         """Index of the log with the most fitted windows."""
         return max(range(len(self.records)), key=lambda i: len(self.train[i]))
 
-    def _dominant_period(self) -> float:
-        which = self._longest()
-        return dominant_period(self.missing_course(self.exact)[which], self.records[which], self.setting)
+    def _hold_phase(self) -> None:
+        """Hold simulations to the phase of a torque that most of the missing one repeats with."""
+        which, records = self._longest(), self.records
+        period = dominant_period(self.missing_course(self.exact)[which], records[which], self.setting)
+        if period > 0.0:
+            self.guide = guide_bandwidth(records, self.modes, self._coefficients(self.exact), self.setting, period)
+            self._prepare(records, self._material_modes())
+            self.exact = self._base(wide=None)
 
     def _noise_scale(self, base: Candidate) -> float:
         """By what the sensors' noise is larger than its differences say [1]."""
@@ -349,7 +334,10 @@ class Search:
             most = keep[stage] if stage < len(keep) else most
             going = sorted(going, key=lambda c: c.cost)
             sets = list(dict.fromkeys(c.names for c in going))
-            sets = [*sets[:most], *(names for names in sets[most:] if not self._structural(names))]
+            sets = [
+                *sets[:most],
+                *(names for names in sets[most:] if not any(n.removesuffix("_error") not in NOMINAL for n in names)),
+            ]
             if stage == 0:
                 going = [c for c in going if c.names in sets]
                 for c in going:
@@ -378,9 +366,6 @@ class Search:
             self.go_on(group, self.screening(), SCREEN_STEPS, white=white)
             done += weight
             self.tick(SCREENED * done / sum(weights.values()))
-
-    def _structural(self, names: tuple[str, ...]) -> bool:
-        return any(name.removesuffix("_error") not in NOMINAL for name in names)
 
     def fitted(self, starts: Sequence[Start]) -> list[Fit]:
         """Each start fitted on all windows, one by one comparable."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..effects.effect import Effect
-from ..fit.candidate import NOMINAL, Fit, nominal_sizes
-from ..fit.search import Search, Start
+from ..fit.candidate import NOMINAL, Fit, Start, nominal_sizes
+from ..fit.search import Search
 from .dominant import Curve, believed
 from .nominal_errors import wrong_numbers
 from .resolved import resolved

@@ -37,6 +37,7 @@ class Seen:
         named: what the chosen model, or one of its effects alone, holds of the missing torque in the measure of the
             curves [1].
         follows: by effect, the variables that its torque is a function of.
+        misread: rms of the largest error of the velocity column, of the speed's rms [1].
     """
 
     before: float
@@ -52,6 +53,7 @@ class Seen:
     curves: Mapping[str, Curve] = field(default_factory=dict)
     named: float = 0.0
     follows: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    misread: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,8 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     shares = _shares(sets, top, thresholds.temper)
     main, among = _by_effect(shares)
     if seen.readings:
-        return _with_readings(Verdict(word, asserted, 0.0, main, among, margin, lead), seen, thresholds)
+        right = _right(asserted, shares, main)
+        return _with_readings(Verdict(word, asserted, right, main, among, margin, lead), seen, thresholds)
     right = _right(asserted, shares, main)
     return Verdict(word, asserted, right, main, among, margin, lead)
 
@@ -285,9 +288,17 @@ def _with_readings(found: Verdict, seen: Seen, t: Thresholds) -> Verdict:
     instead = {other: t.right_read * (1.0 - sure) for other, sure in seen.doubts.values() if sure < 1.0}
     among |= {other: max(share, among.get(other, 0.0)) for other, share in instead.items()}
     first, names = readings[0], (*asserted, *(name for name in readings if name not in asserted))
-    if word == "no_gap":
-        word, probability = "explained", right[first]
-        main = {name: min(share, 1.0 - t.right_read) for name, share in main.items()} | {first: right[first]}
+    numbers = bool(asserted) and all(_is_number(name) for name in asserted)
+    leads = word == "no_gap" or numbers or seen.misread * seen.torque > seen.before
+    if leads:
+        # More of the speed is misread than of the torque is missing, or what is missing is a guessed nominal model's.
+        word = "explained" if word == "no_gap" else word
+        probability = right[first] if not asserted else min(right[first], found.probability)
+        if word == "unexplained":
+            probability = max(1.0 - sum(main.values()), 0.0)
+        names = (first, *(name for name in names if name != first))
+        room = (1.0 - t.right_read) / max(sum(main.values()), 1.0 - t.right_read)
+        main = {name: share * room for name, share in main.items()} | {first: right[first]}
         other, sure = seen.doubts.get(first, ("", 1.0))
         if other:
             main[other] = t.right_read * (1.0 - sure)
