@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..gap.data.split import every_fourth
-from ..gap.data.tables import TAPS, Tables
+from ..gap.data.tables import TAPS, Guide, Tables
 from ..gap.simulate.family import Family
 from ..gap.simulate.replay import STATES, Windows, advance, assembled, begin, residuals
 from .machines import Shop, Variant
@@ -193,9 +193,11 @@ def _tables(sight: Sight, readings: Readings) -> tuple[Tables, np.ndarray]:
     def weight(there: bool, noise: float) -> Array:
         return jnp.full(runs * length, 1.0 / noise if there else 0.0)
 
+    # The replay is left to itself: the diagnosis guides one only where the log leaves the nominal motion.
+    free = Guide(line(readings.rate), line(readings.angle), jnp.zeros(()), jnp.zeros(()))
     tables = Tables(
         line(readings.torque), line(readings.rate), weight(sight.channels[0], sight.rate_noise),
-        line(readings.angle), weight(sight.channels[1], sight.angle_noise), jnp.asarray(sight.dt),
+        line(readings.angle), weight(sight.channels[1], sight.angle_noise), jnp.asarray(sight.dt), free,
     )  # fmt: skip
     return tables, sight.starts[None, :] + TAPS + length * np.arange(runs)[:, None]
 
