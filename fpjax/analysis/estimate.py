@@ -220,6 +220,8 @@ def estimate(
     if not 0.0 < span <= log.duration:
         raise InputError(f"average must be positive and at most the log's {log.duration:g} s, got {span:g} s.")
     last = slice(-max(round(span / log.dt), 1), None)
+    # the limit of an observer with slow gains, from the same pairs: where the two differ, the observer has not
+    # converged
     fitted = fit_pairs(torque, velocity, log.dt, float(observer.inertia))
     return Estimated(
         time=np.asarray(log.time[1:]),

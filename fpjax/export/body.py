@@ -124,12 +124,14 @@ def _friction(body: Body, law: Any, share: float, lugre: bool) -> None:
             static, speed = _number(law.static), _number(law.stribeck_velocity)
             found = (_number(law.bristle_stiffness), _number(law.bristle_damping), _number(law.coulomb), static, speed)
         else:
+            # (sigma_0, sigma_1, F_c, F_s, v_s): with F_s = F_c the Stribeck curve is flat, and v_s has no effect
             found = (_number(law.stiffness), 0.0, _number(law.coulomb), _number(law.coulomb), 1.0)
         viscous = _number(law.viscous)
         body.viscous = ((1.0 - share) * viscous, share * viscous)
         if lugre and fits:
             body.lugre = found
             return
+        # without bristles, sliding friction is the nearest law: the check then reports what the missing bristles cost
         body.coulomb = ((1.0 - share) * found[2], share * found[2])
         name = "bristle friction (LuGre, Dahl)"
         body.leftovers.append(Leftover(name, lambda loop: _with_law(loop, _plain)))

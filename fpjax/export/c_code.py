@@ -77,6 +77,7 @@ class _Body:
         self.written_out = 0
         self.lines: list[str] = []
         program = law.program
+        # inputs and state of the program are read where they are, without a copy into a local variable
         words = [f"in->{name}" for name in law.inputs] + [f"state->{name}" for name in law.states]
         self.expressions = {v.index: word for v, word in zip(program.inputs, words, strict=True)}
         uses = program.uses()
@@ -90,6 +91,7 @@ class _Body:
             kind = C_TYPES[operation.result.kind]
             self.lines.append(f"const {kind} {local} = {_bare(text)};")
             self.expressions[operation.result.index] = local
+        # the outputs that a drive needs stand first, the next state after them
         outputs = [self.atom(atom) for atom in program.outputs]
         shown = len(law.outputs)
         self.outputs = outputs[:shown]

@@ -127,6 +127,7 @@ def run(loop: ClosedLoop, inputs: PyTree, state: PyTree, dt: PyTree) -> tuple[Py
 
 def memory_at_rest(loop: ClosedLoop) -> PyTree:
     """The law's memory between two samples (controller, observer, period), at rest before the first sample."""
+    # the continuous state has no `Period`: a drive is always sampled
     state = loop.sampled(loop.init())
     return state.controller, state.observer, state.period
 

@@ -1,4 +1,4 @@
-"""Log: what a machine recorded, in SI units, on one uniform clock."""
+"""Log: the recorded run of a machine, in SI units, on one uniform clock."""
 
 import os
 from dataclasses import dataclass, field
@@ -16,23 +16,23 @@ class Log:
 
     Attributes:
         time: start of each control period [s], uniform, shape (samples,).
-        torque: commanded at that time (or measured, see torque_measured) and held over the period [N m] (linear: [N]),
-            shape (samples,).
+        torque: commanded at that time (or measured, see torque_measured) and held over the period [N m] (linear
+            axis: [N]), shape (samples,).
         velocity: read at the start of the period [rad/s] (linear: [m/s]); None where the log has none.
         position: read at the start of the period [rad] (linear: [m]); None where the log has none.
-        reference: what the controller was asked to follow [rad/s], or [rad] for a position loop; None without.
+        reference: reference of the controller [rad/s], or [rad] for a position loop; None where the log has none.
         dt: control period [s].
-        name: where it came from, for messages and pictures.
+        name: of the file or the data, for messages and pictures.
         linear: whether motion is in metres and torque in newtons.
-        torque_unit: "N m", "N", or the label ("V", "PWM", ...) that inertia and friction follow.
+        torque_unit: "N m", "N", or a label ("V", "PWM", ...) that also replaces N m in inertia and friction.
         extra: the other columns, as they were recorded; "torque_measured" in torque_unit and "temperature" [deg C]
             where the log has them.
-        jitter: largest deviation of a recorded stamp from the uniform clock [s].
-        sha256: of the file; "" where the log was no file.
-        warnings: what the reader found and did, a sentence each.
-        torque_step: the torque is rounded to multiples of it; 0 where none is seen, in torque_unit.
-        torque_measured: the torque is what the drive measured, not what it was told.
-        torque_lag: by how much a measured torque (in `extra`) follows the commanded one [s]; None without both.
+        jitter: largest deviation of a recorded time stamp from the uniform clock [s].
+        sha256: of the file; "" where the log came from arrays.
+        warnings: what the reader found and changed, a sentence each.
+        torque_step: the torque is rounded to multiples of it, in torque_unit; 0 where no rounding is seen.
+        torque_measured: the torque was measured by the drive, not commanded.
+        torque_lag: delay of the measured torque (in `extra`) behind the commanded one [s]; None without both.
         resampled: values were interpolated or filled to get a uniform clock.
     """
 
@@ -136,9 +136,14 @@ LogSource = Log | str | os.PathLike[str] | NamedArrays
 
 
 def asks_for_a_position(log: Log) -> bool:
-    """Whether the reference is more like the position than like the velocity; of one motion alone, it is of that."""
+    """Whether the reference is a position: it is nearer to the logged position than to the velocity.
+
+    In a log with only one of them, the reference is taken to be of that kind.
+    """
     if log.reference is None or log.position is None or log.velocity is None:
         return log.velocity is None
     reference = np.asarray(log.reference)
+    # distances relative to the spread of each motion: a position in rad and a velocity in rad/s do not compare as
+    # numbers
     off = [np.std(reference - motion) / (np.std(motion) or 1.0) for motion in (log.position, log.velocity)]
     return bool(off[0] < off[1])

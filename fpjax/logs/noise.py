@@ -1,7 +1,7 @@
-"""The one measure of a column's rounding step and noise, and of a velocity that is only a derivative.
+"""Rounding step and noise of a column, and whether a velocity was only differentiated from the position.
 
-Everything that asks "how noisy is this reading" asks here: the log's checks, `fpjax inspect`, the starter model and the
-diagnosis. numpy only, float64, any finite input.
+The log's checks, `fpjax inspect`, the starter model and the diagnosis all take a sensor's noise from here, so that they
+agree. numpy only, float64, any finite input.
 """
 
 from dataclasses import dataclass
@@ -10,17 +10,17 @@ import numpy as np
 
 Values = np.ndarray
 
-LOOKED_AT = 200_000  # samples: a longer column is judged by evenly spaced pieces of it
+LOOKED_AT = 200_000  # [samples]: a longer column is judged by evenly spaced pieces of it
 PIECES = 20
-FINEST = 1e7  # steps in the range: what is finer is a float's own spacing, or text with many digits
+FINEST = 1e7  # [steps in the range]: a finer grid is a float's own spacing, or text with many digits
 ON_LATTICE = 0.97  # share of the levels that must lie on the grid: a clipped end or a repaired value may not
-OFF_GRID = 0.05  # of a step: what text of few digits and single precision move a reading by
-FEW = 8  # levels: below it the readings must go through them one by one, or they are a command's levels
+OFF_GRID = 0.05  # of a step: by so much text of few digits and single precision displace a reading
+FEW = 8  # [levels]: with fewer, the readings must go through them one by one, or they are the levels of a command
 ONE_MOVE = 0.995  # share of the moves: a ramp moves by one amount only
-SHORTEST = 8  # samples
-PIECE = 50  # samples over which the noise is taken to be constant
-RESTING = 1e-9  # of the largest piece's noise, below which a piece holds one reading and the arithmetic's rounding
-FOURTH = np.sqrt(70.0)  # the fourth difference of white noise has 70 times its variance
+SHORTEST = 8  # [samples]
+PIECE = 50  # [samples] over which the noise is taken to be constant
+RESTING = 1e-9  # of the largest piece's noise: below it a piece is one reading with the rounding of the arithmetic
+FOURTH = np.sqrt(70.0)  # fourth difference of white noise: 1^2 + 4^2 + 6^2 + 4^2 + 1^2 = 70 times its variance
 
 
 def even_pieces(values: Values, longest: int = LOOKED_AT) -> Values:
@@ -33,7 +33,7 @@ def even_pieces(values: Values, longest: int = LOOKED_AT) -> Values:
 
 
 def _scaled(values: Values) -> tuple[Values, float]:
-    """Values over their largest size, and that size: no square or difference overflows."""
+    """Values divided by the largest magnitude, and that magnitude, so that no square or difference overflows."""
     values = np.asarray(values, dtype=np.float64).ravel()
     size = float(np.max(np.abs(values), initial=0.0))
     if size == 0.0 or not np.isfinite(size):
@@ -48,9 +48,9 @@ def rounding_step(column: Values) -> float:
     """The step that a column's readings are rounded to, in the column's unit; 0.0 where none is seen.
 
     All readings of a rounded column lie on a grid `offset + k step`. A run of equal readings counts as one reading, so
-    that a coarse encoder (12 bits a turn, slow motion) shows its grid as well as a fine one. What only looks like a
-    grid is left out: a command of a few levels, a ramp that moves by the same amount every sample, a float's own
-    spacing (a range of more than 1e7 steps).
+    that a coarse encoder (12 bits per turn, slow motion) shows its grid as well as a fine one. Three things only look
+    like a grid and give 0: a command of a few levels, a ramp that moves by the same amount every sample, and the
+    spacing of floats (more than 1e7 steps in the range).
 
     Args:
         column: readings, any unit, finite, shape (samples,).
@@ -73,6 +73,8 @@ def rounding_step(column: Values) -> float:
     if sizes[np.argmax(times)] != 0.0 and times.max() > ONE_MOVE * times.sum():
         return 0.0  # a ramp: every multiple of its own move
     moving = sizes != 0.0
+    # A relay's command or a staircase has few levels too, but jumps across several of them at once. A coarse sensor
+    # passes from a level to its neighbour in nearly all of its moves.
     if levels.size < FEW and times[sizes == 1.0].sum() < 0.9 * times[moving].sum():
         return 0.0
     return step * size
@@ -90,6 +92,9 @@ def _grid(levels: Values) -> float:
     gaps = gaps[gaps > span / FINEST]
     if gaps.size < 2:
         return 0.0
+    # Candidates from two sides: quantiles of the distances between neighbouring levels are the step itself where most
+    # levels are visited, the common divisor finds it where they lie far apart. Coarse candidates first: every divisor
+    # of the true step holds the levels as well.
     sample = levels if levels.size <= 4000 else levels[:: levels.size // 4000]
     starts = [float(np.quantile(gaps, share)) for share in (0.5, 0.25, 0.1, 0.03, 0.0)]
     starts += [_common_divisor(gaps, tolerance * span) for tolerance in (3e-3, 3e-4, 3e-5, 3e-6, 3e-7, 3e-8)]
@@ -101,7 +106,7 @@ def _grid(levels: Values) -> float:
 
 
 def _common_divisor(gaps: Values, tolerance: float) -> float:
-    """Euclid's algorithm on gaps that are multiples of one step up to a tolerance: levels may be far apart."""
+    """Euclid's algorithm on distances between levels, each a multiple of one step up to a tolerance."""
     found = 0.0
     for gap in np.sort(gaps)[:60]:
         large, small = max(found, float(gap)), min(found, float(gap))
@@ -112,7 +117,11 @@ def _common_divisor(gaps: Values, tolerance: float) -> float:
 
 
 def _refined(levels: Values, step: float) -> float:
-    """A step counted over ever wider spans around the middle level, so that it has as many digits as the range."""
+    """The step, fitted over ever wider spans around the middle level, for as many digits as the range allows.
+
+    Counting steps over the whole range at once would fail: a start value that is wrong by 1 % is wrong by a whole step
+    after 100 levels.
+    """
     away = levels - levels[levels.size // 2]
     reach = 4.0 * step
     while True:
@@ -130,7 +139,7 @@ def _refined(levels: Values, step: float) -> float:
 def _lies_on(levels: Values, step: float) -> bool:
     phase = levels / step
     phase = phase - np.floor(phase)
-    # the grid's offset is the direction that the phases share (torques of 12 bits lie half a step off zero)
+    # The grid's offset is the circular mean of the phases (torques of 12 bits lie half a step off zero).
     offset = np.angle(np.mean(np.exp(2j * np.pi * phase))) / (2.0 * np.pi)
     away = np.abs(phase - offset - np.round(phase - offset))
     return float(np.mean(away < OFF_GRID)) >= ON_LATTICE
@@ -140,11 +149,12 @@ def _lies_on(levels: Values, step: float) -> bool:
 
 
 def noise_level(column: Values, step: float | None = None) -> float:
-    """Standard deviation of one reading, in the column's unit: what is new from sample to sample.
+    """Standard deviation of the noise of one reading, in the column's unit.
 
-    From fourth differences, which a motion hardly has, in many short pieces, and of these the median, so that corners
-    of the motion do not count; of those that move where most hold one reading. At least step / sqrt(12), the rounding's
-    own; above zero for any column.
+    Estimated from fourth differences, in which a smooth motion hardly shows. The column is cut into short pieces, and
+    the median of their noise is taken, so that corners of the motion do not count. Where most pieces are at rest (they
+    hold one rounded reading), only the others are used. The result is at least step / sqrt(12), the standard deviation
+    of the rounding itself, and above zero for any column.
 
     Args:
         column: readings, any unit, finite, shape (samples,).
@@ -163,18 +173,21 @@ def noise_level(column: Values, step: float | None = None) -> float:
         # A machine that mostly rests shows its reading's noise where it moves: at rest a rounded reading has none.
         pieces, fourth = pieces[moving], whole[moving]
     level = float(np.median(pieces))
+    # 1.4826 times the median absolute deviation is the standard deviation of Gaussian noise, and ignores outliers.
+    # The smaller of the two estimates is taken: what motion leaves in the differences only adds to either.
     spread = float(1.4826 * np.median(np.abs(fourth - np.median(fourth))))
     level = min(level, spread) if spread > 0.0 else level
+    # a noise-free simulated column still needs a positive noise: the fits divide by it
     floor = 1e-12 * float(np.median(np.abs(values - np.median(values)))) * size
     return float(max(level * size, step / np.sqrt(12.0), floor, np.finfo(np.float64).tiny))
 
 
 # ----------------------------------------------------------------------------------------- derived velocity
 
-LAGS, LEADS, OWN = 12, 12, 2
-WIDE_LAGS = 48
-EXACT = 1e-9  # of the velocity's own steps
-INDEPENDENT = 0.5  # of the position's passed noise: see `velocity_origin`
+LAGS, LEADS, OWN = 12, 12, 2  # [samples] of the position before and after, and of the velocity's own past
+WIDE_LAGS = 48  # [samples]
+EXACT = 1e-9  # of the velocity's steps: a smaller remainder is the rounding of the arithmetic
+INDEPENDENT = 0.5  # of the position noise in the prediction: with less left, the velocity holds the same noise
 
 
 @dataclass(frozen=True)
@@ -182,10 +195,10 @@ class VelocityOrigin:
     """Whether a velocity column is a measurement of its own.
 
     Attributes:
-        derived: it was computed from the position column, so it holds nothing new.
-        left: rms of what position and its own past do not predict, over the rms of its steps [1]: 1e-12 of an exact
-            derivative, about 0.2 of a gyro.
-        passed: rms of the position's noise that the prediction carries, over the same [1].
+        derived: it was computed from the position column, so it holds no information of its own.
+        left: rms of what the position and the velocity's own past do not predict, divided by the rms of the velocity's
+            steps [1]: 1e-12 for an exact derivative, about 0.2 for a gyro.
+        passed: rms of the position's noise in the prediction, divided by the same [1].
     """
 
     derived: bool
@@ -201,12 +214,12 @@ def is_derived(velocity: Values, position: Values) -> bool:
 def velocity_origin(velocity: Values, position: Values) -> VelocityOrigin:
     """Tell a rate sensor from a velocity that was derived from the encoder, filtered and rounded or not.
 
-    The velocity is regressed on its own last two values and on the position's differences around the sample. If it
-    came from a sensor of its own, the prediction would carry the position's noise and the velocity would not: nothing
-    can be predicted better than the noise that the prediction adds. So a remainder well below the noise that the
-    position passes through the fitted filter is proof of a derivative, whatever the filter, and whatever the rounding
-    of the result as long as it is finer than that noise. A velocity that was filtered until its noise is below its
-    own rounding cannot be told, and is not called derived.
+    The velocity is regressed on its own last two values and on the position's differences around the sample. If the
+    velocity came from a sensor of its own, the prediction would contain the position's noise and the velocity would
+    not, so the remainder could not be smaller than that noise. A remainder well below the position noise that the
+    fitted filter passes is therefore proof of a derivative, whatever the filter. It holds as long as the velocity is
+    rounded more finely than that noise: a velocity that was filtered until its noise is below its own rounding cannot
+    be recognised, and is not called derived.
 
     Args:
         velocity: shape (samples,).
@@ -220,11 +233,13 @@ def velocity_origin(velocity: Values, position: Values) -> VelocityOrigin:
     count = min(rate.size, 8_000)
     start = (rate.size - count) // 2
     rate, angle = rate[start : start + count], angle[start : start + count]
-    # Without a step in sight, what is fast in a position may be motion: then only an exact derivative is believed.
+    # Only rounding is surely noise: without a rounding step, what is fast in a position may be motion. The noise is 0
+    # then, and only an exact derivative is recognised.
     noise = rounding_step(angle) / np.sqrt(12.0)
     tries = [_predict(rate, angle, noise, OWN, LAGS, LEADS)]
     if count > 12 * WIDE_LAGS:
-        # without its own past, which rounding blurs: a longer memory of the position instead
+        # A coarsely rounded velocity spoils its own past as a regressor (errors in variables): a longer memory of the
+        # position takes its place.
         tries.append(_predict(rate, angle, noise, 0, WIDE_LAGS, LEADS))
     origins = [
         VelocityOrigin(bool(left < EXACT * steps or left < INDEPENDENT * passed), left / steps, passed / steps)
@@ -235,10 +250,10 @@ def velocity_origin(velocity: Values, position: Values) -> VelocityOrigin:
 
 
 def _predict(rate: Values, angle: Values, noise: float, own: int, lags: int, leads: int) -> tuple[float, float]:
-    """(rms left, rms of the position's noise in the prediction), as noise from sample to sample."""
+    """(rms of the remainder, rms of the position's noise in the prediction), both in the velocity's unit."""
     moves = np.diff(angle)  # moves[k] = angle[k + 1] - angle[k]
     span = np.ptp(angle)
-    # a wrap of a turn is no motion
+    # a wrap at a full turn is not motion
     moves = np.where(np.abs(moves) > 0.5 * span, np.median(moves), moves)
     first, last = lags, rate.size - leads - 1
     rows = np.arange(first, last)
@@ -254,6 +269,7 @@ def _predict(rate: Values, angle: Values, noise: float, own: int, lags: int, lea
     if own and np.any(np.roots(np.concatenate([[1.0], -memory])).real < -0.8):
         # v[k] + v[k-1] = 2 (q[k] - q[k-1]) / dt is the motion's own identity (a pole at -1), and no drive's filter
         return float(np.sqrt(np.mean(left**2))), 0.0
+    # the filter's weights are on differences of the position: by reading, they are the differences of these weights
     by_reading = np.diff(np.concatenate([[0.0], weights, [0.0]]))
     passed = noise * float(np.sqrt(by_reading @ by_reading))
     return float(np.sqrt(np.mean(left**2))), passed

@@ -1,4 +1,4 @@
-"""read_log: a file, a DataFrame or arrays -> `Log`, or one sentence on why not."""
+"""read_log: makes a `Log` from a file, a DataFrame or arrays, or says in one sentence why it cannot."""
 
 import hashlib
 import os
@@ -31,9 +31,10 @@ from .mending.resample import HELD, Uniform, every, to_grid
 from .mending.unsigned import signed
 from .noise import noise_level, rounding_step
 
-MOST_EXTRA = 64  # columns kept that nobody mapped
-MOST_OF_THE_TIME = (0.02, 0.98)  # quantiles: an axis that was driven to its place before the run stands still
-ROUNDED = 0.02  # of the torque's rms: a step that is said
+MOST_EXTRA = 64  # unmapped columns that are kept
+# quantiles: an axis that only moved to its place before the run counts as standing still
+MOST_OF_THE_TIME = (0.02, 0.98)
+ROUNDED = 0.02  # of the torque's rms: a coarser rounding is reported
 
 
 def read_log(
@@ -51,28 +52,28 @@ def read_log(
     take_every: int = 1,
     strict: bool = False,
 ) -> Log:
-    """Read a log onto one uniform clock, and say what was done to it.
+    """Read a log onto one uniform clock, with a warning for everything that was changed in it.
 
     Args:
         source: path of a .csv (also spaces, tabs, semicolons, decimal commas, UTF-16, no header), .npz, .mat, .json,
             .wpilog, .parquet, .mcap or .db3 (ROS 2) file, or a DataFrame, or a mapping of arrays.
-        columns: where the file's names or units are not the contract's: "velocity=gyro_z:deg/s,torque=tau_cmd"; with a
-            factor "torque=vir*35.15:N"; a current with its scale in N m per A "torque=Iq:A*0.12"; counts
-            "position=enc:counts/4096" (a turn) or "position=enc:counts*5e-8" (metres a count);
-            "torque_measured=Iq:A*0.12" for a torque that the drive measured; "axis=2" of a robot; a mapping of the
-            same, or the preset "emps". A file without a header has columns 1, 2, ... What is not named here is found
-            by its own name, with a unit in brackets ("velocity [deg/s]"), or in a table of names that drives use,
-            which a warning says.
+        columns: where the file's names or units differ from the canonical ones: "velocity=gyro_z:deg/s,torque=tau_cmd";
+            with a factor "torque=vir*35.15:N"; a current with its scale in N m per A "torque=Iq:A*0.12"; counts
+            "position=enc:counts/4096" (counts per turn) or "position=enc:counts*5e-8" (metres per count);
+            "torque_measured=Iq:A*0.12" for a torque that the drive measured; "axis=2" of a robot; a mapping with the
+            same content, or the preset "emps". A file without a header has columns 1, 2, .... A column that is not
+            named here is found by its own name, with a unit in brackets ("velocity [deg/s]"), or in a table of the
+            names that drives use, which a warning says.
         torque_scale: torque = torque_scale x the column (after its unit) [1].
-        linear: whether the axis is linear (m, N); None to tell from the units given, rotary where they say nothing.
+        linear: whether the axis is linear (m, N); None to infer it from the units, rotary where they do not say.
         dt: control period [s] where it is known: needed for a file without a time column.
         name: for messages and pictures; None for the file's name.
-        repair: accepted for old scripts; what it asked for is done by default.
-        require: columns that must be there; "velocity or position" asks for one of them.
+        repair: without effect, accepted for old scripts: repairs are made by default.
+        require: columns that must be there; "velocity or position" requires one of the two.
         start: earliest time kept [s], in the log's own time; None for its beginning.
         stop: latest time kept [s]; None for its end.
-        take_every: rows that become one: the torque's mean over them, the motion at the first.
-        strict: refuse a log to which anything has to be done but reading it.
+        take_every: number of rows that become one: the mean of the torque over them, the motion at the first.
+        strict: refuse a log in which anything would have to be changed.
 
     Returns:
         A `Log`; each entry of its `warnings` was also given as an `FpjaxWarning`.
@@ -96,6 +97,7 @@ def read_log(
     notes += guessed + _made_signed(table, sources, name)
     if table.headless:
         notes.append(f"{name} has no header: its columns are {listed(list(table.columns))}, counted from the left.")
+    # a guessed column that holds text was a wrong guess; one that the user mapped is an error that `_in_si` names
     readable = {key for key, each in sources.items() if not (each.guessed and each.column in table.text)}
     _check_present(table, readable | ({"time"} if dt is not None else set()), ("time", *require), name)
     told = motion_of(sources)
@@ -111,10 +113,11 @@ def read_log(
     taken = {each.column for each in sources.values()}
     extra = {key: values for key, values in table.columns.items() if key not in taken and values.size == rows}
     if len(extra) > MOST_EXTRA:
-        notes.append(f"{name}: of {len(extra)} columns that nobody mapped, the first {MOST_EXTRA} are kept.")
+        notes.append(f"{name}: of {len(extra)} columns that are not mapped, the first {MOST_EXTRA} are kept.")
         extra = dict(list(extra.items())[:MOST_EXTRA])
     first_row = table.first_row
     del table
+    # notes so far are on how the file was understood; those from here on are changes, which `strict` refuses
     done = len(notes)
     uniform, jitter, period, step = _uniform(found, extra, name, first_row, (begin, end), dt, notes)
     if strict and len(notes) > done:
@@ -164,7 +167,7 @@ def _check_options(dt: float | None, start: float | None, stop: float | None, ta
 
 
 def _wanted(mapping: dict[str, str], name: str) -> Any:
-    """For readers of large files: the time's column and its factor to seconds, and every column that is needed."""
+    """For readers of large files: gives the time column, its factor to seconds and all needed columns."""
 
     def wanted(names: list[str], units: dict[str, str]) -> tuple[str, float, list[str]]:
         sources, _ = find_sources(names, mapping, name, units)
@@ -178,12 +181,12 @@ def _wanted(mapping: dict[str, str], name: str) -> Any:
 
 
 def _usable(table: RawTable) -> list[str]:
-    """Names of columns that hold numbers, and of text ones, last: a guess prefers a number."""
+    """Names of the columns, those of numbers first, so that a guess prefers them to text."""
     return [*table.columns, *table.text]
 
 
 def _travel(table: RawTable) -> Callable[[str], float]:
-    """How far a column moves most of the time; 0 for text."""
+    """Range of a column without the 2 % of its values at either end; 0 for text."""
 
     def travel(column: str) -> float:
         values = table.columns.get(column)
@@ -194,7 +197,7 @@ def _travel(table: RawTable) -> Callable[[str], float]:
 
 
 def _made_signed(table: RawTable, sources: Mapping[str, Source], name: str) -> list[str]:
-    """Columns that were read as unsigned are made signed in the table; a sentence for each."""
+    """Restore the signs of columns that were recorded as unsigned, in the table; a sentence for each."""
     said = []
     for canonical, source in sources.items():
         if canonical in ("time", "temperature") or source.column not in table.columns:
@@ -212,7 +215,7 @@ def _made_signed(table: RawTable, sources: Mapping[str, Source], name: str) -> l
 def _in_si(
     table: RawTable, sources: Mapping[str, Source], linear: bool | None, name: str
 ) -> tuple[dict[str, np.ndarray], str]:
-    """Canonical columns in SI, and the label that stands for N m ("" without)."""
+    """Canonical columns in SI, and the label that replaces N m ("" where the torque is in SI)."""
     found, label = {}, ""
     for canonical, source in sources.items():
         if source.column in table.text:
@@ -233,7 +236,7 @@ def _file_hash(path: pathlib.Path) -> str:
 
 
 def _computed(found: dict[str, np.ndarray], sources: Mapping[str, Source], name: str, notes: list[str]) -> bool:
-    """Whether the torque is the measured one times a number; then that one is left out, and said."""
+    """Whether the torque is the measured torque times a constant; then the measured one is removed, with a note."""
     if not {"torque", "torque_measured"} <= set(found):
         return False
     with np.errstate(over="ignore", invalid="ignore"):
@@ -242,7 +245,7 @@ def _computed(found: dict[str, np.ndarray], sources: Mapping[str, Source], name:
         return False
     notes.append(
         f"{name}: {sources['torque'].column!r} is {ratio:.6g} times {sources['torque_measured'].column!r} in every "
-        "row: it was computed from that reading and not commanded."
+        "row: it was computed from the measured torque and not commanded."
     )
     del found["torque_measured"]
     return True
@@ -289,7 +292,7 @@ def _uniform(
     if np.isfinite(window).any():
         rows = np.flatnonzero((time >= window[0]) & (time <= window[1]))
         if rows.size < SHORTEST:
-            # A large file's reader leaves out what is outside, and nobody knows then how far the log goes.
+            # The reader of a large file skips the rows outside, so the length of the whole log is not known then.
             whole = f": it runs from {np.nanmin(time):g} to {np.nanmax(time):g} s" if rows.size < time.size else ""
             raise InputError(
                 f"{name}: --from and --to leave {rows.size} rows, where at least {SHORTEST} are needed{whole}."
@@ -300,6 +303,7 @@ def _uniform(
     if ordered.chosen is not None:
         rows = rows[ordered.chosen]
     _check_length(rows.size, name)
+    # a copy of every column of a large log is avoided where all rows are kept in their order
     everything = rows.size == len(next(iter(found.values()), rows)) and (rows[0] == 0 and rows[-1] == rows.size - 1)
     if not everything or (ordered.chosen is not None):
         found = {key: values[rows] for key, values in found.items()}
@@ -326,7 +330,7 @@ def _check_length(rows: int, name: str) -> None:
 
 
 def _without_empty(found: dict[str, np.ndarray], name: str, notes: list[str]) -> dict[str, np.ndarray]:
-    """Columns without a single number: left out where another one does the same service, else refused."""
+    """Drop columns without a single number where another can replace them; refuse the log where none can."""
     empty = [key for key, values in found.items() if not np.isfinite(values).any()]
     for key in empty:
         other = {"velocity": "position", "position": "velocity"}.get(key)
@@ -339,7 +343,7 @@ def _without_empty(found: dict[str, np.ndarray], name: str, notes: list[str]) ->
 def _about_torque(
     uniform: Uniform, step: float, measured: bool, dt: float, name: str, notes: list[str]
 ) -> float | None:
-    """The lag of a measured torque [s], or None; and what should be known about the torque, as notes."""
+    """The lag of a measured torque [s], or None; and notes on the torque's rounding, noise and delay."""
     torque = uniform.columns.get("torque")
     if torque is None:
         return None
@@ -348,7 +352,7 @@ def _about_torque(
         notes.append(f"{name}: the torque is rounded to steps of {step:.4g}, {100 * step / size:.2g} % of its rms.")
     if measured:
         notes.append(
-            f"{name}: the torque was measured by the drive, not commanded: it may lag, and holds noise of about "
+            f"{name}: the torque was measured by the drive, not commanded: it may lag, and has noise of about "
             f"{noise_level(torque, step):.2g}."
         )
     if "torque_measured" in uniform.columns:

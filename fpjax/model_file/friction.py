@@ -128,11 +128,15 @@ def build_friction(table: TomlTable, units: Units, steepness: "Steepness") -> Ab
     Raises:
         InputError: for invalid keys or values.
     """
+    # `offset` is a constant torque and no friction: the model keeps it as a load (friction depends on the direction
+    # of motion)
     table = {key: value for key, value in table.items() if key != "offset"}
     name = form_of(SECTION, table, FORMS)
     sign = table.get("steepness") == "sign"
     if sign:
         table.pop("steepness")
+    # One type for four laws: a corrected model adds keys to the section that the user wrote, without another type in
+    # it.
     if name == "coulomb_viscous":
         law = _coulomb_viscous(table, units)
     else:

@@ -193,6 +193,7 @@ class ClosedLoop(eqx.Module):
                 plant, _ = substep(plant, time + index * step)
         else:
             starts = time + step * jnp.arange(substeps).astype(time.dtype)
+            # an inner loop keeps the program's size independent of the number of substeps
             plant, _ = jax.lax.scan(*alike_on_devices(substep, plant, starts), starts)
         now = _signals(
             time, reference, output, measurement, command.control, command.compensation, command.torque, applied,
@@ -218,6 +219,8 @@ class ClosedLoop(eqx.Module):
             dt: control period [s].
             following: the next sample's reference for a controller that looks ahead; None where it is not known.
         """
+        # The next reference is set in the controller only for this one call: as an argument of every block's readout
+        # it would be in the interface of all controllers, though only a feed-forward uses it.
         if following is not None and self.controller.looks_ahead:
             told = eqx.tree_at(lambda at: at.controller, self, self.controller.knowing(following))
             return told.control_law(memory, reference, measurement, dt)
@@ -266,6 +269,7 @@ class ClosedLoop(eqx.Module):
         """The state in the form of `advance_sampled`: with a `Period`, where the loop has an observer."""
         if not self.observer.estimated or isinstance(state.period, Period):
             return state
+        # of the state's own dtype and batch shape, so that the carry of the scan keeps both from the first step on
         zero = jnp.zeros_like(jnp.asarray(jax.tree.leaves(state.plant)[0]))
         return eqx.tree_at(
             lambda at: at.period, state, Period(zero, zero, zero), is_leaf=lambda leaf: isinstance(leaf, tuple)
@@ -276,6 +280,7 @@ class ClosedLoop(eqx.Module):
         if not isinstance(last, Period):
             return observer
         moved = self.observer.advance(observer, last.torque, last.velocity, velocity, dt)
+        # the first sample ends no period: the observer stays at rest until there is a torque that has acted
         return jax.tree.map(lambda new, old: jnp.where(last.begun > 0.0, new, old), moved, observer)
 
 

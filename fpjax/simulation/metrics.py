@@ -375,7 +375,10 @@ def step_info(
     names = ("RiseTime", "SettlingTime", "PeakTime", "Overshoot", "Undershoot", "Peak", "SteadyStateValue")
     if target == 0.0 or not np.all(np.isfinite(response)):
         return dict.fromkeys(names, nothing)
+    # relative to the final value, so that a step downwards is measured like one upwards
     relative = response / target
+    # first crossings of the two levels, as python-control counts; a response that starts above `low` has it at sample
+    # 0
     low, high = (np.flatnonzero(relative >= fraction) for fraction in rise)
     outside = np.flatnonzero(np.abs(relative - 1.0) > settling)
     # Settled after the last sample outside the band: a response that leaves the band again had not settled.

@@ -83,6 +83,8 @@ class Run(eqx.Module):
 
     @property
     def _last_quarter(self) -> dict[str, np.ndarray]:
+        # the last quarter, as `estimate` has it by default: the estimates have had three quarters of the run to
+        # settle
         quarter = max(len(self.time) // 4, 1)
         return {
             name.removeprefix("estimates."): np.asarray(values, float)[-quarter:]

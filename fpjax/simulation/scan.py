@@ -68,6 +68,7 @@ def make_stepper(
         InputError: for an invalid step or duration.
     """
     for name, value in (("dt", dt), ("duration", duration)):
+        # a tracer has __float__ as well: dt may be differentiated or batched, so only its type is checked
         if isinstance(value, str | bool) or (value is not None and not hasattr(value, "__float__")):
             raise InputError(f"{name} must be a number of seconds, got {type(value).__name__} {value!r}.")
     for name, value in (("samples", samples), ("substeps", substeps)):
@@ -83,6 +84,7 @@ def make_stepper(
             raise InputError(
                 f"duration must be finite and at least one step of dt = {float(dt):g} s, got {duration:g} s."
             )
+        # rounded and not cut off: 1.0 / 1e-4 is 9999.999... in floating point
         samples = round(duration / float(dt)) + 1
     if samples < 1 or substeps < 1:
         raise InputError(f"samples = {samples} and substeps = {substeps} must both be at least 1.")
@@ -128,6 +130,8 @@ def make_inputs(loop: ClosedLoop, reference: AbstractReference, stepper: Stepper
     # k * dt and not a running sum, whose rounding errors would add up; in float32 it is off by 1e-7, relatively.
     time = jnp.arange(stepper.samples).astype(dtype) * dt
     solver = stepper.solver
+    # A reference as a table at the solver's nodes and not a call within the scan: it is evaluated once for all
+    # samples, which vectorises, and a batch over gains shares it.
     nodes = (0.0, 1.0) if loop.controller.looks_ahead else (0.0,)
     if isinstance(solver, AbstractSolver) and stepper.stepping == "continuous":
         nodes = solver.nodes
@@ -150,6 +154,7 @@ def sampled_tables(controller: AbstractController, reference: Array) -> tuple[Ar
     if not controller.looks_ahead:
         return (reference,)
     # A position that stopped within one sample would mean an enormous deceleration to a feed-forward.
+    # a velocity reference is held at its last value, a position goes on at its last rate
     moving = controller.follows_position and reference.shape[0] > 1
     after = 2.0 * reference[-1] - reference[-2] if moving else reference[-1]
     return reference, jnp.append(reference[1:], after)

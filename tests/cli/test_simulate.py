@@ -124,4 +124,4 @@ def test_emps_replay(tmp_path, capsys):
     # The record starts in motion: a start at rest costs the first tenths of a second.
     assert errors["torque"]["relative"] < slow["torque"]["relative"] < 0.055
     assert slow["position"]["rms"] == pytest.approx(1.77e-6, abs=0.05e-6)
-    refuse(capsys, "simulate", example, "--log", EMPS, match="torque is in V and the model's in N")
+    refuse(capsys, "simulate", example, "--log", EMPS, match="torque is in V, but the model's in N")

@@ -41,7 +41,7 @@ def test_machines_have_the_drawn_values():
 @pytest.mark.parametrize("content", [b"", b"no zip", b"PK\x03\x04" + b"x" * 60])
 def test_a_damaged_posterior_is_one_sentence(tmp_path, content):
     (tmp_path / "posterior.npz").write_bytes(content)
-    with pytest.raises(fp.InputError, match="no posterior of this version"):
+    with pytest.raises(fp.InputError, match="not a posterior of this version"):
         load_posterior(tmp_path / "posterior.npz")
 
 

@@ -41,6 +41,8 @@ class Dahl(AbstractFriction):
 
     def derivative(self, state: Array, motion: Motion) -> Array:
         """dF/dt [N m/s]."""
+        # 1 unloaded, 0 where the bristles are fully deflected; above 1 when the motion reverses, so that they unload
+        # faster
         slack = 1.0 - state / self.coulomb * jnp.sign(motion.velocity)
         shape = jnp.sign(slack) * safe_power(jnp.abs(slack), self.exponent)
         return self.stiffness * shape * motion.velocity
@@ -103,6 +105,8 @@ class LuGre(AbstractFriction):
     def readout(self, state: Array, motion: Motion, applied: Array) -> Array:
         """sigma_0 z + sigma_1 dz/dt + sigma_2 w [N m] (1.8)."""
         del applied
+        # sigma_1 damps the bristles and not the body: beyond the presliding range dz/dt is 0, and only sigma_2 is
+        # left
         rate = self.derivative(state, motion)
         return self.bristle_stiffness * state + self.bristle_damping * rate + self.viscous * motion.velocity
 

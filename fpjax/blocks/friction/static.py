@@ -229,6 +229,7 @@ class CoulombViscousStiction(AbstractStaticFriction):
         # Both are computed and one is selected: a branch cannot be batched, and neither of the two can become infinite.
         sliding = CoulombViscous(self.coulomb, self.viscous, self.steepness).readout(state, motion, applied)
         brake = self.static * motion.velocity / self.stick_velocity
+        # At the edge of the band the brake alone is F_s, the largest torque that sticking can take.
         stuck = jnp.clip(applied + brake, -self.static, self.static)
         return jnp.where(jnp.abs(motion.velocity) <= self.stick_velocity, stuck, sliding)
 

@@ -61,6 +61,7 @@ class AbstractExtendedObserver(AbstractObserver):
 
     def init(self) -> ExtendedState:
         """z1 = z2 = 0."""
+        # zeros of the inertia's dtype and batch shape: a scan's carry must keep both
         zero = jnp.zeros_like(self.inertia)
         return ExtendedState(zero, zero)
 

@@ -1,1 +1,1 @@
-"""What a user is told about a log: what is in it, and where it is not what it says it is."""
+"""What `fpjax inspect` and the verbs say about a log: its contents, and where its units, signs or clock look wrong."""

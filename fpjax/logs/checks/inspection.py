@@ -1,4 +1,4 @@
-"""What is in a log, and what it can show: rate, ranges, saturation, quantisation, excitation."""
+"""The contents of a log (rate, ranges, saturation, quantisation) and what its excitation makes identifiable."""
 
 from dataclasses import dataclass, field
 
@@ -10,9 +10,9 @@ from ..log import Log, asks_for_a_position
 from ..noise import noise_level, rounding_step, velocity_origin
 from .suspicions import suspicions
 
-SATURATED = 0.002  # share of the samples that sit at an extreme
-LONGEST = 1 << 19  # samples that a spectrum is taken of
-APART = 0.7  # ratio of the two regressions' inertias below which both are said
+SATURATED = 0.002  # share of the samples at an extreme, from which on the column counts as limited
+LONGEST = 1 << 19  # [samples]: a spectrum is taken of no more
+APART = 0.7  # ratio of the inertias of the reverse and the forward regression, below which both are named
 
 
 @dataclass(frozen=True)
@@ -20,14 +20,14 @@ class Column:
     """One column of a log.
 
     Attributes:
-        name: canonical, or the file's own for what nobody mapped.
+        name: canonical name, or the file's own for a column that is not mapped.
         unit: of low, high, rms, noise and step.
         low: smallest value.
         high: largest value.
         rms: root mean square.
-        noise: standard deviation of one reading (`fpjax.logs.measures.noise_level`).
-        step: that it is rounded to; None where there is none.
-        at_limit: share of the samples that sit at an extreme [1]; 0 where it is only touched.
+        noise: standard deviation of one reading (`fpjax.logs.noise.noise_level`).
+        step: rounding step; None where no rounding is seen.
+        at_limit: share of the samples at an extreme [1]; 0 where an extreme is only touched.
     """
 
     name: str
@@ -46,8 +46,8 @@ class Ability:
 
     Attributes:
         what: the effect or quantity.
-        can: yes, "poorly" or no.
-        why: with the number that decides.
+        can: "yes", "poorly" or "no".
+        why: the reason, with the number that decides.
     """
 
     what: str
@@ -61,14 +61,14 @@ class Inspection:
 
     Attributes:
         log: the log.
-        columns: each column.
-        reversals: of the motion.
+        columns: ranges, noise and rounding of each column.
+        reversals: number of reversals of the motion.
         speed: 99 % quantile of the speed [rad/s].
         travel: range of the position, or of the integrated velocity [rad].
         bandwidth: frequency below which 99 % of the torque's power lies [Hz].
         abilities: what the excitation can show.
-        nominal: least squares; None where the motion does not allow it.
-        warnings: the reader's notes and what looks wrong.
+        nominal: rigid machine fitted to the log; None where the motion does not determine it.
+        warnings: the reader's notes and what looks wrong in the log.
     """
 
     log: Log
@@ -82,7 +82,7 @@ class Inspection:
     warnings: tuple[str, ...] = field(default_factory=tuple)
 
     def to_dict(self) -> JsonObject:
-        """As JSON takes it."""
+        """The inspection as plain numbers, strings, lists and dicts, for JSON; samples are left out."""
         import dataclasses
 
         log = self.log
@@ -111,7 +111,11 @@ class Inspection:
 
 
 def inspect_log(log: Log) -> Inspection:
-    """Look at a log."""
+    """Ranges, noise, excitation, a nominal model and warnings of a log.
+
+    Args:
+        log: with a torque and a motion.
+    """
     speed = speed_of(log)
     fast = float(np.quantile(np.abs(speed), 0.99))
     position = log.position if log.position is not None else np.cumsum(speed) * log.dt
@@ -136,14 +140,14 @@ def inspect_log(log: Log) -> Inspection:
 
 
 def _about(log: Log, nominal: Nominal | None) -> list[str]:
-    """What a model of this log should know."""
+    """Warnings about the sensors and the inertia that matter for a model of this log."""
     found = []
     if log.velocity is not None and log.position is not None:
         origin = velocity_origin(log.velocity, log.position)
         if origin.derived:
             found.append(
                 f"{log.name}: the velocity was derived from the position (but for {origin.left:.2g} of its steps), so "
-                f"it is no second sensor and holds nothing new."
+                f"it is not a second sensor and adds no information."
             )
     if nominal is not None and nominal.plausible and nominal.least_inertia < APART * nominal.inertia:
         found.append(
@@ -157,7 +161,7 @@ def _about(log: Log, nominal: Nominal | None) -> list[str]:
 def describe(name: str, unit: str, values: np.ndarray) -> Column:
     """Ranges, noise, quantisation and saturation of a column."""
     low, high = float(values.min()), float(values.max())
-    largest = max(abs(low), abs(high))  # an unmapped column may hold anything: its square may be no number
+    largest = max(abs(low), abs(high))  # an unmapped column may hold anything: its square could overflow
     size = largest * float(np.sqrt(np.mean((values / largest) ** 2))) if largest > 0.0 else 0.0
     step = rounding_step(values)
     return Column(name, unit, low, high, size, noise_level(values, step), step or None, _limit(values))
@@ -171,9 +175,10 @@ def _limit(values: np.ndarray) -> float:
     for extreme in (values.min(), values.max()):
         if abs(extreme) < 1e-3 * span:  # rest
             continue
+        # a column at rest at zero is not limited, even where zero is an end of its range
         at = np.abs(values - extreme) < 1e-6 * span
         runs = np.diff(np.flatnonzero(np.diff(np.concatenate([[0], at.astype(int), [0]]))))[::2]
-        # Several samples in a row, more than once or for long: a limit, and not a peak.
+        # several samples in a row are a limit, a single one is a peak
         if runs.size and runs.max() >= 5:
             share += float(np.mean(at))
     return share if share > SATURATED else 0.0
@@ -188,6 +193,7 @@ def count_reversals(speed: np.ndarray, least: float) -> int:
 def bandwidth_of(values: np.ndarray, dt: float, share: float = 0.99) -> float:
     """Frequency [Hz] below which that share of the power lies, mean and drift taken out."""
     values = values[:LONGEST]
+    # the window keeps the ends of a log that does not begin and end alike from looking like high frequencies
     window = np.hanning(values.size)
     power = np.abs(np.fft.rfft((values - values.mean()) * window)) ** 2
     total = np.cumsum(power)
@@ -199,13 +205,18 @@ def bandwidth_of(values: np.ndarray, dt: float, share: float = 0.99) -> float:
 def abilities(
     log: Log, speed: np.ndarray, fast: float, travel: float, reversals: int, nominal: Nominal | None
 ) -> list[Ability]:
-    """What the excitation can show, each with the number that decides."""
+    """What the excitation makes identifiable, each with the number that decides.
+
+    The limits ("poorly", "yes") are rules of thumb and not tests: the diagnosis computes the identifiability itself.
+    """
     moving = np.abs(speed) > 0.02 * fast
+    # slow but moving: Stribeck and presliding effects act there only, which is at most a few percent of a usual log
     slow = float(np.mean(moving & (np.abs(speed) < 0.1 * fast))) if fast else 0.0
     spread = _spread(np.abs(speed[moving])) if moving.any() else 1.0
     turns = travel / (2.0 * np.pi)
     effort = _acceleration_share(log, nominal)
     both = log.velocity is not None and log.position is not None
+    # differences weigh high frequencies more: a lag shows in fast changes of the torque, not in its slow course
     high = bandwidth_of(np.diff(log.torque), log.dt)
     found = [
         _ability("Coulomb friction and offset", reversals, 2, 6, f"{reversals} reversals"),

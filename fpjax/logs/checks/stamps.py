@@ -1,37 +1,40 @@
-"""When the readings were really taken: a scatter of the position's rate that grows with the speed."""
+"""Jitter of the time stamps: a scatter of the position's rate that grows with the speed."""
 
 import numpy as np
 
-LEAST = 256  # samples
-CLASSES = 8  # of speed, of equal counts
-HEAVY = 3.0  # times: how much more the fastest class scatters than the slowest
-LOOKED_AT = 400_000  # samples
+LEAST = 256  # [samples]
+CLASSES = 8  # of speed, each of as many samples as the others
+HEAVY = 3.0  # times the slowest class' standard deviation, by which the fastest must scatter more
+LOOKED_AT = 400_000  # [samples]
 
 
 def stamp_jitter(velocity: np.ndarray, position: np.ndarray, dt: float) -> float | None:
-    """How far off their stamps the positions were read [s, rms]; None where none of it is seen.
+    """Rms time between the stamps of the positions and their reading [s]; None where no such jitter is seen.
 
-    A reading that is taken tau late is off by tau times the speed. Two of them make the position's rate scatter around
-    the velocity column by v tau / (sqrt(2) dt). Sensor noise does not grow with the speed, a lag of the velocity column
-    follows the acceleration, and an eccentric scale is smooth: what counts is the scatter from one sample to the next.
+    A reading that is taken tau late is off by tau times the speed. With independent tau of rms size, the position's
+    rate scatters around the velocity column by sqrt(2) v tau / dt. Three other errors look different: sensor noise does
+    not grow with the speed, a lag of the velocity column follows the acceleration, and the error of an eccentric scale
+    is smooth. So only the scatter from one sample to the next is used, and how it grows with the speed.
 
     Args:
         velocity: [rad/s], shape (samples,), on the uniform grid.
         position: [rad], shape (samples,).
-        dt: [s].
+        dt: control period [s].
     """
     velocity, position = velocity[:LOOKED_AT], position[:LOOKED_AT]
     if velocity.size < LEAST:
         return None
-    # the second difference of the mismatch: a lag, a bias, a scale error are smooth and leave none of it
+    # The second difference of the mismatch: a lag, a bias and a scale error are smooth and vanish in it.
     mismatch = np.diff(position) / dt - 0.5 * (velocity[1:] + velocity[:-1])
     rough = np.diff(mismatch, n=2)
     speed = np.abs(velocity[1:-2])
     order = np.argsort(speed)
     classes = np.array_split(order, CLASSES)
-    # medians: a jump of the position at a turn's end is one sample
-    scatter = np.array([np.median(rough[each] ** 2) / 0.455 for each in classes])  # of chi2 with one degree: its median
+    # The variance in each class from the median of the squares, which ignores single jumps (a position that wraps at a
+    # turn). The median of chi-squared with one degree of freedom is 0.455.
+    scatter = np.array([np.median(rough[each] ** 2) / 0.455 for each in classes])
     square = np.array([np.mean(speed[each] ** 2) for each in classes])
+    # straight line through (v^2, variance): its slope is the jitter's part, its value at v = 0 the sensor noise's
     centred = square - square.mean()
     spread = float(centred @ centred)
     if not spread > 0.0 or not np.all(np.isfinite(scatter)):
@@ -40,5 +43,6 @@ def stamp_jitter(velocity: np.ndarray, position: np.ndarray, dt: float) -> float
     floor = float(scatter.mean()) - slope * float(square.mean())
     if slope <= 0.0 or scatter[-1] < HEAVY**2 * max(scatter[0], 1e-300) or slope * square[-1] < HEAVY * abs(floor):
         return None
-    # rates of independent readings: third differences of the position have a variance of 1 + 9 + 9 + 1
+    # `rough` holds third differences of the position over dt: independent errors tau v of the readings have there a
+    # variance of (1 + 9 + 9 + 1) tau^2 v^2 / dt^2
     return float(dt * np.sqrt(slope / 20.0))

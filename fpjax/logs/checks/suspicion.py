@@ -1,4 +1,4 @@
-"""What a suspicion is, and what a log is compared with."""
+"""A suspicion about a log, and the nominal model that a log is compared with."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,7 +6,8 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-UNITS = {  # factor by which a column is too large: (rotary name, linear name)
+# factor by which a column is too large when it was read as SI: (unit of a rotary axis, of a linear axis)
+UNITS = {
     180.0 / np.pi: ("deg/s", ""),
     30.0 / np.pi: ("rpm", ""),
     0.5 / np.pi: ("rev/s", ""),
@@ -14,13 +15,13 @@ UNITS = {  # factor by which a column is too large: (rotary name, linear name)
     100.0: ("", "cm/s"),
     0.001: ("krad/s", "km/s"),
 }
-LIKE = 0.08  # relative
+LIKE = 0.08  # relative deviation from such a factor: a regression on noisy data finds it to a few percent
 
 
 class Expected(Protocol):
-    """What the nominal model says: `fpjax.gap.rigid.RigidBody`, or `Numbers`.
+    """The nominal parameters that a log is compared with: a machine model, or `Numbers`.
 
-    It may have a `load`: known torque that the motor must hold [N m] by (velocity, position, time).
+    It may have a `load`: known load torque that the motor must hold [N m], a function of (velocity, position, time).
     """
 
     @property
@@ -47,7 +48,7 @@ class Numbers:
         inertia: J [kg m^2].
         coulomb: k [N m]; 0 where it is not to be compared.
         viscous: b [N m s/rad]; 0 where it is not to be compared.
-        load: known torque that the motor must hold [N m] by (velocity, position, time); None without.
+        load: known load torque that the motor must hold [N m], a function of (velocity, position, time); None without.
     """
 
     inertia: float
@@ -62,8 +63,8 @@ class Suspicion:
 
     Attributes:
         sentence: what it is, with the number, and what to do; the log's name first.
-        severity: "stop" or "warn".
-        kind: a word for it: unit, sign, swapped, still, one_way, short, nominal, clipped, repeated, clock, missing,
+        severity: "stop" where nothing can be computed from the log, else "warn".
+        kind: one of unit, sign, swapped, still, one_way, short, nominal, clipped, repeated, clock, stamps, missing,
             inconsistent, compensated.
     """
 
@@ -73,7 +74,7 @@ class Suspicion:
 
 
 def unit_of(factor: float, *, linear: bool) -> str | None:
-    """The unit whose size is this factor, or None."""
+    """The unit in which a column must have been recorded to be this factor too large as SI, or None."""
     for size, names in UNITS.items():
         name = names[linear]
         if name and abs(factor / size - 1.0) < LIKE:

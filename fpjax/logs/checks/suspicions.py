@@ -1,8 +1,8 @@
-"""Suspicions: a log or a model that is not what it says it is, found before anything is fitted to it.
+"""Suspicions: wrong units, signs, clocks and columns of a log or a model, found before anything is fitted to it.
 
 Each is one sentence with its number. "stop" means that nothing can be computed from this log (nothing moves, a column
-is no number); everything else is said beside the result, and the user decides. What the torque says about the motion
-is in `torque_suspicions`.
+holds values that are not numbers); everything else is printed beside the result, and the user decides. Checks of the
+torque against the motion are in `torque_suspicions`.
 """
 
 from collections.abc import Iterator
@@ -23,13 +23,13 @@ from .torque_suspicions import swapped, torque_against_motion
 
 Values = np.ndarray
 
-SHORTEST = 64  # samples: below it nothing is compared
-ONE_WAY = 0.01  # share of the samples
-CLIPPED = 0.005
-FEW_LEVELS = 8  # values that a column takes: a relay's, or steps that were commanded, and no limit
-REPEATED = 0.002
-LATE = 0.02  # of a period: drives and buses with clocks of their own stay below it
-MOST_ROWS = 400_000  # a longer log is judged by its middle
+SHORTEST = 64  # [samples]: with fewer, nothing is compared
+ONE_WAY = 0.01  # share of the samples in the other direction, below which the motion has one direction only
+CLIPPED = 0.005  # share of the samples at an extreme
+FEW_LEVELS = 8  # different values: with so few the column is a relay's or a staircase command, not limited
+REPEATED = 0.002  # share of the samples that repeat the one before
+LATE = 0.02  # of a period: the stamps of drives and buses with clocks of their own jitter by less
+MOST_ROWS = 400_000  # [samples]: a longer log is judged by its middle
 
 
 def suspicions(log: Log, model: Expected | None = None) -> list[Suspicion]:
@@ -37,7 +37,7 @@ def suspicions(log: Log, model: Expected | None = None) -> list[Suspicion]:
 
     Args:
         log: in SI units, on one clock.
-        model: what the nominal model says; None to look at the log alone.
+        model: nominal parameters to compare with; None to look at the log alone.
     """
     columns = {name: _values(getattr(log, name)) for name in ("time", "torque", "velocity", "position")}
     present = {name: _middle(values) for name, values in columns.items() if values is not None}
@@ -49,7 +49,8 @@ def suspicions(log: Log, model: Expected | None = None) -> list[Suspicion]:
     if not any(s.severity == "stop" for s in found):
         found += [*_clock(log, present), *_repeated(log, present), *_off_their_stamps(log, present)]
         found += [*_clipped(log, present), *_one_way(log, present)]
-        # the first of these that is seen explains the others
+        # A wrong time unit makes wrong accelerations, exchanged columns make wrong signs: the first of these that is
+        # found explains those after it, so the search ends there.
         for look in (
             _unit_of_time(log, present),
             swapped(log, present),
@@ -87,10 +88,11 @@ def _still(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
             yield Suspicion(
                 f"{log.name}: {name} is constant ({values[0]:g}) throughout, so it shows nothing: was the right column "
                 f"recorded, and did the machine move?",
-                # A coasting machine still shows its friction over its inertia.
+                # A coasting machine (constant torque) still shows the ratio of friction to inertia.
                 "warn" if others else "stop",
                 "still",
             )
+        # white noise alone spans 8 to 10 of its standard deviations in 1e4 to 1e6 samples
         elif name != "torque" and span < 12.0 * noise:
             yield Suspicion(
                 f"{log.name}: {name} stays within its own noise ({span:.3g} from end to end, noise {noise:.2g}): the "
@@ -135,7 +137,7 @@ def _clock(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
 
 
 def _repeated(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
-    """Readings that equal the one before exactly, where noise should make that impossible."""
+    """Readings that equal the one before exactly, which noise makes impossible unless the reading was not renewed."""
     for name in ("torque", "velocity", "position"):
         values = columns.get(name)
         if values is None or rounding_step(values) > 0.0:
@@ -144,7 +146,7 @@ def _repeated(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
         distinct = len(np.unique(values)) / len(values)
         at_end = np.abs(values[1:]) >= 0.9995 * np.max(np.abs(values))
         share = float(np.mean(same & ~at_end))
-        # Few distinct values are rounding; a repetition among many is a reading that was not renewed.
+        # Few distinct values mean rounding; a repetition among many distinct values is a reading that was not renewed.
         if share > REPEATED and distinct > 0.8 * (1.0 - share) and share > 4.0 * (1.0 - distinct - share):
             yield Suspicion(
                 f"{log.name}: {share:.2%} of the {name} samples repeat the one before exactly, as if the "
@@ -155,7 +157,7 @@ def _repeated(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
 
 
 def _off_their_stamps(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
-    """Readings that a program's loop stamped late: an error of the position that grows with the speed."""
+    """Jitter of the time stamps, as a program's loop makes it: a position error that grows with the speed."""
     if "velocity" not in columns or "position" not in columns:
         return
     jitter = stamp_jitter(columns["velocity"], columns["position"], log.dt)
@@ -191,12 +193,12 @@ def _clipped(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
 
 
 def _few_levels(values: Values) -> bool:
-    """Whether nearly all samples are at a few values, reached from one to the next without a course between."""
+    """Whether the column takes only a few different values, as a relay or a staircase command does."""
     return np.unique(values).size <= FEW_LEVELS
 
 
 def _unit_of_time(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
-    """Stamps in milliseconds that were read as seconds; a second sensor can confirm it or speak against it."""
+    """Stamps in milliseconds that were read as seconds; velocity and position together confirm or refute it."""
     unit = likely_unit(log.dt)
     if unit is None:
         return
@@ -204,7 +206,7 @@ def _unit_of_time(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     if velocity is not None and position is not None:
         ratio, together = travelled(velocity, position, log.dt)
         if together > 0.5 and 0.5 < abs(ratio) < 2.0:
-            return  # the velocity is the position's change in these very seconds
+            return  # the velocity is the rate of the position in these seconds: the unit is right
         named = [name for name, size in TIME_UNITS.items() if abs(abs(ratio) * size - 1.0) < LIKE]
         unit = named[0] if named and together > 0.5 else unit
     yield Suspicion(
@@ -262,7 +264,7 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
 
 
 def _velocity_against_reference(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
-    """Only a velocity without a position needs it, and only a reference that is followed in another unit can tell."""
+    """Unit of a velocity from the reference, for logs without a position; needs a reference that is followed."""
     reference = _values(log.reference)
     if "position" in columns or "velocity" not in columns or reference is None or not np.all(np.isfinite(reference)):
         return
@@ -283,12 +285,14 @@ def _velocity_against_reference(log: Log, columns: dict[str, Values]) -> Iterato
 
 
 def travelled(velocity: Values, position: Values, dt: float) -> tuple[float, float]:
-    """(velocity's integral over position's change, their correlation), over blocks of many periods.
+    """(integral of the velocity over the change of the position, their correlation), by blocks of many periods.
+
+    Over a block the noise of the two sensors is small beside the travel, and no reading is differentiated.
 
     Args:
         velocity: [rad/s], shape (samples,).
         position: [rad], shape (samples,).
-        dt: [s].
+        dt: control period [s].
     """
     size = int(np.clip(len(velocity) // 100, 4, 200))
     ends = np.arange(0, len(velocity), size)
@@ -298,7 +302,7 @@ def travelled(velocity: Values, position: Values, dt: float) -> tuple[float, flo
     if power == 0.0 or rate_power == 0.0:
         return float("nan"), 0.0
     across = float(by_rate @ by_angle)
-    # both are noisy: the ratio of their sizes, with the sign of what they share
+    # Both are noisy, so a regression either way is biased: the ratio of their rms is not, with the correlation's sign.
     return float(np.sign(across) * np.sqrt(rate_power / power)), abs(across) / np.sqrt(power * rate_power)
 
 

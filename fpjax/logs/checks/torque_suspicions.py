@@ -1,4 +1,4 @@
-"""What the torque says about the motion: exchanged columns, a wrong sign, a model of another machine."""
+"""Checks of the torque against the motion: exchanged columns, a wrong sign, the model of another machine."""
 
 from collections.abc import Iterator
 
@@ -11,13 +11,13 @@ from .suspicion import Expected, Suspicion, unit_of
 
 Values = np.ndarray
 
-BEYOND = 4.0  # times: an inertia this far off is no effect of the vocabulary but another unit or another machine
-EXPLAINED = 0.5  # of the motion within windows: below it the fit says nothing
-SURE = 8.0  # standard deviations of the inertia
+BEYOND = 4.0  # factor: an inertia that is further off means another unit or another machine, not a cause of a gap
+EXPLAINED = 0.5  # share of the motion's variance within windows: with less explained, the fit means nothing
+SURE = 8.0  # [standard deviations] of the inertia: a wrong warning about a sign costs more than a missed one
 
 
 def swapped(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
-    """Torque and velocity exchanged: where the rigid machine explains far more the other way round."""
+    """Torque and velocity exchanged: a rigid machine explains far more with the columns exchanged."""
     if "velocity" not in columns:
         return
     torque, velocity = columns["torque"], columns["velocity"]
@@ -25,7 +25,7 @@ def swapped(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     if turned is None or not turned.plausible or turned.share < 0.9:
         return
     explained = max(straight.share, 0.0) if straight is not None else 0.0
-    # a short noise-free log explains much either way round: then the right one leaves far less
+    # In a short noise-free log much is explained either way: then the residuals are compared, not the shares.
     if turned.share > explained + 0.2 or 1.0 - turned.share < 0.2 * (1.0 - explained):
         yield Suspicion(
             f"{log.name}: torque and velocity look exchanged: with the columns exchanged, inertia and friction "
@@ -36,7 +36,7 @@ def swapped(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
 
 
 def torque_against_motion(log: Log, columns: dict[str, Values], model: Expected | None) -> Iterator[Suspicion]:
-    """Signs and sizes of inertia and friction, with a sine and cosine of the position and the known load taken out."""
+    """Signs and sizes of inertia and friction, beside an unbalance that is fitted too and without the known load."""
     torque, linear = columns["torque"], log.linear
     known = getattr(model, "load", None)
     if known is not None:
@@ -57,8 +57,8 @@ def torque_against_motion(log: Log, columns: dict[str, Values], model: Expected 
         )
     elif found.inertia > 0.0 and sure and found.coulomb < -max(0.1 * size, SIGNIFICANT * found.deviations[1]):
         yield Suspicion(
-            f"{log.name}: friction comes out negative ({found.coulomb:.3g}): does a compensation act that the torque "
-            "column leaves out?",
+            f"{log.name}: the fitted Coulomb friction is negative ({found.coulomb:.3g}): is there a compensation "
+            "torque that the torque column does not include?",
             "warn",
             "compensated",
         )
@@ -67,10 +67,10 @@ def torque_against_motion(log: Log, columns: dict[str, Values], model: Expected 
 
 
 def _dissipates(found: Nominal) -> bool:
-    """Whether the friction takes power: with the sign turned both of its parts would come out negative.
+    """Whether the fitted friction dissipates power: with a wrong sign of the torque both of its parts were negative.
 
-    An arm whose other joints move asks for torques that look like a negative inertia; its friction tells that the sign
-    is right (a KUKA KR300, axis 3).
+    An arm whose other joints move needs torques that look like a negative inertia. Its friction then shows that the
+    sign is right (as with axis 3 of a KUKA KR300).
     """
     coulomb, viscous = found.deviations[1:3]
     return found.coulomb > SIGNIFICANT * coulomb or (
@@ -83,15 +83,14 @@ def _nominal(
 ) -> Iterator[Suspicion]:
     linear = log.linear
     what, unit = ("mass", "kg") if linear else ("inertia", "kg m^2")
-    # Whatever lies between the regressions of either direction is the log's own inertia, for all that it says.
+    # The log does not tell inertias between those of the forward and of the reverse regression apart: a model whose
+    # inertia lies there, with a margin, is not suspected.
     ratio = model.inertia / max(found.inertia, 1e-300)
     between = found.least_inertia / BEYOND < model.inertia < BEYOND * found.inertia
     if sure and found.inertia > 0.0 and not (1.0 / BEYOND < ratio < BEYOND or between):
         named = unit_of(ratio, linear=linear)
         level = found.coulomb / model.coulomb if model.coulomb > 0.0 else np.nan
-        seen = (
-            f"the log's torque and acceleration ask for {found.inertia:.3g} {unit}, the model has {model.inertia:.3g}"
-        )
+        seen = f"the log's torque and acceleration give {found.inertia:.3g} {unit}, the model has {model.inertia:.3g}"
         if named and (not np.isfinite(level) or 0.5 < level < 2.0):
             column = "velocity" if log.velocity is not None else "position"
             named = named if column == "velocity" else named.removesuffix("/s")
@@ -109,6 +108,7 @@ def _nominal(
                 "nominal",
             )
         return
+    # fast = viscous friction is compared as a torque, at the speed that 5 % of the samples exceed
     velocity, _ = smooth_motion(columns.get("velocity"), columns.get("position"), log.dt)
     fast = float(np.quantile(np.abs(velocity), 0.95))
     for name, unit, here, there, speed in (
@@ -118,8 +118,8 @@ def _nominal(
         excess = (there - here) * speed
         if there > 0.0 and excess > 2.0 * size and there > 5.0 * max(here, 0.0):
             yield Suspicion(
-                f"{log.name}: the model's {name} friction of {there:.3g} {unit} asks for more torque than the "
-                f"log holds (about {max(here, 0.0):.3g} would fit): is it ten times off?",
+                f"{log.name}: the model's {name} friction of {there:.3g} {unit} needs more torque than the "
+                f"log has (about {max(here, 0.0):.3g} would fit): is it wrong by a factor of ten?",
                 "warn",
                 "nominal",
             )

@@ -1,1 +1,1 @@
-"""What the columns of a file are called, what quantity each is, and in which unit."""
+"""Which quantity each column of a file is, and in which unit: from the user's mapping, or from its name."""

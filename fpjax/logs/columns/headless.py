@@ -1,20 +1,20 @@
-"""What the columns of a file without a header may be: which rises like a time, which is the rate of which."""
+"""Guesses for the columns of a file without a header: which one rises like a time, which is the rate of another."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
-SHOWN = 10  # columns that move, of which the range is told
-COMPARED = 64  # columns looked at
-ROWS = 20_000  # looked at
-RATE = 0.97  # correlation of a column with another one's rate
+SHOWN = 10  # changing columns whose range is printed
+COMPARED = 64  # [columns] at most: each is compared with each
+ROWS = 20_000  # [rows] at most
+RATE = 0.97  # correlation of a column with the rate of another, from which on it is a velocity
 
 
 def described(columns: Mapping[str, np.ndarray]) -> str:
-    """The columns that move, with their range, and what to write for --columns.
+    """The columns that change, with their range, and what to write for --columns, as the end of a sentence.
 
     Args:
-        columns: by their places "1", "2", ..., each of shape (rows,).
+        columns: by their numbers "1", "2", ..., each of shape (rows,).
     """
     finite = {key: values[np.isfinite(values)] for key, values in columns.items()}
     moving = {key: columns[key] for key, known in finite.items() if known.size and np.min(known) < np.max(known)}
@@ -32,7 +32,7 @@ def described(columns: Mapping[str, np.ndarray]) -> str:
         rising = f"{time} rises like a time" if time else "none rises like a time"
         hint = (
             f"{rising}, and {velocity} is the rate of {position}; write {option}"
-            f"position={position},velocity={velocity},torque=N with the torque's place for N"
+            f"position={position},velocity={velocity},torque=N with the number of the torque's column for N"
         )
     elif time is None:
         hint = (
@@ -51,26 +51,26 @@ def _rises(values: np.ndarray) -> bool:
 
 
 def _motion(time: np.ndarray, columns: Mapping[str, np.ndarray]) -> tuple[str, str] | None:
-    """(position, velocity) of what is the rate of another column and moves most; None where nothing is."""
+    """(position, velocity): the column that moves most and has its rate in another column; None without such a pair."""
     rows = slice(None, min(time.size, ROWS))
     keys = [key for key in list(columns)[:COMPARED] if columns[key].size == time.size]
     keys = [key for key in keys if np.isfinite(columns[key][rows]).all()]
     if len(keys) < 2 or time[rows].size < 3 or not (np.diff(time[rows]) > 0.0).all():
         return None
     values = np.array([columns[key][rows] for key in keys])
-    with np.errstate(all="ignore"):  # values near the largest float have no rate, and are like nothing
+    with np.errstate(all="ignore"):  # values near the largest float overflow: they correlate with nothing
         rates = np.gradient(values, time[rows], axis=1)
         like = np.nan_to_num(_unit(rates) @ _unit(values).T)
     np.fill_diagonal(like, 0.0)
     fitting = np.argwhere(like > RATE)
     if not fitting.size:
         return None
-    # a rate in other units, or a joint that only trembles, is told from the one that moves by its size
+    # several pairs fit where a rate is there in two units or another joint trembles: the one that moves most is taken
     position, velocity = max(fitting, key=lambda pair: float(np.ptp(values[pair[1]])))
     return keys[position], keys[velocity]
 
 
 def _unit(rows: np.ndarray) -> np.ndarray:
-    """Rows of zero mean and length one; zero where nothing changes."""
+    """Rows with their mean removed and scaled to length one, so that products are correlations; 0 for constant rows."""
     centred = rows - rows.mean(axis=1, keepdims=True)
     return centred / np.maximum(np.linalg.norm(centred, axis=1, keepdims=True), 1e-300)

@@ -1,4 +1,4 @@
-"""Which column of a file is what: the mapping that the user gives, and the names that speak for themselves."""
+"""Which column of a file is which quantity: from the mapping that the user gives, then from the columns' own names."""
 
 import difflib
 import math
@@ -16,8 +16,9 @@ PRESETS = {
     "emps": "time=t,torque=vir*35.15:N,position=qm:m,reference=qg:m",
 }
 MOST_COMPARED = 400  # names that a misspelt one is compared with
-LIKE_A_WORD = 0.58  # of 1: "tork" is like torque
-STILL = 1e-3  # of the travel of the axis that moves most: below it an axis stands still
+LIKE_A_WORD = 0.58  # difflib's ratio: "tork" is near enough to "torque"
+STILL = 1e-3  # of the travel of the axis that moves most: with less, an axis stands still
+# a unit with a scale: "A*0.12", "A*120 mNm/A", "counts/4096", "counts*5e-8"
 _SCALED = re.compile(
     r"^(?P<head>.*?)\s*(?P<sign>[*/])\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<per>[A-Za-zµ°%][^*]*)?$"
 )
@@ -28,14 +29,14 @@ class Source(NamedTuple):
 
     Attributes:
         column: the file's name for it.
-        unit: as written; None where nobody says, which means SI.
-        factor: of the column, before its unit.
-        scale: of the unit, after it: N m per A, or the rest of a gear; for counts the turns per count.
-        per: the unit of the scale ("mNm/A"); "" for SI.
+        unit: as written; None where no unit is given, which means SI.
+        factor: factor of the column, written before its unit.
+        scale: factor written after the unit: N m per A, or a gear ratio; for counts the turns per count.
+        per: unit of the scale ("mNm/A"); "" for SI.
         scaled: whether a scale was given.
-        divided: the scale was given as a division: counts a turn.
-        guessed: from the table of names.
-        measured: a torque that the drive measured, and not what it was told.
+        divided: whether the scale was given as a division: counts per turn.
+        guessed: whether the column was found in the table of names.
+        measured: whether it is a torque that the drive measured and not the commanded one.
     """
 
     column: str
@@ -95,7 +96,7 @@ def find_sources(
     units: Mapping[str, str] | None = None,
     travel: Callable[[str], float] | None = None,
 ) -> tuple[dict[str, Source], list[str]]:
-    """For each canonical column that is there, the file's column; and what was guessed, a sentence each.
+    """The file's column for each canonical column that is there; and a sentence for each guess.
 
     Args:
         names: the file's columns.
@@ -103,7 +104,7 @@ def find_sources(
             brackets ("velocity [deg/s]"), and then in the table of `names`.
         where: the file's name, for messages.
         units: from a row of units, by name.
-        travel: how far a column moves, so that of several axes one that stands still is not taken; None not to look.
+        travel: range of a column, so that an axis that stands still is not taken; None to take the first axis.
 
     Raises:
         InputError: for a mapped column that the file does not have.
@@ -122,7 +123,7 @@ def find_sources(
             found[plain] = Source(name, unit or units.get(name))
             taken.add(name)
     notes = _guessed(found, taken, names, units, mapping.get("axis"), where, travel)
-    # A current that was mapped by hand is as measured as one that was guessed.
+    # A torque column that the user mapped by the name of a measured one (`Iq`, `effort`) counts as measured too.
     if "torque" in found and not found["torque"].measured:
         known = guess([found["torque"].column], units)
         if "torque_measured" in known and "torque" in mapping:
@@ -141,7 +142,7 @@ def _guessed(
     where: str,
     travel: Callable[[str], float] | None,
 ) -> list[str]:
-    """Fill in what the table of names knows, and say so."""
+    """Add to `found` the columns that the table of names knows; a sentence on them."""
     guesses = {
         canonical: [each for each in each_guess if each.column not in taken]
         for canonical, each_guess in guess(names, units).items()
@@ -161,6 +162,8 @@ def _guessed(
         if canonical == "time":
             fitting = [each for each in fitting if each.axis is None] or fitting
         other = {"velocity": "position", "position": "velocity"}.get(canonical)
+        # words with several meanings ("target", "p") are taken only where the other motion has no sure name; as a
+        # reference never
         if canonical == "reference" or (other is not None and (other in found or _surer(guesses, other, fitting))):
             fitting = [each for each in fitting if each.rank < WEAK[canonical]]
         if not fitting:
@@ -182,7 +185,7 @@ def _guessed(
 
 
 def _moving(guesses: Mapping[str, list[Guess]], axes: list[int], travel: Callable[[str], float]) -> int:
-    """The first axis, or the one that moves most where that one stands still."""
+    """The first axis; where that one stands still, the axis that moves most."""
     for motion in ("position", "velocity"):
         moved = {each.axis: travel(each.column) for each in reversed(guesses.get(motion, [])) if each.axis is not None}
         if len(moved) > 1:
@@ -192,7 +195,7 @@ def _moving(guesses: Mapping[str, list[Guess]], axes: list[int], travel: Callabl
 
 
 def _surer(guesses: Mapping[str, list[Guess]], other: str, than: list[Guess]) -> bool:
-    """Whether the other motion has a name that leaves no doubt, so that a doubtful one is not needed."""
+    """Whether the other motion has an unambiguous name, so that an ambiguous one is not needed."""
     return bool(than) and any(each.rank < WEAK[other] for each in guesses.get(other, []))
 
 
@@ -201,7 +204,9 @@ def _axis_of(column: str) -> int | None:
 
 
 def _mapped(canonical: str, text: str, names: list[str], where: str, units: Mapping[str, str]) -> Source:
-    """The source that a user's words mean: COLUMN, COLUMN*2, COLUMN:UNIT, COLUMN:UNIT*SCALE, COLUMN:counts/4096."""
+    """The source that a mapping describes: COLUMN, COLUMN*2, COLUMN:UNIT, COLUMN:UNIT*SCALE or COLUMN:counts/4096."""
+    # head, colon A column's own name may hold ":" or "*", so the whole text is tried as a name first, then what is
+    # left of the last colon, then what is left of the last star.
     column = _resolved(text, names)
     head, colon, unit = text, "", ""
     if column is None and ":" in text:
@@ -247,7 +252,7 @@ def _factor(number: str, canonical: str, text: str, head: str) -> float:
 
 
 def _resolved(text: str, names: list[str]) -> str | None:
-    """The file's column that a user means: its name, in any case, with or without the unit in its brackets."""
+    """The file's column of this name: literally, else in any case, else without the unit in its brackets."""
     text = text.strip()
     if text in names:
         return text
@@ -259,7 +264,11 @@ def _resolved(text: str, names: list[str]) -> str | None:
 
 
 def motion_of(sources: Mapping[str, Source]) -> bool | None:
-    """Whether the units given say linear (True) or rotary (False); None where none says either."""
+    """Whether the units given are those of a linear (True) or a rotary axis (False); None where none of them decides.
+
+    Raises:
+        InputError: where they mix the two.
+    """
     said = set()
     for canonical, source in sources.items():
         unit = None if source.unit is None else find_unit(source.unit)
@@ -273,7 +282,11 @@ def motion_of(sources: Mapping[str, Source]) -> bool | None:
 
 
 def scale_of(canonical: str, source: Source, linear: bool | None) -> tuple[float, str]:
-    """(factor to SI, "" or the torque label that stands for SI)."""
+    """(factor to SI, ""), or (factor to a label, the label) for a torque in V, A, PWM or counts.
+
+    Raises:
+        InputError: for a unit that does not fit the column, or counts without their size.
+    """
     if source.unit is None:
         return source.factor, ""
     unit = parse_unit(source.unit, canonical, linear)
@@ -290,7 +303,7 @@ def scale_of(canonical: str, source: Source, linear: bool | None) -> tuple[float
 
 
 def _per(source: Source, spelt: str, linear: bool | None) -> float:
-    """Torque [N m] or force [N] for one of the unit, from "*0.12" or "*120 mNm/A"."""
+    """Torque [N m] or force [N] per unit of the column, from "*0.12" or "*120 mNm/A"."""
     if not source.per:
         return source.scale
     unit = find_unit(source.per.partition("/")[0])
@@ -304,23 +317,23 @@ def _per(source: Source, spelt: str, linear: bool | None) -> float:
 
 
 def _of_counts(source: Source, spelt: str, linear: bool | None) -> float:
-    """Radians or metres of one count."""
+    """Radians or metres per count, from "/4096" (counts per turn) or "*5e-8" (metres or radians per count)."""
     if source.divided and not linear:
         return 2.0 * math.pi * source.scale
     if source.scaled and not source.divided:
         unit = find_unit(source.per) if source.per else None
         return source.scale * (unit.factor if unit else 1.0)
-    size = f"{spelt}*5e-8, in metres a count" if linear else f"{spelt}/4096, the counts a turn"
+    size = f"{spelt}*5e-8, in metres per count" if linear else f"{spelt}/4096, the counts per turn"
     raise InputError(f"--columns {spelt}: how large is a count? Write for instance {size}.")
 
 
 def missing_sentence(names: list[str], lacking: list[str], where: str) -> str:
-    """The sentence for a log that lacks columns, with the names that come nearest."""
+    """The error sentence for a log that lacks columns, with the nearest names in the file."""
     hints = []
     lower = {name.lower(): name for name in names[:MOST_COMPARED]}
     for canonical in lacking:
         for word in canonical.split(" or "):
-            # a word of the name that is like it says more than letters in common: "pi_time" is no position
+            # word by word: of the whole name, "pi_time" would have enough letters in common with "position"
             likeness = {
                 name: max(difflib.SequenceMatcher(None, word, part).ratio() for part in re.split(r"[^a-z]+", name))
                 for name in lower
@@ -329,8 +342,8 @@ def missing_sentence(names: list[str], lacking: list[str], where: str) -> str:
             if near and likeness[near] >= LIKE_A_WORD and f"={lower[near]}" not in "".join(hints):
                 hints.append(f"{word}={lower[near]}")
     fix = f"--columns {','.join(hints)}" if hints else f"--columns {lacking[0].split(' or ')[0]}=NAME:UNIT"
-    # a log that was written every period may have no stamps at all
-    rate = "; if it has no stamps, say how many rows a second with --rate" if "time" in lacking else ""
+    # a log with one row per period may have no stamps at all
+    rate = "; if it has no stamps, give its rows per second with --rate" if "time" in lacking else ""
     return (
         f"{where} has no column {' and no column '.join(lacking)}: it has {listed(names)}; "
         f"if one of them is meant, say so with {fix}{' (guessed from the names)' if hints else ''}{rate}."
@@ -338,6 +351,6 @@ def missing_sentence(names: list[str], lacking: list[str], where: str) -> str:
 
 
 def listed(names: list[str], most: int = 12) -> str:
-    """Names as a readable list, the long ones cut short."""
+    """Names as a readable list for a message: at most `most` of them, long ones shortened."""
     shown = ", ".join(name if len(name) <= 40 else f"{name[:37]}..." for name in names[:most])
     return f"{shown} and {len(names) - most} more" if len(names) > most else shown or "no columns at all"

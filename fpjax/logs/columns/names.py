@@ -1,6 +1,6 @@
-"""What drives, robots and people call the columns of a log: a table of names, so that most logs need no --columns.
+"""A table of the names that drives, robots and people give to the columns of a log, so that most need no --columns.
 
-A name from the table is a guess: the reader says what it took for what, with its unit, and --columns overrules it.
+A name from the table is a guess: the reader says which column it took for which quantity, and --columns overrides it.
 Sources of the names: ODrive (pos_estimate, Iq_setpoint), Universal Robots' RTDE (actual_q_0, target_moment_0),
 Dynamixel and Rhoban's bam (present_position, load), WPILib and Phoenix (appliedVolts, rotorPosition), ROS joint
 states (effort), German, French, Spanish and Italian drive software, and the letters of textbooks.
@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from .units import suffix_unit
 
-# Each line is a rank: names of an earlier one are preferred. "name:unit" has a unit that the source always uses.
-# The last line of velocity, position and reference holds words with other meanings: taken only where nothing else is.
+# Each line is a rank: names in an earlier line are preferred. "name:unit" gives the unit that its source always uses.
+# The last line of velocity, position and reference has ambiguous words, which are taken only where nothing else is.
 _COMMANDED = """
 tau_cmd torque_cmd cmd_torque torque_command commanded_torque torque_setpoint target_torque torque_target tau_target
 desired_torque torque_desired tau_des tau_desired tau_ref torque_ref torque_reference torque_demand sollmoment
@@ -80,7 +80,7 @@ present_temperature:degC fet_temp:degC fet_temperature:degC
 
 
 class KnownName(NamedTuple):
-    """What the table says about a name."""
+    """Quantity, rank (line of the table) and unit of a name in the table."""
 
     canonical: str
     rank: int
@@ -98,10 +98,13 @@ def _table() -> dict[str, KnownName]:
 
 
 KNOWN = _table()
+# the rank of the last line, with the ambiguous words
 WEAK = {name: len(_TABLE[name].strip().splitlines()) - 1 for name in ("velocity", "position", "reference")}
+# "velocity [deg/s]", "Drehmoment (mNm)"
 _BRACKETED = re.compile(r"^\s*(?P<name>[^\[\](]+?)\s*[\[(]\s*(?P<unit>[^\])]*?)\s*[\])]\s*$")
+# "actual_q_0", "tau[2]", "speed (5)": the number of an axis at the end, but not the digits of a longer number
 _INDEXED = re.compile(r"^(?P<name>.*?[^0-9_.\[(])[_.\[(]?(?P<index>\d{1,2})[\])]?$")
-# "ODrive 2 Position", "motor0_vel", "joint_3_torque": whose it is comes first
+# "ODrive 2 Position", "motor0_vel", "joint_3_torque": the axis stands first
 _OWNED = re.compile(
     r"^(?:odrive|odrv|axis|motor|joint|servo|drive|actuator|j|m)_?(?P<index>\d{1,2})_(?P<name>[a-z].*)$"
 )
@@ -117,10 +120,10 @@ class Named(NamedTuple):
     """A column's name taken apart.
 
     Attributes:
-        column: as the file has it.
+        column: name as the file has it.
         plain: in lower case, without unit and axis, words joined by "_".
-        unit: written with it, in brackets or as an ending; "" without.
-        axis: the number at its end; None without.
+        unit: unit in the name, in brackets or as an ending; "" without.
+        axis: number of the axis in the name; None without.
     """
 
     column: str
@@ -130,7 +133,7 @@ class Named(NamedTuple):
 
 
 def bracket_unit(name: str) -> tuple[str, str | None]:
-    """(name without it, unit) of "velocity [deg/s]" or "Drehmoment (mNm)"; (name, None) without.
+    """(name without the unit, unit) of "velocity [deg/s]" or "Drehmoment (mNm)"; (name, None) without a unit.
 
     A number in brackets is an axis ("speed (5)"), and the t of "θ(t)" an argument: neither is a unit.
     """
@@ -141,7 +144,7 @@ def bracket_unit(name: str) -> tuple[str, str | None]:
 
 
 def taken_apart(column: str) -> list[Named]:
-    """A name's readings, the most literal first: whole, by its last component, without its ending."""
+    """All ways to take a name apart, the most literal first: whole, last part, without unit, axis or vendor."""
     text, unit = bracket_unit(column)
     found: list[Named] = []
     owner = _OWNER.search(text)
@@ -182,18 +185,19 @@ def _snake(text: str) -> str:
     text = text.strip().translate(str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "Ä": "Ae", "Ö": "Oe"}))
     text = "".join(_GREEK.get(c, c) for c in text)
     text = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+    # camel case to words: "pos_estimate" and "posEstimate" are one name
     text = re.sub(r"([a-z])([A-Z])", r"\1_\2", text)
     return re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")
 
 
 class Guess(NamedTuple):
-    """A column that the table knows.
+    """A column whose name is in the table.
 
     Attributes:
-        column: the file's.
-        unit: written with the name, or that the table gives; "" for SI.
-        rank: the smaller, the surer.
-        axis: its number where the file has several; None without.
+        column: name in the file.
+        unit: from the name, a row of units or the table; "" for SI.
+        rank: line of the table: the smaller, the surer.
+        axis: number of the axis in the name; None without.
     """
 
     column: str
@@ -203,11 +207,11 @@ class Guess(NamedTuple):
 
 
 def guess(names: Iterable[str], units: Mapping[str, str]) -> dict[str, list[Guess]]:
-    """For each canonical column, what the table takes for it, the surest first.
+    """For each canonical column, the file's columns that the table knows as it, the surest first.
 
     Args:
         names: the file's columns.
-        units: from a row of units, by name.
+        units: units from a row of units, by column name.
     """
     found: dict[str, list[Guess]] = {}
     for column in names:

@@ -1,4 +1,4 @@
-"""Units of log columns: what a user may write, and the factor to SI."""
+"""Units of log columns: the spellings that are understood, and the factor of each to SI."""
 
 import difflib
 import math
@@ -13,9 +13,9 @@ class Unit(NamedTuple):
 
     Attributes:
         quantity: "angle", "length", "rate", "speed", "torque", "force", "time", "temperature", "count", "count rate",
-            or "label" for what stands for a torque and is not converted (A, V, PWM).
-        factor: to SI, or to the label.
-        label: of a label, the unit that it is kept in.
+            or "label" for a unit that replaces N m and is not converted (A, V, PWM).
+        factor: factor to SI, or to the label.
+        label: unit that a label is kept in ("A" for mA); "" for other quantities.
     """
 
     quantity: str
@@ -40,7 +40,7 @@ _TABLE: dict[str, dict[str, float]] = {
     "count": {"counts": 1.0},
     "count rate": {"counts/s": 1.0},
 }  # fmt: skip
-# Not converted: the model's inertia and friction then carry the same label ([units] torque).
+# Not converted to N m: the model's inertia and friction then have the same label ([units] torque in its file).
 _LABELS = {"V": ("V", 1.0), "mV": ("V", 1e-3), "A": ("A", 1.0), "mA": ("A", 1e-3), "PWM": ("PWM", 1.0), "%": ("%", 1.0)}
 UNITS: dict[str, Unit] = {
     **{name: Unit(quantity, factor) for quantity, names in _TABLE.items() for name, factor in names.items()},
@@ -62,9 +62,9 @@ _SPELLINGS = {
     "ink": "counts", "pulses": "counts", "lsb": "counts", "steps": "counts", "digit": "counts", "digits": "counts",
     "ticks/s": "counts/s", "inc/s": "counts/s", "count/s": "counts/s", "pulses/s": "counts/s",
 }  # fmt: skip
-_CASED = ("mn", "mnm", "k", "a", "v", "mv", "ma")  # another case is another unit, or a word
+_CASED = ("mn", "mnm", "k", "a", "v", "mv", "ma")  # in another case they are another unit (MN) or a word
 
-# Which quantities a column may be given in: rotary, linear.
+# Quantities that each canonical column may be given in: (rotary axis, linear axis).
 QUANTITIES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "time": (("time",), ("time",)),
     "torque": (("torque", "label", "count"), ("force", "label", "count")),
@@ -74,7 +74,7 @@ QUANTITIES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "torque_measured": (("torque", "label", "count"), ("force", "label", "count")),
     "temperature": (("temperature",), ("temperature",)),
 }
-# what comes after the slash in "torque_Nm", "velocity_deg_s"
+# unit at the end of a name: "torque_Nm", "velocity_deg_s"
 _SUFFIXES = {
     "nm": "Nm", "mnm": "mNm", "ncm": "Ncm", "n": "N", "a": "A", "ma": "mA", "v": "V", "mv": "mV", "pwm": "PWM",
     "s": "s", "ms": "ms", "us": "us", "ns": "ns", "sec": "s", "secs": "s", "seconds": "s", "millis": "ms",
@@ -87,12 +87,13 @@ _SUFFIXES = {
 
 
 def find_unit(text: str) -> Unit | None:
-    """The unit written as `text` ("deg/s", "N m", "N*m", "mm", "U/min"), or None."""
+    """The unit that `text` spells ("deg/s", "N m", "N*m", "mm", "U/min"), or None."""
     text = text.strip()
     plain = re.sub(r"[\s*·.⋅]", "", _SPELLINGS.get(text, text))
     plain = _SPELLINGS.get(plain, plain)
     if plain in UNITS:
         return UNITS[plain]
+    # any case is accepted ("RPM", "Deg/S"), but not where case decides: mN is a millinewton, MN would be a meganewton
     lower = plain.lower()
     if lower in _CASED and lower not in _SPELLINGS:
         return None
@@ -103,7 +104,7 @@ _LOWER = {name.lower(): unit for name, unit in UNITS.items() if name.lower() not
 
 
 def suffix_unit(name: str) -> tuple[str, str] | None:
-    """(name without it, unit) of a name that ends with one: ("torque", "Nm") of "torque_nm"; None without."""
+    """(name without its unit, unit) of a name that ends with a unit: ("torque", "Nm") of "torque_nm"; None without."""
     parts = name.split("_")
     for size in (3, 2, 1):
         if len(parts) > size and (unit := _SUFFIXES.get("_".join(parts[-size:]))):
@@ -112,12 +113,12 @@ def suffix_unit(name: str) -> tuple[str, str] | None:
 
 
 def parse_unit(text: str, column: str, linear: bool | None) -> Unit:
-    """The unit of a canonical column.
+    """The unit that `text` spells, checked to be one that the canonical column can have.
 
     Args:
         text: as the user wrote it.
         column: "time", "torque", "velocity", "position", "reference", "torque_measured" or "temperature".
-        linear: whether the axis is linear; None where nobody has said yet.
+        linear: whether the axis is linear; None where that is not known yet.
 
     Raises:
         InputError: for a unit that is not known, or is of another quantity.
@@ -128,8 +129,8 @@ def parse_unit(text: str, column: str, linear: bool | None) -> Unit:
         near = difflib.get_close_matches(text[:40], fitting, n=1)
         hint = f"did you mean {near[0]!r}? " if near else ""
         raise InputError(
-            f"Unit {text[:40]!r} of column {column} is not known: {hint}{column} takes {', '.join(fitting)}; say which "
-            f"one it is with --columns {column}=NAME:UNIT."
+            f"Unit {text[:40]!r} of column {column} is not known: {hint}{column} takes {', '.join(fitting)}; give "
+            f"one of them with --columns {column}=NAME:UNIT."
         )
     rotary, straight = QUANTITIES[column]
     allowed = rotary + straight if linear is None else straight if linear else rotary
@@ -146,7 +147,12 @@ def parse_unit(text: str, column: str, linear: bool | None) -> Unit:
 
 
 def allowed_units(column: str, linear: bool | None) -> list[str]:
-    """Names of the units that a canonical column may be given in."""
+    """Names of the units that a canonical column may have.
+
+    Args:
+        column: as in `parse_unit`.
+        linear: whether the axis is linear; None for the units of both kinds of axis.
+    """
     rotary, straight = QUANTITIES[column]
     quantities = tuple(dict.fromkeys(rotary + straight)) if linear is None else straight if linear else rotary
     return [name for name, unit in UNITS.items() if unit.quantity in quantities]

@@ -1,8 +1,9 @@
 """The one place where a motion is differentiated and integrated over time.
 
-Three kinds of signals need three ways. A reading has noise that nobody states: `local_polynomial`, as wide as
-`quiet_half` finds best, and `smooth_motion` for both. An observer gets the velocity that a low-pass of a stated cutoff
-leaves: `measured_velocity`. A reference or a simulated motion has no noise: central differences, `slope`.
+Three kinds of signals need three methods. A sensor reading has noise of unknown size: `local_polynomial` with the width
+that `quiet_half` finds best; `smooth_motion` gives velocity and position this way. An observer gets a velocity behind a
+low-pass of a stated cutoff: `measured_velocity`. A reference or a simulated motion has no noise: central differences,
+`slope`.
 
 numpy only, float64.
 """
@@ -34,7 +35,7 @@ def slope(values: Values, dt: float) -> Values:
 
 
 def travel(velocity: Values, dt: float) -> Values:
-    """Position [rad] at each sample, 0 at the first: the exact integral of lines between the samples.
+    """Position [rad] at each sample, 0 at the first: the velocity integrated by the trapezoidal rule.
 
     Args:
         velocity: [rad/s], shape (samples,).
@@ -67,7 +68,7 @@ def smooth_motion(velocity: Values | None, position: Values | None, dt: float) -
 def measured_velocity(
     log: Log, *, differentiator: Differentiator = "zero_phase", cutoff: float | None = None
 ) -> tuple[Float[Values, " samples"], str]:
-    """Velocity [rad/s] at the start of each period, shape (samples,), and how it came about in words.
+    """Velocity [rad/s] at the start of each period, shape (samples,), and a phrase on how it was obtained.
 
     Args:
         log: with velocity or position.
@@ -90,6 +91,8 @@ def measured_velocity(
 
     position = np.asarray(log.position, dtype=float)
     if differentiator == "zero_phase":
+        # forward and backward: the fourth-order filter is applied twice, so its phase cancels and its attenuation
+        # doubles
         low_pass: Any = signal.butter(4, 2.0 * frequency / log.rate)
         smooth = signal.filtfilt(low_pass[0], low_pass[1], position)
         return slope(smooth, log.dt), (
@@ -106,12 +109,12 @@ def measured_velocity(
 def local_polynomial(values: Values, half: int, *, dt: float = 1.0, degree: int = 2, derivative: int = 0) -> Values:
     """Value or derivative of a polynomial fitted to 2 half + 1 samples around each (Savitzky, Golay, 1964).
 
-    At the ends, where the window would leave the record, the first and the last whole window's polynomial is read off
-    at its own places.
+    At the ends, where the window would leave the log, the polynomial of the first and of the last whole window is
+    evaluated off its centre.
 
     Args:
         values: shape (samples,), at least degree + 1 of them.
-        half: samples on either side; cut to what the record and the degree allow.
+        half: samples on either side; limited to what the length of the log and the degree allow.
         dt: from sample to sample [s].
         degree: of the polynomial: 2 for velocities, 3 or 4 for accelerations with less bias.
         derivative: 0 for the value, 1 for the slope [unit/s], 2 for the curvature [unit/s^2].
@@ -121,9 +124,11 @@ def local_polynomial(values: Values, half: int, *, dt: float = 1.0, degree: int 
     degree = min(degree, 2 * half)
     if derivative > degree:
         return np.zeros_like(values)
+    # places from -1 to 1: powers of sample numbers up to 400 would make the least squares ill-conditioned
     places = np.arange(-half, half + 1) / max(half, 1)
     powers = places[:, None] ** np.arange(degree + 1)
     solve = np.linalg.pinv(powers)  # coefficients of each power, from the samples
+    # m-th derivative at the centre: m! times the m-th coefficient, over (half dt)^m for the scaled places
     scale = float(np.prod(np.arange(1, derivative + 1))) / (max(half, 1) * dt) ** derivative
     found = np.empty_like(values)
     found[half : values.size - half] = np.convolve(values, solve[derivative][::-1], "valid") * scale
@@ -138,18 +143,18 @@ def local_polynomial(values: Values, half: int, *, dt: float = 1.0, degree: int 
 
 
 def quiet_half(values: Values, noise: float, *, degree: int = 2, derivative: int = 1, widest: int = 400) -> int:
-    """The half-width [samples] whose local polynomial has the least error: noise and bias together.
+    """The half-width [samples] whose local polynomial has the least mean squared error, noise and bias together.
 
-    The noise that a width lets through is known; its bias is what the estimate differs by from that of half the width,
-    beyond what noise explains (the wider fit is the best unbiased one on its window, so that their difference has the
-    difference of their variances).
+    The noise that passes a given width is known. The bias is estimated from the difference between the fits of the full
+    and of half the width, beyond what noise explains: the wider fit is the best unbiased one on its window, so the
+    variance of the difference is the difference of the two variances.
 
     Args:
         values: shape (samples,).
         noise: standard deviation of one reading, from `noise_level`, in the unit of values.
         degree: of the polynomial.
         derivative: which one is wanted with the least error; 1 for a velocity.
-        widest: samples; nothing wider is tried.
+        widest: largest half-width that is tried [samples].
     """
     pieces = even_pieces(np.asarray(values, dtype=np.float64).ravel(), 20_000)
     half = narrow = max((degree + 1) // 2, 1)
@@ -169,12 +174,14 @@ def quiet_half(values: Values, noise: float, *, degree: int = 2, derivative: int
         bias = max(float(np.mean(inner**2)) - max(narrow_noise - wide_noise, 0.0), 0.0)
         if bias + wide_noise < least:
             best, least = half, bias + wide_noise
+        # The bias grows with the width from here on: wider windows need not be tried. The factor 4 keeps one noisy
+        # estimate of the bias from ending the search.
         elif bias > 4.0 * least:
             return best
 
 
 def _noise_gain(half: int, degree: int, derivative: int) -> float:
-    """Standard deviation of a middle estimate for white noise of one, a sample apart."""
+    """Standard deviation of the estimate at the window's centre, for white noise of standard deviation 1 and dt = 1."""
     powers = (np.arange(-half, half + 1) / half)[:, None] ** np.arange(degree + 1)
     weights = np.linalg.pinv(powers)[derivative] * np.prod(np.arange(1.0, derivative + 1)) / half**derivative
     return float(np.sqrt(weights @ weights))

@@ -1,4 +1,4 @@
-"""Friction against velocity as a log shows it: the torque less inertia and loads, in bins."""
+"""Friction against velocity as a log shows it: the torque without inertial and known load torque, in bins."""
 
 from dataclasses import dataclass, replace
 
@@ -7,9 +7,9 @@ import numpy as np
 from ..log import Log
 from .nominal import Nominal, angle_of, speed_of
 
-BINS = 24  # on each side of zero
-FEWEST = 8  # samples a bin
-MOST_ROWS = 400_000  # of a longer log, its middle
+BINS = 24  # on each side of zero velocity
+FEWEST = 8  # [samples] in a bin
+MOST_ROWS = 400_000  # [samples]: of a longer log, its middle is taken
 
 
 @dataclass(frozen=True)
@@ -19,8 +19,8 @@ class FrictionCurve:
     Attributes:
         velocity: median of each bin [rad/s], increasing.
         middle: median torque of each bin [N m].
-        low: a quarter of the bin lies below [N m].
-        high: a quarter lies above [N m].
+        low: lower quartile of each bin [N m].
+        high: upper quartile of each bin [N m].
     """
 
     velocity: np.ndarray
@@ -43,6 +43,8 @@ def friction_curve(log: Log, nominal: Nominal | None) -> FrictionCurve:
         position=None if log.position is None else log.position[middle],
     )  # fmt: skip
     speed, torque = _averaged(log, nominal)
+    # around zero velocity the direction is noise, and sticking friction takes any value: these samples belong to no
+    # bin
     still = 1e-3 * float(np.quantile(np.abs(speed), 0.99)) if speed.size else 0.0
     rows = [(-1.0, speed < -still), (1.0, speed > still)]
     points: list[tuple[float, float, float, float]] = []
@@ -57,24 +59,27 @@ def friction_curve(log: Log, nominal: Nominal | None) -> FrictionCurve:
 
 
 def _averaged(log: Log, nominal: Nominal | None) -> tuple[np.ndarray, np.ndarray]:
-    """(velocity, friction torque), averaged over one bump of time, where the motion keeps its direction.
+    """(velocity, friction torque), each a weighted mean over a short window in which the motion keeps its direction.
 
-    The acceleration's average is taken from the reading by the bump's own derivatives, so no derivative of the reading
-    is needed, and belongs to the same time as the torque's average.
+    The weights are a smooth bump that is zero at both ends of the window. Integration by parts moves the derivatives
+    from the noisy reading to the bump (a modulating function, Shinbrot, 1957), so the reading is not differentiated,
+    and the mean acceleration belongs to the same window as the mean torque.
     """
     speed = speed_of(log)
     if nominal is None:
         return speed, log.torque
     size = int(np.clip(round(0.5 * nominal.window / log.dt), 4, max(4, log.samples // 8)))
     place = (np.arange(size) + 0.5) / size
+    # zero with its first two derivatives at both ends, so integrating a position by parts twice leaves no end terms
     bump = (place * (1.0 - place)) ** 3
     bump /= bump.sum()
     order = 2 if log.position is not None else 1
-    # a torque held over periods k to k + 1 meets the bump's k-th weight: the reading's differences lie between the same
+    # The k-th weight belongs to the torque that is held from k to k + 1: the differences of the reading lie between the
+    # same two samples.
     edges = np.diff(np.concatenate([np.zeros(order), bump, np.zeros(order)]), order) / log.dt**order
     reading = log.position if log.position is not None else log.velocity
     assert reading is not None
-    # the second difference of a held acceleration is its mean over two periods: half of it is one period earlier
+    # The second difference of a position belongs to the mean of the torques held before and after its middle sample.
     accelerated = np.convolve(reading, ((-1.0) ** order * edges)[::-1], "valid")
     given = log.torque if order == 1 else 0.5 * (log.torque + np.concatenate([log.torque[:1], log.torque[:-1]]))
     if nominal.amplitude > 0.0:
@@ -84,6 +89,7 @@ def _averaged(log: Log, nominal: Nominal | None) -> tuple[np.ndarray, np.ndarray
     first = order - 1
     torque = np.convolve(given, bump[::-1], "valid")[first : first + count] - nominal.inertia * accelerated[:count]
     mean = np.convolve(speed, bump[::-1], "valid")[first : first + count]
+    # number of reversals up to each sample: equal at both ends of a window in which there is none
     turns = np.concatenate([[0], np.cumsum(speed[1:] * speed[:-1] < 0.0)])
     keeps = turns[first + size : first + size + count] == turns[first : first + count]
     rows = np.flatnonzero(keeps)[::step]

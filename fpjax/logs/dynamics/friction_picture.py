@@ -21,12 +21,12 @@ class Law:
     """coulomb sign(v) + viscous v + offset, as a line.
 
     Attributes:
-        label: in the legend.
+        label: its name in the legend.
         colour: of the line.
         coulomb: [N m].
         viscous: [N m s/rad].
         offset: [N m].
-        dashed: to tell two that lie on one another.
+        dashed: drawn dashed, so that two laws that coincide can both be seen.
     """
 
     label: str
@@ -43,8 +43,8 @@ def draw_friction(panel: Axes, curve: FrictionCurve, laws: Sequence[Law], *, lin
     Args:
         panel: to draw in.
         curve: of the log.
-        laws: found.
-        linear: metres in place of radians.
+        laws: friction laws to draw over the bins.
+        linear: whether the axis is in m/s instead of rad/s.
     """
     for side in (curve.velocity < 0.0, curve.velocity > 0.0):
         first = side[-1:].any()

@@ -1,17 +1,19 @@
-"""A nominal model from a log: J a = u - C sgn v - B v - A sin q - A' cos q - offset - known load, honest about noise.
+"""A nominal model from a log: J a = u - C sgn v - B v - A sin q - A' cos q - offset - known load, robust to noise.
 
-A regression of torque on a differentiated velocity divides by the acceleration's noise: it finds J = 0.008 on a
+A regression of torque on a differentiated velocity is biased by the noise of the acceleration: it finds J = 0.008 on a
 pendulum of 0.21 kg m^2 whose encoder has steps of 2.9 mrad. Here no derivative is taken. Over short windows the
-equation is integrated until it speaks of what the sensor reads,
+equation of motion is integrated up to the quantity that the sensor reads,
 
     q(t) = q0 + v0 t + (1/J) int int (u - C sgn v - B v - A sin q - A' cos q - offset),
 
-which is linear in 1/J, C/J, ..., has the sensor's noise on the left only, where least squares allows it, and knows the
-held torque exactly. Start angle and speed of every window are free. Windows in which something else happened (an
-impact, a push) are weighed down by Cauchy's law of their rms. The windows are as long as lets what the model leaves
-grow to a few times the noise: shorter ones give their information away to noise, in longer ones unmodelled torques pile
-up. Deviations are those of the windows among themselves (the sandwich estimator) and of one length of window against
-the next, so they hold model errors too. Why `estimate` regresses pairs of samples instead: `fpjax.logs.regression`.
+which is linear in 1/J, C/J, .... The sensor's noise stands on the left side only, where least squares allows it, and
+the torque, which is held over each period, is integrated exactly. Start angle and speed of every window are free.
+Windows in which something else happened (an impact, a push) get little weight (Cauchy weights on their rms residual).
+
+The windows are made longer until the residual is a few times the noise: in shorter ones the noise hides the motion, in
+longer ones the unmodelled torques add up. The standard deviations come from the scatter between windows (sandwich
+estimator) and from the change between one window length and the next, so they include model errors. Why `estimate`
+regresses pairs of samples instead: `fpjax.logs.dynamics.regression`.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,16 +29,17 @@ from .regression import mean_direction, mean_held, solved
 Values = np.ndarray
 Load = Callable[[Values], Values]
 
-WINDOWS = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0)  # s
-# Times the noise that a window may leave, for a longer one to be tried. Simulated logs do not care (1 to 10); the three
-# pendulum records end within 3 % of an independent multiple-shooting fit at 4, 14 % high at 3 (noise), 9 % low at 8.
+WINDOWS = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0)  # lengths that are tried [s]
+# Residual of a window over the noise up to which a longer window is tried. On simulated logs any value from 1 to 10
+# does. On the three measured pendulum logs J is within 3 % of an independent multiple-shooting fit at 4, 14 % high at 3
+# (noise) and 9 % low at 8 (unmodelled torques).
 BEYOND_NOISE = 4.0
 FEWEST_SAMPLES, FEWEST_WINDOWS = 16, 8
-POINTS = 64  # readings a window, each the mean of some
-MOST_ROWS = 240_000  # of a longer log, evenly spaced pieces are looked at
-ROUNDS = 40  # of the weights
-SIGNIFICANT = 3.0  # standard deviations
-MATTERS = 0.02  # of the torque's rms: a load below it is not worth a line
+POINTS = 64  # readings in a window: more are averaged in groups, which keeps the arrays small
+MOST_ROWS = 240_000  # [samples]: of a longer log, evenly spaced pieces are used
+ROUNDS = 40  # of reweighting
+SIGNIFICANT = 3.0  # [standard deviations]
+MATTERS = 0.02  # of the torque's rms: a smaller unbalance is not worth its two parameters
 PARAMETERS = ("inertia", "coulomb", "viscous", "offset", "sine", "cosine")
 
 
@@ -48,17 +51,17 @@ class Nominal:
         inertia: J.
         coulomb: C.
         viscous: B.
-        offset: same sign as positive friction.
+        offset: constant torque, of the same sign as friction in positive motion.
         deviations: standard deviation of inertia, coulomb, viscous, offset, sine, cosine.
-        residual: rms torque that the model leaves over its windows [N m].
-        share: of the motion within the windows that the model explains [1].
-        rows: windows used.
-        sine: torque that sin(position) needs to be held; 0 where none is seen.
-        cosine: torque that cos(position) needs to be held.
+        residual: rms torque that the model does not explain, as a torque that is constant over a window [N m].
+        share: share of the motion's variance within the windows that the model explains [1].
+        rows: number of windows used.
+        sine: holding torque at the angle where sin(position) = 1; 0 where no unbalance is seen.
+        cosine: holding torque at the angle where cos(position) = 1; 0 where no unbalance is seen.
         window: length of the windows [s].
-        least_inertia: J of the regression the other way round, of the torque on the motion. Where it is much smaller, a
-            torque acts that follows the command and is not in the model (a limit, a gain), or the command holds noise:
-            J lies between the two.
+        least_inertia: J of the reverse regression, of the torque on the motion. Where it is much smaller than inertia,
+            either the torque column is noisy, or a torque acts that follows the command and is not in the model (a
+            limit, a wrong gain): the true J lies between the two.
     """
 
     inertia: float
@@ -76,22 +79,28 @@ class Nominal:
 
     @property
     def plausible(self) -> bool:
-        """Whether signs and fit are those of a machine."""
+        """Whether inertia and friction have possible signs, and the model explains the motion."""
         firm = self.inertia > SIGNIFICANT * self.deviations[0] and self.share > 0.3
         return firm and self.coulomb > -SIGNIFICANT * self.deviations[1]
 
     @property
     def amplitude(self) -> float:
-        """Of the unbalance: torque = amplitude sin(position + phase)."""
+        """Amplitude of the unbalance torque, amplitude sin(position + phase), in the log's torque unit."""
         return float(np.hypot(self.sine, self.cosine))
 
     @property
     def phase(self) -> float:
-        """Of the unbalance [rad]."""
+        """Phase of the unbalance torque [rad]."""
         return float(np.arctan2(self.cosine, self.sine))
 
     def torque(self, acceleration: Values, speed: Values, angle: Values | None = None) -> Values:
-        """What the model needs for a motion, without the known load."""
+        """Torque that the model needs for a motion, without the known load.
+
+        Args:
+            acceleration: [rad/s^2], any shape.
+            speed: [rad/s], of the same shape.
+            angle: [rad], of the same shape; None leaves the unbalance out.
+        """
         found = self.inertia * acceleration + self.coulomb * np.sign(speed) + self.viscous * speed + self.offset
         if angle is not None and self.amplitude > 0.0:
             found = found + self.sine * np.sin(angle) + self.cosine * np.cos(angle)
@@ -99,17 +108,20 @@ class Nominal:
 
 
 def speed_of(log: Log) -> Values:
-    """Velocity with little noise: smoothed where it was measured, else the derivative of the position."""
+    """Velocity with little noise [rad/s]: smoothed where it was measured, else the derivative of the position."""
     return smooth_motion(log.velocity, log.position, log.dt)[0]
 
 
 def angle_of(log: Log) -> Values:
-    """Position with little noise, or the integral of the velocity."""
+    """Position [rad] as it was read, or the integral of the velocity where the log has no position."""
     return smooth_motion(log.velocity, log.position, log.dt)[1]
 
 
 def acceleration_of(log: Log) -> Values:
-    """Acceleration by a local cubic of the speed or of the position, as wide as its noise asks for."""
+    """Acceleration [rad/s^2]: slope of a local parabola of the velocity, or curvature of a local cubic of the position.
+
+    The windows are as wide as the noise requires (`quiet_half`).
+    """
     if log.velocity is not None:
         half = quiet_half(log.velocity, noise_level(log.velocity), derivative=1)
         return local_polynomial(log.velocity, half, dt=log.dt, derivative=1)
@@ -119,11 +131,11 @@ def acceleration_of(log: Log) -> Values:
 
 
 def fit_nominal(log: Log, *, load: Load | None = None) -> Nominal | None:
-    """The rigid machine of a log; None where the motion tells too little.
+    """The rigid machine that fits a log best; None where the motion does not determine it.
 
     Args:
         log: with a torque and a motion.
-        load: known torque [N m] as a function of the position [rad], which the fit takes as given.
+        load: known load torque [N m] as a function of the position [rad]; it is subtracted and not fitted.
     """
     torque = log.torque if load is None else log.torque - load(angle_of(log))
     return fit_rigid(torque, log.velocity, log.position, log.dt, gravity=not log.linear)
@@ -137,15 +149,17 @@ def fit_rigid(
     *,
     gravity: bool = False,
 ) -> Nominal | None:
-    """A rigid machine, from arrays; the position is fitted where there is one, else the velocity.
+    """The rigid machine that fits these arrays best; None where the motion does not determine it.
+
+    The position is fitted where there is one, else the velocity.
 
     Args:
         torque: held over each period [N m], shape (samples,).
         velocity: at the start of each period [rad/s], or None.
         position: at the start of each period [rad], or None.
-        dt: [s].
-        gravity: look for a sine and a cosine of the position (of the integral of the velocity where there is none),
-            kept where they are significant and matter.
+        dt: control period [s].
+        gravity: also fit a sine and a cosine of the position (or of the integrated velocity); they are kept where they
+            are significant and not negligible.
     """
     torque = np.asarray(torque, dtype=np.float64)
     pieces = list(_pieces(torque, velocity, position, dt))
@@ -162,13 +176,13 @@ def fit_rigid(
 
 @dataclass(frozen=True)
 class _Piece:
-    """Consecutive samples: what the sensor read, and the course of every term over each period."""
+    """Consecutive samples: what the sensor read, and every term of the equation of motion over each period."""
 
-    reading: Values
-    terms: Values  # shape (samples, 6): torque and what it has to overcome, signs as in J a
-    noise: float
-    order: int  # integrals from acceleration to the reading: 2 for a position
-    dt: float
+    reading: Values  # position [rad] or velocity [rad/s], shape (samples,)
+    terms: Values  # shape (samples, 6): u, -sgn v, -v, -1, -sin q, -cos q, means over each period
+    noise: float  # standard deviation of one reading
+    order: int  # integrals from acceleration to the reading: 2 for a position, 1 for a velocity
+    dt: float  # [s]
 
 
 def _pieces(torque: Values, velocity: Values | None, position: Values | None, dt: float) -> Iterator[_Piece]:
@@ -180,7 +194,7 @@ def _pieces(torque: Values, velocity: Values | None, position: Values | None, dt
         part = slice(int(start), int(start) + length)
         rate = None if velocity is None else velocity[part]
         place = None if position is None else position[part]
-        # A drive's own velocity is late by its filter: the position knows better when the motion turns.
+        # A drive's own velocity is delayed by its filter: the position shows better when the motion reverses.
         speed, angle = smooth_motion(None if place is not None else rate, place, dt)
         reading = place if place is not None else rate
         assert reading is not None
@@ -193,7 +207,7 @@ def _pieces(torque: Values, velocity: Values | None, position: Values | None, dt
 
 
 def _best(pieces: list[_Piece], gravity: bool) -> Nominal | None:
-    """The fit of the longest windows in which the model's error stays a few times the noise."""
+    """The fit of the longest windows in which the residual stays within a few times the noise."""
     found, before = None, None
     for seconds in WINDOWS:
         cut = _windows(pieces, seconds, 6 if gravity else 4)
@@ -207,14 +221,15 @@ def _best(pieces: list[_Piece], gravity: bool) -> Nominal | None:
             break
     if found is None or before is None:
         return found
-    # Another length of window should give the same numbers: what it does not is an error that no window shows.
+    # Another window length should give the same parameters: a change is a model error that the scatter between windows
+    # of one length does not show, so it widens the standard deviations.
     changes = [getattr(found, name) - getattr(before, name) for name in PARAMETERS]
     widened = tuple(float(np.hypot(*both)) for both in zip(found.deviations, changes, strict=True))
     return replace(found, deviations=widened)
 
 
 def _windows(pieces: list[_Piece], seconds: float, count: int) -> tuple[Nominal, float] | None:
-    """(fit with windows of this length, what they leave over the noise); None for too few windows."""
+    """(fit with windows of this length, their residual over the noise); None for too few windows."""
     dt = pieces[0].dt
     size = round(seconds / dt)
     group = max(1, size // POINTS)
@@ -232,6 +247,9 @@ def _windows(pieces: list[_Piece], seconds: float, count: int) -> tuple[Nominal,
     order, noise = pieces[0].order, pieces[0].noise / np.sqrt(group)
     y, x = np.concatenate(readings), _integrated(np.concatenate(terms), dt, order)
     y, x = _means(y, group), _means(x, group)
+    # Start angle and speed of each window are eliminated by projecting readings and regressors onto what is
+    # orthogonal to a constant (velocity) or to a constant and a line (position): y of shape (windows, points), x
+    # (windows, points, terms).
     time = np.linspace(0.0, 1.0, y.shape[1])
     free, _ = np.linalg.qr(np.stack([time**power for power in range(order)], axis=1))
     y = y - (y @ free) @ free.T
@@ -240,7 +258,10 @@ def _windows(pieces: list[_Piece], seconds: float, count: int) -> tuple[Nominal,
 
 
 def _integrated(terms: Values, dt: float, order: int) -> Values:
-    """Speed or position at the start of each period, of an acceleration that is held over each."""
+    """Speed (order 1) or position (order 2) at the start of each period, of an acceleration held over each period.
+
+    The integration of a held value is exact. Shapes in and out: (windows, samples, terms).
+    """
     zero = np.zeros((terms.shape[0], 1, terms.shape[2]))
     speed = np.concatenate([zero, np.cumsum(terms, axis=1)[:, :-1]], axis=1) * dt
     if order == 1:
@@ -254,13 +275,17 @@ def _means(values: Values, group: int) -> Values:
 
 
 def _robust(y: Values, x: Values, noise: float, seconds: float, order: int) -> tuple[Nominal, float] | None:
-    """Least squares over windows that are weighed by Cauchy's law of their rms."""
+    """Least squares over all windows, each weighted by its rms residual; and the median residual over the noise.
+
+    Iteratively reweighted with Cauchy's weights (Holland, Welsch, 1977), one weight per window.
+    """
     count = x.shape[2]
     gram = np.einsum("wnk,wnl->wkl", x, x)
     with_reading = np.einsum("wnk,wn->wk", x, y)
     scale = np.sqrt(np.einsum("wkk->k", gram))
     if not (scale[0] > 0.0 and np.all(np.isfinite(scale))):
         return None
+    # columns to length one, as in `regression.solved`: torque and angle differ by orders of magnitude
     scale[scale == 0.0] = 1.0
     gram, with_reading = gram / np.outer(scale, scale), with_reading / scale
     weight = np.ones(len(y))
@@ -268,7 +293,7 @@ def _robust(y: Values, x: Values, noise: float, seconds: float, order: int) -> t
     for _ in range(ROUNDS):
         total = np.einsum("w,wkl->kl", weight, gram)
         solution, _, rank, _ = np.linalg.lstsq(total, weight @ with_reading, rcond=1e-12)
-        if rank < count:  # one direction only, or one speed: what cannot be told apart is not told
+        if rank < count:  # one direction or one speed only: the parameters are not identifiable
             return None
         left = np.sqrt(np.mean((y - x @ (solution / scale)) ** 2, axis=1))
         middle = float(np.median(left))
@@ -277,11 +302,15 @@ def _robust(y: Values, x: Values, noise: float, seconds: float, order: int) -> t
         weight = 1.0 / (1.0 + (left / middle) ** 2)
     if not abs(solution[0]) > 0.0:
         return None
+    # Sandwich estimator with a window as a cluster (Liang, Zeger, 1986): readings within a window share its model
+    # error, so they are not independent, but windows are. The last factor corrects for the number of fitted
+    # parameters.
     slopes = weight[:, None] * (with_reading - np.einsum("wkl,l->wk", gram, solution))
     inverse = np.linalg.pinv(np.einsum("w,wkl->kl", weight, gram), rcond=1e-12)
     spread = inverse @ (slopes.T @ slopes) @ inverse * len(y) / max(len(y) - count, 1)
     # from (1/J, C/J, B/J, ...) to (J, C, B, ...)
     solution, spread = solution / scale, spread / np.outer(scale, scale)
+    # the Jacobian of that change of parameters, for the covariance
     turn = np.diag(np.full(count, 1.0 / solution[0]))
     turn[:, 0] = -solution / solution[0] ** 2
     turn[0, 0] = -1.0 / solution[0] ** 2
@@ -290,7 +319,9 @@ def _robust(y: Values, x: Values, noise: float, seconds: float, order: int) -> t
     deviations = np.sqrt(np.maximum(np.diag(turn @ spread @ turn.T), 0.0))
     power = float(np.sum(weight * np.mean(y**2, axis=1)))
     share = 1.0 - float(np.sum(weight * left**2)) / power if power > 0.0 else 0.0
-    # a torque held over a window moves the reading by its own integral: 1 / J t^2 / sqrt(720) or t / sqrt(12), rms
+    # A constant torque of 1 N m moves the position by t^2 / (2 J) over a window of length T. Without its best line this
+    # has an rms of T^2 / (sqrt(720) J); a velocity t / J without its mean has T / (sqrt(12) J). So the residual of the
+    # reading is given as the constant torque that would leave as much.
     moved = seconds**2 / np.sqrt(720.0) if order == 2 else seconds / np.sqrt(12.0)
     if not np.all(np.isfinite([*values, *deviations, share])):
         return None
@@ -310,7 +341,10 @@ def _robust(y: Values, x: Values, noise: float, seconds: float, order: int) -> t
 
 
 def _least_inertia(y: Values, x: Values, weight: Values) -> float:
-    """J of the torque regressed on the motion, with the same windows and weights."""
+    """J of the reverse regression, of the torque on the motion, with the same windows and weights.
+
+    Noise in the motion biases it towards zero, noise in the torque biases the forward regression upwards.
+    """
     root = np.sqrt(weight)[:, None]
     torque = (x[:, :, 0] * root).ravel()
     others = np.concatenate([y[:, :, None], -x[:, :, 1:]], axis=2) * root[:, :, None]

@@ -1,17 +1,17 @@
-"""Torque regressed on a motion, J a + C sgn(v) + B v + offset = u: the one solver, and which form serves whom.
+"""Torque regressed on a motion, J a + C sgn(v) + B v + offset = u: the solver, and its form on pairs of samples.
 
-Two forms answer two questions, and neither can stand for the other:
+Two forms of the regression answer two questions, and neither can replace the other:
 
 * `fit_pairs` (here) takes the samples two by two, differentiates the velocity within each pair, and takes the inertia
-  as given. It is the limit of an observer with slow gains, which gets these very pairs: `estimate` prints it beside the
-  observer's estimates: where the two differ, the observer has not converged. It is a fair judge only if it makes the
-  same errors (EMPS' published least squares is this form too).
-* `fit_rigid` (`fpjax.logs.nominal`) integrates the equation over short windows and takes no derivative. It serves
-  `inspect`, its starter model and the checks of a log, which have to find the inertia itself. The pairs cannot do that:
-  a differentiated encoder of 2.9 mrad steps gives J = 0.008 on a pendulum of 0.21 kg m^2 (noise in the regressor
-  biases its coefficient towards zero: errors in variables).
+  as given. It is the limit of an observer with slow gains, which gets the same pairs. `estimate` prints it beside the
+  observer's estimates: where the two differ, the observer has not converged. The comparison is fair only because both
+  make the same discretisation errors (the published least squares of EMPS has this form too).
+* `fit_rigid` (`fpjax.logs.dynamics.nominal`) integrates the equation over short windows and takes no derivative. It
+  serves `inspect`, its starter model and the checks of a log, which have to find the inertia themselves. The pairs
+  cannot do that: a differentiated encoder of 2.9 mrad steps gives J = 0.008 on a pendulum of 0.21 kg m^2 (noise in the
+  regressor biases its coefficient towards zero: errors in variables).
 
-Both mean the same by a period: a torque is held from t_k to t_k+1, and what the motion holds is its mean over that
+In both, the torque is held over the period from t_k to t_k+1, and the terms of the motion are their means over that
 period (`mean_held`, `mean_direction`).
 """
 
@@ -21,20 +21,21 @@ import numpy as np
 from jaxtyping import Float
 
 Values = np.ndarray
-RANK = 1e-12  # of the largest singular value, columns scaled to length one: below it two columns say the same
-PAIRS_RANK = 1e-10  # the same for pairs of samples: below it, direction and speed say the same
-SLIDING = 0.01  # share of the largest speed below which pairs are left out: sticking friction is no law of the speed
+RANK = 1e-12  # of the largest singular value, columns scaled to length one: below it columns are linearly dependent
+PAIRS_RANK = 1e-10  # the same for pairs of samples: below it direction and speed are linearly dependent
+SLIDING = 0.01  # share of the largest speed below which pairs are left out: static friction does not follow the speed
 
 
 def solved(table: Values, target: Values, *, rank: float = RANK) -> Values | None:
-    """The numbers x that make table x least different from target; None where the columns do not tell them apart.
+    """Least-squares solution x of table x = target, shape (unknowns,); None where the unknowns are not identifiable.
 
-    Columns are scaled to length one before, so that a torque in N m beside an acceleration of 1e4 rad/s^2 counts.
+    Columns are scaled to length one first, so that a torque in N m is not lost beside an acceleration of 1e4 rad/s^2
+    when the rank is judged.
 
     Args:
-        table: a column each unknown, shape (rows, unknowns).
+        table: a column for each unknown, shape (rows, unknowns).
         target: shape (rows,).
-        rank: singular values below this share of the largest count as none.
+        rank: singular values below this share of the largest count as zero.
     """
     size = np.linalg.norm(table, axis=0)
     if len(table) <= table.shape[1] or np.any(size == 0.0):
@@ -44,12 +45,15 @@ def solved(table: Values, target: Values, *, rank: float = RANK) -> Values | Non
 
 
 def mean_held(values: Values) -> Values:
-    """Mean over each period, of what is known at its ends; the last sample's period has one end only."""
+    """Mean over each period from the values at its two ends; for the last sample, which has no successor, its value."""
     return 0.5 * (values + np.append(values[1:], values[-1]))
 
 
 def mean_direction(velocity: Values) -> Values:
-    """Mean of sgn(velocity) over each period: a reversal within it counts by its parts."""
+    """Mean of sgn(velocity) over each period, with a reversal within the period weighted by the times before and after.
+
+    Between the samples the velocity is a straight line, so these times follow from its two ends.
+    """
     after = np.append(velocity[1:], velocity[-1])
     total = np.abs(velocity) + np.abs(after)
     turned = np.divide(velocity + after, total, out=np.zeros_like(velocity), where=total > 0.0)
@@ -70,8 +74,8 @@ def fit_pairs(
         inertia: J [kg m^2], taken as given for coulomb, viscous and offset.
 
     Returns:
-        "coulomb" [N m], "viscous" [N m s/rad], "offset" [N m], and "free inertia" [kg m^2] where it is fitted too; NaN
-        where the log cannot tell.
+        "coulomb" [N m], "viscous" [N m s/rad], "offset" [N m], and "free inertia" [kg m^2] of a second fit that has it
+        as an unknown; NaN where they are not identifiable.
     """
     middle, acceleration = mean_held(velocity)[:-1], np.diff(velocity) / dt
     slides = (np.abs(middle) > SLIDING * np.max(np.abs(middle))) & (velocity[1:] * velocity[:-1] > 0.0)

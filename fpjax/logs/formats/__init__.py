@@ -1,1 +1,1 @@
-"""One file a format: each gives a `RawTable`, the columns as they stand in the file."""
+"""Readers of file formats, one module each: every reader gives a `RawTable`, the columns as the file has them."""

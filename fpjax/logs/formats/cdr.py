@@ -1,4 +1,4 @@
-"""ROS 2 messages in CDR, decoded by their definitions in ROS' own .msg words.
+"""ROS 2 messages in CDR encoding, decoded with their definitions in ROS' .msg language.
 
 References:
     Object Management Group, "Common Object Request Broker Architecture", 3.0, section 15.3 (CDR transfer syntax);
@@ -13,7 +13,7 @@ _PRIMITIVES = {
     "bool": "?", "byte": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i",
     "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
 }  # fmt: skip
-# What drives and robots publish. Recordings of ROS Iron and later hold their definitions themselves.
+# Message types that drives and robots publish. Bags of ROS Iron and later hold the definitions of their own types.
 _KNOWN = """
 MSG: builtin_interfaces/Time
 int32 sec
@@ -102,7 +102,7 @@ _FIELD = re.compile(
 
 
 class Field(NamedTuple):
-    """A field of a message: its type, its name, and its length (None a single one, 0 a sequence, else an array)."""
+    """Field of a message: its type, its name, its length (None: one value, 0: a sequence, else an array)."""
 
     kind: str
     name: str
@@ -113,11 +113,11 @@ Definitions = dict[str, list[Field]]  # by "package/Type"
 
 
 def parse_definitions(text: str, main: str | None = None) -> Definitions:
-    """Definitions of ROS' .msg words, several after "MSG: package/Type" lines.
+    """Definitions from text in ROS' .msg language, in which "MSG: package/Type" lines begin further types.
 
     Args:
-        text: as recordings hold it.
-        main: "package/Type" of what stands before the first such line; None where nothing does.
+        text: as bags hold it: comments, constants and "=====" lines are skipped.
+        main: "package/Type" of the part before the first such line; None where there is no such part.
     """
     found: Definitions = {}
     current = main
@@ -142,7 +142,7 @@ def parse_definitions(text: str, main: str | None = None) -> Definitions:
 
 
 def short_name(name: str) -> str:
-    """The old name of a type: "sensor_msgs/JointState" of "sensor_msgs/msg/JointState"."""
+    """The name of a type without "/msg/": "sensor_msgs/JointState" for "sensor_msgs/msg/JointState"."""
     return name.replace("/msg/", "/")
 
 
@@ -153,22 +153,27 @@ def decode(data: bytes, kind: str, definitions: Definitions) -> dict[str, Any]:
     """A message as a dict of numbers, texts, lists and dicts.
 
     Args:
-        data: with the four bytes that say how it is encoded.
+        data: the message, which begins with four bytes on its encoding.
         kind: "package/Type".
-        definitions: of it and of what it is made of.
+        definitions: definitions of this type and of the types of its fields.
 
     Raises:
-        KeyError: for a type that nobody defines.
+        KeyError: for a type without a definition.
         struct.error: for data that ends too early.
     """
     return _Reader(data, definitions).message(kind)
 
 
 class _Reader:
-    """Reads on where it stopped; numbers lie at multiples of their size, counted from behind the first four bytes."""
+    """Reads a message from front to back.
+
+    CDR aligns every number to a multiple of its size, counted from behind the four bytes of the encoding (OMG, CORBA
+    3.0, 15.3.1).
+    """
 
     def __init__(self, data: bytes, definitions: Definitions):
         self.data, self.definitions, self.place = data, definitions, 4
+        # the lowest bit of the second byte is the byte order: 1 for little-endian
         self.order = "<" if data[1] & 1 else ">"
 
     def message(self, kind: str) -> dict[str, Any]:
@@ -185,6 +190,7 @@ class _Reader:
             found = list(struct.unpack_from(f"{self.order}{length}{code}", self.data, self.place))
             self.place += length * struct.calcsize(code)
             return found
+        # a damaged length would ask for billions of elements; each takes at least one byte
         if length > len(self.data):
             raise struct.error("a sequence is longer than its message")
         return [self.one(field.kind) for _ in range(length)]
@@ -207,4 +213,5 @@ class _Reader:
         return value
 
     def align(self, size: int) -> None:
+        # 4 because the count begins behind the four bytes of the encoding
         self.place += (4 - self.place) % size

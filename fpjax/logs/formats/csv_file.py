@@ -1,6 +1,6 @@
-"""Text in columns: any of , ; tab and spaces between them, decimal commas, UTF-8 or UTF-16, with a header or without.
+"""Text tables: separated by comma, semicolon, tab or spaces; decimal commas, UTF-8 or UTF-16, with or without header.
 
-The file is read in pieces, so that memory holds the numbers that were asked for and not the text.
+The file is read in pieces, so that memory holds only the numbers that are needed and never the whole text.
 """
 
 import itertools
@@ -15,17 +15,17 @@ from ...errors import InputError
 from .csv_layout import Layout, find_layout, number, split
 from .table import RawTable, Request
 
-PIECE = 50_000  # lines
-LARGE = 400 << 20  # bytes: of a larger file only the columns are kept that the log needs
-HEAD = 400  # lines, in which the layout shows
-MOST_BROKEN = 0.5  # of the rows: with more, the file is no table
+PIECE = 50_000  # [lines]
+LARGE = 400 << 20  # [bytes]: of a larger file only the columns are kept that the log needs
+HEAD = 400  # [lines] from which the layout is found
+MOST_BROKEN = 0.5  # share of the rows: with more, the file is not a table
 
 
 def read(path: pathlib.Path, request: Request) -> RawTable:
     """The columns of a text file.
 
     Raises:
-        InputError: for a file that holds no table of numbers, or that is no text.
+        InputError: for a file without a table of numbers, or that is not text.
     """
     encoding = _encoding(path)
     with path.open(encoding=encoding, errors="replace", newline=None) as stream:
@@ -44,12 +44,13 @@ def _encoding(path: pathlib.Path) -> str:
         return "utf-16"
     zeros = np.frombuffer(raw[:4096], np.uint8) == 0
     if zeros.any():
-        # UTF-16 without its mark: plain characters have a zero in every second byte
+        # UTF-16 without a byte order mark: ASCII characters have a zero in every second byte
         for place, name in ((1, "utf-16-le"), (0, "utf-16-be")):
             if zeros.size > 1 and zeros[place::2].mean() > 0.9 and zeros[1 - place :: 2].mean() < 0.1:
                 return name
         raise InputError(f"{path.name} is not text (it holds zero bytes): is it a binary log with another suffix?")
     try:
+        # up to the last line's end: the piece may cut a character of several bytes
         raw[: raw.rfind(b"\n") + 1].decode("utf-8-sig")
     except UnicodeDecodeError:
         return "latin-1"
@@ -60,9 +61,9 @@ def _encoding(path: pathlib.Path) -> str:
 class _Gathered:
     """What was read so far."""
 
-    pieces: list[np.ndarray]
+    pieces: list[np.ndarray]  # each of shape (rows, columns)
     rows: int = 0
-    broken: int = 0
+    broken: int = 0  # rows of another width than the header
     first_broken: str = ""
 
 
@@ -94,17 +95,19 @@ def _read(stream: TextIO, path: pathlib.Path, layout: Layout, request: Request) 
     if found.broken:
         total = found.rows + found.broken
         if found.broken > MOST_BROKEN * total:
-            raise InputError(f"{path.name} is no table: {found.first_broken}, and {found.broken} of {total} rows are.")
+            raise InputError(
+                f"{path.name} is not a table: {found.first_broken}, and so do {found.broken} of {total} rows."
+            )
         warnings.append(f"{path.name}: {found.broken} of {total} rows were dropped ({found.first_broken}).")
     columns: dict[str, np.ndarray] = {}
     text: dict[str, str] = {}
     for place, index in enumerate(chosen):
         name, example = names[index], cells.text.get(index)
         if example is not None and cells.words[index] > 0.5 * found.rows:
-            text[name] = f"column {name} holds {example}, which is no number"
+            text[name] = f"column {name} holds {example}, which is not a number"
             continue
         if example is not None and cells.words[index]:
-            warnings.append(f"{path.name}: {cells.words[index]} cells of column {name} are no numbers ({example}).")
+            warnings.append(f"{path.name}: {cells.words[index]} cells of column {name} are not numbers ({example}).")
         columns[name] = np.concatenate([piece[:, place] for piece in found.pieces]) if found.pieces else np.zeros(0)
     return RawTable(columns, layout.first_row, text, warnings, layout.units, layout.headless)
 
@@ -115,16 +118,16 @@ def _pieces(stream: TextIO) -> Iterator[list[str]]:
 
 
 class _Cells:
-    """Lines to numbers: numpy's parser where every cell is one, cell by cell where not."""
+    """Lines to numbers: by numpy's parser where every cell is a number (ten times faster), else cell by cell."""
 
     def __init__(self, layout: Layout, chosen: list[int]):
         self.layout, self.chosen = layout, chosen
-        self.words = dict.fromkeys(chosen, 0)  # cells that are no numbers
-        self.text: dict[int, str] = {}  # the first of them
+        self.words = dict.fromkeys(chosen, 0)  # by column: number of cells that are not numbers
+        self.text: dict[int, str] = {}  # by column: the first such cell, for the message
         self.known_text: set[int] = set()  # columns that are text throughout: not parsed again
 
     def numbers(self, lines: list[str], row: int, found: _Gathered) -> np.ndarray:
-        """Shape (rows, columns); NaN for what is no number; rows of another width are left out and counted."""
+        """The cells, shape (rows, columns), NaN where they are not numbers; rows of another width are dropped."""
         plain = [line for line in lines if not line.isspace()]
         if not plain:
             return np.zeros((0, len(self.chosen)))

@@ -1,4 +1,4 @@
-"""How a text table is laid out: its separator, its header, a row of units, and where the numbers begin."""
+"""Layout of a text table: its separator, its header, a row of units, and the line where the numbers begin."""
 
 import csv
 from collections import Counter
@@ -20,10 +20,10 @@ class Layout:
         names: of the columns; "1", "2", ... where the file gives none.
         units: by name, from a row of units under the header.
         skipped: lines before the first row of numbers.
-        decimal_comma: numbers are written 1,5.
-        trailing: every row ends with a separator.
-        headless: no line names the columns.
-        notes: what was taken for granted, a sentence each.
+        decimal_comma: whether numbers are written 1,5.
+        trailing: whether every row ends with a separator.
+        headless: whether no line names the columns.
+        notes: what was assumed, a sentence each.
     """
 
     separator: str | None
@@ -42,7 +42,12 @@ class Layout:
 
 
 def number(cell: str, *, comma: bool) -> float | None:
-    """The number in a cell, or None; with `comma`, 1,5 is one and a half; a date or a time of day in seconds."""
+    """The number in a cell, or None. A date or a time of day is given in seconds.
+
+    Args:
+        cell: text of the cell.
+        comma: whether 1,5 is one and a half (decimal comma) and 1.000,5 has a thousands separator.
+    """
     if "_" in cell:  # python reads 1_0 as ten
         return None
     try:
@@ -82,7 +87,11 @@ def split(line: str, separator: str | None) -> list[str]:
 
 
 def find_layout(lines: list[str], name: str) -> Layout:
-    """The layout that most of the first lines agree on.
+    """The layout with which the largest share of the first lines is a table of numbers.
+
+    Args:
+        lines: the first lines of the file.
+        name: of the file, for messages.
 
     Raises:
         InputError: where no line is a row of numbers.
@@ -91,6 +100,8 @@ def find_layout(lines: list[str], name: str) -> Layout:
     if not filled:
         raise InputError(f"{name} holds no rows: record it again, or name another file.")
     best: tuple[float, int, str | None, int] | None = None
+    # Every separator is tried. Of two that explain the lines equally well the earlier one in SEPARATORS wins: with
+    # decimal commas a line "1,5;2,5" has numbers between commas as well.
     for rank, separator in enumerate(SEPARATORS):
         found = _first_numbers(lines, filled, separator)
         if found is not None:
@@ -106,13 +117,13 @@ def find_layout(lines: list[str], name: str) -> Layout:
 
 
 def _cells(line: str, separator: str | None, *, all_of_them: bool = False) -> list[str]:
-    """The cells of a line, without an empty last one where that is no cell but a separator at the line's end."""
+    """The cells of a line; an empty last one is dropped, since it comes from a separator at the end of the line."""
     parts = [part.strip() for part in split(line, separator)]
     return parts[:-1] if len(parts) > 1 and not parts[-1] and not all_of_them else parts
 
 
 def _last_cells_count(lines: list[str], separator: str | None) -> bool:
-    """Whether an empty last cell is a cell: some row of numbers has something there, in as many cells."""
+    """Whether an empty last cell is a missing value: other rows of as many cells have a number there."""
     if separator is None:
         return False
     rows = [[part.strip() for part in split(line, separator)] for line in lines]
@@ -136,7 +147,7 @@ def _first_numbers(lines: list[str], filled: list[int], separator: str | None) -
         return None
     width = max(widths, key=lambda each: (widths[each], each))
     table = [place for place in filled if len(rows[place]) == width and _numeric(rows[place], separator) >= 0.5]
-    # a line of a preamble may hold numbers too: the table is where its lines follow each other
+    # a line of a preamble may hold numbers too: the table begins where two such lines follow each other
     first = next(
         (place for place, after in zip(table, [*table[1:], table[-1]], strict=True) if after - place <= 1), table[0]
     )
@@ -151,6 +162,7 @@ def _with_header(lines: list[str], filled: list[int], separator: str | None, fir
     above = [place for place in filled if place < first]
     units: list[str] = []
     header: list[str] | None = None
+    # from the first row of numbers upwards: an optional row of units, then the header
     for place in reversed(above[-3:]):
         line = lines[place].strip()
         parts = [part.strip().strip('"').strip() for part in _cells(line.lstrip("#%").strip(), separator)]
@@ -184,7 +196,7 @@ def _are_units(parts: list[str]) -> bool:
 
 
 def _unique(header: list[str], name: str, notes: list[str]) -> list[str]:
-    """Names that differ: a name that comes again gets a number."""
+    """The header with repeated names made unique by a number ("x", "x#2")."""
     names: list[str] = []
     seen: Counter[str] = Counter()
     for index, word in enumerate(header):

@@ -1,4 +1,4 @@
-"""Topics with stamps of their own, brought onto the stamps of one of them."""
+"""Topics with stamps of their own, brought to the stamps of one of them."""
 
 from collections.abc import Mapping
 
@@ -11,14 +11,14 @@ Topics = dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]  # by topic: its st
 
 
 def joined(topics: Topics, request: Request) -> RawTable:
-    """One table: what is commanded is held until its next message, what is measured interpolated.
+    """One table of all topics: a command is held until its next message, a measurement is interpolated.
 
-    The stamps are those of the topic that carries the torque; where none is mapped or known by its name, those of the
+    The stamps are those of the topic with the torque; where no torque is mapped or known by its name, those of the
     topic with the most messages.
 
     Args:
         topics: each with at least two messages, fields by their full column name.
-        request: what the user maps.
+        request: with the user's mapping of columns.
     """
     base = _base(topics, request.mapped)
     stamps = topics[base][0]
@@ -48,6 +48,8 @@ def joined(topics: Topics, request: Request) -> RawTable:
 
 
 def _base(topics: Topics, mapped: Mapping[str, str]) -> str:
+    # a mapping is text such as "/topic.field:deg/s*2": it begins with the column's name; the longest fitting topic is
+    # meant
     words = [mapped[name] for name in ("torque", "torque_measured", "velocity", "position") if name in mapped]
     for word in words:
         named = [t for t, (_, fields) in topics.items() if any(word.startswith(field) for field in fields)]

@@ -1,4 +1,4 @@
-"""JSON: columns, rows, or an object that holds one of these (bam's `entries`); and one object a line."""
+"""JSON: columns, rows, or an object that holds one of these (bam's `entries`); and one object per line."""
 
 import json
 import pathlib
@@ -11,15 +11,15 @@ from ...errors import InputError
 from ...output.json_object import TomlTable
 from .table import RawTable, Request, add_column
 
-LARGEST = 1 << 30  # bytes: Python objects take ten times the space of their text
-DEEPEST = 6
+LARGEST = 1 << 30  # [bytes]: Python objects take about ten times the memory of their text
+DEEPEST = 6  # levels of nesting that are searched for columns
 
 
 def read(path: pathlib.Path, request: Request) -> RawTable:
     """The columns of a JSON file.
 
     Raises:
-        InputError: for a file that is no JSON, or holds no columns of numbers.
+        InputError: for a file that is not JSON, or holds no columns of numbers.
     """
     del request
     if path.stat().st_size > LARGEST:
@@ -28,7 +28,7 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
         content = _parsed(path)
     except (ValueError, RecursionError) as error:
         first = (str(error).splitlines() or ["damaged"])[0][:100]
-        raise InputError(f"{path.name} is no JSON that can be read ({first}): save it again.") from error
+        raise InputError(f"{path.name} cannot be read as JSON ({first}): save it again.") from error
     columns: dict[str, np.ndarray] = {}
     text: dict[str, str] = {}
     _columns(content, "", columns, text, 0)
@@ -48,6 +48,7 @@ def _parsed(path: pathlib.Path) -> Any:
     try:
         return json.loads(text)
     except ValueError:
+        # one object per line is often saved as .json too
         lines = [line for line in text.splitlines() if line.strip()]
         if len(lines) > 1 and lines[0].lstrip().startswith("{") and lines[0].rstrip().endswith("}"):
             return [json.loads(line) for line in lines]
@@ -55,7 +56,7 @@ def _parsed(path: pathlib.Path) -> Any:
 
 
 def _columns(value: Any, name: str, columns: dict[str, np.ndarray], text: dict[str, str], depth: int) -> None:
-    """Every list of numbers is a column, every list of objects a table; names are joined by dots."""
+    """Add every list of numbers as a column and every list of objects as a table; names are joined by dots."""
     if depth > DEEPEST:
         return
     if isinstance(value, Mapping):
@@ -64,7 +65,7 @@ def _columns(value: Any, name: str, columns: dict[str, np.ndarray], text: dict[s
             _columns(inner, name, columns, text, depth + 1)  # pandas writes {column: {row: value}}
             return
         for key, item in value.items():
-            # what holds the rows adds nothing to their names
+            # a key that only holds the rows does not become part of the columns' names
             plain = key in ("entries", "data", "rows", "samples", "log", "records")
             _columns(item, name if plain else f"{name}.{key}" if name else str(key), columns, text, depth + 1)
     elif isinstance(value, list) and len(value) > 1:

@@ -13,10 +13,10 @@ from .table import RawTable, Request, need
 
 
 def read(path: pathlib.Path, request: Request) -> RawTable:
-    """The vectors of a .mat file; structs are flattened with dots ("log.velocity"), single numbers left out.
+    """The vectors of a .mat file; structs are flattened with dots ("log.velocity"), single numbers are left out.
 
     Raises:
-        InputError: for a file that is no .mat file, or a v7.3 one without the extra.
+        InputError: for a file that is not a .mat file, or a v7.3 one without the extra.
     """
     del request
     from scipy import io
@@ -25,12 +25,10 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             content: Any = io.loadmat(path, squeeze_me=True, simplify_cells=True)
-    except NotImplementedError:  # scipy's word for v7.3
+    except NotImplementedError:  # raised by scipy for v7.3 files
         content = _read_hdf(path)
     except Exception as error:  # scipy raises whatever its parser trips over on a damaged file
-        raise InputError(
-            f"{path.name} is no .mat file that can be read ({_first_line(error)}): save it again."
-        ) from error
+        raise InputError(f"{path.name} cannot be read as a .mat file ({_first_line(error)}): save it again.") from error
     columns: dict[str, np.ndarray] = {}
     text: dict[str, str] = {}
     _flatten(columns, text, "", content)
@@ -45,7 +43,7 @@ def _read_hdf(path: pathlib.Path) -> Any:
             return reader.read_mat(str(path))
     except Exception as error:  # h5py and pymatreader: whatever a damaged file makes them raise
         raise InputError(
-            f"{path.name} is no v7.3 .mat file that can be read ({_first_line(error)}): save it again with -v7."
+            f"{path.name} cannot be read as a v7.3 .mat file ({_first_line(error)}): save it again with -v7."
         ) from error
 
 

@@ -1,4 +1,4 @@
-"""MCAP recordings (ROS 2 or JSON messages), by the `logs` extra; topics are brought onto one topic's stamps."""
+"""MCAP recordings (ROS 2 or JSON messages), with the `logs` extra; topics are brought to the stamps of one topic."""
 
 import json
 import pathlib
@@ -13,7 +13,7 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
     """Every number in every message, as `messages.gathered` names them.
 
     Raises:
-        InputError: without the extra, or for a file that is no MCAP.
+        InputError: without the extra, or for a file that is not MCAP.
     """
     need("mcap_ros2.decoder", path)
     try:
@@ -22,7 +22,7 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
         raise
     except Exception as error:  # the mcap readers raise a family of their own for damaged files
         first = (str(error).splitlines() or [type(error).__name__])[0][:120]
-        raise InputError(f"{path.name} is no MCAP recording that can be read ({first}): record it again.") from error
+        raise InputError(f"{path.name} cannot be read as an MCAP recording ({first}): record it again.") from error
 
 
 def _messages(path: pathlib.Path) -> Iterator[Message]:

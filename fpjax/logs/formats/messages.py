@@ -1,4 +1,4 @@
-"""Recorded messages of topics, made columns."""
+"""Recorded messages of several topics, turned into columns."""
 
 import pathlib
 from collections.abc import Iterable
@@ -11,14 +11,14 @@ from .join import Topics, joined
 from .table import RawTable, Request
 
 MOST_ELEMENTS = 16  # of an array field: joint states are short, images are not columns
-Message = tuple[str, int, Any]  # topic, time of logging [ns], what was decoded
+Message = tuple[str, int, Any]  # topic, time of logging [ns], decoded message
 
 
 def gathered(messages: Iterable[Message], path: pathlib.Path, request: Request) -> RawTable:
     """Every number in every message, as columns "/topic.field" (array elements "/topic.field.0"), and "time".
 
-    The stamps are those of the topic that carries the torque (see `join`): the header's stamp where a message has one,
-    else the time of logging.
+    The stamps are those of the topic with the torque (see `join`): the header's stamp where a message has one, else
+    the time of logging, which is later by the transport.
 
     Raises:
         InputError: where no message holds a number.
@@ -31,6 +31,7 @@ def gathered(messages: Iterable[Message], path: pathlib.Path, request: Request) 
         series[""].append(_stamp(message, log_time))
         for name, value in fields.items():
             column = series.setdefault(name, [])
+            # a field that was not in earlier messages (arrays may grow) is NaN there
             column.extend([float("nan")] * (len(series[""]) - 1 - len(column)))
             column.append(value)
     numeric: Topics = {}

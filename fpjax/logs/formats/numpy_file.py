@@ -1,4 +1,4 @@
-"""NumPy archives (.npz): one array a column, or one structured array."""
+"""NumPy archives (.npz): one array per column, or one structured array."""
 
 import pathlib
 
@@ -12,7 +12,7 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
     """The arrays of an .npz file; single numbers and tables are left out.
 
     Raises:
-        InputError: for a file that is no archive of plain arrays.
+        InputError: for a file that is not an archive of plain arrays.
     """
     del request
     columns, text = {}, {}
@@ -22,14 +22,21 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
                 add_array(columns, text, name, archive[name])
     except Exception as error:  # zipfile, zlib, struct and numpy: whatever a damaged file makes them raise
         raise InputError(
-            f"{path.name} is no archive of plain arrays ({(str(error).splitlines() or ['damaged'])[0][:60]}): "
+            f"{path.name} is not an archive of plain arrays ({(str(error).splitlines() or ['damaged'])[0][:60]}): "
             f"write it with numpy.savez(path, time=t, torque=u, velocity=w)."
         ) from error
     return RawTable(columns, first_row=0, text=text)
 
 
 def add_array(columns: dict[str, np.ndarray], text: dict[str, str], name: str, value: object) -> None:
-    """File an array under its name: vectors as they are, tables by column, records by field."""
+    """Add an array to the columns under its name: a vector as it is, a table by columns, a structured array by fields.
+
+    Args:
+        columns: gains the columns of numbers.
+        text: gains a sentence for an array that is not numbers.
+        name: name of the array in its file.
+        value: the array; a table has at most 64 columns, a larger one is left out.
+    """
     array = np.asarray(value)
     if array.dtype.names:
         for field in array.dtype.names:
@@ -42,6 +49,7 @@ def add_array(columns: dict[str, np.ndarray], text: dict[str, str], name: str, v
     if array.size > 1 and array.size == max(array.shape):
         columns[name] = array.reshape(-1)
     elif array.ndim == 2 and min(array.shape) > 1:
+        # more samples than signals, whichever way the table lies
         tall = array if array.shape[0] >= array.shape[1] else array.T
         if tall.shape[1] <= 64:
             columns.update({f"{name}.{index}": tall[:, index].copy() for index in range(tall.shape[1])})

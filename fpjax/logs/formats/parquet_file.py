@@ -1,4 +1,4 @@
-"""Parquet, by pyarrow of the `logs` extra; of a large file only the columns that are needed."""
+"""Parquet files, with pyarrow of the `logs` extra; of a large file only the needed columns are read."""
 
 import pathlib
 
@@ -7,14 +7,14 @@ import numpy as np
 from ...errors import InputError
 from .table import RawTable, Request, add_column, need
 
-LARGE = 50_000_000  # numbers
+LARGE = 50_000_000  # [numbers]: 400 MB in memory
 
 
 def read(path: pathlib.Path, request: Request) -> RawTable:
     """The columns of a Parquet file.
 
     Raises:
-        InputError: without the extra, or for a file that is no Parquet.
+        InputError: without the extra, or for a file that is not Parquet.
     """
     parquet = need("pyarrow.parquet", path)
     columns: dict[str, np.ndarray] = {}
@@ -33,5 +33,5 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
         raise
     except Exception as error:  # pyarrow: its own family of errors, and OSError for a damaged file
         first = (str(error).splitlines() or [type(error).__name__])[0][:120]
-        raise InputError(f"{path.name} is no Parquet file that can be read ({first}): export it again.") from error
+        raise InputError(f"{path.name} cannot be read as a Parquet file ({first}): export it again.") from error
     return RawTable(columns, first_row=1, text=text, warnings=warnings)

@@ -1,4 +1,4 @@
-"""ROS 2 bags in SQLite (.db3); topics are brought onto one topic's stamps. No ROS is needed."""
+"""ROS 2 bags in SQLite (.db3); topics are brought to the stamps of one topic. ROS need not be installed."""
 
 import contextlib
 import pathlib
@@ -17,7 +17,7 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
     """Every number in every message whose type is known, as `messages.gathered` names them.
 
     Raises:
-        InputError: for a file that is no such bag, or holds messages of unknown types only.
+        InputError: for a file that is not such a bag, or has messages of unknown types only.
     """
     unknown: set[str] = set()
     try:
@@ -32,7 +32,7 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
             ) from error
         raise
     except (sqlite3.Error, struct.error, IndexError) as error:
-        raise InputError(f"{path.name} is no ROS 2 bag that can be read ({error}): record it again.") from error
+        raise InputError(f"{path.name} cannot be read as a ROS 2 bag ({error}): record it again.") from error
     if unknown:
         table.warnings.append(
             f"{path.name}: topics of types that are not known were left out ({', '.join(sorted(unknown)[:6])})."
@@ -54,7 +54,7 @@ def _messages(bag: sqlite3.Connection, unknown: set[str]) -> Iterator[Message]:
 
 
 def _own(bag: sqlite3.Connection) -> Definitions:
-    """The definitions that the bag holds itself; none before ROS Iron."""
+    """The message definitions in the bag itself; none in bags from before ROS Iron."""
     try:
         rows = bag.execute(
             "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"

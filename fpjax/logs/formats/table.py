@@ -1,4 +1,4 @@
-"""Table: a file's columns as they stand, before anyone says what they mean; and which reader a path wants."""
+"""RawTable: the columns of a file as they are, before they get a meaning; and the choice of the reader for a path."""
 
 import importlib
 import pathlib
@@ -22,9 +22,9 @@ class RawTable:
         columns: by name, each of shape (rows,).
         first_row: the number that a user sees on the first row of data (2 under a CSV header).
         text: columns that are not numbers, with a sentence about the first cell that is not.
-        warnings: what the reader had to let go, a sentence each.
-        units: by name, where the file gives them apart from the names (a row of units).
-        headless: the file names no columns: they are "1", "2", ...
+        warnings: what the reader left out, a sentence each.
+        units: by column name, where the file gives them apart from the names (a row of units).
+        headless: whether the file names no columns; they are "1", "2", ... then.
     """
 
     columns: dict[str, np.ndarray]
@@ -37,12 +37,12 @@ class RawTable:
 
 @dataclass(frozen=True)
 class Request:
-    """What a reader may use to leave out what nobody asked for.
+    """What the log needs of a file, so that a reader can skip the rest.
 
     Attributes:
-        mapped: the user's words for each canonical column.
-        wanted: from the file's names (and units) to those that the log needs, the time's name first ("" without one)
-            with the factor that makes seconds of it.
+        mapped: the user's mapping, text for each canonical column.
+        wanted: function of the file's names and units that gives (name of the time column or "", its factor to
+            seconds, names of all columns that the log needs); None to read every column.
         start: earliest time kept [s], in the log's own time.
         stop: latest time kept [s].
     """
@@ -54,7 +54,7 @@ class Request:
 
     @property
     def cuts(self) -> bool:
-        """Whether a part of the time is asked for."""
+        """Whether only a part of the time is wanted."""
         return bool(np.isfinite(self.start) or np.isfinite(self.stop))
 
 
@@ -74,10 +74,10 @@ def read_table(path: pathlib.Path, request: Request) -> RawTable:
 
     Args:
         path: the file.
-        request: what is asked for.
+        request: what the log needs of it.
 
     Raises:
-        InputError: for a file that is not there, cannot be read, or is of a kind that nobody reads.
+        InputError: for a file that does not exist, cannot be read, or has an unknown format.
     """
     check_regular(path)
     module = READERS.get(path.suffix.lower())
@@ -85,23 +85,24 @@ def read_table(path: pathlib.Path, request: Request) -> RawTable:
         kinds = ", ".join(sorted(READERS))
         if path.suffix == ".toml":
             raise InputError(f"{path.name} is a model, not a log: give a log here, and the model with --model.")
-        # data loggers invent suffixes (.t, .out, .res, none): what looks like rows of numbers is read as text
+        # data loggers invent suffixes (.t, .out, .res, none): a file with rows of numbers is read as text
         if not _rows_of_numbers(path):
-            raise InputError(f"{path.name} is of a kind that is not read ({path.suffix or 'no suffix'}): use {kinds}.")
+            raise InputError(f"{path.name} has an unknown format ({path.suffix or 'no suffix'}): use {kinds}.")
         module = "csv_file"
+    # by name, so that a format's library is imported only where that format is read
     reader: Callable[..., RawTable] = importlib.import_module(f"fpjax.logs.formats.{module}").read
     try:
         if path.stat().st_size == 0:
             raise InputError(f"{path.name} is empty: record it again, or name another file.")
         return reader(path, request)
     except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror or error}): check its rights.") from error
+        raise InputError(f"{path} cannot be read ({error.strerror or error}): check its permissions.") from error
     except MemoryError as error:
         raise InputError(f"{path.name} does not fit into memory: read a part of it with --from and --to.") from error
 
 
 def _rows_of_numbers(path: pathlib.Path) -> bool:
-    """Whether the last lines of a file's beginning are at least two numbers each."""
+    """Whether the last 20 lines of the first 64 KiB of a file are rows of at least two numbers."""
     try:
         with path.open("rb") as stream:
             lines = stream.read(1 << 16).decode("utf-8-sig").splitlines()[:-1]
@@ -112,10 +113,10 @@ def _rows_of_numbers(path: pathlib.Path) -> bool:
 
 
 def check_regular(path: pathlib.Path) -> None:
-    """A file that ends: a pipe or a device would be waited for without an end.
+    """Check that a path is a regular file: reading a pipe or a device might never end.
 
     Raises:
-        InputError: for a path that is no such file.
+        InputError: where the path does not exist, is a folder, a pipe or a device.
     """
     try:
         kind = path.stat().st_mode
@@ -133,10 +134,14 @@ def check_regular(path: pathlib.Path) -> None:
 
 
 def need(module: str, path: pathlib.Path) -> Any:
-    """An optional module of the `logs` extra.
+    """Import an optional module of the `logs` extra.
+
+    Args:
+        module: its name.
+        path: file that needs it, for the message.
 
     Raises:
-        InputError: with the command that installs it.
+        InputError: where it is not installed, with the command that installs it.
     """
     try:
         return importlib.import_module(module)
@@ -151,7 +156,7 @@ def from_arrays(data: NamedArrays) -> RawTable:
     """Columns of a DataFrame (pandas, polars), a pyarrow table or a mapping of arrays.
 
     Raises:
-        InputError: for anything else.
+        InputError: for an object of another kind.
     """
     names = getattr(data, "column_names", None) or list(getattr(data, "keys", tuple)()) or None
     if names is None or not hasattr(data, "__getitem__"):
@@ -171,7 +176,7 @@ def from_arrays(data: NamedArrays) -> RawTable:
 
 
 def add_column(columns: dict[str, np.ndarray], text: dict[str, str], name: str, values: np.ndarray) -> None:
-    """File one column under its name, as numbers or as text; dates become seconds."""
+    """Add one column under its name, as numbers or as text; dates become seconds since 1970."""
     if values.dtype.kind in "Mm":
         values = values.astype(f"{values.dtype.kind}8[ns]").astype(np.int64) * 1e-9
     try:

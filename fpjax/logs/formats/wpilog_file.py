@@ -1,8 +1,8 @@
 """WPILOG, the data log of WPILib: numbers and short arrays of numbers, each entry with its own stamps.
 
-Format: "WPILib Data Log File Format Specification", version 1.0. All integers are little-endian; a record is one byte
-of field lengths, the entry's number, the payload's size, the stamp in microseconds, and the payload. Entry 0 starts,
-ends and describes the others.
+Format: "WPILib Data Log File Format Specification", version 1.0. All integers are little-endian. A record consists of
+one byte with the lengths of the next three fields, the entry's number, the payload's size, the stamp in microseconds,
+and the payload. Records of entry 0 start, end and describe the other entries.
 """
 
 import pathlib
@@ -31,11 +31,11 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
     """Every number of every entry, as columns by the entry's name (array elements "name.0"), and "time".
 
     Raises:
-        InputError: for a file that is no WPILOG, or holds no numbers.
+        InputError: for a file that is not a WPILOG, or holds no numbers.
     """
     raw = path.read_bytes()
     if len(raw) < 12 or not raw.startswith(b"WPILOG"):
-        raise InputError(f"{path.name} is no WPILOG file (it does not begin with that word): record it again.")
+        raise InputError(f"{path.name} is not a WPILOG file (it does not begin with WPILOG): record it again.")
     entries, cut = _entries(raw)
     topics: Topics = {}
     for entry in entries:
@@ -50,16 +50,18 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
         raise InputError(f"{path.name} holds no entries of numbers: log torque and position as doubles.")
     table = joined(topics, request)
     if cut:
-        table.warnings.append(f"{path.name} is cut short in its last record, which was dropped.")
+        table.warnings.append(f"{path.name} ends within its last record, which was dropped.")
     return table
 
 
 def _entries(raw: bytes) -> tuple[list[_Entry], bool]:
-    """The entries with their records, and whether the file ends within one."""
+    """The entries with their records, and whether the file ends within a record."""
+    # header: "WPILOG", two bytes of version, four bytes with the length of an extra text, that text
     at = 12 + struct.unpack_from("<I", raw, 8)[0]
     found: list[_Entry] = []
     by_number: dict[int, _Entry | None] = {}
     while at < len(raw):
+        # bits 0-1, 2-3 and 4-6: the number of bytes, less one, of the entry's number, of the size and of the stamp
         lengths = raw[at]
         size_number, size_length, size_stamp = (lengths & 3) + 1, (lengths >> 2 & 3) + 1, (lengths >> 4 & 7) + 1
         begin = at + 1 + size_number + size_length + size_stamp
@@ -78,7 +80,9 @@ def _entries(raw: bytes) -> tuple[list[_Entry], bool]:
 
 
 def _control(payload: bytes, by_number: dict[int, _Entry | None], found: list[_Entry]) -> None:
-    if len(payload) < 9 or payload[0] != 0:  # only the start of an entry matters here
+    # A control record begins with its type (0: start of an entry) and the entry's number; name and type of the entry
+    # follow, each with its length before it.
+    if len(payload) < 9 or payload[0] != 0:
         return
     number = struct.unpack_from("<I", payload, 1)[0]
     words, at = [], 5
@@ -99,7 +103,7 @@ def _control(payload: bytes, by_number: dict[int, _Entry | None], found: list[_E
 
 
 def _fields(entry: _Entry) -> tuple[np.ndarray, dict[str, np.ndarray]] | None:
-    """(stamps [s], columns), of the records that have the entry's most usual length."""
+    """(stamps [s], columns by name) from the records that have the most frequent length of the entry."""
     if not entry.values:
         return None
     sizes = np.array([len(value) for value in entry.values])

@@ -1,18 +1,25 @@
-"""Readings that are no readings: numbers that no sensor gives, and cells without one."""
+"""Values that are not readings: numbers far outside any sensor's range, and empty cells."""
 
 import numpy as np
 
 from ...errors import InputError
 from .clock import LONGEST_FILLED
 
-LARGEST = 1e30  # in SI: no torque, speed or angle of a machine is near it
-SMALLEST = 1e-60  # below it the square of a value is no number any more
-ABSURD = 1e6  # times the column's own range
-FEW = 0.01  # share of the rows
+LARGEST = 1e30  # [SI units]: no torque, speed or angle of a machine is near it
+SMALLEST = 1e-60  # [SI units]: products of such values underflow to zero
+ABSURD = 1e6  # times the column's 99 % quantile
+FEW = 0.01  # share of the rows: with more, the whole column is wrong and is refused
 
 
 def without_absurd(values: np.ndarray, column: str, name: str, first_row: int, notes: list[str]) -> np.ndarray:
-    """The column with NaN for single readings that no sensor gives (1e308 in a log of newton metres).
+    """The column with NaN in place of single values that no sensor gives (1e308 in a log of newton metres).
+
+    Args:
+        values: [SI units], shape (rows,).
+        column: canonical name, for messages.
+        name: of the log, for messages.
+        first_row: the number that a user sees on the first row.
+        notes: gains a sentence for what was done.
 
     Raises:
         InputError: for a column that holds such numbers throughout.
@@ -24,6 +31,7 @@ def without_absurd(values: np.ndarray, column: str, name: str, first_row: int, n
     sample = size[:: max(1, size.size // 200_000)]
     sample = sample[np.isfinite(sample)]
     usual = float(np.quantile(sample, 0.99)) if sample.size else 0.0
+    # at least 1e9, so that a column of tiny readings with one honest large one is not touched
     limit = min(LARGEST, max(ABSURD * usual, 1e9) if usual > 0.0 else LARGEST)
     absurd = finite & (size > limit)
     count = int(absurd.sum())
@@ -46,7 +54,7 @@ def without_absurd(values: np.ndarray, column: str, name: str, first_row: int, n
 
 
 def unread_rows(columns: dict[str, np.ndarray]) -> np.ndarray | None:
-    """Rows within a run of more than ten without a reading of some column; None where there are none."""
+    """Mask of the rows in runs of more than ten without a reading of some column, shape (rows,); None without any."""
     found: np.ndarray | None = None
     for values in columns.values():
         bad = ~np.isfinite(values)
@@ -67,7 +75,17 @@ def unread_rows(columns: dict[str, np.ndarray]) -> np.ndarray | None:
 def filled(
     values: np.ndarray, time: np.ndarray, column: str, held: bool, name: str, first_row: int, notes: list[str]
 ) -> np.ndarray:
-    """Short runs without a reading, filled: a torque held, a motion interpolated."""
+    """The column with its short runs of NaN filled: a torque is held, a motion is interpolated over time.
+
+    Args:
+        values: shape (rows,), NaN where nothing was read.
+        time: [s], shape (rows,).
+        column: canonical name, for messages.
+        held: whether the last value is held (what a drive does with a command) and not interpolated.
+        name: of the log, for messages.
+        first_row: the number that a user sees on the first row.
+        notes: gains a sentence for what was done.
+    """
     bad = ~np.isfinite(values)
     count = int(bad.sum())
     if not count:
@@ -78,7 +96,8 @@ def filled(
     else:
         found = np.interp(time, time[good], values[good])
     notes.append(
-        f"{name}: {count} value{'' if count == 1 else 's'} of {column} that {'is' if count == 1 else 'are'} no number "
+        f"{name}: {count} {'value' if count == 1 else 'values'} of {column} that "
+        f"{'is not a number' if count == 1 else 'are not numbers'} "
         f"(first in row {np.argmax(bad) + first_row}) {'was' if count == 1 else 'were'} filled "
         f"({'held' if held else 'interpolated'})."
     )

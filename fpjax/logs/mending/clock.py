@@ -1,13 +1,14 @@
 """The clock of a log: from recorded stamps to one control period, and which rows belong to one run.
 
-A control period is a constant of the machine, so stamps are only evidence of it. What is decided here:
+A control period is a constant of the machine, and the stamps are noisy measurements of it. What is decided here:
 
-* Rows whose stamp repeats, or that came a few places late, are put right; where time runs backwards, stops for long, or
-  a needed column has no readings for long, the log is cut, and its longest stretch is taken.
-* The period is the one that the stamps agree on over the whole stretch, with the few digits in which a drive's period
-  is typed in.
+* Rows whose stamp repeats are dropped, and rows that were written a few places late are sorted. Where time runs
+  backwards or stops for long, or a needed column has no readings for long, the log is cut and its longest part is
+  taken.
+* The period is fitted to the stamps of the whole part and rounded to the few digits in which a drive's period is
+  configured.
 
-Everything that was done is said, with its number; `strict` makes a refusal of it.
+Every change is reported with its number; with `strict` the log is refused instead.
 """
 
 from dataclasses import dataclass
@@ -16,19 +17,19 @@ import numpy as np
 
 from ...errors import InputError
 
-SHORTEST = 20  # rows
+SHORTEST = 20  # [rows]
 JITTER_WARNED, JITTER_ALLOWED = 0.01, 0.25  # of a period
-UNCLOCKED = 0.02  # share of steps below half the median from which on no clock is behind the stamps
-LONGEST_FILLED = 10  # periods
-FEW_AT_START = 0.002  # of the rows: what stands before a start-up gap is dropped, not joined
-LATE = 5  # places that a row may have come late
-COARSE = 0.2  # share of repeated stamps from which they are a coarse clock, not repeated rows
-SHORTEST_PERIOD, LONGEST_PERIOD = 1e-8, 1e4  # s
-LATEST = 1e13  # s: beyond it a float does not hold a millisecond
-MOST_FILLED = LONGEST_FILLED + 2  # periods a row: a finer grid would be made up
-USUAL = (1e-5, 0.05)  # s: control periods of drives and of what logs them
-SLOW = 0.2  # s: no servo is controlled this slowly, so its stamps are rather in another unit
-TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # s
+UNCLOCKED = 0.02  # share of steps below half the median, from which on the stamps do not come from a regular clock
+LONGEST_FILLED = 10  # [periods]
+FEW_AT_START = 0.002  # share of the rows: so many before a long first step are a start-up, and are dropped
+LATE = 5  # [rows] by which a row may have been written late
+COARSE = 0.2  # share of repeated stamps, from which on the clock is coarse and the rows are not repeated
+SHORTEST_PERIOD, LONGEST_PERIOD = 1e-8, 1e4  # [s]
+LATEST = 1e13  # [s]: beyond it a float64 does not resolve a millisecond
+MOST_FILLED = LONGEST_FILLED + 2  # [periods per row]: a finer grid would consist of invented samples
+USUAL = (1e-5, 0.05)  # [s]: control periods of drives and of their loggers
+SLOW = 0.2  # [s]: no servo has a control period this long, so the stamps are probably in another unit
+TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s]
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class Rows:
 
 
 def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> Rows:
-    """Increasing stamps: repeated and late rows put right, the longest run where time runs backwards.
+    """Increasing stamps: repeated rows dropped, late rows sorted, the longest run taken where time runs backwards.
 
     Args:
         time: stamps as recorded [s].
@@ -76,7 +77,7 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> R
         notes: gains a sentence for each thing that was done.
 
     Raises:
-        InputError: where no stamps are left that could be a clock.
+        InputError: where too few stamps are numbers, or all of them are equal.
     """
     chosen: np.ndarray | None = None
     bad = ~np.isfinite(time)
@@ -131,7 +132,7 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> R
 
 
 def likely_unit(period: float) -> str | None:
-    """The unit in which stamps this far apart [s, as read] are a control period; None where they are one as read.
+    """The unit in which steps of this size are a usual control period; None where they can be one in seconds.
 
     Args:
         period: between two rows, taken as seconds.
@@ -144,7 +145,7 @@ def likely_unit(period: float) -> str | None:
 
 
 def _spread(time: np.ndarray) -> np.ndarray:
-    """Rows with one coarse stamp, spread between it and the next."""
+    """Stamps of a coarse clock: the rows that share a stamp are spread evenly up to the next stamp."""
     first = np.flatnonzero(np.concatenate([[True], np.diff(time) > 0.0]))
     size = np.diff(np.append(first, time.size))
     stamps = time[first]
@@ -160,7 +161,7 @@ def _spread(time: np.ndarray) -> np.ndarray:
 def longest_stretch(
     time: np.ndarray, unread: np.ndarray | None, name: str, first_row: int, notes: list[str]
 ) -> tuple[int, int]:
-    """(first, last + 1) of the longest stretch without a long gap and without rows that hold nothing.
+    """(first, last + 1) of the longest part without a long pause and without long runs of empty rows.
 
     Args:
         time: increasing stamps [s].
@@ -172,7 +173,7 @@ def longest_stretch(
     steps = np.diff(time)
     period = float(np.median(steps))
     wide = steps > (LONGEST_FILLED + 1) * period
-    # One of two rows a start-up gap apart from the others: joining them would make up what is between.
+    # A logger often writes a row or two and then pauses while the drive starts: joining them would invent samples.
     early = max(3, int(FEW_AT_START * time.size))
     wide[:early] |= steps[:early] > 2.5 * period
     ends = np.flatnonzero(wide) + 1

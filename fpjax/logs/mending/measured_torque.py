@@ -1,21 +1,19 @@
-"""A torque that was measured beside the one that was commanded: how late it is, and how large."""
+"""Delay and gain of a measured torque against the commanded one."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-LONGEST = 0.1  # s: a lag beyond it is another signal
-LOOKED_AT = 200_000  # samples
-LIKE = 0.5  # correlation below which the two have nothing to do with each other
-
-
-SAME = 1e-6  # of the torque's rms
+LONGEST = 0.1  # [s]: a signal that is later is not this torque's measurement
+LOOKED_AT = 200_000  # [samples]
+LIKE = 0.5  # correlation below which the two are unrelated
+SAME = 1e-6  # of the torque's rms: what the digits of a text file leave
 
 
 def constant_ratio(torque: np.ndarray, measured: np.ndarray) -> float | None:
-    """The one number that makes the torque of the measured one in every row; None where there is none.
+    """The constant torque / measured where it is the same in every row, else None.
 
-    Such a torque was computed from the reading and never commanded.
+    Such a torque column was computed from the measured one and was never commanded.
 
     Args:
         torque: shape (rows,).
@@ -34,9 +32,9 @@ class Followed(NamedTuple):
     """How a measured torque follows its command.
 
     Attributes:
-        lag: [s]; positive where the measured one is later.
+        lag: delay of the measured torque behind the commanded one [s].
         gain: measured over commanded, in their units.
-        correlation: of the two at that lag, of their changes [1].
+        correlation: of the changes of the two at that lag [1].
     """
 
     lag: float
@@ -45,10 +43,10 @@ class Followed(NamedTuple):
 
 
 def following(commanded: np.ndarray, measured: np.ndarray, dt: float) -> Followed | None:
-    """The lag at which the measured torque is most like the commanded one; None where it is nowhere alike.
+    """Delay and gain of the measured torque where the two correlate most; None where they do not correlate at any lag.
 
-    The correlation is taken over slightly smoothed changes, since slow courses are alike at any lag, and read between
-    the samples by a parabola.
+    The correlation is that of the slightly smoothed changes, since slow signals correlate at any lag. A parabola
+    through its largest three values gives the lag between the samples.
 
     Args:
         commanded: shape (samples,).
@@ -58,12 +56,13 @@ def following(commanded: np.ndarray, measured: np.ndarray, dt: float) -> Followe
     first, second = np.diff(commanded[:LOOKED_AT]), np.diff(measured[:LOOKED_AT])
     if first.size < 32 or not np.ptp(first) > 0.0 or not np.ptp(second) > 0.0:
         return None
-    # rounding makes single changes of no meaning: as many samples together as a tenth of the longest lag
+    # Rounding makes single changes meaningless: changes are summed over 5 % of the longest lag (5 ms).
     width = int(np.clip(round(0.05 * LONGEST / dt), 1, max(first.size // 50, 1)))
     if width > 1:
         first, second = (np.convolve(each, np.ones(width), "valid") for each in (first, second))
     first, second = first - first.mean(), second - second.mean()
     most = int(min(round(LONGEST / dt), first.size // 4))
+    # cross-correlation by FFT, zero-padded to twice the length so that it is not circular
     size = 1 << int(np.ceil(np.log2(2 * first.size)))
     spectrum = np.conj(np.fft.rfft(first, size)) * np.fft.rfft(second, size)
     across = np.fft.irfft(spectrum, size)

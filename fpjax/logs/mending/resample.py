@@ -1,8 +1,8 @@
-"""From rows with stamps to one value a period: kept where the stamps only jitter, interpolated where they are true.
+"""From rows with stamps to one value per period: rows are kept where stamps only jitter, else interpolated.
 
-A stamp may be late because the logger was (the reading is still the period's own), or true because the period itself
-varied. The readings tell which: a motion is smooth in true time. Whichever of the two makes each reading agree better
-with its neighbours is taken.
+A stamp may be off because the logger was late (the reading still belongs to its own period), or it may be right because
+the period itself varied. The readings show which: a motion is a smooth function of true time. Of the two assumptions,
+the one is taken under which each reading agrees better with its neighbours.
 """
 
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from ..noise import LOOKED_AT
 from .clock import JITTER_ALLOWED, JITTER_WARNED, Clock
 
 HELD = ("torque", "reference")
-CLEARLY = 0.9  # ratio of the disagreements below which one reading of the stamps is the better one
+CLEARLY = 0.9  # ratio of the two disagreements, below which one assumption is clearly the better one
 
 
 class Uniform(NamedTuple):
@@ -22,7 +22,7 @@ class Uniform(NamedTuple):
     Attributes:
         time: start of each period [s].
         columns: by name.
-        extra: by name, each the reading at or before the period's start.
+        extra: by name, each with the last reading at or before the period's start.
         resampled: whether a value was interpolated or filled.
     """
 
@@ -50,6 +50,8 @@ def to_grid(
     doubled = bool(np.any(np.diff(clock.places) == 0))
     follows = doubled
     if share > JITTER_WARNED and not doubled:
+        # large jitter (over a quarter of a period) is believed unless the readings clearly refute it, small jitter
+        # only where they clearly confirm it: interpolation smooths the noise and colours it
         ratio = _disagreement(time, clock, columns)
         follows = ratio < CLEARLY or (share > JITTER_ALLOWED and ratio < 1.0 / CLEARLY)
     grid = clock.start + clock.dt * np.arange(int(clock.places[-1]) + 1)
@@ -87,7 +89,10 @@ def to_grid(
 
 
 def _disagreement(time: np.ndarray, clock: Clock, columns: dict[str, np.ndarray]) -> float:
-    """How far readings are from the cubic through their neighbours: by their stamps over by their places."""
+    """Distance of the readings from the cubic through their neighbours, with their stamps over with even steps.
+
+    Of position and velocity, the one whose ratio is further from 1 decides.
+    """
     ratios = []
     for name in ("position", "velocity"):
         if name not in columns:
@@ -101,7 +106,11 @@ def _disagreement(time: np.ndarray, clock: Clock, columns: dict[str, np.ndarray]
 
 
 def _off_neighbours(places: np.ndarray, values: np.ndarray) -> float:
-    """rms distance of each reading from the cubic through two neighbours on either side, noise gain taken out."""
+    """Rms distance of the readings from the cubic through two neighbours on either side, per unit of white noise.
+
+    Lagrange's interpolation with uneven nodes. The distance is divided by the factor by which it amplifies white noise,
+    1 + the sum of the squared weights, so that steps of different unevenness compare.
+    """
     if values.size < 8:
         return 0.0
     around = [places[shift : places.size - 4 + shift] for shift in (0, 1, 3, 4)]
@@ -130,13 +139,13 @@ def _cubic(time: np.ndarray, values: np.ndarray, grid: np.ndarray) -> np.ndarray
             if j != k:
                 weight = weight * (grid - nodes[j]) / (nodes[k] - nodes[j])
         found += weight * values[first + k]
-    # Beside a long step a cubic swings; a straight line does not.
+    # a cubic overshoots beside a long step: there a straight line is taken
     wide = nodes[2] - nodes[1] > 1.9 * np.median(np.diff(time))
     return np.where(wide, np.interp(grid, time, values), found)
 
 
 def _mean_held(time: np.ndarray, values: np.ndarray, grid: np.ndarray, dt: float) -> np.ndarray:
-    """Mean over each period of what is held from stamp to stamp: the impulse stays what it was."""
+    """Mean over each period of a value that is held from stamp to stamp, which keeps the impulse (N m s) unchanged."""
     edges = np.append(grid, grid[-1] + dt)
     ends = np.append(time, max(time[-1], edges[-1]) + dt)
     integral = np.concatenate([[0.0], np.cumsum(values * np.diff(ends))])
@@ -144,11 +153,11 @@ def _mean_held(time: np.ndarray, values: np.ndarray, grid: np.ndarray, dt: float
 
 
 def every(uniform: Uniform, count: int, name: str, notes: list[str]) -> Uniform:
-    """One row of `count`: the torque's mean over them, so that its impulse stays, and the motion at their start.
+    """One row from every `count`: the mean of the torque, which keeps its impulse, and the motion at their start.
 
     Args:
         uniform: the log at its own period.
-        count: rows that become one.
+        count: number of rows that become one.
         name: of the log, for messages.
         notes: gains a sentence for what was done.
     """

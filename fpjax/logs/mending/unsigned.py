@@ -1,16 +1,16 @@
-"""Signed numbers that a program read as unsigned ones: 65135 of a 16-bit register is -401, or 33068 is -300."""
+"""Signed numbers that were recorded as unsigned: 65135 of a 16-bit register is -401, or 33068 is -300."""
 
 import numpy as np
 
-FEWEST = 5  # values on either side of zero
+FEWEST = 5  # [values] on either side of zero
 
 
 def signed(values: np.ndarray) -> tuple[np.ndarray, str] | None:
-    """The numbers that were meant, and an example in words; None where the column needs no mending.
+    """The column with its signs restored, and an example of a change in words; None where it is not such a column.
 
     A signed 16-bit register holds small numbers of both signs, so read as unsigned its values lie near the two ends of
     0 to 65535 (two's complement) or just above 0 and just above 32768 (a sign bit, as of Feetech's servos), and
-    nowhere between. A counter that runs through its range is left alone.
+    nowhere between. A counter that runs through its whole range is left alone.
 
     Args:
         values: a column as the file has it, shape (rows,).

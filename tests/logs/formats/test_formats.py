@@ -223,7 +223,7 @@ def test_rows_of_numbers_are_read_whatever_their_suffix(tmp_path, columns, suffi
     path.write_text(text_of(columns, ","))
     np.testing.assert_allclose(read_log(path).velocity, columns["velocity"], atol=1e-9)
     (tmp_path / f"prose{suffix}").write_text("time torque velocity\n" * 40)
-    with pytest.raises(InputError, match="is not read"):
+    with pytest.raises(InputError, match="has an unknown format"):
         read_log(tmp_path / f"prose{suffix}")
 
 
@@ -286,18 +286,18 @@ def test_twenty_thousand_columns_are_read_at_once(tmp_path):
         ("log.csv", b"", "is empty"),
         ("log.csv", b"time,torque,velocity\n", "a header and no rows"),
         ("log.csv", b"0,1,2\n1,2,3\n", "has no header"),
-        ("log.json", b"{", "is no JSON"),
+        ("log.json", b"{", "cannot be read as JSON"),
         ("log.json", b"[1, 2]", "no column time"),
-        ("log.wpilog", bytes(range(256)) * 4, "is no WPILOG"),
+        ("log.wpilog", bytes(range(256)) * 4, "is not a WPILOG"),
         ("log.csv", b"time,torque,velocity\n" + b"0,1,x\n" * 30, "holds 'x' in row 2"),
         ("log.csv", bytes(range(256)) * 4, "is not text"),
         ("log.csv", b"\0", "is not text"),
-        ("log.mat", bytes(range(256)) * 4, "is no .mat file"),
-        ("log.npz", bytes(range(256)) * 4, "is no archive"),
-        ("log.parquet", bytes(range(256)) * 4, "is no Parquet file|needs pyarrow"),
-        ("log.mcap", bytes(range(256)) * 4, "is no MCAP|needs mcap"),
-        ("log.db3", bytes(range(256)) * 4, "is no ROS 2 bag"),
-        ("log.xlsx", b"PK", "kind that is not read"),
+        ("log.mat", bytes(range(256)) * 4, "cannot be read as a .mat file"),
+        ("log.npz", bytes(range(256)) * 4, "is not an archive"),
+        ("log.parquet", bytes(range(256)) * 4, "cannot be read as a Parquet file|needs pyarrow"),
+        ("log.mcap", bytes(range(256)) * 4, "cannot be read as an MCAP|needs mcap"),
+        ("log.db3", bytes(range(256)) * 4, "cannot be read as a ROS 2 bag"),
+        ("log.xlsx", b"PK", "has an unknown format"),
     ],
 )
 def test_broken_files(tmp_path, name, content, match):

@@ -140,5 +140,5 @@ def test_wpilog(tmp_path, columns):
     np.testing.assert_allclose(log.velocity, columns["velocity"], atol=1e-12)
     assert log.dt == pytest.approx(DT)
     (tmp_path / "cut.wpilog").write_bytes(wpilog(columns, cut=3))
-    with pytest.warns(FpjaxWarning, match="cut short in its last record"):
+    with pytest.warns(FpjaxWarning, match="ends within its last record"):
         read_log(tmp_path / "cut.wpilog")

@@ -33,8 +33,8 @@ def test_what_cannot_be_computed_is_one_clear_sentence(tmp_path, columns, what):
 
 
 MENDED = {
-    "nan": (r"1 value of velocity that is no number \(first in row 5\) was filled", SAMPLES),
-    "inf": (r"2 values of torque that are no number", SAMPLES),
+    "nan": (r"1 value of velocity that is not a number \(first in row 5\) was filled", SAMPLES),
+    "inf": (r"2 values of torque that are not numbers", SAMPLES),
     "nan time": (r"1 rows without a time were dropped", SAMPLES),
     "repeated": (r"time repeats in row 53", SAMPLES),
     "dropped": (r"2 missing samples of 200 were filled", SAMPLES),
