@@ -183,6 +183,16 @@ def test_a_clipped_torque(log):
     assert found[0].severity == "warn"
 
 
+@pytest.mark.parametrize(("limit", "count"), [(0.7, 2), (2.0, 0)])
+def test_a_clipped_torque_that_is_rounded(log, limit, count):
+    """A drive's limit shows in a torque of 12 bits; the peaks of a torque that is only rounded are no limit."""
+    largest = np.max(np.abs(log.torque))
+    step = largest / 2048
+    torque = step * np.round(np.clip(log.torque, -limit * largest, limit * largest) / step)
+    found = suspicions(dataclasses.replace(log, torque=torque), BODY)
+    assert [one.kind for one in found].count("clipped") == count
+
+
 def test_a_velocity_of_another_axis(log):
     other = 3.0 * np.sin(2 * np.pi * 1.7 * log.time + 1.0) + 2e-3 * np.random.default_rng(4).standard_normal(len(log))
     found = suspicions(dataclasses.replace(log, position=np.cumsum(other) * 1e-3), BODY)
