@@ -140,6 +140,7 @@ def identify(
     # Relative and absolute tolerance of the coordinates and of the cost; about the square root of the rounding in
     # single precision.
     precision = 1e-9 if dtype == jnp.float64 else 1e-5
+    # forward-mode Jacobian: the parameters are few, the residuals many
     solution = optimistix.least_squares(
         _residuals,
         _marquardt(precision),
@@ -237,6 +238,8 @@ def _report(problem: _Problem, names: tuple[str, ...], at: np.ndarray, steps: in
     width = np.where(low > 0.0, np.log(np.maximum(high, 1e-300) / np.maximum(low, 1e-300)), 2.0)
     slopes = jacobian / (share * (1.0 - share) * width)
     lengths = np.linalg.norm(slopes, axis=0)
+    # columns to length one: the eigenvalues of `normal` then show the directions, free of the parameters' units and
+    # scales
     unit = slopes / np.maximum(lengths, 1e-300)
     normal = unit.T @ unit
     # Eigenvalues are floored instead of dropped as by a pseudo-inverse: a direction that the data do not determine must
@@ -250,6 +253,8 @@ def _report(problem: _Problem, names: tuple[str, ...], at: np.ndarray, steps: in
     # Back to the parameter's own unit: d value = value d ln(value), or half the range.
     absolute = np.where(logarithmic, np.abs(values), 0.5 * (high - low)) * error
     with np.errstate(over="ignore", invalid="ignore"):
+        # 95 % intervals (1.96 standard deviations of a normal distribution), on the scale on which the fit is nearly
+        # linear: they stay positive where the bounds are
         below = np.where(logarithmic, values * np.exp(-1.96 * error), values - 1.96 * absolute)
         above = np.where(logarithmic, values * np.exp(1.96 * error), values + 1.96 * absolute)
     tree = set_parameters(problem.tree, dict(zip(problem.paths, values, strict=True)))

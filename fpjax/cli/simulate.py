@@ -113,6 +113,7 @@ def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) ->
             substeps=model.substeps, measures=measures_of(model), record=recorded_names(model),
             key=jax.random.key(arguments.seed),
         )  # fmt: skip
+    # written before the divergence is reported: the file shows what happened until then
     signals = {"time": np.asarray(run.time), **{name: np.asarray(each) for name, each in run.signals.items()}}
     record.stage("write")
     if record.folder is not None:
@@ -145,6 +146,7 @@ def _margins(model: "Model", arguments: argparse.Namespace, record: RunFile, vel
     from ..linear import linearise
 
     record.stage("margins")
+    # friction makes the loop nonlinear: without --at it is linearised at a typical speed of the run
     speed = arguments.at if arguments.at is not None else float(np.sqrt(np.mean(np.square(velocity))))
     linear = linearise(
         model.loop, speed, dt=model.dt, stepping=model.stepping, solver=model.solver, substeps=model.substeps
@@ -217,6 +219,7 @@ def _replay(model: "Model", arguments: argparse.Namespace, record: RunFile) -> N
             "tracking": {"recorded": recorded, "simulated": simulated, "unit": found.unit},
         },
     )
+    # checked by `require` above
     assert log.reference is not None
     write_signals(record, {"time": log.time, "reference": log.reference, **found.signals})
     if not arguments.no_plots:

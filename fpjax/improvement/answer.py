@@ -69,6 +69,7 @@ class Side:
 
     def rows(self) -> list[tuple[str, Range]]:
         """(quantity, value) for a table."""
+        # quantities that the log's reference or model does not have (no reversals, no torque limit) get no row
         found = [("tracking error, rms", self.error)]
         found += [("tracking error at reversals, rms", self.reversal)] if self.reversal is not None else []
         found += [("torque, rms", self.torque), ("largest torque", self.peak)]

@@ -99,6 +99,7 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
         content: JsonObject = json.loads(path.read_text())
         inputs = content["provenance"].get("inputs", [])
         laws = tuple(_law(law) for law in content.get("learned", []))
+        # JSON has no NaN: an unknown gap is null in the file
         after = content["gap"]["after"]
         found = Known(
             load_posterior(folder / FILE), content["verdict"], tuple(content["causes"]),
@@ -139,6 +140,7 @@ def _law(law: JsonObject) -> Learned:
 
 def _check_same(folder: pathlib.Path, inputs: list[JsonObject], log: Log) -> None:
     hashes = {entry.get("sha256"): entry.get("name") for entry in inputs if entry.get("role") == "fitted"}
+    # a log from arrays has no hash, and an older diagnosis may lack it: only a known difference is refused
     if log.sha256 and hashes and log.sha256 not in hashes and any(hashes):
         raise InputError(
             f"{folder} is the diagnosis of {', '.join(map(str, hashes.values()))}, not of {log.name}: give the folder "

@@ -53,6 +53,7 @@ class Missing(AbstractLoad):
         index = jnp.floor(motion.time / self.dt + 1e-3).astype(jnp.int32)
         last = self.tables.shape[1] - 1
         row = jax.lax.dynamic_index_in_dim(self.tables, jnp.clip(index, 0, last), axis=1, keepdims=False)
+        # the zeros give the result the shape and dtype of a batched velocity
         return jnp.zeros_like(motion.velocity) - jnp.sum(self.shares * row)
 
 
@@ -210,6 +211,8 @@ def _widened(posteriors: Sequence[Posterior]) -> list[Posterior]:
     """The posteriors, each with the features of all of its structure, so that they share compiled programs."""
     found = []
     for one in posteriors:
+        # the features of a structure decide which arrays a machine has, and so which program runs it: the same ones
+        # for all explanations of a structure save a compilation each
         wanted = {feature for other in posteriors if other.key[0] == one.key[0] for feature in other.key[1]}
         features = tuple(feature for feature in FEATURES if feature in wanted)
         found.append(dataclasses.replace(one, key=(one.key[0], features)))
@@ -301,9 +304,10 @@ def opposing(law: Learned, record: Record) -> Values:
 
 
 def surrogate(course: Values, seed: int) -> Values:
-    """A course with the same amplitude spectrum and random phases, shape (samples,)."""
+    """A course with the same amplitude spectrum and random phases, shape (samples,) (Theiler et al., 1992)."""
     spectrum = np.fft.rfft(course)
     phases = np.exp(2j * np.pi * np.random.default_rng(seed).random(len(spectrum)))
+    # the mean keeps its sign
     phases[0] = 1.0
     return np.fft.irfft(np.abs(spectrum) * phases, len(course))
 
@@ -318,6 +322,7 @@ def draw_shares(count: int, seed: int) -> Values:
     turn = TURNED * random.random(count)
     turn[0] = 0.0
     others = random.standard_normal((count, COURSES - 1))
+    # the courses have the same rms and are nearly uncorrelated, so weights of unit length keep the rms
     others /= np.linalg.norm(others, axis=1, keepdims=True)
     return np.concatenate([np.cos(turn)[:, None], np.sin(turn)[:, None] * others], axis=1)
 

@@ -36,6 +36,7 @@ def margins_of(judge: Judge, values: Values, machines: Machines, speed: float) -
     """
     states, reference = judge.settle(values, machines, speed)
     count = machines.count
+    # every candidate with every machine, candidate by candidate: one batch of (candidates x machines) loops
     rows = np.repeat(np.asarray(values, float), count, axis=0)
     index = np.tile(np.arange(count), len(values))
     leaves, structure = jax.tree.flatten(machines.machine)
@@ -99,6 +100,7 @@ def _numbers(a: Values, b: Values, answer: Values, dt: float) -> dict[str, float
     ratio = StateSpace(a - b @ answer, b, -answer, np.zeros((1, 1)), dt, ("torque",), ("return",))
     try:
         found: Margins = margins(ratio, points=400)
+    # eigenvalues of a loop at the edge of overflow may not converge: it counts as one without a steady motion
     except (ValueError, FloatingPointError, np.linalg.LinAlgError):
         return dict.fromkeys(NAMES, float("nan"))
     if not found.stable:

@@ -79,6 +79,7 @@ def _error(axes: Axes, found: Answer, span: tuple[float, float] | None) -> None:
     word = "new gains" if found.decision == "change" else "best others"
     for name, colour, label in (("before", BEFORE, "gains now"), ("after", AFTER, word)):
         low, middle, high = runs[name][:, kept]
+        # lowest, median and highest error of the machines at each sample
         where, low, middle, high = _thin(time[kept], low, middle, high)
         axes.fill_between(where, low, high, color=colour, alpha=0.25, linewidth=0.0)
         axes.plot(where, middle, color=colour, linewidth=1.0, label=label)
@@ -98,6 +99,7 @@ def _machines(axes: Axes, found: Answer) -> None:
     axes.scatter(ratios, rank, s=14, color=np.where(ratios < 100.0, AFTER, BEFORE), zorder=3)
     axes.set(xlabel="error with the new gains, % of the error now", ylabel="machines")
     axes.set_title(f"machine by machine: better in {found.wins:.0%} of {len(found.ratios)}")
+    # the axis reaches past 100 %, so that the line of "no change" is always in the picture
     axes.set_xlim(left=0.0, right=max(110.0, 1.05 * float(ratios.max(initial=100.0))))
 
 
@@ -105,6 +107,7 @@ def _gains(axes: Axes, found: Answer) -> None:
     for place, change in enumerate(reversed(found.changes)):
         logarithmic = change.low > 0.0 and change.high > 3.0 * change.low
 
+        # place of a value between the bounds, 0 to 1; logarithmic where the bounds are more than a factor of 3 apart
         def at(value: float, change=change, logarithmic=logarithmic) -> float:
             if logarithmic:
                 return float(np.log(max(value, change.low) / change.low) / np.log(change.high / change.low))
@@ -130,8 +133,10 @@ def _close_up(found: Answer) -> tuple[float, float]:
     """(begin, end) [s] of a stretch around the largest error with the present gains."""
     time, reference = found.runs["time"], found.runs["reference"]
     moving = reference if found.signal == "velocity" else np.gradient(reference, time)
+    # reversals of the motion: zero crossings of the velocity, of the reference's slope in a position loop
     turns = time[1:][np.diff(np.sign(moving)) != 0]
     error = np.abs(found.runs["before"][1])
+    # the transient from the start state is not typical of the machine's work
     settled = time > 0.1 * time[-1]
     worst = float(time[settled][np.argmax(error[settled])]) if settled.any() else float(time[len(time) // 2])
     apart = float(np.median(np.diff(turns))) if len(turns) > 1 else 0.2 * float(time[-1])

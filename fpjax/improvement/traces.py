@@ -61,6 +61,7 @@ def run_traces(judge: Judge, values: Values, machines: Machines) -> Traces:
     """
     some = machines.first(SHOWN)
     leaves, structure = jax.tree.flatten(some.machine)
+    # both sets of gains in one batch: the machines twice, first with the gains before, then with those after
     index = np.tile(np.arange(some.count), 2)
     rows = np.repeat(np.asarray(values, float), some.count, axis=0)
     record = judge.ground.record
@@ -103,12 +104,14 @@ def unlike(traces: Traces, judge: Judge, record: Record, ground: Ground) -> tupl
     """
     first, last = math.ceil(judge.start / judge.dt), len(judge.reference)
     rate, angle = ground.noise
+    # noise of a difference: the simulated reading has the sensor's noise as the log has
     channel = record.position if judge.position else record.reading
     if channel is not None:
         noise = math.sqrt(2.0) * (angle if judge.position else rate)
         left = (traces.measured - channel.values[:last])[first:]
     elif record.position is not None:
         span = max(round(OVER / judge.dt), 1)
+        # a mean speed is the difference of two readings over the span, each with the encoder's noise
         noise = math.sqrt(2.0) * angle / (span * judge.dt)
         speed = traces.reference - traces.error[0, 0]
         left = (travel(speed, judge.dt) - record.position.values[:last])[first:]

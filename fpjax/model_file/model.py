@@ -185,6 +185,8 @@ def load_model(source: str | os.PathLike[str]) -> Model:
     Raises:
         InputError: one sentence on the first thing that is wrong, naming section and key.
     """
+    # a user often gives the log where the model belongs: the suffix tells before the parser complains of its first
+    # line
     text, path = toml_text.read_source(source)
     name = path.name if path else "the model"
     if path is not None and path.suffix.lower() in LOG_SUFFIXES:
@@ -194,6 +196,7 @@ def load_model(source: str | os.PathLike[str]) -> Model:
         if section not in SECTIONS:
             raise InputError(f"{name}: section [{section}] is not known: {nearest(section, SECTIONS)}.")
     for section, table in sections.items():
+        # [[load]] and [[learned]] may be written several times; any other section is one table
         several = (
             section in ("load", "learned") and isinstance(table, list) and all(isinstance(each, dict) for each in table)
         )
@@ -207,6 +210,7 @@ def load_model(source: str | os.PathLike[str]) -> Model:
 
 
 def _build(sections: TomlTable, text: str, path: pathlib.Path | None) -> Model:
+    # units and time first: messages name the machine's units, and steepness and placed gains depend on the step
     units = _read_units(sections.get("units", {}))
     time = _read_simulation(sections["simulation"], units)
     solver, dt = get_solver(time["solver"]), time["dt"]
@@ -251,6 +255,8 @@ def _build(sections: TomlTable, text: str, path: pathlib.Path | None) -> Model:
     reference = build_reference(
         sections.get("reference"), units, path.parent if path else None, units.motion == "linear", time["duration"]
     )
+    # checks of the numbers against each other come after every section was read: an error in one section is named
+    # first
     notes += check_all(friction, controller, reference, dt, units, learned, loop.actuator)
     loop = with_placed_gains(loop, missing_gains, reference, time, {k: v for k, v in known.items() if v}, notes)
     around = with_feedforward(None if controller is None else loop.controller, sections.get(FEEDFORWARD), units, dt)
@@ -373,6 +379,7 @@ def describe_model(model: Model) -> JsonObject:
     plants = body.describe_plant(loop.plant)
     actuator = body.describe_actuator(loop.actuator)
     controller = loop.controller if model.controller_known else None
+    # keys at their default value are left out, so that a written file is as short as a hand-made one
     simulation: JsonObject = {"dt": model.dt}
     if model.duration is not None:
         simulation["duration"] = model.duration

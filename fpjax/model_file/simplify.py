@@ -38,6 +38,7 @@ def simplified(model: Model, loop: ClosedLoop | None = None, *, smooth: bool = T
     friction = simple_friction(loop.plant.friction)
     plant = _with(loop.plant, friction=friction, load=simple_load(loop.plant.load))
     actuator, sensor = simple_actuator(loop.actuator), simple_sensor(loop.sensor)
+    # a delay and a sensor's sampling exist in sampled stepping only
     delayed = isinstance(actuator, Actuator) and actuator.delay is not None
     stepping = "sampled" if delayed or not isinstance(sensor, IdealSensor) else model.stepping
     if smooth and not isinstance(friction, Bristles) and getattr(friction, "steepness", 0.0) is None:
@@ -131,6 +132,7 @@ def simple_actuator(actuator: AbstractActuator) -> AbstractActuator:
     if actuator.limit is not None and float(actuator.limit) >= UNREACHED:
         gone["limit"] = None
     if actuator.cogging_amplitude is not None and _zero(actuator.cogging_amplitude):
+        # the three belong together: period and phase mean nothing without an amplitude
         gone |= {"cogging_amplitude": None, "cogging_periods": None, "cogging_phase": None}
     kept = _with(actuator, **gone)
     names = (*neutral, "limit", "cogging_amplitude")
@@ -142,6 +144,7 @@ def simple_sensor(sensor: AbstractSensor) -> AbstractSensor:
     if not isinstance(sensor, ServoSensor) or float(sensor.load_side) not in (0.0, 1.0):
         return sensor
     zeros = (sensor.bias, sensor.lag, sensor.delay, sensor.noise, sensor.step_size)
+    # compared exactly: a diagnosis writes exact zeros and ones for the effects that it dropped
     nothing = all(_zero(each) for each in (*zeros, sensor.position_noise, sensor.position_step))
     if nothing and float(sensor.scale) == 1.0:
         return IdealSensor("load" if float(sensor.load_side) else "motor")

@@ -110,6 +110,8 @@ def new_figure(
         size = (6.6 if columns == 1 else 4.4 * columns, 3.4 if rows == 1 else 2.4 * rows)
     with style():
         figure = Figure(figsize=size, layout="constrained")
+        # without pyplot: no window system is touched, nothing is kept alive in a global list of figures, threads may
+        # draw at once
         FigureCanvasAgg(figure)
         axes = figure.subplots(
             rows,
@@ -181,6 +183,7 @@ def thin(time: Any, *signals: Any, points: int = 4000) -> tuple[np.ndarray, ...]
     width = -(-samples * 2 * max(len(signals), 1) // max(points, 1))
     if width < 3:
         return tuple(arrays)
+    # the first and the last sample are always kept, so that the time axis does not shrink
     starts = np.arange(0, samples, width)
     kept = [np.array([0, samples - 1])]
     for array in arrays[1:]:

@@ -130,6 +130,7 @@ def turns(values: np.ndarray) -> int:
 
 def envelope(time: np.ndarray, values: np.ndarray, bins: int = 350) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(time of each bin's middle [s], lowest, highest), each of shape (bins,)."""
+    # `reduceat` takes the first sample of each bin, so the last edge is left out
     edges = np.linspace(0, len(values), bins + 1).astype(int)[:-1]
     low, high = np.minimum.reduceat(values, edges), np.maximum.reduceat(values, edges)
     return np.add.reduceat(time, edges) / np.diff([*edges, len(values)]), low, high
@@ -164,6 +165,8 @@ def _estimate(axes: Axes, time: np.ndarray, values: np.ndarray, truth: float | N
     line(axes, time, values, BLUE, "estimate")
     if truth:
         axes.axhline(truth, color=GREY, linestyle="--", label=f"true {truth:g}")
+    # the panel is scaled by the last quarter: an observer's start can be a hundred times the settled estimate, and
+    # nothing of interest would be seen
     settled = values[-max(len(values) // 4, 1) :]
     about = truth or float(np.mean(settled))
     low, high = np.nanmin(values), np.nanmax(values)
