@@ -14,7 +14,7 @@ import numpy as np
 
 from ..data.record import Record
 
-Variable = Literal["velocity", "position", "torque", "time", "acceleration"]
+Variable = Literal["velocity", "position", "torque", "time"]
 Values = np.ndarray
 
 SPEEDS = 14  # points for each direction, closer towards rest, where friction has its curvature
@@ -41,7 +41,7 @@ class Table:
         bend: departure of a point from the straight line between its neighbours, shape (rows, points).
     """
 
-    of: Variable
+    of: Variable | Literal["acceleration"]
     at: Values
     period: float | None
     columns: tuple[Values, ...]

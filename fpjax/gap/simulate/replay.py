@@ -186,7 +186,7 @@ def begin(machine: Machine, windows: Windows, states: Array, tables: Tables) -> 
     """The carry before the first sample."""
     plant, torque, reading = initial(machine, windows, states, tables)
     return Carry(
-        plant, torque, reading, reading - tables.dt * windows.slope / machine.sensor.scale, (0.0 * torque,) * 2
+        plant, torque, reading, reading - tables.dt * windows.slope / machine.sensor.scale, (0.0 * torque, 0.0 * torque)
     )
 
 
