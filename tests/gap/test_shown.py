@@ -49,6 +49,13 @@ def test_a_gain_whose_interval_holds_one_is_no_error(value, told):
     assert missing == (frozenset() if told else {"torque_gain_error"})
 
 
+@pytest.mark.parametrize(("deviation", "told"), [(2.6, False), (0.1, True)])
+def test_a_spring_of_unknown_frequency_is_not_asserted(deviation, told):
+    values = {"inertia": 4.8, "frequency": 1.4, "load_share": 0.5}
+    missing = shown(values, [1e-6, deviation, 1e-6], effects=("compliance",))
+    assert missing == (frozenset() if told else {"compliance"})
+
+
 def test_large_torques_that_cancel_something_are_no_candidates():
     search = SimpleNamespace(setting=SETTING, records=[SimpleNamespace(speed=np.full(100, 3.0))])
     values = {"unbalance_cosine": -10.0, "unbalance_sine": 1.0, "torque": 9.0}

@@ -139,7 +139,7 @@ def proposed(search: Search, fit: Fit) -> tuple[Learned, ...]:
             energies.pop()
             break
         current = after
-        del tables[table.of]
+        del tables[table.variable]
     return _laws(current, np.maximum(-np.diff(energies), 0.0) / max(energies[0], 1e-300))
 
 
@@ -160,5 +160,5 @@ def _laws(fit: Smooth, shares: Values) -> tuple[Learned, ...]:
         half = BAND * fit.deviation[part] + CHORD * table.departures(torque)
         columns = (table.at, torque, torque - half, torque + half)
         at, middle, low, high = (tuple(float(x) for x in column) for column in columns)
-        found.append(Learned(table.of, float(share), at, middle, low, high, table.period))
+        found.append(Learned(table.variable, float(share), at, middle, low, high, table.period))
     return tuple(found)

@@ -9,6 +9,9 @@ from ..fit.search import Search
 from .intervals import NINETY, estimates
 
 SIZES = {
+    # Absent, both are infinitely stiff; one of unknown stiffness follows any slow torque.
+    "compliance": "frequency",
+    "presliding": "bristle_deflection",
     "stribeck": "stribeck_torque",
     "position_dependent_friction": "amplitude",
     "friction_drift": "amplitude",
@@ -25,7 +28,7 @@ SIZES = {
     "velocity_delay": "delay",
     "velocity_bias": "bias",
 }
-"""By effect, the reported parameter that is 0 when the effect is absent."""
+"""By effect, the reported parameter whose interval holds 0 when the log does not tell the effect from nothing."""
 FACTORS = {"torque_gain_error": "gain", "velocity_scale_error": "scale"}
 """By effect, the reported parameter that is 1 when the effect is absent."""
 

@@ -47,6 +47,12 @@ class Table:
     columns: tuple[Values, ...]
     bend: Values
 
+    @property
+    def variable(self) -> Variable:
+        """Of a law; an error of the inertia is none."""
+        assert self.of != "acceleration"
+        return self.of
+
     @functools.cached_property
     def mean(self) -> Values:
         """Of the columns over all samples [1], shape (points,)."""
