@@ -4,7 +4,7 @@ import argparse
 import importlib
 import sys
 
-from fpjax.errors import InputError
+from fpjax import InputError
 
 NAMES = {
     "thesis": "every printed cell of the thesis, as printed / obtained / verdict, and its figures",

@@ -4,7 +4,6 @@ import dataclasses
 import os
 from typing import TYPE_CHECKING, Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,23 +12,20 @@ from jaxtyping import Array
 
 from .analysis.estimate import Differentiator, Estimated
 from .analysis.estimate import estimate as estimate_with
-from .blocks.actuators import AbstractActuator
 from .blocks.block import with_arrays
-from .blocks.controllers import AbstractController
-from .blocks.friction import AbstractFriction
 from .blocks.loads import AbstractLoad
 from .blocks.observers import AbstractObserver
-from .blocks.parameters import parameter_names
-from .blocks.plants import AbstractPlant
 from .blocks.references import AbstractReference
-from .blocks.sensors import AbstractSensor
 from .errors import InputError
 from .logs import Log, read_log
-from .model_file import Model, load_model
+from .model_file import Model
+from .model_file.about import about_model
+from .model_file.given import as_model
 from .output.run_picture import KINDS, About
-from .precision import double_precision as double_precision
+from .simulation.checked import checked_loop, checked_reference, shown
 from .simulation.loop import ClosedLoop, LoopState
 from .simulation.metrics import AbstractMeasure
+from .simulation.precision import double_precision
 from .simulation.run import Run
 from .simulation.run import simulate as simulate_loop
 from .simulation.scan import Stepping, astype
@@ -42,16 +38,6 @@ DEFAULT_SIGNALS = (
     "reference", "velocity", "position", "measured_velocity", "measured_position",
     "torque", "control", "compensation", "applied", "friction",
 )  # fmt: skip
-
-
-# The blocks of a loop: (name, class, an example for the error message).
-_BLOCKS = (
-    ("plant", AbstractPlant, "OneMass(10.0, fp.CoulombViscous(20.0, 2.0))"),
-    ("controller", AbstractController, "ProportionalIntegral(150.0, 200.0)"),
-    ("observer", AbstractObserver, "ExtendedFriedlandPark(10.0, 100.0, 100.0, steepness=500.0)"),
-    ("actuator", AbstractActuator, "IdealActuator()"),
-    ("sensor", AbstractSensor, "IdealSensor()"),
-)
 
 
 def simulate(
@@ -180,11 +166,11 @@ def estimate(
     model = None if isinstance(observer, AbstractObserver) else as_model(observer, "estimate", "an observer")
     if model is None and not isinstance(observer, AbstractObserver):
         raise InputError(
-            f"estimate got {_shown(observer)} as its observer: give an observer, a Model or the path of a servo.toml."
+            f"estimate got {shown(observer)} as its observer: give an observer, a Model or the path of a servo.toml."
         )
     if not isinstance(log, Log):
         if not isinstance(log, str | os.PathLike):
-            raise InputError(f"estimate got {_shown(log)} as its log: give a Log (fpjax.read_log) or a file's path.")
+            raise InputError(f"estimate got {shown(log)} as its log: give a Log (fpjax.read_log) or a file's path.")
         log = read_log(log, linear=None if model is None else model.linear)
     settings: Any = {"average": average, "differentiator": differentiator, "cutoff": cutoff, "passes": passes}
     if model is None:
@@ -226,7 +212,7 @@ def linearise(
         InputError: where the loop does not settle at that speed, or a state comes without its reference.
     """
     if not isinstance(at, int | float | LoopState):
-        raise InputError(f"at must be a speed [rad/s] or a LoopState, got {_shown(at)}.")
+        raise InputError(f"at must be a speed [rad/s] or a LoopState, got {shown(at)}.")
     from .linear.linearise import linearise as linearise_loop  # here, because it imports scipy's root searches
 
     model = as_model(loop, "linearise")
@@ -243,72 +229,6 @@ def linearise(
             astype(model.loop, jnp.float64), at, dt=model.dt if dt is None else dt, stepping=stepping or model.stepping,
             solver=solver or model.solver, substeps=substeps or model.substeps, reference=reference,
         )  # fmt: skip
-
-
-def as_model(source: Any, verb: str, also: str = "a ClosedLoop") -> Model | None:
-    """The model given, read from its file where it is a path or text; None for a loop or an observer.
-
-    Args:
-        source: the user's argument.
-        verb: the function whose argument it is, for the message.
-        also: what else the argument may be, for the message; "" for nothing.
-
-    Raises:
-        InputError: for anything else.
-    """
-    if isinstance(source, Model):
-        return source
-    if isinstance(source, str | os.PathLike):
-        with double_precision():
-            return load_model(source)
-    if isinstance(source, ClosedLoop | AbstractObserver):
-        return None
-    raise InputError(
-        f"{verb} got {_shown(source)}: give {also}{', ' if also else ''}a Model (fpjax.load_model) or the path of a "
-        "servo.toml."
-    )
-
-
-def checked_loop(loop: Any, verb: str) -> ClosedLoop:
-    """The loop, with plain numbers as arrays, after checking the type of each block.
-
-    Raises:
-        InputError: for anything but a `ClosedLoop` of blocks.
-    """
-    if not isinstance(loop, ClosedLoop):
-        raise InputError(f"{verb} got {_shown(loop)}: give a ClosedLoop, a Model or the path of a servo.toml.")
-    for name, kind, example in _BLOCKS:
-        block = getattr(loop, name)
-        if not isinstance(block, kind):
-            raise InputError(f"The loop's {name} is {_shown(block)}: give a block for it, as fp.{example}.")
-    law = getattr(loop.plant, "friction", None)
-    if law is not None and not isinstance(law, AbstractFriction):
-        raise InputError(f"The plant's friction is {_shown(law)}: give a law, as fp.CoulombViscous(20.0, 2.0).")
-    return with_arrays(loop)
-
-
-def checked_reference(reference: Any) -> AbstractReference:
-    """The reference, with plain numbers as arrays.
-
-    Raises:
-        InputError: for anything but a reference block.
-    """
-    if not isinstance(reference, AbstractReference):
-        hint = "fp.Constant(...)" if isinstance(reference, int | float) else "fp.Sine(amplitude=1.0, frequency=1.0)"
-        raise InputError(f"The reference is {_shown(reference)}: give one of the blocks, for instance {hint}.")
-    return with_arrays(reference)
-
-
-def about_model(model: Model) -> About:
-    """True values, units and title for the picture of a run of this model."""
-    units = ("rad", "rad/s", "N m", *KINDS.values())
-    return About(
-        tuple((name, value) for name, value in model.nominal.items() if name in KINDS),
-        tuple((unit, model.units.name(unit)) for unit in units),
-        model.units.reference == "position",
-        model.linear,
-        model.path.name if model.path else "",
-    )
 
 
 def about_loop(loop: ClosedLoop) -> About:
@@ -329,10 +249,3 @@ def _on_host(leaf: Any) -> Any:
 
 def _names(loop: ClosedLoop) -> tuple[str, ...]:
     return (*DEFAULT_SIGNALS, *(f"estimates.{name}" for name in loop.observer.estimated))
-
-
-def _shown(value: Any) -> str:
-    kind = type(value).__name__
-    if isinstance(value, eqx.Module):
-        return f"a {kind} with {', '.join(parameter_names(value)[:3]) or 'no parameters'}"
-    return f"{kind} {str(value)[:40]!r}" if value is not None else "nothing (None)"

@@ -5,12 +5,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fpjax.analysis.placement import default_parameters
 from fpjax.blocks.parameters import get_parameter
 from fpjax.errors import InputError
 from fpjax.model_file import Model
 from fpjax.model_file.bounds import gain_names
 
-from .parameters import Parameter, default_parameters
+from .parameters import Parameter
 
 
 def bounded_parameters(

@@ -17,7 +17,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from jaxtyping import Array
 
-from fpjax.blocks.parameters import get_parameter, parameter_names
+from fpjax.blocks.parameters import get_parameter
 from fpjax.errors import InputError
 from fpjax.simulation.loop import ClosedLoop
 
@@ -49,23 +49,6 @@ class Parameter:
     low: float | None = None
     high: float | None = None
     scale: Scale = "log"
-
-
-def default_parameters(loop: ClosedLoop) -> list[str]:
-    """What is tuned by default: the observer's gains, or the controller's where there is no observer gain.
-
-    Raises:
-        InputError: where the loop has neither.
-    """
-    names = parameter_names(loop)
-    words = ("gain", "gain_1", "gain_2")
-    chosen = [name for name in names if name.startswith("observer.") and name.rpartition(".")[2] in words]
-    chosen = chosen or [
-        name for name in names if name.startswith("controller.") and name.endswith((".kp", ".ki", ".gain"))
-    ]
-    if not chosen:
-        raise InputError(f"There is nothing to tune: name it with parameters (--parameter), one of {', '.join(names)}.")
-    return chosen
 
 
 class Space(eqx.Module):

@@ -9,15 +9,18 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
+from fpjax.analysis.placement import default_parameters
 from fpjax.blocks.parameters import get_parameter
 from fpjax.blocks.references import AbstractReference
 from fpjax.errors import InputError
 from fpjax.model_file import Model
+from fpjax.model_file.given import as_model
 from fpjax.output.progress import Stages
+from fpjax.simulation.checked import checked_loop, checked_reference
 from fpjax.simulation.loop import ClosedLoop
+from fpjax.simulation.precision import double_precision
 from fpjax.simulation.scan import astype, make_inputs
 from fpjax.simulation.solvers import AbstractPlantSolver
-from fpjax.verbs import as_model, checked_loop, checked_reference, double_precision
 
 from .file_bounds import bounded_parameters
 from .gradient import adam, lbfgs
@@ -30,7 +33,7 @@ from .nelder_mead import nelder_mead
 from .noisy import less_sensitive, noise_sensitive
 from .notes import SETTLED, judging_measures, notes_of
 from .objective import Thesis, get_objective
-from .parameters import Parameter, default_parameters
+from .parameters import Parameter
 from .problem import Problem, References, case_costs, label_references, make_problem, under_noise
 from .result import TuningResult, versions
 from .setup import Setup, SetupWords, with_keywords

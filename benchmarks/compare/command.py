@@ -6,7 +6,7 @@ import json
 import sys
 from pathlib import Path
 
-from fpjax.errors import InputError
+from fpjax import InputError
 from fpjax.output.json_object import JsonObject
 
 

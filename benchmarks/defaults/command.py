@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 
-from fpjax.errors import InputError
+from fpjax import InputError
 from fpjax.output.json_object import JsonObject
 
 from .machines import Drawn, draw

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from fpjax.errors import InputError
+from fpjax import InputError
 from fpjax.output.json_object import JsonObject
 from fpjax.output.runfile import versions, write_json
 
@@ -115,10 +115,9 @@ def _built(folder: Path, wanted: list[Identity], periods: int) -> list[Any]:
 
 
 def _tune(folder: Path, wanted: list[Identity]) -> None:
-    from fpjax import read_log
+    from fpjax import load_model, read_log
     from fpjax.improvement.nominal import nominal_gains
-    from fpjax.model_file import load_model
-    from fpjax.verbs import double_precision
+    from fpjax.simulation.precision import double_precision
 
     progress = Progress("tune")
     for place, one in enumerate(wanted):

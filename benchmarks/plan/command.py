@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fpjax.errors import InputError
+from fpjax import InputError
 from fpjax.output.json_object import JsonObject
 
 from ..run_command import fpjax_command

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fpjax.errors import InputError
+from fpjax import InputError
 from fpjax.output.json_object import JsonObject
 
 OWN = Path(__file__).parent / "records"

@@ -7,7 +7,7 @@ import shlex
 import sys
 import time
 
-from fpjax.errors import InputError
+from fpjax import InputError
 from fpjax.output.json_object import JsonObject
 from fpjax.output.runfile import write_whole
 

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from fpjax.errors import InputError
+from fpjax import InputError
 
 from .cases import PERIODS, generate, read_labels
 from .identity import SENSORS, SETS, SYSTEMS, Identity, identities, seeds_of, split, spread_over

@@ -4,7 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
-from fpjax.errors import InputError
+from fpjax import InputError
 
 from .cases import PERIODS, Label, generate, log_path, read_labels
 from .identity import Identity

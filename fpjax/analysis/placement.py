@@ -1,11 +1,11 @@
-"""Gains by pole placement: start values of a search, and the gains of a model file that gives none."""
+"""Gains: which are tuned by default, and their start values by pole placement, for a search or a model file."""
 
 from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
 
-from ..blocks.parameters import get_parameter, set_parameters
+from ..blocks.parameters import get_parameter, parameter_names, set_parameters
 from ..errors import InputError
 from ..logs.dynamics.derivative import slope
 from ..output.json_object import TomlTable
@@ -109,3 +109,20 @@ def _unit_rate(loop: ClosedLoop, tables: Sequence[np.ndarray], dt: float, name: 
     # With one gain other than zero the matrix has rank one: its trace is its only eigenvalue.
     rate = -float(np.mean(np.trace(np.asarray(matrix), axis1=-2, axis2=-1)))
     return rate if np.isfinite(rate) and rate > 0.0 else None
+
+
+def default_parameters(loop: ClosedLoop) -> list[str]:
+    """What is tuned by default: the observer's gains, or the controller's where there is no observer gain.
+
+    Raises:
+        InputError: where the loop has neither.
+    """
+    names = parameter_names(loop)
+    words = ("gain", "gain_1", "gain_2")
+    chosen = [name for name in names if name.startswith("observer.") and name.rpartition(".")[2] in words]
+    chosen = chosen or [
+        name for name in names if name.startswith("controller.") and name.endswith((".kp", ".ki", ".gain"))
+    ]
+    if not chosen:
+        raise InputError(f"There is nothing to tune: name it with parameters (--parameter), one of {', '.join(names)}.")
+    return chosen

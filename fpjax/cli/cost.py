@@ -15,7 +15,7 @@ from .simulate import open_model
 if TYPE_CHECKING:
     from tuning.objective import AbstractObjective
 
-    from ..blocks.references import AbstractReference
+    from .. import AbstractReference
     from ..model_file import Model
 
 REFERENCES = ("sine", "constant", "chirp", "triangle", "square")
@@ -113,7 +113,7 @@ def _plants(word: str) -> tuple[str, list[float]]:
 
 def references_of(model: "Model", words: str | None, duration: float) -> "dict[str, AbstractReference]":
     """The model's reference, or several shapes with its amplitude and frequency."""
-    from ..blocks import references
+    import fpjax as fp
 
     own = model.needed_reference()
     if not words:
@@ -125,11 +125,11 @@ def references_of(model: "Model", words: str | None, duration: float) -> "dict[s
             "square there."
         )
     makers = {
-        "sine": lambda: references.Sine(amplitude, frequency),
-        "constant": lambda: references.Constant(amplitude),
-        "chirp": lambda: references.Chirp(amplitude, 0.0, frequency, duration),
-        "triangle": lambda: references.Triangle(amplitude, frequency),
-        "square": lambda: references.Square(amplitude, frequency),
+        "sine": lambda: fp.Sine(amplitude, frequency),
+        "constant": lambda: fp.Constant(amplitude),
+        "chirp": lambda: fp.Chirp(amplitude, 0.0, frequency, duration),
+        "triangle": lambda: fp.Triangle(amplitude, frequency),
+        "square": lambda: fp.Square(amplitude, frequency),
     }
     chosen = {}
     for word in words.split(","):

@@ -15,8 +15,7 @@ from .numbers import real, whole
 from .simulate import open_model
 
 if TYPE_CHECKING:
-    from ..analysis.estimate import Estimated
-    from ..blocks.observers import AbstractObserver
+    from .. import AbstractObserver, Estimated
     from ..logs import Log
     from ..model_file import Model
 
@@ -59,8 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         record.stage("start")
         start_jax(arguments)
         model, log = open_model_and_log(arguments, record)
-        from ..analysis.estimate import estimate
-        from ..blocks.parameters import set_parameters
+        from .. import estimate, set_parameters
         from ..logs.dynamics.derivative import measured_velocity
         from .common import read_pairs
 
@@ -99,7 +97,7 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> "tuple
     arguments.observer_set = [word.removeprefix("observer.") for word in arguments.set if word.startswith("observer.")]
     model = open_model(arguments.model, changes, record)
     if model.loop.observer.estimated and arguments.observer_set:
-        from ..blocks.parameters import set_parameters
+        from .. import set_parameters
         from .common import read_pairs
 
         observer = set_parameters(model.loop.observer, read_pairs(arguments.observer_set, "--set"))
@@ -115,7 +113,7 @@ def open_model_and_log(arguments: argparse.Namespace, record: RunFile) -> "tuple
 
 def _known_load(model: "Model") -> Callable[[Any, Any, Any], np.ndarray]:
     """The model's load as a function for the checks: (velocity, position, time) -> torque [N m]."""
-    from ..blocks.signals import Motion
+    from .. import Motion
 
     load = model.loop.plant.load
     return lambda velocity, position, time: np.asarray(load.readout(Motion(velocity, position, time)), float)

@@ -9,7 +9,7 @@ from ..model_file import Model
 from ..output.json_object import JsonObject
 
 if TYPE_CHECKING:
-    from ..simulation.run import Run
+    from .. import Run
 
 LOOKED_AT = 4000  # samples of a run from which the excitation is assessed
 WITHIN = 0.05  # error, relative to the true value, within which an estimate counts as settled
@@ -24,7 +24,7 @@ def excitation_sentences(model: Model, velocity: np.ndarray, settled: dict[str, 
         velocity: of the run [rad/s], shape (samples,).
         settled: final value of each estimate in the run, by name.
     """
-    from ..analysis.excitation import assess_excitation
+    from .. import assess_excitation
 
     observer = model.loop.observer
     if not observer.estimated:
@@ -51,21 +51,21 @@ def recorded_names(model: Model) -> tuple[str, ...]:
 
 def measures_of(model: Model) -> JsonObject:
     """Measures by the words under which they are shown."""
-    from ..simulation import metrics
+    import fpjax as fp
 
-    error = metrics.position_error if model.units.reference == "position" else metrics.velocity_error
+    error = fp.position_error if model.units.reference == "position" else fp.velocity_error
     found: JsonObject = {
-        "tracking error, mean absolute": metrics.MeanAbsolute(error),
-        "tracking error, rms": metrics.RootMeanSquare(error),
-        "tracking error, largest": metrics.Largest(error),
-        "tracking error, rms of gradient": metrics.GradientRootMeanSquare(error),
-        "control effort, rms": metrics.control_effort(),
+        "tracking error, mean absolute": fp.MeanAbsolute(error),
+        "tracking error, rms": fp.RootMeanSquare(error),
+        "tracking error, largest": fp.Largest(error),
+        "tracking error, rms of gradient": fp.GradientRootMeanSquare(error),
+        "control effort, rms": fp.control_effort(),
     }
     for name in model.loop.observer.estimated:
-        found[f"{name}, final estimate"] = metrics.EstimateFinal(name)
-        found[f"{name}, largest on the way"] = metrics.EstimatePeak(name)
+        found[f"{name}, final estimate"] = fp.EstimateFinal(name)
+        found[f"{name}, largest on the way"] = fp.EstimatePeak(name)
     if "coulomb" in model.loop.observer.estimated:
-        found["Coulomb torque error, mean"] = metrics.CoulombTorqueError(model.nominal["coulomb"])
+        found["Coulomb torque error, mean"] = fp.CoulombTorqueError(model.nominal["coulomb"])
     return found
 
 

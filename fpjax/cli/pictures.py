@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from tuning import TuningResult
 
-    from ..simulation.run import Run
+    from .. import Run
     from .replay import Replay
 
 P = ParamSpec("P")
@@ -38,8 +38,8 @@ def _styled(draw: Callable[P, R]) -> Callable[P, R]:
 @_styled
 def draw_run(model: Model, signals: dict[str, np.ndarray], path: Path) -> Path:
     """Draw reference and motion, the error, the torques, and the estimates with their true values."""
+    from ..model_file.about import about_model
     from ..output.run_picture import run_figure
-    from ..verbs import about_model
 
     return save(run_figure(signals["time"], signals, about_model(model)), path)
 

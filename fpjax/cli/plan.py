@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         record.seeds["starts"] = arguments.seed
         record.stage("plan")
         arguments.kept = "no run was found yet; nothing was written"
-        from ..planning import plan
+        from .. import plan
 
         with Stages("plan") as stages:
             reached, asked = list[str](), threading.Event()

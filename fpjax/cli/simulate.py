@@ -77,7 +77,7 @@ def open_model(path: str, changes: list[str], record: RunFile) -> "Model":
     Raises:
         InputError: for invalid content of the file or of the changes.
     """
-    from ..blocks.parameters import set_parameters
+    from .. import set_parameters
     from ..model_file import load_model
     from ..model_file.admissible import check_changes
     from ..model_file.model import about_proportions

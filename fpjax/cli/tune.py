@@ -14,8 +14,8 @@ from .numbers import real, whole
 if TYPE_CHECKING:
     from tuning import Parameter, TuningResult
 
+    from .. import Run
     from ..model_file import Model
-    from ..simulation.run import Run
 
 METHODS = ("levenberg_marquardt", "lbfgs", "adam", "grid", "grid_repaired", "nelder_mead")
 EXAMPLES = """\
@@ -149,8 +149,7 @@ def check(model: "Model", tuned: "Model", best: "TuningResult", duration: float,
     """
     import jax
 
-    from .. import simulate
-    from ..blocks.parameters import set_parameters
+    from .. import set_parameters, simulate
 
     position = model.units.reference == "position"
     estimates = [f"estimates.{name}" for name in model.loop.observer.estimated]

@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..logs import Log, LogSource
 from ..model_file import Model, ModelSource
 from ..output.stages import StageClock
+from ..simulation.precision import double_precision
 from .answer.assemble import assemble
 from .answer.curves import curves_of
 from .answer.provenance import provenance
@@ -23,7 +24,6 @@ from .effects.effect import Effect
 from .effects.vocabulary import EFFECTS, on_rate_sensor
 from .fit.kept import Kept, KeptSearch, key_of
 from .fit.search import Search
-from .precision import double_precision
 from .select.decision import decide
 from .simulate.family import Nominal
 

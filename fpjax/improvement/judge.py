@@ -13,11 +13,11 @@ from ..blocks.position_torque import Loads
 from ..blocks.signals import Signals
 from ..compiled.batch import map_chunks
 from ..gap.machine import Machine
-from ..gap.precision import double_precision
 from ..logs.dynamics.derivative import slope
 from ..model_file import Model
 from ..simulation.loop import ClosedLoop, LoopState
 from ..simulation.metrics import AbstractMeasure
+from ..simulation.precision import double_precision
 from ..simulation.scan import Inputs, Stepper, astype, make_stepper, roll, sampled_tables
 from .machines import Ground, Machines, Missing
 

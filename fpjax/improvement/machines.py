@@ -18,11 +18,11 @@ from ..gap.answer.parts import Learned
 from ..gap.answer.posterior import Posterior
 from ..gap.data.record import Record, in_one_piece, make_records
 from ..gap.machine import FEATURES, Machine, has_bristles, nominal_machine, structure_of
-from ..gap.precision import double_precision
 from ..gap.simulate.replay import SUBSTEPS
 from ..logs import Log
 from ..model_file import Model
 from ..output.json_object import JsonObject
+from ..simulation.precision import double_precision
 from .known import Known
 
 COURSES = 3  # time courses of the missing torque: as found in the log, and two of the same spectrum with random phases

@@ -9,11 +9,11 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import PyTree
 
-from ..gap.precision import double_precision
 from ..linear.linearise import Disturbed
 from ..linear.margins import Margins, margins
 from ..linear.state_space import StateSpace
 from ..simulation.loop import LoopState
+from ..simulation.precision import double_precision
 from .judge import Judge, assemble_loop
 from .machines import Machines
 

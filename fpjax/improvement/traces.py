@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import PyTree
 
 from ..gap.data.record import Record
-from ..gap.precision import double_precision
 from ..logs.dynamics.derivative import travel
+from ..simulation.precision import double_precision
 from ..simulation.scan import Inputs, roll, sampled_tables
 from .judge import Judge, assemble_loop, start_state
 from .machines import Ground, Machines, rms

@@ -11,11 +11,11 @@ import numpy as np
 from ..errors import InputError
 from ..gap import Diagnosis, diagnose
 from ..gap.data.record import Record
-from ..gap.precision import double_precision
 from ..logs import Log, LogSource, read_log
 from ..logs.dynamics.derivative import slope
 from ..model_file import Model, ModelSource, dump_model, load_model
 from ..output.stages import StageClock
+from ..simulation.precision import double_precision
 from ..simulation.scan import astype
 from .answer import Change, Decision, Range, Side
 from .decide import LEFT_OUT, LESS, hopeless, objection, plausible, range_of

@@ -12,8 +12,8 @@ from ..blocks.block import as_parameter
 from ..blocks.references import AbstractReference, Constant, Recorded
 from ..blocks.signals import Motion
 from ..errors import InputError
-from ..precision import double_precision
 from ..simulation.loop import ClosedLoop, LoopState
+from ..simulation.precision import double_precision
 from ..simulation.run import simulate
 from ..simulation.scan import Stepping, astype
 from ..simulation.solvers import AbstractPlantSolver, get_solver

@@ -17,10 +17,11 @@ from ..gap import diagnose
 from ..gap.diagnosis import Diagnosis
 from ..logs import Log, read_log
 from ..model_file import Model
+from ..model_file.given import as_model
 from ..output.json_object import JsonObject, TomlTable
 from ..output.stages import StageClock
+from ..simulation.precision import double_precision
 from ..simulation.scan import astype
-from ..verbs import as_model, double_precision
 from .answer import MATERIAL, NEEDED, Separation, Visible
 from .design import Designed, design
 from .explain import beside, kinds_of_samples, not_visible, separations, where_from

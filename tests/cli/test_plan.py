@@ -31,7 +31,7 @@ def interrupted(servo, out, monkeypatch, design):
         threading.Timer(0.1, signal.raise_signal, [signal.SIGINT]).start()
         return design(progress)
 
-    monkeypatch.setattr("fpjax.planning.plan", plan)
+    monkeypatch.setattr("fpjax.plan", plan)
     code = main(["plan", "--model", servo, "--out", str(out), "--no-plots"])
     return code, time.perf_counter() - begun[0]
 

@@ -21,10 +21,10 @@ from fpjax.gap import EFFECTS, diagnose
 from fpjax.gap.answer.tracking import Side, made_torque, tracking_error
 from fpjax.gap.data.record import make_records
 from fpjax.gap.machine import nominal_machine
-from fpjax.gap.precision import double_precision
 from fpjax.gap.verb import allowed_effects
 from fpjax.model_file import load_model
 from fpjax.output.runfile import plain
+from fpjax.simulation.precision import double_precision
 
 MODEL = (
     SMALL_BODY

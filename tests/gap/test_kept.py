@@ -15,10 +15,10 @@ from fpjax.errors import InputError
 from fpjax.gap import EFFECTS
 from fpjax.gap.fit import kept as module
 from fpjax.gap.fit.kept import Kept, key_of
-from fpjax.gap.precision import double_precision
 from fpjax.gap.select.decision import decide
 from fpjax.gap.verb import make_search
 from fpjax.model_file import load_model
+from fpjax.simulation.precision import double_precision
 
 FEW = tuple(effect for effect in EFFECTS if effect.name in ("constant_torque", "presliding", "quadratic_drag"))
 KEY = "a" * 64

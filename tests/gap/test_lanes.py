@@ -9,10 +9,10 @@ from gap_machine import record
 from gap_search import search_of
 
 from fpjax.gap.data.record import make_records, tables_of
-from fpjax.gap.precision import double_precision
 from fpjax.gap.simulate import family as families
 from fpjax.gap.simulate.family import Runner, window_fields
 from fpjax.gap.simulate.replay import LANES, as_rows, from_rows
+from fpjax.simulation.precision import double_precision
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import pytest
 from fpjax.planning.design import design
 from fpjax.planning.trajectory import Shape
 from fpjax.planning.trial import ExpectedRun
-from fpjax.verbs import double_precision
+from fpjax.simulation.precision import double_precision
 
 
 class OneNumberTrial:

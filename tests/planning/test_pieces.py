@@ -29,7 +29,7 @@ from fpjax.planning.rivals import (
 from fpjax.planning.sight import make_sight
 from fpjax.planning.trajectory import SWEEP, Shape, make_course
 from fpjax.planning.trial import RunComparison
-from fpjax.verbs import double_precision
+from fpjax.simulation.precision import double_precision
 
 
 def given(**values):

@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...simulation.precision import double_precision
 from ..fit.candidate import Candidate
 from ..machine import Machine
-from ..precision import double_precision
 from ..simulate.family import Family
 from ..simulate.replay import assembled
 

@@ -19,13 +19,13 @@ import numpy as np
 from ...errors import InputError
 from ...model_file import Model
 from ...output.runfile import write_whole
+from ...simulation.precision import double_precision
 from ..data.record import Record
 from ..data.setting import make_setting
 from ..effects.vocabulary import EFFECTS
 from ..fit.candidate import Fit
 from ..fit.search import Search
 from ..machine import Machine
-from ..precision import double_precision
 from ..select.decision import Decision
 from ..select.readings import Reading
 from ..simulate.family import Key, Nominal, make_family

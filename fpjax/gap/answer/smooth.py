@@ -19,12 +19,12 @@ import numpy as np
 from jaxtyping import Array
 
 from ...blocks.signals import Motion
+from ...simulation.precision import double_precision
 from ..effects.effect import Effect, EffectParameter
 from ..fit.candidate import Candidate
 from ..fit.least_squares import Fitter, Linear
 from ..fit.search import Search
 from ..machine import Machine
-from ..precision import double_precision
 from ..simulate.family import window_fields
 from ..simulate.replay import assembled
 from .smooth_tables import Table, resting

@@ -19,12 +19,12 @@ from ...blocks.references import Recorded
 from ...blocks.signals import Measurement
 from ...model_file import Model
 from ...simulation.loop import ClosedLoop, Period
+from ...simulation.precision import double_precision
 from ...simulation.run import simulate
 from ...simulation.scan import astype
 from ..data.channel import Channel
 from ..data.record import Record
 from ..machine import Machine, structure_of
-from ..precision import double_precision
 from ..simulate.replay import SUBSTEPS
 from .parts import TrackingError
 from .shrink import SEED

@@ -19,8 +19,6 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 
-import fpjax
-
 from ...errors import InputError
 from ...logs import Log
 from ...model_file import Model
@@ -216,7 +214,7 @@ def key_of(logs: Sequence[Log], withheld: Sequence[Log], model: Model, effects: 
 def _code() -> str:
     """Hash of the package's own files: fits of other code are no part of this run."""
     digest = hashlib.sha256()
-    root = Path(fpjax.__file__).parent
+    root = Path(__file__).parents[2]
     for path in sorted(root.rglob("*.py")):
         digest.update(str(path.relative_to(root)).encode())
         digest.update(path.read_bytes())

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...simulation.precision import double_precision
 from ..data.record import Record, tables_of, with_noise
 from ..data.setting import Setting
 from ..data.split import fairer_split
 from ..data.tables import Tables
 from ..effects.effect import Effect
-from ..precision import double_precision
 from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
 from ..simulate.hidden import Observer
 from .band import highest_of_speed, level_with_bursts, real_noise

@@ -4,6 +4,7 @@ import base64
 import math
 from dataclasses import dataclass
 
+from ...analysis.placement import default_parameters
 from ...errors import InputError
 from ...model_file import dump_model, load_model
 from .markup import text
@@ -79,8 +80,6 @@ def save_link(model: str, name: str) -> str:
 
 def use_sentence(model: str) -> str:
     """What the corrected model can be used for; it is read back to find out."""
-    from tuning.parameters import default_parameters  # the tuning is a package of its own
-
     try:
         read = load_model(model)
         for needed in (read.needed_controller, read.needed_reference, read.needed_duration):

@@ -12,13 +12,13 @@ from ...blocks.sensors import AbstractSensor
 from ...compiled.batch import cores
 from ...compiled.threads import on_threads, settings, under
 from ...output.json_object import JsonObject
+from ...simulation.precision import double_precision
 from ..data.record import LONGEST, Record
 from ..data.setting import Setting
 from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, EffectParameter, free, leaf
 from ..effects.parameters import NOMINAL
 from ..machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
-from ..precision import double_precision
 from .replay import LANES, STATES, as_rows, residual_kernel
 
 Key = tuple[Structure, tuple[str, ...]]

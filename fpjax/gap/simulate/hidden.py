@@ -17,11 +17,11 @@ from ...blocks.friction.bristles import Bristles
 from ...blocks.plants.sticking import mean_shaft, turn
 from ...blocks.plants.transmission import Transmission
 from ...blocks.signals import Motion
+from ...simulation.precision import double_precision
 from ..data.record import Record
 from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, EffectParameter
 from ..machine import Machine, Structure
-from ..precision import double_precision
 from .family import Family
 from .replay import LANES, SUBSTEPS, assembled, command_at, lane_kernel
 

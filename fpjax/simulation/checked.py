@@ -1,0 +1,64 @@
+"""What a user gives for a loop and a reference: blocks of the right kinds, or a sentence on what is not."""
+
+from typing import Any
+
+import equinox as eqx
+
+from ..blocks.actuators import AbstractActuator
+from ..blocks.block import with_arrays
+from ..blocks.controllers import AbstractController
+from ..blocks.friction import AbstractFriction
+from ..blocks.observers import AbstractObserver
+from ..blocks.parameters import parameter_names
+from ..blocks.plants import AbstractPlant
+from ..blocks.references import AbstractReference
+from ..blocks.sensors import AbstractSensor
+from ..errors import InputError
+from .loop import ClosedLoop
+
+# The blocks of a loop: (name, class, an example for the error message).
+_BLOCKS = (
+    ("plant", AbstractPlant, "OneMass(10.0, fp.CoulombViscous(20.0, 2.0))"),
+    ("controller", AbstractController, "ProportionalIntegral(150.0, 200.0)"),
+    ("observer", AbstractObserver, "ExtendedFriedlandPark(10.0, 100.0, 100.0, steepness=500.0)"),
+    ("actuator", AbstractActuator, "IdealActuator()"),
+    ("sensor", AbstractSensor, "IdealSensor()"),
+)
+
+
+def checked_loop(loop: Any, verb: str) -> ClosedLoop:
+    """The loop, with plain numbers as arrays, after checking the type of each block.
+
+    Raises:
+        InputError: for anything but a `ClosedLoop` of blocks.
+    """
+    if not isinstance(loop, ClosedLoop):
+        raise InputError(f"{verb} got {shown(loop)}: give a ClosedLoop, a Model or the path of a servo.toml.")
+    for name, kind, example in _BLOCKS:
+        block = getattr(loop, name)
+        if not isinstance(block, kind):
+            raise InputError(f"The loop's {name} is {shown(block)}: give a block for it, as fp.{example}.")
+    law = getattr(loop.plant, "friction", None)
+    if law is not None and not isinstance(law, AbstractFriction):
+        raise InputError(f"The plant's friction is {shown(law)}: give a law, as fp.CoulombViscous(20.0, 2.0).")
+    return with_arrays(loop)
+
+
+def checked_reference(reference: Any) -> AbstractReference:
+    """The reference, with plain numbers as arrays.
+
+    Raises:
+        InputError: for anything but a reference block.
+    """
+    if not isinstance(reference, AbstractReference):
+        hint = "fp.Constant(...)" if isinstance(reference, int | float) else "fp.Sine(amplitude=1.0, frequency=1.0)"
+        raise InputError(f"The reference is {shown(reference)}: give one of the blocks, for instance {hint}.")
+    return with_arrays(reference)
+
+
+def shown(value: Any) -> str:
+    """What was given, for a message: a block with its first parameters, or a type with its value."""
+    kind = type(value).__name__
+    if isinstance(value, eqx.Module):
+        return f"a {kind} with {', '.join(parameter_names(value)[:3]) or 'no parameters'}"
+    return f"{kind} {str(value)[:40]!r}" if value is not None else "nothing (None)"
