@@ -96,6 +96,7 @@ class LearnedTorque(AbstractLoad):
             InputError: for a table over the torque where the motion does not hold it.
         """
         x = driving_torque(motion, 'of = "torque"') if self.of == "torque" else getattr(motion, self.of)
+        # a table over time has the shape of the time: the zeros broadcast it to a batch of velocities
         return self.value(x) + jnp.zeros_like(motion.velocity)
 
     def value(self, x: Array) -> Array:
@@ -108,12 +109,14 @@ class LearnedTorque(AbstractLoad):
         if self.period is not None:
             turns = jnp.floor((x - at[0]) / self.period)
             x = x - self.period * turns
+            # x lies in the first period now, and one more point closes the ring
             at, torque = (*at, at[0] + self.period), (*torque, torque[0])
         widths = [b - a for a, b in itertools.pairwise(at)]
         rises = [b - a for a, b in itertools.pairwise(torque)]
         slopes = self._slopes(widths, rises)
         total = torque[0]
         for i, (start, width, rise) in enumerate(zip(at, widths, rises, strict=False)):
+            # 0 before the interval, 1 behind it: an interval that x has passed contributes its whole rise
             share = jnp.clip((x - start) / width, 0.0, 1.0)
             total = total + share * (rise if slopes is None else _hermite(share, rise, width, slopes[i : i + 2]))
         return total
@@ -126,6 +129,7 @@ class LearnedTorque(AbstractLoad):
             return [secants[0], secants[0]]
         inner = [_inner_slope(widths[i - 1], widths[i], secants[i - 1], secants[i]) for i in range(1, len(secants))]
         if self.period is not None:
+            # first and last point are one point of the ring, with one slope
             joined = _inner_slope(widths[-1], widths[0], secants[-1], secants[0])
             return [joined, *inner, joined]
         first = _end_slope(widths[0], widths[1], secants[0], secants[1])
@@ -160,6 +164,7 @@ def split_jump(at: Sequence[float], torque: Sequence[float]) -> tuple[list[float
             f"at = {points[twice[0]]:g} occurs twice: a learned torque may jump only at zero velocity, and only once."
         )
     place = twice[0]
+    # Coulomb friction is -half and +half on the two sides of zero: without it both sides meet at the mean of the jump
     half = 0.5 * (values[place + 1] - values[place])
     values = [value + half if i <= place else value - half for i, value in enumerate(values)]
     return [*points[:place], *points[place + 1 :]], [*values[:place], *values[place + 1 :]], half

@@ -97,6 +97,7 @@ def _export_body(
         print(f"  not expressed there: {', '.join(held)}")
     else:
         print("  all of the model's mechanics is expressed there")
+    # files beside run.json are listed by name, so that the folder can be moved; others by their path
     same = pathlib.Path(arguments.out).resolve() == made.file.parent.resolve()
     record.outputs.append(made.file.name if same else str(made.file))
     errors = {

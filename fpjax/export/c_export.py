@@ -78,6 +78,7 @@ def export_c(
         with double_enabled():
             model = load_model(model)
     model.needed_controller()
+    # the law is traced first: it refuses what cannot be written in C before a file is made
     notes = _notes(model)
     law = trace_law(model.loop, model.dt, precision)
     code = write_c(law, name or _word(model), model.units, model.path.name if model.path else "a model")
@@ -113,6 +114,7 @@ def export_c(
                 "the model."
             )
     bounds = dict(zip(law.outputs, map(float, vectors.bounds.max(axis=0)), strict=True))
+    # a bound needs finite slopes along the run, which sign(w) does not have where the velocity changes its sign
     unbounded = [output for output, bound in bounds.items() if not bound < float("inf")]
     if check and unbounded:
         notes.append(

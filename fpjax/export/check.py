@@ -12,6 +12,8 @@ from .c_code import Code
 from .law import Law
 from .vectors import ULPS
 
+# no -ffast-math and no contraction to fused multiply-adds (-std=c99 implies -ffp-contract=off in gcc): both would
+# round differently from the simulation
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-O2")
 
 
@@ -70,6 +72,7 @@ def check_c(law: Law, code: Code, folder: pathlib.Path) -> Checked:
     compiler, name = find_compiler(), code.name
     program = folder / f"{name}_test"
     sources = [f"{name}_control.c", f"{name}_test.c"]
+    # -Werror: a warning in generated code is an error of the generator
     made = _run([compiler, *FLAGS, *sources, "-o", program.name, "-lm"], folder)
     if made.returncode:
         lines = [line for line in made.stderr.splitlines() if "error" in line] or made.stderr.splitlines() or ["?"]
@@ -80,6 +83,7 @@ def check_c(law: Law, code: Code, folder: pathlib.Path) -> Checked:
     try:
         ran = _run([str(program.resolve()), f"{name}_vectors.bin"], folder)
     finally:
+        # the folder keeps sources and vectors only: the user compiles for the drive
         program.unlink(missing_ok=True)
     steps, runs, bounds = {}, {}, {}
     for line in ran.stdout.splitlines():

@@ -102,6 +102,8 @@ def trace_law(loop: ClosedLoop, dt: float, precision: Precision = "double") -> L
 
         zero = jnp.zeros((), DTYPES[precision])
         closed, shapes = jax.make_jaxpr(step, return_shape=True)(leaves, period, (zero,) * len(inputs_of(loop)), state)
+        # parameters and period are constants of the program from here on, each with its name; inputs and state stay
+        # free
         known = [constants(leaf, name) for leaf, name in zip(leaves, names, strict=True)]
         known.append(constants(period, "period"))
         free: list[PyTree] = [None] * (len(closed.jaxpr.invars) - len(known))

@@ -157,6 +157,7 @@ def _select(emit: Emit, atoms: Sequence[Atom], parameters: dict[str, Any], kind:
         return emit("select", (which, yes, no), kind)
     value = cases[-1]
     for number in reversed(range(len(cases) - 1)):
+        # select_n with an integer takes case `which`: a chain of comparisons from the last case down
         chosen = emit("le", (which, FixedNumber(np.dtype(which.kind).type(number))), "bool")
         value = emit("select", (chosen, cases[number], value), kind)
     return value
@@ -193,6 +194,7 @@ def _logistic(emit: Emit, atoms: Sequence[Atom], parameters: dict[str, Any], kin
     del parameters
     if kind not in FLOATS:
         return None
+    # 1 / (1 + exp(-x)): exp overflows to infinity for large -x, and the quotient is then 0, as it should be
     grown = emit("exp", (emit("neg", atoms, kind),), kind)
     return emit("div", (_one(kind), emit("add", (_one(kind), grown), kind)), kind)
 

@@ -103,6 +103,8 @@ class Builder:
         self.operations: list[Operation] = []
         self.known: dict[int, np.generic] = {}  # variables that depend on parameters alone
         self.count = 0
+        # a matrix product or a loop unrolls into scalars: the limit stops it while the code can still be read and
+        # compiled
         self._most, self._too_many = most, too_many
         self._made: dict[tuple[object, ...], Variable] = {}
 

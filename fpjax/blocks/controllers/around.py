@@ -132,6 +132,7 @@ class Limited(AbstractController):
 
     def limited(self, torque: Array) -> Array:
         """Clipped [N m]."""
+        # limits may be nested: the inner one first, so the smaller of the two holds
         return jnp.clip(self.controller.limited(torque), -self.limit, self.limit)
 
     def follow(self, excess: Array) -> PyTree:

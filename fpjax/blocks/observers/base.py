@@ -131,6 +131,7 @@ class AbstractObserver(Block):
     def step(self, state: PyTree, control: Array, velocity: Array, dt: Array) -> PyTree:
         """z one control period dt [s] later (sampled stepping): its derivative held over the period."""
         rates = self.derivative(state, control, velocity)
+        # explicit Euler: exact where z' depends on held inputs only and not on z, as in all observers of one mass
         return jax.tree.map(lambda value, rate: value + dt * rate, state, rates)
 
     def advance(self, state: PyTree, torque: Array, before: Array, after: Array, dt: Array) -> PyTree:
@@ -157,6 +158,7 @@ class AbstractObserver(Block):
             dt: the period [s].
         """
         moved, same = self.moved(state, torque, before, after, dt), self.carried(state, before, after)
+        # also where one of the two is exactly zero: at rest the applied torque need not reach the friction level
         slides = before * after > 0.0
         return jax.tree.map(lambda new, old: jnp.where(slides, new, old), moved, same)
 
