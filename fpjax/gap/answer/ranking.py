@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
+import numpy as np
 
 from ...blocks.signals import Motion
 from ..data.setting import turns_with_position
@@ -20,6 +21,7 @@ from .gap import Gap, Step
 from .intervals import covariance, estimates
 from .parts import Ranked
 
+UNLOADED = 0.2  # inertial torque, of the commanded one, up to which friction alone loads the gear [1]
 WITH_INTERVALS = 6  # entries whose intervals are computed: each needs the gradients of all windows
 
 ERRORS: dict[str, Effect] = {e.name: e for e in EFFECTS if e.name.removesuffix("_error") in NOMINAL}
@@ -139,4 +141,13 @@ def log_of(search: Search) -> LogFacts:
     # The load at rest at position zero: a constant torque that the model knows.
     still = Motion(jnp.zeros(1), jnp.zeros(1), jnp.zeros(1))
     known = turning or bool(load.readout(still)[0]) or bool(getattr(actuator, "offset", None))
-    return LogFacts(search.records[0].position is not None, known, turning, search.setting.nominal)
+    return LogFacts(
+        search.records[0].position is not None, known, turning, search.setting.nominal, _unloaded(search, known)
+    )
+
+
+def _unloaded(search: Search, known: bool) -> bool:
+    """Whether what accelerates the nominal mass is small beside the command, so that friction takes nearly all."""
+    inertial = np.concatenate([search.setting.inertia * record.acceleration for record in search.records])
+    torque = np.concatenate([record.torque for record in search.records])
+    return not known and float(np.sqrt(np.mean(inertial**2))) < UNLOADED * float(np.sqrt(np.mean(torque**2)))

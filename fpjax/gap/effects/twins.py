@@ -21,12 +21,15 @@ class LogFacts:
         known_torque: whether the nominal model has a torque besides friction (an offset, a load).
         known_turning: whether that torque depends on the position.
         nominal: `inertia`, `coulomb` and `viscous` of the nominal model.
+        unloaded: whether hardly anything but its own friction loads the gear: little is accelerated, and no load is
+            known.
     """
 
     position: bool
     known_torque: bool
     known_turning: bool
     nominal: Mapping[str, float]
+    unloaded: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,8 @@ def exact_twins(causes: Sequence[str], found: Parameters, log: LogFacts) -> list
     wrong = [name for name in ("inertia", "coulomb", "viscous") if log.nominal.get(name, 0.0) > 0.0]
     if not log.known_torque:
         twins += _scaled(named, found, log, "torque_gain_error", "gain", wrong)
+    if log.unloaded:
+        twins += _unloaded(named, found, log)
     # Torques tied to the position show the true position, and with it the scale of the velocity.
     moving = named & LOCKED or log.known_turning
     if not log.position and not moving:
@@ -130,6 +135,27 @@ def _scaled(named: set[str], found: Parameters, log: LogFacts, one: str, by: str
     if all(overlap(a, b) for i, a in enumerate(ratios) for b in ratios[:i]):
         mean = sum(ratio.value for ratio in ratios) / len(ratios)
         return [Twin(frozenset(errors), (one,), f" ({by} {1.0 / mean:.4g})")]
+    return []
+
+
+def _unloaded(named: set[str], found: Parameters, log: LogFacts) -> list[Twin]:
+    """Twins between friction that grows with the load and more friction of all kinds, where friction is the only load.
+
+    u = (C + mu |u|) sign(v) + B v is u = (C sign(v) + B v) / (1 - mu), as long as u drives.
+    """
+    one, wrong = "load_dependent_friction", [n for n in ("coulomb", "viscous") if log.nominal.get(n, 0.0) > 0.0]
+    errors = [f"{name}_error" for name in wrong]
+    if not errors:
+        return []
+    if one in named and not set(errors) & named:
+        rest = 1.0 - found[one]["coefficient"].value
+        return [Twin(frozenset({one}), tuple(errors), f" (all divided by {rest:.4g})")]
+    if one in named or not set(errors) <= named:
+        return []
+    ratios = [_over(found[error][name], log.nominal[name]) for error, name in zip(errors, wrong, strict=True)]
+    mean = sum(ratio.value for ratio in ratios) / len(ratios)
+    if mean > 1.0 and all(overlap(a, b) for i, a in enumerate(ratios) for b in ratios[:i]):
+        return [Twin(frozenset(errors), (one,), f" (coefficient {1.0 - 1.0 / mean:.4g})")]
     return []
 
 
