@@ -118,6 +118,8 @@ def _owners(tree: PyTree, path: list[str]) -> Iterator[PyTree]:
 
 def _check_again(owner: PyTree) -> None:
     for kind in type(owner).__mro__:
+        # equinox runs the check of every class in a block's ancestry, without a call of super(): the same is done
+        # here
         check = kind.__dict__.get("__check_init__")
         if check is not None:
             check(owner)
@@ -127,6 +129,7 @@ def _cast(name: str, value: ArrayLike, old: Array) -> Array:
     if not isinstance(value, (jax.Array, np.ndarray, np.number, int, float, list, tuple)) or isinstance(value, bool):
         raise InputError(f"{name} = {value!r} is not a number: give a number or an array of numbers.")
     new = value.astype(old.dtype) if isinstance(value, jax.Array) else jnp.asarray(value, dtype=old.dtype)
+    # the trailing axes must be the parameter's own: what comes before them are batch axes of a vmap
     kept = new.shape[new.ndim - old.ndim :] if new.ndim >= old.ndim else None
     if kept != old.shape:
         raise InputError(

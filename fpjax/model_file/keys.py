@@ -132,6 +132,7 @@ def read_number(section: str, key: Key, value: Any, units: Units) -> float:
     """
     unit = units.name(key.unit)
     shown = "" if unit == "1" else f" {unit}"
+    # bool first: it is an int in Python, and `kp = true` must not become 1
     if isinstance(value, bool) or not isinstance(value, int | float):
         kind = "text" if isinstance(value, str) else "yes or no" if isinstance(value, bool) else "a list or a table"
         hint = " without quotes" if isinstance(value, str) else ""

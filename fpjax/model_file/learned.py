@@ -52,6 +52,7 @@ def build_learned(tables: Any, units: Units) -> tuple[tuple[LearnedTorque, ...],
 
 def join_load(load: AbstractLoad, learned: tuple[LearnedTorque, ...]) -> AbstractLoad:
     """The known load and the learned torques as one load."""
+    # a joined load is flat, so that it can be taken apart again when the model is written
     parts = () if isinstance(load, NoLoad) else load.parts if isinstance(load, Loads) else (load,)
     parts = (*parts, *learned)
     if not parts:

@@ -160,6 +160,7 @@ def describe_observer(observer: AbstractObserver) -> JsonObject:
         steepness = getattr(at, "steepness", None)
         table: JsonObject = {"type": name}
         if name in _SINGLE:
+            # the steepness belongs to g where g is smooth; the compensation of the same observer has the same one
             shape = at.nonlinearity
             word = next(word for word, kind in _NONLINEARITIES.items() if type(shape) is kind)
             gain = number(getattr(shape, "gain"), "gain")  # noqa: B009 (each has one; their base does not say so)
