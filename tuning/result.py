@@ -2,25 +2,30 @@
 
 import dataclasses
 import math
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fpjax.blocks.parameters import set_parameters
+from fpjax.output.drawn import Drawn
 from fpjax.output.frames import to_frame
 from fpjax.output.json_object import JsonObject
-from fpjax.output.plotting import new_figure, saved, style
+from fpjax.output.plotting import new_figure, style
 from fpjax.output.runfile import plain
 from fpjax.output.runfile import versions as all_versions
 from fpjax.simulation.loop import ClosedLoop
 
 from .identifiability import Identifiability
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 @dataclasses.dataclass(frozen=True)
-class TuningResult:
+class TuningResult(Drawn):
     """The result of one tuning on one set of references.
+
+    `plot` draws the best cost so far against simulations.
 
     Attributes:
         method: name of the method.
@@ -103,25 +108,14 @@ class TuningResult:
         """A copy of the loop with the tuned gains."""
         return set_parameters(loop, self.gains)
 
-    def plot(self, path: str | Path | None = None) -> Any:
-        """The best cost so far against simulations.
-
-        Args:
-            path: picture file to write; None to write none.
-
-        Returns:
-            The matplotlib figure.
-
-        Raises:
-            InputError: where the file cannot be written.
-        """
+    def _figure(self) -> "Figure":
         figure, axes = new_figure(size=(6.6, 3.4), title=f"{self.method} on {', '.join(self.references)}")
         with style():
             used, cost = (np.array(column) for column in zip(*self.history, strict=True)) if self.history else ([], [])
             shown = np.isfinite(cost)
             axes[0, 0].step(np.asarray(used)[shown], np.minimum.accumulate(np.asarray(cost)[shown]), where="post")
             axes[0, 0].set(xlabel="simulations (tangents counted)", ylabel="best cost so far", yscale="log")
-        return saved(figure, path)
+        return figure
 
     def to_dataframe(self) -> Any:
         """The history as a `pandas.DataFrame`: best cost so far by the simulations used.

@@ -15,7 +15,7 @@ from fpjax.output.plotting import SERIES
 from fpjax.output.runfile import plain, write_whole
 
 from .axis import Paths
-from .sweep_plot import Slice, colour_levels
+from .sweep_plot import Slice, colour_levels, colour_marks
 
 DIGITS = 5  # significant digits of a cost on the page, for a smaller file
 
@@ -64,6 +64,7 @@ def _content(shown: Slice, paths: Paths) -> JsonObject:
         ],
         "cost": _rounded(grid),
         "levels": [float(level) for level in levels],
+        "marks": colour_marks(grid, levels) if np.isfinite(grid).any() else [],
         "colours": [to_hex(colour) for colour in colours],
         "best": [int(best[0]), int(best[1])] if grid.ndim == 2 else [0, int(best[0])],
         "paths": drawn,

@@ -157,6 +157,18 @@ def colour_levels(cost: np.ndarray) -> np.ndarray:
     return levels if levels.size > 1 else np.array([levels[0] - 0.5, levels[0] + 0.5])
 
 
+def colour_marks(cost: np.ndarray, levels: np.ndarray) -> list[tuple[int, str]]:
+    """(index of a level, its cost in words) for the colour bar: about seven, for the picture and the page alike.
+
+    Args:
+        cost: of the grid; shape does not matter.
+        levels: from `colour_levels`.
+    """
+    logarithmic = np.nanmin(np.where(np.isfinite(cost), cost, np.nan)) > 0.0
+    places = range(0, levels.size, max(1, levels.size // 6))
+    return [(place, f"{10.0 ** levels[place] if logarithmic else levels[place]:.3g}") for place in places]
+
+
 def _labelled(levels: np.ndarray) -> np.ndarray:
     """Logarithms of the round costs (1, 2, 5 of each decade; whole decades beyond three) within the levels."""
     # The top twelfth of the points is left out: just before divergence the cost rises so steeply that lines overlap.
@@ -201,6 +213,7 @@ def _contours(figure: Figure, axes: Axes, shown: Slice) -> None:
 
     _spread(axes, axes.clabel(lines, fontsize=8, fmt=lambda level: f"{float(f'{cost_of(level):.2g}'):g}"))
     bar = figure.colorbar(filled, ax=axes, label="cost, equal shares of the grid (diverged: grey)")
-    bar.set_ticks(list(levels[:: max(1, levels.size // 6)]))
-    bar.set_ticklabels([f"{cost_of(level):.3g}" for level in levels[:: max(1, levels.size // 6)]])
+    marks = colour_marks(shown.cost, levels)
+    bar.set_ticks([levels[place] for place, _ in marks])
+    bar.set_ticklabels([word for _, word in marks])
     axes.set_facecolor(GREY)

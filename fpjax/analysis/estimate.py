@@ -12,7 +12,6 @@ torque with the motion at t_k would be half a period wrong, and this error would
 import dataclasses
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -31,6 +30,7 @@ from ..logs.dynamics.derivative import Differentiator, measured_velocity, travel
 from ..logs.dynamics.friction_curve import FrictionCurve, friction_curve
 from ..logs.dynamics.nominal import fit_nominal
 from ..logs.dynamics.regression import fit_pairs
+from ..output.drawn import Drawn
 from ..output.json_object import JsonObject
 from .excitation import Excitation, assess_excitation
 
@@ -44,8 +44,11 @@ UNITS = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Estimated:
+class Estimated(Drawn):
     """An observer's estimates from a log.
+
+    `plot` draws the velocity and every estimate against time with the least-squares value, and friction against
+    velocity.
 
     Attributes:
         time: time of each estimate, the end of its control period [s], shape (samples - 1,).
@@ -134,20 +137,9 @@ class Estimated:
 
     __repr__ = __str__
 
-    def plot(self, path: str | Path | None = None) -> "Figure":
-        """The velocity and every estimate against time with the least-squares value, and friction against velocity.
-
-        Args:
-            path: picture file to write; None to write none.
-
-        Returns:
-            The matplotlib figure.
-
-        Raises:
-            InputError: where the file cannot be written.
-        """
+    def _figure(self) -> "Figure":
         from ..logs.dynamics.friction_picture import Law, draw_friction
-        from ..output.plotting import BLUE, GREEN, GREY, RED, new_figure, saved, style, thin
+        from ..output.plotting import BLUE, GREEN, GREY, RED, new_figure, style, thin
 
         laws = [
             Law(label, colour, values["coulomb"], values["viscous"], values.get("offset", 0.0), label != "observer")
@@ -181,7 +173,7 @@ class Estimated:
                 draw_friction(panel, self.friction, laws, linear=self.linear)
                 panel.set_ylabel(f"torque [{self.unit('coulomb')}],\ninertia and load taken off")
                 panel.legend(ncols=4, **beside)
-        return saved(figure, path)
+        return figure
 
 
 def estimate(

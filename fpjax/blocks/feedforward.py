@@ -18,9 +18,13 @@ class AbstractFeedforward(AbstractController):
 
     Attributes:
         controller: the wrapped controller, to whose output the torque is added.
+        ahead: whether the reference of the next sample is known when sampled.
+        following: the reference of the next sample; None where it is not known.
     """
 
     controller: eqx.AbstractVar[AbstractController]
+    ahead: eqx.AbstractVar[bool]
+    following: eqx.AbstractVar[Array | None]
 
     def __check_init__(self) -> None:
         for name, unit in (("inertia", "kg m^2"), ("coulomb", "N m"), ("viscous", "N m s/rad")):
@@ -31,6 +35,15 @@ class AbstractFeedforward(AbstractController):
     def _law(self) -> AbstractController:
         """The wrapped controller without its limit, which is applied to the sum instead."""
         return self.controller.unbounded() if self.controller.bounded else self.controller
+
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether the drive knows its reference one sample ahead."""
+        return self.ahead
+
+    def _wanted(self, reference: Array) -> Array:
+        """The reference to be reached by the end of the period: the next sample's where it is known."""
+        return reference if self.following is None else self.following
 
     def knowing(self, following: Array) -> "AbstractFeedforward":
         """The same feed-forward with the reference of the next sample set."""
@@ -115,14 +128,6 @@ class Feedforward(AbstractFeedforward):
         held = reference if self.following is None else 0.5 * (reference + wanted)
         torque = self._law().readout(inner, reference, measurement) + self.inertia * slope + self.viscous * held
         return self.limited(torque + self.coulomb * tanh(held / self.speed))
-
-    def _wanted(self, reference: Array) -> Array:
-        return reference if self.following is None else self.following
-
-    @property
-    def looks_ahead(self) -> bool:
-        """Whether the drive knows its reference one sample ahead."""
-        return self.ahead
 
     def follow(self, excess: Array) -> PyTree:
         """The wrapped controller's anti-windup; the lag of the reference needs none."""
@@ -224,14 +229,6 @@ class PositionFeedforward(AbstractFeedforward):
         rate = (self._wanted(reference) - late) / self.lag
         before = jnp.where(begun > 0.0, slow, rate)
         return rate, before, rate if self.following is None else 0.5 * (rate + before)
-
-    def _wanted(self, reference: Array) -> Array:
-        return reference if self.following is None else self.following
-
-    @property
-    def looks_ahead(self) -> bool:
-        """Whether the drive knows its reference one sample ahead."""
-        return self.ahead
 
     def follow(self, excess: Array) -> PyTree:
         """The cascade's anti-windup; the lags of the reference need none."""

@@ -2,11 +2,11 @@
 
 import dataclasses
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..output.drawn import Drawn
 from .margins import Margins, frequency_grid, margins
 from .state_space import StateSpace
 
@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True)
-class LinearLoop:
+class LinearLoop(Drawn):
     """A loop linearised at an operating point.
+
+    `plot` draws the Bode diagram of `ratio` with its margins, and the step response.
 
     Attributes:
         closed: the closed loop from "reference" and "disturbance" (a torque added to the command) to "velocity" and
@@ -77,15 +79,7 @@ class LinearLoop:
         """`closed` as `control.StateSpace` of python-control."""
         return self.closed.to_control()
 
-    def plot(self, path: str | Path | None = None) -> "Figure":
-        """Bode diagram of `ratio` with its margins, and the step response.
-
-        Args:
-            path: file to write; None for none.
-
-        Returns:
-            The matplotlib figure.
-        """
+    def _figure(self) -> "Figure":
         from .pictures import draw_linear
 
-        return draw_linear(self.ratio, self.margins(), self.step_response(), self.tracked, path)
+        return draw_linear(self.ratio, self.margins(), self.step_response(), self.tracked)

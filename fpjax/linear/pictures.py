@@ -1,12 +1,11 @@
 """The picture of a linear loop: Bode diagram with margins, step response."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..output.plotting import BLUE, GREY, RED, new_figure, saved, style
+from ..output.plotting import BLUE, GREY, RED, new_figure, style
 from .margins import Margins, frequency_grid
 from .state_space import StateSpace
 
@@ -16,7 +15,6 @@ def draw_linear(
     found: Margins,
     response: tuple[np.ndarray, np.ndarray],
     tracked: str,
-    path: str | Path | None = None,
 ) -> Figure:
     """Magnitude and phase of the return ratio, and the closed loop's step response.
 
@@ -25,7 +23,6 @@ def draw_linear(
         found: its margins.
         response: (time [s], tracked quantity), each of shape (samples,).
         tracked: name of the tracked quantity.
-        path: file to write; None for none.
     """
     centre = found.gain_crossing if math.isfinite(found.gain_crossing) else found.modulus_frequency
     grid = frequency_grid(ratio)
@@ -68,7 +65,7 @@ def draw_linear(
             step.step(*response, where="post", color=BLUE)
         step.axhline(1.0, color=GREY, linewidth=0.8, linestyle="--")
         step.set(xlabel="time [s]", ylabel=f"{tracked}, unit step")
-    return saved(figure, path)
+    return figure
 
 
 def _title(found: Margins) -> str:

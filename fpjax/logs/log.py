@@ -2,17 +2,23 @@
 
 import os
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+
+from ..output.drawn import Drawn
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Values = np.ndarray
 
 
 @dataclass(frozen=True)
-class Log:
+class Log(Drawn):
     """A recorded run of one machine: float64, SI units, one row per control period.
+
+    `plot` draws every column against time.
 
     Attributes:
         time: start of each control period [s], uniform, shape (samples,).
@@ -93,26 +99,14 @@ class Log:
         columns = {name: values for name, values in self.columns().items() if name != "time"}
         return to_frame(columns | {name: each for name, each in self.extra.items() if name not in columns}, self.time)
 
-    def plot(self, path: str | Path | None = None) -> Any:
-        """Every column against time.
-
-        Args:
-            path: picture file to write; None to write none.
-
-        Returns:
-            The matplotlib figure.
-
-        Raises:
-            InputError: where the file cannot be written.
-        """
-        from ..output.plotting import saved
+    def _figure(self) -> "Figure":
         from ..output.run_picture import columns_figure
 
         rate = f"{self.motion_unit}/s"
         units = {"position": self.motion_unit, "velocity": rate, "torque": self.torque_unit}
         units["reference"] = self.motion_unit if asks_for_a_position(self) else rate
         columns = {name: values for name, values in self.columns().items() if name != "time"}
-        return saved(columns_figure(self.time, columns, units, self.name), path)
+        return columns_figure(self.time, columns, units, self.name)
 
     def __str__(self) -> str:
         return (

@@ -2,8 +2,7 @@
 
 import os
 from enum import IntEnum
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -17,6 +16,7 @@ from ..blocks.references import AbstractReference
 from ..compiled.native import native
 from ..compiled.programs import jit_by
 from ..errors import DivergedError, InputError
+from ..output.drawn import Drawn
 from ..output.json_object import JsonObject
 from ..output.run_picture import About
 from .loop import ClosedLoop, LoopState
@@ -24,6 +24,9 @@ from .metrics import AbstractMeasure
 from .scan import Stepper, Stepping, make_inputs, make_stepper, roll
 from .solvers import AbstractPlantSolver
 from .stability import warn_if_stiff
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Bytes of a number, and the number of tables in every run: the time, and the reference at up to three solver nodes.
 BYTES, INPUTS = 8, 4
@@ -42,8 +45,10 @@ SENTENCES = {
 }
 
 
-class Run(eqx.Module):
+class Run(Drawn, eqx.Module):
     """The result of a simulation.
+
+    `plot` draws the recorded signals: reference and motion, error, torques, estimates with their true values.
 
     Attributes:
         time: [s], shape (samples,). All arrays are numpy's where a model was simulated, jax' where blocks were.
@@ -110,28 +115,16 @@ class Run(eqx.Module):
 
     __repr__ = __str__
 
-    def plot(self, path: str | Path | None = None) -> Any:
-        """The picture of the recorded signals: reference and motion, error, torques, estimates with their true values.
-
-        Args:
-            path: picture file to write; None to write none.
-
-        Returns:
-            The matplotlib figure.
-
-        Raises:
-            InputError: where nothing was recorded, or the file cannot be written.
-        """
+    def _figure(self) -> "Figure":
         if not self.signals:
             raise InputError(
                 'Nothing was recorded: give simulate record=("reference", "velocity", "torque"), or a model, which '
                 "records all."
             )
-        from ..output.plotting import saved
         from ..output.run_picture import run_figure
 
         signals = {name: np.asarray(values) for name, values in self.signals.items()}
-        return saved(run_figure(np.asarray(self.time), signals, self.about or About()), path)
+        return run_figure(np.asarray(self.time), signals, self.about or About())
 
     def to_dataframe(self) -> Any:
         """The recorded signals as a `pandas.DataFrame`, the time [s] as its index.
