@@ -1,4 +1,4 @@
-"""Diagnosis: the answer to a log, for a user: printed, plotted, reported."""
+"""Diagnosis: the answer for the user, which prints, plots and reports itself."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Diagnosis(Drawn, Answer):
         """The diagnosis with the fields of an answer.
 
         Args:
-            answer: what was found.
+            answer: the data of the diagnosis.
             changes: fields with another value, by name.
         """
         return cls(**{each.name: getattr(answer, each.name) for each in dataclasses.fields(answer)} | changes)
@@ -59,7 +59,7 @@ class Diagnosis(Drawn, Answer):
         Returns:
             The path of `report.html`.
         """
-        from .report import write_report  # likewise
+        from .report import write_report  # imports matplotlib too
 
         return write_report(self, path)
 

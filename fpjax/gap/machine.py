@@ -1,4 +1,4 @@
-"""Machine: the simulator's own blocks without the controller, as a recorded torque drives them."""
+"""Machine: the simulator's blocks without the controller, driven by the recorded torque (open loop)."""
 
 from typing import Literal
 
@@ -24,18 +24,20 @@ from ..errors import InputError
 
 Structure = Literal["rigid", "bristles", "transmission"]
 Feature = Literal["shape", "ripple", "torque"]  # Stribeck and drift; friction and torque that depend on the position
+# Groups of terms that are compiled into the loop only where an effect wants them: a term at its neutral value
+# changes nothing but costs its share of every step.
 FEATURES: tuple[Feature, ...] = ("shape", "ripple", "torque")
-NO_LIMIT = 1e30  # a torque limit that nothing reaches [N m]
+NO_LIMIT = 1e30  # a torque limit that is never reached [N m]; finite, so that no sum or product of it is NaN
 
 
 class Machine(eqx.Module):
-    """Plant, actuator and sensor: what stands between the commanded torque and the log.
+    """Actuator, plant and sensor: the path from the commanded torque to the readings in the log.
 
     Attributes:
         plant: `OneMass` under `GeneralFriction` or `Bristles`, or `Transmission`.
         actuator: every effect at its neutral value unless an effect has set it.
-        sensor: likewise.
-        origin: position [rad] at the log's start where no sensor tells it; neutral 0.
+        sensor: every effect at its neutral value, likewise.
+        origin: position [rad] at the log's start where no sensor measures it; neutral 0.
     """
 
     plant: OneMass | Transmission
@@ -74,15 +76,17 @@ def nominal_machine(
 
     Args:
         plant: one mass or two, under any friction law of the package.
-        actuator: of the nominal model; what it holds is known and stays.
-        sensor: likewise.
-        features: terms that an effect may want; those left out cost nothing.
+        actuator: of the nominal model; its values are taken as known.
+        sensor: of the nominal model, likewise.
+        features: groups of terms to have in the machine; those left out cost no time.
 
     Raises:
-        InputError: for a plant that cannot be driven by a recorded torque here.
+        InputError: for a plant other than one mass or two.
     """
     law, bristle = general_law(plant.friction)
     law = _with_features(law, features)
+    # An unbalance repeats once a revolution: one harmonic. Cogging may have any number of periods: it starts at six
+    # (three pole pairs) with two harmonics, and `cogging_periods` is fitted.
     extra = (_neutral_torque(1.0, 1), _neutral_torque(6.0, 2)) if "torque" in features else ()
     load = Loads((_known(plant.load), *extra))
     if isinstance(plant, TwoMass):
@@ -107,18 +111,20 @@ def nominal_machine(
 
 
 def with_structure(machine: Machine, structure: Structure, frequency: float, deflection: float) -> Machine:
-    """The same machine with room for bristles or a transmission, which then are no longer neutral.
+    """The machine with bristles or a transmission added, which have no neutral value.
 
     Args:
-        machine: of any structure; one that has more already is returned as it is.
+        machine: of any structure; returned as it is where it has that structure or a richer one.
         structure: the one wanted.
         frequency: free-free resonance [Hz] of a new transmission.
-        deflection: of new bristles [rad].
+        deflection: of new bristles at the Coulomb level [rad].
     """
     plant = machine.plant
     if structure == "bristles" and structure_of(machine) == "rigid":
         return eqx.tree_at(lambda at: at.plant.friction, machine, Bristles(machine.law, deflection))
     if structure == "transmission" and not isinstance(plant, Transmission):
+        # Two equal halves J / 2 on a spring c swing freely at w^2 = c (2 / J + 2 / J) = 4 c / J, so c = J w^2 / 4.
+        # The damping 0.1 c / w is a damping ratio of 0.05: d (4 / J) = 2 zeta w.
         stiffness = 0.25 * plant.inertia * (2.0 * jnp.pi * frequency) ** 2
         damping = 0.1 * stiffness / (2.0 * jnp.pi * frequency)
         body = Transmission(plant.inertia, 0.5, stiffness, damping, machine.law, 0.0, 0.5, plant.load)
@@ -127,21 +133,21 @@ def with_structure(machine: Machine, structure: Structure, frequency: float, def
 
 
 def general_law(law: AbstractFriction) -> tuple[GeneralFriction, Bristles | None]:
-    """(the law's general form without a steepness, its bristles or None).
+    """(the law as a `GeneralFriction` without a steepness, its bristles or None).
 
     Raises:
-        InputError: for a law that has no such form.
+        InputError: for a law that `GeneralFriction` does not contain.
     """
     general = law.general()
     bristles = general if isinstance(general, Bristles) else None
     inner = general.law if isinstance(general, Bristles) else general
     assert isinstance(inner, GeneralFriction)
-    # The diagnosis' solver sticks exactly.
+    # `advance_exact` sticks exactly: a sign function smoothed by a steepness would creep at rest instead.
     return eqx.tree_at(lambda at: at.steepness, inner, None, is_leaf=lambda leaf: leaf is None), bristles
 
 
 def _with_features(law: GeneralFriction, features: tuple[Feature, ...]) -> GeneralFriction:
-    """The law with neutral terms where a feature wants them; what the nominal model has already stays."""
+    """The law with a neutral term for each feature; terms that the nominal model has already stay."""
 
     def either(value: PyTree, feature: Feature, neutral: PyTree) -> PyTree:
         return neutral if feature in features and _absent(value) else value
@@ -164,14 +170,14 @@ def _absent(value: object) -> bool:
 
 
 def _known(load: AbstractLoad) -> AbstractLoad:
-    """The nominal model's load, without a sine where its amplitude is zero."""
+    """The nominal model's load; an unbalance of amplitude zero as a constant, which costs no sine in every step."""
     if isinstance(load, Unbalance) and not isinstance(load.amplitude, Tracer) and float(load.amplitude) == 0.0:
         return ConstantTorque(load.offset)
     return load
 
 
 def lanes(machine: Machine, count: int, dtype: DTypeLike = float) -> Machine:
-    """Every leaf as an array of `count` equal entries, one a lane."""
+    """The machine with every leaf repeated for `count` lanes: scalars become arrays of shape (count,)."""
     return jax.tree.map(lambda leaf: jnp.broadcast_to(jnp.asarray(leaf, dtype), (count,)), machine)
 
 

@@ -1,4 +1,4 @@
-"""diagnose: the whole way from a log and a nominal model to a `Diagnosis`."""
+"""diagnose: from a log and a nominal model to a `Diagnosis`."""
 
 import dataclasses
 import datetime
@@ -60,18 +60,18 @@ def diagnose(
     Args:
         log: a `fpjax.logs.Log`, a path, a mapping of arrays, or several of them (runs of one machine).
         model: the nominal model: a `fpjax.model_file.Model`, or the path or text of a servo.toml.
-        holdout: further logs that are scored and never fitted.
-        each: take the logs as separate machines.
+        holdout: further logs, on which models are scored but never fitted.
+        each: one diagnosis for each log, as for separate machines.
         effects: the vocabulary; append your own `Effect` to `fpjax.gap.EFFECTS`.
         progress: called with (name of the stage, share done [1]; an `fpjax.output.share.WorkDone`, with what is left).
-        keep: a file for what is fitted on the way, `fpjax.gap.fit.kept.Kept(path)`: an interrupted diagnosis of the
-            same input goes on with what it holds and ends with the same numbers. Its `discard` removes the file.
+        keep: a file for the fits made so far, `fpjax.gap.fit.kept.Kept(path)`: an interrupted diagnosis of the same
+            input resumes from it and ends with the same numbers. Its `discard` removes the file.
 
     Returns:
-        A `Diagnosis`; a tuple of them, one a log, with `each`.
+        A `Diagnosis`; with `each`, a tuple of one for each log.
 
     Raises:
-        InputError: for logs or a model that cannot be diagnosed, in one sentence.
+        InputError: for logs or a model that cannot be diagnosed; the message is one sentence that says why.
     """
     allowed = allowed_effects(effects)
     clock = StageClock(progress, COSTS)
@@ -83,7 +83,7 @@ def diagnose(
         raise InputError("keep holds one diagnosis: diagnose each log with a file of its own.")
     found = []
     try:
-        with double_precision():  # the model too: rounded to single precision it would be another one
+        with double_precision():  # reading the model too: rounded to single precision, its values would differ
             nominal = read_model(model)
             for group in [[one] for one in logs] if each else [logs]:
                 found.append(_diagnose(group, withheld, nominal, effects, allowed, clock, keep))
@@ -101,6 +101,7 @@ def _diagnose(
     started = datetime.datetime.now(datetime.UTC)
     clock("looking")
     if model.units.motion == "linear":
+        # The model decides the units of the answer (N, m/s); the numbers themselves are computed alike.
         logs, withheld = ([dataclasses.replace(one, linear=True) for one in some] for some in (logs, withheld))
     everything = [*logs, *withheld]
     warnings = [sentence for one in logs for sentence in one.warnings]
@@ -120,8 +121,8 @@ def _diagnose(
         ) from error
     made = provenance(everything, search.records, model, allowed, started)
     clock.done()
-    told = (*found.warnings, *about_noise(everything, found.gap.noise_floor, found.gap.unit))
-    return Diagnosis.of(found, seconds=clock.seconds, provenance=made, warnings=told)
+    warned = (*found.warnings, *about_noise(everything, found.gap.noise_floor, found.gap.unit))
+    return Diagnosis.of(found, seconds=clock.seconds, provenance=made, warnings=warned)
 
 
 def make_search(
@@ -131,20 +132,21 @@ def make_search(
     effects: tuple[Effect, ...] = EFFECTS,
     keep: Kept | None = None,
 ) -> Search:
-    """Everything that is fitted on one machine's logs; the nominal model alone has been.
+    """The search over one machine's logs, with the nominal model fitted and no effect tried yet.
 
     Args:
-        logs: fitted, in blocks where nothing else is withheld.
-        withheld: scored only.
+        logs: fitted; without `withheld`, blocks of their windows are kept out of the fits.
+        withheld: logs that are scored only.
         model: the nominal model.
         effects: the vocabulary.
-        keep: the file that keeps what is fitted; None to keep nothing.
+        keep: the file that stores fits; None to store none.
 
     Raises:
-        InputError: for logs that are too short, or do not go together.
+        InputError: for logs that are too short, or differ in period or columns.
     """
     records = make_records(logs, withheld, model.nominal["inertia"])
     if records[0].velocity is None:
+        # Without a fitted rate reading its bias, scale, lag and delay change no residual.
         effects = tuple(effect for effect in effects if not on_rate_sensor(effect))
     nominal = Nominal(model.loop.plant, model.loop.actuator, model.loop.sensor)
     arguments = records, nominal, effects, make_setting(records, model)
@@ -155,10 +157,10 @@ def make_search(
 
 
 def allowed_effects(effects: tuple[Effect, ...]) -> tuple[str, ...]:
-    """Names of the effects where they are not the whole vocabulary; () where they are, an effect of one's own or not.
+    """Names of the effects where some of `EFFECTS` are missing; () where all are there, with or without others.
 
     Raises:
-        InputError: for no effects at all, or what is none.
+        InputError: for no effects at all, or for objects that are no `Effect`.
     """
     wrong = [effect for effect in effects if not isinstance(effect, Effect)]
     if wrong:

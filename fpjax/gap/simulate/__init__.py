@@ -1,1 +1,1 @@
-"""Simulate: lanes of windows through the blocks."""
+"""Simulate: windows of a log through the blocks, many lanes at once."""

@@ -1,4 +1,8 @@
-"""Family: one compiled super-model, and the batches of lanes that run through it."""
+"""Family: one compiled loop that holds many effects, each neutral by its value, and the lanes that run through it.
+
+A model with two effects is the family's machine with the other effects at their neutral values, so that sets of
+effects need no compilation of their own: `fpjax diagnose` compiles a loop for a structure and a set of features only.
+"""
 
 from dataclasses import dataclass
 
@@ -22,12 +26,12 @@ from ..machine import FEATURES, Feature, Machine, Structure, nominal_machine, st
 from .replay import LANES, STATES, as_rows, residual_kernel
 
 Key = tuple[Structure, tuple[str, ...]]
-CHUNKS = 2  # of lanes that a thread should have at least: to ask it takes about a tenth of one
+CHUNKS = 2  # least chunks of lanes for a thread: starting one costs about a tenth of a chunk
 
 
 @dataclass(frozen=True)
 class Nominal:
-    """The model that the log is compared with.
+    """The blocks of the nominal model, which the log is compared with.
 
     Attributes:
         plant: of the model.
@@ -42,14 +46,14 @@ class Nominal:
 
 @dataclass(frozen=True)
 class Family:
-    """All effects that one structure and one set of terms can hold.
+    """All effects that one structure with one set of features can hold.
 
     Attributes:
         key: structure and features.
         machine: the nominal machine with every effect neutral.
-        effects: those that it can hold.
-        parameters: theirs, the nominal ones first.
-        known: parameters of effects that the nominal model has already, by name.
+        effects: those that it can hold, after a first one that holds the nominal values.
+        parameters: of these effects, each once, the nominal values first: the order of every vector.
+        known: values of the effects that the nominal model has already, by parameter name.
     """
 
     key: Key
@@ -64,7 +68,7 @@ class Family:
         return STATES[self.key[0]]
 
     def index(self, name: str) -> int:
-        """Place of a parameter in the vector."""
+        """Index of a parameter in the vector."""
         return [p.name for p in self.parameters].index(name)
 
     def neutral_values(self, setting: Setting) -> dict[str, float]:
@@ -72,16 +76,18 @@ class Family:
         return {p.name: float(v) for p, v in zip(self.parameters, self.neutral(setting), strict=True)}
 
     def neutral(self, setting: Setting) -> np.ndarray:
-        """The nominal model's vector, shape (parameters,): what it knows itself, and neutral values."""
+        """The nominal model's vector, shape (parameters,): its own values, and neutral ones for effects it lacks."""
         known = {**setting.nominal, **self.known}
         return np.array([known.get(p.name, p.neutral(setting)) for p in self.parameters])
 
 
 def make_family(key: Key, nominal: Nominal, effects: tuple[Effect, ...], setting: Setting) -> Family:
-    """The family of a structure and features; effects that need more are left out."""
+    """The family of a structure and features; effects that need another structure or feature are left out."""
     structure = key[0]
     features: tuple[Feature, ...] = tuple(feature for feature in FEATURES if feature in key[1])
     machine = nominal_machine(nominal.plant, nominal.actuator, nominal.sensor, features)
+    # The deflection is the neutral value of `bristle_deflection` (2 ms of travel at top speed), with which `_known`
+    # compares it. The resonance, a tenth of the sampling frequency, is replaced by the value of every candidate.
     machine = with_structure(machine, structure, 0.1 / setting.dt, 2e-3 * setting.speed)
     structure = structure_of(machine)
     fitting = tuple(e for e in effects if e.structure in ("rigid", structure) and set(e.features) <= set(features))
@@ -95,7 +101,7 @@ def make_family(key: Key, nominal: Nominal, effects: tuple[Effect, ...], setting
 
 
 def _known(effect: Effect, machine: Machine, setting: Setting) -> dict[str, float]:
-    """An effect's parameters in a machine that has it already; none in one that does not."""
+    """Values of an effect's parameters in a machine that has the effect; {} in one that does not."""
     leaves = {p: value for p in effect.parameters if p.path and (value := leaf(machine, p.path)) is not None}
     switches = {p: value for p, value in leaves.items() if p.name not in _SHAPES}
     if all(value == p.neutral(setting) for p, value in switches.items() if p not in NOMINAL):
@@ -103,7 +109,8 @@ def _known(effect: Effect, machine: Machine, setting: Setting) -> dict[str, floa
     return {p.name: value for p, value in leaves.items() if p not in NOMINAL}
 
 
-# They shape an effect whose size is another parameter, and mean nothing where that is zero.
+# Parameters of shape: the effect's size is another parameter, and where that is neutral, these have no influence and
+# do not show that the machine has the effect.
 _SHAPES = frozenset(
     {"stribeck_velocity", "stribeck_exponent", "bristle_exponent", "ripple_periods", "cogging_periods", "drift_time"}
 )
@@ -113,7 +120,7 @@ _BASE = Effect("nominal", NOMINAL, features=())
 
 
 def key_for(effects: tuple[Effect, ...]) -> Key:
-    """What a machine must have to hold these effects together, and no more: what is left out costs no time."""
+    """The least structure and features that hold these effects together; further terms would only cost time."""
     structures = {e.structure for e in effects} - {"rigid"}
     structure: Structure = "transmission" if "transmission" in structures else "bristles" if structures else "rigid"
     wanted = {feature for e in effects for feature in e.features}
@@ -123,13 +130,13 @@ def key_for(effects: tuple[Effect, ...]) -> Key:
 class Runner:
     """Runs lanes through a family's compiled loop.
 
-    The loop is compiled once for a family and the log's channels.
+    The loop is compiled once for each family and set of channels (rate, position or both).
 
     Args:
-        family: whose loop it is.
+        family: that the loop simulates.
         records: the logs.
-        tables: the same, as the loop reads them.
-        fine: in shorter steps, to see how much a step of finite length blurs.
+        tables: the records as the loop reads them.
+        fine: with shorter steps, to measure the integration error of the usual ones.
     """
 
     def __init__(self, family: Family, records: list[Record], tables: list[Tables], *, fine: bool = False):
@@ -147,12 +154,12 @@ class Runner:
     def run(
         self, which: int, vector: np.ndarray, states: np.ndarray, windows: dict[str, np.ndarray]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Simulated less measured, and what no sensor sees at the windows' ends.
+        """Residuals (simulated less measured) of windows, and the hidden states at their ends.
 
         Args:
             which: index of the record.
-            vector: (parameters, lanes).
-            states: (states, lanes).
+            vector: values of the family's parameters, shape (parameters, lanes).
+            states: deviations of the start values, shape (states, lanes); see `initial`.
             windows: the fields of `Windows`, each of shape (lanes,) (`hidden` (2, lanes)).
 
         Returns:
@@ -160,12 +167,16 @@ class Runner:
         """
         count = vector.shape[1]
         chunks = -(-count // LANES)
+        # Shape (chunks, LANES): a kernel takes exactly LANES, so copies of the last lane fill up the last chunk.
         padded = np.minimum(np.arange(chunks * LANES), count - 1).reshape(chunks, LANES)
+        # Shape (chunks, rows, LANES), copied so that each chunk lies in one piece of memory.
         rows = np.moveaxis(as_rows(vector, states, windows)[:, padded], 1, 0).copy()
         starts = windows["start"][padded]
         result, ends = np.empty((self.channels, self.samples, count)), np.zeros((2, count))
+        # JAX's settings (precision, default device) belong to a thread: every thread is given this one's.
         own, fixed = settings(), self.fixed[which]
         (device,) = jnp.zeros(()).devices()
+        # On a GPU one thread: its chunks queue on the device anyway.
         threads = max(1, min(cores(), chunks // CHUNKS)) if device.platform == "cpu" else 1
 
         def part(number: int) -> None:
@@ -184,12 +195,12 @@ def _store(result: np.ndarray, ends: np.ndarray, first: int, out: tuple[jax.Arra
 
 
 def window_fields(record: Record, windows: np.ndarray, hidden: np.ndarray) -> JsonObject:
-    """The fields of `Windows` for some windows of a record, each of shape (windows,).
+    """The fields of `Windows` for some windows of a record, each of shape (windows,), `hidden` (2, windows).
 
     Args:
         record: the log.
         windows: indices into its `starts`.
-        hidden: centre of the hidden states, shape (2, all windows).
+        hidden: estimates of the hidden states at the windows' starts, shape (2, all windows).
     """
     starts = record.starts[windows]
     return {

@@ -1,7 +1,9 @@
-"""Hidden states from what was measured: the motion is imposed, and only what no sensor sees is integrated.
+"""Observer: hidden states at the start of each window, integrated along the measured motion before it.
 
-A window that starts with the wrong bristle or the wrong side of the backlash is a window lost; the recorded past says
-which it is.
+The bristles' deflection, and the twist and relative speed of a transmission, are seen by no sensor. A window that
+starts with a wrong deflection, or at the wrong face of a backlash, fits badly to its end. So the measured motion is
+imposed on the mass that has the sensor, and only the hidden states are integrated through the past: nothing can
+diverge, and after some periods they depend on their own start no more.
 """
 
 import functools
@@ -25,12 +27,18 @@ from ..machine import Machine, Structure
 from .family import Family
 from .replay import LANES, SUBSTEPS, assembled, command_at, lane_kernel
 
-PAST = 384  # periods of the past that a hidden state is integrated over
-BLOCK = 4096  # samples: a whole log is run in lengths of so many
+PAST = 384  # periods of the past that a hidden state is integrated over; it forgets its start within them
+BLOCK = 4096  # samples: a whole log is padded to a multiple, so that few lengths are compiled
 
 
 class Observer:
-    """Integrates the hidden states of a family up to the start of each window."""
+    """Integrates the hidden states of a family up to the start of each window.
+
+    Args:
+        family: with bristles or a transmission.
+        records: the logs.
+        tables: the records as the loops read them.
+    """
 
     def __init__(self, family: Family, records: list[Record], tables: list[PyTree]):
         self.family, self.records, self.tables = family, records, tables
@@ -48,11 +56,15 @@ class Observer:
         Args:
             vectors: parameters of the lanes, (parameters, lanes).
             which: index of the record.
-            windows: of the lanes, (lanes,).
+            windows: the window of each lane, an index into the record's `starts`, (lanes,).
+
+        Returns:
+            As `Windows.hidden`; zero where the integration was not finite.
         """
         record = self.records[which]
         starts = record.starts[windows]
         count = len(starts)
+        # Shape (PAST + 1, lanes); before the log's start its first sample is repeated, as if the machine had rested.
         past = np.maximum(starts[None, :] - PAST + np.arange(PAST + 1)[:, None], 0)
         angle, speed = record.angle[past], record.speed[past]
         found = np.empty((2, count))
@@ -71,7 +83,7 @@ class Observer:
         return np.where(np.isfinite(found), found, 0.0)
 
     def shafts(self, vectors: np.ndarray, which: int) -> np.ndarray:
-        """What the shaft of a transmission asks of a motor that moves as measured [N m], shape (samples - 1, lanes).
+        """Torque of a transmission's shaft on a motor that moves as measured [N m], shape (samples - 1, lanes).
 
         Args:
             vectors: parameters of at most `LANES` lanes, (parameters, lanes).
@@ -79,7 +91,7 @@ class Observer:
         """
         record, count = self.records[which], vectors.shape[1]
         samples = len(record.time)
-        # Whole blocks: a log of another length then runs what is compiled already.
+        # Whole blocks: a log of another length then runs the loop that is compiled already.
         index = np.minimum(np.arange(-(-samples // BLOCK) * BLOCK), samples - 1)
         lanes = np.minimum(np.arange(LANES), count - 1)
         with double_precision():
@@ -126,13 +138,14 @@ def _bristles(machine: Machine, angle: Array, speed: Array, past: Array, tables:
     def step(share: Array, travel: Array) -> tuple[Array, None]:
         return bristles.advance(share, travel), None
 
+    # Bristles know only how far the surfaces moved: the reading less the error of its scale, from relaxed bristles on.
     scaled = jnp.diff(angle, axis=0) / machine.sensor.scale[None]
     share, _ = jax.lax.scan(step, jnp.zeros_like(angle[0]), scaled)
     return share, jnp.zeros_like(share)
 
 
 def _transmission(machine: Machine, angle: Array, speed: Array, past: Array, tables: PyTree) -> tuple[Array, Array]:
-    """Twist [rad] and relative speed [rad/s], motor less load."""
+    """(twist [rad], relative speed [rad/s]) at the last sample, motor less load whichever of them is measured."""
     position, velocity, _ = _driven(machine, angle, speed, past, tables, lambda mean: None)
     sign = jnp.where(machine.sensor.load_side > 0.5, 1.0, -1.0)
     return sign * (position - angle[-1]), sign * (velocity - speed[-1])
@@ -141,7 +154,7 @@ def _transmission(machine: Machine, angle: Array, speed: Array, past: Array, tab
 def _driven(
     machine: Machine, angle: Array, speed: Array, past: Array, tables: PyTree, keep: Callable[[Array], PyTree]
 ) -> tuple[Array, Array, PyTree]:
-    """The hidden mass of a transmission whose other mass moves as it was measured.
+    """Simulate the unmeasured mass of a transmission whose other mass moves as it was measured.
 
     Args:
         machine: of the lanes.
@@ -149,16 +162,17 @@ def _driven(
         speed: likewise [rad/s].
         past: index of each sample in the log, (samples, lanes).
         tables: the log.
-        keep: what is kept of the shaft's mean torque over each period [N m].
+        keep: maps the shaft's mean torque over a period [N m] to what is returned of it; None to return nothing.
 
     Returns:
-        (position [rad], velocity [rad/s] of the hidden mass at the last sample, what was kept of every period).
+        (position [rad] and velocity [rad/s] of the unmeasured mass at the last sample, what `keep` gave by period).
     """
     plant = machine.plant
     assert isinstance(plant, Transmission)
     law, on_load = plant.friction, machine.sensor.load_side > 0.5
     substeps = SUBSTEPS["transmission"]
     h = tables.dt / substeps
+    # With the sensor on the load, the motor is simulated, and the other way round.
     inertia = jnp.where(on_load, plant.motor_inertia, plant.load_inertia)
     share = jnp.where(on_load, 1.0 - plant.friction_share, plant.friction_share)
     half = 0.5 * plant.gap
@@ -170,13 +184,16 @@ def _driven(
     gain, delay, offset = actuator.gain, actuator.delay, actuator.offset
 
     def period(carry: tuple[Array, Array], row: tuple[Array, ...]) -> tuple[tuple[Array, Array], PyTree]:
-        position, velocity = carry  # of the hidden mass
+        position, velocity = carry  # of the unmeasured mass
         seen, after, rate, rate_after, index = row
         command = command_at(tables, index, delay)
+        # The command acts on the motor; a simulated load is driven by the shaft alone.
         plain = jnp.where(on_load, gain * command + offset, 0.0)
         mean = jnp.zeros_like(position)
         for k in range(substeps):
             middle = (k + 0.5) / substeps
+            # The measured mass at the middle of the substep, on a line between its readings. The simulated one drifts
+            # half a step, changes speed by the torques there, and drifts the other half (leapfrog).
             place, moving = seen + middle * (after - seen), rate + middle * (rate_after - rate)
             position = position + 0.5 * h * velocity
             sign = jnp.where(on_load, 1.0, -1.0)
@@ -189,7 +206,9 @@ def _driven(
             position = position + 0.5 * h * velocity
         return (position, velocity), keep(mean)
 
+    # Row k: both ends of period k, and the index of its command in the padded tables.
     rows = (angle[:-1], angle[1:], speed[:-1], speed[1:], past[:-1] + TAPS)
+    # Start at the face that a steady motion presses on: the motor ahead of the load by half the clearance.
     side = jnp.sign(speed[0]) * jnp.where(on_load, 1.0, -1.0) * half
     (position, velocity), kept = jax.lax.scan(period, (angle[0] + side, speed[0]), rows)
     return position, velocity, kept

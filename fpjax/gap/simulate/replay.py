@@ -1,10 +1,10 @@
 """Replay: a recorded torque through the blocks, in windows, with the sensitivities that a fit needs.
 
-All windows of all candidates, and every small change of a parameter that a Jacobian needs, are lanes of one
-compiled loop:
-a lane has its own parameters and its own window, `LANES` of them run at once in double precision. (Forward-mode
-tangents of
-the super-model were measured: 1.6 times slower than a lane for each change, and five times longer to compile.)
+A log is simulated in windows, each from start values of its own (multiple shooting), so that an error does not grow
+over the whole log. All windows of all candidates, and every small change of a parameter that a Jacobian needs, are
+lanes of one compiled loop: a lane has its own parameters and its own window, and `LANES` of them run at once in double
+precision. (Forward-mode tangents were measured instead of differences: 1.6 times slower than a lane for each change,
+and five times longer to compile.)
 """
 
 import functools
@@ -25,27 +25,29 @@ from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, EffectParameter
 from ..machine import Machine, Structure, lanes, structure_of
 
-LANES = 64
+LANES = 64  # run by one call: the fastest chunk in double precision on a core, smaller ones waste its vectors
+# Start values of a window: rate and position; the bristles' deflection; the twist and the relative speed.
 STATES: dict[Structure, int] = {"rigid": 2, "bristles": 3, "transmission": 4}
+# Integration steps in a control period: bristles and shafts are stiffer than a rigid mass.
 SUBSTEPS: dict[Structure, int] = {"rigid": 1, "bristles": 2, "transmission": 4}
-FINER = 3  # times as many, to see how much a step of finite length blurs
+FINER = 3  # times as many substeps, to measure the integration error
 WORST = 1e8  # a residual of more standard deviations counts as this many: a diverged lane must not overflow
 
 
 class Windows(eqx.Module):
-    """Where the lanes' windows lie, and what is known of the machine's state there; every field of shape (lanes,).
+    """Where the lanes' windows lie, and estimates of the machine's state there; every field of shape (lanes,).
 
     Attributes:
         start: index of the first sample in `Tables`.
-        time: of it [s].
-        velocity: smoothed reading [rad/s].
+        time: of that sample, from the log's start [s].
+        velocity: smoothed reading there [rad/s].
         slope: its rate of change [rad/s^2].
-        position: of the start [rad]; measured or integrated.
-        hidden: centre of the hidden states (share of the bristles; twist [rad] and relative speed [rad/s]), two of
-            them.
+        position: there [rad]; measured or integrated.
+        hidden: estimates of two hidden states: of bristles, their deflection over that at sliding [1], and 0; of a
+            transmission, the twist [rad] and the relative speed [rad/s].
         integrated: 1 where the position is the integral of the velocity reading, 0 where it is measured.
 
-    Lanes reach a kernel as one array of rows: an argument costs as much as a hundred lane-steps.
+    Lanes reach a kernel as one array of rows, since each argument of a call costs as much as a hundred lane-steps.
     """
 
     start: Array
@@ -61,11 +63,11 @@ class Windows(eqx.Module):
 
 
 def as_rows(vector: np.ndarray, states: np.ndarray, fields: dict[str, PyTree]) -> np.ndarray:
-    """Everything of the lanes but their `start`, shape (rows, lanes).
+    """The lanes as one array, without their `start` (an integer), shape (rows, lanes).
 
     Args:
-        vector: (parameters, lanes).
-        states: (states, lanes).
+        vector: parameters, (parameters, lanes).
+        states: start values, (states, lanes).
         fields: of `Windows`, each of shape (lanes,), but `hidden` of (2, lanes).
     """
     return np.concatenate([vector, states, fields["hidden"], *(fields[name][None] for name in Windows.ROWS)])
@@ -90,10 +92,10 @@ def lane_kernel(run: Callable[..., PyTree], fixed: PyTree) -> Callable[..., PyTr
     """`run(fixed, *lanes)`, compiled for `LANES` lanes at once.
 
     Args:
-        run: a function of what stays from call to call, a pytree, and of the lanes.
-        fixed: the structure of what stays. It is passed as its leaves: taking blocks apart takes as long as a window.
+        run: a function of a pytree that stays from call to call, and of the lanes.
+        fixed: the structure of that pytree. It is passed as its leaves: flattening blocks takes as long as a window.
 
-    A step has so much to compute that one kernel (`fpjax.native`) is no faster here; wide vectors are, by a fifth.
+    512 bit vectors are a fifth faster; one native kernel (`fpjax.native`) is not, since a step computes so much here.
     """
 
     def flat(leaves: list[Array], *lanes: Array) -> PyTree:
@@ -106,7 +108,7 @@ def lane_kernel(run: Callable[..., PyTree], fixed: PyTree) -> Callable[..., PyTr
 def assembled(
     nominal: Machine, effects: tuple[Effect, ...], parameters: tuple[EffectParameter, ...], vector: Array
 ) -> Machine:
-    """The nominal machine with every effect in, from a parameter vector of shape (parameters, lanes)."""
+    """The nominal machine with every effect set from a vector of shape (parameters, lanes)."""
     values = {p.name: vector[index] for index, p in enumerate(parameters)}
     machine = lanes(nominal, vector.shape[1])
     for effect in effects:
@@ -120,19 +122,22 @@ def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -
     Args:
         machine: of the lanes.
         windows: of the lanes.
-        states: what is free, as deviations from what is known: reading [rad/s], position [rad], hidden ones;
-            (states, lanes).
+        states: deviations of the start values from the estimates in `windows`, fitted by the caller: reading [rad/s],
+            position [rad], hidden states; (states, lanes).
         tables: the log.
     """
     sensor, actuator = machine.sensor, machine.actuator
+    # The sensor's model backwards: a reading lags by `late`, to first order in it, and has a scale and a bias.
     late = sensor.lag + sensor.delay
     rate = (windows.velocity + states[0] + late * windows.slope - sensor.bias) / sensor.scale
+    # An integrated position has the integral of the bias in it, over the time since the log's start.
     drift = windows.integrated * ((windows.position - sensor.bias * windows.time) / sensor.scale - windows.position)
     position = windows.position + drift + windows.integrated * machine.origin + states[1]
     structure = structure_of(machine)
     if structure == "transmission":
         side = sensor.load_side
         twist, relative = windows.hidden[0] + states[2], windows.hidden[1] + states[3]
+        # `rate` and `position` are those of the measured side; on the load, the motor is ahead of it by the twist.
         motor_rate, motor_position = rate + side * relative, position + side * twist
         plant: PyTree = TwoMassState(motor_rate, motor_position, motor_rate - relative, motor_position - twist, ())
     elif structure == "bristles":
@@ -142,7 +147,10 @@ def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -
     assert actuator.lag is not None  # a machine of the diagnosis has every part
     assert actuator.delay is not None
     delay = actuator.delay
+    # The first-order lag's state is the sum of the TAPS commands before, weighted by powers of `decay`; without a lag
+    # the weight of the last one is 1.
     decay = jnp.exp(-tables.dt / jnp.maximum(actuator.lag, 1e-6 * tables.dt))
+    # Without lag and delay, which the sum below stands for: gain and dead zone shape every past command.
     plain = eqx.tree_at(lambda at: (at.lag, at.delay), actuator, (None, None), is_leaf=lambda leaf: leaf is None)
     still = Motion(jnp.zeros_like(rate), jnp.zeros_like(rate), jnp.zeros_like(rate))
 
@@ -154,15 +162,20 @@ def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -
     # A loop, not 128 copies: the copies were most of what there was to compile.
     taps = jnp.arange(TAPS, dtype=windows.start.dtype)
     (lagged, _), _ = jax.lax.scan(tap, (jnp.zeros_like(rate), 1.0 - decay), taps)
+    # The offset acts behind the lag, so it is no part of the lag's state.
     offset = jnp.zeros_like(rate) if actuator.offset is None else actuator.offset
+    # The lagged rate: dead time taken out of the reading, lag left in.
     reading = (windows.velocity + states[0] - sensor.bias) / sensor.scale + sensor.delay * windows.slope
     return plant, lagged - offset, reading
 
 
 def command_at(tables: Tables, index: Array, delay: Array) -> Array:
-    """The mean command [N m] over the period of that index after a dead time [s]; exact for a held command."""
+    """The mean torque [N m] that acts over the period `index` when held commands arrive after a dead time [s].
+
+    A dead time of 2.3 periods makes it 0.7 of the command two periods before and 0.3 of that three before.
+    """
     periods = delay / tables.dt
-    whole = jax.lax.stop_gradient(jnp.floor(periods))
+    whole = jax.lax.stop_gradient(jnp.floor(periods))  # the fraction alone carries a derivative
     first = jnp.maximum(index - whole.astype(index.dtype), 0)
     fraction = periods - whole
     return tables.torque[first] + fraction * (tables.torque[jnp.maximum(first - 1, 0)] - tables.torque[first])
@@ -171,8 +184,12 @@ def command_at(tables: Tables, index: Array, delay: Array) -> Array:
 class Carry(eqx.Module):
     """State of a lane.
 
-    The plant's, the lagged torque [N m], the lagged rate now and one period ago [rad/s], and by how much the guide has
-    turned the masses (speed [rad/s], angle [rad]).
+    Attributes:
+        plant: state of the plant, guided.
+        torque: state of the actuator's lag [N m].
+        lagged: state of the sensor's lag [rad/s].
+        lagged_before: that one period ago, for a fractional dead time of the sensor [rad/s].
+        guided: (speed [rad/s], angle [rad]) that the guide has added to the masses so far.
     """
 
     plant: PyTree
@@ -193,7 +210,19 @@ def begin(machine: Machine, windows: Windows, states: Array, tables: Tables) -> 
 def advance(
     machine: Machine, carry: Carry, windows: Windows, tables: Tables, index: Array, fine: bool = False
 ) -> tuple[Carry, tuple[Array, Array]]:
-    """One control period: (next carry, (predicted reading [rad/s], predicted position [rad]))."""
+    """One control period: (next carry, (predicted reading [rad/s], predicted position [rad])).
+
+    The sensors are read first, then the plant moves under the command of this period, as in the closed loop. The
+    predictions are those without the guide: what it has added to speed and angle is taken off (`fpjax.gap.fit.guide`).
+
+    Args:
+        machine: of the lanes.
+        carry: state of the lanes.
+        windows: of the lanes.
+        tables: the log.
+        index: of the period in the windows, a scalar.
+        fine: with shorter integration steps.
+    """
     structure = structure_of(machine)
     substeps = (FINER if fine else 1) * SUBSTEPS[structure]
     at = windows.start + index
@@ -203,20 +232,25 @@ def advance(
     output = output_of(state)
     guided_rate, guided_angle = sensor.seen(output)
     rate, angle = guided_rate - carry.guided[0], guided_angle - carry.guided[1]
+    # The fraction of a period of the sensor's dead time is interpolated; `residuals` shifts by the whole periods.
     late = carry.lagged + _fraction(sensor.delay, tables.dt) * (carry.lagged_before - carry.lagged)
     predicted = (sensor.reading(late), angle)
     assert machine.actuator.delay is not None
     command = command_at(tables, at, machine.actuator.delay)
     half = 0.5 * tables.dt
+    # Cogging and other torques of the position act with the position and time at the middle of the period.
     motion = Motion(output.motor_velocity, output.motor_position + half * output.motor_velocity, time + half)
+    # Its dead time is in `command` already.
     actuator = eqx.tree_at(lambda block: block.delay, machine.actuator, None, is_leaf=lambda leaf: leaf is None)
     after, applied = actuator.step(ActuatorState(carry.torque, ()), command, motion, tables.dt)
     following = advance_exact(machine.plant, state, applied, time, tables.dt, substeps)
     guide = tables.guide
+    # The guide's acceleration [rad/s^2], constant over the period.
     turning = guide.stiffness * (guide.angle[at] - guided_angle)
     turning = turning + guide.damping * (guide.speed[at] - sensor.reading(guided_rate))
     faster, further = tables.dt * turning, half * tables.dt * turning
     following = _turned(following, faster, further)
+    # The sum of its double integration, exact for a constant acceleration in each period.
     guided = (carry.guided[0] + faster, carry.guided[1] + tables.dt * carry.guided[0] + further)
     rate_after = sensor.seen(output_of(following))[0] - guided[0]
     lagged = sensor.follow(carry.lagged, rate, rate_after, tables.dt)
@@ -225,7 +259,7 @@ def advance(
 
 
 def _turned(state: PyTree, faster: Array, further: Array) -> PyTree:
-    """A plant's state, its masses all moved alike."""
+    """A plant's state with the same speed [rad/s] and angle [rad] added to each mass: twist and relative speed stay."""
     if isinstance(state, TwoMassState):
         return TwoMassState(
             state.motor_velocity + faster, state.motor_position + further,
@@ -237,7 +271,10 @@ def _turned(state: PyTree, faster: Array, further: Array) -> PyTree:
 def residuals(
     predicted: tuple[Array, Array], machine: Machine, windows: Windows, tables: Tables, index: Array
 ) -> tuple[Array, Array]:
-    """What was predicted less what was read, in standard deviations; a dead time of the sensor reads later samples."""
+    """Prediction less reading, in standard deviations of the sensors, each of shape (lanes,).
+
+    A sensor with a dead time shows the rate in a later sample: the prediction is compared with that one.
+    """
     at = windows.start + index
     whole = jax.lax.stop_gradient(jnp.floor(machine.sensor.delay / tables.dt)).astype(at.dtype)
     later = jnp.minimum(at + whole, tables.velocity.shape[0] - 1)
@@ -255,13 +292,13 @@ def residual_kernel(
     fine: bool,
     fixed: PyTree,
 ) -> Callable[[list[Array], Array, Array, Array | np.integer], tuple[Array, Array]]:
-    """The compiled loop: (leaves, rows, start, samples) -> residuals; the same one for every log and model alike.
+    """The compiled loop: (leaves, rows, start, samples) -> residuals; logs and models of one structure share it.
 
     Args:
-        effects: all effects of the super-model.
+        effects: all effects of the family.
         parameters: their parameters, in the order of the vector.
-        longest: window [samples] that there is room for. How long one is, is an argument: were it compiled in, every
-            log of a new length or rate would wait for all loops to be compiled again.
+        longest: length of the result's buffer [samples]. The window's own length is an argument of the function: were
+            it compiled in, a log of a new length or rate would wait for all loops to be compiled again.
         channels: whether (velocity, position) is in the log.
         fine: with shorter steps.
         fixed: structure of (nominal machine, tables).
@@ -294,7 +331,7 @@ def residual_kernel(
 
 
 def hidden_of(state: PyTree) -> Array:
-    """What no sensor sees of a plant's state, as `Windows.hidden` has it: shape (2, lanes), else zero."""
+    """The hidden states of a plant, as in `Windows.hidden`, shape (2, lanes); zero for a rigid one."""
     if isinstance(state, TwoMassState):
         return jnp.stack([state.motor_position - state.load_position, state.motor_velocity - state.load_velocity])
     nothing = jnp.zeros_like(state.velocity)
@@ -303,7 +340,7 @@ def hidden_of(state: PyTree) -> Array:
 
 
 def output_of(state: PyTree) -> PlantOutput:
-    """Both sides' velocities and positions; those of one mass are the same."""
+    """Velocities and positions of load and motor; equal for one mass."""
     if isinstance(state, TwoMassState):
         return PlantOutput(
             state.load_velocity, state.load_position, state.motor_velocity, state.motor_position, state.load_velocity
@@ -312,5 +349,6 @@ def output_of(state: PyTree) -> PlantOutput:
 
 
 def _fraction(delay: Array, dt: Array) -> Array:
+    """Fraction of a period [1] in a delay [s]."""
     periods = delay / dt
     return periods - jax.lax.stop_gradient(jnp.floor(periods))
