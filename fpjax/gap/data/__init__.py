@@ -1,1 +1,1 @@
-"""Data: logs cut into windows, with what their sensors resolve."""
+"""Data: logs cut into windows, with the noise and the resolution of their sensors."""

@@ -1,4 +1,4 @@
-"""Channel: one sensor's column with its noise, its rounding step, and how many readings it really holds."""
+"""Channel: one sensor's column with its noise, its rounding step and its number of independent readings."""
 
 from dataclasses import dataclass, replace
 
@@ -11,7 +11,7 @@ Values = np.ndarray
 
 @dataclass(frozen=True)
 class Channel:
-    """What one sensor's column is like.
+    """One sensor's column, its noise and its rounding.
 
     Attributes:
         values: float64, shape (samples,).
@@ -26,11 +26,16 @@ class Channel:
     def runs(self, starts: Values, samples: int) -> Values:
         """Samples per distinct reading in each window [1], shape (windows,).
 
-        Rounding is white noise only while the signal crosses about one count a sample. Below that a run of equal
-        readings is one reading: `n` samples of it hold what one holds, so that each has `n` times the variance.
+        Rounding is white noise only while the signal crosses about one count a sample. In slower motion a run of `n`
+        equal readings has the information of one reading, so each of its samples gets `n` times the variance.
+
+        Args:
+            starts: first sample of each window, shape (windows,).
+            samples: length of a window.
         """
         if self.step == 0.0:
             return np.ones(len(starts))
+        # Number of changes up to each sample, shape (samples,); half a step, so that float noise is no change.
         changed = np.concatenate([[0], np.cumsum(np.abs(np.diff(self.values)) > 0.5 * self.step)])
         last = np.minimum(starts + samples - 1, len(changed) - 1)
         distinct = changed[last] - changed[starts] + 1
@@ -39,7 +44,7 @@ class Channel:
 
 
 def make_channel(values: Values) -> Channel:
-    """The column as it is, shape (samples,)."""
+    """A channel of a column of shape (samples,), its noise and its rounding estimated from it."""
     values = np.asarray(values, float)
     step = rounding_step(values)
     return Channel(values, noise_level(values, step), step)

@@ -1,4 +1,4 @@
-"""Inputs: logs and model as they are given, read and looked at before anything is fitted."""
+"""Inputs: logs and model are read and checked before anything is fitted."""
 
 import dataclasses
 import os
@@ -13,9 +13,9 @@ from ...logs.dynamics.nominal import speed_of
 from ...model_file import Model, ModelSource, load_model
 from .setting import turns_with_position
 
-SAME_PERIOD = 1e-3  # relative
-UNIFORM = 0.02  # of the speed: a machine whose speed varies by less shows no effect apart from another
-MOST_ROWS = 400_000  # a longer log is judged by its middle
+SAME_PERIOD = 1e-3  # relative difference of control periods that counts as none
+UNIFORM = 0.02  # of the rms speed: in a log whose speed varies by less, no effect is distinguishable from another
+MOST_ROWS = 400_000  # samples that `_check_drive` reads, from the middle of the log: numerical derivatives take time
 
 
 def read_logs(logs: LogSource | Sequence[LogSource] | None) -> list[Log]:
@@ -36,9 +36,10 @@ def look_at(logs: Sequence[Log], model: Model) -> list[str]:
     """Warnings about the logs.
 
     Raises:
-        InputError: for a log that nothing can be computed from.
+        InputError: for a log that cannot be diagnosed.
     """
-    # A load that turns with the position looks like an inertia to a regression without it.
+    # The check of the model's numbers is a regression on acceleration, direction and speed. A load that turns with the
+    # position would look like an inertia to it, so such a model is not checked.
     numbers = None
     if not turns_with_position(model.loop.plant.load):
         inertia, coulomb, viscous = (model.nominal.get(name, 0.0) for name in ("inertia", "coulomb", "viscous"))
@@ -59,10 +60,10 @@ def look_at(logs: Sequence[Log], model: Model) -> list[str]:
 
 
 def _check_drive(log: Log, unit: str) -> None:
-    """Refuse a log that drives no simulation, or in which one speed is all that there is.
+    """Refuse a log without torque, or with one speed throughout.
 
     Raises:
-        InputError: in one sentence.
+        InputError: for such a log.
     """
     if not np.any(log.torque):
         raise InputError(
@@ -83,11 +84,11 @@ def _check_drive(log: Log, unit: str) -> None:
 
 
 def about_noise(logs: Sequence[Log], floor: float, unit: str) -> list[str]:
-    """A sentence where the sensors' noise hides every torque that the command could have made.
+    """A warning where the sensors' noise hides even a missing torque as large as the command; else [].
 
     Args:
         logs: fitted and withheld.
-        floor: missing torque that noise alone would show, in `unit`.
+        floor: missing torque that noise alone would give, in `unit`.
         unit: of the torque.
     """
     size = float(np.sqrt(np.mean(np.concatenate([np.square(log.torque) for log in logs]))))
@@ -95,5 +96,5 @@ def about_noise(logs: Sequence[Log], floor: float, unit: str) -> list[str]:
         return []
     return [
         f"The sensors' noise hides any missing torque below {floor:.3g} {unit}, and the commanded torque is {size:.3g} "
-        f"{unit} rms: this log cannot show a gap, and that none was found says nothing; move more, or measure better."
+        f"{unit} rms: this log cannot show a gap, so finding none proves nothing; move faster, or use a better sensor."
     ]

@@ -1,4 +1,7 @@
-"""Motion: speed, acceleration and angle of a log by local quadratics; start values of the windows, never a residual."""
+"""Motion: speed, acceleration and angle of a log by local quadratics (Savitzky-Golay filters).
+
+They give the windows' start values and sizes for bounds. Residuals are formed with the readings themselves.
+"""
 
 import numpy as np
 
@@ -7,7 +10,9 @@ from .channel import Channel
 
 Values = np.ndarray
 HALVES = (2, 3, 4, 6, 9, 13, 19, 28, 40)  # samples on either side of a local quadratic
-QUIET_SPEED = 0.01  # noise of the speed, of the top speed, from which a wider quadratic rounds more than it calms
+# Noise of the speed over the top speed [1] that is small enough: a wider quadratic would round the corners of reversals
+# more than it takes of the noise.
+QUIET_SPEED = 0.01
 
 
 def motion(velocity: Channel | None, position: Channel | None, dt: float) -> tuple[Values, Values, Values, float]:
@@ -19,6 +24,7 @@ def motion(velocity: Channel | None, position: Channel | None, dt: float) -> tup
         dt: control period [s].
     """
     if velocity is not None:
+        # A rounded rate needs a wider fit, in which steps average out.
         half = 5 if velocity.step == 0 else 10
         speed, slope = smoothed(velocity.values, half)
         deviation = velocity.noise
@@ -32,7 +38,7 @@ def motion(velocity: Channel | None, position: Channel | None, dt: float) -> tup
         angle = smoothed(position.values, 5)[0] if velocity is not None else smoothed(position.values, half)[0]
     else:
         assert velocity is not None
-        # The exact integral of a line between samples; it starts at zero because nothing says where it starts.
+        # The exact integral of straight lines between the samples; no sensor measures where it starts, so at zero.
         angle = np.concatenate([[0.0], np.cumsum(0.5 * dt * (velocity.values[1:] + velocity.values[:-1]))])
     return speed, slope / dt, angle, deviation
 
@@ -44,7 +50,7 @@ def smoothed(values: Values, half: int) -> tuple[Values, Values]:
 
 
 def _half(position: Channel) -> int:
-    """The narrowest quadratic whose slope is quiet beside the fastest travel: corners of reversals are to stay."""
+    """Half width [samples] of the narrowest quadratic whose slope has little noise, which rounds reversals least."""
     for half in HALVES:
         slope = smoothed(position.values, half)[1]
         if _slope_noise(position, half) < QUIET_SPEED * float(np.quantile(np.abs(slope), 0.95)):
@@ -53,4 +59,5 @@ def _half(position: Channel) -> int:
 
 
 def _slope_noise(position: Channel, half: int) -> float:
+    """Standard deviation of the fitted slope [rad per sample]: sigma / sqrt(sum k^2), of white noise."""
     return position.noise / float(np.sqrt(np.sum(np.arange(-half, half + 1.0) ** 2)))

@@ -16,18 +16,18 @@ from .motion import motion
 from .split import every_fourth
 from .tables import TAPS, Guide, Tables
 
-SECONDS = (0.5, 1.0)  # least and most of a window: about the time from one reversal to the next
-RESOLVED = 0.02  # of the torque's rms: the standard deviation of a constant torque over one window
-TURNING = 0.05  # of the top speed: slower than this has no direction
-SHORTEST, LONGEST = 64, (512, 1024)  # samples of a window; with and without a rate sensor
+SECONDS = (0.5, 1.0)  # bounds of a window's length [s], within which it is the mean time between two reversals
+RESOLVED = 0.02  # of the torque's rms: standard deviation with which a window should resolve a constant torque
+TURNING = 0.05  # of the top speed: below it a sign of the speed is noise and counts as no direction
+SHORTEST, LONGEST = 64, (512, 1024)  # samples of a window; the most with and without a rate sensor
 FEWEST = 8  # windows that a log is cut into at least
-MOST = 48_000  # samples that are simulated; of a longer log, stretches spread over what moves
-STRETCHES = 8  # of a longer log: a few seconds each at 1 kHz, long enough for the memory of friction and for a loop
+MOST = 48_000  # samples of all logs that are simulated; of longer ones, stretches in which the machine moves
+STRETCHES = 8  # of a longer log: six seconds each at 1 kHz, longer than friction's memory and a period of a loop
 LEAD = 512  # samples kept before the first window of a stretch: the past of lags (`TAPS`) and of hidden states
-LONG = 4  # times lead and edge: in a shorter log pairs of windows are left out instead
-DAMPED = 0.7  # damping ratio of the guide
-EDGE = 32  # samples kept after the last window, for a sensor's dead time
-LEAST = 3 * SHORTEST + EDGE  # samples of a log that can be diagnosed
+LONG = 4  # times lead and edge, from which stretches pay; in a shorter log pairs of windows are left out instead
+DAMPED = 0.7  # damping ratio of the guide: no resonance of its own [1]
+EDGE = 32  # samples kept after the last window, for the sensor's dead time
+LEAST = 3 * SHORTEST + EDGE  # samples of the shortest log that can be diagnosed: three windows, one of them withheld
 
 
 @dataclass(frozen=True)
@@ -36,24 +36,25 @@ class Record:
 
     Attributes:
         name: the log's.
-        time: [s].
+        time: of each sample [s], shape (samples,), as every array of the log below.
         torque: commanded [N m].
-        velocity: the rate sensor's column; None without one, or where it holds no more than the position.
-        position: the encoder's column; None without.
-        reading: the velocity column, fitted or not; None without.
-        reference: or None.
-        dt: [s].
-        linear: metres and newtons.
+        velocity: the rate sensor's column, fitted; None without one, or where the position is enough (`_columns`).
+        position: the encoder's column, fitted; None without one.
+        reading: the velocity column, fitted or not; None without one.
+        reference: the commanded motion, or None.
+        dt: control period [s].
+        linear: whether the log is in metres and newtons (rad and N m stand for them everywhere).
         speed: smoothed rate [rad/s].
         acceleration: its rate of change [rad/s^2].
         angle: smoothed position [rad]: measured, or the integral of the rate.
         speed_noise: standard deviation of `speed` [rad/s].
-        integrated: the angle's zero is not known: no sensor tells it.
+        integrated: whether `angle` is an integral, whose zero no sensor measures.
         starts: first sample of each window, shape (windows,).
-        samples: length of a window.
-        withheld: windows that are never fitted, shape (windows,), bool.
-        runs: variance of a sensor's noise in a window over that of white rounding [1], shape (windows,).
-        recorded: samples of the whole log; of a long one only stretches are here, and `time` jumps between them.
+        samples: length of every window.
+        withheld: whether a window is never fitted, shape (windows,), bool.
+        runs: factor on the variance of the readings in a window, for repeated readings [1], shape (windows,).
+        recorded: number of samples of the whole log. Of a long one the arrays hold stretches only, and `time` jumps
+            between them.
     """
 
     name: str
@@ -100,15 +101,15 @@ class Record:
 
 
 def make_records(logs: Sequence[Log], holdout: Sequence[Log], inertia: float) -> list[Record]:
-    """Logs of one machine as records with one window length and one noise a sensor.
+    """Logs of one machine as records, with one window length and one noise standard deviation a sensor for all.
 
     Args:
         logs: fitted; where nothing else is withheld, every fourth block of windows is.
         holdout: never fitted.
-        inertia: nominal J [kg m^2], which says what a sensor resolves of a torque.
+        inertia: nominal J [kg m^2], by which a torque becomes an acceleration that the sensors resolve or not.
 
     Raises:
-        InputError: for logs that are too short, or do not go together.
+        InputError: for logs that are too short, or differ in period or columns.
     """
     everything = [*logs, *holdout]
     columns = [_columns(log, inertia) for log in everything]
@@ -128,10 +129,13 @@ def make_records(logs: Sequence[Log], holdout: Sequence[Log], inertia: float) ->
 
 
 def _columns(log: Log, inertia: float) -> tuple[Channel | None, Channel | None, bool]:
-    """(rate, position, whether the position is the sum of a rate) that a log really holds.
+    """(rate, position, whether the position is a sum of rates) of a log that are fitted.
 
-    Where the encoder alone resolves the torques, the rate is left to `fpjax.gap.select.readings`: most drives make it
-    from the same encoder, filtered and late, and a reading must not decide what drives the machine.
+    Where the encoder alone resolves the torques, the rate is not fitted but left to `fpjax.gap.select.readings`: most
+    drives differentiate and filter the same encoder for it, and its lag and scale must not change the estimated torque.
+
+    Raises:
+        InputError: for a log without either, or with too few samples.
     """
     if log.velocity is None and log.position is None:
         raise InputError(f"{log.name} has neither a velocity nor a position column: the diagnosis needs one of them.")
@@ -143,7 +147,8 @@ def _columns(log: Log, inertia: float) -> tuple[Channel | None, Channel | None, 
     velocity = None if log.velocity is None else make_channel(log.velocity)
     position = None if log.position is None else make_channel(log.position)
     if velocity is not None and position is not None:
-        # A reading taken off its stamp is off by the way in between, however quiet the encoder is at rest.
+        # A reading taken `late` seconds beside its stamp is wrong by the travel in between: noise that grows with the
+        # speed, however quiet the encoder is at rest.
         late = stamp_jitter(velocity.values, position.values, float(log.dt)) or 0.0
         moved = late * float(np.sqrt(np.mean(velocity.values**2)))
         position = replace(position, noise=float(np.hypot(position.noise, moved)))
@@ -171,8 +176,8 @@ def _check_alike(logs: Sequence[Log], columns: Sequence[tuple[Channel | None, Ch
 def _window(log: Log, velocity: Channel | None, position: Channel | None, inertia: float, shortest: int) -> int:
     """Samples of a window.
 
-    A window that is free to start anywhere shows nothing slower than itself: it should reach from one reversal to the
-    next, and be long enough for the sensors to resolve a torque of a fiftieth of the commanded rms.
+    The start values of a window are free, so it shows no torque that is slower than itself. It should reach from one
+    reversal to the next, and be long enough for the sensors to resolve a torque of `RESOLVED` of the commanded rms.
     """
     dt, torque = float(log.dt), float(np.sqrt(np.mean(np.square(log.torque))))
     speed = motion(velocity, position, dt)[0]
@@ -187,10 +192,11 @@ def _window(log: Log, velocity: Channel | None, position: Channel | None, inerti
 
 
 def _resolved(velocity: Channel | None, position: Channel | None, inertia: float, length: float, dt: float) -> float:
-    """Standard deviation of a constant torque over a window of that length [N m]."""
+    """Standard deviation [N m] of a constant torque, as the better sensor resolves it in a window of a length [s]."""
     samples, known = length / dt, [np.inf]
-    # Least squares of a parabola (angle) and of a line (rate) of unknown start through white noise.
+    # Least squares of a parabola (angle) or a line (rate) with unknown start values, in white noise:
     if position is not None:
+        # Var(a) = 720 sigma^2 / (n T^4) for x0 + v0 t + a t^2 / 2, and Var(a) = 12 sigma^2 / (n T^2) for v0 + a t.
         known.append(inertia * position.noise * np.sqrt(720.0 / samples) / length**2)
     if velocity is not None:
         known.append(inertia * velocity.noise * np.sqrt(12.0 / samples) / length)
@@ -238,29 +244,31 @@ def _record(
 
 
 def _part(channel: Channel | None, kept: np.ndarray | slice) -> Channel | None:
-    """Some samples of a channel, with the noise of all of it."""
+    """Some samples of a channel, with the noise of the whole channel."""
     return None if channel is None else replace(channel, values=channel.values[kept])
 
 
 def _stretches(speed: np.ndarray, samples: int, share: float) -> tuple[np.ndarray, np.ndarray]:
     """(samples of a long log that are kept, first sample of each window among them).
 
-    Some stretches of whole windows, spread evenly over those in which the machine moves most of the time: much of a
-    long log may be rest, which shows nothing. Nothing else is asked of them, so that they are like what is left out.
+    Stretches of whole windows, spread evenly over the parts in which the machine moves most of the time: much of a
+    long log may be rest, which shows nothing. They are chosen by nothing else, so that they represent the rest.
 
     Args:
         speed: smoothed rate [rad/s], shape (samples of the log,).
         samples: of a window.
         share: of the samples that is wanted [1].
     """
-    wanted = max(FEWEST, round(share * len(speed) / samples))  # windows
+    wanted = max(FEWEST, round(share * len(speed) / samples))  # number of windows
     number = min(STRETCHES, max(1, wanted // FEWEST))
     windows = max(1, min(round(wanted / number), (len(speed) - LEAD - EDGE) // samples))
     length = LEAD + windows * samples + EDGE
     blocks = len(speed) // length
+    # The log in blocks of a stretch's length: rms speed of each of their windows, shape (blocks, windows).
     size = np.square(speed[: blocks * length]).reshape(blocks, length)[:, LEAD : LEAD + windows * samples]
     size = np.sqrt(np.mean(size.reshape(blocks, windows, samples), axis=2))
     moving = np.mean(size > TURNING * np.max(size), axis=1)
+    # Blocks that move at least half as often as the most lively; the liveliest in each of `number` parts of the log.
     alive = np.flatnonzero(moving >= 0.5 * np.max(moving))
     if len(alive) < number:
         alive = np.sort(np.argsort(-moving, kind="stable")[:number])
@@ -272,12 +280,12 @@ def _stretches(speed: np.ndarray, samples: int, share: float) -> tuple[np.ndarra
 
 
 def joints(record: Record) -> np.ndarray:
-    """First sample of each stretch of a record, and its number of samples: two entries and more."""
+    """First sample of each stretch of a record, then the record's number of samples: two entries or more."""
     return np.concatenate([[0], np.flatnonzero(np.diff(record.time) > 1.5 * record.dt) + 1, [len(record.time)]])
 
 
 def in_one_piece(record: Record) -> Record:
-    """The first stretch of a record, for what runs from sample to sample; the record itself where it is whole."""
+    """The first stretch of a record, for simulations of a whole log; the record itself where it has no jumps."""
     edges = joints(record)
     if len(edges) == 2:
         return record
@@ -300,7 +308,7 @@ def in_one_piece(record: Record) -> Record:
 
 
 def about_stretches(records: Sequence[Record]) -> list[str]:
-    """What should be known of logs that are too long to be simulated as a whole, a sentence each."""
+    """A warning for each log that is too long to be simulated as a whole."""
     said = []
     for record in records:
         edges = joints(record)
@@ -310,13 +318,13 @@ def about_stretches(records: Sequence[Record]) -> list[str]:
         spans = ", ".join(f"{begin:.6g} to {end:.6g}" for begin, end in ends)
         said.append(
             f"{record.name} is long: of its {record.recorded} samples {len(record.time)} are simulated, in stretches "
-            f"that show motion ({spans} s); for another part of it give --from and --to."
+            f"in which the machine moves ({spans} s); to use another part, give --from and --to."
         )
     return said
 
 
 def with_noise(records: list[Record], scale: float) -> list[Record]:
-    """The records with every sensor's noise scaled, as the fit found it."""
+    """The records with every sensor's noise standard deviation multiplied by `scale`."""
 
     def scaled(channel: Channel | None) -> Channel | None:
         return None if channel is None else replace(channel, noise=scale * channel.noise)
@@ -325,11 +333,11 @@ def with_noise(records: list[Record], scale: float) -> list[Record]:
 
 
 def tables_of(record: Record, bandwidth: float = 0.0) -> Tables:
-    """The record as the replay loop reads it, padded so that all logs share one compiled loop.
+    """The record as the replay loop reads it, padded to a common length so that all logs share one compiled loop.
 
     Args:
         record: a log.
-        bandwidth: with which a simulation follows the measured motion [Hz]; zero leaves it to itself.
+        bandwidth: of the guide [Hz] (`fpjax.gap.fit.guide`); zero for a free simulation.
     """
     count = len(record.time)
     padded = _padded(count + TAPS + 64)
@@ -338,7 +346,7 @@ def tables_of(record: Record, bandwidth: float = 0.0) -> Tables:
     velocity, velocity_weight = _column(record.velocity, count, padded)
     position, position_weight = _column(record.position, count, padded)
     speed, angle = np.zeros(padded), np.zeros(padded)
-    # Where an encoder tells both, the guide follows it alone: a rate reading may lag or be off.
+    # With an encoder, the guide takes angle and speed from it: a rate reading may lag or have a bias.
     speed[TAPS : TAPS + count] = record.speed if record.integrated else np.gradient(record.angle, record.dt)
     angle[TAPS : TAPS + count] = record.angle
     return Tables(
@@ -353,7 +361,7 @@ def tables_of(record: Record, bandwidth: float = 0.0) -> Tables:
 
 
 def guide_of(record: Record, bandwidth: float) -> tuple[float, float]:
-    """(stiffness [1/s^2], damping [1/s]) of a guide; without an encoder nothing says where the angle is."""
+    """(stiffness w^2 [1/s^2], damping 2 zeta w [1/s]) of a guide; without an encoder it has no angle to follow."""
     turning = 2.0 * np.pi * bandwidth
     return (0.0 if record.integrated else turning**2), 2.0 * DAMPED * turning
 
@@ -368,7 +376,7 @@ def _column(channel: Channel | None, count: int, padded: int) -> tuple[np.ndarra
 
 
 def _padded(count: int) -> int:
-    size = 2**16  # holds what is simulated of the longest log
+    size = 2**16  # more than MOST with its leads and edges: usually the only size
     while size < count:
         size *= 2
     return size

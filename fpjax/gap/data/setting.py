@@ -1,4 +1,4 @@
-"""Setting: the sizes that bounds and starts are made from; all of the log and the nominal model, none of the truth."""
+"""Setting: sizes from the log and the nominal model that give every parameter its bounds, scale and start values."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,31 +10,31 @@ from ...blocks.signals import Motion
 from ...model_file import Model
 from .record import Record
 
-SMALL_FRICTION = 0.02  # of the largest torque: below it a nominal Coulomb level says nothing of the friction's size
+SMALL_FRICTION = 0.02  # of the largest torque: a nominal Coulomb level below it (zero, say) is no scale for friction
 
 
 @dataclass(frozen=True)
 class Setting:
-    """The sizes that bounds and starts are made from.
+    """Sizes for bounds, scales and start values of parameters.
 
     Attributes:
         inertia: J [kg m^2] of the nominal model.
         coulomb: k [N m].
         viscous: b [N m s/rad].
-        friction: a friction torque to compare with [N m]: k, or a share of the torque where k is small.
+        friction: typical friction torque [N m]: k, or a share of the largest torque where k is smaller.
         speed: 95 % quantile of the speed [rad/s].
         torque: largest commanded torque [N m].
-        travel: range of the position [rad].
-        duration: of the log [s].
+        travel: range of the position [rad], of the longest log.
+        duration: of the longest log [s].
         dt: control period [s].
         window: length of a window [s].
-        effort: largest torque that can have acted [N m]: the commanded one and what the nominal mass was moved by.
+        effort: largest torque that can have acted [N m]: the largest command plus the nominal inertial torque.
         nominal: parameters of the nominal model by name.
-        unknown_origin: a known load turns with a position that no sensor tells.
-        periods: per revolution [1/rev], at which "torque" and "friction" repeat with the position.
-        weight: values by name of the unbalance that the missing torque is most like; empty where none was looked for.
-        contacts: values by name of backlashes that the log may show, the most likely first; None or empty: not looked
-            for, or nothing to look at.
+        unknown_origin: whether a known load depends on a position whose zero no sensor measures.
+        periods: per revolution [1/rev], at which the missing "torque" and "friction" repeat with the position.
+        weight: values by name of the unbalance that fits the missing torque best; empty where none was fitted.
+        contacts: start values by name of backlashes, the most likely first; None where they were not searched for,
+            empty where no stretch of the log could be used.
     """
 
     inertia: float
@@ -73,6 +73,7 @@ def make_setting(records: list[Record], model: Model) -> Setting:
         duration=float(longest.time[-1] - longest.time[0]),
         dt=longest.dt,
         window=longest.samples * longest.dt,
+        # Quantiles, not maxima: an outlier in a column would widen every bound.
         effort=torque + values["inertia"] * max(float(np.quantile(np.abs(r.acceleration), 0.99)) for r in records),
         nominal={"inertia": values["inertia"], "coulomb": coulomb, "viscous": viscous},
         unknown_origin=longest.integrated and turns_with_position(model.loop.plant.load),
@@ -81,6 +82,7 @@ def make_setting(records: list[Record], model: Model) -> Setting:
 
 def turns_with_position(load: AbstractLoad) -> bool:
     """Whether a known load depends on the position."""
+    # No load with a whole number of periods a revolution is equal at these three angles.
     at = [Motion(np.zeros(1), np.full(1, angle), np.zeros(1)) for angle in (0.0, 0.7, 1.9)]  # type: ignore[arg-type]
     values = [float(np.asarray(load.readout(motion))[0]) for motion in at]
     return max(values) - min(values) > 0.0

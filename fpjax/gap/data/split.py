@@ -4,17 +4,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-UNFAIR = 4.0  # times as much energy in all windows as in the withheld or in the fitted ones: then others are withheld
+# Ratio of the missing torque's energy in all windows to that in the withheld (or the fitted) ones, per window, from
+# which other windows are withheld.
+UNFAIR = 4.0
 
 Values = np.ndarray
 
 
 def every_fourth(windows: int, shift: int = 0) -> np.ndarray:
-    """Whole blocks of two windows; every fourth, now and then moved by one so that they do not beat with laps.
+    """Whether each window is withheld: every fourth block of two windows, shape (windows,), bool.
+
+    Every fourth time it is the block after, so that withheld blocks do not fall on the same part of a periodic motion.
 
     Args:
-        windows: of a record.
-        shift: by which all are moved, in blocks.
+        windows: number of windows of a record.
+        shift: of all withheld blocks [blocks].
     """
     block = np.arange(windows) // (2 if windows >= 16 else 1) + shift
     chosen = block % 4 == np.where(block // 4 % 4 == 0, 3, 2)
@@ -24,17 +28,17 @@ def every_fourth(windows: int, shift: int = 0) -> np.ndarray:
 
 
 def fairer_split(missing: Sequence[Values]) -> list[Values] | None:
-    """Windows to withhold in which as much is missing as in the others; None where those of `every_fourth` will do.
+    """Windows to withhold that hold as much missing torque as the others; None where those of `every_fourth` do.
 
-    A torque limit that is reached in a few windows would else have none on which it can be told, or none to be fitted
-    on. The nominal model alone is asked, so that the choice favours no cause.
+    A torque limit that is reached in a few windows could otherwise have all of them withheld, and not be fitted, or
+    none, and not be confirmed. The missing torque is that of the nominal model, so that the choice favours no cause.
 
     Args:
         missing: mean square of its missing torque in each window [N^2 m^2], one array a record.
     """
     energy = [np.maximum(m, 0.0) for m in missing]
     tried = [[every_fourth(len(m), shift) for m in energy] for shift in range(4)]
-    least = []  # of the withheld windows' energy and of the fitted ones'
+    least = []  # for each shift, the lesser mean energy of the withheld and of the fitted windows [N^2 m^2]
     for split in tried:
         withheld = np.concatenate([m[own] for m, own in zip(energy, split, strict=True)])
         fitted = np.concatenate([m[~own] for m, own in zip(energy, split, strict=True)])

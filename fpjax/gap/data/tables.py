@@ -3,17 +3,17 @@
 import equinox as eqx
 from jaxtyping import Array
 
-TAPS = 128  # periods of the past that a lag is started from
+TAPS = 128  # periods of past commands from which an actuator's lag gets its start value
 
 
 class Guide(eqx.Module):
-    """What holds a simulation near the measured motion: an acceleration of all masses alike, taken out again.
+    """Holds a simulation near the measured motion: one acceleration for all masses, taken out of the prediction again.
 
     Attributes:
-        speed: measured and smoothed [rad/s], in step with the torque, shape (padded,).
-        angle: likewise [rad].
-        stiffness: acceleration by angle [1/s^2].
-        damping: acceleration by speed [1/s].
+        speed: measured and smoothed [rad/s], indexed as the torque, shape (padded,).
+        angle: measured and smoothed [rad], likewise.
+        stiffness: acceleration per angle error [1/s^2], scalar.
+        damping: acceleration per speed error [1/s], scalar.
     """
 
     speed: Array
@@ -23,16 +23,18 @@ class Guide(eqx.Module):
 
 
 class Tables(eqx.Module):
-    """The log as the loop reads it, padded to a length of few choices.
+    """The log as the loop reads it, padded to a power of two: arrays of shape (padded,).
+
+    Sample k of the record is entry k + TAPS.
 
     Attributes:
-        torque: commanded [N m], TAPS periods of the past first, shape (padded,).
-        velocity: read [rad/s], in step with torque.
+        torque: commanded [N m]; before the record its first value.
+        velocity: reading [rad/s].
         velocity_weight: 1 / standard deviation [s/rad]; 0 where there is no reading or the sample is padding.
-        position: read [rad].
+        position: reading [rad].
         position_weight: 1 / standard deviation [1/rad].
         dt: control period [s].
-        guide: of stiffness and damping zero for a simulation that is left to itself.
+        guide: with stiffness and damping zero for a free simulation.
     """
 
     torque: Array
