@@ -1,4 +1,4 @@
-"""Band: in which frequencies a missing torque is told, and how much noise is really there."""
+"""Band: the frequencies in which the missing torque is measured, and the sensors' noise that is really there."""
 
 from collections.abc import Sequence
 
@@ -7,10 +7,10 @@ import numpy as np
 from ..data.record import Record
 from .modes import Modes
 
-HEARD = 0.99  # of the speed's power: above the frequency that holds it, a torque moves less and less
-CHANCE = 3.0  # standard deviations of the noise's energy, below which an octave's is noise
-QUIET = 0.3  # share of a mode's variance that is torque, below which it shows the noise
-FEW_QUIET = 30  # coefficients: fewer do not tell a variance
+HEARD = 0.99  # of the speed's power: above the frequency below which it lies, a torque hardly moves the machine
+CHANCE = 3.0  # standard deviations of the noise's energy that an octave must exceed to hold a torque
+QUIET = 0.3  # share of torque in a mode's variance below which the mode serves to estimate the noise
+FEW_QUIET = 30  # least coefficients for that estimate: its relative standard error is 0.4 with so many
 
 Values = np.ndarray
 Coefficients = Sequence[tuple[Values, Values]]
@@ -18,12 +18,15 @@ Coefficients = Sequence[tuple[Values, Values]]
 
 
 def level_with_bursts(modes: Modes, level: Values, coefficients: Coefficients) -> Values:
-    """q by octave [N m], bursts included, shape (bands,): a log that is quiet but for a few pushes has no level.
+    """q by octave [N m] with the bursts' energy in it, shape (bands,).
+
+    `Modes.best_level` gives the level between the bursts: zero for a log that is quiet but for a few pushes, although
+    there is a missing torque in it.
 
     Args:
         modes: of a window.
-        level: without its bursts, shape (bands,).
-        coefficients: of the fit.
+        level: q between the bursts, shape (bands,).
+        coefficients: of a fit.
     """
     squares = np.sum([np.sum(c**2, axis=0) for _, c in coefficients], axis=0)
     noise = sum(float(np.sum(own)) for own, _ in coefficients)
@@ -31,6 +34,7 @@ def level_with_bursts(modes: Modes, level: Values, coefficients: Coefficients) -
     for band in range(modes.bands):
         own = (modes.band == band) & ~modes.sensor
         if np.any(own):
+            # A sum of n squares of variance s^2 has a standard deviation of s^2 sqrt(2 n); E[c^2] - s^2 = q^2 lambda.
             energy, chance = float(np.sum(squares[own] - noise)), CHANCE * noise * np.sqrt(2.0 * np.sum(own) / count)
             if energy > chance:
                 found[band] = max(found[band], np.sqrt(energy / (count * np.sum(modes.gain[own]))))
@@ -38,16 +42,18 @@ def level_with_bursts(modes: Modes, level: Values, coefficients: Coefficients) -
 
 
 def real_noise(modes: Modes, level: Values, coefficients: Coefficients) -> float:
-    """Variance of modes that hold hardly any torque, over what the sensors' noise says [1].
+    """Measured over assumed variance of the sensors' noise, from modes that hold hardly any torque [1].
 
-    At most 1: rounding of slow motion is less than a sample's variance says, and must not be taken off twice.
+    At most 1: rounding of slow motion has less noise than assumed, and noise's share of the missing torque must not be
+    taken out twice.
     """
     ratios = [np.zeros(0)]
     for noise, c in coefficients:
         quiet = modes.wiener(level, noise) < QUIET
         ratios.append((c**2 / noise[:, None])[quiet & ~modes.sensor])
     found = np.concatenate(ratios)
-    # The median of a chi-square of one degree of freedom: a few modes with a torque in them do not count.
+    # 0.4549 is the median of a chi-square of one degree of freedom. A median, so that a few modes with torque in them
+    # change nothing.
     return float(min(np.median(found) / 0.4549, 1.0)) if len(found) > FEW_QUIET else 1.0
 
 
@@ -56,6 +62,7 @@ def highest_of_speed(records: Sequence[Record]) -> float:
     found = []
     for record in records:
         speed = record.speed - np.mean(record.speed)
+        # A Hann window: the record's ends differ, and their jump would leak into every frequency.
         power = np.cumsum(np.abs(np.fft.rfft(speed * np.hanning(len(speed)))) ** 2)
         found.append(max(int(np.searchsorted(power, HEARD * power[-1])), 1) / (len(speed) * record.dt))
     return max(found)

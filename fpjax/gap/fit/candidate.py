@@ -1,4 +1,4 @@
-"""Candidate: a set of causes on its way through a fit; Fit: where it ended."""
+"""Candidate: a set of causes while it is fitted; Fit: the finished one with its scores."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,41 +10,45 @@ from ..data.setting import Setting
 from ..effects.effect import Effect
 from ..simulate.family import Family
 
-SPIKE = 0.02  # standard deviation of a nominal value that is taken to be right, relative
-SLAB = 0.6  # and of one that may be wrong, relative: a guess, or a regression on a poor log
-SPIKE_RANGE = 0.05  # a nominal value that is taken to be right stays within this of what was given
+# Priors of the nominal values, a spike and a slab as in George and McCulloch, "Variable selection via Gibbs sampling"
+# (1993): a narrow normal law about the given value where it counts as right, a wide one where it may be wrong.
+SPIKE = 0.02  # standard deviation of a nominal value that counts as right, relative
+SLAB = 0.6  # of one that may be wrong, relative: it was guessed, or comes from a regression on a poor log
+SPIKE_RANGE = 0.05  # bound of a nominal value that counts as right, relative to `nominal_sizes`
 NOMINAL = ("inertia", "coulomb", "viscous")
-LEAST_COULOMB = 0.25  # of the friction's size: what a nominal Coulomb level near zero may be wrong by
-LEAST_VISCOUS = 0.25  # likewise, at the top speed
+# Least sizes of the nominal friction, so that a value of zero may be wrong too: shares of the setting's friction.
+LEAST_COULOMB = 0.25  # of the Coulomb level
+LEAST_VISCOUS = 0.25  # of the viscous torque at top speed
 
 Values = np.ndarray
 
 
 @dataclass
 class Candidate:
-    """A set of effects from one start, and where its fit stands; only `fpjax.gap.fit` changes it.
+    """A set of effects fitted from one start, in its present state; only `fpjax.gap.fit` changes it.
 
     Attributes:
-        effects: in the model, the nominal values' errors not among them.
-        wide: nominal values (of `NOMINAL`) that may be wrong; the others are right within `SPIKE`.
+        effects: in the model; errors of nominal values are in `wide`.
+        wide: nominal values (of `NOMINAL`) with the prior `SLAB`; the others have `SPIKE`.
         family: that holds the effects.
         vector: all parameters, shape (parameters,).
-        free: indices of those that are fitted.
-        low: bounds of the free ones.
-        high: bounds of the free ones.
-        center: of the prior of the free ones.
-        spread: standard deviation of that prior.
-        scale: typical size of a step of the free ones.
-        reach: largest step of the free ones.
-        states: start values of all windows of all records, a list of arrays (states, windows), as deviations.
-        hidden: centre of the hidden states, a list of arrays (2, windows).
+        free: indices into `vector` of the fitted parameters, shape (free,), as the six arrays after it.
+        low: lower bounds.
+        high: upper bounds.
+        center: means of the normal prior.
+        spread: standard deviations of the prior.
+        scale: typical step, by which the least squares are scaled.
+        reach: largest step of one iteration.
+        states: start values of every window as deviations from their estimates, one array (states, windows) a record.
+        hidden: estimates of the hidden states there, one array (2, windows) a record.
         level: q of the missing torque by octave [N m], shape (bands,).
-        white: whether all octaves have one level, and a window one burst.
+        white: whether all octaves share one level, and all tiles of a window one burst.
         cost: twice the negative log posterior on the fitted windows, at `level`.
-        normal: of the free parameters in prior units, start states eliminated, without the prior.
-        occam: log determinant of the start states' posterior precision over their prior's, fitted windows.
-        damping: of Levenberg-Marquardt.
-        converged: no step lowers the cost any more.
+        normal: normal matrix J' W J of the free parameters in units of `scale`, start values eliminated, without the
+            prior, shape (free, free).
+        occam: log determinant of the start values' posterior precision over that of their prior, fitted windows.
+        damping: of Levenberg-Marquardt, for the next iteration.
+        converged: whether no step lowers the cost any more.
     """
 
     effects: tuple[Effect, ...]
@@ -70,12 +74,12 @@ class Candidate:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the causes: the effects, then the nominal values that may be wrong."""
+        """Names of the causes: the effects, then the errors of the nominal values that may be wrong."""
         return (*(e.name for e in self.effects), *(f"{name}_error" for name in NOMINAL if name in self.wide))
 
     @property
     def structural(self) -> tuple[str, ...]:
-        """Of the effects alone."""
+        """Names of the effects alone."""
         return tuple(e.name for e in self.effects)
 
     def values(self) -> dict[str, float]:
@@ -91,7 +95,7 @@ class Candidate:
 
 
 def nominal_sizes(setting: Setting) -> dict[str, float]:
-    """By what the nominal values' errors are measured: themselves, or a share of the friction where they are small."""
+    """Sizes relative to which nominal values may err: the values, or a share of the friction where that is larger."""
     return {
         "inertia": setting.inertia,
         "coulomb": max(setting.coulomb, LEAST_COULOMB * setting.friction),
@@ -117,8 +121,8 @@ def make_candidate(
         family: that holds the effects.
         setting: sizes for bounds.
         records: of the logs.
-        start: values that are not neutral.
-        exact: nothing is free but the origin, where no sensor tells it; the nominal model as it was given.
+        start: start values by name; parameters that are not in it start at their neutral value.
+        exact: the nominal model as it was given: nothing is free but an `origin` that no sensor measures.
     """
     names = [p.name for p in family.parameters]
     vector = family.neutral(setting)
@@ -131,15 +135,16 @@ def make_candidate(
     if setting.unknown_origin:
         wanted = ["origin", *wanted]
     if exact:
-        wanted = [n for n in wanted if n == "origin"]  # no number of the model: where the log happened to start
+        wanted = [n for n in wanted if n == "origin"]  # a fact about the log's start, not a value of the model
     free = np.array([names.index(n) for n in wanted], int)
-    # What effects share, each bounds as it needs it.
+    # Effects that share a parameter may give it bounds of their own: those of an effect in the model hold.
     bounded = {p.name: p for effect in effects for p in effect.parameters}
     parameters = [bounded[names[i]] if names[i] in bounded else family.parameters[i] for i in free]
     low = np.array([p.low(setting) for p in parameters])
     high = np.array([p.high(setting) for p in parameters])
     scale = np.array([p.scale(setting) for p in parameters])
     reach = np.array([p.reach(setting) for p in parameters])
+    # A wide prior: its standard deviation is a quarter of the range.
     center, spread = np.clip(neutral[free], low, high), 0.25 * (high - low)
     sizes = nominal_sizes(setting)
     for i, p in enumerate(parameters):
@@ -162,13 +167,13 @@ def make_candidate(
 
 @dataclass(frozen=True)
 class Start:
-    """A set of causes and the values that its fit starts from.
+    """A set of causes and the start values of its fit.
 
     Attributes:
         effects: in the model.
         wide: nominal values that may be wrong.
-        values: that are not neutral, by name.
-        like: a fit whose windows' start states are taken over.
+        values: start values by name; other parameters start at their neutral value.
+        like: a fitted candidate whose start states of the windows are taken over.
     """
 
     effects: tuple[Effect, ...]
@@ -179,14 +184,14 @@ class Start:
 
 @dataclass(frozen=True)
 class Fit:
-    """A finished candidate and its scores; nothing changes it.
+    """A finished candidate and its scores; it is not changed any more.
 
     Attributes:
-        candidate: the fit.
-        evidence: log evidence of the fitted windows and log likelihood of the withheld ones [1].
-        missing: mean square of the missing torque in each window, noise's share taken out [N^2 m^2], one array a
-            record, in the nominal model's band.
-        level: q of all octaves together, rms over the modes of the nominal model's band [N m].
+        candidate: its parameters and start values.
+        evidence: log evidence of the fitted windows plus log likelihood of the withheld ones [nats].
+        missing: mean square of the missing torque in each window, noise's share taken out [N^2 m^2], one array
+            (windows,) a record, in the frequencies of `Search.band`. A window may be below zero by chance.
+        level: q of all octaves together, rms over the modes in the same frequencies [N m].
     """
 
     candidate: Candidate
@@ -196,7 +201,7 @@ class Fit:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the causes."""
+        """Names of the causes."""
         return self.candidate.names
 
     def missing_rms(self, windows: Sequence[Values]) -> float:

@@ -1,8 +1,9 @@
-"""Contacts: where fits of a backlash start from, found with the motor's motion imposed.
+"""Contacts: start values of fits of a backlash, found with the measured motion imposed on the motor.
 
-A load that meets the faces of a gap makes the motion of a whole window hang on every contact before, so that a fit
-from afar ends in the next valley. With the measured motion imposed on the motor nothing diverges: only the load is
-simulated, all of the log at once, and what its shaft would ask of the motor is compared with the missing torque.
+The motion of a load that crosses a backlash depends on every contact before, so that the cost of a window has many
+local minima and a fit from rule-of-thumb values ends in the nearest one: so it was in four of five development logs
+with a backlash. With the measured motion imposed on the motor nothing diverges: only the load is simulated, over the
+whole log at once, and the shaft's torque on the motor is compared with the missing torque of the nominal model.
 """
 
 import numpy as np
@@ -15,51 +16,54 @@ from ..simulate.replay import LANES
 
 Values = np.ndarray
 
-NAMES = ("gap", "load_share", "frequency", "damping_ratio", "friction_share")  # of a row of parameters
-GAPS = np.geomspace(3e-4, 2e-2, 16)  # of the way at top speed in a second
-SHARES = (0.15, 0.35, 0.6)  # of the inertia, on the load
-RATIOS = (0.15, 0.8)  # of a face's damping to its critical one
-FRICTIONS = (0.2, 0.7)  # shares on the load
-ROUNDS = 3  # in which the best are varied
-BEST, VARIED = 8, 128  # that are varied, and how many variations
-SPREAD = (0.3, 0.3, 0.4, 0.5, 0.3)  # of a variation, logarithms, in the first round
-STARTS = 3
-APART = 0.25  # least difference of two starts in gap, share or frequency, a logarithm
-FLOOR = 0.02  # of the missing torque's mean square: below it a stretch counts as explained
-BANDS = (0.12, 0.5)  # of the highest resonance: up to the first, what a contact gives in all counts, not its course
-ORDER = 3  # of the low-passes
-EDGE = 512  # samples that the course is continued by at either end
-LIVELY = 0.2  # of the damping found: noise in when a face is met looks like damping, so that less is tried too
-MOVING = 0.01  # of the top speed: friction turns round within it
+# A grid over the five parameters, then a random search around its best points, in logarithms of the parameters.
+NAMES = ("gap", "load_share", "frequency", "damping_ratio", "friction_share")  # rows of an array of parameters
+GAPS = np.geomspace(3e-4, 2e-2, 16)  # clearances, as the time to cross them at top speed [s]
+SHARES = (0.15, 0.35, 0.6)  # of the inertia that is on the load [1]
+RATIOS = (0.15, 0.8)  # damping ratios of a face in contact [1]
+FRICTIONS = (0.2, 0.7)  # of the friction that is on the load [1]
+ROUNDS = 3  # of the random search
+BEST, VARIED = 8, 128  # points that are varied in a round, and variations of them together: two chunks of lanes
+SPREAD = (0.3, 0.3, 0.4, 0.5, 0.3)  # standard deviation of a variation in the first round, of the natural logarithm
+STARTS = 3  # returned, and as many with less damping
+APART = 0.25  # least difference of two starts in clearance, share or frequency, of the natural logarithm
+FLOOR = 0.02  # of the missing torque's mean square: a stretch with less left counts as explained
+# Corners of two low-passes over the highest resonance. Behind the lower one only a contact's impulse is left, which is
+# right before the course of its torque is: it leads the search from afar.
+BANDS = (0.12, 0.5)
+ORDER = 3  # of the Butterworth low-passes
+EDGE = 512  # samples of padding at either end of a filtered course
+LIVELY = 0.2  # of the damping found: errors of the contacts' times look like damping, so that less of it is tried too
+MOVING = 0.01  # of the top speed: width of the reversal of friction
 
 
 def contact_starts(
     observer: Observer, which: int, record: Record, course: Values, nominal: dict[str, float], setting: Setting
 ) -> tuple[dict[str, float], ...]:
-    """Values that fits of a backlash start from, the most likely first.
+    """Start values of fits of a backlash, the most likely first; () where no stretch of the log can be used.
 
     Args:
         observer: of a family with a transmission.
         which: index of the record.
         record: the log.
         course: the missing torque of the nominal model [N m], NaN where unknown, shape (samples,).
-        nominal: its parameters by name.
+        nominal: that model's parameters by name.
         setting: sizes.
     """
-    look = _Look(observer, which, record, course, nominal, setting)
-    if not look.usable:
+    objective = _Objective(observer, which, record, course, nominal, setting)
+    if not objective.usable:
         return ()
     rng = np.random.default_rng(0)
     low, high = (np.log(side) for side in _bounds(setting))
     tried = np.log(_grid(setting))
-    scores = look.scores(np.exp(tried))
+    scores = objective.scores(np.exp(tried))
     for shrink in 0.6 ** np.arange(ROUNDS):
         best = tried[:, np.argsort(scores)[:BEST]]
         size = shrink * np.array(SPREAD)[:, None]
         more = best[:, rng.integers(0, best.shape[1], VARIED)] + size * rng.standard_normal((len(size), VARIED))
         more = np.clip(more, low[:, None], high[:, None])
         tried = np.concatenate([tried, more], axis=1)
-        scores = np.concatenate([scores, look.scores(np.exp(more))])
+        scores = np.concatenate([scores, objective.scores(np.exp(more))])
     chosen: list[Values] = []
     for index in np.argsort(scores):
         if all(np.max(np.abs(tried[:, index] - other)[:3]) > APART for other in chosen):
@@ -75,20 +79,21 @@ def _values(row: Values) -> dict[str, float]:
 
 
 def _grid(setting: Setting) -> Values:
-    """Shape (parameters, lanes)."""
+    """The points of the grid, shape (parameters, lanes)."""
     frequencies = 0.35 * highest_frequency(setting), highest_frequency(setting)
     axes = np.meshgrid(GAPS * setting.speed, SHARES, frequencies, RATIOS, FRICTIONS, indexing="ij")
     return np.stack([axis.ravel() for axis in axes])
 
 
 def _bounds(setting: Setting) -> tuple[Values, Values]:
+    """(lowest, highest) values of the search, each of shape (parameters,)."""
     frequencies = 0.1 * highest_frequency(setting), highest_contact(setting)
     low = [0.1 * GAPS[0] * setting.speed, 0.05, frequencies[0], 0.02, 0.02]
     return np.array(low), np.array([2.0 * GAPS[-1] * setting.speed, 0.9, frequencies[1], 1.5, 0.98])
 
 
-class _Look:
-    """The missing torque, and what a backlash would make of it."""
+class _Objective:
+    """The objective of the search: how much of the missing torque a backlash leaves unexplained."""
 
     def __init__(
         self, observer: Observer, which: int, record: Record, course: Values, nominal: dict[str, float],
@@ -97,11 +102,13 @@ class _Look:
         self.observer, self.which, self.setting = observer, which, setting
         self.nominal = nominal
         speed = 0.5 * (record.speed[1:] + record.speed[:-1])
+        # A smooth sign: at a reversal the sign of a measured speed is uncertain by a few samples.
         turning = np.tanh(speed / (MOVING * setting.speed))
         self.inertial = nominal["inertia"] * np.diff(record.speed) / record.dt
         self.friction = nominal["coulomb"] * turning + nominal["viscous"] * speed
         self.filters = _filters(len(speed), [share * highest_frequency(setting) * record.dt for share in BANDS])
         course = course[:-1]
+        # Stretches of half a window, at its start and at its middle; all of their samples must have a missing torque.
         half = record.samples // 2
         starts = np.concatenate([record.starts, record.starts + half])
         inside = starts[starts + half <= len(course)]
@@ -113,10 +120,12 @@ class _Look:
             self.floors = [FLOOR * np.mean(energy) for energy in self._energies(self.missing[:, None])]
 
     def scores(self, rows: Values) -> Values:
-        """Mean logarithm of what each row of parameters leaves of the missing torque, shape (lanes,).
+        """Mean logarithm of the missing torque's energy that is left, lower is better, shape (lanes,).
+
+        A logarithm, so that a few stretches with large contacts do not decide alone.
 
         Args:
-            rows: shape (parameters, lanes).
+            rows: one column of parameters a lane, shape (parameters, lanes).
         """
         family, found = self.observer.family, []
         base = family.neutral(self.setting)
@@ -129,31 +138,42 @@ class _Look:
             vectors[places] = some
             shaft = self.observer.shafts(vectors, self.which)
             share, on_load = some[1], some[4]
-            # J a = u - friction + missing for one mass; the motor's own equation says what is missing of it.
-            told = share * self.inertial[:, None] + on_load * self.friction[:, None] - shaft
-            left = self._energies(self.missing[:, None] - told)
+            # One mass: J a = u - friction + missing. The motor: (1 - share) J a = u - (1 - on_load) friction - shaft.
+            # Their difference is the missing torque that this backlash would explain.
+            explained = share * self.inertial[:, None] + on_load * self.friction[:, None] - shaft
+            left = self._energies(self.missing[:, None] - explained)
             found.append(sum(np.mean(np.log(e + floor), axis=0) for e, floor in zip(left, self.floors, strict=True)))
         out = np.concatenate(found)
         return np.where(np.isfinite(out), out, np.inf)
 
     def _energies(self, course: Values) -> list[Values]:
-        """By band, mean square in each stretch about its mean, shape (stretches, lanes): slow errors are others'.
+        """For each band, variance in each stretch, shape (stretches, lanes).
 
-        NaN in a lane whose course has one: were it taken for nothing missing, a load that diverged would score best.
+        About the stretch's mean, since slow errors come from other causes. A lane whose course has a NaN keeps it: as
+        zero, a load whose simulation diverged would score best.
         """
         with np.errstate(invalid="ignore", over="ignore"):
             return [np.var(passed[self.rows], axis=1) for passed in _passed(course, self.filters)]
 
 
 def _filters(samples: int, corners: list[float]) -> list[Values]:
-    """Butterworth low-passes forwards and backwards, for `_passed`; corners in periods a sample [1]."""
-    size = -(-(samples + 2 * EDGE) // 1024) * 1024  # small factors: a fast transform
+    """Magnitudes of Butterworth low-passes run forwards and backwards, at the frequencies of `_passed`.
+
+    Args:
+        samples: of a course.
+        corners: in cycles a sample [1].
+    """
+    size = -(-(samples + 2 * EDGE) // 1024) * 1024  # a multiple of 1024 has small factors: a fast transform
+    # The bilinear transform's frequency, as scipy.signal.butter has it; below Nyquist, where the tangent is infinite.
     warped = np.tan(np.pi * np.minimum(np.fft.rfftfreq(size), 0.4999))
     return [1.0 / (1.0 + (warped / np.tan(np.pi * corner)) ** (2 * ORDER)) for corner in corners]
 
 
 def _passed(course: Values, filters: list[Values]) -> list[Values]:
-    """A course of shape (samples, lanes) through each filter, its ends turned over (scipy.signal is slow to import)."""
+    """A course of shape (samples, lanes) through each filter, as by scipy.signal.filtfilt (whose import is slow).
+
+    The ends are continued by an odd reflection, so that a slope at an end does not ring.
+    """
     edge, size = min(EDGE, len(course) - 1), 2 * (len(filters[0]) - 1)
     before, after = 2.0 * course[0] - course[edge:0:-1], 2.0 * course[-1] - course[-2 : -2 - edge : -1]
     spectrum = np.fft.rfft(np.concatenate([before, course, after]), size, axis=0)

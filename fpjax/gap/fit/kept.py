@@ -1,8 +1,11 @@
-"""What a diagnosis has fitted so far, in one file, so that an interrupted one goes on where it was.
+"""Kept: the fits of a diagnosis in one file, from which an interrupted diagnosis resumes.
 
-The search asks for its fits in an order that its input decides. Each answer is written behind the one before, with its
-checksum; a rerun from the same input takes them in that order and ends with the same bits. Whatever else stands in the
-file (a half written end, another input, another version of the code) is not taken.
+The search asks for fits in an order that depends on its input alone. Each answer is appended to the file with a
+checksum. A rerun with the same input reads them in that order and ends with the same bits. Anything else in the file is
+ignored: an answer that was half written, answers to another input or of another version of the code.
+
+The answers are pickles. A pickle from an untrusted file can run code when it is read, so the reader accepts the classes
+of `_KNOWN` only, and numbers as bytes with a checked type.
 """
 
 import contextlib
@@ -31,20 +34,20 @@ from .search import Search, Start
 T = TypeVar("T")
 NAME = "diagnosis.kept"
 _MAGIC = b"fpjax kept fits 1\n"
-_HEAD = struct.Struct("<Q32s")  # length of what follows, its SHA-256
-# All that a fit is made of: nothing else is made of what stands in the file. Nothing of numpy is among it: its ndarray
-# takes any bytes for addresses of objects.
+_HEAD = struct.Struct("<Q32s")  # before each answer: its length [bytes], its SHA-256
+# The only classes that the reader makes of a file's content. None of numpy: with dtype object, an ndarray takes the
+# file's bytes for addresses of objects.
 _KNOWN = {(Candidate.__module__, "Candidate"), (Fit.__module__, "Fit")}
-_NUMBERS = "fiub"  # kinds of numbers
+_NUMBERS = "fiub"  # kinds of numpy dtypes that are numbers: float, int, unsigned, bool
 
 
 class Kept:
-    """The file of one diagnosis; it is there from `begin` to `discard`.
+    """The file of one diagnosis; it exists from `begin` to `discard`.
 
     Attributes:
         path: of the file.
-        taken: answers that were taken from an earlier run.
-        lost: why nothing is written any more; "" while it is.
+        taken: number of answers that were read from an earlier run.
+        lost: why answers are no longer written, for instance "No space left on device"; "" while they are.
     """
 
     def __init__(self, path: str | os.PathLike[str]):
@@ -53,16 +56,16 @@ class Kept:
         self._answers: list[tuple[str, bytes, int]] = []  # question, answer, where it begins in the file
         self._place = self._depth = 0
         self._handle: int | None = None
-        self._own = False  # whether the file is this one's to remove
+        self._own = False  # whether this process holds the lock, and may remove the file
 
     def begin(self, key: str) -> None:
-        """Take the file, and what an earlier run from the same input left in it.
+        """Open and lock the file, and read the answers of an earlier run with the same input.
 
         Args:
             key: of the input, as `key_of` gives it.
 
         Raises:
-            InputError: where another process writes to it.
+            InputError: where another process has locked it.
         """
         self.close()
         self.taken, self._place, self._answers = 0, 0, []
@@ -71,6 +74,7 @@ class Kept:
             self._handle = os.open(self.path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o666)
             _lock(self._handle, self.path)
             self._own = True
+            # After the lock, so that no other process is writing.
             content = self.path.read_bytes()
             end = len(begin)
             if content.startswith(begin):
@@ -78,7 +82,7 @@ class Kept:
             else:
                 os.ftruncate(self._handle, 0)
                 _write(self._handle, begin, 0)
-            os.ftruncate(self._handle, end)
+            os.ftruncate(self._handle, end)  # a half written answer behind the last whole one
             sync_folder(self.path.parent)
         except InputError:
             self.close()
@@ -87,23 +91,24 @@ class Kept:
             self._give_up(error)
 
     def answer(self, question: str, work: Callable[[], T], search: Search) -> T:
-        """What `work` returns, or what it returned in the earlier run.
+        """The result of `work`, read from the file where the earlier run has got so far, else computed and appended.
 
         Args:
-            question: what is computed; the same in a rerun.
-            work: computes it; what it asks for in turn is not kept.
-            search: whose effects and families the answer holds.
+            question: name of the computation, the same in a rerun.
+            work: computes the answer. Questions that it asks itself are not kept: its answer contains theirs.
+            search: whose effects and families the answer refers to.
         """
         if self._depth:
             return work()
         place, self._place = self._place, self._place + 1
         if place < len(self._answers):
             asked, content, begin = self._answers[place]
-            with contextlib.suppress(Exception):  # whatever cannot be read is computed again
+            with contextlib.suppress(Exception):  # an answer that cannot be read is computed again
                 if asked == question:
                     found = _Reader(io.BytesIO(content), search).load()
                     self.taken += 1
                     return found
+            # The rerun asks for something else: this answer and all behind it are of no use.
             del self._answers[place:]
             self._cut(begin)
         self._depth += 1
@@ -134,18 +139,18 @@ class Kept:
                 self._give_up(error)
 
     def _give_up(self, error: Exception) -> None:
-        """Keep nothing: a full disk is no reason not to diagnose."""
+        """Stop writing and remove the file; the diagnosis goes on, for instance with a full disk."""
         self.lost = getattr(error, "strerror", None) or str(error)
         self.discard()
 
     def close(self) -> None:
-        """Give the file back and leave it there."""
+        """Close and unlock the file, and leave it for a rerun."""
         if self._handle is not None:
             os.close(self._handle)
         self._handle = None
 
     def discard(self) -> None:
-        """The diagnosis is done: the file goes, unless it is another's."""
+        """Close and remove the file, unless another process holds it; for a diagnosis that is done."""
         self.close()
         with contextlib.suppress(OSError):
             if self._own:
@@ -157,7 +162,8 @@ class KeptSearch(Search):
     """A search whose fits are kept; its arguments are those of `Search`, after the file.
 
     Args:
-        kept: has begun.
+        kept: the file, on which `begin` was called.
+        arguments: of `Search`.
     """
 
     def __init__(self, kept: Kept, *arguments: Any):
@@ -188,7 +194,7 @@ class KeptSearch(Search):
 
 
 def key_of(logs: Sequence[Log], withheld: Sequence[Log], model: Model, effects: Sequence[Effect]) -> str:
-    """Hash of all that the fits depend on: logs, model, effects by name, versions, and the code itself.
+    """Hash of all that the fits depend on: logs, model, effects by name, versions, and the package's code.
 
     Args:
         logs: fitted.
@@ -200,7 +206,7 @@ def key_of(logs: Sequence[Log], withheld: Sequence[Log], model: Model, effects: 
     for part in ([str(sorted(versions().items())), model.text], [f"{len(logs)} {len(withheld)}"]):
         digest.update("\0".join(part).encode())
     digest.update(repr([(e.name, [p.name for p in e.parameters]) for e in effects]).encode())
-    for leaf in jax.tree.leaves(model.loop):  # changed, perhaps, since it was read
+    for leaf in jax.tree.leaves(model.loop):  # the blocks may have been changed since the text was read
         digest.update(np.asarray(leaf).tobytes())
     for log in (*logs, *withheld):
         digest.update(f"{log.name} {log.dt!r} {log.linear} {log.torque_measured} {log.torque_step!r}".encode())
@@ -212,7 +218,7 @@ def key_of(logs: Sequence[Log], withheld: Sequence[Log], model: Model, effects: 
 
 @functools.cache
 def _code() -> str:
-    """Hash of the package's own files: fits of other code are no part of this run."""
+    """Hash of the package's files: fits of another state of the code are not reused."""
     digest = hashlib.sha256()
     root = Path(__file__).parents[2]
     for path in sorted(root.rglob("*.py")):
@@ -222,7 +228,7 @@ def _code() -> str:
 
 
 def _answers(content: bytes, begin: int) -> tuple[list[tuple[str, bytes, int]], int]:
-    """The whole answers from `begin` on, and where the last of them ends."""
+    """(complete answers from the byte `begin` on, byte at which the last of them ends)."""
     found = []
     while begin + _HEAD.size <= len(content):
         length, checksum = _HEAD.unpack_from(content, begin)
@@ -232,7 +238,7 @@ def _answers(content: bytes, begin: int) -> tuple[list[tuple[str, bytes, int]], 
             break
         try:
             question, answer = _Plain(io.BytesIO(part)).load()
-        except Exception:  # a checksum has no key: whoever writes the file can make one
+        except Exception:  # the checksum has no key: a forged file can have a right one
             break
         found.append((question, answer, begin))
         begin = end
@@ -250,7 +256,7 @@ def _write(handle: int, content: bytes, place: int) -> None:
 def _lock(handle: int, path: Path) -> None:
     try:
         import fcntl
-    except ImportError:  # another system: its users have a folder each
+    except ImportError:  # no fcntl on Windows: two diagnoses in one folder are not noticed there
         return
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -261,7 +267,7 @@ def _lock(handle: int, path: Path) -> None:
 
 
 class _Writer(pickle.Pickler):
-    """Effects and families stand in the file by their names, arrays as their bytes."""
+    """Writes effects and families as their names, arrays as their bytes."""
 
     def __init__(self, stream: io.BytesIO, search: Search):
         super().__init__(stream, protocol=4)
@@ -269,7 +275,7 @@ class _Writer(pickle.Pickler):
         self._arrays: dict[int, int] = {}
 
     def persistent_id(self, obj: Any) -> Any:
-        """The name of what is not written itself."""
+        """(kind, name or bytes) of an object that is not pickled itself; None for one that is."""
         if isinstance(obj, Effect):
             if id(obj) not in self._effects:
                 raise pickle.PicklingError(f"{obj.name} is not of the vocabulary")
@@ -283,23 +289,25 @@ class _Writer(pickle.Pickler):
             return "scalar", (obj.dtype.str, obj.tobytes())
         known = id(obj) in self._arrays
         place = self._arrays.setdefault(id(obj), len(self._arrays))
-        if known:  # one array in two places stays one
+        if known:  # an array that occurs twice is one object again after reading
             return "array", (place,)
         order = "F" if obj.flags.fnc else "C"
         return "array", (place, obj.dtype.str, obj.shape, order, obj.tobytes(order))
 
 
 class _Plain(pickle.Unpickler):
-    """Text, bytes, and fits made of them."""
+    """Reads builtins and the classes of `_KNOWN`, and nothing else."""
 
     def find_class(self, module: str, name: str) -> Any:
-        """Refuse what no fit is made of: a file is not to run anything."""
+        """Refuse every other class and function: by them a pickle runs code."""
         if (module, name) not in _KNOWN:
             raise pickle.UnpicklingError(f"{module}.{name} is no part of a fit")
         return super().find_class(module, name)
 
 
 class _Reader(_Plain):
+    """The counterpart of `_Writer`."""
+
     def __init__(self, stream: io.BytesIO, search: Search):
         super().__init__(stream)
         self._search = search
@@ -307,7 +315,7 @@ class _Reader(_Plain):
         self._arrays: dict[int, np.ndarray] = {}
 
     def persistent_load(self, pid: Any) -> Any:
-        """The effect or the family of a name; numbers of their bytes."""
+        """The effect or family with a name, or the numbers in some bytes."""
         kind, name = pid
         if kind == "scalar":
             return _of_bytes(*name)[0]
@@ -328,11 +336,13 @@ def _of_bytes(word: str, content: bytes) -> np.ndarray:
 
 
 def _of_candidate(c: Candidate) -> str:
+    """Text that identifies a candidate in a question: its causes and a hash of its values."""
     numbers = b"".join(part.tobytes() for part in (c.vector, *c.states, *c.hidden))
     return f"{c.names} {hashlib.sha256(numbers).hexdigest()[:16]}"
 
 
 def _of_starts(starts: Sequence[Start]) -> str:
+    """Text that identifies starts in a question: their number and a hash of all they hold."""
     digest = hashlib.sha256()
     for start in starts:
         like = "" if start.like is None else _of_candidate(start.like)

@@ -1,8 +1,10 @@
-"""Levenberg-Marquardt in the modes of the missing torque, start states eliminated, many candidates side by side.
+"""Levenberg-Marquardt in the modes of the missing torque, start values eliminated, many candidates at once.
 
-L = sum over windows and modes of c^2 / (s^2 + q^2 lambda) + log(s^2 + q^2 lambda), and the priors. q is set to its
-most likely value at the start of every iteration: far from the truth it is large and the problem is nearly a
-regression; it falls as the fit improves.
+The cost is the sum over windows and modes of c^2 / (s^2 + q^2 lambda) + log(s^2 + q^2 lambda), plus the priors
+(`fpjax.gap.fit.modes`). The start values of the windows are free, as in multiple shooting (Bock, 1983), but windows are
+not tied to each other: each window's own are eliminated from the normal equations by a Schur complement. q is set to
+its most likely value before every iteration. Far from the solution it is large and the problem is nearly a regression
+of the torque, which has fewer local minima; it falls as the fit improves.
 """
 
 from collections.abc import Sequence
@@ -17,13 +19,15 @@ from ..simulate.family import Runner, window_fields
 from .candidate import Candidate
 from .modes import Modes
 
-DAMPINGS = (1e-6, 1e-2, 1.0, 100.0)  # tried at once, times the candidate's own damping
-LOADED = 0.05  # of the friction: how well the torque in a spring at a window's start is known beforehand
-BRISTLE = 0.1  # how well the bristles' share is known beforehand [1]
-MOVED = 0.02  # of the top speed: how well a speed from positions is known, beside its noise
+DAMPINGS = (1e-6, 1e-2, 1.0, 100.0)  # tried side by side, times the candidate's own damping
+# Prior standard deviations of start values about their estimates.
+LOADED = 0.05  # of the torque in a spring, over the friction [1]
+BRISTLE = 0.1  # of the bristles' deflection, over that at sliding [1]
+MOVED = 0.02  # of a speed from positions, over the top speed, beside its noise [1]
+# Parameters by which a model's frequency response, and so `torque_scale`, depends smoothly on the vector.
 RESPONSE = ("inertia", "viscous", "gain", "actuator_lag", "drag_coefficient", "load_coefficient")
-LEAST_PASSED = 0.05  # of a torque: less of it than this reaches no machine that is driven
-GAINED = 0.02  # fall of twice the negative log posterior below which a fit has converged
+LEAST_PASSED = 0.05  # least share of a torque that is taken to pass a limit, dead zone or loaded gear: never none [1]
+GAINED = 0.02  # a fit has converged when a step lowers the cost, twice the negative log posterior, by less
 
 Values = np.ndarray
 Windows = Sequence[Values]
@@ -31,13 +35,13 @@ Windows = Sequence[Values]
 
 @dataclass(frozen=True)
 class Linear:
-    """A record's windows around a candidate: coefficients and their Jacobian.
+    """The coefficients of a record's windows, linearised about a candidate.
 
     Attributes:
         which: index of the record.
         windows: indices, shape (windows,).
-        c: coefficients, (windows, modes).
-        slope: their Jacobian by free parameters, then free start states, (windows, modes, columns).
+        c: coefficients (`Modes.coefficients`), (windows, modes).
+        slope: their Jacobian by the free parameters, then by the window's free start values, (windows, modes, columns).
     """
 
     which: int
@@ -61,16 +65,18 @@ class Fitter:
         speed = np.concatenate([record.speed for record in self.records])
         torque = np.concatenate([record.torque for record in self.records])
         self.speed, self.effort = float(np.sqrt(np.mean(speed**2))), np.sort(np.abs(torque))
+        # Share of the log in which the torque drives, less that in which it brakes: a gear's losses then help it.
         self.driving = float(np.clip(np.mean(np.sign(torque) * np.sign(speed)), 0.0, 1.0))
         self.inertial = self._inertial()
         guide = runner.tables[0].guide
         self.guide = float(guide.stiffness), float(guide.damping)
         self._nominal = self._response(self.family.neutral(setting))
-        # Windows whose readings repeat have more noise.
+        # s^2 of each window: windows with repeated readings have more noise. Rounded to powers of two, so that many
+        # windows share their weights.
         self.noise = [2.0 ** np.round(np.log2(record.runs)) for record in self.records]
 
     def _inertial(self) -> Values:
-        """Mean square of the inertial torque in each mode [N^2 m^2], by octave, shape (modes,)."""
+        """Mean square of the nominal inertial torque in each mode [N^2 m^2], averaged by octave, shape (modes,)."""
         modes, squares = self.modes, []
         for record in self.records:
             rows = record.starts[:, None] + np.arange(record.samples)
@@ -83,15 +89,16 @@ class Fitter:
         return found
 
     def deviations(self, c: Candidate, which: int, *, hidden: bool = True) -> Values:
-        """Prior standard deviations of a window's start values, shape (states,); 0 where one is not free.
+        """Prior standard deviations of a window's start values about their estimates, shape (states,); 0 if not free.
 
         Args:
-            c: a candidate; the stiffness says what twist an unknown torque leaves.
-            which: record.
-            hidden: also of the states that no sensor sees.
+            c: a candidate, whose stiffness turns an uncertain torque into an uncertain twist.
+            which: index of the record.
+            hidden: whether the hidden states are free too.
         """
         record = self.records[which]
         if record.velocity is not None:
+            # Wide against the noise of the estimates, so that the readings of the window decide.
             rate = 10.0 * record.velocity.noise
             angle = 0.0 if record.position is None else 10.0 * record.position.noise
         else:
@@ -111,20 +118,21 @@ class Fitter:
     # --- running
 
     def coefficients(self, candidates: Sequence[Candidate], which: int, windows: Values) -> list[Values]:
-        """c of each candidate as it stands, each of shape (windows, modes)."""
+        """c of each candidate at its present values, each of shape (windows, modes)."""
         vectors = [np.repeat(c.vector[:, None], len(windows), 1) for c in candidates]
         states = [c.states[which][:, windows] for c in candidates]
         fields = [window_fields(self.records[which], windows, c.hidden[which]) for c in candidates]
         return [out.T for out in self._run(which, vectors, states, fields)]
 
     def _run(self, which: int, vectors: list, states: list, fields: list) -> list[Values]:
+        """Coefficients of several groups of lanes, each of shape (modes, lanes), in one run of the loop."""
         merged = {name: np.concatenate([f[name] for f in fields], axis=-1) for name in fields[0]}
         out, _ = self.runner.run(which, np.concatenate(vectors, 1), np.concatenate(states, 1), merged)
         ends = np.cumsum([v.shape[1] for v in vectors])[:-1]
         return np.split(self.modes.coefficients(out), ends, axis=1)
 
     def ends(self, c: Candidate, which: int, windows: Values) -> Values:
-        """Hidden states at the ends of windows, as the candidate stands, shape (2, windows)."""
+        """Hidden states at the ends of windows at the candidate's present values, shape (2, windows)."""
         vector = np.repeat(c.vector[:, None], len(windows), 1)
         fields = window_fields(self.records[which], windows, c.hidden[which])
         return self.runner.run(which, vector, c.states[which][:, windows], fields)[1]
@@ -132,7 +140,7 @@ class Fitter:
     def linearise(
         self, candidates: Sequence[Candidate], windows: Windows, *, hidden: bool = True
     ) -> list[list[Linear]]:
-        """Of each candidate, one `Linear` a record with windows; Jacobians by differences, every change a lane."""
+        """For each candidate, one `Linear` a record with windows; Jacobians by one-sided differences, each a lane."""
         found: list[list[Linear]] = [[] for _ in candidates]
         for which, chosen in enumerate(windows):
             if not len(chosen):
@@ -141,8 +149,10 @@ class Fitter:
             for c in candidates:
                 deviation = self.deviations(c, which, hidden=hidden)
                 live = np.flatnonzero(deviation > 0)
+                # 1e-4 of a typical step: rounding of double precision (1e-16) stays far below, curvature is small.
                 h = 1e-4 * c.scale
                 h = np.where(c.vector[c.free] + h > c.high, -h, h)
+                # Lanes of a window: unchanged, a change of each free parameter, a change of each free start value.
                 count = 1 + len(c.free) + len(live)
                 v = np.repeat(c.vector[:, None], count, 1)
                 v[c.free, 1 + np.arange(len(c.free))] += h
@@ -156,6 +166,7 @@ class Fitter:
                 steps.append(np.concatenate([h, 1e-3 * deviation[live]]))
             blocks = self._run(which, vectors, states, fields)
             for index, (block, size) in enumerate(zip(blocks, steps, strict=True)):
+                # From (modes, windows x count) to (windows, modes, count).
                 shaped = block.reshape(len(block), len(chosen), 1 + len(size)).transpose(1, 0, 2)
                 slope = (shaped[:, :, 1:] - shaped[:, :, :1]) / size
                 found[index].append(Linear(which, chosen, shaped[:, :, 0], slope))
@@ -164,14 +175,14 @@ class Fitter:
     # --- levels and costs
 
     def best_level(self, parts: Sequence[tuple[int, Values, Values]], *, white: bool) -> Values:
-        """The most likely q by octave for (record, windows, coefficients) of one candidate."""
-        return self.modes.best_level(*self._together(parts), white=white)
+        """The most likely q by octave [N m], shape (bands,), of a candidate's parts (record, windows, coefficients)."""
+        return self.modes.best_level(*self._joined(parts), white=white)
 
     def best_noise(self, parts: Sequence[tuple[int, Values, Values]]) -> float:
-        """The most likely factor on the sensors' noise, likewise."""
-        return self.modes.best_noise(*self._together(parts))
+        """The most likely factor on the sensors' noise standard deviation [1], of the same arguments."""
+        return self.modes.best_noise(*self._joined(parts))
 
-    def _together(self, parts: Sequence[tuple[int, Values, Values]]) -> tuple[Values, Values]:
+    def _joined(self, parts: Sequence[tuple[int, Values, Values]]) -> tuple[Values, Values]:
         """(noise, coefficients) of all windows."""
         noise = np.concatenate([self.noise[which][windows] for which, windows, _ in parts])
         return noise, np.concatenate([c for _, _, c in parts])
@@ -191,13 +202,13 @@ class Fitter:
         return float(np.sum(((c.vector[c.free] - c.center) / c.spread) ** 2))
 
     def torques(self, c: Candidate, windows: Windows) -> Values:
-        """How many coefficients of each mode show a torque that the model knows less of than of its own motion.
+        """Effective number of coefficients of each mode that count as torques of an imposed motion, for `log_volume`.
 
-        A torque that is seen above the noise counts as far as it is not small beside the inertial torque: where that is
-        the larger, torque makes the motion, and the motion is not imposed.
+        A coefficient counts by its share of missing torque against noise, times the share of missing against inertial
+        torque: where the inertial torque is the larger, the torque makes the motion and the motion is not imposed.
 
         Returns:
-            Shape (modes,) [1].
+            Shape (modes,) [1], at most the number of windows.
         """
         noise = np.concatenate([self.noise[which][chosen] for which, chosen in enumerate(windows)])
         seen = np.sum(self.modes.wiener(c.level, noise), axis=0)
@@ -205,12 +216,13 @@ class Fitter:
         return seen * missing / np.maximum(missing + self.inertial, 1e-300)
 
     def torque_scale(self, c: Candidate, vector: Values | None = None) -> Values:
-        """By how much a torque at a candidate's command is larger than its residual says through the nominal mass.
+        """Factor of a candidate's missing torque at the command over that which `Modes` infers from its residual.
 
-        The ratio of the nominal model's frequency response to its own, at least 1. Under a stiff position loop the
-        motion is imposed and the torque follows from it. A model that hardly moves whatever acts on it (a heavy mass,
-        much damping, a lag, a limit) then leaves small residuals without knowing the torque. A model that moves more
-        than the nominal one is not scaled: a light mass or a large gain would shrink what it is judged by likewise.
+        `Modes` infers it through the nominal mass, so the factor is the ratio of the nominal model's frequency response
+        to the candidate's, at least 1. Under a stiff position loop the motion is imposed and the torque follows from
+        it. A model that hardly responds to torque (a heavy mass, much damping, a lag, a limit) then has small residuals
+        however wrong its torque is, and this factor corrects for it. It is at least 1, since otherwise a light mass or
+        a large gain could make the missing torque of its own model small.
 
         Returns:
             Shape (modes,) [1]; 1 for modes without torque.
@@ -219,8 +231,10 @@ class Fitter:
         return np.where(self.modes.sensor, 1.0, np.maximum(self._nominal / own, 1.0))
 
     def _response(self, vector: Values) -> Values:
-        """Of a machine with these parameters, shape (modes,) (`Modes.response`)."""
+        """Relative frequency response (`Modes.response`) of a machine with a parameter vector, shape (modes,)."""
         found = dict(zip([p.name for p in self.family.parameters], vector, strict=True))
+        # Quadratic drag and the limits, linearised: the slope at the rms speed, and the share of the log's samples in
+        # which the command is neither within the dead zone nor above the limit.
         viscous = found["viscous"] + 2.0 * found.get("drag_coefficient", 0.0) * self.speed
         above, within = found.get("dead_zone", 0.0), found.get("limit", np.inf)
         count = np.searchsorted(self.effort, within, "right") - np.searchsorted(self.effort, above, "left")
@@ -232,7 +246,10 @@ class Fitter:
         )
 
     def log_volume(self, c: Candidate, torques: Values, vector: Values | None = None) -> float:
-        """Twice the negative log of the Jacobian from torques to motion, of so many coefficients a mode."""
+        """Twice the negative log of the Jacobian from torques to motion, over the `torques` counted in each mode.
+
+        A likelihood of torques instead of motions: without it, a model that responds less is favoured.
+        """
         if not np.any(torques > 0.0):
             return 0.0
         return 2.0 * float(torques @ np.log(self.torque_scale(c, vector)))
@@ -243,15 +260,15 @@ class Fitter:
         self, candidates: Sequence[Candidate], windows: Windows, iterations: int, *, white: bool, hidden: bool = True,
         adapt: bool = True,
     ) -> None:  # fmt: skip
-        """More steps from where the candidates stand, in place.
+        """More steps for the candidates, which are changed in place.
 
         Args:
             candidates: of this family.
             windows: indices, one array a record.
             iterations: at most.
             white: one level of the missing torque, and one burst, for all octaves.
-            hidden: start values that no sensor sees are free too.
-            adapt: set the level; else it stays as it is.
+            hidden: whether the hidden states are free too.
+            adapt: whether the level is estimated anew in each iteration.
         """
         for _ in range(iterations):
             active = [c for c in candidates if not c.converged]
@@ -260,8 +277,9 @@ class Fitter:
             self._iterate(active, windows, white=white, hidden=hidden, adapt=adapt)
 
     def _iterate(self, active: list[Candidate], windows: Windows, *, white: bool, hidden: bool, adapt: bool) -> None:
+        """One iteration of each candidate: the best of its steps with all dampings, if that lowers the cost."""
         trials: list[list[Candidate]] = []
-        shown: list[Values] = []
+        counted: list[Values] = []
         for c, parts in zip(active, self.linearise(active, windows, hidden=hidden), strict=True):
             if adapt:
                 c.white = white
@@ -269,14 +287,16 @@ class Fitter:
             c.cost = sum(float(np.sum(self.window_costs(c, p.which, p.windows, p.c))) for p in parts)
             c.cost += sum(float(np.sum(self.state_prior(c, p.which, p.windows, hidden=hidden))) for p in parts)
             torques = self.torques(c, windows)
-            shown.append(torques)
+            counted.append(torques)
             c.cost += self.parameter_prior(c) + self.log_volume(c, torques)
             trials.append(self._steps(c, parts, c.damping * np.array(DAMPINGS), torques, hidden=hidden))
+        # The trials of all candidates run as one batch of lanes. Level and counted torques stay those of the candidate,
+        # so that the costs of its trials are comparable.
         everything = [trial for group in trials for trial in group]
         costs = np.array(
             [
                 self.parameter_prior(c) + self.log_volume(c, torques)
-                for group, torques in zip(trials, shown, strict=True)
+                for group, torques in zip(trials, counted, strict=True)
                 for c in group
             ]
         )
@@ -284,7 +304,7 @@ class Fitter:
             if len(chosen):
                 found = self.coefficients(everything, which, chosen)
                 tries = len(DAMPINGS)
-                for place, c in enumerate(active):  # whose trials have one level
+                for place, c in enumerate(active):  # its trials share its level
                     some = slice(place * tries, (place + 1) * tries)
                     own = self.window_costs(c, which, np.tile(chosen, tries), np.concatenate(found[some]))
                     costs[some] += np.sum(own.reshape(tries, -1), axis=1)
@@ -295,6 +315,7 @@ class Fitter:
             best = int(np.argmin(cost))
             gain = c.cost - cost[best]
             if not gain > 0:
+                # No trial was better: larger dampings in the next iteration; converged where they are of no use.
                 c.damping *= 1e3
                 c.converged = c.damping > 1e5
                 continue
@@ -305,7 +326,7 @@ class Fitter:
     def _steps(
         self, c: Candidate, parts: list[Linear], dampings: Values, torques: Values, *, hidden: bool
     ) -> list[Candidate]:
-        """The candidate after one step for each damping; each window's start states are eliminated."""
+        """Copies of the candidate after one step, one for each damping."""
         count = len(c.free)
         matrix, slope, kept = self.reduced(c, parts, dampings, hidden=hidden)
         c.normal = matrix[-1]
@@ -319,6 +340,7 @@ class Fitter:
             move = np.clip(step * c.scale, -c.reach, c.reach)
             vector[c.free] = np.clip(vector[c.free] + move, c.low, c.high)
             step = (vector[c.free] - c.vector[c.free]) / c.scale
+            # Back-substitution: each window's start values follow the parameters' step, as it was clipped.
             states = [value.copy() for value in c.states]
             for part, live, solved, deviation in kept:
                 move = -solved[place, :, :, count] - solved[place, :, :, :count] @ step
@@ -327,7 +349,7 @@ class Fitter:
         return stepped
 
     def _log_volume_slope(self, c: Candidate, torques: Values) -> Values:
-        """Half the slope of `log_volume` by the free parameters in units of their scale, shape (free,)."""
+        """Half the gradient of `log_volume` by the free parameters in units of their scale, shape (free,)."""
         found, here = np.zeros(len(c.free)), self.log_volume(c, torques)
         for place, index in enumerate(c.free):
             if c.family.parameters[index].name in RESPONSE:
@@ -338,7 +360,18 @@ class Fitter:
         return found
 
     def reduced(self, c: Candidate, parts: list[Linear], dampings: Values, *, hidden: bool = True) -> tuple:
-        """(normal matrices, gradients) of the free parameters in units of `scale`, by damping; and what steps need."""
+        """Normal equations of the free parameters with the start values of the windows eliminated.
+
+        Args:
+            c: a candidate; its `occam` is set.
+            parts: its linearisation.
+            dampings: shape (dampings,).
+            hidden: whether the hidden states are free too.
+
+        Returns:
+            (normal matrices (dampings, free, free), gradients (dampings, free), both in units of `scale` and without
+            prior; for each part, what the step of its start values needs).
+        """
         count = len(c.free)
         matrix = np.zeros((len(dampings), count, count))
         gradient = np.zeros((len(dampings), count))
@@ -350,9 +383,11 @@ class Fitter:
             index = np.arange(len(live))
             own[:, index, index] += 1.0
             c.occam += float(np.sum(np.linalg.slogdet(own)[1]))
+            # The start values are damped too. Shapes: own (windows, states, states), damped (dampings, *own).
             damped = np.repeat(own[None], len(dampings), 0)
             damped[:, :, index, index] *= 1.0 + dampings[:, None, None]
             cross = products[:, count:, :count]
+            # Schur complement A_pp - A_ps A_ss^-1 A_sp, summed over windows; by the last column of the gradient too.
             solved = np.linalg.solve(damped, np.concatenate([cross, pull[:, count:, None]], 2)[None])
             across = cross.transpose(0, 2, 1) @ solved
             matrix += np.sum(products[:, :count, :count] - across[..., :count], 1)
@@ -361,7 +396,10 @@ class Fitter:
         return matrix, gradient, kept
 
     def _products(self, c: Candidate, part: Linear, *, hidden: bool) -> tuple[Values, Values, Values, Values]:
-        """(J' W J, J' W c with the start states' prior, their deviations, which are free), in scaled units."""
+        """(J' W J, J' W c plus the start values' prior, prior deviations, indices of the free ones), in scaled units.
+
+        Of each window: shapes (windows, columns, columns) and (windows, columns), parameters first.
+        """
         deviation = self.deviations(c, part.which, hidden=hidden)
         live = np.flatnonzero(deviation > 0)
         size = np.concatenate([c.scale, deviation[live]])
@@ -375,11 +413,12 @@ class Fitter:
 
 
 def _bounded(c: Candidate, matrix: Values, slope: Values, damping: float) -> Values:
-    """Solve the damped normal equations; a parameter at its bound that wants out stays there."""
+    """The step of the damped normal equations; a parameter at a bound, whose step leads outside, is held there."""
     value, edge = c.vector[c.free], 1e-9 * c.scale
     held, step = np.zeros(len(value), bool), np.zeros(len(value))
+    # Marquardt's scaling by the diagonal; the small term keeps a parameter without influence solvable.
     damped = matrix + np.diag(damping * np.diag(matrix) + 1e-12)
-    for _ in range(4):
+    for _ in range(4):  # holding one parameter may drive another out
         go = ~held
         step[:] = 0.0
         if not np.any(go):

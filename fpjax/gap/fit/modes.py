@@ -1,19 +1,19 @@
-"""Modes: in which a torque that nobody modelled reaches the sensors, and how large it is.
+"""Modes: how an unmodelled (missing) torque reaches the sensors, and the likelihood with it integrated out.
 
-The residual of a window, in standard deviations of the sensors, is r = n + B d: n is white, d an unknown torque held
-over each period [N m], B its way through the rigid *nominal* mass. B holds the nominal mass and the residual the
-measured motion, so no candidate can shrink what it is judged by. With B = U diag(sqrt(lambda)) V' the coefficients
-c = U' r are independent, of variance s^2 + q^2 lambda: one number a mode, so that the unknown torque is integrated out
-exactly. For the rigid mass this is the likelihood of a Kalman filter's innovations (Kennedy, O'Hagan, "Bayesian
-calibration of computer models", 2001, have the same idea for static models).
+The residual of a window, in standard deviations of the sensors, is r = n + B d: n is white noise, d the missing torque,
+held over each period [N m], B its effect on the readings through the rigid *nominal* mass. B is the same for every
+candidate, so that none can make its own missing torque small by its inertia. With the singular value decomposition
+B = U diag(sqrt(lambda)) V' the coefficients c = U' r are independent, of variance s^2 + q^2 lambda, where s is the
+noise and q the standard deviation of the missing torque: so it is integrated out exactly. For the rigid mass this is
+the likelihood of a Kalman filter's innovations (Kennedy and O'Hagan, "Bayesian calibration of computer models", 2001,
+have the same idea for static models).
 
-q is estimated for every model: at zero it is output error, at infinity the torque residual. It may depend on frequency,
-in octaves: a real machine's unknown torque is not white, and a white one would count its slow part as many
-independent observations. And it is not stationary: a push that nobody recorded, a stretch in which something rattles,
-a reversal whose details no law holds. So the coefficients of half an octave are turned into such as are local in time,
-and every few neighbours (a tile of time and frequency) have a factor of their own on q, their burst, that is integrated
-out too: a scale mixture of normal laws, heavy-tailed as Student's. A few events then cannot decide over the rest of a
-log, and quiet stretches count for what they show.
+q is estimated for every model: with q = 0 the fit minimises the output error, with large q the torque residual. It may
+depend on frequency, in octaves: a real machine's missing torque is not white, and with one q its slow part would count
+as many independent observations. Nor is it stationary: there are unrecorded pushes, stretches of rattling, reversals
+with details that no law has. So the coefficients of half an octave are rotated into ones that are local in time, and
+every few neighbours (a tile of time and frequency) share a factor on q, their burst, which is integrated out too: a
+scale mixture of normal laws, heavy-tailed as Student's t. A few events then do not outweigh the rest of a log.
 """
 
 import functools
@@ -24,29 +24,32 @@ from dataclasses import dataclass
 import numpy as np
 
 TILE = 4  # coefficients that share a burst
-PLAIN = 8  # modes of the lowest octaves, which are not turned: they are as long as the window
-FIRST_BAND = 4  # modes of the lowest octave: two of them are taken by a window's start states
-PER_OCTAVE = 3  # levels that are tried to a factor of two
-NOISES = np.geomspace(0.5, 32.0, 49)  # factors on the sensors' noise that are tried
+PLAIN = 8  # modes of the lowest octaves, which are not rotated: each is as long as the window
+FIRST_BAND = 4  # modes of the lowest octave: a window's start values take up two of them
+PER_OCTAVE = 3  # levels q that are tried within a factor of two
+NOISES = np.geomspace(0.5, 32.0, 49)  # factors on the sensors' noise standard deviation that are tried
 BURSTS = np.array([*range(-5, 7), 8, 10, 13, 16, 20])  # log2 of the factors on a tile's q
-BURST_SCALE = 0.5  # of the Laplace law of the natural logarithm of a burst [1]
-FINEST, COARSEST = 0.03, 1e7  # of the smallest level that a mode can show at all
+BURST_SCALE = 0.5  # scale of the Laplace prior of the natural logarithm of a burst [1]
+FINEST, COARSEST = 0.03, 1e7  # range of q that is tried, over the q that equals the noise in the strongest mode
 
 Values = np.ndarray
 
 
 @dataclass(frozen=True)
 class _Atoms:
-    """Attributes: see `Modes._atoms`.
+    """Groups of modes that enter the likelihood by their sum of squares alone (`Modes._atoms`).
 
-    first: mode of each atom, shape (atoms,).
-    count: modes in it.
-    band: octave.
-    flat: lambda.
-    tile: number of its tile, from 0.
-    first_of_tile: first atom of each tile.
-    of_side: atoms of each side.
-    place: atom of each mode, shape (modes,).
+    A side is the modes that hold torque, or those that hold none.
+
+    Attributes:
+        first: first mode of each atom, shape (atoms,).
+        count: modes in each, (atoms,).
+        band: octave of each, (atoms,).
+        flat: lambda of each, (atoms,).
+        tile: number of the tile of each, from 0, (atoms,).
+        first_of_tile: first atom of each tile, (tiles,).
+        of_side: atoms of each side.
+        place: atom of each mode, shape (modes,).
     """
 
     first: Values
@@ -61,23 +64,23 @@ class _Atoms:
 
 @dataclass(frozen=True)
 class Modes:
-    """The ways of an unknown torque to the sensors in one window, and what two sensors may disagree by.
+    """The modes of one window's residuals: those that a missing torque reaches, and those that it does not.
 
-    With a rate sensor and an encoder, half of the modes hold no torque: they show whether the two agree. What is left
-    there has a level of its own, or a sensor that is not as it should be would pass for a torque.
+    With a rate sensor and an encoder, half of the modes hold no torque: they are the differences between the sensors.
+    These have a level of their own, else a fault of a sensor would count as a torque.
 
     Attributes:
-        basis: U, turned half an octave at a time into vectors that are local in time, shape (rows, modes); rows are the
-            samples of the rate, then of the position.
-        turn: that turn, orthonormal, shape (modes, modes): U is basis @ turn.T.
-        flat: lambda of the turned coefficients [1 / (N m)^2], one value for each half octave, shape (modes,).
-        tile: number of the tile that each turned coefficient is in, ascending, shape (modes,).
+        basis: U, rotated half an octave at a time into vectors that are local in time, shape (rows, modes); rows are
+            the samples of the rate, then of the position.
+        turn: that rotation, orthonormal, shape (modes, modes): U is basis @ turn.T.
+        flat: lambda of the rotated coefficients [1 / (N m)^2], its mean in each half octave, shape (modes,).
+        tile: number of the tile of each rotated coefficient, ascending, shape (modes,).
         gain: lambda [1 / (N m)^2], descending, then 1 for modes that hold no torque [1], shape (modes,).
-        torque: V, the course of a mode's torque, orthonormal, shape (samples, modes); zero where it holds none.
+        torque: V, the course of each mode's torque, orthonormal, shape (samples, modes); zero for modes without torque.
         band: octave of each mode, ascending, shape (modes,); the last one is that of the modes without torque, if there
             are any.
         frequency: of each mode's torque [Hz], shape (modes,).
-        levels: values of q to try [N m], and of the disagreement [standard deviations], shape (levels, bands).
+        levels: values of q to try [N m], and of the sensors' difference [standard deviations], shape (levels, bands).
         sensor: whether a mode holds no torque, shape (modes,).
         inertia: nominal J [kg m^2].
     """
@@ -96,11 +99,11 @@ class Modes:
 
     @property
     def bands(self) -> int:
-        """Number of levels."""
+        """Number of octaves, each with a level."""
         return self.levels.shape[1]
 
     def coefficients(self, residuals: Values) -> Values:
-        """The turned coefficients of residuals.
+        """The rotated coefficients of residuals.
 
         Args:
             residuals: (channels, samples, lanes), in standard deviations.
@@ -111,7 +114,12 @@ class Modes:
         return self.basis.T @ residuals.reshape(self.basis.shape[0], -1)
 
     def wiener(self, level: Values, noise: Values) -> Values:
-        """Share of a coefficient that is torque and not noise, shape (windows, modes); 0 for modes without torque."""
+        """Share of torque in a coefficient (Wiener filter) [1], shape (windows, modes); 0 in modes without torque.
+
+        Args:
+            level: q by octave [N m], shape (bands,).
+            noise: s^2 of each window [1], shape (windows,).
+        """
         signal = np.where(self.sensor, 0.0, level[self.band] ** 2 * self.gain)
         return signal / (noise[:, None] + signal)
 
@@ -127,14 +135,14 @@ class Modes:
             viscous: B [N m s/rad].
             gain: of the torque g [1].
             lag: of the torque T [s].
-            guide: stiffness [1/s^2] and damping [1/s] of K, what holds a simulation near the motion.
+            guide: its stiffness k [1/s^2] and damping d [1/s], with K = k + d s.
         """
         s = 2j * np.pi * self.frequency
         held = s**2 + guide[0] + guide[1] * s
         return np.abs(gain * self.inertia / inertia * held / ((held + s * viscous / inertia) * (1.0 + s * lag)))
 
     def plain(self, coefficients: Values) -> Values:
-        """c = U' r of turned coefficients; both of shape (windows, modes)."""
+        """c = U' r from rotated coefficients; both of shape (windows, modes)."""
         return coefficients @ self.turn.T
 
     def cost(self, level: Values, noise: Values, coefficients: Values, *, white: bool) -> Values:
@@ -143,15 +151,16 @@ class Modes:
         Args:
             level: q by octave [N m], shape (bands,).
             noise: s^2 of each window [1], shape (windows,).
-            coefficients: turned, shape (windows, modes).
-            white: one burst for all tiles of a window.
+            coefficients: rotated, shape (windows, modes).
+            white: one burst for all tiles of a side of a window.
         """
         return np.sum(_mixed(self._by_burst(level, noise, coefficients, white)), axis=1)
 
     def precision(self, level: Values, noise: Values, coefficients: Values, *, white: bool) -> Values:
-        """Mean of 1 / (s^2 + q^2 lambda) over what the bursts may be, shape (windows, modes).
+        """Posterior mean of 1 / (s^2 + q^2 lambda) over the bursts, shape (windows, modes).
 
-        With these weights a least-squares step lowers the cost (expectation and maximisation). Arguments as of `cost`.
+        The weights of a least-squares step that lowers `cost`: the E step of expectation-maximisation. Arguments as of
+        `cost`.
         """
         by_burst = self._by_burst(level, noise, coefficients, white)
         share = _LAW * np.exp(-0.5 * (by_burst - np.min(by_burst, axis=2, keepdims=True)))
@@ -160,6 +169,7 @@ class Modes:
         signal = (level[atoms.band] ** 2 * atoms.flat)[:, None] * 4.0**BURSTS
         out = np.empty((len(noise), len(signal)))
         for kind in np.unique(noise):
+            # Noises are powers of two (`Fitter.noise`), so that few kinds occur.
             rows, sharper = noise == kind, 1.0 / (kind + signal)
             if white:
                 for side, own in enumerate(atoms.of_side):
@@ -169,17 +179,19 @@ class Modes:
         return out[:, atoms.place]
 
     def best_level(self, noise: Values, coefficients: Values, *, white: bool) -> Values:
-        """The levels that make coefficients most likely, bursts integrated out, shape (bands,).
+        """The most likely level of each octave, bursts integrated out, shape (bands,).
 
-        Arguments as of `cost`; white: also one level of the torque for all octaves.
+        First on a grid of factors of two, then in `PER_OCTAVE` steps around the best. Arguments as of `cost`; white:
+        also one level for all octaves.
         """
-        # A burst is a whole number of coarse steps, so that what one level is with a burst, another is without.
+        # A burst is a power of two, as a step of the grid is: the costs of all levels with all bursts are those of one
+        # longer grid, of which `_law_along` takes weighted sums. Shape (values, bands).
         coarse = np.concatenate([np.zeros((1 + _BELOW, self.bands)), self.levels[1::PER_OCTAVE]])
         coarse = np.concatenate([coarse, coarse[-1] * 2.0 ** np.arange(1, BURSTS[-1] + 1)[:, None]])
         costs = self._at(coarse, noise, coefficients, white)
         least = np.min(costs, axis=2, keepdims=True)
         mixed = np.exp(-0.5 * (costs - least)) @ _law_along(len(coarse))
-        # A level at which a tile is impossible costs that tile a thousand nats, and not everything.
+        # The floor: a level under which one tile underflows costs 690 nats for that tile instead of infinity.
         best = self._best(-2.0 * np.log(np.maximum(mixed, 1e-300)) + least, white)
         middle = np.where(best > 0, (best - 1) * PER_OCTAVE + 1, 0)
         around = np.clip(middle[None] + np.arange(1 - PER_OCTAVE, PER_OCTAVE)[:, None], 0, len(self.levels) - 1)
@@ -199,8 +211,12 @@ class Modes:
     def best_noise(self, noise: Values, coefficients: Values) -> float:
         """The factor on the sensors' standard deviation [1] that makes coefficients most likely beside a white torque.
 
-        White sensor noise falls with frequency in a mode's torque and a white torque does not: the two are told apart
-        by their spectra, however large the torque is. Without bursts: they would take the noise of a few windows.
+        The noise has the same variance in all modes and a torque falls with lambda: they are distinguished by their
+        spectra, however large the torque is. Bursts are left out: they could stand for the noise of a few windows.
+
+        Args:
+            noise: s^2 of each window [1], shape (windows,).
+            coefficients: rotated, shape (windows, modes).
         """
         torque, squares = ~self.sensor, coefficients**2
         signal = self.levels[:, self.band[torque]] ** 2 * self.flat[torque]  # (levels, modes)
@@ -216,11 +232,18 @@ class Modes:
         return float(NOISES[int(np.argmin(costs))])
 
     def _by_burst(self, level: Values, noise: Values, coefficients: Values, white: bool) -> Values:
-        """Twice the negative log likelihood by window, tile (or side, if white) and burst."""
+        """Twice the negative log likelihood for each burst, shape (windows, tiles, bursts); sides if white."""
         return self._at(level * 2.0 ** BURSTS[:, None], noise, coefficients, white)
 
     def _at(self, levels: Values, noise: Values, coefficients: Values, white: bool) -> Values:
-        """Twice the negative log likelihood by window, tile (or side, if white) and level, given as (values, bands)."""
+        """Twice the negative log likelihood for each of the levels, shape (windows, tiles, values); sides if white.
+
+        Args:
+            levels: q, shape (values, bands).
+            noise: s^2 of each window [1], shape (windows,).
+            coefficients: rotated, shape (windows, modes).
+            white: sums over a side instead of a tile.
+        """
         atoms = self._atoms
         squares = np.add.reduceat(coefficients**2, atoms.first, axis=1)
         signal = levels[:, atoms.band].T ** 2 * atoms.flat[:, None]
@@ -239,9 +262,9 @@ class Modes:
 
     @functools.cached_property
     def _atoms(self) -> "_Atoms":
-        """Modes in a row with one lambda, tile and octave: to the likelihood they are one number, their sum of squares.
+        """Runs of modes with one lambda, tile and octave: the likelihood depends on their sum of squares alone.
 
-        Most tiles are one: of their turned coefficients only the sum of squares counts.
+        Most tiles are one run, so that the likelihood costs a `TILE`-th of the modes.
         """
         same = (np.diff(self.tile) == 0) & (np.diff(self.band) == 0) & (np.diff(self.flat) == 0.0)
         first = np.flatnonzero(np.concatenate([[True], ~same]))
@@ -256,22 +279,22 @@ class Modes:
 
     @functools.cached_property
     def _first_modes(self) -> Values:
-        """Of each tile."""
+        """First mode of each tile, shape (tiles,)."""
         return np.flatnonzero(np.diff(self.tile, prepend=-1))
 
     @functools.cached_property
     def _first_tiles(self) -> Values:
-        """Of each octave."""
+        """First tile of each octave, shape (bands,)."""
         return np.flatnonzero(np.diff(self.band[self._first_modes], prepend=-1))
 
     @functools.cached_property
     def _sides(self) -> Values:
-        """Of each mode: 0 where it holds torque, then that of the modes without."""
+        """Side of each mode: 0 where it holds torque, 1 where it holds none, shape (modes,)."""
         return np.cumsum(np.diff(self.sensor.astype(int), prepend=int(self.sensor[0])))
 
     @functools.cached_property
     def _side(self) -> Values:
-        """Likewise, of each octave."""
+        """Side of each octave, shape (bands,)."""
         return self._sides[self._first_modes[self._first_tiles]]
 
     @functools.cached_property
@@ -284,6 +307,7 @@ class Modes:
         return float(np.sqrt(np.sum(weight * level[self.band] ** 2) / np.sum(weight)))
 
 
+# The bursts' prior on the grid BURSTS: Laplace density of the natural logarithm times the grid's spacing, normalised.
 _BELOW = -int(BURSTS[0])
 _LAW = np.exp(-np.abs(BURSTS) * math.log(2.0) / BURST_SCALE) * np.gradient(BURSTS.astype(float))
 _LAW = _LAW / np.sum(_LAW)
@@ -291,7 +315,7 @@ _LAW = _LAW / np.sum(_LAW)
 
 @functools.lru_cache(maxsize=8)
 def _law_along(values: int) -> Values:
-    """The bursts' law around each of some levels an octave apart, shape (values, levels)."""
+    """The bursts' prior about each of some levels a factor of two apart, shape (values, levels)."""
     levels = values - _BELOW - BURSTS[-1]
     out = np.zeros((values, levels))
     for place in range(levels):
@@ -318,10 +342,11 @@ def make_modes(samples: int, dt: float, inertia: float, rate_noise: float, angle
         most: modes with torque that are kept; 0 for all.
     """
     index = np.arange(samples)
-    lag = index[:, None] - index[None, :]  # of sample k behind the period j in which a torque acts
+    lag = index[:, None] - index[None, :]  # samples from the period j in which a torque acts to the reading k
     held = lag > 0
     parts = []
     if rate_noise > 0.0:
+        # A torque of 1 N m in period j adds dt / J to every later speed, and travel at it from the period's middle on.
         parts.append(np.where(held, dt / inertia, 0.0) / rate_noise)
     if angle_noise > 0.0:
         parts.append(np.where(held, (lag - 0.5) * dt**2 / inertia, 0.0) / angle_noise)
@@ -329,19 +354,21 @@ def make_modes(samples: int, dt: float, inertia: float, rate_noise: float, angle
     count = basis.shape[1]
     gain, torque = np.ones(count), np.zeros((samples, count))
     alive = np.zeros(count, bool)
+    # Smaller singular values are rounding errors of the decomposition.
     alive[: len(size)] = size > 1e-13 * size[0]
     gain[alive] = size[alive[: len(size)]] ** 2
     torque[:, alive] = course.T[:, alive[: len(size)]]
     place = np.arange(count)
     band = np.floor(np.log2(np.maximum(place / FIRST_BAND, 0.5))).astype(int) + 1
     last = int(np.max(band[alive]))
+    # Octave 0 has the first FIRST_BAND modes, octave 1 as many, then each twice as many as the one before.
     if np.sum(alive & (band == last)) < FIRST_BAND * 2 ** (last - 1) / 2:  # a rest joins the octave below
         band[band >= last] = last - 1
     last = int(np.max(band[alive]))
     both = len(parts) == 2
     keep = ~alive if both else np.zeros(count, bool)
-    keep = keep | (alive & (place < (most or count)))
-    # With one sensor, a mode that shows no torque is noise: it has the last octave's level and no gain.
+    keep = keep | (alive & (place < (most or count)))  # place: singular values are in descending order
+    # With one sensor, a mode that holds no torque is noise alone: in the last octave, with lambda zero.
     gain = np.where(alive, gain, 1.0 if both else 0.0)
     grid = np.concatenate(
         [[0.0], FINEST * 2.0 ** (np.arange(PER_OCTAVE * math.ceil(math.log2(COARSEST / FINEST))) / PER_OCTAVE)]
@@ -351,6 +378,7 @@ def make_modes(samples: int, dt: float, inertia: float, rate_noise: float, angle
     levels = np.repeat(grid[:, None] / np.sqrt(gain[0]), torques, axis=1)
     if both:
         levels = np.concatenate([levels, np.minimum(grid, 1e5)[:, None]], axis=1)
+    # The course of mode k has about k half periods within the window, as a sine of the integrator's modes has.
     frequency = (place + 0.5) / (2.0 * samples * dt)
     kept = np.flatnonzero(keep)
     turn, flat, tile = _turned(place[kept], alive[kept], gain[kept], torque[:, kept])
@@ -361,7 +389,7 @@ def make_modes(samples: int, dt: float, inertia: float, rate_noise: float, angle
 
 
 def _turned(place: Values, alive: Values, gain: Values, torque: Values) -> tuple[Values, Values, Values]:
-    """(turn, lambda and tile of the turned coefficients) of the modes that are kept."""
+    """(rotation, lambda and tile of the rotated coefficients) of the kept modes; arguments of shape (modes,)."""
     time = np.linspace(-1.0, 1.0, len(torque))[:, None]
     turn, flat, tile = np.eye(len(place)), gain.copy(), np.zeros(len(place), int)
     half = np.floor(2.0 * np.log2(np.maximum(place, 1) / PLAIN)).astype(int)
@@ -372,7 +400,8 @@ def _turned(place: Values, alive: Values, gain: Values, torque: Values) -> tuple
         inside = np.flatnonzero(group == one)
         tiles = 1
         if place[inside[0]] >= PLAIN and alive[inside[0]] and len(inside) > TILE:
-            # The vectors of a band that are most local in time are those of the time itself, seen in the band.
+            # The eigenvectors of the time axis, restricted to the group's modes, are its most local vectors; their
+            # eigenvalues are their times, in ascending order, so that neighbours make up a tile.
             course = torque[:, inside]
             turn[np.ix_(inside, inside)] = np.linalg.eigh(course.T @ (time * course))[1]
             flat[inside] = np.mean(gain[inside])

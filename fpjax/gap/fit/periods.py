@@ -1,4 +1,8 @@
-"""Periods: at how many periods a revolution the missing torque repeats with the position; starts of fits."""
+"""Periods: number of periods per revolution at which the missing torque repeats; start values of fits.
+
+A least-squares periodogram over the position (Lomb and Scargle's, with further columns beside the sine): the position
+is not evenly sampled, so that a Fourier transform does not serve.
+"""
 
 import numpy as np
 
@@ -6,22 +10,24 @@ from ..data.record import Record
 from ..data.setting import Setting
 from ..effects.parameters import fewest_periods
 
-MOST = 3  # starts of each kind
-SAMPLES = 3000  # that are looked at
-HIGHEST = 200.0  # periods a revolution that are looked at, or as many within a shorter travel
-GRID = 1600  # periods that are tried at the most
-BLOCK = 40  # periods that are computed together: they stay in the cache
-MOVING = 0.05  # of the top speed: below it the direction is not known
+MOST = 3  # peaks that are returned of each kind
+SAMPLES = 3000  # of the log that are used, evenly spread
+HIGHEST = 200.0  # periods per revolution that are tried at most, or as many within a shorter travel
+GRID = 1600  # values that are tried at most
+BLOCK = 40  # values that are computed together, so that their sines stay in the cache
+MOVING = 0.05  # of the top speed: slower samples are left out, since their direction is uncertain
 
 Values = np.ndarray
 
 
 def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[str, tuple[float, ...]]:
-    """{"torque": periods, "friction": periods} [1/rev], the strongest first; nothing where too little turns.
+    """{"torque": periods, "friction": periods} [1/rev], the strongest first; {} where the machine turns too little.
+
+    "torque" is a sine of the position, "friction" one times the sign of the speed.
 
     Args:
         course: the missing torque [N m], NaN where unknown, shape (samples,).
-        record: its motion.
+        record: the log.
         setting: sizes.
     """
     travel = float(np.ptp(record.angle))
@@ -32,34 +38,36 @@ def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[
     angle, speed, left = record.angle[keep], record.speed[keep], course[keep]
     fewest = fewest_periods(setting)
     highest = HIGHEST * max(1.0, fewest)
+    # A peak is about 2 pi / travel wide: four values across it.
     step = max(np.pi / (2.0 * travel), highest / GRID)
     periods = np.arange(max(0.5, fewest, step), highest, step)
     if len(periods) < 3:
         return {}
+    # Offset, Coulomb, viscous and inertial errors are taken out of the missing torque and of every sine.
     common = np.stack([np.ones_like(speed), np.sign(speed), speed, record.acceleration[keep]], 1)
     basis, _ = np.linalg.qr(common / np.maximum(np.linalg.norm(common, axis=0), 1e-30))
     torque, friction = _energies(left, angle, np.sign(speed), periods, basis)
     found = {
-        "torque": _peaks(periods, np.where(periods >= 1.5, torque, 0.0)),
+        "torque": _peaks(periods, np.where(periods >= 1.5, torque, 0.0)),  # below, it is an unbalance
         "friction": _peaks(periods, friction),
     }
     if travel < 3.0 * np.pi:
-        # Little more than a period was seen: the peak is as wide as its place, and the fit wants starts around it.
+        # Less than one and a half turns: the peak is as wide as its own value, so that starts on both sides are needed.
         around = {name: tuple(f * peaks[0] for f in (0.85, 1.2)) for name, peaks in found.items() if peaks}
         found = {name: (*peaks, *(p for p in around[name] if p > fewest)) for name, peaks in found.items() if peaks}
     return found
 
 
 def repeating_share(course: Values, record: Record, periods: tuple[float, ...]) -> tuple[float, float]:
-    """(periods a revolution [1/rev], share [1] of the missing torque) of the sine of the position that holds most.
+    """(periods per revolution [1/rev], share of the missing torque's energy [1]) of the sine that holds most of it.
 
     Args:
         course: the missing torque [N m], NaN where unknown, shape (samples,).
-        record: its motion.
+        record: the log.
         periods: to choose from [1/rev].
 
     Returns:
-        (0, 0) where there is none.
+        (0, 0) where `periods` is empty.
     """
     keep, best = np.flatnonzero(np.isfinite(course)), (0.0, 0.0)
     left = course[keep] - np.mean(course[keep])
@@ -72,32 +80,42 @@ def repeating_share(course: Values, record: Record, periods: tuple[float, ...]) 
 
 
 def turning_weight(course: Values, record: Record) -> dict[str, float]:
-    """Values of an unbalance that a missing torque is most like, by name [N m]; nothing where too little is known.
+    """Values of the unbalance that fits a missing torque best, by name [N m]; {} with fewer than 50 samples of it.
 
     Args:
         course: the missing torque [N m], NaN where unknown, shape (samples,).
-        record: its motion.
+        record: the log.
     """
     keep = np.flatnonzero(np.isfinite(course))
     if len(keep) < 50:
         return {}
     angle, speed = record.angle[keep], record.speed[keep]
+    # Errors of the nominal values are fitted beside it; the columns are scaled, since their units differ.
     beside = np.stack([np.ones_like(speed), np.sign(speed), speed, record.acceleration[keep]], 1)
     columns = np.concatenate([np.stack([np.cos(angle), np.sin(angle)], 1), beside], 1)
     sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
     found = np.linalg.lstsq(columns / sizes, course[keep], rcond=1e-6)[0] / sizes
-    # What the machine has and the model lacks drives; a load holds back.
+    # A missing torque drives the machine, a load brakes it: the signs are opposite.
     return {"unbalance_cosine": -float(found[0]), "unbalance_sine": -float(found[1])}
 
 
 def _energies(left: Values, angle: Values, side: Values, periods: Values, basis: Values) -> tuple[Values, Values]:
-    """What a sine of each of the periods explains, as it is and times `side` (1 or -1), beside the basis.
+    """Energy that a sine of each number of periods explains beside the basis, plain and times `side`.
 
-    Both of shape (periods,).
+    Args:
+        left: missing torque [N m], (samples,).
+        angle: position [rad], (samples,).
+        side: sign of the speed, 1 or -1, (samples,).
+        periods: per revolution, evenly spaced, (periods,).
+        basis: orthonormal columns that are fitted too, (samples, columns).
+
+    Returns:
+        (of the torque, of the friction) [N^2 m^2], each of shape (periods,).
     """
     columns = np.concatenate([basis, (left - basis @ (basis.T @ left))[:, None]], 1)
+    # sum((side sine) column) = sum(sine (side column)): the sines are formed once for both kinds.
     columns = np.concatenate([columns, side[:, None] * columns], 1)
-    # The periods are evenly spaced: a block of them is one of them turned on, without further sines.
+    # Evenly spaced: exp(i (p0 + k dp) angle) of a block is one exponential times these factors, formed once.
     turned = np.exp(1j * (periods[1] - periods[0]) * angle * np.arange(BLOCK)[:, None])
     found = []
     for first in range(0, len(periods), BLOCK):
@@ -111,7 +129,14 @@ def _energies(left: Values, angle: Values, side: Values, periods: Values, basis:
 
 
 def _explained(squares: list[Values], cosine: Values, sine: Values, small: float) -> Values:
-    """Fall of the sum of squares by a sine and a cosine; given their products, and those with the columns."""
+    """Fall of the sum of squares by a cosine and a sine beside the basis (a 2 x 2 system after its projection).
+
+    Args:
+        squares: sums of cosine^2, sine^2 and cosine x sine, each (periods,).
+        cosine: products of the cosine with the basis, then with the missing torque, (periods, columns + 1).
+        sine: likewise.
+        small: added to the diagonal; a cosine and a sine over little travel are parallel.
+    """
     (a, c), (b, s) = (cosine[:, :-1], cosine[:, -1]), (sine[:, :-1], sine[:, -1])
     cc, ss, cs = (
         whole - np.sum(one * other, axis=1) for whole, one, other in zip(squares, (a, b, a), (a, b, b), strict=True)
@@ -121,7 +146,7 @@ def _explained(squares: list[Values], cosine: Values, sine: Values, small: float
 
 
 def _peaks(periods: Values, energy: Values) -> tuple[float, ...]:
-    """The highest ones that are further apart than the resolution."""
+    """Periods of the highest values that are further apart than 2.5 steps, `MOST` at the most."""
     width = 2.5 * (periods[1] - periods[0])
     found: list[float] = []
     for index in np.argsort(-energy):

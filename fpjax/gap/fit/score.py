@@ -1,4 +1,4 @@
-"""Score: what a finished candidate is worth on the fitted and on the withheld windows."""
+"""Score: evidence and missing torque of a finished candidate, on the fitted and on the withheld windows."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,11 +15,13 @@ from .modes import Modes
 
 Values = np.ndarray
 
-PROPER = (4, 8)  # steps for the start states of withheld windows; hidden states are looked up before each round
+# Steps for the start values of withheld windows, in two rounds, each after an estimate of the hidden states. (Three
+# steps were too few: an exact model could lose 170,000 nats on one withheld window.)
+PROPER = (4, 8)
 
 
 class Scoring(Protocol):
-    """What a score needs to know of a search (`fpjax.gap.fit.search.Search`)."""
+    """The part of `fpjax.gap.fit.search.Search` that scoring uses; attributes as there."""
 
     records: list[Record]
     train: list[Values]
@@ -31,28 +33,29 @@ class Scoring(Protocol):
     real_noise: float
 
     def observe(self, candidates: Sequence[Candidate], windows: Sequence[Values]) -> None:
-        """Look up the hidden states at the starts of windows."""
+        """Estimate the hidden states at the starts of windows."""
         ...
 
 
 def score(search: Scoring, c: Candidate) -> Fit:
-    """A finished candidate's levels, its evidence, and the missing torque of every window.
+    """The evidence of a candidate, its levels, and its missing torque in every window.
 
     Args:
         search: that it belongs to.
-        c: on the fitted windows; its level and the start states of the withheld windows are set.
+        c: fitted on the fitted windows; its level and the start values of the withheld windows are set here.
     """
     fitter = search.fitters[c.family.key]
     parts = fitter.linearise([c], search.train)[0]
     c.level, c.white = fitter.best_level([(p.which, p.windows, p.c) for p in parts], white=False), False
     fixed = replace(
+        # The same values with no parameter free: on withheld windows the start values alone are fitted.
         c, free=np.zeros(0, int), low=np.zeros(0), high=np.zeros(0), center=np.zeros(0), spread=np.ones(0),
         scale=np.zeros(0), reach=np.zeros(0), states=[s.copy() for s in c.states], hidden=[h.copy() for h in c.hidden],
         converged=False, damping=1e-3,
     )  # fmt: skip
     withheld = _withheld_parts(search, fixed, fitter)
-    # The level is no law of the machine: it is that of all windows. A level that the fitted ones find zero would
-    # leave nothing for what a withheld one holds beside the model.
+    # The level is not a parameter of the machine, so that all windows may determine it. If the fitted ones alone set it
+    # to zero, a small missing torque in a withheld window would have to be sensor noise.
     c.level = fitter.best_level([(p.which, p.windows, p.c) for p in (*parts, *withheld)], white=False)
     fixed.level = c.level
     evidence = _log_evidence(search, c, fitter, parts)
@@ -64,7 +67,7 @@ def score(search: Scoring, c: Candidate) -> Fit:
 
 
 def _withheld_parts(search: Scoring, fixed: Candidate, fitter: Fitter) -> list[Linear]:
-    """The withheld windows as a candidate leaves them, whose start states alone are free."""
+    """The withheld windows, linearised about a candidate after a fit of their start values."""
     if not any(len(chosen) for chosen in search.withheld):
         return []
     for s, chosen in zip(fixed.states, search.withheld, strict=True):
@@ -80,6 +83,7 @@ def _withheld_parts(search: Scoring, fixed: Candidate, fitter: Fitter) -> list[L
 
 
 def _log_evidence(search: Scoring, c: Candidate, fitter: Fitter, parts: list[Linear], *, hidden: bool = True) -> float:
+    """Log evidence of windows by Laplace's method: parameters and start values integrated out about the fit."""
     cost = fitter.parameter_prior(c)
     chosen = [np.zeros(0, int) for _ in search.records]
     for p in parts:
@@ -89,6 +93,7 @@ def _log_evidence(search: Scoring, c: Candidate, fitter: Fitter, parts: list[Lin
         cost += float(np.sum(fitter.window_costs(c, p.which, p.windows, p.c)))
         cost += float(np.sum(fitter.state_prior(c, p.which, p.windows, hidden=hidden)))
     matrix, _, _ = fitter.reduced(c, parts, np.zeros(1), hidden=hidden)
+    # log det of the posterior precision over the prior's, in prior units: det(I + S J' W J S).
     unit = c.spread / c.scale if len(c.free) else np.zeros(0)
     c.normal = matrix[0]
     precision = np.eye(len(unit)) + matrix[0] * unit[:, None] * unit
@@ -96,8 +101,9 @@ def _log_evidence(search: Scoring, c: Candidate, fitter: Fitter, parts: list[Lin
 
 
 def _missing(search: Scoring, c: Candidate, parts: list[Linear], fitter: Fitter) -> tuple[Values, ...]:
-    """Mean square of the missing torque in each window [N^2 m^2], noise's share taken out."""
+    """Mean square of the missing torque in each window [N^2 m^2], noise's share taken out, by record (windows,)."""
     found = [np.full(len(record.starts), np.nan) for record in search.records]
+    # d = V diag(1 / sqrt(lambda)) c, filtered by `band`; V is orthonormal, so that squares of coefficients add up.
     weight = np.where(search.modes.sensor, 0.0, search.band**2 / np.where(search.modes.sensor, 1.0, search.modes.gain))
     weight = weight * search.fitters[c.family.key].torque_scale(c) ** 2
     for p in parts:

@@ -1,4 +1,4 @@
-"""Search: every set of causes from all its starts, screened on a few windows, the leaders finished on all of them."""
+"""Search: fits every set of causes from all its starts: screened on a few windows, the best finished on all."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -24,25 +24,26 @@ from .score import score
 
 Values = np.ndarray
 
-SCREEN = 12  # windows that a start is screened on
+# Successive halving: every start gets a few steps on a few windows, then ever fewer sets get ever more steps on all.
+SCREEN = 12  # windows on which starts are screened
 SCREEN_STEPS = 5
-STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # steps on all fitted windows, and how many sets go on before them
-# Shares of the time of a search from many starts: screening them, and each of `STAGES` [1].
+STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # (steps on all fitted windows, number of sets that get them)
+# Share of the run time that is over after screening, and after each of `STAGES` [1]; for the progress display alone.
 SCREENED, AFTER = 0.58, (0.66, 0.7, 0.73, 0.82)
-HEAVY = 3.0  # times the time of a rigid candidate that one with a transmission takes
-COLOURED = 25  # steps with a level of the missing torque for each octave
-BAND = 0.25  # of the Nyquist frequency: above it lie the drive's own sampling and rounding, and no cause of a gap
+HEAVY = 3.0  # run time of a candidate with a transmission over that of a rigid one
+COLOURED = 25  # most steps with a level of the missing torque for each octave (coloured, not white)
+BAND = 0.25  # of the Nyquist frequency: above it residuals show the drive's sampling and rounding, not a cause of a gap
 
 
 class Search:
-    """Everything that is fitted on one machine's logs.
+    """The fits on one machine's logs, with the compiled loops and the modes that they share.
 
     Args:
         records: the logs.
-        nominal: the model.
+        nominal: the blocks of the nominal model.
         effects: the vocabulary, the user's own effects included.
         setting: sizes.
-        tick: called with the share done [1] of what is being fitted.
+        tick: called with the share done [1] of the present exploration.
     """
 
     def __init__(
@@ -52,14 +53,15 @@ class Search:
         self.nominal, self.effects, self.setting = nominal, effects, setting
         self.tick = tick or (lambda share: None)
         self.real_noise = 1.0
-        """Variance of modes that hold hardly any torque, over what the sensors' noise says [1], at most 1."""
+        """Measured over assumed variance of the sensors' noise [1], at most 1 (`fpjax.gap.fit.band.real_noise`)."""
         self.guide = 0.0
-        """Bandwidth with which a simulation is held near the measured motion [Hz]; 0 where it stays there by itself."""
+        """Bandwidth of the guide [Hz] (`fpjax.gap.fit.guide`); 0 for free simulations."""
+        # The order: noise and guide need a fit of the nominal model, and change the residuals of every fit after them.
         self._prepare(records, 0)
         base = self._base(wide=NOMINAL)
         scale = self._noise_scale(base)
         self.guide = guide_bandwidth(records, self.modes, self._coefficients(base), self.setting)
-        if abs(np.log(scale)) > 0.1:
+        if abs(np.log(scale)) > 0.1:  # more than one step of `NOISES`
             records = with_noise(records, scale)
         self._prepare(records, self._material_modes())
         self.exact = self._base(wide=None)
@@ -67,16 +69,17 @@ class Search:
         if self.guide > 0.0:
             self._hold_phase()
         self.band = self._band()
-        """Wiener filter of the nominal model's missing torque, by which every model's is told, shape (modes,)."""
+        """Wiener filter of the nominal model's missing torque, shape (modes,): weights of every model's missing torque,
+        so that all are measured in the same frequencies."""
         if self._split_fairly():
             self.exact = self._base(wide=None)
             self.band = self._band()
         self.base = self._base(wide=NOMINAL)
-        """The nominal model with its numbers free."""
+        """The nominal model with its values free."""
         self._look_for_starts()
         self.moves = 1.0 / (1.0 + (self.modes.frequency / highest_of_speed(records)) ** 2)
-        """Share of a torque's energy that is felt in the motion, shape (modes,): above the frequencies that the log's
-        speed holds, a torque moves the machine less and less, and a reading's noise looks like more and more of it."""
+        """Weight of a torque's energy by its influence on the motion [1], shape (modes,): above the frequencies of the
+        log's speed a torque moves the machine less and less, and noise looks like more and more torque."""
         self.real_noise = real_noise(self.modes, self.base.level, self._coefficients(self.base))
 
     def _prepare(self, records: list[Record], most: int) -> None:
@@ -97,6 +100,7 @@ class Search:
         self._screen: list[Values] = []
 
     def _band(self) -> Values:
+        """`band`: from the level with bursts, else a log with a few pushes would have no band."""
         level = level_with_bursts(self.modes, self.exact.level, self._coefficients(self.exact))
         return self.modes.wiener(level, np.ones(1))[0]
 
@@ -107,7 +111,7 @@ class Search:
             Whether other windows are withheld now.
         """
         if any(np.all(record.withheld) for record in self.records):
-            return False  # whole logs are withheld: the user's choice
+            return False  # whole logs are withheld, as the user chose
         fairer = fairer_split(score(self, self.exact).missing)
         if fairer is None:
             return False
@@ -118,7 +122,7 @@ class Search:
     # --- families
 
     def fitter(self, key: Key) -> Fitter:
-        """The fitter of a family, made when it is first needed."""
+        """The fitter of a family, made at its first use: each compiles a loop of its own."""
         if key not in self.fitters:
             family = make_family(key, self.nominal, self.effects, self.setting)
             if family.key not in self.fitters:
@@ -140,7 +144,7 @@ class Search:
         if start.like is not None:
             same = start.like.family.key[0] == family.key[0]
             for own, other in zip(c.states, start.like.states, strict=True):
-                rows = min(len(own), len(other)) if same else 2  # rate and angle
+                rows = min(len(own), len(other)) if same else 2  # rate and angle; hidden states mean other things
                 own[:rows] = other[:rows]
             if same:
                 c.hidden = [h.copy() for h in start.like.hidden]
@@ -151,14 +155,17 @@ class Search:
     def _base(self, wide: tuple[str, ...] | None) -> Candidate:
         """The nominal model with some of its values free; None for exactly as it was given."""
         base = self.candidate(Start((), wide or (), {}), exact=wide is None)
+        # White first: far from the fit, a level for each octave would take up the model's own errors.
         self.go_on([base], self.train, 25, white=True)
         base.converged = False
         self.go_on([base], self.train, COLOURED, white=False)
         return base
 
     def _look_for_starts(self) -> None:
-        """Values that fits start from, as the missing torque of the log with the most fitted windows shows them."""
+        """Start values (periods, contacts, unbalance) from the missing torque of the log with most fitted windows."""
         which = self._longest()
+        # Periods and contacts beside fitted nominal values; an unbalance beside the given ones, since a free inertia
+        # takes up much of a pendulum's torque.
         free, given = (self.missing_course(c)[which] for c in (self.base, self.exact))
         record, contacts = self.records[which], None
         backlash = [effect for effect in self.effects if effect.name == "backlash"]
@@ -172,9 +179,9 @@ class Search:
         )  # fmt: skip
 
     def setting_beside(self, c: Candidate) -> Setting:
-        """Sizes with the periods and the weight that what a candidate leaves shows: starts of a further cause.
+        """Sizes with the periods and the unbalance of a candidate's missing torque: start values of a further cause.
 
-        What the first cause makes hides them in the nominal model's missing torque.
+        In the nominal model's missing torque the first cause hides them.
         """
         which = self._longest()
         course, record = self.missing_course(c)[which], self.records[which]
@@ -196,7 +203,7 @@ class Search:
             self.exact = self._base(wide=None)
 
     def _noise_scale(self, base: Candidate) -> float:
-        """By what the sensors' noise is larger than its differences say [1]."""
+        """Noise standard deviation of the sensors over its estimate from differences of successive samples [1]."""
         fitter = self.fitters[base.family.key]
         used = [(which, chosen) for which, chosen in enumerate(self.train) if len(chosen)]
         return fitter.best_noise([(which, w, fitter.coefficients([base], which, w)[0]) for which, w in used])
@@ -210,12 +217,14 @@ class Search:
         ]
 
     def _material_modes(self) -> int:
-        """Modes with torque up to a share of the Nyquist frequency."""
+        """Number of modes with torque below `BAND` of the Nyquist frequency, 16 at the least."""
         return max(16, int(np.sum(~self.modes.sensor & (self.modes.frequency < BAND * 0.5 / self.setting.dt))))
 
     def missing_course(self, c: Candidate) -> list[Values]:
         """The most likely missing torque [N m] along each record, shape (samples,); NaN outside the fitted windows."""
         fitter, found = self.fitters[c.family.key], []
+        # The posterior mean V diag(w / sqrt(lambda)) c with the Wiener filter w. The residual is simulated less
+        # measured, so that a torque that the simulation lacks has the opposite sign.
         reach = np.where(self.modes.sensor, 0.0, 1.0 / np.sqrt(np.where(self.modes.sensor, 1.0, self.modes.gain)))
         reach = reach * self.fitters[c.family.key].torque_scale(c)
         for which, record in enumerate(self.records):
@@ -232,7 +241,7 @@ class Search:
     # --- fitting
 
     def go_on(self, candidates: Sequence[Candidate], windows: Sequence[Values], steps: int, *, white: bool) -> None:
-        """More steps for candidates of any families; hidden states are looked up again every third."""
+        """More steps for candidates of any families; hidden states are estimated again before every third step."""
         for key in dict.fromkeys(c.family.key for c in candidates):
             group = [c for c in candidates if c.family.key == key]
             fitter = self.fitters[key]
@@ -246,12 +255,13 @@ class Search:
                 done += 3
 
     def observe(self, candidates: Sequence[Candidate], windows: Sequence[Values]) -> None:
-        """Hidden states at the windows' starts: the observer's, the end of the window before, a face of the backlash;
-        in every window the one that fits best.
+        """Estimate the hidden states at the windows' starts, and keep in each window the estimate that fits best.
+
+        Tried are the present one, the observer's, the end of the window before, and either face of a backlash.
         """
         key = candidates[0].family.key
         observer, fitter = self.observers[key], self.fitters[key]
-        gap = any(p.name == "gap" for e in candidates[0].effects for p in e.parameters)
+        backlash = any(p.name == "gap" for e in candidates[0].effects for p in e.parameters)
         for which, chosen in enumerate(windows):
             if not len(chosen):
                 continue
@@ -260,24 +270,24 @@ class Search:
             centers = observer.centers(vectors, which, np.tile(chosen, len(candidates)))
             options = [[centers[:, i * count : (i + 1) * count] for i in range(len(candidates))]]
             options.append([self._continued(c, which, chosen) for c in candidates])
-            if gap:
+            if backlash:
                 halves = [0.5 * c.values()["gap"] for c in candidates]
                 for side in (1.0, -1.0):
                     options.append([np.stack([np.full(count, side * h), np.zeros(count)]) for h in halves])
-            best = self._stand(fitter, candidates, which, chosen)
+            best = self._costs(fitter, candidates, which, chosen)
             for option in options:
                 kept = [(c.hidden[which].copy(), c.states[which].copy()) for c in candidates]
                 for c, at in zip(candidates, option, strict=True):
                     c.hidden[which][:, chosen] = at
                     c.states[which][2:, chosen] = 0.0
-                after = self._stand(fitter, candidates, which, chosen)
+                after = self._costs(fitter, candidates, which, chosen)
                 for i, (c, (hidden, states)) in enumerate(zip(candidates, kept, strict=True)):
                     worse = chosen[~(after[i] < best[i])]
                     c.hidden[which][:, worse], c.states[which][:, worse] = hidden[:, worse], states[:, worse]
                     best[i] = np.minimum(best[i], after[i])
 
     def _continued(self, c: Candidate, which: int, chosen: Values) -> Values:
-        """Where the window before ends, (2, windows); where none is before, as it stands."""
+        """Hidden states at the end of the window before, (2, windows); unchanged where no window is directly before."""
         record, found = self.records[which], c.hidden[which][:, chosen].copy()
         before = chosen - 1
         follows = (before >= 0) & (record.starts[chosen] - record.starts[np.maximum(before, 0)] == record.samples)
@@ -285,8 +295,8 @@ class Search:
             found[:, follows] = self.fitters[c.family.key].ends(c, which, before[follows])
         return np.where(np.isfinite(found), found, 0.0)
 
-    def _stand(self, fitter: Fitter, candidates: Sequence[Candidate], which: int, chosen: Values) -> list[Values]:
-        """Costs of windows as the candidates stand; those without a level yet count squares."""
+    def _costs(self, fitter: Fitter, candidates: Sequence[Candidate], which: int, chosen: Values) -> list[Values]:
+        """Costs of windows at the candidates' present values, (windows,) each; one without a level is given one."""
         found = []
         for c, out in zip(candidates, fitter.coefficients(candidates, which, chosen), strict=True):
             if not len(c.level):
@@ -296,7 +306,7 @@ class Search:
         return found
 
     def screening(self) -> list[Values]:
-        """A few fitted windows: spread over the logs, and those where the nominal model is worst."""
+        """A few fitted windows, one array a record: spread evenly, and those where the nominal model is worst."""
         if self._screen:
             return self._screen
         fitter = self.fitters[self.exact.family.key]
@@ -313,27 +323,29 @@ class Search:
         return self._screen
 
     def explore(self, starts: Sequence[Start], keep: Sequence[int] = (), *, white: bool = True) -> list[Fit]:
-        """Every set of causes from all its starts; the best start of each, the leading sets finished.
+        """Fit every set of causes from all its starts; returns the best start of each set, the leading sets finished.
 
         Args:
-            starts: sets and starts.
-            keep: how many sets go on to each stage; as `STAGES` has it unless given.
-            white: one level of the missing torque for all octaves until the last steps: far from the truth, a level for
-                each would lead astray; what starts from a fit has left the far field.
+            starts: sets and their start values.
+            keep: number of sets that go on to each stage, in place of those in `STAGES`.
+            white: one level of the missing torque for all octaves until the last steps. Far from the solution a level
+                for each leads to wrong minima; starts from a finished fit can do without.
         """
         candidates = [self.candidate(start) for start in starts]
         self._screened(candidates, white=white)
         best: dict[tuple[str, ...], list[Candidate]] = {}
         for c in sorted(candidates, key=lambda c: c.cost):
             group = best.setdefault(c.names, [])
+            # A transmission has several local minima: its two best starts go on.
             if len(group) < (2 if c.family.key[0] == "transmission" else 1):
                 group.append(c)
         going = [c for group in best.values() for c in group]
-        left: dict[tuple[str, ...], Candidate] = {}  # behind after some steps on all windows
+        left: dict[tuple[str, ...], Candidate] = {}  # sets dropped after some steps on all windows; scored as they are
         for stage, (steps, most) in enumerate(STAGES):
             most = keep[stage] if stage < len(keep) else most
             going = sorted(going, key=lambda c: c.cost)
             sets = list(dict.fromkeys(c.names for c in going))
+            # Sets of nominal errors alone always stay: the answer compares every cause with them.
             sets = [
                 *sets[:most],
                 *(names for names in sets[most:] if not any(n.removesuffix("_error") not in NOMINAL for n in names)),
@@ -341,6 +353,7 @@ class Search:
             if stage == 0:
                 going = [c for c in going if c.names in sets]
                 for c in going:
+                    # From a few windows to all of them: the level is estimated anew.
                     c.converged, c.damping, c.level = False, min(c.damping, 1.0), np.zeros(0)
             for c in going:
                 if c.names not in sets:
@@ -368,13 +381,13 @@ class Search:
             self.tick(SCREENED * done / sum(weights.values()))
 
     def fitted(self, starts: Sequence[Start]) -> list[Fit]:
-        """Each start fitted on all windows, one by one comparable."""
+        """Each start fitted on all windows with the same number of steps, in the order of `starts`."""
         candidates = [self.candidate(start) for start in starts]
         self.go_on(candidates, self.train, 12, white=all(start.like is None for start in starts))
         return self.finish(candidates)
 
     def refit(self, fit: Fit, wide: Sequence[str]) -> Fit:
-        """The same effects with other nominal values free, from where the fit stands."""
+        """The same effects with other nominal values free, fitted on from a finished fit."""
         old = fit.candidate
         c = self.candidate(Start(old.effects, tuple(wide), old.values(), old))
         return self.finish([c])[0]
@@ -382,7 +395,7 @@ class Search:
     # --- scores
 
     def finish(self, candidates: Sequence[Candidate], steps: int = COLOURED) -> list[Fit]:
-        """Levels by octave, evidence, and the missing torque of every window."""
+        """Last steps with a level for each octave, then the scores: evidence and missing torque of every window."""
         for c in candidates:
             c.converged, c.damping = False, min(c.damping, 1.0)
         self.go_on(candidates, self.train, steps, white=False)
