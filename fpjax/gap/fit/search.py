@@ -194,7 +194,7 @@ class Search:
         return max(range(len(self.records)), key=lambda i: len(self.train[i]))
 
     def _hold_phase(self) -> None:
-        """Choose the guide anew where most of the missing torque repeats with the position: its phase must be kept too."""
+        """Choose the guide anew where most of the missing torque repeats with the position: its phase must be kept."""
         which, records = self._longest(), self.records
         period = dominant_period(self.missing_course(self.exact)[which], records[which], self.setting)
         if period > 0.0:
