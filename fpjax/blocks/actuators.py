@@ -113,11 +113,11 @@ class Actuator(AbstractActuator):
             )
         if self.lag is None or state.lagged is None:
             return ActuatorState(None, ())
-        return ActuatorState((self._shaped(torque) - state.lagged) / self._lag_floor(), ())
+        return ActuatorState((self.shaped(torque) - state.lagged) / self._lag_floor(), ())
 
     def readout(self, state: ActuatorState, torque: Array, motion: Motion) -> Array:
         """Applied torque [N m]."""
-        held = self._shaped(torque) if state.lagged is None else state.lagged
+        held = self.shaped(torque) if state.lagged is None else state.lagged
         return self._finished(held, motion)
 
     def step(self, state: ActuatorState, torque: Array, motion: Motion, dt: Array) -> tuple[ActuatorState, Array]:
@@ -126,7 +126,7 @@ class Actuator(AbstractActuator):
         if self.delay is not None:
             history = (torque, *state.history[:-1])
             command = delayed(history, state.history[-1], self.delay / dt)
-        shaped = self._shaped(command)
+        shaped = self.shaped(command)
         if self.lag is None or state.lagged is None:
             return ActuatorState(None, history), self._finished(shaped, motion)
         ratio = dt / self._lag_floor()
@@ -141,7 +141,8 @@ class Actuator(AbstractActuator):
         assert self.lag is not None
         return jnp.maximum(self.lag, 1e-9)  # [s]; a lag of zero is the neutral value, and must not divide by zero
 
-    def _shaped(self, torque: Array) -> Array:
+    def shaped(self, torque: Array) -> Array:
+        """What the lag is driven by [N m]: the command through gain and dead zone."""
         if self.gain is not None:
             torque = self.gain * torque
         if self.dead_zone is not None:

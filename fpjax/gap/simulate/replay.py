@@ -150,23 +150,19 @@ def initial(machine: Machine, windows: Windows, states: Array, tables: Tables) -
     # The first-order lag's state is the sum of the TAPS commands before, weighted by powers of `decay`; without a lag
     # the weight of the last one is 1.
     decay = jnp.exp(-tables.dt / jnp.maximum(actuator.lag, 1e-6 * tables.dt))
-    # Without lag and delay, which the sum below stands for: gain and dead zone shape every past command.
-    plain = eqx.tree_at(lambda at: (at.lag, at.delay), actuator, (None, None), is_leaf=lambda leaf: leaf is None)
-    still = Motion(jnp.zeros_like(rate), jnp.zeros_like(rate), jnp.zeros_like(rate))
 
     def tap(carry: tuple[Array, Array], back: Array) -> tuple[tuple[Array, Array], None]:
         lagged, weight = carry
         command = command_at(tables, windows.start - 1 - back, delay)
-        return (lagged + weight * plain.readout(ActuatorState(None, ()), command, still), weight * decay), None
+        return (lagged + weight * actuator.shaped(command), weight * decay), None
 
     # A loop, not 128 copies: the copies were most of what there was to compile.
     taps = jnp.arange(TAPS, dtype=windows.start.dtype)
     (lagged, _), _ = jax.lax.scan(tap, (jnp.zeros_like(rate), 1.0 - decay), taps)
-    # The offset acts behind the lag, so it is no part of the lag's state.
-    offset = jnp.zeros_like(rate) if actuator.offset is None else actuator.offset
+    # Limit, offset and cogging act behind the lag and are no part of its state.
     # The lagged rate: dead time taken out of the reading, lag left in.
     reading = (windows.velocity + states[0] - sensor.bias) / sensor.scale + sensor.delay * windows.slope
-    return plant, lagged - offset, reading
+    return plant, lagged, reading
 
 
 def command_at(tables: Tables, index: Array, delay: Array) -> Array:
