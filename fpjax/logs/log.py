@@ -2,7 +2,7 @@
 
 import os
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -117,6 +117,7 @@ class Log(Drawn):
     __repr__ = __str__
 
 
+@runtime_checkable
 class NamedArrays(Protocol):
     """Columns by name: a mapping of arrays, a pandas or polars DataFrame, a pyarrow table."""
 

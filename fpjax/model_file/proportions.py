@@ -7,7 +7,7 @@ to show exactly such a case.
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -28,6 +28,7 @@ EXPLICIT = 0.5  # shortest time constant of a spring over dt under exact stickin
 Tables = TomlTable
 
 
+@runtime_checkable
 class Names(Protocol):
     """The part of `keys.Units` that is used here."""
 

@@ -237,7 +237,7 @@ def abilities(
     return found
 
 
-def _ability(what: str, value: float, poor: float, good: float, why: str) -> Ability:
+def _ability(what: str, value: int | float, poor: float, good: float, why: str) -> Ability:
     return Ability(what, "yes" if value >= good else "poorly" if value >= poor else "no", why)
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -18,6 +18,7 @@ UNITS = {
 LIKE = 0.08  # relative deviation from such a factor: a regression on noisy data finds it to a few percent
 
 
+@runtime_checkable
 class Expected(Protocol):
     """The nominal parameters that a log is compared with: a machine model, or `Numbers`.
 
