@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from fpjax.improvement.judge import LONGEST_SETTLING, SETTLING
-from fpjax.improvement.search import HARDEST, ROUGHEST
+from fpjax.improvement.search import HARDEST, ROUGHEST, SMOOTH
 from fpjax.output.json_object import JsonObject
 
 from ..withheld.identity import Identity
@@ -125,7 +125,9 @@ def beyond(record: Record, now: Record) -> float | None:
     Returns:
         At most 1 where both limits hold; None for a loop that is none.
     """
-    shares = rough(record) / (ROUGHEST * rough(now)), peak(record) / (HARDEST * peak(now))
+    # A roughness that no motor hears is allowed in any case, as in `improve`.
+    smooth = max(rough(now), SMOOTH * float(np.sqrt(np.mean(np.square(now.torque)))))
+    shares = rough(record) / (ROUGHEST * smooth), peak(record) / (HARDEST * peak(now))
     return max(shares) if all(math.isfinite(one) for one in shares) else None
 
 
