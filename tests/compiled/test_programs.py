@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import fpjax as fp
-from fpjax import _simulate
 from fpjax.compiled.programs import MOST, Programs, jit_by
+from fpjax.simulation import run as simulation_run
 
 
 def test_the_least_recently_used_goes():
@@ -42,4 +42,4 @@ def test_runs_of_many_lengths_keep_a_bounded_number_of_programs():
     for samples in range(10, 10 + MOST + 2):
         run = fp.simulate(loop, fp.Constant(1.0), dt=1e-3, samples=samples, record=("velocity",))
         assert run.signals["velocity"].shape == (samples,)
-        assert 1 <= len(_simulate._run.keys) <= MOST
+        assert 1 <= len(simulation_run._run.keys) <= MOST
