@@ -13,7 +13,9 @@ from catalogue_case import DT
 
 import fpjax as fp
 import tuning.measures
+from fpjax.simulation import metrics
 from fpjax.simulation.metrics import safe_root
+from fpjax.simulation.solvers import get_solver
 
 STEPS = 2  # the second knows the first, as measures of a change need
 
@@ -57,7 +59,7 @@ def at_rest(loop, stepping):
     state, zero, dt = loop.init(), jnp.zeros(()), jnp.asarray(DT)
     state = loop.sampled(state) if stepping == "sampled" else state
     totals = {name: measure.init(zero) for name, measure in measures.items()}
-    solver = fp.solvers.get_solver("euler")
+    solver = get_solver("euler")
     noise = tuple(zero for _ in range(loop.sensor.noise_channels))
     for step in range(STEPS):
         time = jnp.asarray(step * DT)
@@ -84,7 +86,7 @@ def test_no_measure_is_left_out():
     """A settling time is infinite where nothing settles, and no gradient is taken of it."""
     known = {
         each
-        for module in (fp.metrics, tuning.measures)
+        for module in (metrics, tuning.measures)
         for each in vars(module).values()
         if isinstance(each, type) and issubclass(each, fp.AbstractMeasure) and not inspect.isabstract(each)
     }
