@@ -1,6 +1,7 @@
 """The gains that may change, their bounds, and the values that a search tries first."""
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -230,10 +231,8 @@ def _with_feedforward(model: Model, reference: Values, free: Sequence[str]) -> t
         )
     moving = slope(reference, model.dt) if position else reference
     speed = max(TURNING * float(np.quantile(np.abs(moving), 0.95)), 1e-12)
-    nothing = (known, 0.0, 0.0, 0.0)
-    controller = (
-        PositionFeedforward(*nothing, 0.0, speed, model.dt) if position else Feedforward(*nothing, speed, model.dt)
-    )
+    kind = functools.partial(PositionFeedforward, velocity=0.0) if position else Feedforward
+    controller = kind(controller=known, inertia=0.0, coulomb=0.0, viscous=0.0, speed=speed, lag=model.dt)
     loop = dataclasses.replace(model.loop, controller=controller)
     return dataclasses.replace(model, loop=loop), ("feedforward",)
 

@@ -250,7 +250,12 @@ def loop_of(model: Model, machine: Machine, speed: float) -> ClosedLoop:
         gain = nominal["inertia"] * bandwidth
         feedback = ProportionalIntegral(gain, 0.2 * gain * bandwidth)
         controller = Feedforward(
-            feedback, nominal["inertia"], nominal["coulomb"], nominal["viscous"], TURNING * speed, model.dt
+            controller=feedback,
+            inertia=nominal["inertia"],
+            coulomb=nominal["coulomb"],
+            viscous=nominal["viscous"],
+            speed=TURNING * speed,
+            lag=model.dt,
         )
         observer = NoObserver()
     return ClosedLoop(machine.plant, controller, observer, machine.actuator, machine.sensor)
