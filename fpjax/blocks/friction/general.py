@@ -15,7 +15,7 @@ from .base import AbstractStaticFriction, safe_power
 class GeneralFriction(AbstractStaticFriction):
     """Coulomb and viscous friction that may depend on direction, speed, position and time.
 
-    With side the sign of w:
+    With side the sign of w::
 
         level(w, theta, t, T) = k + side dk + F_s exp(-|w / v_s|^delta) + drift exp(-t / tau) + mu |T|
                                 + sum_i (c_i cos(i n theta) + s_i sin(i n theta)), at least zero
