@@ -29,7 +29,7 @@ solver = "exact"
 def test_a_loop_without_gains_is_fast_enough_for_friction_not_to_hold_the_machine():
     model = fp.load_model(STUCK.format(coulomb=0.28))
     (said,) = [note for note in model.notes if note.startswith("[controller]")]
-    assert "so fast for friction not to hold it" in said
+    assert "so fast that friction cannot hold it" in said
     run = fp.simulate(model)
     velocity = abs(run.signals["velocity"])
     assert velocity.max() > 0.5 * abs(run.signals["reference"]).max()  # it was 0: the machine never moved
