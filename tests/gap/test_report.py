@@ -187,7 +187,7 @@ def test_a_linear_axis_is_told_in_its_own_words(written):
     assert "near the force limit" in shown
     assert "rad/s" not in shown
     assert "torque" not in shown
-    assert shown.count("at a bound of the search: not a measurement") == 1
+    assert source.count("<small>at a bound of the search: not a measurement</small>") == 1
 
 
 def test_what_was_learned_is_told_beside_the_effects_and_never_as_one(written):
