@@ -43,7 +43,8 @@ def guide_bandwidth(
     """
     moved = float(np.sqrt(np.mean(np.concatenate([record.motion_squares() for record in records]))))
     encoder = records[0].position
-    phase = 0.0 if encoder is None else period * encoder.noise * moved  # of the motion in a window [rad]
+    # Of the motion in a window [rad]; a rate sensor alone tells no angle whose phase could be held.
+    phase = 0.0 if encoder is None else period * _turned(records)
     squares = np.mean(np.concatenate([plain**2 for _, plain in coefficients]), axis=0)
     squares = np.where(modes.sensor, 0.0, squares)
     s = 2j * np.pi * modes.frequency
@@ -57,6 +58,12 @@ def guide_bandwidth(
 
     tried = [0.0, *np.geomspace(1.0 / setting.window, FASTEST / setting.dt, TRIED)]
     return next((float(f) for f in tried if distance(f) * max(1.0, phase) < NEAR), float(tried[-1]))
+
+
+def _turned(records: Sequence[Record]) -> float:
+    """Standard deviation of the angle within a window, rms over all windows [rad]."""
+    rows = [record.angle[record.starts[:, None] + np.arange(record.samples)] for record in records]
+    return float(np.sqrt(np.mean(np.concatenate([np.var(each, axis=1) for each in rows]))))
 
 
 def dominant_period(course: Values, record: Record, setting: Setting) -> float:

@@ -198,7 +198,8 @@ class Search:
         which, records = self._longest(), self.records
         period = dominant_period(self.missing_course(self.exact)[which], records[which], self.setting)
         if period > 0.0:
-            self.guide = guide_bandwidth(records, self.modes, self._coefficients(self.exact), self.setting, period)
+            firmer = guide_bandwidth(records, self.modes, self._coefficients(self.exact), self.setting, period)
+            self.guide = max(self.guide, firmer)
             self._prepare(records, self._material_modes())
             self.exact = self._base(wide=None)
 

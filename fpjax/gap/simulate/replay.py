@@ -243,7 +243,9 @@ def advance(
     guide = tables.guide
     # The guide's acceleration [rad/s^2], constant over the period.
     turning = guide.stiffness * (guide.angle[at] - guided_angle)
-    turning = turning + guide.damping * (guide.speed[at] - sensor.reading(guided_rate))
+    # Beside an encoder the guide follows its rate, which is the true one; without, the rate sensor's reading.
+    followed = guided_rate + windows.integrated * (sensor.reading(guided_rate) - guided_rate)
+    turning = turning + guide.damping * (guide.speed[at] - followed)
     faster, further = tables.dt * turning, half * tables.dt * turning
     following = _turned(following, faster, further)
     # The sum of its double integration, exact for a constant acceleration in each period.
