@@ -19,10 +19,10 @@ from .blocks.references import AbstractReference
 from .errors import InputError
 from .logs import Log, read_log
 from .model_file import Model
-from .model_file.about import about_model
-from .model_file.given import as_model
+from .model_file.as_model import as_model
+from .model_file.picture_labels import about_model
 from .output.run_picture import KINDS, About
-from .simulation.checked import checked_loop, checked_reference, shown
+from .simulation.input_checks import checked_loop, checked_reference, shown
 from .simulation.loop import ClosedLoop, LoopState
 from .simulation.metrics import AbstractMeasure
 from .simulation.precision import double_precision

@@ -1,6 +1,5 @@
 """Tuning: gains by Algorithm 1, dense sweeps and gradients, on any named parameters of any block."""
 
-from .axis import Axis as Axis
 from .identifiability import Identifiability as Identifiability
 from .methods import LBFGS as LBFGS
 from .methods import Adam as Adam
@@ -17,6 +16,7 @@ from .population import population as population
 from .result import TuningResult as TuningResult
 from .setup import Setup as Setup
 from .sweep import sweep as sweep
+from .sweep_axis import Axis as Axis
 from .sweep_result import SweepResult as SweepResult
 from .sweep_result import load_sweep as load_sweep
 from .tune import tune as tune

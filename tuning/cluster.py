@@ -17,8 +17,8 @@ import numpy as np
 
 from fpjax.errors import InputError
 
-from .axis import Axis
 from .problem import Problem
+from .sweep_axis import Axis
 from .sweep_chunk import evaluate_chunk
 from .sweep_store import SweepStore, is_folder_of, write_chunk
 

@@ -190,5 +190,5 @@ def _excitation(
             found = assess_excitation(loop.observer, velocity, dt, parameters, duration=float(horizon(problem)))
         except (InputError, AttributeError, KeyError):
             continue  # an observer whose error dynamics are not known
-        said += [f"on {label}, {sentence}" for sentence in found.told(off)]
+        said += [f"on {label}, {sentence}" for sentence in found.sentences_of(off)]
     return said

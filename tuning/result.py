@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fpjax.blocks.parameters import set_parameters
-from fpjax.output.drawn import Drawn
-from fpjax.output.frames import to_frame
+from fpjax.output.data_frames import to_frame
+from fpjax.output.drawable import Drawable
 from fpjax.output.json_object import JsonObject
 from fpjax.output.plotting import new_figure, style
 from fpjax.output.runfile import plain
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True)
-class TuningResult(Drawn):
+class TuningResult(Drawable):
     """The result of one tuning on one set of references.
 
     `plot` draws the best cost so far against simulations.

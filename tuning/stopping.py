@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from fpjax.output.progress import Stages
-from fpjax.output.share import WorkDone
+from fpjax.output.work_done import WorkDone
 
 from .lanes import Best
 

@@ -13,12 +13,12 @@ from fpjax.output.json_object import JsonObject
 from fpjax.output.progress import Stages, drawing
 from fpjax.simulation.loop import ClosedLoop
 
-from .axis import Axis
 from .cluster import on_cluster
 from .parameters import Parameter
 from .problem import Problem, References, make_problem
 from .result import versions
 from .setup import Setup, SetupWords, with_keywords
+from .sweep_axis import Axis
 from .sweep_chunk import evaluate_chunk
 from .sweep_result import SweepResult
 from .sweep_store import SweepStore, fingerprint

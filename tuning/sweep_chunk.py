@@ -11,8 +11,8 @@ from jaxtyping import Array
 from fpjax.compiled.batch import chunk_for, cores, map_chunks
 from fpjax.compiled.threads import on_threads, settings, under
 
-from .axis import Axis
 from .problem import Problem, case_costs
+from .sweep_axis import Axis
 
 CALLS = 32  # calls that a chunk is split into, where it has as many kernels: at most 32 cores work at one chunk
 MOST_KNOWN = 1000  # compiled programs that `_compiled_for` remembers, so that it does not grow without bound

@@ -14,7 +14,7 @@ from fpjax.output.json_object import JsonObject
 from fpjax.output.plotting import SERIES
 from fpjax.output.runfile import plain, write_whole
 
-from .axis import Paths
+from .sweep_axis import Paths
 from .sweep_plot import Slice, colour_levels, colour_marks
 
 DIGITS = 5  # significant digits of a cost on the page, for a smaller file

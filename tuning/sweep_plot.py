@@ -14,7 +14,7 @@ from matplotlib.text import Text
 from fpjax.errors import InputError
 from fpjax.output.plotting import BLACK, BLUE, GREY, SERIES, STYLE, new_figure, saved
 
-from .axis import Axis, Paths
+from .sweep_axis import Axis, Paths
 
 APART = 30.0  # least distance between two labels of contours [pixels]
 LEVELS = 24  # borders of the colours

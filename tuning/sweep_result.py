@@ -13,7 +13,7 @@ from fpjax.errors import InputError
 from fpjax.output.json_object import JsonObject
 from fpjax.output.runfile import refuse_unfinished, whole_file
 
-from .axis import Axis, Paths
+from .sweep_axis import Axis, Paths
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +87,7 @@ class SweepResult:
         Raises:
             InputError: where pandas is not installed.
         """
-        from fpjax.output.frames import to_frame
+        from fpjax.output.data_frames import to_frame
 
         # "ij": the order of `costs`, in which the first axis varies slowest.
         grid = np.meshgrid(*(axis.values for axis in self.axes), indexing="ij")

@@ -24,10 +24,10 @@ from fpjax.errors import FpjaxWarning, InputError
 from fpjax.output.json_object import JsonObject
 from fpjax.output.runfile import whole_file, write_whole
 
-from .axis import Axis
 from .folder_lock import FolderLock
 from .problem import Problem
 from .result import versions
+from .sweep_axis import Axis
 
 MANIFEST = "sweep.json"
 FORM = 2  # version of the file format; 1 had no checksums

@@ -14,9 +14,9 @@ from fpjax.blocks.parameters import get_parameter
 from fpjax.blocks.references import AbstractReference
 from fpjax.errors import InputError
 from fpjax.model_file import Model
-from fpjax.model_file.given import as_model
+from fpjax.model_file.as_model import as_model
 from fpjax.output.progress import Stages
-from fpjax.simulation.checked import checked_loop, checked_reference
+from fpjax.simulation.input_checks import checked_loop, checked_reference
 from fpjax.simulation.loop import ClosedLoop
 from fpjax.simulation.precision import double_precision
 from fpjax.simulation.scan import astype, make_inputs
@@ -30,7 +30,7 @@ from .lanes import Lanes, Outcome, Stopwatch
 from .levenberg_marquardt import levenberg_marquardt
 from .methods import LBFGS, METHODS, Adam, GridSearch, LevenbergMarquardt, Method, NelderMead, RepairedGridSearch
 from .nelder_mead import nelder_mead
-from .noisy import less_sensitive, noise_sensitive
+from .noise_sensitivity import less_sensitive, noise_sensitive
 from .notes import SETTLED, judging_measures, notes_of
 from .objective import Thesis, get_objective
 from .parameters import Parameter
@@ -38,7 +38,7 @@ from .problem import Problem, References, case_costs, label_references, make_pro
 from .result import TuningResult, versions
 from .setup import Setup, SetupWords, with_keywords
 from .smoothness import not_smooth
-from .starts import KEPT, placed_parameters, screen
+from .start_values import KEPT, placed_parameters, screen
 from .stopping import Stop
 
 # Draws of the sensor's noise under which tuned gains are judged; the worst one counts. They reuse the compiled program
@@ -82,9 +82,9 @@ def tune(
         method: "levenberg_marquardt", "lbfgs", "adam", "grid" (Algorithm 1), "grid_repaired", "nelder_mead", or a
             method's settings, as `Adam(rate=0.1)`.
         starts: number of starts: the parameters' own start, and others drawn around it. None: the gains in the loop and
-            up to four more, the best of a screen of 64 around the gains that pole placement gives (`tuning.starts`), so
-            that no gains need be known; but one start for the "thesis" objective, a target, a budget and Algorithm 1,
-            whose searches are compared with each other from one start.
+            up to four more, the best of a screen of 64 around the gains that pole placement gives
+            (`tuning.start_values`), so that no gains need be known; but one start for the "thesis" objective, a target,
+            a budget and Algorithm 1, whose searches are compared with each other from one start.
         spread: half width of the draw: within 10^(+-spread) times the start on a log scale, within that share of the
             range on a linear one.
         seed: of the drawn starts.

@@ -116,7 +116,7 @@ def _built(folder: Path, wanted: list[Identity], periods: int) -> list[Any]:
 
 def _tune(folder: Path, wanted: list[Identity]) -> None:
     from fpjax import load_model, read_log
-    from fpjax.improvement.nominal import nominal_gains
+    from fpjax.improvement.nominal_gains import nominal_gains
     from fpjax.simulation.precision import double_precision
 
     progress = Progress("tune")

@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> int:
     from fpjax.output.progress import Stages
     from fpjax.output.runfile import RunFile, open_folder, write_json, write_whole
 
-    from .beyond import recoveries, text
+    from .changing_parameters import recoveries, text
     from .presets import PRINTED
     from .table import markdown, table
 
@@ -76,14 +76,14 @@ class Chapter(NamedTuple):
 
 def chapters() -> dict[str, Chapter]:
     """The chapters by name."""
-    from . import chapter2, chapter3, chapter4, limits, search
+    from . import chapter2, chapter3, chapter4, search, small_steps
 
     return {
         "chapter2": Chapter(chapter2.PRINTED, chapter2.obtain, chapter2.reasons),
         "chapter3": Chapter(chapter3.PRINTED, chapter3.obtain, chapter3.reasons),
         "chapter4": Chapter(chapter4.PRINTED, chapter4.obtain, chapter4.reasons),
         "search": Chapter(search.PRINTED, search.obtain, search.reasons),
-        "limits": Chapter(limits.PRINTED, limits.obtain, limits.reasons, checked=False),
+        "limits": Chapter(small_steps.PRINTED, small_steps.obtain, small_steps.reasons, checked=False),
     }
 
 

@@ -30,7 +30,7 @@ from ..logs.dynamics.derivative import Differentiator, measured_velocity, travel
 from ..logs.dynamics.friction_curve import FrictionCurve, friction_curve
 from ..logs.dynamics.nominal import fit_nominal
 from ..logs.dynamics.regression import fit_pairs
-from ..output.drawn import Drawn
+from ..output.drawable import Drawable
 from ..output.json_object import JsonObject
 from .excitation import Excitation, assess_excitation
 
@@ -44,7 +44,7 @@ UNITS = {
 
 
 @dataclasses.dataclass(frozen=True)
-class Estimated(Drawn):
+class Estimated(Drawable):
     """An observer's estimates from a log.
 
     `plot` draws the velocity and every estimate against time with the least-squares value, and friction against
@@ -101,7 +101,7 @@ class Estimated(Drawn):
         Raises:
             InputError: where pandas is not installed.
         """
-        from ..output.frames import to_frame
+        from ..output.data_frames import to_frame
 
         return to_frame({**self.estimates, "velocity": self.velocity}, self.time)
 

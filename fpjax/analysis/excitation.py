@@ -71,9 +71,9 @@ class Excitation:
     @property
     def sentences(self) -> tuple[str, ...]:
         """For the user: one sentence for each estimate that cannot converge; empty where all do."""
-        return self.told({})
+        return self.sentences_of({})
 
-    def told(self, off: Mapping[str, float]) -> tuple[str, ...]:
+    def sentences_of(self, off: Mapping[str, float]) -> tuple[str, ...]:
         """`sentences` for a simulated run, whose errors are known: an estimate may be right without having settled.
 
         Args:

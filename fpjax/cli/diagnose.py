@@ -14,7 +14,7 @@ from ..output.folder_names import folder_names
 from ..output.json_object import JsonObject
 from ..output.progress import Stages, drawing
 from ..output.runfile import FINISHED, RunFile, versions, write_json, write_whole
-from ..output.share import part_of
+from ..output.work_done import part_of
 from .common import (
     add_log_options,
     add_out,

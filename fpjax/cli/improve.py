@@ -30,7 +30,7 @@ from .numbers import whole
 from .simulate import open_model
 
 if TYPE_CHECKING:
-    from ..improvement.known import Known
+    from ..improvement.from_diagnosis import Known
     from ..improvement.result import Improvement
     from ..improvement.search import Found
     from ..logs import Log
@@ -152,7 +152,7 @@ class _Store:
         """The finished diagnosis of the same inputs; None without one."""
         if _read(self.folder / DIAGNOSIS).get("key") != self.key:
             return None
-        from ..improvement.known import known_in
+        from ..improvement.from_diagnosis import known_in
 
         with contextlib.suppress(InputError):
             found = known_in(self.folder, log, finished=False)

@@ -38,7 +38,7 @@ def _styled(draw: Callable[P, R]) -> Callable[P, R]:
 @_styled
 def draw_run(model: Model, signals: dict[str, np.ndarray], path: Path) -> Path:
     """Draw reference and motion, the error, the torques, and the estimates with their true values."""
-    from ..model_file.about import about_model
+    from ..model_file.picture_labels import about_model
     from ..output.run_picture import run_figure
 
     return save(run_figure(signals["time"], signals, about_model(model)), path)

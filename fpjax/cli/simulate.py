@@ -99,7 +99,7 @@ def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) ->
     import jax
 
     from .. import simulate
-    from .measured import excitation_sentences, measures_of, recorded_names, summary
+    from .measures import excitation_sentences, measures_of, recorded_names, summary
 
     model.needed_controller()
     reference = model.needed_reference()

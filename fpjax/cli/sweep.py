@@ -12,8 +12,8 @@ import numpy as np
 from ..errors import InputError
 from ..output.runfile import RunFile, read_run, write_json
 from .common import add_out, busy, finish, running, say, start_jax
-from .cost import add_cost_arguments, cost_settings
 from .numbers import real, whole
+from .objective_arguments import add_cost_arguments, cost_settings
 
 if TYPE_CHECKING:
     from tuning import AbstractObjective, Axis, SweepResult

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..output.runfile import RunFile, write_json, write_whole
 from .common import add_out, busy, finish, interruptible, running, say, start_jax, table
-from .cost import add_cost_arguments, cost_settings
 from .numbers import real, whole
+from .objective_arguments import add_cost_arguments, cost_settings
 
 if TYPE_CHECKING:
     from tuning import Parameter, TuningResult

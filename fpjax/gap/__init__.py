@@ -3,15 +3,15 @@
 from typing import Any
 
 from .._moved import warn_of
+from .answer.findings import Comparison as Comparison
+from .answer.findings import FittedParameter as FittedParameter
+from .answer.findings import Learned as Learned
+from .answer.findings import Ranked as Ranked
+from .answer.findings import Share as Share
+from .answer.findings import TrackingError as TrackingError
+from .answer.findings import Where as Where
 from .answer.gap import Gap as Gap
 from .answer.gap import Step as Step
-from .answer.parts import Comparison as Comparison
-from .answer.parts import FittedParameter as FittedParameter
-from .answer.parts import Learned as Learned
-from .answer.parts import Ranked as Ranked
-from .answer.parts import Share as Share
-from .answer.parts import TrackingError as TrackingError
-from .answer.parts import Where as Where
 from .data.setting import Setting as Setting
 from .diagnosis import Diagnosis as Diagnosis
 from .effects.effect import Effect as Effect

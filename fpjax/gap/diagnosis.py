@@ -7,17 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..output.drawn import Drawn
+from ..output.drawable import Drawable
 from .answer.answer import Answer
-from .answer.frame import ranking_frame
-from .answer.told import told, verdict_line
+from .answer.ranking_frame import ranking_frame
+from .answer.summary import summary, verdict_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Diagnosis(Drawn, Answer):
+class Diagnosis(Drawable, Answer):
     """Where the simulation is wrong, which effect causes it, how far the gap shrinks.
 
     Its fields are those of `Answer`. `plot` draws one page: the verdict, measured against simulated,
@@ -64,7 +64,7 @@ class Diagnosis(Drawn, Answer):
         return write_report(self, path)
 
     def __str__(self) -> str:
-        return told(self)
+        return summary(self)
 
     __repr__ = __str__
 

@@ -63,7 +63,8 @@ def diagnose(
         holdout: further logs, on which models are scored but never fitted.
         each: one diagnosis for each log, as for separate machines.
         effects: the vocabulary; append your own `Effect` to `fpjax.gap.EFFECTS`.
-        progress: called with (name of the stage, share done [1]; an `fpjax.output.share.WorkDone`, with what is left).
+        progress: called with (name of the stage, share done [1]; an `fpjax.output.work_done.WorkDone`, with what is
+            left).
         keep: a file for the fits made so far, `fpjax.gap.fit.kept.Kept(path)`: an interrupted diagnosis of the same
             input resumes from it and ends with the same numbers. Its `discard` removes the file.
 

@@ -13,8 +13,8 @@ from jaxtyping import Array
 from ..blocks.loads import AbstractLoad
 from ..blocks.position_torque import Loads
 from ..blocks.signals import Motion
+from ..gap.answer.findings import Learned
 from ..gap.answer.learned import blocks
-from ..gap.answer.parts import Learned
 from ..gap.answer.posterior import Posterior
 from ..gap.data.record import Record, in_one_piece, make_records
 from ..gap.machine import FEATURES, Machine, has_bristles, nominal_machine, structure_of
@@ -23,7 +23,7 @@ from ..logs import Log
 from ..model_file import Model
 from ..output.json_object import JsonObject
 from ..simulation.precision import double_precision
-from .known import Known
+from .from_diagnosis import Known
 
 COURSES = 3  # time courses of the missing torque: as found in the log, and two of the same spectrum with random phases
 # [rad] The missing torque of a drawn machine is cos(angle) x the found course + sin(angle) x the others; the angle is

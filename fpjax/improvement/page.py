@@ -14,7 +14,7 @@ from ..gap.report.svg import to_png, to_svg
 from ..gap.report.theme import css_variables
 from ..output.runfile import write_whole
 from .pictures import draw_error, draw_gains, draw_machines, draw_overview
-from .told import WORDS, headline
+from .summary import WORDS, headline
 
 if TYPE_CHECKING:
     from .answer import Answer, Range

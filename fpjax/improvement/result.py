@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..output.drawn import Drawn
-from ..output.frames import to_frame
+from ..output.data_frames import to_frame
+from ..output.drawable import Drawable
 from .answer import Answer, Range
-from .told import told
+from .summary import summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,7 +19,7 @@ _UNKNOWN = Range(math.nan, math.nan, math.nan, "")
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Improvement(Drawn, Answer):
+class Improvement(Drawable, Answer):
     """The predicted effect of other gains, and whether they are proposed.
 
     Its fields are those of `Answer`. `plot` draws the tracking error before and after, the machines one by one, and the
@@ -27,7 +27,7 @@ class Improvement(Drawn, Answer):
     """
 
     def __str__(self) -> str:
-        return told(self)
+        return summary(self)
 
     __repr__ = __str__
 

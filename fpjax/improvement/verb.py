@@ -18,10 +18,10 @@ from ..output.stages import StageClock
 from ..simulation.precision import double_precision
 from ..simulation.scan import astype
 from .answer import Change, Decision, Range, Side
-from .decide import LEFT_OUT, LESS, hopeless, objection, plausible, range_of
+from .decision import LEFT_OUT, LESS, hopeless, objection, plausible, range_of
+from .from_diagnosis import Known, about_left, known_in, known_of
 from .gains import Gains, freed, guesses
 from .judge import Judge, Score
-from .known import Known, about_left, known_in, known_of
 from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, record_of, rms
 from .margins import NAMES, UNITS, margins_of
 from .result import Improvement

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..output.drawn import Drawn
+from ..output.drawable import Drawable
 from .margins import Margins, frequency_grid, margins
 from .state_space import StateSpace
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True)
-class LinearLoop(Drawn):
+class LinearLoop(Drawable):
     """A loop linearised at an operating point.
 
     `plot` draws the Bode diagram of `ratio` with its margins, and the step response.

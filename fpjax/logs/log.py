@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ..output.drawn import Drawn
+from ..output.drawable import Drawable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,7 +15,7 @@ Values = np.ndarray
 
 
 @dataclass(frozen=True)
-class Log(Drawn):
+class Log(Drawable):
     """A recorded run of one machine: float64, SI units, one row per control period.
 
     `plot` draws every column against time.
@@ -94,7 +94,7 @@ class Log(Drawn):
         Raises:
             InputError: where pandas is not installed.
         """
-        from ..output.frames import to_frame
+        from ..output.data_frames import to_frame
 
         columns = {name: values for name, values in self.columns().items() if name != "time"}
         return to_frame(columns | {name: each for name, each in self.extra.items() if name not in columns}, self.time)

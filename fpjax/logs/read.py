@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FpjaxWarning, InputError
-from .columns.headless import described
+from .columns.headerless import described
 from .columns.mapping import (
     Columns,
     Source,
@@ -24,8 +24,8 @@ from .columns.mapping import (
 from .columns.units import find_unit
 from .formats.table import RawTable, Request, from_arrays, read_table
 from .log import Log, NamedArrays
-from .mending.absurd import filled, unread_rows, without_absurd
 from .mending.clock import SHORTEST, in_order, longest_stretch, read_clock
+from .mending.invalid_values import filled, unread_rows, without_absurd
 from .mending.measured_torque import constant_ratio, following
 from .mending.resample import HELD, Uniform, every, to_grid
 from .mending.unsigned import signed

@@ -17,7 +17,7 @@ from ..blocks.sensors import AbstractSensor, Encoder, Gyro, IdealSensor, KalmanF
 from ..blocks.servo_sensor import ServoSensor
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
-from .forms import Form, form_for, form_of, number, numbers, pick
+from .block_types import Form, form_for, form_of, number, numbers, pick
 from .keys import Key, Units, check_keys, choose, read_number, read_values
 
 _TWO_MASS = (

@@ -14,7 +14,7 @@ from ..blocks.controllers import (
 from ..blocks.feedforward import AbstractFeedforward, Feedforward, PositionFeedforward
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
-from .forms import Form, form_for, form_of, number, numbers, pick
+from .block_types import Form, form_for, form_of, number, numbers, pick
 from .keys import Key, Units, check_keys, read_values
 
 _LIMIT = Key("limit", "N m", "positive", None)

@@ -22,7 +22,7 @@ from ..blocks.friction.general import GeneralFriction
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
 from .admissible import check_levels
-from .forms import Form, form_for, form_of, number, numbers, pick
+from .block_types import Form, form_for, form_of, number, numbers, pick
 from .keys import Key, Units, check_keys, missing, read_number, read_values
 
 SECTION = "friction"

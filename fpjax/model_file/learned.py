@@ -9,7 +9,7 @@ from ..blocks.loads import AbstractLoad, NoLoad
 from ..blocks.position_torque import Loads
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
-from .forms import number
+from .block_types import number
 from .keys import Key, Units, check_keys, choose, read_values
 
 SECTION = "learned"

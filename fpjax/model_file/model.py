@@ -26,7 +26,7 @@ from .keys import Key, Units, check_keys, choose, missing, nearest, read_values
 from .learned import build_learned, describe_learned, join_load, more_coulomb
 from .limits import read_limits
 from .observer import build_observer, choose_observer_steepness, describe_observer, known_to_observer, unwritten_gains
-from .placed import with_placed_gains
+from .placed_gains import with_placed_gains
 from .proportions import check_proportions
 from .reference import build_reference, describe_reference
 

@@ -25,8 +25,8 @@ from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
 from ..simulation.solvers import get_solver
 from ..simulation.stability import safe_steepness
+from .block_types import number, numbers
 from .body import total_inertia
-from .forms import number, numbers
 from .friction import SECTION as FRICTION
 from .keys import Key, Units, check_keys, choose, read_number, read_values
 

@@ -5,7 +5,7 @@ import pathlib
 from ..blocks.references import AbstractReference, Chirp, Constant, Multisine, Recorded, Sine, Square, Triangle
 from ..errors import InputError
 from ..output.json_object import JsonObject, TomlTable
-from .forms import Form, form_for, form_of, pick
+from .block_types import Form, form_for, form_of, pick
 from .keys import Key, Units, check_keys
 
 _AMPLITUDE = Key("amplitude", "rad/s")

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 
-from .share import WorkDone
+from .work_done import WorkDone
 
 FIRST_SHOWN, REDRAWN = 1.0, 0.25  # [s] after which progress is first shown, and redrawn
 LEAST_DONE = 0.02  # share of the whole before which the pace is not known well enough for a time left

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 
-from .share import Outline, WorkDone
+from .work_done import Outline, WorkDone
 
 
 class StageClock:

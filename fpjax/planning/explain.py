@@ -6,7 +6,7 @@ import numpy as np
 
 from ..gap.effects.experiments import PLAINEST, SIGNATURE, TELLS, experiment_for, family_of
 from .answer import MATERIAL, NEEDED, Separation
-from .sight import Sight
+from .measurement_model import MeasurementModel
 from .trial import RunComparison
 
 REST, FAST = 0.1, 0.5  # shares of the top speed below and above which a sample counts as a reversal and as fast
@@ -29,17 +29,19 @@ BESIDE = {
 """What separates exact twins, which no run does, by the family of either."""
 
 
-def kinds_of_samples(sight: Sight, speed: np.ndarray, acceleration: np.ndarray, unit: str) -> np.ndarray:
+def kinds_of_samples(
+    measurement: MeasurementModel, speed: np.ndarray, acceleration: np.ndarray, unit: str
+) -> np.ndarray:
     """The kind of motion at each sample of the windows, in words, shape (samples, windows).
 
     Args:
-        sight: gives the windows.
+        measurement: gives the windows.
         speed: of the motion [rad/s], shape (samples of the run,).
         acceleration: of the motion [rad/s^2], shape (samples of the run,).
         unit: of the speed.
     """
     top, hard = float(np.max(np.abs(speed))), float(np.max(np.abs(acceleration)))
-    at = sight.starts[None, :] + np.arange(sight.samples)[:, None]
+    at = measurement.starts[None, :] + np.arange(measurement.samples)[:, None]
     v, a = np.abs(speed[at]) / top, np.abs(acceleration[at]) / hard
     kinds = np.full(at.shape, f"speeds from {REST * top:.2g} to {FAST * top:.2g} {unit}", dtype=object)
     # Later lines win: a reversal is a reversal whatever its acceleration.
@@ -49,15 +51,15 @@ def kinds_of_samples(sight: Sight, speed: np.ndarray, acceleration: np.ndarray, 
     return kinds
 
 
-def where_from(sight: Sight, kinds: np.ndarray, left: np.ndarray) -> str:
+def where_from(measurement: MeasurementModel, kinds: np.ndarray, left: np.ndarray) -> str:
     """The part of the run from which most of the evidence comes, in words.
 
     Args:
-        sight: gives the modes.
+        measurement: gives the modes.
         kinds: from `kinds_of_samples`.
         left: the remaining misfit, in standard deviations, shape (modes, windows).
     """
-    modes = sight.modes
+    modes = measurement.modes
     if np.sum(left[modes.sensor] ** 2) > 0.5 * np.sum(left**2):
         return "most of it from the two sensors' disagreement"
     # `left` is in turned coefficients: turned back, or the samples of half an octave would be mixed.

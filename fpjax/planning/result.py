@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..output.drawn import Drawn
-from ..output.frames import to_frame
+from ..output.data_frames import to_frame
+from ..output.drawable import Drawable
 from ..output.runfile import open_folder, whole_file, write_json
 from .answer import MATERIAL, NEEDED, Answer
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Plan(Drawn, Answer):
+class Plan(Drawable, Answer):
     """A run under the machine's limits.
 
     Its fields are those of `Answer`. `plot` draws the run, its torque, and the evidence for each effect or pair.

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from scipy.interpolate import BSpline
 
 from .limits import Limits
-from .usual import usual
+from .plain_references import plain_references
 
 KNOTS = (12, 40)  # fewest and most coefficients of the speed's spline
 SPACING = 2.5  # time between knots, in times from rest to the top speed at the largest acceleration [1]
@@ -162,7 +162,7 @@ def make_course(limits: Limits, dt: float, seconds_resolved: float) -> PlannedCo
     tones = np.geomspace(min(4.0 * lowest, 0.2 * highest), highest, TONES)
     return PlannedCourse(
         limits, dt, time, _splines(time, count), _splines(time, GATES), ramp * ramp * (3.0 - 2.0 * ramp),
-        tones, usual(limits, time, highest),
+        tones, plain_references(limits, time, highest),
     )  # fmt: skip
 
 

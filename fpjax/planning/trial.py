@@ -25,9 +25,9 @@ from ..gap.simulate.replay import SUBSTEPS, assembled
 from ..model_file import Model
 from ..simulation.loop import ClosedLoop
 from ..simulation.scan import Inputs, make_stepper, roll, sampled_tables
-from .expect import Evidence, Readings, RivalLanes, coefficients, evidence_against, make_lanes
+from .expected_evidence import Evidence, Readings, RivalLanes, coefficients, evidence_against, make_lanes
 from .machines import NOMINAL_VARIANT, Shop, Variant
-from .sight import Sight
+from .measurement_model import MeasurementModel
 from .trajectory import PlannedCourse, PlannedMotion, Shape
 
 STAND_IN = 0.1  # bandwidth of the loop that stands in for an unknown controller, times dt [rad]
@@ -86,7 +86,7 @@ class Trial:
 
     Attributes:
         shop: makes the machines.
-        sight: of the diagnosis.
+        measurement: of the diagnosis.
         course: the map from shapes to motions.
         simulated: variants that run in closed loop.
         models: variants that are replayed on the logs.
@@ -99,7 +99,7 @@ class Trial:
     """
 
     shop: Shop
-    sight: Sight
+    measurement: MeasurementModel
     course: PlannedCourse
     simulated: tuple[Variant, ...]
     models: tuple[Variant, ...]
@@ -170,7 +170,7 @@ class Trial:
 
     def _periods(self, family: Family, vectors: np.ndarray, side: str) -> int:
         """The longest dead time of the actuator or the rate sensor among some machines, in whole periods."""
-        return int(np.ceil(np.max(vectors[family.index(f"{side}_delay")]) / self.sight.dt))
+        return int(np.ceil(np.max(vectors[family.index(f"{side}_delay")]) / self.measurement.dt))
 
     def simulate(self, reference: Float[Array, " samples"]) -> Readings:
         """The logs of the simulated variants."""
@@ -182,7 +182,7 @@ class Trial:
             machines = quiet(assembled(family.machine, family.effects, family.parameters, jnp.asarray(vectors)))
             machines = short(machines, *(self._periods(family, vectors, side) for side in ("actuator", "velocity")))
             stepper = make_stepper(
-                dt=self.sight.dt, samples=len(self.course.time), solver="exact", stepping="sampled",
+                dt=self.measurement.dt, samples=len(self.course.time), solver="exact", stepping="sampled",
                 substeps=SUBSTEPS[family.key[0]],
             )  # fmt: skip
             silence = tuple(jnp.zeros(len(self.course.time)) for _ in range(machines.sensor.noise_channels))
@@ -202,7 +202,7 @@ class Trial:
     def _structure(self, structure: Structure, readings: Readings) -> dict[int, Evidence]:
         """The evidence of the comparisons whose model has this structure, by index of the comparison."""
         lanes, places = self.lanes[structure]
-        out = coefficients(self.shop, self.sight, lanes, readings)
+        out = coefficients(self.shop, self.measurement, lanes, readings)
         which = [i for i, c in enumerate(self.comparisons) if self.models[c.model].structure == structure]
         bases, tangents, shifts = [], [], []
         most = max(len(self.comparisons[i].moving) for i in which)
@@ -220,7 +220,7 @@ class Trial:
             bases.append(base)
             tangents.append(jnp.stack(moved) if moved else jnp.zeros((0, *base.shape)))
             shifts.append(jnp.stack([slope(pair) for pair in lanes.shifts[place]]))
-        told = jax.vmap(functools.partial(evidence_against, self.sight))(
+        told = jax.vmap(functools.partial(evidence_against, self.measurement))(
             jnp.stack(bases), jnp.stack(tangents), jnp.stack(shifts)
         )  # fmt: skip
         return {index: Evidence(*(part[row] for part in told)) for row, index in enumerate(which)}
@@ -279,7 +279,9 @@ def short(machine: Machine, actuator: int, sensor: int) -> Machine:
     return eqx.tree_at(lambda at: (at.actuator, at.sensor), machine, (parts, reading))
 
 
-def effects_trial(shop: Shop, sight: Sight, course: PlannedCourse, variants: Sequence[Variant]) -> Trial:
+def effects_trial(
+    shop: Shop, measurement: MeasurementModel, course: PlannedCourse, variants: Sequence[Variant]
+) -> Trial:
     """A trial that compares the nominal machine's log with every effect at its detectable size.
 
     The nominal parameters and an offset are free in every model.
@@ -287,10 +289,10 @@ def effects_trial(shop: Shop, sight: Sight, course: PlannedCourse, variants: Seq
     comparisons = tuple(RunComparison(0, i, shop.nuisances(v.effect)) for i, v in enumerate(variants))
     steered = frozenset[Structure](("rigid",))
     material = tuple(v.effect is not None and not on_rate_sensor(v.effect) for v in variants)
-    return _trial(shop, sight, course, (NOMINAL_VARIANT,), tuple(variants), comparisons, steered, material)
+    return _trial(shop, measurement, course, (NOMINAL_VARIANT,), tuple(variants), comparisons, steered, material)
 
 
-def rivals_trial(shop: Shop, sight: Sight, course: PlannedCourse, rivals: Sequence[Variant]) -> Trial:
+def rivals_trial(shop: Shop, measurement: MeasurementModel, course: PlannedCourse, rivals: Sequence[Variant]) -> Trial:
     """A trial that compares every rival's log with every other rival's model.
 
     The model's own parameters and the nominal parameters are free.
@@ -309,11 +311,12 @@ def rivals_trial(shop: Shop, sight: Sight, course: PlannedCourse, rivals: Sequen
             comparisons.append(RunComparison(log, model, (*nominal, *own)))
     steered = frozenset(_structures(rivals))
     material = (False,) * len(comparisons)
-    return _trial(shop, sight, course, tuple(rivals), tuple(rivals), tuple(comparisons), steered, material)
+    return _trial(shop, measurement, course, tuple(rivals), tuple(rivals), tuple(comparisons), steered, material)
 
 
 def _trial(
-    shop: Shop, sight: Sight, course: PlannedCourse, simulated: tuple[Variant, ...], models: tuple[Variant, ...],
+    shop: Shop, measurement: MeasurementModel, course: PlannedCourse,
+    simulated: tuple[Variant, ...], models: tuple[Variant, ...],
     comparisons: tuple[RunComparison, ...], steered: frozenset[Structure], material: tuple[bool, ...],
 ) -> Trial:  # fmt: skip
     moving: dict[int, tuple[str, ...]] = {}  # by model, the parameters that are free in any of its comparisons
@@ -327,4 +330,4 @@ def _trial(
         lanes[structure] = made, {index: place for place, index in enumerate(which)}
     for variant in simulated:
         shop.family(variant.structure)  # made here, because a family cannot be made within a jax trace
-    return Trial(shop, sight, course, simulated, models, comparisons, lanes, steered, material)
+    return Trial(shop, measurement, course, simulated, models, comparisons, lanes, steered, material)

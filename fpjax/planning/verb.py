@@ -17,7 +17,7 @@ from ..gap import diagnose
 from ..gap.diagnosis import Diagnosis
 from ..logs import Log, read_log
 from ..model_file import Model
-from ..model_file.given import as_model
+from ..model_file.as_model import as_model
 from ..output.json_object import JsonObject, TomlTable
 from ..output.stages import StageClock
 from ..simulation.precision import double_precision
@@ -27,12 +27,12 @@ from .design import Designed, design
 from .explain import beside, kinds_of_samples, not_visible, separations, where_from
 from .limits import Limits, make_limits
 from .machines import Shop, detectable, make_shop, reported
+from .measurement_model import MeasurementModel, make_measurement_model
+from .plain_references import NAMES
 from .result import Plan
 from .rivals import hidden_by_twin, level_of, machines_of, read_diagnosis, rivals_of, settled_of, twins_of
-from .sight import Sight, make_sight
 from .trajectory import make_course
 from .trial import ExpectedRun, Trial, effects_trial, rivals_trial
-from .usual import NAMES
 
 SECONDS = 45.0  # [s] processor time of the design, so that the whole plan takes about a minute
 RISE = 0.02  # [s] shortest useful time between knots: faster changes of speed are not followed by a usual loop
@@ -123,16 +123,16 @@ def plan(
         limits = make_limits(known, record, given, notes)
         level = missing if missing is not None or told is None else level_of(told)
         noise = {"velocity": velocity_noise, "position": position_noise}
-        sight = make_sight(known, limits, record, level, noise, notes)
+        measurement = make_measurement_model(known, limits, record, level, noise, notes)
         course = make_course(limits, known.dt, RISE)
-        shop = make_shop(known, limits, _largest_torque(known, limits), sight.samples * sight.dt)
+        shop = make_shop(known, limits, _largest_torque(known, limits), measurement.samples * measurement.dt)
         if not known.controller_known:
             notes.append(
                 "[controller] is unknown: the motion itself is planned, and simulated with a velocity loop and the "
                 "inverse dynamics as feed-forward in place of the drive's loop."
             )
         clock("machines", 0.05)
-        trial, twins, wanted = _trial(shop, sight, course, told)
+        trial, twins, wanted = _trial(shop, measurement, course, told)
         plain = {name: trial.followed(course.within(speed)) for name, speed in zip(NAMES, course.usual.T, strict=True)}
         found = design(trial, wanted, seconds=seconds, seed=seed, progress=clock, usual=plain)
         clock("writing it down", 1.0)
@@ -149,13 +149,13 @@ def _largest_torque(model: Model, limits: Limits) -> float:
 
 
 def _trial(
-    shop: Shop, sight: Sight, course: Any, told: JsonObject | None
+    shop: Shop, measurement: MeasurementModel, course: Any, told: JsonObject | None
 ) -> tuple[Trial, dict[frozenset[str], str], np.ndarray]:
     """(the trial, by effect or pair why no run can show or separate it, the weight of every comparison)."""
     if told is None:
         variants = [detectable(shop, effect) for effect in shop.effects()]
         hidden = {v.name: hidden_by_twin(shop, v) for v in variants}
-        trial = effects_trial(shop, sight, course, variants)
+        trial = effects_trial(shop, measurement, course, variants)
         wanted = np.array([0.0 if hidden[v.name] else 1.0 for v in variants])
         return trial, {frozenset((name,)): why for name, why in hidden.items() if why}, wanted
     variants = machines_of(shop, rivals_of(told), settled_of(told))
@@ -165,7 +165,7 @@ def _trial(
             "that makes all effects visible."
         )
     twins = twins_of(shop, variants)
-    trial = rivals_trial(shop, sight, course, variants)
+    trial = rivals_trial(shop, measurement, course, variants)
     names = [v.name for v in variants]
     wanted = np.array([0.0 if frozenset((names[c.log], names[c.model])) in twins else 1.0 for c in trial.comparisons])
     if not wanted.any():
@@ -217,8 +217,8 @@ def _plan(
     if aim == "effects":
         visible = _visible(trial, found, twins)
     else:
-        kinds = kinds_of_samples(trial.sight, motion["speed"], motion["acceleration"], model.units.name("rad/s"))
-        wheres = [where_from(trial.sight, kinds, left) for left in np.asarray(seen.left)]
+        kinds = kinds_of_samples(trial.measurement, motion["speed"], motion["acceleration"], model.units.name("rad/s"))
+        wheres = [where_from(trial.measurement, kinds, left) for left in np.asarray(seen.left)]
         names = [v.name for v in trial.models]
         separated = separations(names, trial.comparisons, nats, wheres, twins)
     clock.done()
@@ -232,11 +232,12 @@ def _plan(
         visible=visible,
         separations=separated,
         rivals=tuple(v.name for v in trial.simulated) if aim == "rivals" else (),
-        missing=trial.sight.missing,
+        missing=trial.measurement.missing,
         noise={
             name: size
             for name, size, there in zip(
-                ("velocity", "position"), (trial.sight.rate_noise, trial.sight.angle_noise), trial.sight.channels,
+                ("velocity", "position"), (trial.measurement.rate_noise, trial.measurement.angle_noise),
+                trial.measurement.channels,
                 strict=True,
             )
             if there

@@ -16,7 +16,7 @@ from ..blocks.references import AbstractReference
 from ..compiled.native import native
 from ..compiled.programs import jit_by
 from ..errors import DivergedError, InputError
-from ..output.drawn import Drawn
+from ..output.drawable import Drawable
 from ..output.json_object import JsonObject
 from ..output.run_picture import About
 from .loop import ClosedLoop, LoopState
@@ -45,7 +45,7 @@ SENTENCES = {
 }
 
 
-class Run(Drawn, eqx.Module):
+class Run(Drawable, eqx.Module):
     """The result of a simulation.
 
     `plot` draws the recorded signals: reference and motion, error, torques, estimates with their true values.
@@ -132,7 +132,7 @@ class Run(Drawn, eqx.Module):
         Raises:
             InputError: where pandas is not installed.
         """
-        from ..output.frames import to_frame
+        from ..output.data_frames import to_frame
 
         return to_frame(self.signals, self.time)
 

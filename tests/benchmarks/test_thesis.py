@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from benchmarks.__main__ import main
-from benchmarks.thesis import chapter2, chapter3, chapter4, command, limits, presets, search
-from benchmarks.thesis.beyond import recoveries
+from benchmarks.thesis import chapter2, chapter3, chapter4, command, presets, search, small_steps
 from benchmarks.thesis.cells import NOT_REPRODUCED, REPRODUCED, SOLVER_SPECIFIC, Cell, Printed, judge
+from benchmarks.thesis.changing_parameters import recoveries
 from benchmarks.thesis.figures import all_figures, draw_all
 from fpjax.errors import InputError
 from fpjax.output import plotting
@@ -158,7 +158,7 @@ def test_the_efp_estimate_of_b_moves_with_the_solver_and_the_step():
 
 
 def test_limits_as_the_step_goes_to_zero():
-    found = limits.obtain(presets.FINEST_STEP)
+    found = small_steps.obtain(presets.FINEST_STEP)
     expected = {1: (6.704, 0.06233), 10: (0.7535, 0.04946), 100: (0.1177, 0.04685), 500: (0.0504, 0.04645)}
     for alpha, (friction, velocity) in expected.items():
         assert found[f"limit/2.3/g2/alpha={alpha}/friction"] == pytest.approx(friction, rel=0.002)
@@ -253,7 +253,7 @@ def test_command_writes_the_cells(tmp_path, monkeypatch, capsys):
     out = tmp_path / "made" / "here"
     assert main(["thesis", "--out", str(out), "--quick", "--no-figures"]) == 0
     rows = json.loads((out / "thesis.json").read_text())
-    assert [row["cell"] for row in rows] == [one.cell for one in limits.PRINTED]
+    assert [row["cell"] for row in rows] == [one.cell for one in small_steps.PRINTED]
     for row in rows:
         assert list(row) == ["cell", "printed", "obtained", "relative_error", "verdict"]
         assert row["relative_error"] == pytest.approx((row["obtained"] - row["printed"]) / row["printed"])

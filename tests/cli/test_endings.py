@@ -100,7 +100,7 @@ def test_time_left_is_told_between_bounds_where_it_is_not_known(monkeypatch):
 
 
 def test_the_share_of_several_works_is_between_bounds_too():
-    from fpjax.output.share import WorkDone, part_of
+    from fpjax.output.work_done import WorkDone, part_of
 
     one = WorkDone(1.0, 1.0, 3.0)
     assert float(one) == 0.25

@@ -7,7 +7,7 @@ import pytest
 from cli_case import EMPS, REPO, SERVO, refuse, run
 
 import fpjax
-from fpjax.cli.measured import settling_time
+from fpjax.cli.measures import settling_time
 from fpjax.logs import read_log
 from fpjax.model_file import load_model
 

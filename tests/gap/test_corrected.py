@@ -11,7 +11,7 @@ from fpjax.blocks.loads import AbstractLoad
 from fpjax.cli import main
 from fpjax.gap import EFFECTS, Setting
 from fpjax.gap.answer.corrected import corrected_model
-from fpjax.gap.answer.machines import machine_at
+from fpjax.gap.answer.fitted_machine import machine_at
 from fpjax.gap.simulate.family import Nominal, key_for, make_family
 from fpjax.model_file import load_model
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fpjax.gap import Estimate
-from fpjax.gap.answer import intervals, shown
+from fpjax.gap.answer import insignificant, intervals
 from fpjax.gap.fit.modes import make_modes
 
 
@@ -55,8 +55,9 @@ def test_what_the_sampling_blurs_is_never_known_better(width):
     [(-0.1, 0.2, 0.5, True), (0.1, 0.2, 0.5, False), (-0.5, -0.2, -0.1, False), (np.nan, 0.0, np.nan, True)],
 )
 def test_a_size_that_may_be_nothing_is_not_shown(monkeypatch, low, value, high, hidden):
-    monkeypatch.setattr(shown, "estimates", lambda *_: {"gap": Estimate(value, low, high, "rad")})
+    monkeypatch.setattr(insignificant, "estimates", lambda *_: {"gap": Estimate(value, low, high, "rad")})
     effects = [SimpleNamespace(name=name) for name in ("backlash", "asymmetric_friction")]
     family = SimpleNamespace(parameters=[])
     fit = SimpleNamespace(candidate=SimpleNamespace(effects=effects, family=family, free=(), wide=frozenset()))
-    assert shown.not_shown(None, fit, np.zeros((1, 1))) == (frozenset({"backlash"}) if hidden else frozenset())
+    found = insignificant.insignificant_causes(None, fit, np.zeros((1, 1)))
+    assert found == (frozenset({"backlash"}) if hidden else frozenset())

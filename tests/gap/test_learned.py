@@ -8,9 +8,9 @@ from learned_logs import MODEL, VISCOUS, drive, searched
 
 import fpjax as fp
 from fpjax.gap.answer.corrected import corrected_model
+from fpjax.gap.answer.fitted_machine import machine_of
+from fpjax.gap.answer.gap_size import withheld
 from fpjax.gap.answer.learned import blocks, learn, proposed, simulated
-from fpjax.gap.answer.machines import machine_of
-from fpjax.gap.answer.shrink import withheld
 from fpjax.gap.answer.smooth_tables import make_tables
 from fpjax.model_file import load_model
 

@@ -17,11 +17,11 @@ from report_page import SECTIONS, Page, scripts
 from fpjax.errors import InputError
 from fpjax.gap import EFFECTS, Estimate, Ranked, Share, Where
 from fpjax.gap.report import (
+    derived_values,
     draw_overview,
     model_text,
-    reading,
+    sentences,
     svg,
-    text,
     write_report,
 )
 from fpjax.model_file import dump_model, load_model
@@ -198,10 +198,10 @@ def test_what_was_learned_is_told_beside_the_effects_and_never_as_one(written):
     assert "measured, not a named effect" in shown
     assert all(entry.effect in {effect.name for effect in EFFECTS} for entry in diagnosis.ranking)
     assert 'download="learned.toml"' in source
-    rows = text.learned_name(diagnosis), text.learned_sentence(diagnosis)
+    rows = sentences.learned_name(diagnosis), sentences.learned_sentence(diagnosis)
     assert rows[0] == "learned law of velocity"
     two = dataclasses.replace(diagnosis, learned=diagnosis.learned * 2)
-    assert text.learned_name(two).startswith("learned laws of")
+    assert sentences.learned_name(two).startswith("learned laws of")
 
 
 def test_a_model_is_said_to_run_only_where_it_does(written):
@@ -219,7 +219,7 @@ def test_a_model_is_said_to_run_only_where_it_does(written):
 
 
 def test_causes_that_look_alike_are_classes():
-    assert reading.classes(CASES["pair_with_twins"]()) == [
+    assert derived_values.classes(CASES["pair_with_twins"]()) == [
         ("constant_torque", "asymmetric_friction"),
         ("actuator_delay", "velocity_delay"),
     ]

@@ -11,44 +11,44 @@ from report_cases import CASES
 
 from fpjax.gap import EFFECTS, Estimate, FittedParameter, Share, Where
 from fpjax.gap.report import (
+    derived_values,
     digits,
+    gap_picture,
     markup,
     model_text,
-    reading,
+    names,
     record_picture,
-    shrink_picture,
-    text,
+    sentences,
     where_picture,
-    words,
 )
 from fpjax.model_file import dump_model, load_model
 
 
 def test_verdicts_have_fitting_sentences():
     told = {name: make() for name, make in CASES.items()}
-    sentences = {name: text.verdict_sentence(told[name]) for name in told}
-    assert sentences["explained"].startswith("The simulation lacks Stribeck friction; with that corrected")
-    assert "cannot tell which" in sentences["pair_with_twins"]
-    assert "a constant torque or asymmetric friction" in sentences["pair_with_twins"]
-    assert "agrees" in sentences["no_gap"]
-    assert "no effect of the vocabulary closes" in sentences["unexplained"]
-    assert re.search(r"misses [\d.]+\u202fN rms of force", sentences["unexplained"])
+    found = {name: sentences.verdict_sentence(told[name]) for name in told}
+    assert found["explained"].startswith("The simulation lacks Stribeck friction; with that corrected")
+    assert "cannot tell which" in found["pair_with_twins"]
+    assert "a constant torque or asymmetric friction" in found["pair_with_twins"]
+    assert "agrees" in found["no_gap"]
+    assert "no effect of the vocabulary closes" in found["unexplained"]
+    assert re.search(r"misses [\d.]+\u202fN rms of force", found["unexplained"])
     hidden = dataclasses.replace(told["unexplained"].gap, before=0.0)
-    unseen = text.verdict_sentence(dataclasses.replace(told["unexplained"], gap=hidden))
+    unseen = sentences.verdict_sentence(dataclasses.replace(told["unexplained"], gap=hidden))
     assert unseen.startswith("On withheld data no missing force stands above the noise floor of ")
-    assert text.confidence_sentence(told["explained"]).replace("\u202f", " ") == "Very likely (96 %)."
-    assert all(sentence.count(".\n") == 0 and sentence.endswith(".") for sentence in sentences.values())
+    assert sentences.confidence_sentence(told["explained"]).replace("\u202f", " ") == "Very likely (96 %)."
+    assert all(sentence.count(".\n") == 0 and sentence.endswith(".") for sentence in found.values())
     one_open = dataclasses.replace(told["pair_with_twins"], causes=("constant_torque", "backlash"))
-    assert "asymmetric friction (this log cannot tell which), and backlash; with both" in text.verdict_sentence(
+    assert "asymmetric friction (this log cannot tell which), and backlash; with both" in sentences.verdict_sentence(
         one_open
     )
-    partly = text.verdict_sentence(told["partly_explained"]).replace("\u202f", " ")
+    partly = sentences.verdict_sentence(told["partly_explained"]).replace("\u202f", " ")
     assert re.match(r"Stribeck friction explains \d+ % of the missing torque; \d+ % is left \(", partly)
     assert not re.search(r"not|fail|but|only", partly)
     wrong = dataclasses.replace(told["explained"], causes=("inertia_error",))
-    assert text.verdict_sentence(wrong).startswith("The simulation has a wrong inertia;")
+    assert sentences.verdict_sentence(wrong).startswith("The simulation has a wrong inertia;")
     linear = dataclasses.replace(wrong, motion="linear")
-    assert text.verdict_sentence(linear).startswith("The simulation has a wrong mass;")
+    assert sentences.verdict_sentence(linear).startswith("The simulation has a wrong mass;")
 
 
 def test_units_and_shares_are_spelled_for_people():
@@ -64,8 +64,8 @@ def test_units_and_shares_are_spelled_for_people():
 
 
 def test_confidence_is_that_of_the_diagnosis():
-    assert text.confidence_sentence(dataclasses.replace(CASES["explained"](), probability=0.0)) == ""
-    assert [words.sure(p) for p in (0.99, 0.9, 0.6, 0.1)] == [
+    assert sentences.confidence_sentence(dataclasses.replace(CASES["explained"](), probability=0.0)) == ""
+    assert [names.sure(p) for p in (0.99, 0.9, 0.6, 0.1)] == [
         "practically certain",
         "very likely",
         "more likely than not",
@@ -94,12 +94,12 @@ def test_a_parameter_at_its_bound_has_no_interval():
         FittedParameter("gap", 1e-3, deviation, "rad", verdict)
         for deviation, verdict in ((1e-5, "pinned"), (0.0, "at a bound"))
     )
-    told = [reading.fixed(found) for found in (pinned, bound)]
+    told = [derived_values.fixed(found) for found in (pinned, bound)]
     assert told[0].bounded
     assert told[0].high == pytest.approx(1e-3 + 1.645e-5)
     assert not told[1].bounded
-    assert words.state_meaning("at a bound")
-    assert words.state_meaning("traded off with viscous")
+    assert names.state_meaning("at a bound")
+    assert names.state_meaning("traded off with viscous")
 
 
 def test_what_changed_in_the_model_is_marked():
@@ -128,8 +128,8 @@ def test_defaults_that_became_visible_are_no_change():
 
 
 def test_the_vocabulary_is_worded_completely():
-    assert set(words.EFFECTS) == {effect.name for effect in EFFECTS} | {"velocity_quantisation"}
-    assert len({w.name for w in words.EFFECTS.values()}) == len(words.EFFECTS)
+    assert set(names.EFFECTS) == {effect.name for effect in EFFECTS} | {"velocity_quantisation"}
+    assert len({w.name for w in names.EFFECTS.values()}) == len(names.EFFECTS)
 
 
 def test_escaping_covers_attributes():
@@ -163,7 +163,7 @@ def test_a_companion_is_drawn_as_likely_as_the_table_has_it():
     first, second, *rest = full.ranking
     pair = (first, dataclasses.replace(second, probability=0.0, cause_probability=0.83), *rest)
     figure = Figure()
-    shrink_picture.draw_ranking(figure, dataclasses.replace(full, ranking=pair))
+    gap_picture.draw_ranking(figure, dataclasses.replace(full, ranking=pair))
     widths = [bar.get_width() for bar in figure.axes[0].patches]
     assert widths[:2] == pytest.approx([first.probability, 0.83])
 
@@ -185,6 +185,6 @@ def test_an_interval_that_nobody_knows_is_not_printed():
 
 
 def test_what_is_traded_off_is_not_called_unknown_where_its_interval_is_narrow():
-    assert words.state_meaning("traded off with viscous", 0.3) == "only their combination is determined"
-    assert "small error" in words.state_meaning("traded off with viscous", 1e-4)
-    assert words.state_meaning("pinned", 1e-4) == "this log determines it"
+    assert names.state_meaning("traded off with viscous", 0.3) == "only their combination is determined"
+    assert "small error" in names.state_meaning("traded off with viscous", 1e-4)
+    assert names.state_meaning("pinned", 1e-4) == "this log determines it"

@@ -10,9 +10,9 @@ import pytest
 
 import fpjax as fp
 from fpjax.gap.data.record import in_one_piece
+from fpjax.improvement.from_diagnosis import about_left
 from fpjax.improvement.gains import freed
 from fpjax.improvement.judge import Score
-from fpjax.improvement.known import about_left
 from fpjax.improvement.machines import (
     divided,
     draw_machines,

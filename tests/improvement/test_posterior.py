@@ -10,7 +10,7 @@ import pytest
 
 import fpjax as fp
 from fpjax.gap.answer.posterior import left_open, load_posterior
-from fpjax.improvement.known import known_in
+from fpjax.improvement.from_diagnosis import known_in
 from fpjax.improvement.machines import record_of
 
 

@@ -1,7 +1,7 @@
 """The clock of a long piece of work."""
 
-from fpjax.output.share import WorkDone
 from fpjax.output.stages import StageClock
+from fpjax.output.work_done import WorkDone
 
 
 def test_a_stage_that_comes_again_is_added_to():

@@ -14,10 +14,11 @@ from fpjax.errors import InputError
 from fpjax.logs import read_log
 from fpjax.model_file import dump_model, load_model
 from fpjax.planning import Plan, Separation, Visible, plan
-from fpjax.planning.expect import evidence_against
+from fpjax.planning.expected_evidence import evidence_against
 from fpjax.planning.explain import not_visible, separations
 from fpjax.planning.limits import Limits, make_limits
 from fpjax.planning.machines import detectable, make_shop, reported, rival
+from fpjax.planning.measurement_model import make_measurement_model
 from fpjax.planning.rivals import (
     hidden_by_twin,
     machines_of,
@@ -26,7 +27,6 @@ from fpjax.planning.rivals import (
     settled_of,
     twins_of,
 )
-from fpjax.planning.sight import make_sight
 from fpjax.planning.trajectory import SWEEP, Shape, make_course
 from fpjax.planning.trial import RunComparison
 from fpjax.simulation.precision import double_precision
@@ -257,8 +257,8 @@ def test_a_folder_without_a_diagnosis_is_told_so(tmp_path):
 def test_what_may_move_is_projected_out():
     notes = []
     model = servo()
-    sight = make_sight(model, LIMITS, None, 0.05, {"velocity": 0.01}, notes)
-    count, windows = len(sight.modes.gain), len(sight.starts)
+    measurement = make_measurement_model(model, LIMITS, None, 0.05, {"velocity": 0.01}, notes)
+    count, windows = len(measurement.modes.gain), len(measurement.starts)
     rng = np.random.default_rng(0)
     with double_precision():
         tangents = jnp.asarray(1e4 * rng.normal(size=(2, count, windows)))
@@ -267,16 +267,16 @@ def test_what_may_move_is_projected_out():
         inside = jnp.einsum("p,pmw->mw", jnp.asarray([0.3, -0.2]), tangents)
         inside = inside + jnp.einsum("sw,smw->mw", jnp.asarray(shift), shifts)
         outside = jnp.asarray(rng.normal(size=(count, windows)))
-        nothing = evidence_against(sight, inside, tangents, shifts)
-        some = evidence_against(sight, outside, tangents, shifts)
-        more = evidence_against(sight, 3.0 * outside + inside, tangents, shifts)
+        nothing = evidence_against(measurement, inside, tangents, shifts)
+        some = evidence_against(measurement, outside, tangents, shifts)
+        more = evidence_against(measurement, 3.0 * outside + inside, tangents, shifts)
     assert float(nothing.nats) < 1e-3 * float(some.nats)
     assert float(more.nats) > 2.0 * float(some.nats)
     # Small misfits, alike in all windows, cost half their square in deviations, whatever the bands.
     alike = 1e-3 * jnp.tile(outside[:, :1], windows)
-    whitened = np.asarray(alike) / np.sqrt(sight.variance)[:, None]
+    whitened = np.asarray(alike) / np.sqrt(measurement.variance)[:, None]
     with double_precision():
-        small = float(evidence_against(sight, alike, *nothing_free(count, windows)).nats)
+        small = float(evidence_against(measurement, alike, *nothing_free(count, windows)).nats)
     assert small == pytest.approx(0.5 * np.sum(whitened**2), rel=1e-4)
 
 
@@ -285,15 +285,17 @@ def nothing_free(count, windows):
 
 
 def test_what_one_window_alone_shows_is_no_evidence():
-    sight = make_sight(servo(), LIMITS, None, 0.05, {"velocity": 0.01}, [])
-    count, windows = len(sight.modes.gain), len(sight.starts)
+    measurement = make_measurement_model(servo(), LIMITS, None, 0.05, {"velocity": 0.01}, [])
+    count, windows = len(measurement.modes.gain), len(measurement.starts)
     random = np.random.default_rng(0)
     spread = random.normal(size=(count, windows))
     alone = np.zeros((count, windows))
     alone[:, 2] = np.sqrt(windows) * random.normal(size=count)
     with double_precision():
         free = nothing_free(count, windows)
-        everywhere, once = (float(evidence_against(sight, jnp.asarray(one), *free).nats) for one in (spread, alone))
+        everywhere, once = (
+            float(evidence_against(measurement, jnp.asarray(one), *free).nats) for one in (spread, alone)
+        )
     assert everywhere > 10.0
     assert once < 1e-9
 
@@ -301,25 +303,25 @@ def test_what_one_window_alone_shows_is_no_evidence():
 @pytest.mark.parametrize("sensors", ["velocity", "position", "both"])
 def test_the_missing_torque_is_that_which_makes_the_misfit(sensors):
     noise = {"velocity": 1e-4, "position": 1e-6}
-    sight = make_sight(servo(sensors), LIMITS, None, 0.05, noise, [])
-    modes, windows = sight.modes, len(sight.starts)
-    time = np.linspace(0.0, 1.0, sight.samples)[:, None]
+    measurement = make_measurement_model(servo(sensors), LIMITS, None, 0.05, noise, [])
+    modes, windows = measurement.modes, len(measurement.starts)
+    time = np.linspace(0.0, 1.0, measurement.samples)[:, None]
     torque = 0.3 * np.sin(2.0 * np.pi * 5.0 * time + np.arange(windows))  # N m
     plain = np.where(modes.sensor, 0.0, np.sqrt(modes.gain))[:, None] * (modes.torque.T @ torque)
     with double_precision():
-        told = evidence_against(sight, jnp.asarray(modes.turn.T @ plain), *nothing_free(len(plain), windows))
+        told = evidence_against(measurement, jnp.asarray(modes.turn.T @ plain), *nothing_free(len(plain), windows))
     assert float(told.missing) == pytest.approx(np.sqrt(np.mean(torque**2)), rel=0.1)
 
 
 def test_the_evidence_has_a_gradient():
-    sight = make_sight(servo(), LIMITS, None, 0.05, {"velocity": 0.01}, [])
-    count, windows = len(sight.modes.gain), len(sight.starts)
+    measurement = make_measurement_model(servo(), LIMITS, None, 0.05, {"velocity": 0.01}, [])
+    count, windows = len(measurement.modes.gain), len(measurement.starts)
     rng = np.random.default_rng(0)
     with double_precision():
         c, t, x = (jnp.asarray(rng.normal(size=(*k, count, windows))) for k in ((), (1,), (2,)))
 
         def nats(scale):
-            return evidence_against(sight, scale * c, t, x).nats
+            return evidence_against(measurement, scale * c, t, x).nats
 
         slope, step = jax.grad(nats)(1.0), 1e-5
         assert float(slope) == pytest.approx(float(nats(1 + step) - nats(1 - step)) / (2 * step), rel=1e-5)

@@ -116,7 +116,7 @@ def test_where_every_start_diverges_the_result_says_so():
         pytest.param("levenberg_marquardt", marks=pytest.mark.long),
         pytest.param("lbfgs", marks=pytest.mark.long),
         pytest.param("adam", marks=pytest.mark.long),
-        pytest.param("nelder_mead", marks=pytest.mark.long),  # tests/tuning/test_starts.py has a bound by default
+        pytest.param("nelder_mead", marks=pytest.mark.long),  # tests/tuning/test_start_values.py has a bound by default
         pytest.param(tuning.RepairedGridSearch(threshold=0.0), marks=pytest.mark.long),
     ],
 )

@@ -38,7 +38,7 @@ def test_an_estimate_that_cannot_converge_is_said_as_the_excitation_says_it():
     )
     assert any("(b_hat) cannot converge" in sentence for sentence in expected.sentences)
     noted = [note for note in result.notes if note.startswith("on sine, ")]
-    assert noted == [f"on sine, {sentence}" for sentence in expected.told(result.settled)]
+    assert noted == [f"on sine, {sentence}" for sentence in expected.sentences_of(result.settled)]
     assert "(b_hat) cannot converge here" in str(result)
 
 

@@ -56,9 +56,9 @@ def test_the_path_leads_from_a_start_to_the_gains(short):
 
 
 def test_starts_that_fill_up_a_kernel_are_not_counted(short):
-    assert 1 <= short.starts <= tuning.starts.KEPT + 1
+    assert 1 <= short.starts <= tuning.start_values.KEPT + 1
     each = 3 * short.starts  # a value and two tangents of every start that is still under way
-    assert short.simulations <= tuning.starts.SCREENED + 1 + each * max(len(short.path[name]) for name in GAINS)
+    assert short.simulations <= tuning.start_values.SCREENED + 1 + each * max(len(short.path[name]) for name in GAINS)
 
 
 @pytest.mark.long  # another loop: its Jacobian compiles for nine seconds

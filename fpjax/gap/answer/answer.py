@@ -8,8 +8,8 @@ from typing import Any, Literal
 from ..effects.experiments import Experiment
 from ..select.dominant import DominantVariable
 from ..select.verdict import Word
+from .findings import Comparison, FittedParameter, Learned, Ranked, TrackingError, Where
 from .gap import Gap, Step
-from .parts import Comparison, FittedParameter, Learned, Ranked, TrackingError, Where
 from .posterior import Posterior
 
 

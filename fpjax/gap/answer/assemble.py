@@ -21,17 +21,17 @@ from .answer import Answer
 from .corrected import corrected_model
 from .course import Course
 from .curves import Curves
+from .findings import Comparison, Ranked
+from .fitted_machine import machine_of, with_reading
 from .gap import Step
+from .gap_size import rms_of, steps_of, withheld
 from .intervals import identifiability, linear_unit, read_estimates
 from .judge import Read, judge
 from .learned import learn
-from .machines import machine_of, with_reading
-from .parts import Comparison, Ranked
 from .posterior import left_open, make_posterior
 from .ranking import rank
-from .shrink import rms_of, steps_of, withheld
 from .tracking import Side, tracking_error
-from .warned import at_bounds, beyond_torque, details, where_fitted_alone
+from .warning_texts import at_bounds, beyond_torque, details, where_fitted_alone
 from .where import locate
 
 # A rate reading whose rounding step is above this many standard deviations of its noise is named as rounded. Rounding

@@ -12,8 +12,8 @@ import numpy as np
 from ..fit.candidate import Fit
 from ..fit.search import Search
 from ..select.dominant import Curve
-from .smooth import Smooth, Smoother, smoother_of
 from .smooth_tables import inertia_table, make_tables
+from .smoother import Smooth, Smoother, smoother_of
 
 Values = np.ndarray
 

@@ -10,7 +10,7 @@ from ..effects.estimate import Estimate
 from ..fit.candidate import Candidate, Fit
 from ..fit.search import Search
 from ..select.readings import Reading
-from .parts import FittedParameter
+from .findings import FittedParameter
 
 NINETY = 1.645  # half width of a 90 % interval of a normal distribution [standard deviations]
 PIECES = 10.0  # most observations that the modes with missing torque count as; set on eight development values

@@ -15,10 +15,10 @@ from ..select.verdict import Seen, Verdict, verdict
 from .course import Course, course_of
 from .curves import Curves, named_share
 from .gap import Gap
+from .gap_size import gap_of, noise_floor
+from .insignificant import insignificant_causes
 from .intervals import covariance
 from .ranking import log_of
-from .shown import not_shown
-from .shrink import gap_of, noise_floor
 
 Values = np.ndarray
 
@@ -111,7 +111,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         allowed=frozenset(read.allowed),
         doubts={one.effect: (one.rival, one.sure) for one in read.readings if one.rival},
         twins=single_twins(log_of(search)),
-        unshown=not_shown(search, chosen, spread),
+        unshown=insignificant_causes(search, chosen, spread),
         follows={effect.name: effect.follows for effect in search.effects},
         curves=curves.by,
         named=max(named_share(search, fit, curves) for fit in (chosen, *_alone(decision))),

@@ -18,10 +18,10 @@ from ...blocks.learned import LearnedTorque, split_jump
 from ...model_file.learned import join_load
 from ..fit.candidate import Fit, Start
 from ..fit.search import Search
-from .parts import Learned
-from .shrink import draws, interval, withheld
-from .smooth import Smooth, smoother_of
+from .findings import Learned
+from .gap_size import draws, interval, withheld
 from .smooth_tables import make_tables
+from .smoother import Smooth, smoother_of
 
 SURE = 5.0  # gain on windows left out, without the best fold [nats]: log of four variables x one in forty by chance
 ERRORS = 2.0  # standard errors by which the mean gain of the folds must be above zero

@@ -8,7 +8,7 @@ from ...logs import Log
 from ...model_file import Model
 from ...output.runfile import versions
 from ..data.record import Record
-from .shrink import SEED
+from .gap_size import SEED
 
 
 def provenance(

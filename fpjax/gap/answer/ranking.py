@@ -17,9 +17,9 @@ from ..fit.search import Search
 from ..select.decision import Decision
 from ..select.verdict import Verdict
 from .confusable import indistinguishable
+from .findings import Ranked
 from .gap import Gap, Step
 from .intervals import covariance, estimates
-from .parts import Ranked
 
 UNLOADED = 0.2  # inertial torque, of the commanded one, up to which friction alone loads the gear [1]
 WITH_INTERVALS = 6  # entries whose intervals are computed: each needs the gradients of all windows

@@ -26,8 +26,8 @@ from ..data.channel import Channel
 from ..data.record import Record
 from ..machine import Machine, structure_of
 from ..simulate.replay import SUBSTEPS
-from .parts import TrackingError
-from .shrink import SEED
+from .findings import TrackingError
+from .gap_size import SEED
 
 REPRODUCED = 0.03  # rms of the torque column that the controller may leave unexplained, over that column's rms
 HISTORY = 4  # control periods of history that a delay line keeps beyond the dead time

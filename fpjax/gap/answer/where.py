@@ -11,7 +11,7 @@ import numpy as np
 
 from ..data.record import Record
 from .course import Course
-from .parts import Share, Where
+from .findings import Share, Where
 
 Values = np.ndarray
 

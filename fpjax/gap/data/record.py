@@ -9,7 +9,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...logs import Log
-from ...logs.checks.stamps import stamp_jitter
+from ...logs.checks.stamp_jitter import stamp_jitter
 from ...logs.noise import is_derived
 from .channel import Channel, common_noise, make_channel
 from .motion import motion

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..answer.told import dominant_sentence
+from ..answer.summary import dominant_sentence
+from .derived_values import at_bound, shown_gap, twins_of
 from .markup import (
     gap_interval,
     gap_number,
@@ -12,14 +13,13 @@ from .markup import (
     percent,
     text,
 )
-from .reading import at_bound, shown_gap, twins_of
-from .text import (
+from .names import effect_name, join, parameter_name
+from .sentences import (
     confidence_sentence,
     learned_sentence,
     verdict_sentence,
     verdict_title,
 )
-from .words import effect_name, join, parameter_name
 
 if TYPE_CHECKING:
     from ..answer.answer import Answer

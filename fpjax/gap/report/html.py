@@ -15,8 +15,8 @@ from . import sections
 from .heading import header
 from .markup import text
 from .pictures import draw_overview, draw_pictures
+from .sentences import TITLES, verdict_sentence, verdict_title
 from .svg import to_png, to_svg
-from .text import TITLES, verdict_sentence, verdict_title
 from .theme import css_variables
 
 if TYPE_CHECKING:

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .digits import show_percent, show_unit
-from .text import variable_name
+from .names import motion_units
+from .sentences import variable_name
 from .theme import AFTER, BEFORE, MUTED
 from .where_picture import binned
-from .words import motion_units
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..answer.answer import Answer
-    from ..answer.parts import Learned
+    from ..answer.findings import Learned
 
 MOST = 3  # panels beside each other that can be read
 

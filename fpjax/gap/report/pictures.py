@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from .gap_picture import draw_gap, draw_ranking, rows_of
 from .learned_picture import draw_learned, laws_of
 from .record_picture import draw_record, has_record
-from .shrink_picture import draw_ranking, draw_shrink, rows_of
-from .text import confidence_sentence, verdict_sentence, verdict_title, where_sentence
+from .sentences import confidence_sentence, verdict_sentence, verdict_title, where_sentence
 from .theme import MUTED, report_style
 from .where_picture import axes_with_places, draw_residual, draw_where, has_regimes, has_where, residual_axes
 
@@ -70,7 +70,7 @@ def draw_pictures(diagnosis: Answer) -> list[Picture]:
     rows = len(rows_of(diagnosis))
     if rows:
         description = "The gap: " + ", ".join(f"{name} {gap.value:.3g}" for name, gap in rows_of(diagnosis)) + "."
-        found.append(_picture("shrink", description, draw_shrink, diagnosis, 0.95 + 0.52 * rows, 1.0 + 0.72 * rows))
+        found.append(_picture("shrink", description, draw_gap, diagnosis, 0.95 + 0.52 * rows, 1.0 + 0.72 * rows))
     return found
 
 
@@ -87,7 +87,7 @@ def draw_overview(diagnosis: Answer) -> Figure:
         parts.append((4.6 if len(axes_with_places(diagnosis)) > 1 else 2.4, draw_where))
     if rows_of(diagnosis):
         parts.append(
-            (max(0.95 + 0.52 * len(rows_of(diagnosis)), 1.9 if diagnosis.ranking else 0.0), _draw_shrink_and_ranking)
+            (max(0.95 + 0.52 * len(rows_of(diagnosis)), 1.9 if diagnosis.ranking else 0.0), _draw_gap_and_ranking)
         )
     with report_style():
         figure = _figure(_WIDE, 1.0 + sum(height for height, _ in parts))
@@ -117,12 +117,12 @@ def _draw_nothing(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
     del figure, diagnosis, narrow
 
 
-def _draw_shrink_and_ranking(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
+def _draw_gap_and_ranking(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
     if not diagnosis.ranking:
-        draw_shrink(figure, diagnosis, narrow=narrow)
+        draw_gap(figure, diagnosis, narrow=narrow)
         return
     halves: Any = figure.subfigures(1, 2, width_ratios=[1.9, 1.0])
-    draw_shrink(halves[0], diagnosis, narrow=narrow)
+    draw_gap(halves[0], diagnosis, narrow=narrow)
     draw_ranking(halves[1], diagnosis)
 
 

@@ -10,17 +10,17 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ...output.plotting import thin
+from .derived_values import gap_scale
 from .digits import show_unit
-from .reading import gap_scale
-from .text import effort_of
+from .names import clip
+from .sentences import effort_of
 from .theme import AFTER, BAND, BEFORE, FLOOR, INK, MUTED, SOFT
-from .words import clip
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..answer.answer import Answer
-    from ..answer.parts import Comparison
+    from ..answer.findings import Comparison
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from ...output.json_object import JsonObject
+from .derived_values import NEGLIGIBLE, at_bound, entry_gap, fixed, gap_scale, shown_gap, step_gap, twins_of
 from .digits import show_percent, show_unit
 from .markup import (
     data,
@@ -20,8 +21,8 @@ from .markup import (
     text,
 )
 from .model_text import count_changes, save_link, to_html, use_sentence
-from .reading import NEGLIGIBLE, at_bound, entry_gap, fixed, gap_scale, shown_gap, step_gap, twins_of
-from .text import (
+from .names import effect_meaning, effect_name, effect_title, join, parameter_name, state_meaning
+from .sentences import (
     effort_of,
     learned_name,
     set_twin_sentences,
@@ -30,11 +31,10 @@ from .text import (
     variable_name,
     where_sentence,
 )
-from .words import effect_meaning, effect_name, effect_title, join, parameter_name, state_meaning
 
 if TYPE_CHECKING:
     from ..answer.answer import Answer
-    from ..answer.parts import Ranked
+    from ..answer.findings import Ranked
 
 
 def record(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:

@@ -10,16 +10,16 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
+from .derived_values import AXES, bins, places
 from .digits import show_percent, show_unit
-from .reading import AXES, bins, places
+from .names import clip, motion_units, regime_name
 from .theme import AFTER, BEFORE, INK, MUTED, SOFT
-from .words import clip, motion_units, regime_name
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..answer.answer import Answer
-    from ..answer.parts import Share
+    from ..answer.findings import Share
 
 
 def axes_with_places(diagnosis: Answer) -> list[str]:

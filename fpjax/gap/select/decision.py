@@ -8,9 +8,9 @@ import numpy as np
 from ..effects.effect import Effect
 from ..fit.candidate import NOMINAL, Fit, Start, nominal_sizes
 from ..fit.search import Search
+from .detectability import resolved
 from .dominant import Curve, believed
 from .nominal_errors import wrong_numbers
-from .resolved import resolved
 from .thresholds import THRESHOLDS, Thresholds
 
 IMPOSSIBLE = ({"presliding", "compliance"}, {"presliding", "backlash"}, {"compliance", "backlash"})

@@ -14,7 +14,7 @@ from ..dynamics.derivative import local_polynomial, smooth_motion, travel
 from ..log import Log
 from ..mending.clock import TIME_UNITS, likely_unit
 from ..noise import noise_level, rounding_step
-from .stamps import stamp_jitter
+from .stamp_jitter import stamp_jitter
 from .suspicion import LIKE, unit_of
 from .suspicion import Expected as Expected
 from .suspicion import Numbers as Numbers

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from .join import Topics, joined
+from .join_topics import Topics, joined
 from .table import RawTable, Request
 
 MOST_ELEMENTS = 16  # of an array field: joint states are short, images are not columns

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from .join import Topics, joined
+from .join_topics import Topics, joined
 from .table import RawTable, Request
 
 _TYPES = {"double": "<f8", "float": "<f4", "int64": "<i8", "boolean": "?"}

@@ -33,7 +33,7 @@ FACTORS = {"torque_gain_error": "gain", "velocity_scale_error": "scale"}
 """By effect, the reported parameter that is 1 when the effect is absent."""
 
 
-def not_shown(search: Search, fit: Fit, spread: np.ndarray) -> frozenset[str]:
+def insignificant_causes(search: Search, fit: Fit, spread: np.ndarray) -> frozenset[str]:
     """Causes whose 90 % interval contains their neutral value.
 
     A clearance that may be zero is not asserted as backlash; a nominal number whose interval holds the number as given

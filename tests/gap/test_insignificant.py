@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fpjax.gap.answer import warned
-from fpjax.gap.answer.shown import not_shown
+from fpjax.gap.answer import warning_texts
+from fpjax.gap.answer.insignificant import insignificant_causes
 from fpjax.gap.effects.vocabulary import EFFECTS
-from fpjax.gap.select.resolved import resolved
+from fpjax.gap.select.detectability import resolved
 
 BY_NAME = {effect.name: effect for effect in EFFECTS}
 SETTING = SimpleNamespace(
@@ -34,7 +34,7 @@ def fitted(values, *, effects=(), wide=(), bounds=()):
 def shown(values, deviations, **more):
     records = [SimpleNamespace(linear=False, speed=np.full(100, 3.0))]
     search = SimpleNamespace(setting=SETTING, records=records)
-    return not_shown(search, fitted(values, **more), np.diag(np.square(deviations)))
+    return insignificant_causes(search, fitted(values, **more), np.diag(np.square(deviations)))
 
 
 @pytest.mark.parametrize(("deviation", "told"), [(2.6, False), (0.3, True)])
@@ -76,21 +76,21 @@ def gap(before):
 
 
 def test_a_gap_above_the_commanded_torque_is_said_to_be_no_friction():
-    (sentence,) = warned.beyond_torque(gap(0.8), 0.2)
+    (sentence,) = warning_texts.beyond_torque(gap(0.8), 0.2)
     assert "0.8 N m where 0.2 N m rms were commanded" in sentence
-    assert warned.beyond_torque(gap(0.1), 0.2) == []
+    assert warning_texts.beyond_torque(gap(0.1), 0.2) == []
 
 
 def test_a_gap_that_no_withheld_window_holds_is_said_to_be_unconfirmed():
-    (sentence,) = warned.where_fitted_alone(gap(0.004), 0.08)
+    (sentence,) = warning_texts.where_fitted_alone(gap(0.004), 0.08)
     assert "0.08 N m over all windows" in sentence
-    assert warned.where_fitted_alone(gap(0.05), 0.08) == []
-    assert warned.where_fitted_alone(gap(0.004), 0.005) == []
+    assert warning_texts.where_fitted_alone(gap(0.05), 0.08) == []
+    assert warning_texts.where_fitted_alone(gap(0.004), 0.005) == []
 
 
 def test_what_the_corrected_model_holds_beside_the_causes_is_said():
     chosen = fitted({}, effects=("stribeck", "actuator_lag"))
-    (sentence,) = warned.details(chosen, ["stribeck", "viscous_error"])
+    (sentence,) = warning_texts.details(chosen, ["stribeck", "viscous_error"])
     assert "also holds actuator_lag:" in sentence
-    assert warned.details(chosen, ["stribeck", "actuator_lag"]) == []
-    assert warned.details(chosen, []) == []
+    assert warning_texts.details(chosen, ["stribeck", "actuator_lag"]) == []
+    assert warning_texts.details(chosen, []) == []

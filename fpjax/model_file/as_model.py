@@ -5,7 +5,7 @@ from typing import Any
 
 from ..blocks.observers import AbstractObserver
 from ..errors import InputError
-from ..simulation.checked import shown
+from ..simulation.input_checks import shown
 from ..simulation.loop import ClosedLoop
 from ..simulation.precision import double_precision
 from .model import Model, load_model

@@ -35,7 +35,7 @@ def excitation_sentences(model: Model, velocity: np.ndarray, settled: dict[str, 
         found = assess_excitation(observer, velocity[::every], model.dt * every, model.nominal, duration=duration)
     except (InputError, AttributeError, KeyError):
         return ()  # an observer whose error dynamics are not known
-    return found.told(
+    return found.sentences_of(
         {name: value / true - 1.0 for name, value in settled.items() if (true := model.nominal.get(name))}
     )
 

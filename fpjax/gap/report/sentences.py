@@ -6,14 +6,14 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from ..answer.told import MUCH, nothing_closes
+from ..answer.summary import MUCH, nothing_closes
+from .derived_values import AXES, classes, main_regime, places, shown_gap, tracking, twins_of
 from .digits import readable, show_percent, show_unit, show_with_unit
-from .reading import AXES, classes, main_regime, places, shown_gap, tracking, twins_of
-from .words import EFFECTS, effect_name, is_wrong_value, join, motion_units, regime_name, sure
+from .names import EFFECTS, effect_name, is_wrong_value, join, motion_units, regime_name, sure
 
 if TYPE_CHECKING:
     from ..answer.answer import Answer
-    from ..answer.parts import Share
+    from ..answer.findings import Share
 
 TITLES = {
     "no_gap": "No gap",

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fpjax.blocks.signals import Motion
-from fpjax.gap.answer.parts import Learned
-from fpjax.improvement.decide import hopeless, objection, plausible
+from fpjax.gap.answer.findings import Learned
+from fpjax.improvement.decision import hopeless, objection, plausible
 from fpjax.improvement.judge import Score
 from fpjax.improvement.machines import (
     Machines,

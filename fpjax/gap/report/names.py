@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ..answer.told import PLACES
+from ..answer.summary import PLACES
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from ...output.frames import to_frame
+from ...output.data_frames import to_frame
 
 if TYPE_CHECKING:
     from .answer import Answer

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-class Drawn:
+class Drawable:
     """A result with a picture: `_figure` draws it, and the docstring of the class says what it shows."""
 
     def plot(self, path: str | Path | None = None) -> Figure:

@@ -8,7 +8,7 @@ import pathlib
 
 from ..errors import InputError
 from ..gap import Diagnosis
-from ..gap.answer.parts import Learned
+from ..gap.answer.findings import Learned
 from ..gap.answer.posterior import FILE, Posterior, load_posterior
 from ..gap.data.record import MOST
 from ..logs import Log

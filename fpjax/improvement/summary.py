@@ -15,7 +15,7 @@ WORDS = {
 }
 
 
-def told(found: Answer) -> str:
+def summary(found: Answer) -> str:
     """The decision, what changes, and what is predicted before and after."""
     lines = [headline(found), ""]
     if found.changes:

@@ -10,8 +10,8 @@ from .digits import scale_for, scaled
 
 if TYPE_CHECKING:
     from ..answer.answer import Answer
+    from ..answer.findings import FittedParameter, Ranked, Share, Where
     from ..answer.gap import Step
-    from ..answer.parts import FittedParameter, Ranked, Share, Where
 
 AXES = ("time", "velocity", "position", "frequency")
 NEGLIGIBLE = 0.005  # probability below which an effect is shown on request only

@@ -39,7 +39,7 @@ def test_more_starts_find_nothing_better(from_fair_gains):
 
 
 def test_the_screen_is_counted(from_fair_gains):
-    assert from_fair_gains.simulations >= tuning.starts.SCREENED
+    assert from_fair_gains.simulations >= tuning.start_values.SCREENED
 
 
 def test_a_result_at_a_bound_is_said_first():

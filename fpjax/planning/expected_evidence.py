@@ -27,7 +27,7 @@ from ..gap.data.tables import TAPS, Guide, Tables
 from ..gap.simulate.family import Family
 from ..gap.simulate.replay import STATES, Windows, advance, assembled, begin, residuals
 from .machines import Shop, Variant
-from .sight import Sight
+from .measurement_model import MeasurementModel
 
 RIDGE = 1e-9  # added to a matrix whose prior has unit precision, to keep it regular
 SPEED_STEP = 1e-4  # step of the tangents by a window's initial state, in its prior deviations [1]
@@ -141,13 +141,13 @@ def _stiffness(values: dict[str, float]) -> float:
 
 
 def coefficients(
-    shop: Shop, sight: Sight, lanes: RivalLanes, readings: Readings
+    shop: Shop, measurement: MeasurementModel, lanes: RivalLanes, readings: Readings
 ) -> Float[Array, "modes lanes runs windows"]:
     """The residuals of the readings under each lane, as coefficients of the modes of the diagnosis."""
-    tables, starts = _tables(sight, readings)
+    tables, starts = _tables(measurement, readings)
     runs, windows, count = starts.shape[0], starts.shape[1], lanes.vectors.shape[1]
     spots = starts.reshape(-1)
-    fields = _fields(sight, readings, spots.shape[0])
+    fields = _fields(measurement, readings, spots.shape[0])
     hidden = _hidden(shop, lanes, fields)  # (2, lanes, spots)
     many = spots.shape[0]
 
@@ -156,12 +156,12 @@ def coefficients(
 
     at = Windows(
         start=jnp.asarray(np.tile(spots, count), jnp.int32),
-        time=spread(jnp.asarray(np.tile(sight.starts * sight.dt, runs))),
+        time=spread(jnp.asarray(np.tile(measurement.starts * measurement.dt, runs))),
         velocity=spread(fields["velocity"]),
         slope=spread(fields["slope"]),
         position=spread(fields["position"]),
         hidden=(hidden[0].reshape(-1), hidden[1].reshape(-1)),
-        integrated=jnp.full(count * many, 0.0 if sight.channels[1] else 1.0),
+        integrated=jnp.full(count * many, 0.0 if measurement.channels[1] else 1.0),
     )
     family = lanes.family
     machine = assembled(family.machine, family.effects, family.parameters, jnp.repeat(lanes.vectors, many, axis=1))
@@ -172,16 +172,16 @@ def coefficients(
     def step(carry: object, index: Array) -> tuple[object, Array]:
         following, predicted = advance(machine, carry, at, tables, index)  # pyright: ignore[reportArgumentType]
         both = residuals(predicted, machine, at, tables, index)
-        return following, jnp.stack([r for r, there in zip(both, sight.channels, strict=True) if there])
+        return following, jnp.stack([r for r, there in zip(both, measurement.channels, strict=True) if there])
 
     carry = begin(machine, at, states, tables)
     # Checkpointed, because the gradient would otherwise keep every intermediate of every step of the whole batch.
-    _, out = jax.lax.scan(jax.checkpoint(step), carry, jnp.arange(sight.samples, dtype=jnp.int32))
+    _, out = jax.lax.scan(jax.checkpoint(step), carry, jnp.arange(measurement.samples, dtype=jnp.int32))
     flat = jnp.moveaxis(out, 1, 0).reshape(-1, count * many)  # (channels x samples, lanes x spots)
-    return (jnp.asarray(sight.modes.basis.T) @ flat).reshape(-1, count, runs, windows)
+    return (jnp.asarray(measurement.modes.basis.T) @ flat).reshape(-1, count, runs, windows)
 
 
-def _tables(sight: Sight, readings: Readings) -> tuple[Tables, np.ndarray]:
+def _tables(measurement: MeasurementModel, readings: Readings) -> tuple[Tables, np.ndarray]:
     """(all runs in one table one after the other, the windows' first rows in it of shape (runs, windows))."""
     # Before each run its first row is repeated TAPS times: a dead time at the first window reaches back into them.
     runs, samples = readings.torque.shape
@@ -196,19 +196,22 @@ def _tables(sight: Sight, readings: Readings) -> tuple[Tables, np.ndarray]:
     # The replay is left to itself: the diagnosis guides one only where the log leaves the nominal motion.
     free = Guide(line(readings.rate), line(readings.angle), jnp.zeros(()), jnp.zeros(()))
     tables = Tables(
-        line(readings.torque), line(readings.rate), weight(sight.channels[0], sight.rate_noise),
-        line(readings.angle), weight(sight.channels[1], sight.angle_noise), jnp.asarray(sight.dt), free,
+        line(readings.torque), line(readings.rate), weight(measurement.channels[0], measurement.rate_noise),
+        line(readings.angle), weight(measurement.channels[1], measurement.angle_noise),
+        jnp.asarray(measurement.dt), free,
     )  # fmt: skip
-    return tables, sight.starts[None, :] + TAPS + length * np.arange(runs)[:, None]
+    return tables, measurement.starts[None, :] + TAPS + length * np.arange(runs)[:, None]
 
 
-def _fields(sight: Sight, readings: Readings, count: int) -> dict[str, Array]:
+def _fields(measurement: MeasurementModel, readings: Readings, count: int) -> dict[str, Array]:
     """Measured motion at the windows' starts, each of shape (runs x windows,)."""
-    rate = readings.rate if sight.channels[0] else jnp.asarray(jnp.gradient(readings.angle, sight.dt, axis=1))
-    slope = jnp.asarray(jnp.gradient(rate, sight.dt, axis=1))
-    angle = readings.angle if sight.channels[1] else jnp.cumsum(rate, axis=1) * sight.dt
+    rate = (
+        readings.rate if measurement.channels[0] else jnp.asarray(jnp.gradient(readings.angle, measurement.dt, axis=1))
+    )
+    slope = jnp.asarray(jnp.gradient(rate, measurement.dt, axis=1))
+    angle = readings.angle if measurement.channels[1] else jnp.cumsum(rate, axis=1) * measurement.dt
     at = {"velocity": rate, "slope": slope, "position": angle}
-    found = {name: values[:, sight.starts].reshape(-1) for name, values in at.items()}
+    found = {name: values[:, measurement.starts].reshape(-1) for name, values in at.items()}
     assert found["velocity"].shape[0] == count
     return found
 
@@ -254,7 +257,7 @@ class Evidence(NamedTuple):
 
 
 def evidence_against(
-    sight: Sight,
+    measurement: MeasurementModel,
     misfit: Float[Array, "modes windows"],
     tangents: Float[Array, "parameters modes windows"],
     shifts: Float[Array, "states modes windows"],
@@ -262,12 +265,12 @@ def evidence_against(
     """The evidence against a model, from its misfit after the best change of everything that may change.
 
     Args:
-        sight: noise and missing torque.
+        measurement: noise and missing torque.
         misfit: of the model.
         tangents: change of the misfit for one prior deviation of each parameter.
         shifts: change of the misfit for one prior deviation of each initial state, window by window.
     """
-    weight = 1.0 / jnp.sqrt(jnp.asarray(sight.variance))[:, None]
+    weight = 1.0 / jnp.sqrt(jnp.asarray(measurement.variance))[:, None]
     c, t, x = misfit * weight, tangents * weight[None], shifts * weight[None]
     # Least squares under unit priors in two stages. First the initial states, which are each window's own: a small
     # system for every window, (windows, states, states). Then the parameters, which all windows share.
@@ -280,25 +283,25 @@ def evidence_against(
         return each - jnp.einsum("smw,wsr,...wr->...mw", x, inverse, along)
 
     c = projected(c)
-    missing = _missing_torque(sight, c)
+    missing = _missing_torque(measurement, c)
     if t.shape[0]:
         free = projected(t)
         # Each simulated window stands for `weight` windows of the run, so the prior counts 1 / weight beside them.
-        normal = jnp.einsum("pmw,qmw->pq", t, free) + (1.0 / sight.weight + RIDGE) * jnp.eye(t.shape[0])
+        normal = jnp.einsum("pmw,qmw->pq", t, free) + (1.0 / measurement.weight + RIDGE) * jnp.eye(t.shape[0])
         move = jnp.linalg.solve(normal, jnp.einsum("pmw,mw->p", free, c))
         c = c - jnp.einsum("p,pmw->mw", move, free)
     poorer = []
     for split in _splits(c.shape[1]):
-        parts = [_evidence(sight, c[:, which]) * c.shape[1] / len(which) for which in split]
+        parts = [_evidence(measurement, c[:, which]) * c.shape[1] / len(which) for which in split]
         poorer.append(jnp.minimum(*parts))
-    return Evidence(sight.weight * functools.reduce(jnp.maximum, poorer), c, missing)
+    return Evidence(measurement.weight * functools.reduce(jnp.maximum, poorer), c, missing)
 
 
-def _evidence(sight: Sight, c: Float[Array, "modes windows"]) -> Float[Array, ""]:
+def _evidence(measurement: MeasurementModel, c: Float[Array, "modes windows"]) -> Float[Array, ""]:
     """Of what is left in some windows [nats]."""
     squares, total = jnp.sum(c**2, axis=1), jnp.zeros(())
-    for number in range(sight.modes.bands):
-        which = np.flatnonzero(sight.modes.band == number)
+    for number in range(measurement.modes.bands):
+        which = np.flatnonzero(measurement.modes.band == number)
         if len(which):
             count = len(which) * c.shape[1]
             total = total + 0.5 * count * jnp.log1p(jnp.sum(squares[which]) / count)
@@ -314,16 +317,16 @@ def _splits(windows: int) -> list[tuple[np.ndarray, np.ndarray]]:
     return [one for one in found if len(one[1])] or [(np.arange(windows), np.arange(windows))]
 
 
-def _missing_torque(sight: Sight, c: Float[Array, "modes windows"]) -> Float[Array, ""]:
+def _missing_torque(measurement: MeasurementModel, c: Float[Array, "modes windows"]) -> Float[Array, ""]:
     """Rms of the torque that makes a misfit, without what noise hides [N m].
 
     Args:
-        sight: modes, noise and missing torque.
+        measurement: modes, noise and missing torque.
         c: misfit in standard deviations.
     """
-    modes = sight.modes
+    modes = measurement.modes
     alive = np.flatnonzero(~modes.sensor & (modes.flat > 0.0))
     # In units of the sensors' own variance; r / (1 + r) is the share of a squared coefficient that is not noise.
-    readings = c[alive] ** 2 * jnp.asarray(sight.variance[alive])[:, None]
+    readings = c[alive] ** 2 * jnp.asarray(measurement.variance[alive])[:, None]
     torque = readings / jnp.asarray(modes.flat[alive])[:, None] * readings / (1.0 + readings)
-    return jnp.sqrt(jnp.sum(torque) / (sight.samples * c.shape[1]) + 1e-30)
+    return jnp.sqrt(jnp.sum(torque) / (measurement.samples * c.shape[1]) + 1e-30)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ..effects.estimate import Estimate
     from .answer import Answer
-    from .parts import Ranked
+    from .findings import Ranked
 
 PLACES = {
     "reversal": "at reversals",
@@ -82,7 +82,7 @@ def nothing_closes(allowed: Sequence[str], it: str = "it") -> str:
     return f"none of the {len(allowed)} effects that were allowed ({', '.join(allowed)}) closes {it}"
 
 
-def told(diagnosis: Answer) -> str:
+def summary(diagnosis: Answer) -> str:
     """Verdict, gap, tracking error, the first entries of the ranking, learned laws, exact twins, and warnings."""
     gap = diagnosis.gap
     lines = [verdict_line(diagnosis)]

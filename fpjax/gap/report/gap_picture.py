@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from .derived_values import gap_scale, shown_gap, step_gap, twins_of
 from .digits import show, show_percent, show_unit
-from .reading import gap_scale, shown_gap, step_gap, twins_of
-from .text import effort_of, learned_name
+from .names import clip, effect_title
+from .sentences import effort_of, learned_name
 from .theme import AFTER, BEFORE, FLOOR, INK, MUTED, PAPER, SOFT
-from .words import clip, effect_title
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
@@ -32,7 +32,7 @@ def rows_of(diagnosis: Answer) -> list[tuple[str, Estimate]]:
     return [(name, gap) for name, gap in rows if gap.known]
 
 
-def draw_shrink(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
+def draw_gap(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
     """Draw on a figure or subfigure.
 
     Args:

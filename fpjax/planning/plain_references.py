@@ -9,7 +9,7 @@ PERIODS = 2.0  # fewest periods of the sine in a run
 SLOWEST = 1.0  # periods of the sweep's lowest frequency in a run
 
 
-def usual(limits: Limits, time: np.ndarray, highest: float) -> np.ndarray:
+def plain_references(limits: Limits, time: np.ndarray, highest: float) -> np.ndarray:
     """Speeds of a sine and of a sweep, as large as the limits allow [in top speeds], shape (samples, 2).
 
     The sine is the slowest that the travel allows at the top speed. The frequency of the sweep grows exponentially, and

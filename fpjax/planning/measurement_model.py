@@ -1,4 +1,4 @@
-"""How the diagnosis would look at a run: its windows, modes, noise, and the level of the missing torque."""
+"""The measurement model of a planned run, as the diagnosis would make it: windows, modes, noise, missing torque."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_WINDOWS = 24  # windows that are simulated at most; of a longer run they ar
 
 
 @dataclass(frozen=True)
-class Sight:
+class MeasurementModel:
     """Windows, noise and modes with which the diagnosis would look at a run.
 
     Attributes:
@@ -58,11 +58,11 @@ class Sight:
         return 1.0 + self.missing**2 * torque
 
 
-def make_sight(
+def make_measurement_model(
     model: Model, limits: Limits, log: Log | None, missing: float | None, noise: dict[str, float | None],
     notes: list[str],
-) -> Sight:  # fmt: skip
-    """The sight of a run of this length.
+) -> MeasurementModel:  # fmt: skip
+    """The measurement model of a run of this length.
 
     Args:
         model: the nominal model.
@@ -90,7 +90,7 @@ def make_sight(
     first = make_modes(samples, model.dt, model.nominal["inertia"], rates, angles)
     most = max(16, int(np.sum(~first.sensor & (first.frequency < BAND * 0.5 / model.dt))))
     modes = make_modes(samples, model.dt, model.nominal["inertia"], rates, angles, most)
-    return Sight(
+    return MeasurementModel(
         model.dt, samples, chosen, len(starts) / len(chosen), channels, rate, angle, float(missing), modes
     )  # fmt: skip
 
