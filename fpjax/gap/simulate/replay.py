@@ -186,6 +186,7 @@ class Carry(eqx.Module):
         lagged: state of the sensor's lag [rad/s].
         lagged_before: that one period ago, for a fractional dead time of the sensor [rad/s].
         guided: (speed [rad/s], angle [rad]) that the guide has added to the masses so far.
+        push: speed of it that was added at the end of the last period [rad/s].
     """
 
     plant: PyTree
@@ -193,14 +194,14 @@ class Carry(eqx.Module):
     lagged: Array
     lagged_before: Array
     guided: tuple[Array, Array]
+    push: Array
 
 
 def begin(machine: Machine, windows: Windows, states: Array, tables: Tables) -> Carry:
     """The carry before the first sample."""
     plant, torque, reading = initial(machine, windows, states, tables)
-    return Carry(
-        plant, torque, reading, reading - tables.dt * windows.slope / machine.sensor.scale, (0.0 * torque, 0.0 * torque)
-    )
+    none = 0.0 * torque
+    return Carry(plant, torque, reading, reading - tables.dt * windows.slope / machine.sensor.scale, (none, none), none)
 
 
 def advance(
@@ -247,13 +248,22 @@ def advance(
     followed = guided_rate + windows.integrated * (sensor.reading(guided_rate) - guided_rate)
     turning = turning + guide.damping * (guide.speed[at] - followed)
     faster, further = tables.dt * turning, half * tables.dt * turning
+    # A mass that static friction holds has lost the last push to it: there is nothing of it to take off.
+    moving = carry.guided[0] - jnp.where(_resting(following), carry.push, 0.0)
     following = _turned(following, faster, further)
     # The sum of its double integration, exact for a constant acceleration in each period.
-    guided = (carry.guided[0] + faster, carry.guided[1] + tables.dt * carry.guided[0] + further)
+    guided = (moving + faster, carry.guided[1] + tables.dt * moving + further)
     rate_after = sensor.seen(output_of(following))[0] - guided[0]
     lagged = sensor.follow(carry.lagged, rate, rate_after, tables.dt)
     torque = carry.torque if after.lagged is None else after.lagged
-    return Carry(following, torque, lagged, carry.lagged, guided), predicted
+    return Carry(following, torque, lagged, carry.lagged, guided, faster), predicted
+
+
+def _resting(state: PyTree) -> Array:
+    """Whether static friction holds every mass: the exact solution has a speed of zero there, to the last bit."""
+    if isinstance(state, TwoMassState):
+        return (state.motor_velocity == 0.0) & (state.load_velocity == 0.0)
+    return state.velocity == 0.0
 
 
 def _turned(state: PyTree, faster: Array, further: Array) -> PyTree:
