@@ -82,3 +82,22 @@ def test_the_gap_is_the_torque_that_is_missing(name, torque):
 
 def test_a_model_that_stays_near_is_left_to_itself():
     assert gap_search.search_of(gap_machine.record(seconds=3.0)).guide == 0.0
+
+
+def test_friction_that_holds_a_guided_machine_makes_no_torque_of_its_own():
+    time = 1e-3 * np.arange(12_000)
+    moving = np.sign(np.sin(np.pi * time / 2.0)) * (np.mod(time, 2.0) < 1.0)  # a second to or fro, a second of rest
+    log = gap_machine.record(
+        gap_machine.Machine(ki=0.0), seconds=12.0, sensors=("position",), reference=3.0 * moving,
+        extra=lambda time, speed, angle, command: -0.3 * np.sin(2.0 * angle),
+    )  # fmt: skip
+    search = gap_search.search_of(log)
+    fitter = guided_fitter(search, 5.0)
+    search.fitters = dict.fromkeys(search.fitters, fitter)
+    course, record = search.missing_course(search.exact)[0], search.records[0]
+    still = np.convolve(np.abs(record.speed) < 0.02, np.ones(200) / 200, "same") > 0.999  # 100 ms from any motion
+    known, lacking = np.isfinite(course), -0.3 * np.sin(2.0 * log.position)
+    assert np.sqrt(np.mean(lacking[still & known] ** 2)) > 0.1  # friction holds it, in the machine and in its model
+    assert np.sqrt(np.mean(course[still & known] ** 2)) < 0.01
+    moves = known & (np.abs(record.speed) > 0.5)
+    np.testing.assert_allclose(np.sqrt(np.mean(course[moves] ** 2)), np.sqrt(np.mean(lacking[moves] ** 2)), rtol=0.05)

@@ -47,6 +47,7 @@ def judged(
     allowed=(),
     numbers=1.0,
     floor=1e-3,
+    share=None,
     **more,
 ):
     decision = SimpleNamespace(
@@ -57,7 +58,18 @@ def judged(
         rivals=tuple(rivals),
         shares=shares or dict.fromkeys(chosen.structural, 0.5),
     )
-    return verdict(decision, Seen(before, left * before, floor, 5.0, {}, tuple(readings), frozenset(allowed), **more))
+    torque = 5.0
+    share = before / torque if share is None else share
+    sizes = (before, left * before, floor, torque, share, {})
+    return verdict(decision, Seen(*sizes, tuple(readings), frozenset(allowed), **more))
+
+
+def test_a_gap_in_one_of_several_logs_is_a_gap_however_much_torque_the_others_hold():
+    chosen = weighed("stribeck", 500.0)
+    assert judged(chosen, [], before=0.04).word == "no_gap"
+    assert judged(chosen, [], before=0.04, share=0.02, left=0.1).word == "explained"
+    # what is left is held against the same log
+    assert judged(chosen, [], before=0.04, share=0.02, left=0.6).word == "partly_explained"
 
 
 def test_the_word_follows_what_is_left_and_how_sure_the_cause_is():

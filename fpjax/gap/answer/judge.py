@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..data.record import Record
 from ..effects.twins import single_twins
 from ..fit.candidate import Fit, nominal_sizes
 from ..fit.search import Search
@@ -86,6 +87,11 @@ def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: 
     return numbers if numbers.verdict.word in ("explained", "partly_explained") else found
 
 
+def _share(missing: Values, record: Record) -> float:
+    """Missing torque over the commanded one [1], each rms over one log."""
+    return float(np.sqrt(max(np.mean(missing), 0.0) / max(np.mean(record.torque**2), 1e-300)))
+
+
 def _alone(decision: Decision) -> list[Fit]:
     """The effects of the chosen model, each alone."""
     return [w.fit for w in decision.singles if w.structural[0] in decision.chosen.structural]
@@ -105,6 +111,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         after=max(then, (1.0 - gap.closed) * first),  # over all windows, but not below what the withheld ones show
         floor=noise_floor(search, windows),
         torque=read.torque,
+        share=max(map(_share, decision.exact.missing, search.records)),
         sizes=nominal_sizes(search.setting),
         readings=read.wrong,
         misread=read.misread,

@@ -66,8 +66,7 @@ class Search:
         self._prepare(records, self._material_modes())
         self.exact = self._base(wide=None)
         """The nominal model as it was given."""
-        if self.guide > 0.0:
-            self._hold_phase()
+        self._hold_phase()
         self.band = self._band()
         """Wiener filter of the nominal model's missing torque, shape (modes,): weights of every model's missing torque,
         so that all are measured in the same frequencies."""

@@ -25,7 +25,8 @@ class Thresholds:
         immaterial: missing torque left, of the nominal model's [1], below which no further cause is looked for.
         bases: effects, the most likely ones alone, beside which others are tried.
         most_causes: effects in a model, wrong nominal numbers not counted.
-        nothing: missing torque of the nominal model, of the commanded torque's rms [1], below which there is no gap.
+        nothing: missing torque of the nominal model, of the commanded torque's rms [1], below which there is no gap;
+            of several logs, in each of them.
         slight: likewise, below which there is no gap if no effect brings evidence either.
         chance: evidence [nats] that the best of all effects brings where there is nothing to find.
         closes: missing torque that may be left, of the nominal model's [1], for causes to explain the gap.

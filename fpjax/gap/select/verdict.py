@@ -26,6 +26,8 @@ class Seen:
         after: likewise of the chosen model.
         floor: what noise alone would show of it [N m].
         torque: rms of the commanded torque [N m].
+        share: `before` over the commanded torque [1], in the log where that is the largest: of a run in which a cause
+            shows and one in which it does not, both together would show half of it.
         sizes: of the nominal numbers (`fpjax.gap.fit.candidate.nominal_sizes`).
         readings: what is wrong with the velocity column beside any model of the machine, the most important first:
             its rounding (`velocity_quantisation`), and what the encoder tells (`fpjax.gap.select.readings`).
@@ -44,6 +46,7 @@ class Seen:
     after: float
     floor: float
     torque: float
+    share: float
     sizes: dict[str, float]
     readings: tuple[str, ...] = ()
     allowed: frozenset[str] = frozenset()
@@ -139,7 +142,7 @@ def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, .
     }
     guessed = sum(_is_number(n) for n in weight) > 1
     size = {n: w if guessed or _is_number(n) else w * rest for n, w in weight.items()}
-    shown = decision.nominal.left * seen.before > t.nothing * seen.torque
+    shown = decision.nominal.left * seen.share > t.nothing
     names = [
         n
         for n in sorted(size, key=lambda n: -size[n])
@@ -188,15 +191,15 @@ def _others(sets: Sequence[_Set], chosen: _Set, seen: Seen) -> list[_Set]:
 
 def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, t: Thresholds) -> Word:
     # Below the noise a gap may still be one that effects follow, as one voice in a hum.
-    hidden = seen.before < max(seen.floor, t.slight * seen.torque) and decision.chosen.gain < t.chance
-    if seen.before < t.nothing * seen.torque or hidden:
+    hidden = (seen.before < seen.floor or seen.share < t.slight) and decision.chosen.gain < t.chance
+    if seen.share < t.nothing or hidden:
         return "no_gap"
     if chosen.names and chosen.names[0] in seen.unshown:
         return "unexplained"
     left = seen.after / seen.before if seen.before > 0.0 else 1.0
     # A cause and what this log cannot tell from it are told together; a class of everything says nothing.
     few = bool(chosen.names) and (near <= t.alike or _is_number(chosen.names[0]))
-    if few and (left < t.closes or seen.after < t.nothing * seen.torque):
+    if few and (left < t.closes or left * seen.share < t.nothing):
         return "explained"
     sure = few and (near == 0 or _is_number(chosen.names[0]))
     # Where much is left, a cause that is not far ahead may be the one that bends best: pushes pass for a soft spring.
