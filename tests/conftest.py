@@ -89,7 +89,14 @@ LONGEST_FIRST = (
         "test_identify.py",
     ),
     *("test_gradient.py", "test_sweep.py", "test_thesis.py", "test_grid_search.py", "test_objective.py"),
-    *("test_estimate.py", "test_notes.py", "test_batch.py", "test_improve.py", "test_sweep_store.py", "test_start_values.py"),
+    *(
+        "test_estimate.py",
+        "test_notes.py",
+        "test_batch.py",
+        "test_improve.py",
+        "test_sweep_store.py",
+        "test_start_values.py",
+    ),
     # of `long`
     *("test_plan.py", "test_diagnose.py", "test_learned.py", "test_gallery.py", "test_examples.py", "test_loops.py"),
     *("test_emps.py", "test_pages.py", "test_tutorial.py", "test_command.py"),

@@ -10,6 +10,7 @@ from .answer.findings import Ranked as Ranked
 from .answer.findings import Share as Share
 from .answer.findings import TrackingError as TrackingError
 from .answer.findings import Where as Where
+from .answer.free_replay import FreeReplay as FreeReplay
 from .answer.gap import Gap as Gap
 from .answer.gap import Step as Step
 from .data.setting import Setting as Setting

@@ -130,6 +130,8 @@ def test_it_says_what_it_was_made_from(found):
     assert answer["ahead"] == diagnosis.ahead <= 1.0
     assert answer["provenance"] == made
     assert answer["tracking"]["measured"] == diagnosis.tracking.measured
+    free = answer["free_replay"]
+    assert free["after"] < 0.1 * free["before"]
 
 
 def test_the_closed_loop_around_the_corrected_machine_tracks_as_the_log_does(found):

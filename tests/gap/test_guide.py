@@ -5,6 +5,7 @@ import gap_search
 import numpy as np
 import pytest
 
+from fpjax.gap.answer.free_replay import free_replay
 from fpjax.gap.data.record import tables_of
 from fpjax.gap.effects.vocabulary import EFFECTS
 from fpjax.gap.fit.candidate import Start
@@ -62,10 +63,14 @@ def test_a_machine_that_its_cogging_traps_is_held_and_its_cogging_found():
     assert search.guide > 0.0
     effect = next(one for one in EFFECTS if one.name == "cogging")
     fits = search.explore([Start((effect,), (), values) for values in effect.starts(search.setting)])
-    values = next(f for f in fits if f.names == ("cogging",)).candidate.values()
+    found = next(f for f in fits if f.names == ("cogging",))
+    values = found.candidate.values()
     assert values["cogging_periods"] == pytest.approx(24.0, rel=1e-3)
-    found = np.hypot(values["cogging_sine_1"], values["cogging_cosine_1"])
-    assert found == pytest.approx(strong, rel=0.03)
+    assert np.hypot(values["cogging_sine_1"], values["cogging_cosine_1"]) == pytest.approx(strong, rel=0.03)
+    free = free_replay(search, search.finish([search.exact])[0], found)
+    assert free.guide == search.guide
+    assert free.before > 0.5  # of the motion: why it was held
+    assert free.after < 0.05  # with its cogging it needs no hold
 
 
 @pytest.mark.parametrize(

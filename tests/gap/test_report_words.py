@@ -9,7 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from report_cases import CASES
 
-from fpjax.gap import EFFECTS, Estimate, FittedParameter, Share, Where
+from fpjax.gap import EFFECTS, Estimate, FittedParameter, FreeReplay, Share, Where
 from fpjax.gap.report import (
     derived_values,
     digits,
@@ -188,3 +188,15 @@ def test_what_is_traded_off_is_not_called_unknown_where_its_interval_is_narrow()
     assert names.state_meaning("traded off with viscous", 0.3) == "only their combination is determined"
     assert "small error" in names.state_meaning("traded off with viscous", 1e-4)
     assert names.state_meaning("pinned", 1e-4) == "this log determines it"
+
+
+def test_what_a_free_simulation_does_is_told_and_whether_fits_were_held():
+    explained = CASES["explained"]()
+    told = re.sub(r"\s", " ", text.replay_sentence(explained))
+    assert "departs over 0.5 s by 34 % of the motion, the corrected one by 1 % of the motion" in told
+    assert "a bandwidth of 1.6 Hz" in told
+    free = dataclasses.replace(explained, free_replay=FreeReplay(7.2, 0.0121, 0.5, 0.0))
+    told = text.replay_sentence(free)
+    assert "by 7.2 times the motion" in told
+    assert "held" not in told
+    assert text.replay_sentence(dataclasses.replace(explained, free_replay=None)) == ""

@@ -14,6 +14,7 @@ from fpjax.gap import (
     Estimate,
     Experiment,
     FittedParameter,
+    FreeReplay,
     Gap,
     Learned,
     Ranked,
@@ -120,6 +121,7 @@ def explained():
         NOMINAL,
         TrackingError("rad/s", 0.0712, 0.0489, 0.0708),
         PROVENANCE,
+        free_replay=FreeReplay(0.34, 0.0121, 0.5, 1.6),
     )
 
 

@@ -9,6 +9,7 @@ from ..effects.experiments import Experiment
 from ..select.dominant import DominantVariable
 from ..select.verdict import Word
 from .findings import Comparison, FittedParameter, Learned, Ranked, TrackingError, Where
+from .free_replay import FreeReplay
 from .gap import Gap, Step
 from .posterior import Posterior
 
@@ -47,6 +48,7 @@ class Answer:
         dominant_variable: the variable that the missing torque is mostly a function of; None where none stands out.
         learned_model: the corrected model with the learned laws beside the causes, as `servo.toml` text; "" without.
         posterior: distribution of the fitted parameters, from which machines can be drawn; None where unknown.
+        free_replay: how far free simulations leave the motion, before and after; None where unknown.
     """
 
     verdict: Word
@@ -75,10 +77,11 @@ class Answer:
     dominant_variable: DominantVariable | None = None
     ahead: float = 0.0
     posterior: Posterior | None = None
+    free_replay: FreeReplay | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The contract's `diagnosis.json` (numbers, strings, lists and dictionaries only), and beside it `ahead`,
-        `tracking`, `seconds`, `provenance`, `allowed_effects` and `model_missing`.
+        `tracking`, `free_replay`, `seconds`, `provenance`, `allowed_effects` and `model_missing`.
         """
         return {
             "verdict": self.verdict,
@@ -98,6 +101,7 @@ class Answer:
             "dominant_variable": None if self.dominant_variable is None else self.dominant_variable.to_dict(),
             "model_missing": self.model_missing,
             "tracking": None if self.tracking is None else self.tracking.to_dict(),
+            "free_replay": None if self.free_replay is None else self.free_replay.to_dict(),
             "allowed_effects": list(self.allowed) if self.allowed else "all",
             "seconds": {stage: round(spent, 3) for stage, spent in self.seconds.items()},
             "provenance": self.provenance,

@@ -23,6 +23,7 @@ from .course import Course
 from .curves import Curves
 from .findings import Comparison, Ranked
 from .fitted_machine import machine_of, with_reading
+from .free_replay import free_replay
 from .gap import Step
 from .gap_size import rms_of, steps_of, withheld
 from .intervals import identifiability, linear_unit, read_estimates
@@ -122,6 +123,7 @@ def assemble(
         motion="linear" if linear else "rotary",
         nominal=model.text,
         tracking=tracking,
+        free_replay=free_replay(search, decision.exact, chosen),
         same_as=tuple(twin.sentence() for twin in ranking.twins),
         allowed=allowed,
         learned=() if laws is None else laws.laws,

@@ -96,6 +96,13 @@ def summary(diagnosis: Answer) -> str:
             f"closed-loop tracking error ({error.signal}, rms, withheld): {error.measured:.4g} measured; predicted "
             f"{error.before:.4g} before, {error.after:.4g} {error.unit} after the correction"
         )
+    if diagnosis.free_replay is not None:
+        free = diagnosis.free_replay
+        held = f"; fits held their simulations near it with {free.guide:.3g} Hz" if free.guide > 0.0 else ""
+        lines.append(
+            f"free simulation over windows of {free.window:.3g} s: departs by {free.before:.3g} of the motion before, "
+            f"{free.after:.3g} after{held}"
+        )
     lines += [_entry(entry, entry.effect in diagnosis.causes) for entry in diagnosis.ranking[:SHOWN]]
     if diagnosis.dominant_variable is not None:
         lines.append(dominant_sentence(diagnosis))

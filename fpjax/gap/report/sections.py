@@ -25,6 +25,7 @@ from .names import effect_meaning, effect_name, effect_title, join, parameter_na
 from .sentences import (
     effort_of,
     learned_name,
+    replay_sentence,
     set_twin_sentences,
     tracking_sentence,
     twin_sentences,
@@ -53,6 +54,7 @@ def record(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
         title,
         paragraph(how),
         paragraph(tracking_sentence(diagnosis)),
+        paragraph(replay_sentence(diagnosis)),
         figure("record", *pictures["record"]),
     )
 

@@ -193,6 +193,27 @@ def tracking_sentence(diagnosis: Answer) -> str:
     )
 
 
+def replay_sentence(diagnosis: Answer) -> str:
+    """How far free simulations leave the motion, and whether fits were held near it; "" where not known."""
+    free = diagnosis.free_replay
+    if free is None or not (math.isfinite(free.before) and math.isfinite(free.after)):
+        return ""
+    before, after = (
+        f"{show_percent(x)} of the motion" if x < 2.0 else f"{x:.3g} times the motion"
+        for x in (free.before, free.after)
+    )
+    held = (
+        f" The fits held their simulations near the motion, with a bandwidth of {free.guide:.3g}\u202fHz: a free one "
+        "leaves it too far for a fit to see why."
+        if free.guide > 0.0
+        else ""
+    )
+    return (
+        f"Driven by the recorded {effort_of(diagnosis)} alone, the nominal model departs over "
+        f"{free.window:.3g}\u202fs by {before}, the corrected one by {after}.{held}"
+    )
+
+
 def _alternatives(diagnosis: Answer) -> list[str]:
     """Each cause with those that it cannot be distinguished from: `a constant torque or asymmetric friction`."""
     named: set[str] = set()
