@@ -70,6 +70,17 @@ def under(values: tuple[Any, ...]) -> Iterator[None]:
         yield
 
 
+def one_blas_thread() -> contextlib.AbstractContextManager[Any]:
+    """Within the block, numpy's matrix products take one thread.
+
+    Theirs wait for the next product by spinning, and many small products with other work between them keep a second
+    core busy for nothing: a diagnosis took up to 1.8 times the processor time.
+    """
+    import threadpoolctl
+
+    return threadpoolctl.threadpool_limits(1, user_api="blas")
+
+
 @functools.lru_cache(maxsize=1)
 def _pool() -> concurrent.futures.ThreadPoolExecutor:
     """The pool: threads are started when first needed and kept, for starting one takes as long as 1,000 candidates."""

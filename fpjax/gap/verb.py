@@ -7,6 +7,7 @@ from typing import Literal, overload
 
 import numpy as np
 
+from ..compiled.threads import one_blas_thread
 from ..errors import InputError
 from ..logs import Log, LogSource
 from ..model_file import Model, ModelSource
@@ -84,7 +85,8 @@ def diagnose(
         raise InputError("keep holds one diagnosis: diagnose each log with a file of its own.")
     found = []
     try:
-        with double_precision():  # reading the model too: rounded to single precision, its values would differ
+        # Reading the model too: rounded to single precision, its values would differ.
+        with double_precision(), one_blas_thread():
             nominal = read_model(model)
             for group in [[one] for one in logs] if each else [logs]:
                 found.append(_diagnose(group, withheld, nominal, effects, allowed, clock, keep))

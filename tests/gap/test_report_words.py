@@ -192,11 +192,11 @@ def test_what_is_traded_off_is_not_called_unknown_where_its_interval_is_narrow()
 
 def test_what_a_free_simulation_does_is_told_and_whether_fits_were_held():
     explained = CASES["explained"]()
-    told = re.sub(r"\s", " ", text.replay_sentence(explained))
+    told = re.sub(r"\s", " ", sentences.replay_sentence(explained))
     assert "departs over 0.5 s by 34 % of the motion, the corrected one by 1 % of the motion" in told
     assert "a bandwidth of 1.6 Hz" in told
     free = dataclasses.replace(explained, free_replay=FreeReplay(7.2, 0.0121, 0.5, 0.0))
-    told = text.replay_sentence(free)
+    told = sentences.replay_sentence(free)
     assert "by 7.2 times the motion" in told
     assert "held" not in told
-    assert text.replay_sentence(dataclasses.replace(explained, free_replay=None)) == ""
+    assert sentences.replay_sentence(dataclasses.replace(explained, free_replay=None)) == ""
