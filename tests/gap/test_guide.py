@@ -47,10 +47,15 @@ def test_a_guide_leaves_the_residual_of_a_linear_machine_as_it_is(sensors):
 def test_under_a_guide_viscous_friction_answers_to_the_measured_speed():
     search = gap_search.search_of(gap_machine.record(seconds=3.0, sensors=("position",)))
     c = search.candidate(Start((), ("viscous",), {"viscous": 2.0}))
-    free, held = (guided_fitter(search, bandwidth).torque_scale(c) for bandwidth in (0.0, 100.0))
+    inertia, viscous = 0.05, c.values()["viscous"]  # within its bounds
     slow = int(np.argmin(search.modes.frequency))
-    assert free[slow] > 2.0  # much damping alone moves little
-    assert held[slow] == pytest.approx(1.0, abs=0.1)  # held, it misses the torque that it misses
+    s = 2j * np.pi * search.modes.frequency[slow]
+    for bandwidth in (0.0, 5.0, 100.0):
+        pull = 2.0 * np.pi * bandwidth
+        held = inertia * (s**2 + 1.4 * pull * s + pull**2)  # a damping ratio of 0.7
+        expected = abs((held + viscous * s) / (held + 0.03 * s))
+        assert guided_fitter(search, bandwidth).torque_scale(c)[slow] == pytest.approx(expected, rel=1e-6), bandwidth
+    assert expected == pytest.approx(1.0, abs=0.1)  # held, it misses the torque that it misses
 
 
 def test_a_machine_that_its_cogging_traps_is_held_and_its_cogging_found():

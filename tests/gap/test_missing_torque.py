@@ -72,7 +72,6 @@ def test_what_a_sluggish_model_leaves_is_read_as_the_larger_torque_that_it_is(ha
     heavy, fitter, c = scale(hanging, inertia=2.0 * own.inertia)
     assert np.all(heavy[~fitter.modes.sensor] > 1.0)
     assert heavy.max() == pytest.approx(2.0, rel=0.05)  # where inertia is all that holds it
-    assert scale(hanging, viscous=own.viscous + 1.0)[0].max() > 1.3  # held near the motion, it damps what it departs
     free = gap_search.search_of(gap_machine.record(seconds=3.0, sensors=("position",)))
     assert scale(free, viscous=own.viscous + 1.0)[0].max() > 2.0
     assert scale(hanging, actuator_lag=0.05)[0].max() > 1.5

@@ -54,7 +54,8 @@ def curves_of(search: Search) -> Curves:
                 after = smoother.fit((*before.tables, table), (*before.penalties, penalty), before.weight)
                 # `gains` are cross-validated; `share` is not, as the share of named causes is of fitted windows too.
                 share = 1.0 - _energy(search, smoother, after) / energy
-                one = Curve(float(np.clip(share, 0.0, 1.0)), float(np.sum(gains)))
+                # Of the median fold: one that lies where no other does is extrapolated to, and would outweigh all.
+                one = Curve(float(np.clip(share, 0.0, 1.0)), float(np.median(gains)) * len(gains))
                 if variable not in found or found[variable].share < one.share:
                     found[variable] = one
     return Curves(found, whole)

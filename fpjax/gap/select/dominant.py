@@ -13,7 +13,7 @@ class Curve:
 
     Attributes:
         share: of the energy of the missing torque, as far as it moves the machine [1].
-        evidence: on windows left out of its fit [nats].
+        evidence: on windows left out of its fit, of the median fold for all of them [nats].
     """
 
     share: float
