@@ -2,12 +2,13 @@
 
 import argparse
 import contextlib
-import json
 import sys
 from pathlib import Path
 
 from fpjax import InputError
 from fpjax.output.json_object import JsonObject
+
+from ..resume import read_cost, unfinished
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -105,20 +106,11 @@ def _left(path: Path, settings: JsonObject) -> tuple[list[JsonObject], dict[str,
     Raises:
         InputError: where there is none, or one with other options.
     """
-    try:
-        content = json.loads(path.read_text())
-        found, rows, spent = content["settings"], content["rows"], dict(content["seconds"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(
-            f"--resume: {path} holds no interrupted comparison ({type(error).__name__}): run without --resume."
-        ) from error
-    if found != settings:
-        raise InputError(f"--resume: {path} was begun with {found}, not {settings}: give the same options.")
-    for row in rows:
-        # JSON has no infinity; a run that diverged is null there.
-        row["history"] = [(used, float("inf") if cost is None else cost) for used, cost in row["history"]]
-        row["cost"] = float("inf") if row["cost"] is None else row["cost"]
-    return rows, spent
+    content = unfinished(path, settings, ("rows", "seconds"))
+    for row in content["rows"]:
+        row["history"] = [(used, read_cost(cost)) for used, cost in row["history"]]
+        row["cost"] = read_cost(row["cost"])
+    return content["rows"], dict(content["seconds"])
 
 
 def _table(rows: list[JsonObject]) -> str:

@@ -1,7 +1,6 @@
 """`python -m benchmarks defaults`: is what tune does by default as good as the best of many starts?"""
 
 import argparse
-import json
 import math
 import pathlib
 import sys
@@ -12,6 +11,7 @@ import numpy as np
 from fpjax import InputError
 from fpjax.output.json_object import JsonObject
 
+from ..resume import read_cost, unfinished
 from .machines import Drawn, draw
 
 NEAR = 1.1  # a default cost of up to this times the best of the many starts has reached it
@@ -159,16 +159,7 @@ def _left(path: pathlib.Path, settings: JsonObject) -> list[JsonObject]:
     Raises:
         InputError: where there is none, or one with other options.
     """
-    try:
-        content = json.loads(path.read_text())
-        found, rows = content["settings"], list(content["machines"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(
-            f"--resume: {path} holds no interrupted run ({type(error).__name__}): run without --resume."
-        ) from error
-    if found != settings:
-        raise InputError(f"--resume: {path} was begun with {found}, not {settings}: give the same options.")
-    for row in rows:  # JSON has no infinity; a tuning that diverged is null there
-        row["cost"] = math.inf if row["cost"] is None else row["cost"]
-        row["best"] = math.inf if row["best"] is None else row["best"]
+    rows = list(unfinished(path, settings, ("machines",))["machines"])
+    for row in rows:
+        row["cost"], row["best"] = read_cost(row["cost"]), read_cost(row["best"])
     return rows

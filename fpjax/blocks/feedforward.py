@@ -18,11 +18,19 @@ class AbstractFeedforward(AbstractController):
 
     Attributes:
         controller: the wrapped controller, to whose output the torque is added.
+        inertia: that multiplies the reference's acceleration [kg m^2].
+        coulomb: Coulomb friction compensated in the direction of the reference's speed [N m].
+        viscous: viscous friction compensated at that speed [N m s/rad].
+        speed: at which tanh(1), three quarters, of `coulomb` is applied [rad/s].
         ahead: whether the reference of the next sample is known when sampled.
         following: the reference of the next sample; None where it is not known.
     """
 
     controller: eqx.AbstractVar[AbstractController]
+    inertia: eqx.AbstractVar[Array]
+    coulomb: eqx.AbstractVar[Array]
+    viscous: eqx.AbstractVar[Array]
+    speed: eqx.AbstractVar[Array]
     ahead: eqx.AbstractVar[bool]
     following: eqx.AbstractVar[Array | None]
 
@@ -35,6 +43,14 @@ class AbstractFeedforward(AbstractController):
     def _law(self) -> AbstractController:
         """The wrapped controller without its limit, which is applied to the sum instead."""
         return self.controller.unbounded() if self.controller.bounded else self.controller
+
+    def _with_torque(self, feedback: Array, acceleration: Array, speed: Array) -> Array:
+        """The sum of feedback [N m] and feed-forward at the reference's acceleration [rad/s^2] and speed [rad/s].
+
+        Where there is a limit, it holds for the sum.
+        """
+        torque = feedback + self.inertia * acceleration + self.viscous * speed
+        return self.limited(torque + self.coulomb * tanh(speed / self.speed))
 
     @property
     def looks_ahead(self) -> bool:
@@ -126,8 +142,7 @@ class Feedforward(AbstractFeedforward):
         # from zero it would kick the machine.
         slope = (wanted - jnp.where(begun > 0.0, late, reference)) / self.lag
         held = reference if self.following is None else 0.5 * (reference + wanted)
-        torque = self._law().readout(inner, reference, measurement) + self.inertia * slope + self.viscous * held
-        return self.limited(torque + self.coulomb * tanh(held / self.speed))
+        return self._with_torque(self._law().readout(inner, reference, measurement), slope, held)
 
     def follow(self, excess: Array) -> PyTree:
         """The wrapped controller's anti-windup; the lag of the reference needs none."""
@@ -217,8 +232,7 @@ class PositionFeedforward(AbstractFeedforward):
         """u [N m]; where there is a limit, it holds for the sum."""
         rate, before, now = self._rates(state, reference)
         inner = self._law().fed(self.velocity * now).readout(state[0], reference, measurement)
-        torque = inner + self.inertia * ((rate - before) / self.lag) + self.viscous * rate
-        return self.limited(torque + self.coulomb * tanh(rate / self.speed))
+        return self._with_torque(inner, (rate - before) / self.lag, rate)
 
     def _rates(self, state: PyTree, reference: Array) -> tuple[Array, Array, Array]:
         """dr/dt of this period and of the one before, and that at the sample [rad/s]."""

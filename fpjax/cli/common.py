@@ -151,6 +151,15 @@ def running(arguments: argparse.Namespace) -> Iterator[RunFile]:
     record.write()
 
 
+@contextlib.contextmanager
+def running_jax(arguments: argparse.Namespace) -> Iterator[RunFile]:
+    """`running`, for a command that computes: jax is started in a stage of its own."""
+    with running(arguments) as record:
+        record.stage("start")
+        start_jax(arguments)
+        yield record
+
+
 def interruptible(work: Callable[[], T]) -> T:
     """The result of `work`, computed on another thread, so that an interrupt takes effect at once."""
     return started(work)()

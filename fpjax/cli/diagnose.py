@@ -23,9 +23,8 @@ from .common import (
     interruptible,
     log_options,
     read_measured,
-    running,
+    running_jax,
     say,
-    start_jax,
 )
 from .simulate import open_model
 
@@ -66,9 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Diagnose."""
-    with running(arguments) as record:
-        record.stage("start")
-        start_jax(arguments)
+    with running_jax(arguments) as record:
         model = open_model(arguments.model, [], record)
         record.stage("read")
         logs = [read_measured(path, model, arguments, record) for path in arguments.logs]

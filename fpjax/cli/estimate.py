@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..output.runfile import RunFile, whole_file, write_json
-from .common import add_log_options, add_out, finish, read_measured, running, say, start_jax
+from .common import add_log_options, add_out, finish, read_measured, running_jax, say
 from .numbers import real, whole
 from .simulate import open_model
 
@@ -54,9 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Estimate."""
-    with running(arguments) as record:
-        record.stage("start")
-        start_jax(arguments)
+    with running_jax(arguments) as record:
         model, log = open_model_and_log(arguments, record)
         from .. import estimate, set_parameters
         from ..logs.dynamics.derivative import measured_velocity

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from ..errors import InputError
 from ..output.json_object import JsonObject
 from ..output.runfile import RunFile, write_json
-from .common import add_log_options, add_out, finish, read_measured, running, say, start_jax, table
+from .common import add_log_options, add_out, finish, read_measured, running_jax, say, table
 
 if TYPE_CHECKING:
     from ..logs import Log
@@ -45,9 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("nothing to export: give --c DIR, --mujoco DIR or --urdf DIR, or several of them.")
     if not arguments.out:
         arguments.out = targets[0]
-    with running(arguments) as record:
-        record.stage("start")
-        start_jax(arguments)
+    with running_jax(arguments) as record:
         from .simulate import open_model
 
         model = open_model(arguments.model, arguments.set, record)

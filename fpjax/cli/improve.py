@@ -22,9 +22,8 @@ from .common import (
     interruptible,
     log_options,
     read_measured,
-    running,
+    running_jax,
     say,
-    start_jax,
 )
 from .numbers import whole
 from .simulate import open_model
@@ -75,9 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Improve."""
-    with running(arguments) as record:
-        record.stage("start")
-        start_jax(arguments)
+    with running_jax(arguments) as record:
         model = open_model(arguments.model, [], record)
         model.needed_controller()
         from ..improvement import improve

@@ -7,7 +7,7 @@ from ..errors import InputError
 from ..output.progress import Stages
 from ..output.runfile import write_json
 from .command_line import INTERRUPTED
-from .common import add_log_options, add_out, finish, read_measured, running, say, start_jax, started
+from .common import add_log_options, add_out, finish, read_measured, running_jax, say, started
 from .numbers import real, whole
 from .simulate import open_model
 
@@ -55,9 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Plan a run; after an interrupt the best one so far is written."""
-    with running(arguments) as record:
-        record.stage("start")
-        start_jax(arguments)
+    with running_jax(arguments) as record:
         model = open_model(arguments.model, [], record)
         log = None
         if arguments.log:

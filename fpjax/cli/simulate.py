@@ -16,9 +16,8 @@ from .common import (
     finish,
     read_measured,
     read_pairs,
-    running,
+    running_jax,
     say,
-    start_jax,
     table,
 )
 from .numbers import real, whole
@@ -57,9 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate or replay."""
-    with running(arguments) as record:
-        record.stage("start")
-        start_jax(arguments)
+    with running_jax(arguments) as record:
         model = open_model(arguments.model, arguments.set, record)
         if arguments.log and arguments.margins:
             raise InputError("--margins needs a simulation: run it without --log.")

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..output.runfile import RunFile, read_run, write_json
-from .common import add_out, busy, finish, running, say, start_jax
+from .common import add_out, busy, finish, running_jax, say
 from .numbers import real, whole
 from .objective_arguments import add_cost_arguments, cost_settings
 
@@ -49,9 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Sweep."""
-    with running(arguments) as record:
-        record.stage("start")
-        start_jax(arguments)
+    with running_jax(arguments) as record:
         axes = [read_axis(word) for word in arguments.axis]
         if not axes:
             raise InputError(

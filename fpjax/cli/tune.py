@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..output.runfile import RunFile, write_json, write_whole
-from .common import add_out, busy, finish, interruptible, running, say, start_jax, table
+from .common import add_out, busy, finish, interruptible, running_jax, say, table
 from .numbers import real, whole
 from .objective_arguments import add_cost_arguments, cost_settings
 
@@ -50,9 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Tune."""
-    with running(arguments) as record:
-        record.stage("start")
-        start_jax(arguments)
+    with running_jax(arguments) as record:
         model, references, settings = cost_settings(arguments, record)
         from tuning import tune
         from tuning.file_bounds import bounded_parameters

@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..logs import Log
 from ..model_file import Model
 from ..model_file.initial_state import initial_state
-from ..output.runfile import write_whole
+from ..output.runfile import made_folder, write_whole
 from ..simulation.loop import ClosedLoop
 from .body import Body, Leftover, body_of
 from .mjcf import mjcf, urdf
@@ -99,11 +99,7 @@ def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, targe
         )
     else:
         text = urdf(body, name=stem, linear=model.linear)
-    folder = pathlib.Path(folder).expanduser()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder} cannot be made ({error.strerror or error}): give another folder.") from error
+    folder = made_folder(pathlib.Path(folder).expanduser())
     file = folder / f"{stem}.{'xml' if target == 'mujoco' else 'urdf'}"
     write_whole(file, text)
     tracked = "position" if model.units.reference == "position" else "velocity"

@@ -9,7 +9,7 @@ from ..blocks.observers import NoObserver
 from ..blocks.references import AbstractReference, Sine
 from ..errors import InputError
 from ..model_file import Model, load_model
-from ..output.runfile import write_whole
+from ..output.runfile import made_folder, write_whole
 from .c_code import Code, write_c
 from .c_test import EMBEDDED, test_program, vector_file, vector_header
 from .check import Checked, check_c, failures, find_compiler
@@ -82,13 +82,7 @@ def export_c(
     notes = _notes(model)
     law = trace_law(model.loop, model.dt, precision)
     code = write_c(law, name or _word(model), model.units, model.path.name if model.path else "a model")
-    folder = pathlib.Path(folder).expanduser()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{folder} cannot be made ({error.strerror or error}): give a folder that can be written."
-        ) from error
+    folder = made_folder(pathlib.Path(folder).expanduser())
     files = _write(folder, {f"{code.name}_control.h": code.header, f"{code.name}_control.c": code.source})
     if check:
         find_compiler()  # before anything is simulated

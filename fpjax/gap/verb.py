@@ -16,7 +16,6 @@ from ..simulation.precision import double_precision
 from .answer.assemble import assemble
 from .answer.curves import curves_of
 from .answer.provenance import provenance
-from .answer.stages import COSTS
 from .data.inputs import about_noise, look_at, read_logs, read_model
 from .data.record import about_stretches, make_records
 from .data.setting import make_setting
@@ -27,6 +26,7 @@ from .fit.kept import Kept, KeptSearch, key_of
 from .fit.search import Search
 from .select.decision import decide
 from .simulate.family import Nominal
+from .stage_costs import COSTS
 
 Logs = LogSource | Sequence[LogSource]
 

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
-from ..errors import InputError
-from ..gap.report.markup import text
+from ..gap.report.markup import page, text
 from ..gap.report.svg import to_png, to_svg
 from ..gap.report.theme import css_variables
-from ..output.runfile import write_whole
+from ..output.runfile import made_folder, write_whole
 from .pictures import draw_error, draw_gains, draw_machines, draw_overview
 from .summary import WORDS, headline
 
@@ -52,10 +51,7 @@ def write_page(found: Answer, folder: Path) -> Path:
     Raises:
         InputError: where it cannot be written.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder} cannot be made ({error.strerror}): give a folder that can be written.") from error
+    folder = made_folder(folder)
     write_whole(folder / PICTURE, to_png(draw_overview(found)))
     write_whole(folder / PAGE, to_page(found))
     return folder / PAGE
@@ -66,18 +62,7 @@ def to_page(found: Answer) -> str:
     style = css_variables() + files("fpjax.gap.report").joinpath("report.css").read_text("utf-8") + _STYLE
     parts = [_changes(found), _predicted(found), _pictures(found), _notes(found), _way(found), _model(found)]
     body = "\n".join(part for part in parts if part)
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="{_POLICY}">
-<meta name="generator" content="fpjax">
-<title>{text(WORDS[found.decision])} fpjax improve</title>
-<style>
-{style}</style>
-</head>
-<body class="{found.decision}">
+    whole = f"""<body class="{found.decision}">
 <header>
 <p class="origin">fpjax improve</p>
 <div class="verdict {found.decision}"><span class="badge">{text(WORDS[found.decision].rstrip("."))}</span>
@@ -89,9 +74,8 @@ def to_page(found: Answer) -> str:
 {body}
 </main>
 <footer>Numbers are medians over the machines, with 90 % intervals{_no_promise(found)}. Written by fpjax.</footer>
-</body>
-</html>
-"""
+</body>"""
+    return page(f"{WORDS[found.decision]} fpjax improve", whole, style=style, policy=_POLICY)
 
 
 def _no_promise(found: Answer) -> str:

@@ -26,7 +26,7 @@ from .machines import Ground, Machines, draw_machines, make_ground, one_piece, r
 from .margins import NAMES, UNITS, margins_of
 from .result import Improvement
 from .search import HARDEST, Found, limits_of, robust_costs, search
-from .stages import COSTS
+from .stage_costs import COSTS
 from .traces import passed_on, run_traces, unlike
 
 # Machines for the search; other machines for the prediction; how many of these for the margins.

@@ -179,7 +179,3 @@ def _settled(
 
 def _ramp(speed: float, start: float, dt: float) -> AbstractReference:
     return Recorded(speed * (start + dt * np.arange(CHUNK + 1)), dt, hold=False)
-
-
-# Also a method of the loop. It is set here, because fpjax/simulation/loop.py does not import what builds on it.
-ClosedLoop.linearise = linearise

@@ -220,6 +220,22 @@ def versions() -> dict[str, str]:
     return found
 
 
+def made_folder(folder: str | os.PathLike[str]) -> pathlib.Path:
+    """The folder, created if missing.
+
+    Raises:
+        InputError: where it cannot be created.
+    """
+    folder = pathlib.Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{folder} cannot be made ({error.strerror or error}): give a folder that can be written."
+        ) from error
+    return folder
+
+
 def open_folder(out: str | os.PathLike[str] | None) -> pathlib.Path | None:
     """The folder of the results, created and tested for writing before anything is computed.
 

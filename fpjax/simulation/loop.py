@@ -1,7 +1,6 @@
 """ClosedLoop: the blocks joined to one loop; its derivative and its step."""
 
-from collections.abc import Callable
-from typing import ClassVar
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -84,7 +83,6 @@ class ClosedLoop(eqx.Module):
         observer: estimates friction and compensates it.
         actuator: from commanded to applied torque.
         sensor: from the plant's output to a measurement.
-        linearise: `fpjax.linearise` as a method; `fpjax.linear` sets it, because this module does not import it.
     """
 
     plant: AbstractPlant = eqx.field(converter=with_arrays)
@@ -92,11 +90,16 @@ class ClosedLoop(eqx.Module):
     observer: AbstractObserver = eqx.field(converter=with_arrays, default=NoObserver())
     actuator: AbstractActuator = eqx.field(converter=with_arrays, default=IdealActuator())
     sensor: AbstractSensor = eqx.field(converter=with_arrays, default=IdealSensor())
-    linearise: ClassVar[Callable[..., object]]
 
     def __repr__(self) -> str:
         """The blocks with their numbers."""
         return show_fields(self)
+
+    def linearise(self, at: float | LoopState = 1.0, **settings: Any) -> Any:
+        """The loop linearised about a steady motion: `fpjax.linearise`, which describes the arguments, as a method."""
+        from .. import linearise  # by its public name, when called: linearisation is built on the loop
+
+        return linearise(self, at, **settings)
 
     def init(self) -> LoopState:
         """Every block at rest."""

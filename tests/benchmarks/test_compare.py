@@ -155,7 +155,7 @@ def test_an_interrupted_comparison_keeps_its_finished_parts_and_goes_on(tmp_path
     content = json.loads((tmp_path / "compare.json").read_text())
     assert [one["objective"] for one in content["rows"]] == ["estimation"] * 5 + ["thesis"] * 5
     assert main(["compare", "--quick", "--out", str(tmp_path / "none"), "--resume"]) == 2
-    assert "no interrupted comparison" in capsys.readouterr().err
+    assert "no interrupted run" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("option", [["--budget", "3"], ["--points", "1"]])

@@ -69,7 +69,7 @@ def test_progress_is_shown_on_a_terminal_only(servo, tmp_path):
 
 def test_time_left_is_told_between_bounds_where_it_is_not_known(monkeypatch):
     """A second round of causes may come or not: both are told, and the round's own pace once it runs."""
-    from fpjax.gap.answer import stages as of_gap
+    from fpjax.gap import stage_costs as of_gap
     from fpjax.output import progress
     from fpjax.output.stages import StageClock
 

@@ -86,7 +86,8 @@ def test_confidence_is_that_of_the_diagnosis():
     ],
 )
 def test_digits_are_those_that_the_interval_earns(value, low, high, shown, interval):
-    assert digits.show_estimate(Estimate(value, low, high)) == (shown, interval)
+    value_shown, ends = digits.show_estimate(Estimate(value, low, high))
+    assert (value_shown, " to ".join(ends or ())) == (shown, interval)
 
 
 def test_a_parameter_at_its_bound_has_no_interval():

@@ -30,25 +30,25 @@ def show(value: float, digits: int = 3) -> str:
     return _show(value, _decimals(value, digits), _power(value))
 
 
-def show_estimate(estimate: Estimate, digits: int = 4) -> tuple[str, str]:
-    """The value and its interval as text, with the digits that the interval supports, without unit.
+def show_estimate(estimate: Estimate, digits: int = 4) -> tuple[str, tuple[str, str] | None]:
+    """The value and the ends of its interval as text, with the digits that the interval supports, without unit.
 
     The last decimal is that of the second significant digit of the interval's half width. `digits` are the significant
-    digits of a value without an interval. The interval is "" where it is not known.
+    digits of a value without an interval. The interval is None where it is not known.
     """
     value, low, high = estimate.value, estimate.low, estimate.high
     if not math.isfinite(value):
-        return "not known", ""
+        return "not known", None
     if not estimate.bounded:
-        return show(value, digits), ""
+        return show(value, digits), None
     half = 0.5 * (high - low)
     largest = max(abs(value), abs(low), abs(high))
     if largest == 0.0:  # exactly zero: log10 has no value
-        return "0", ""
+        return "0", None
     power = _power(largest)
     most = _decimals(largest, max(digits, 6))
     decimals = min(_decimals(half, 2), most) if half > 0.0 else _decimals(largest, digits)
-    return _show(value, decimals, power), f"{_show(low, decimals, power)} to {_show(high, decimals, power)}"
+    return _show(value, decimals, power), (_show(low, decimals, power), _show(high, decimals, power))
 
 
 def scale_for(value: float, unit: str) -> tuple[float, str]:

@@ -13,7 +13,7 @@ from ...errors import InputError
 from ...output.runfile import write_whole
 from . import sections
 from .heading import header
-from .markup import text
+from .markup import page, text
 from .pictures import draw_overview, draw_pictures
 from .sentences import TITLES, verdict_sentence, verdict_title
 from .svg import to_png, to_svg
@@ -97,20 +97,7 @@ def to_page(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
             sections.provenance(diagnosis),
         )
     )
-    description = text(verdict_sentence(diagnosis))
-    return f"""<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="{_policy()}">
-<meta name="generator" content="fpjax">
-<meta name="description" content="{description}">
-<title>{text(verdict_title(diagnosis))}: sim-to-real gap</title>
-<style>
-{style}</style>
-</head>
-<body>
+    whole = f"""<body>
 {header(diagnosis)}
 <main>
 {_navigation(diagnosis)}
@@ -118,9 +105,9 @@ def to_page(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
 </main>
 <footer>{text(sections.units_note(diagnosis))} Written by fpjax.</footer>
 <script>{_script()}</script>
-</body>
-</html>
-"""
+</body>"""
+    title = f"{verdict_title(diagnosis)}: sim-to-real gap"
+    return page(title, whole, style=style, policy=_policy(), description=verdict_sentence(diagnosis))
 
 
 def _navigation(diagnosis: Answer) -> str:

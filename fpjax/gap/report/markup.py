@@ -57,10 +57,36 @@ def parameter(estimate: Estimate) -> str:
     unit = show_unit(shown.unit)
     out = f'<span class="value">{data(estimate.value, value)}{f" {text(unit)}" if unit else ""}</span>'
     if interval:
-        # The words of `show_estimate`, each with its exact value again.
-        low, high = interval.split(" to ")
+        low, high = interval
         out += f' <span class="interval">[{data(estimate.low, low)} to {data(estimate.high, high)}]</span>'
     return out
+
+
+def page(title: str, body: str, *, style: str, policy: str, description: str = "") -> str:
+    """A whole self-contained page.
+
+    Args:
+        title: of the page, plain text.
+        body: the <body> element.
+        style: its CSS.
+        policy: its content security policy.
+        description: for search engines and previews, plain text; "" for none.
+    """
+    about = f'<meta name="description" content="{text(description)}">\n' if description else ""
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<meta name="generator" content="fpjax">
+{about}<title>{text(title)}</title>
+<style>
+{style}</style>
+</head>
+{body}
+</html>
+"""
 
 
 def section(name: str, title: str, *parts: str) -> str:
