@@ -25,7 +25,7 @@ LOADED = 0.05  # of the torque in a spring, over the friction [1]
 BRISTLE = 0.1  # of the bristles' deflection, over that at sliding [1]
 MOVED = 0.02  # of a speed from positions, over the top speed, beside its noise [1]
 # Parameters by which a model's frequency response, and so `torque_scale`, depends smoothly on the vector.
-RESPONSE = ("inertia", "viscous", "gain", "actuator_lag", "drag_coefficient", "load_coefficient")
+RESPONSE = ("inertia", "viscous", "gain", "drag_coefficient", "load_coefficient")
 LEAST_PASSED = 0.05  # least share of a torque that is taken to pass a limit, dead zone or loaded gear: never none [1]
 GAINED = 0.02  # a fit has converged when a step lowers the cost, twice the negative log posterior, by less
 
@@ -220,7 +220,7 @@ class Fitter:
 
         `Modes` infers it through the nominal mass, so the factor is the ratio of the nominal model's frequency response
         to the candidate's, at least 1. Under a stiff position loop the motion is imposed and the torque follows from
-        it. A model that hardly responds to torque (a heavy mass, much damping, a lag, a limit) then has small residuals
+        it. A model that hardly responds to torque (a heavy mass, much damping, a limit) then has small residuals
         however wrong its torque is, and this factor corrects for it. It is at least 1, since otherwise a light mass or
         a large gain could make the missing torque of its own model small.
 
@@ -240,10 +240,7 @@ class Fitter:
         count = np.searchsorted(self.effort, within, "right") - np.searchsorted(self.effort, above, "left")
         passed = max(count, 0) / len(self.effort)
         gain = found.get("gain", 1.0) * max(1.0 - found.get("load_coefficient", 0.0) * self.driving, LEAST_PASSED)
-        lag = max(found.get("actuator_lag", 0.0), 0.0)
-        return self.modes.response(
-            found["inertia"], max(viscous, 0.0), gain * max(passed, LEAST_PASSED), lag, self.guide
-        )
+        return self.modes.response(found["inertia"], max(viscous, 0.0), gain * max(passed, LEAST_PASSED), self.guide)
 
     def log_volume(self, c: Candidate, torques: Values, vector: Values | None = None) -> float:
         """Twice the negative log of the Jacobian from torques to motion, over the `torques` counted in each mode.

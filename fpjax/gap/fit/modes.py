@@ -123,23 +123,22 @@ class Modes:
         signal = np.where(self.sensor, 0.0, level[self.band] ** 2 * self.gain)
         return signal / (noise[:, None] + signal)
 
-    def response(
-        self, inertia: float, viscous: float, gain: float, lag: float, guide: tuple[float, float] = (0.0, 0.0)
-    ) -> Values:
-        """Frequency response of the motion to a torque at the command, over that of the nominal rigid mass [1].
+    def response(self, inertia: float, viscous: float, gain: float, guide: tuple[float, float] = (0.0, 0.0)) -> Values:
+        """Frequency response of the motion to a missing torque, over that of the nominal rigid mass [1].
 
-        Its magnitude by mode: g J_nominal / J |s^2 + K| / |(s^2 + s B / J + K) (1 + s T)|.
+        Its magnitude by mode: g J_nominal / J |s^2 + K| / |s^2 + s B / J + K|. The gain makes it a torque in units of
+        the command. An actuator's lag has no part in it: friction and load act on the mass, behind the actuator. (With
+        it, what a lag leaves was read as several times the torque that it is, and a delay was told in its place.)
 
         Args:
             inertia: J [kg m^2].
             viscous: B [N m s/rad].
             gain: of the torque g [1].
-            lag: of the torque T [s].
             guide: its stiffness k [1/s^2] and damping d [1/s], with K = k + d s.
         """
         s = 2j * np.pi * self.frequency
         held = s**2 + guide[0] + guide[1] * s
-        return np.abs(gain * self.inertia / inertia * held / ((held + s * viscous / inertia) * (1.0 + s * lag)))
+        return np.abs(gain * self.inertia / inertia * held / (held + s * viscous / inertia))
 
     def plain(self, coefficients: Values) -> Values:
         """c = U' r from rotated coefficients; both of shape (windows, modes)."""
