@@ -223,6 +223,18 @@ def test_the_chosen_causes_with_details_beside_them_are_no_rival():
     assert found.main["inertia_error"] > 0.5
 
 
+def test_several_wrong_numbers_beside_a_detail_are_no_rival_of_the_factor_that_makes_them_wrong(monkeypatch):
+    monkeypatch.setattr("fpjax.gap.select.verdict.wrong_numbers", lambda fit, sizes: (0.0, tuple(fit.candidate.wide)))
+    chosen = weighed("torque_gain_error+constant_torque", 500.0)
+    shares = {"torque_gain_error": 0.8, "constant_torque": 0.1}
+    numbers = weighed("constant_torque", 499.0, wide=("inertia", "coulomb", "viscous"))
+    found = judged(chosen, [numbers], shares=shares, left=0.4)
+    assert (found.word, found.causes) == ("partly_explained", ("torque_gain_error", "constant_torque"))
+    # With one number wrong the effect itself does what the factor would: a rival.
+    one = weighed("constant_torque", 499.0, wide=("coulomb",))
+    assert judged(chosen, [one], shares=shares, left=0.4).word == "unexplained"
+
+
 def test_an_effect_is_measured_by_what_no_choice_of_the_numbers_closes():
     chosen = weighed("friction_drift", 500.0, wide=("inertia", "coulomb"))
     guess = {"inertia_error": 0.6, "coulomb_error": 0.14}

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from ..fit.candidate import NOMINAL
-from .decision import Decision, Weighed
+from .decision import FACTORS, Decision, Weighed
 from .dominant import Curve, believed, dominant
 from .nominal_errors import wrong_numbers
 from .readings import Reading
@@ -168,11 +168,17 @@ def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
 
 
 def _adds_to(w: Weighed, chosen: _Set, seen: Seen) -> bool:
-    """Whether a wrong number leads, and a model has the same number wrong beside an effect: it says no other thing."""
-    if not chosen.names or not _is_number(chosen.names[0]) or not w.structural:
+    """Whether a model with an effect says no other thing, since its wrong nominal numbers say what leads.
+
+    Where a wrong number leads, the model has the same number wrong; where a factor leads, it has several wrong that the
+    factor makes wrong together.
+    """
+    if not chosen.names or not w.structural or set(w.structural) & set(FACTORS):
         return False
-    number = chosen.names[0].removesuffix("_error")
-    return number in w.fit.candidate.wide and number in wrong_numbers(w.fit, seen.sizes)[1]
+    wrong = wrong_numbers(w.fit, seen.sizes)[1]
+    if chosen.names[0] in FACTORS:
+        return len(wrong) > 1
+    return _is_number(chosen.names[0]) and chosen.names[0].removesuffix("_error") in wrong
 
 
 def _names(w: Weighed, seen: Seen) -> tuple[str, ...]:
