@@ -175,10 +175,11 @@ def _adds_to(w: Weighed, chosen: _Set, seen: Seen) -> bool:
     """
     if not chosen.names or not w.structural or set(w.structural) & set(FACTORS):
         return False
-    wrong = wrong_numbers(w.fit, seen.sizes)[1]
-    if chosen.names[0] in FACTORS:
-        return len(wrong) > 1
-    return _is_number(chosen.names[0]) and chosen.names[0].removesuffix("_error") in wrong
+    lead = chosen.names[0]
+    if lead in FACTORS:
+        return len(w.fit.candidate.wide) > 1 and len(wrong_numbers(w.fit, seen.sizes)[1]) > 1
+    number = lead.removesuffix("_error")
+    return _is_number(lead) and number in w.fit.candidate.wide and number in wrong_numbers(w.fit, seen.sizes)[1]
 
 
 def _names(w: Weighed, seen: Seen) -> tuple[str, ...]:
