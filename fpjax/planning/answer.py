@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..gap.select.thresholds import THRESHOLDS
+from ..gap.thresholds import THRESHOLDS
 from ..output.json_object import JsonObject
 from .limits import Limits
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..gap.select.thresholds import THRESHOLDS
+from ..gap.thresholds import THRESHOLDS
 from ..output.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, RED, new_figure, style, thin
 
 if TYPE_CHECKING:

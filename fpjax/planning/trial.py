@@ -19,9 +19,9 @@ from ..blocks.feedforward import Feedforward
 from ..blocks.observers import NoObserver
 from ..gap.effects.vocabulary import on_rate_sensor
 from ..gap.machine import Machine, Structure
-from ..gap.select.thresholds import THRESHOLDS
 from ..gap.simulate.family import Family
 from ..gap.simulate.replay import SUBSTEPS, assembled
+from ..gap.thresholds import THRESHOLDS
 from ..model_file import Model
 from ..simulation.loop import ClosedLoop
 from ..simulation.scan import Inputs, make_stepper, roll, sampled_tables

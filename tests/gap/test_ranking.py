@@ -14,8 +14,8 @@ from fpjax.gap.effects.twins import LogFacts, Twin, exact_twins, single_twins
 from fpjax.gap.select.decision import Weighed
 from fpjax.gap.select.dominant import Curve, believed, dominant
 from fpjax.gap.select.readings import Reading
-from fpjax.gap.select.thresholds import THRESHOLDS
 from fpjax.gap.select.verdict import Seen, verdict
+from fpjax.gap.thresholds import THRESHOLDS
 
 NOMINAL = {"inertia": 2.0, "coulomb": 0.5, "viscous": 0.1}
 RATE_ONLY = LogFacts(position=False, known_torque=False, known_turning=False, nominal=NOMINAL)

@@ -15,8 +15,8 @@ from ..effects.experiments import Experiment, next_experiment
 from ..fit.search import Search
 from ..select.decision import Decision
 from ..select.readings import Reading, readings
-from ..select.thresholds import THRESHOLDS
 from ..select.verdict import ROUNDING, Verdict, material
+from ..thresholds import THRESHOLDS
 from .answer import Answer
 from .corrected import corrected_model
 from .course import Course

@@ -4,9 +4,7 @@ from collections.abc import Sequence
 
 from ..effects.twins import Twin
 from ..select.decision import Decision, Weighed
-from ..select.thresholds import THRESHOLDS
-
-LARGEST_CLASS = 3  # most effects named as one class, the cause included: a list of everything is no information
+from ..thresholds import THRESHOLDS
 
 
 def indistinguishable(decision: Decision, effect: str, twins: Sequence[Twin]) -> tuple[str, ...]:
@@ -25,15 +23,15 @@ def indistinguishable(decision: Decision, effect: str, twins: Sequence[Twin]) ->
     """
     # Each a tuple of effects that together give the same log.
     sets = [twin.instead for twin in twins if effect in twin.causes]
-    found = [instead[0] for instead in sets if len(instead) == 1][: LARGEST_CLASS - 1]
+    found = [instead[0] for instead in sets if len(instead) == 1][: THRESHOLDS.largest_class - 1]
     for rival, other in _in_place(decision.chosen, effect, decision.rivals):
-        if len(found) >= LARGEST_CLASS - 1 or rival.behind(decision.chosen) >= THRESHOLDS.close:
+        if len(found) >= THRESHOLDS.largest_class - 1 or rival.behind(decision.chosen) >= THRESHOLDS.close:
             break
         if other not in found:
             found.append(other)
     for instead in sets:
         new = [name for name in instead if name not in found]
-        if len(instead) > 1 and len(found) + len(new) < LARGEST_CLASS:
+        if len(instead) > 1 and len(found) + len(new) < THRESHOLDS.largest_class:
             found += new
     return tuple(found)
 

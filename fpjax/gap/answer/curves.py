@@ -12,12 +12,11 @@ import numpy as np
 from ..fit.candidate import Fit
 from ..fit.search import Search
 from ..select.dominant import Curve
+from ..thresholds import THRESHOLDS
 from .smooth_tables import inertia_table, make_tables
 from .smoother import Smooth, Smoother, smoother_of
 
 Values = np.ndarray
-
-UNFELT = 0.5  # share of the commanded torque that the nominal model misses, from which on its table says nothing
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ def curves_of(search: Search) -> Curves:
     # torque the inertia stays: with it free, what drives less what accelerates is the missing torque by definition.
     free = smoother.fit((inertia_table(search.records),), (0.0,), base.weight)
     tried = make_tables(search.records, search.setting.periods.get("torque", ())[:1])
-    if _unfelt(search) > UNFELT:
+    if _unfelt(search) > THRESHOLDS.unfelt:
         tried.pop("torque", None)
     for variable, tables in tried.items():
         for before in (base,) if variable == "torque" else (base, free):

@@ -10,10 +10,10 @@ from ..effects.estimate import Estimate
 from ..fit.candidate import Candidate, Fit
 from ..fit.search import Search
 from ..select.readings import Reading
+from ..thresholds import THRESHOLDS
 from .findings import FittedParameter
 
 NINETY = 1.645  # half width of a 90 % interval of a normal distribution [standard deviations]
-PIECES = 10.0  # most observations that the modes with missing torque count as; set on eight development values
 
 Values = np.ndarray
 
@@ -25,8 +25,8 @@ def covariance(search: Search, fit: Fit) -> Values:
     estimator of White, "Maximum likelihood estimation of misspecified models", 1982): under a law of another form the
     windows disagree by more than noise. Moreover the missing torque that remains is not noise: it is a function of the
     same few states in every window and does not average out over a log. So the modes that hold missing torque count as
-    `PIECES` observations at most; without missing torque this changes nothing. The blur of a parameter by sampling (its
-    `blur`) is added.
+    `THRESHOLDS.pieces` observations at most; without missing torque this changes nothing. The blur of a parameter by
+    sampling (its `blur`) is added.
     """
     c = fit.candidate
     inside = ~at_bound(c)
@@ -44,7 +44,7 @@ def covariance(search: Search, fit: Fit) -> Values:
     sandwich = np.diag(inverse @ meat @ inverse)
     variance = np.maximum(np.diag(inverse), 1e-300)
     # A factor on every standard deviation; correlations stay those of the curvature.
-    wider = np.sqrt(np.maximum(np.maximum(sandwich / variance, 1.0), _observations(search, c) / PIECES))
+    wider = np.sqrt(np.maximum(np.maximum(sandwich / variance, 1.0), _observations(search, c) / THRESHOLDS.pieces))
     found[block] = inverse * wider[:, None] * wider * c.scale[index][:, None] * c.scale[index]
     found[index, index] += np.square([c.family.parameters[c.free[i]].blur(search.setting) for i in index])
     return found

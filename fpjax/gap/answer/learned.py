@@ -18,15 +18,12 @@ from ...blocks.learned import LearnedTorque, split_jump
 from ...model_file.learned import join_load
 from ..fit.candidate import Fit, Start
 from ..fit.search import Search
+from ..thresholds import THRESHOLDS
 from .findings import Learned
 from .gap_size import draws, interval, withheld
 from .smooth_tables import make_tables
 from .smoother import Smooth, smoother_of
 
-SURE = 5.0  # gain on windows left out, without the best fold [nats]: log of four variables x one in forty by chance
-ERRORS = 2.0  # standard errors by which the mean gain of the folds must be above zero
-HARMLESS = -1.0  # gain of the worst fold [nats] that is accepted where the folds differ too much for that
-LEAST = 0.02  # share of the missing energy that a table must remove to be worth its points
 # Largest error of the best piecewise linear fit to a parabola, as a share of how far a point lies off the line between
 # its neighbours; added to the band, as the true law is smooth.
 CHORD = 1.0 / 6.0
@@ -62,7 +59,7 @@ def learn(search: Search, fit: Fit) -> Simulated | None:
             return None
         beside = simulated(search, fit, laws[:count])
         taken = _taken(withheld(search, fit), withheld(search, beside))
-        if taken[1] > LEAST:
+        if taken[1] > THRESHOLDS.learned_share:
             whole = sum(law.share for law in laws[:count])
             shares = [replace(law, share=taken[0] * law.share / whole) for law in laws[:count]]
             return Simulated(tuple(sorted(shares, key=lambda law: -law.share)), beside)
@@ -134,7 +131,7 @@ def proposed(search: Search, fit: Fit) -> tuple[Learned, ...]:
         table, _, penalty = max(sure, key=lambda one: np.sum(one[1]))
         after = smoother.fit((*current.tables, table), (*current.penalties, penalty), current.weight)
         energies.append(smoother.energy(after, band))
-        if energies[-2] - energies[-1] < LEAST * energies[0]:
+        if energies[-2] - energies[-1] < THRESHOLDS.learned_share * energies[0]:
             # A certain but negligible gain: not worth a table.
             energies.pop()
             break
@@ -145,10 +142,10 @@ def proposed(search: Search, fit: Fit) -> tuple[Learned, ...]:
 
 def _sure(gains: Values) -> bool:
     """Whether windows left out are predicted better, and not in one fold only; gains [nats] of shape (folds,)."""
-    if len(gains) < 2 or np.sum(gains) - np.max(gains) < SURE:
+    if len(gains) < 2 or np.sum(gains) - np.max(gains) < THRESHOLDS.learned_gain:
         return False
     error = np.std(gains, ddof=1) / np.sqrt(len(gains))
-    return bool(np.mean(gains) > ERRORS * error or np.min(gains) > HARMLESS)
+    return bool(np.mean(gains) > THRESHOLDS.learned_errors * error or np.min(gains) > THRESHOLDS.harmless)
 
 
 def _laws(fit: Smooth, shares: Values) -> tuple[Learned, ...]:

@@ -30,12 +30,12 @@ from ..select.decision import Decision
 from ..select.readings import Reading
 from ..simulate.family import Key, Nominal, make_family
 from ..simulate.replay import assembled
+from ..thresholds import THRESHOLDS
 from .course import course_of
 from .intervals import covariance
 
 FILE = "posterior.npz"
 VERSION = 2  # of the file format
-OPEN = 0.05  # least probability of another explanation from which machines are drawn too
 MOST = 3  # most other explanations
 # From the parameters of an error of the velocity reading to the fields of the sensor block.
 READ = {"time_constant": "lag", "delay": "delay", "scale": "scale", "bias": "bias"}
@@ -237,7 +237,7 @@ def left_open(decision: Decision, causes: Sequence[str], likely: Mapping[str, fl
     tried = sorted((*decision.rivals, *decision.singles), key=lambda one: -one.worth)
     found: list[tuple[float, Fit]] = []
     for name, share in sorted(likely.items(), key=lambda one: -one[1]):
-        if name in included or not share >= OPEN:
+        if name in included or not share >= THRESHOLDS.open:
             continue
         # The best model with the effect in; a wrong nominal number is in the model of nominal numbers alone.
         fits = [one.fit for one in tried if name in one.structural]

@@ -16,12 +16,12 @@ from ..fit.candidate import NOMINAL, Fit
 from ..fit.search import Search
 from ..select.decision import Decision
 from ..select.verdict import Verdict
+from ..thresholds import THRESHOLDS
 from .confusable import indistinguishable
 from .findings import Ranked
 from .gap import Gap, Step
 from .intervals import covariance, estimates
 
-UNLOADED = 0.2  # inertial torque, of the commanded one, up to which friction alone loads the gear [1]
 WITH_INTERVALS = 6  # entries whose intervals are computed: each needs the gradients of all windows
 
 ERRORS: dict[str, Effect] = {e.name: e for e in EFFECTS if e.name.removesuffix("_error") in NOMINAL}
@@ -150,4 +150,4 @@ def _unloaded(search: Search, known: bool) -> bool:
     """Whether what accelerates the nominal mass is small beside the command, so that friction takes nearly all."""
     inertial = np.concatenate([search.setting.inertia * record.acceleration for record in search.records])
     torque = np.concatenate([record.torque for record in search.records])
-    return not known and float(np.sqrt(np.mean(inertial**2))) < UNLOADED * float(np.sqrt(np.mean(torque**2)))
+    return not known and float(np.sqrt(np.mean(inertial**2))) < THRESHOLDS.unloaded * float(np.sqrt(np.mean(torque**2)))

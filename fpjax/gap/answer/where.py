@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data.record import Record
+from ..thresholds import THRESHOLDS
 from .course import Course
 from .findings import Share, Where
 
@@ -23,9 +24,7 @@ BANDS_PER_OCTAVE = 3
 # A place that stands out holds at least this many times its even share; below 2, because one that takes half of the
 # time cannot hold more than twice its share.
 TIMES_EVEN = 1.6
-SURE = 4.0  # standard deviations above what noise alone would show
 MOST = {"time": 40, "velocity": 6, "position": 8, "frequency": 6}  # most places that are listed
-LEAST = 0.2  # least share of the energy in all listed places together; with less, none is listed
 SMALLEST = {"time": 0.002, "velocity": 0.01, "position": 0.01, "frequency": 0.01}  # least share of one bin
 FOLDED_BEYOND = 2.0  # revolutions of travel from which positions are given within one revolution
 
@@ -55,7 +54,7 @@ class Energy:
             noise: sums of `noise` [N^2 m^2].
             counts: samples in each sum.
         """
-        return above > noise * SURE * np.sqrt(2.0 / np.maximum(counts * self.independent, 0.5))
+        return above > noise * THRESHOLDS.stands_out * np.sqrt(2.0 / np.maximum(counts * self.independent, 0.5))
 
 
 def locate(records: Sequence[Record], courses: Sequence[Course]) -> Where:
@@ -182,7 +181,7 @@ def _bands(courses: Sequence[Course], *, found: bool) -> tuple[tuple[Share, ...]
     index = np.clip(np.digitize(frequency, edges) - 1, 0, len(edges) - 2)
     excess = np.bincount(index, power, minlength=len(edges) - 1)
     noise = np.sqrt(np.bincount(index, spread**2, minlength=len(edges) - 1))
-    sure = (excess > SURE * noise) & found
+    sure = (excess > THRESHOLDS.stands_out * noise) & found
     excess = np.where(sure, excess, 0.0)
     total = float(np.sum(excess))
     shares = excess / total if total > 0.0 else np.zeros(len(excess))
@@ -212,4 +211,4 @@ def _standing_out(axis: str, bins: tuple[Share, ...], sure: Values) -> tuple[Sha
             found.append(place)
         joined = out
     found = sorted(found, key=lambda place: -place.share)[: MOST[axis]]
-    return tuple(found) if sum(place.share for place in found) >= LEAST else ()
+    return tuple(found) if sum(place.share for place in found) >= THRESHOLDS.listed else ()

@@ -11,10 +11,10 @@ from ...logs import Log, LogSource, read_log
 from ...logs.checks.suspicions import Numbers, suspicions
 from ...logs.dynamics.nominal import speed_of
 from ...model_file import Model, ModelSource, load_model
+from ..thresholds import THRESHOLDS
 from .setting import turns_with_position
 
 SAME_PERIOD = 1e-3  # relative difference of control periods that counts as none
-UNIFORM = 0.02  # of the rms speed: in a log whose speed varies by less, no effect is distinguishable from another
 MOST_ROWS = 400_000  # samples that `_check_drive` reads, from the middle of the log: numerical derivatives take time
 
 
@@ -75,7 +75,7 @@ def _check_drive(log: Log, unit: str) -> None:
     columns = (None if column is None else column[part] for column in (log.velocity, log.position))
     speed = speed_of(dataclasses.replace(log, **dict(zip(("velocity", "position"), columns, strict=True))))
     size, spread = float(np.sqrt(np.mean(speed**2))), float(np.std(speed))
-    if spread < UNIFORM * size:
+    if spread < THRESHOLDS.uniform * size:
         mean, within = float(np.mean(speed)), 100.0 * spread / size
         raise InputError(
             f"{log.name}: its speed stays at {mean:.4g} {unit} (within {within:.2g} %), at which friction, load and "

@@ -4,9 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-# Ratio of the missing torque's energy in all windows to that in the withheld (or the fitted) ones, per window, from
-# which other windows are withheld.
-UNFAIR = 4.0
+from ..thresholds import THRESHOLDS
 
 Values = np.ndarray
 
@@ -44,4 +42,4 @@ def fairer_split(missing: Sequence[Values]) -> list[Values] | None:
         fitted = np.concatenate([m[~own] for m, own in zip(energy, split, strict=True)])
         least.append(min(float(np.mean(withheld)), float(np.mean(fitted))) if fitted.size else 0.0)
     best, whole = int(np.argmax(least)), float(np.mean(np.concatenate(energy)))
-    return tried[best] if UNFAIR * least[0] < whole and least[best] > least[0] else None
+    return tried[best] if THRESHOLDS.unfair * least[0] < whole and least[best] > least[0] else None

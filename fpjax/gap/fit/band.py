@@ -5,10 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..data.record import Record
+from ..thresholds import THRESHOLDS
 from .modes import Modes
 
-HEARD = 0.99  # of the speed's power: above the frequency below which it lies, a torque hardly moves the machine
-CHANCE = 3.0  # standard deviations of the noise's energy that an octave must exceed to hold a torque
 QUIET = 0.3  # share of torque in a mode's variance below which the mode serves to estimate the noise
 FEW_QUIET = 30  # least coefficients for that estimate: its relative standard error is 0.4 with so many
 
@@ -35,8 +34,8 @@ def level_with_bursts(modes: Modes, level: Values, coefficients: Coefficients) -
         own = (modes.band == band) & ~modes.sensor
         if np.any(own):
             # A sum of n squares of variance s^2 has a standard deviation of s^2 sqrt(2 n); E[c^2] - s^2 = q^2 lambda.
-            energy, chance = float(np.sum(squares[own] - noise)), CHANCE * noise * np.sqrt(2.0 * np.sum(own) / count)
-            if energy > chance:
+            energy = float(np.sum(squares[own] - noise))
+            if energy > THRESHOLDS.octave * noise * np.sqrt(2.0 * np.sum(own) / count):
                 found[band] = max(found[band], np.sqrt(energy / (count * np.sum(modes.gain[own]))))
     return found
 
@@ -64,5 +63,5 @@ def highest_of_speed(records: Sequence[Record]) -> float:
         speed = record.speed - np.mean(record.speed)
         # A Hann window: the record's ends differ, and their jump would leak into every frequency.
         power = np.cumsum(np.abs(np.fft.rfft(speed * np.hanning(len(speed)))) ** 2)
-        found.append(max(int(np.searchsorted(power, HEARD * power[-1])), 1) / (len(speed) * record.dt))
+        found.append(max(int(np.searchsorted(power, THRESHOLDS.heard * power[-1])), 1) / (len(speed) * record.dt))
     return max(found)

@@ -15,13 +15,11 @@ import numpy as np
 
 from ..data.record import Record, guide_of
 from ..data.setting import Setting
+from ..thresholds import THRESHOLDS
 from .band import Coefficients
 from .modes import Modes
 from .periods import repeating_periods, repeating_share
 
-NEAR = 0.1  # how far a simulation may be off: share of the motion in a window; phase of a repeating torque [rad]
-REPEATS = 0.5  # share of the missing torque in one sine of the position, from which the guide must keep its phase
-FASTEST = 0.1  # of the sampling frequency: the fastest guide; a faster one would follow the readings' noise
 TRIED = 16  # number of bandwidths, evenly spaced in logarithm
 
 Values = np.ndarray
@@ -56,8 +54,8 @@ def guide_bandwidth(
         left = squares * np.abs(s**2 / (s**2 + damping * s + stiffness)) ** 2
         return float(np.sqrt(np.sum(left) / modes.basis.shape[0])) / moved
 
-    tried = [0.0, *np.geomspace(1.0 / setting.window, FASTEST / setting.dt, TRIED)]
-    return next((float(f) for f in tried if distance(f) * max(1.0, phase) < NEAR), float(tried[-1]))
+    tried = [0.0, *np.geomspace(1.0 / setting.window, THRESHOLDS.fastest / setting.dt, TRIED)]
+    return next((float(f) for f in tried if distance(f) * max(1.0, phase) < THRESHOLDS.near), float(tried[-1]))
 
 
 def _turned(records: Sequence[Record]) -> float:
@@ -76,4 +74,4 @@ def dominant_period(course: Values, record: Record, setting: Setting) -> float:
     """
     periods = repeating_periods(course, record, setting).get("torque", ())
     period, share = repeating_share(course, record, periods)
-    return period if share > REPEATS else 0.0
+    return period if share > THRESHOLDS.repeats else 0.0

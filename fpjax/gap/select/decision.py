@@ -8,10 +8,10 @@ import numpy as np
 from ..effects.effect import Effect
 from ..fit.candidate import NOMINAL, Fit, Start, nominal_sizes
 from ..fit.search import Search
+from ..thresholds import THRESHOLDS, Thresholds
 from .detectability import resolved
 from .dominant import Curve, believed
 from .nominal_errors import wrong_numbers
-from .thresholds import THRESHOLDS, Thresholds
 
 IMPOSSIBLE = ({"presliding", "compliance"}, {"presliding", "backlash"}, {"compliance", "backlash"})
 SIMPLER = {
@@ -23,8 +23,6 @@ SIMPLER = {
 """What an effect holds as a special case, or is in a short travel, with fewer parameters."""
 FACTORS = ("torque_gain_error", "velocity_scale_error")
 """One factor that makes several nominal numbers wrong in proportion."""
-RESOLVED = 0.05  # missing torque, of the nominal model's, below which less is no better
-SHRUNK = 0.999  # likewise, above which nothing has shrunk
 LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
 PAIR_KEEP = (24, 10, 5, 4)  # sets of causes that go on to each stage where causes are added
 
@@ -54,7 +52,8 @@ class Weighed:
         On a real machine no model is right. Evidence alone then goes to what follows the fast, small details best, and
         the missing torque alone to what is most flexible; among models that leave next to nothing, evidence decides.
         """
-        return self.believed * max(self.gain, 0.0) * float(np.log(1.0 / np.clip(self.left, RESOLVED, SHRUNK)))
+        left = np.clip(self.left, THRESHOLDS.no_better, THRESHOLDS.no_less)
+        return self.believed * max(self.gain, 0.0) * float(np.log(1.0 / left))
 
     def behind(self, chosen: "Weighed") -> float:
         """By how much its worth is less than the chosen model's, in such nats as that one gains."""

@@ -6,9 +6,8 @@ from ..effects.parameters import AMPLITUDES
 from ..effects.vocabulary import stiffness_of
 from ..fit.candidate import Fit
 from ..fit.search import Search
-from .thresholds import THRESHOLDS, Thresholds
+from ..thresholds import THRESHOLDS, Thresholds
 
-MOVES = 0.1  # of the top speed, from which a machine moves
 PERIODIC = {"cogging": "cogging_periods", "position_dependent_friction": "ripple_periods"}
 
 
@@ -36,7 +35,7 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     if "asymmetric_friction" in c.structural and abs(values["coulomb_difference"]) > values["coulomb"]:
         return False
     speed = np.abs(np.concatenate([record.speed for record in search.records]))
-    usual = float(np.median(speed[speed > MOVES * setting.speed]))
+    usual = float(np.median(speed[speed > THRESHOLDS.moves * setting.speed]))
     for effect, periods in PERIODIC.items():
         if effect in c.structural and values[periods] * usual / (2.0 * np.pi) > t.ripple / setting.dt:
             return False

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from .thresholds import THRESHOLDS, Thresholds
+from ..thresholds import THRESHOLDS, Thresholds
 
 
 @dataclass(frozen=True)

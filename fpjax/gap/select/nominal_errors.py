@@ -12,8 +12,7 @@ import itertools
 import numpy as np
 
 from ..fit.candidate import NOMINAL, SPIKE, Candidate, Fit
-
-ODDS = -1.0  # log prior odds that one nominal number is wrong
+from ..thresholds import THRESHOLDS
 
 
 def wrong_numbers(fit: Fit, sizes: dict[str, float]) -> tuple[float, tuple[str, ...]]:
@@ -25,8 +24,8 @@ def wrong_numbers(fit: Fit, sizes: dict[str, float]) -> tuple[float, tuple[str, 
     """
     c = fit.candidate
     wide = [name for name in NOMINAL if name in c.wide]
-    best = max(_subsets(wide), key=lambda some: _gained(c, sizes, some) + ODDS * len(some))
-    gained = _gained(c, sizes, best) - _gained(c, sizes, tuple(wide)) + ODDS * len(best)
+    best = max(_subsets(wide), key=lambda some: _gained(c, sizes, some) + THRESHOLDS.wrong_number * len(some))
+    gained = _gained(c, sizes, best) - _gained(c, sizes, tuple(wide)) + THRESHOLDS.wrong_number * len(best)
     return fit.evidence + gained, best
 
 

@@ -7,11 +7,11 @@ from typing import Literal
 import numpy as np
 
 from ..fit.candidate import NOMINAL
+from ..thresholds import THRESHOLDS, Thresholds
 from .decision import FACTORS, Decision, Weighed
 from .dominant import Curve, believed, dominant
 from .nominal_errors import wrong_numbers
 from .readings import Reading
-from .thresholds import THRESHOLDS, Thresholds
 
 Word = Literal["no_gap", "explained", "partly_explained", "unexplained"]
 ROUNDING = "velocity_quantisation"
