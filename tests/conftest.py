@@ -10,8 +10,8 @@ import tempfile
 
 import threadpoolctl
 
-# One thread for matrix products, in xdist's workers and in the commands that tests start: OpenBLAS's threads wait for the
-# next product by spinning. `-n 1 tests/gap tests/analysis tests/improvement` took 185 s of processor time with two
+# One thread for matrix products, in xdist's workers and in the commands that tests start: OpenBLAS's threads wait for
+# the next product by spinning. `-n 1 tests/gap tests/analysis tests/improvement` took 185 s of processor time with two
 # threads and 127 s with one, on two cores.
 for _library in ("OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
