@@ -1,6 +1,9 @@
-"""The servo that plans are made for."""
+"""The servo that plans are made for, its limits, and the diagnoses that leave rivals."""
 
 from fpjax.model_file import load_model
+from fpjax.planning.limits import Limits
+
+LIMITS = Limits(speed=5.0, acceleration=40.0, torque=3.0, travel=6.0, duration=4.0)
 
 SERVO = """
 [units]
@@ -27,3 +30,13 @@ def servo_text(sensors="velocity", controller="pi", gains="kp = 4.0\nki = 40.0",
 
 def servo(*words, **named):
     return load_model(servo_text(*words, **named))
+
+
+def ranking(*entries):
+    return {
+        "verdict": "unexplained",
+        "ranking": [
+            {"effect": name, "probability": p, "parameters": {}, "indistinguishable_from": same}
+            for name, p, same in entries
+        ],
+    }

@@ -4,22 +4,11 @@ import json
 
 import numpy as np
 import pytest
-from plan_case import servo, servo_text
+from plan_case import ranking, servo, servo_text
 
 import fpjax as fp
 from fpjax.cli.command_line import main
 from fpjax.errors import InputError
-
-
-def ranking(*entries):
-    return {
-        "verdict": "unexplained",
-        "ranking": [
-            {"effect": name, "probability": p, "parameters": {}, "indistinguishable_from": same}
-            for name, p, same in entries
-        ],
-    }
-
 
 GIVEN = {"speed": 5.0, "torque": 3.0, "travel": 6.0, "duration": 4.0}
 RIVALS = ranking(("viscous_error", 0.3, ["quadratic_drag"]), ("quadratic_drag", 0.2, []))
