@@ -44,8 +44,7 @@ def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[
     if len(periods) < 3:
         return {}
     # Offset, Coulomb, viscous and inertial errors are taken out of the missing torque and of every sine.
-    common = np.stack([np.ones_like(speed), np.sign(speed), speed, record.acceleration[keep]], 1)
-    basis, _ = np.linalg.qr(common / np.maximum(np.linalg.norm(common, axis=0), 1e-30))
+    basis, _ = np.linalg.qr(_common(record, keep))
     torque, friction = _energies(left, angle, np.sign(speed), periods, basis)
     found = {
         "torque": _peaks(periods, np.where(periods >= 1.5, torque, 0.0)),  # below, it is an unbalance
@@ -61,9 +60,12 @@ def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[
 def repeating_share(course: Values, record: Record, periods: tuple[float, ...]) -> tuple[float, float]:
     """(periods per revolution [1/rev], share of the missing torque's energy [1]) of the sine that holds most of it.
 
+    Counted is what the sine holds beside an offset and wrong nominal numbers: where a motion repeats itself, direction,
+    speed and acceleration are functions of the position too.
+
     Args:
         course: the missing torque [N m], NaN where unknown, shape (samples,).
-        record: the log.
+        record: its motion.
         periods: to choose from [1/rev].
 
     Returns:
@@ -71,12 +73,26 @@ def repeating_share(course: Values, record: Record, periods: tuple[float, ...]) 
     """
     keep, best = np.flatnonzero(np.isfinite(course)), (0.0, 0.0)
     left = course[keep] - np.mean(course[keep])
+    whole = max(float(np.sum(left**2)), 1e-300)
+    common = _common(record, keep)
+    rest = _rest(common, left)
     for period in periods:
         waves = np.stack([np.cos(period * record.angle[keep]), np.sin(period * record.angle[keep])], 1)
-        rest = left - waves @ np.linalg.lstsq(waves, left, rcond=1e-6)[0]
-        share = 1.0 - float(np.sum(rest**2)) / max(float(np.sum(left**2)), 1e-300)
+        share = (rest - _rest(np.concatenate([common, waves], 1), left)) / whole
         best = max(best, (period, share), key=lambda one: one[1])
     return best
+
+
+def _common(record: Record, keep: np.ndarray) -> Values:
+    """What an offset and errors of Coulomb, viscous and inertial torque follow, each of norm 1, (samples, 4)."""
+    speed = record.speed[keep]
+    columns = np.stack([np.ones_like(speed), np.sign(speed), speed, record.acceleration[keep]], 1)
+    return columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
+
+
+def _rest(columns: Values, left: Values) -> float:
+    """Sum of squares that a linear combination of the columns leaves."""
+    return float(np.sum((left - columns @ np.linalg.lstsq(columns, left, rcond=1e-6)[0]) ** 2))
 
 
 def turning_weight(course: Values, record: Record) -> dict[str, float]:
@@ -89,10 +105,9 @@ def turning_weight(course: Values, record: Record) -> dict[str, float]:
     keep = np.flatnonzero(np.isfinite(course))
     if len(keep) < 50:
         return {}
-    angle, speed = record.angle[keep], record.speed[keep]
+    angle = record.angle[keep]
     # Errors of the nominal values are fitted beside it; the columns are scaled, since their units differ.
-    beside = np.stack([np.ones_like(speed), np.sign(speed), speed, record.acceleration[keep]], 1)
-    columns = np.concatenate([np.stack([np.cos(angle), np.sin(angle)], 1), beside], 1)
+    columns = np.concatenate([np.stack([np.cos(angle), np.sin(angle)], 1), _common(record, keep)], 1)
     sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
     found = np.linalg.lstsq(columns / sizes, course[keep], rcond=1e-6)[0] / sizes
     # A missing torque drives the machine, a load brakes it: the signs are opposite.
