@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from model_files import LARGE_BODY
+from numpy_machine import swing
 from sentences import faults
 
 from fpjax.errors import InputError
@@ -21,13 +22,12 @@ stepping = "sampled"
 ROWS = 4000
 TIME = 1e-3 * np.arange(ROWS)
 RANDOM = np.random.default_rng(0)
-SPEED = 0.5 * np.sin(4.0 * TIME) + 1e-3 * RANDOM.normal(size=ROWS)
+SWING = swing(ROWS, inertia=10.0, amplitude=0.5, rate=4.0)
 STEADY = 0.5 + 1e-3 * RANDOM.normal(size=ROWS)
 
 
 def log(**changes):
-    table = {"time": TIME, "torque": 20.0 * np.cos(4.0 * TIME), "velocity": SPEED, "position": np.cumsum(SPEED) * 1e-3}
-    return {name: values for name, values in (table | changes).items() if values is not None}
+    return {name: values for name, values in (SWING | changes).items() if values is not None}
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def log(**changes):
         (log(velocity=0.0 * TIME, position=0.0 * TIME), "velocity is constant"),
         (log(velocity=0.0 * TIME + 1.0, position=0.0 * TIME + 1.0, torque=0.0 * TIME + 1.0), "is constant"),
         ({name: values[:64] for name, values in log().items()}, "too few"),
-        (log(velocity=np.where(TIME < 3.9, np.nan, SPEED), position=None), "too few"),
+        (log(velocity=np.where(TIME < 3.9, np.nan, SWING["velocity"]), position=None), "too few"),
     ],
 )
 @pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")

@@ -1,8 +1,8 @@
 """A load that hangs in a gap and rattles, found from a log of the motor; the machine is written in plain numpy."""
 
-import gap_machine
 import gap_search
 import numpy as np
+import numpy_machine
 import pytest
 
 from fpjax.gap import EFFECTS, diagnose
@@ -33,8 +33,8 @@ class Load:
 
 @pytest.fixture(scope="module")
 def log():
-    return gap_machine.record(
-        gap_machine.Machine(inertia=0.03), seconds=5.0, extra=Load(1e-3 / 20),
+    return numpy_machine.record(
+        numpy_machine.Machine(inertia=0.03), seconds=5.0, extra=Load(1e-3 / 20),
         sensors=("velocity",),
     )  # fmt: skip
 

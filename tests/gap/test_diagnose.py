@@ -6,9 +6,9 @@ import hashlib
 import json
 import time
 
-import gap_machine
 import jax
 import numpy as np
+import numpy_machine
 import pytest
 from model_files import SMALL_BODY
 
@@ -45,7 +45,7 @@ TRIED = tuple(e for e in EFFECTS if e.name in ("constant_torque", "asymmetric_fr
 @pytest.fixture(scope="module")
 def log():
     """Four seconds with a constant torque."""
-    return gap_machine.record(seconds=4.0, extra=lambda *at: TORQUE)
+    return numpy_machine.record(seconds=4.0, extra=lambda *at: TORQUE)
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def found(log, tmp_path_factory):
 @pytest.fixture(scope="module")
 def pushed():
     """A diagnosis of a machine that something pushes twice, two effects allowed."""
-    log = gap_machine.record(
+    log = numpy_machine.record(
         seconds=4.0, dt=2e-3, extra=lambda time, *at: 0.5 if 1.2 < time < 1.5 or 3.0 < time < 3.2 else 0.0
     )
     names = ("constant_torque", "quadratic_drag")
@@ -167,7 +167,7 @@ def test_a_controller_that_did_not_make_the_torque_predicts_nothing(log):
 
 
 def test_the_tracking_error_is_that_of_the_machine_simulated():
-    log = gap_machine.record(gap_machine.Machine(coulomb=0.9), seconds=8.0)
+    log = numpy_machine.record(numpy_machine.Machine(coulomb=0.9), seconds=8.0)
     model, record = load_model(MODEL), make_record(log)
     with double_precision():
         sides = [Side(nominal_machine(OneMass(0.05, CoulombViscous(level, 0.03)), None, None)) for level in (0.4, 0.9)]

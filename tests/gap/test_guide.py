@@ -1,8 +1,8 @@
 """The guide: a simulation that leaves the measured motion is held near it, and a linear one's residual stays."""
 
-import gap_machine
 import gap_search
 import numpy as np
+import numpy_machine
 import pytest
 
 from fpjax.gap.answer.free_replay import free_replay
@@ -33,8 +33,8 @@ def guided_fitter(search, bandwidth):
 
 @pytest.mark.parametrize("sensors", [("position",), ("velocity",), ("velocity", "position")])
 def test_a_guide_leaves_the_residual_of_a_linear_machine_as_it_is(sensors):
-    linear = gap_machine.Machine(coulomb=0.0, viscous=0.0)
-    log = gap_machine.record(linear, seconds=3.0, sensors=sensors, extra=lambda time, *_: 0.3 * np.sin(20.0 * time))
+    linear = numpy_machine.Machine(coulomb=0.0, viscous=0.0)
+    log = numpy_machine.record(linear, seconds=3.0, sensors=sensors, extra=lambda time, *_: 0.3 * np.sin(20.0 * time))
     model = gap_search.MODEL.replace("coulomb = 0.4", "coulomb = 0.0").replace("viscous = 0.03", "viscous = 0.0")
     search = make_search([log], [], load_model(model))
     c = search.candidate(Start((), ("inertia",), {"inertia": 0.06}))
@@ -45,7 +45,7 @@ def test_a_guide_leaves_the_residual_of_a_linear_machine_as_it_is(sensors):
 
 
 def test_under_a_guide_viscous_friction_answers_to_the_measured_speed():
-    search = gap_search.search_of(gap_machine.record(seconds=3.0, sensors=("position",)))
+    search = gap_search.search_of(numpy_machine.record(seconds=3.0, sensors=("position",)))
     c = search.candidate(Start((), ("viscous",), {"viscous": 2.0}))
     inertia, viscous = 0.05, c.values()["viscous"]  # within its bounds
     slow = int(np.argmin(search.modes.frequency))
@@ -60,7 +60,7 @@ def test_under_a_guide_viscous_friction_answers_to_the_measured_speed():
 
 def test_a_machine_that_its_cogging_traps_is_held_and_its_cogging_found():
     strong = 1.5
-    log = gap_machine.record(
+    log = numpy_machine.record(
         seconds=8.0, sensors=("position",), reference=2.0 + 0.5 * np.sin(SLOW * 1e-3 * np.arange(8000)),
         extra=lambda time, speed, angle, command: strong * np.sin(24.0 * angle),
     )  # fmt: skip
@@ -84,21 +84,21 @@ def test_a_machine_that_its_cogging_traps_is_held_and_its_cogging_found():
 )
 def test_the_gap_is_the_torque_that_is_missing(name, torque):
     time = 1e-3 * np.arange(12_000)
-    log = gap_machine.record(seconds=12.0, sensors=("position",), reference=2.0 * np.sin(SLOW * time), extra=torque)
+    log = numpy_machine.record(seconds=12.0, sensors=("position",), reference=2.0 * np.sin(SLOW * time), extra=torque)
     angle = log.position
     truth = np.sqrt(np.mean(torque(time, 0.0, angle, 0.0) ** 2 * np.ones(len(time))))
     assert missing(gap_search.search_of(log)) == pytest.approx(truth, rel=0.15), name
 
 
 def test_a_model_that_stays_near_is_left_to_itself():
-    assert gap_search.search_of(gap_machine.record(seconds=3.0)).guide == 0.0
+    assert gap_search.search_of(numpy_machine.record(seconds=3.0)).guide == 0.0
 
 
 def test_friction_that_holds_a_guided_machine_makes_no_torque_of_its_own():
     time = 1e-3 * np.arange(12_000)
     moving = np.sign(np.sin(np.pi * time / 2.0)) * (np.mod(time, 2.0) < 1.0)  # a second to or fro, a second of rest
-    log = gap_machine.record(
-        gap_machine.Machine(ki=0.0), seconds=12.0, sensors=("position",), reference=3.0 * moving,
+    log = numpy_machine.record(
+        numpy_machine.Machine(ki=0.0), seconds=12.0, sensors=("position",), reference=3.0 * moving,
         extra=lambda time, speed, angle, command: -0.3 * np.sin(2.0 * angle),
     )  # fmt: skip
     search = gap_search.search_of(log)

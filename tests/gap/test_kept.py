@@ -9,7 +9,7 @@ import pickle
 import gap_search
 import numpy as np
 import pytest
-from gap_machine import record
+from numpy_machine import record
 
 from fpjax.errors import InputError
 from fpjax.gap import EFFECTS

@@ -5,8 +5,8 @@ import threading
 import jax
 import numpy as np
 import pytest
-from gap_machine import record
 from gap_search import search_of
+from numpy_machine import record
 
 from fpjax.gap.data.record import make_records, tables_of
 from fpjax.gap.simulate import family as families

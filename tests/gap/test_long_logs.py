@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy_machine import swing
 from sentences import faults
 
 from fpjax.gap.data.record import EDGE, LEAD, MOST, about_stretches, in_one_piece, joints, make_records
@@ -12,11 +13,10 @@ DT = 1e-3
 
 def log(samples, moving=lambda time: np.ones_like(time), seed=0):
     """A swinging inertia of 0.05 kg m^2 without friction, at rest where `moving` is zero."""
-    time = DT * np.arange(samples)
-    speed = 3.0 * np.sin(2.0 * np.pi * 1.3 * time) * moving(time)
-    random = np.random.default_rng(seed)
-    torque = 0.05 * np.gradient(speed, DT)
-    return Log(time, torque, speed + 1e-3 * random.normal(size=samples), None, None, DT, f"{samples} rows")
+    table = swing(samples, DT, inertia=0.05, amplitude=3.0, rate=2.0 * np.pi * 1.3, noise=0.0)
+    works = moving(table["time"])
+    velocity = works * table["velocity"] + 1e-3 * np.random.default_rng(seed).normal(size=samples)
+    return Log(table["time"], works * table["torque"], velocity, None, None, DT, f"{samples} rows")
 
 
 def share(record, begin, end):

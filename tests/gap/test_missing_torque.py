@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-import gap_machine
 import gap_search
 import numpy as np
+import numpy_machine
 import pytest
 
 from fpjax.gap.answer.curves import curves_of, named_share
@@ -19,7 +19,7 @@ from fpjax.model_file import load_model
 def hanging():
     """A weight that no model knows."""
     return gap_search.search_of(
-        gap_machine.record(
+        numpy_machine.record(
             seconds=12.0, sensors=("position",), extra=lambda time, speed, angle, u: -2.0 * np.sin(angle)
         )
     )
@@ -61,7 +61,7 @@ def scale(search, **values):
 
 @pytest.mark.parametrize("actuator", ["gain = 0.5", "lag = 5e-3", "limit = 3.0"])
 def test_the_nominal_model_as_given_is_no_sluggish_one(actuator):
-    log = gap_machine.record(seconds=3.0, sensors=("position",))
+    log = numpy_machine.record(seconds=3.0, sensors=("position",))
     search = make_search([log], [], load_model(gap_search.MODEL + f"[actuator]\n{actuator}\n"))
     fitter = search.fitters[search.exact.family.key]
     assert fitter.torque_scale(search.exact) == pytest.approx(1.0)
@@ -72,7 +72,7 @@ def test_what_a_sluggish_model_leaves_is_read_as_the_larger_torque_that_it_is(ha
     heavy, fitter, c = scale(hanging, inertia=2.0 * own.inertia)
     assert np.all(heavy[~fitter.modes.sensor] > 1.0)
     assert heavy.max() == pytest.approx(2.0, rel=0.05)  # where inertia is all that holds it
-    free = gap_search.search_of(gap_machine.record(seconds=3.0, sensors=("position",)))
+    free = gap_search.search_of(numpy_machine.record(seconds=3.0, sensors=("position",)))
     assert scale(free, viscous=own.viscous + 1.0)[0].max() > 2.0
     assert scale(hanging, limit=0.3 * own.torque)[0].min() > 1.5
     # A livelier model is not read as a smaller torque: a light mass would shrink what it is judged by.
@@ -96,8 +96,8 @@ def test_a_log_that_is_quiet_but_for_a_few_pushes_has_a_gap():
     def push(time, speed, angle, command):
         return 3.0 if 2.0 < time % 4.0 < 2.15 else 0.0
 
-    search = gap_search.search_of(gap_machine.record(seconds=8.0, sensors=("position",), extra=push))
-    quiet = gap_search.search_of(gap_machine.record(seconds=8.0, sensors=("position",)))
+    search = gap_search.search_of(numpy_machine.record(seconds=8.0, sensors=("position",), extra=push))
+    quiet = gap_search.search_of(numpy_machine.record(seconds=8.0, sensors=("position",)))
 
     def missing(one):
         return one.finish([one.exact])[0].missing_rms(one.train)

@@ -1,8 +1,8 @@
 """A known load that turns with the position, and a log that does not tell where the position starts."""
 
-import gap_machine
 import gap_search
 import numpy as np
+import numpy_machine
 import pytest
 
 from fpjax.gap.verb import make_search
@@ -18,7 +18,7 @@ ELSEWHERE = 2.0 * WEIGHT * np.sin(0.5 * START) / np.sqrt(2.0)
 
 def left(sensors):
     """Missing torque of the nominal model as given [N m], rms."""
-    log = gap_machine.record(
+    log = numpy_machine.record(
         seconds=4.0, sensors=sensors, extra=lambda time, speed, angle, command: -WEIGHT * np.sin(angle + START)
     )
     search = make_search([log], [], load_model(MODEL))

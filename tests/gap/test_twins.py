@@ -2,8 +2,8 @@
 
 import dataclasses
 
-import gap_machine
 import gap_search
+import numpy_machine
 import pytest
 
 from fpjax.gap import Estimate
@@ -44,6 +44,6 @@ def test_a_gear_that_accelerates_little_is_unloaded(inertia, unloaded):
     from fpjax.gap.verb import make_search
     from fpjax.model_file import load_model
 
-    log = gap_machine.record(gap_machine.Machine(inertia=inertia), seconds=3.0, sensors=("position",))
+    log = numpy_machine.record(numpy_machine.Machine(inertia=inertia), seconds=3.0, sensors=("position",))
     model = load_model(gap_search.MODEL.replace("inertia = 0.05", f"inertia = {inertia}"))
     assert log_of(make_search([log], [], model)).unloaded is unloaded

@@ -1,9 +1,9 @@
 """What a window starts from: the state of the nominal actuator's lag."""
 
-import gap_machine
 import gap_search
 import jax.numpy as jnp
 import numpy as np
+import numpy_machine
 import pytest
 
 from fpjax.gap.machine import lanes
@@ -16,7 +16,7 @@ from fpjax.simulation.precision import double_precision
 
 def test_a_window_starts_with_the_lagged_command_and_not_with_the_torque_behind_the_lag():
     """Limit and offset of the nominal actuator act behind its lag: they are no part of the lag's state."""
-    log = gap_machine.record(seconds=2.0, sensors=("position",))
+    log = numpy_machine.record(seconds=2.0, sensors=("position",))
     lagged = {}
     for name, more in {"lag": "", "more": "limit = 0.3\noffset = 0.2\n"}.items():
         search = make_search([log], [], load_model(f"{gap_search.MODEL}[actuator]\nlag = 2e-3\n{more}"))

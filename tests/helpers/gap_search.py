@@ -1,4 +1,4 @@
-"""The nominal model of `gap_machine.Machine`, and a search of the diagnosis over one of its logs."""
+"""The nominal model of `machine.Machine`, and a search of the diagnosis over one of its logs."""
 
 from model_files import SMALL_BODY
 
@@ -16,5 +16,5 @@ dt = 1e-3
 )
 
 
-def search_of(log):
-    return make_search([log], [], load_model(MODEL))
+def search_of(log, model=MODEL):
+    return make_search([log], [], load_model(model))

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 
 import numpy as np
-from gap_machine import Machine, record
+from numpy_machine import Machine, record
 
 from fpjax.gap.answer.posterior import Posterior
 from fpjax.improvement.from_diagnosis import Known

@@ -7,7 +7,8 @@ pictures and numbers belong together.
 import dataclasses
 import math
 
-from report_machine import Machine, compare, gap_of, record, where_of
+from numpy_machine import Machine
+from report_machine import compare, gap_of, record, where_of
 
 from fpjax.gap import (
     Diagnosis,
@@ -58,7 +59,7 @@ def explained():
     """Stribeck friction, alone and clear; a position channel is there."""
     truth = Machine(stribeck=0.22)
     comparison = compare("axis.csv", truth, Machine(), Machine(stribeck=0.2187, stribeck_velocity=0.1509))
-    _time, torque, _, velocity, position = record(truth, 8.0)
+    _, torque, velocity, position = record(truth, 8.0)
     gap = gap_of(comparison, 2.02e-3)
     where = where_of(comparison, velocity, position, torque, Machine())
     ranking = (
@@ -130,7 +131,7 @@ def pair_with_twins():
     truth = Machine(constant=0.11, delay=4)
     comparison = compare("run_1.csv", truth, Machine(), Machine(constant=0.1097, delay=4), noise=3e-3)
     middle = compare("run_1.csv", truth, Machine(), Machine(constant=0.1097), noise=3e-3)
-    _, torque, _, velocity, position = record(truth, 8.0)
+    _, torque, velocity, position = record(truth, 8.0)
     gap, one = gap_of(comparison, 3.0e-3), gap_of(middle, 3.0e-3)
     where = where_of(comparison, velocity, position, torque, Machine(), with_position=False)
     ranking = (
@@ -218,7 +219,7 @@ def no_gap():
     """Nothing beyond the noise."""
     truth = Machine()
     comparison = compare("axis.csv", truth, Machine(), None)
-    _, torque, _, velocity, position = record(truth, 8.0)
+    _, torque, velocity, position = record(truth, 8.0)
     gap = dataclasses.replace(gap_of(comparison, 1.99e-3), closed=math.nan, closed_interval=(math.nan, math.nan))
     where = where_of(comparison, velocity, position, torque, Machine())
     # what stands out of the noise is nothing, so every share is zero
@@ -268,7 +269,7 @@ def unexplained():
         disturbance=push,
         scale=100.0,
     )
-    _, torque, _, velocity, position = record(truth, 8.0, push)
+    _, torque, velocity, position = record(truth, 8.0, push)
     gap = dataclasses.replace(gap_of(comparison, 0.02), unit="N")
     where = where_of(comparison, velocity, position, torque, Machine(), scale=0.01)
     ranking = (

@@ -1,68 +1,46 @@
-"""A small servo in plain numpy, its log, and the numbers that a diagnosis computes from it: for the report's tests."""
+"""The log of a small servo and the numbers that a diagnosis computes from it: for the report's tests."""
 
 import dataclasses
 import functools
-import math
 
 import numpy as np
+import numpy_machine
 
 from fpjax.gap import Comparison, Gap, Share, Where
 
 DT = 1e-3
 
 
-@dataclasses.dataclass(frozen=True)
-class Machine:
-    inertia: float = 0.05
-    coulomb: float = 0.40
-    viscous: float = 0.03
-    stribeck: float = 0.0
-    stribeck_velocity: float = 0.15
-    constant: float = 0.0
-    delay: int = 0
-
-
-def run(machine, torque, velocity, position):
-    """Torque-driven motion from one start: velocity and position at each sample."""
-    torque = np.concatenate([np.full(machine.delay, torque[0]), torque])[: len(torque)] + machine.constant
+def run(model, torque, velocity, position):
+    """Torque-driven motion of a machine from one start: velocity and position at each sample."""
+    torque = np.concatenate([np.full(model.delay, torque[0]), torque])[: len(torque)]
     velocities, positions = np.empty(len(torque)), np.empty(len(torque))
-    for k, applied in enumerate(torque):
+    for k, applied in enumerate(torque.tolist()):
         velocities[k], positions[k] = velocity, position
-        level = machine.coulomb + machine.stribeck * math.exp(-((velocity / machine.stribeck_velocity) ** 2))
-        free = velocity + DT * (applied - machine.viscous * velocity) / machine.inertia
-        slide = DT * level / machine.inertia
-        after = math.copysign(max(abs(free) - slide, 0.0), free)
-        position += 0.5 * DT * (velocity + after)
-        velocity = after
+        velocity, position = model.advanced(velocity, position, applied, DT)
     return velocities, positions
 
 
 @functools.cache
-def record(machine, seconds, disturbance=None):
-    """A closed-loop record under PI control: time, torque, reference, velocity, position (true)."""
+def record(truth, seconds, disturbance=None):
+    """A closed-loop record under PI control: time, torque, velocity, position (true)."""
     time = np.arange(round(seconds / DT)) * DT
-    reference = 1.6 * np.sin(1.3 * time) + 0.9 * np.sin(4.1 * time + 0.7) + 0.3 * np.sin(17.0 * time)
-    torque, velocities, positions = (np.empty(len(time)) for _ in range(3))
-    velocity = position = total = 0.0
-    applied = [0.0] * (machine.delay + 1)
-    for k, wanted in enumerate(reference):
-        error = wanted - velocity
-        total += DT * error
-        torque[k] = 2.0 * error + 12.0 * total
-        velocities[k], positions[k] = velocity, position
-        applied = [*applied[1:], torque[k]]
-        outside = 0.0 if disturbance is None else disturbance(time[k])
-        level = machine.coulomb + machine.stribeck * math.exp(-((velocity / machine.stribeck_velocity) ** 2))
-        free = velocity + DT * (applied[0] + machine.constant + outside - machine.viscous * velocity) / machine.inertia
-        after = math.copysign(max(abs(free) - DT * level / machine.inertia, 0.0), free)
-        position += 0.5 * DT * (velocity + after)
-        velocity = after
-    return time, torque, reference, velocities, positions
+    log = numpy_machine.record(
+        dataclasses.replace(truth, kp=2.0, ki=12.0),
+        seconds=seconds,
+        dt=DT,
+        extra=numpy_machine.nothing if disturbance is None else lambda time, *at: disturbance(time),
+        velocity_noise=0.0,
+        position_noise=0.0,
+        reference=1.6 * np.sin(1.3 * time) + 0.9 * np.sin(4.1 * time + 0.7) + 0.3 * np.sin(17.0 * time),
+        substeps=1,
+    )
+    return log.time, log.torque, log.velocity, log.position
 
 
-def compare(name, machine, before, after, *, seconds=8.0, signal="velocity", noise=2e-3, disturbance=None, scale=1.0):
+def compare(name, truth, before, after, *, seconds=8.0, signal="velocity", noise=2e-3, disturbance=None, scale=1.0):
     """A record and what two models say, of any signal: a report draws it as torque."""
-    time, torque, _, velocity, position = record(machine, seconds, disturbance)
+    time, torque, velocity, position = record(truth, seconds, disturbance)
     random = np.random.default_rng(7)
     true = velocity if signal == "velocity" else position
     measured = true + noise * random.standard_normal(len(time))

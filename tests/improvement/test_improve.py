@@ -3,9 +3,9 @@
 import dataclasses
 import json
 
-import gap_machine
 import improve_case as case
 import numpy as np
+import numpy_machine
 import pytest
 
 import fpjax as fp
@@ -59,7 +59,7 @@ def test_the_proposal_follows_as_promised_on_a_machine_that_is_no_code_of_ours(f
     gains = found.after.gains
     log = case.log()
     machine = dataclasses.replace(case.TRUE, kp=gains["controller.kp"], ki=gains["controller.ki"])
-    run = gap_machine.record(machine, seconds=1.5, reference=log.reference, velocity_noise=5e-3)
+    run = numpy_machine.record(machine, seconds=1.5, reference=log.reference, velocity_noise=5e-3)
     kept = slice(150, None)
 
     def error(one):
@@ -115,7 +115,7 @@ def test_what_the_simulation_misses_of_the_log_widens_the_promise(found, small):
 def test_where_other_gains_made_the_log_the_promise_is_in_doubt(found, small):
     log = case.log()
     softer = dataclasses.replace(case.TRUE, kp=0.5)
-    other = gap_machine.record(softer, seconds=1.5, reference=log.reference, velocity_noise=5e-3)
+    other = numpy_machine.record(softer, seconds=1.5, reference=log.reference, velocity_noise=5e-3)
     known, model = dataclasses.replace(case.known(), made=False), case.model()
     told = improve_known(
         known, other, model, followed(other, model, "log"), ["controller"], 0, StageClock(None), None, None
@@ -126,7 +126,7 @@ def test_where_other_gains_made_the_log_the_promise_is_in_doubt(found, small):
 
 def test_without_a_rate_sensor_the_encoder_tells_what_the_prediction_is_worth(small):
     log = case.log()
-    machine = gap_machine.record(case.TRUE, seconds=1.5, reference=log.reference, position_noise=1e-5)
+    machine = numpy_machine.record(case.TRUE, seconds=1.5, reference=log.reference, position_noise=1e-5)
     alone = dataclasses.replace(machine, velocity=None)
     known, model = dataclasses.replace(case.known(), made=False), case.model()
     told = improve_known(

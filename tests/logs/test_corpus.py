@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from numpy_machine import swing
 from sentences import faults
 
 from fpjax.cli.inspect import _show, starter
@@ -27,14 +28,7 @@ ROWS = 300
 
 def log(**changes):
     """A swinging mass under a torque, its columns replaced by the changes."""
-    time = 1e-3 * np.arange(ROWS)
-    velocity = 3 * np.sin(25 * time)
-    table = {
-        "time": time,
-        "torque": 0.01 * 75 * np.cos(25 * time) + 0.1 * np.sign(velocity),
-        "velocity": velocity + 1e-3 * np.random.default_rng(0).normal(size=ROWS),
-        "position": -3 / 25 * np.cos(25 * time),
-    }
+    table = swing(ROWS, inertia=0.01, coulomb=0.1, amplitude=3.0, rate=25.0)
     return {name: values for name, values in (table | changes).items() if values is not None}
 
 

@@ -5,7 +5,7 @@ import pathlib
 
 import numpy as np
 import pytest
-from gap_machine import record
+from numpy_machine import record
 
 from fpjax.logs import Log
 from fpjax.logs.checks.suspicions import Numbers, suspicions

@@ -1,12 +1,14 @@
 """The starter model: the truth of simulated machines, and of real ones, whatever the sensor."""
 
 import dataclasses
+import math
 import pathlib
 
 import numpy as np
 import pytest
+from numpy_machine import Machine, record
 
-from fpjax.logs import Log, read_log
+from fpjax.logs import read_log
 from fpjax.logs.checks.suspicions import Numbers, suspicions
 from fpjax.logs.dynamics.friction_curve import friction_curve
 from fpjax.logs.dynamics.nominal import fit_nominal
@@ -15,37 +17,37 @@ DATA = pathlib.Path(__file__).parents[4] / "shared" / "data"
 INERTIA, COULOMB, VISCOUS = 0.01, 0.1, 0.01
 
 
-def machine(*, closed=True, bits=None, gyro=None, unbalance=0.0, limit=np.inf, seed=1, rows=8000, dt=1e-3):
-    """A machine under a velocity loop or a given torque, stepped in numpy; what its sensors read."""
-    generator = np.random.default_rng(seed)
-    time = dt * np.arange(rows)
-    tones = [
-        (a, f, p) for a, f, p in zip(*generator.uniform([[0.5], [0.3], [0]], [[1.5], [3], [6]], (3, 4)), strict=True)
-    ]
-    wanted = sum(2 * a * np.sin(2 * np.pi * f * time + p) for a, f, p in tones)
-    given = sum(0.25 * a * np.sin(2 * np.pi * f * time) for a, f, _ in tones)
-    noise = (gyro or 0.0) * generator.normal(size=rows)
-    step = 2 * np.pi / 2**bits if bits else 0.0
-    v = q = total = 0.0
-    read = np.zeros((3, rows))
-    for k in range(rows):
-        error = wanted[k] - (v + noise[k])
-        total += error * dt
-        torque = 0.5 * error + 5.0 * total if closed else given[k]
-        read[:, k] = torque, v + noise[k], np.round(q / step) * step if step else q
-        for _ in range(4):
-            friction = COULOMB * np.tanh(v / 0.004) + VISCOUS * v + unbalance * np.sin(q + 0.3)
-            a = (np.clip(torque, -limit, limit) - friction) / INERTIA
-            q, v = q + v * dt / 4 + a * dt**2 / 32, v + a * dt / 4
-    return Log(time, read[0], read[1] if gyro is not None else None, read[2] if bits else None, wanted, dt)
+def made(*, closed=True, bits=None, gyro=None, unbalance=0.0, limit=np.inf, seed=1, seconds=8.0):
+    """A log of a machine under a velocity loop or a given torque: an encoder of some bits, a noisy gyro or both."""
+    time = 1e-3 * np.arange(round(1e3 * seconds))
+    drawn = np.random.default_rng(seed).uniform([[0.5], [0.3], [0]], [[1.5], [3], [6]], (3, 4))
+    wanted = sum(2 * a * np.sin(2 * np.pi * f * time + p) for a, f, p in drawn.T)
+    given = sum(0.25 * a * np.sin(2 * np.pi * f * time) for a, f, _ in drawn.T)
+
+    def extra(time, velocity, position, command):
+        return min(max(command, -limit), limit) - command - unbalance * math.sin(position + 0.3)
+
+    return record(
+        Machine(INERTIA, COULOMB, VISCOUS, kp=0.5 * closed, ki=5.0 * closed),
+        seconds=seconds,
+        extra=extra,
+        velocity_noise=gyro or 0.0,
+        position_noise=0.0,
+        position_step=2 * np.pi / 2**bits if bits else 0.0,
+        seed=seed,
+        reference=wanted,
+        feedforward=None if closed else given,
+        sensors=["velocity"] * (gyro is not None) + ["position"] * (bits is not None),
+        substeps=4,
+    )
 
 
 @pytest.mark.parametrize("closed", [True, False])
 @pytest.mark.parametrize(
     "sensors", [{"bits": 12}, {"bits": 16}, {"gyro": 0.01}, {"gyro": 0.1}, {"bits": 12, "gyro": 0.01}]
 )
-def test_the_truth_of_a_simulated_machine(sensors, closed):
-    found = fit_nominal(machine(closed=closed, **sensors))
+def test_the_truth_of_a_simulated_made(sensors, closed):
+    found = fit_nominal(made(closed=closed, **sensors))
     assert found.plausible
     assert found.inertia == pytest.approx(INERTIA, rel=0.02)
     assert found.coulomb == pytest.approx(COULOMB, rel=0.02)
@@ -56,26 +58,26 @@ def test_the_truth_of_a_simulated_machine(sensors, closed):
 
 
 def test_an_unbalance_is_found_and_not_read_as_inertia():
-    found = fit_nominal(machine(bits=14, unbalance=0.2))
+    found = fit_nominal(made(bits=14, unbalance=0.2))
     assert found.inertia == pytest.approx(INERTIA, rel=0.02)
     assert found.amplitude == pytest.approx(0.2, rel=0.03)
     assert found.phase == pytest.approx(0.3, abs=0.03)
 
 
 def test_a_known_load_is_taken_off():
-    log = machine(bits=14, unbalance=0.2)
+    log = made(bits=14, unbalance=0.2)
     found = fit_nominal(log, load=lambda angle: 0.2 * np.sin(angle + 0.3))
     assert found.amplitude == 0.0
     assert found.inertia == pytest.approx(INERTIA, rel=0.02)
 
 
 def test_a_limit_of_the_torque_shows_as_two_inertias():
-    found = fit_nominal(machine(gyro=0.01, limit=0.25))
+    found = fit_nominal(made(gyro=0.01, limit=0.25))
     assert found.least_inertia < 0.7 * found.inertia
 
 
 def test_what_shows_nothing_gives_none():
-    log = machine(gyro=0.01, rows=3000)
+    log = made(gyro=0.01, seconds=3.0)
     assert fit_nominal(dataclasses.replace(log, torque=np.zeros(3000))) is None
     assert (
         fit_nominal(dataclasses.replace(log, velocity=np.ones(3000))) is None
@@ -85,7 +87,7 @@ def test_what_shows_nothing_gives_none():
 
 @pytest.mark.parametrize("sensors", [{"bits": 14}, {"gyro": 0.01}])
 def test_friction_in_bins_lies_on_the_law(sensors):
-    log = machine(**sensors)
+    log = made(**sensors)
     curve = friction_curve(log, fit_nominal(log))
     law = COULOMB * np.sign(curve.velocity) + VISCOUS * curve.velocity
     moving = np.abs(curve.velocity) > 0.1
@@ -118,7 +120,7 @@ def test_a_pendulum_whose_encoder_has_steps_of_3_mrad(name, inertia, amplitude):
 
 
 def test_checks_take_a_sine_of_the_position_and_a_known_load_into_account():
-    log = machine(bits=14, unbalance=0.2)
+    log = made(bits=14, unbalance=0.2)
     known = Numbers(INERTIA, COULOMB, VISCOUS, load=lambda velocity, angle, time: 0.2 * np.sin(angle + 0.3))
     assert suspicions(log, known) == []
     assert suspicions(log, Numbers(INERTIA, COULOMB, VISCOUS)) == []
