@@ -53,6 +53,7 @@ def test_a_torque_repeats_with_the_position_by_what_no_wrong_number_holds():
     motion = SimpleNamespace(angle=np.sin(phase), speed=np.cos(phase), acceleration=-np.sin(phase))
     period, share = repeating_share(motion.acceleration, motion, (1.5,))
     assert share < 1e-6
-    period, share = repeating_share(np.sin(40.0 * motion.angle) + motion.acceleration, motion, (1.5, 40.0))
-    assert (period, share) == (40.0, pytest.approx(0.5, abs=0.05))
+    period, share = repeating_share(np.sin(40.0 * motion.angle), motion, (1.5, 40.0))
+    assert period == 40.0
+    assert share > 0.9
     assert repeating_share(motion.acceleration, motion, ()) == (0.0, 0.0)
