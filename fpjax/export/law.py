@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
-from ..blocks.block import Block
 from ..blocks.controllers import AbstractController
 from ..blocks.observers import AbstractObserver
 from ..blocks.signals import Measurement
@@ -167,9 +166,9 @@ def _word(first: str, path: PyTree) -> str:
     return "_".join(parts)
 
 
-def _described(block: Block | None, name: str) -> dict[str, str]:
+def _described(block: object, name: str) -> dict[str, str]:
     """{"controller_kp": "proportional gain [N m s/rad]"}, from the docstrings of a block and of those inside it."""
-    if not isinstance(block, eqx.Module):
+    if not isinstance(block, eqx.Module):  # a parameter of a block: its text is in the docstring of the block
         return {}
     found = {}
     lines = (inspect.getdoc(type(block)) or "").partition("Attributes:")[2]
@@ -177,6 +176,6 @@ def _described(block: Block | None, name: str) -> dict[str, str]:
         text = " ".join(match.group(2).split())
         unit = re.search(r"\[[^\]]*\]", text)
         found[f"{name}_{match.group(1)}"] = text[: unit.end()] if unit else text.partition(";")[0].rstrip(".")
-    for field in type(block).__dataclass_fields__:
-        found |= _described(getattr(block, field, None), f"{name}_{field}")
+    for field in dataclasses.fields(block):
+        found |= _described(getattr(block, field.name, None), f"{name}_{field.name}")
     return found

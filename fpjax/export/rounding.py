@@ -4,12 +4,14 @@ Both are first order in the rounding (Higham, "Accuracy and stability of numeric
 running error analysis), and assume that rounding changes the outcome of no comparison.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from ..logs.arrays import Numbers, Values
 from .operations import FLOATS, LIBRARY, OPERATIONS
 from .program import Atom, FixedNumber, Operation, Program, Variable
 
-Array = np.ndarray
 # Operations without a rounding error of their own.
 _EXACT_WORDS = """
 neg abs max min select sign floor ceil round_even round_away is_finite bits to_integer eq ne lt le gt ge and or not xor
@@ -27,7 +29,7 @@ class Trace:
         values: by variable, one number a sample in the variable's own kind.
     """
 
-    def __init__(self, program: Program, inputs: Array) -> None:
+    def __init__(self, program: Program, inputs: Values) -> None:
         """Evaluate.
 
         Args:
@@ -35,23 +37,23 @@ class Trace:
             inputs: its inputs, shape (samples, inputs).
         """
         self.program = program
-        self.values: dict[int, Array] = {
+        self.values: dict[int, Values] = {
             variable.index: inputs[:, place].astype(variable.kind) for place, variable in enumerate(program.inputs)
         }
         with np.errstate(all="ignore"):
             for operation in program.operations:
                 self.values[operation.result.index] = _evaluate(operation, [self(a) for a in operation.arguments])
 
-    def __call__(self, atom: Atom) -> Array:
+    def __call__(self, atom: Atom) -> Values:
         """The values of an atom along the run, shape (samples,); a single number for a constant."""
         return np.asarray(atom.value) if isinstance(atom, FixedNumber) else self.values[atom.index]
 
-    def outputs(self) -> Array:
+    def outputs(self) -> Values:
         """Shape (samples, outputs), as float64."""
         samples = len(next(iter(self.values.values())))
         return np.stack([np.broadcast_to(self(a), samples).astype(float) for a in self.program.outputs], axis=1)
 
-    def term_sizes(self) -> Array:
+    def term_sizes(self) -> Values:
         """The magnitude of the largest term in the sum behind each output, shape (samples, outputs).
 
         A difference of two nearly equal numbers cannot be more accurate than these are rounded, so an output's error is
@@ -59,7 +61,7 @@ class Trace:
         """
         sizes = {variable.index: np.abs(self._real(variable)) for variable in self.program.inputs}
 
-        def of(atom: Atom) -> Array:
+        def of(atom: Atom) -> Numbers:
             return np.abs(np.asarray(atom.value, float)) if isinstance(atom, FixedNumber) else sizes[atom.index]
 
         with np.errstate(all="ignore"):
@@ -70,15 +72,15 @@ class Trace:
                 sizes[operation.result.index] = size
         return self._table([of(atom) for atom in self.program.outputs])
 
-    def _joined_slopes(self, operation: Operation) -> list[tuple[Atom, Array]]:
+    def _joined_slopes(self, operation: Operation) -> list[tuple[Atom, Numbers]]:
         """The slope by each different argument: in a + a the one argument has the slope 2."""
-        joined: dict[Atom, Array] = {}
+        joined: dict[Atom, Numbers] = {}
         for atom, slope in zip(operation.arguments, self._slopes(operation), strict=True):
             if slope is not None:
                 joined[atom] = joined[atom] + slope if atom in joined else slope
         return list(joined.items())
 
-    def sensitivities(self, unit: float) -> tuple[Array, Array]:
+    def sensitivities(self, unit: float) -> tuple[Values, Values]:
         """The effect of rounding and of the inputs on the outputs, by one backward pass for each output.
 
         Args:
@@ -97,7 +99,9 @@ class Trace:
                 slopes.append(self._table([back.get(v.index, np.zeros(())) for v in self.program.inputs]))
         return self._table(own), np.stack(slopes, axis=1)
 
-    def _backwards(self, output: Atom, known: dict[int, list[Array | None]], unit: float) -> tuple[Array, dict]:
+    def _backwards(
+        self, output: Atom, known: dict[int, list[Numbers | None]], unit: float
+    ) -> tuple[Numbers, dict[int, Numbers]]:
         """Reverse-mode differentiation of one output.
 
         Args:
@@ -109,7 +113,7 @@ class Trace:
             (the sum of |d output / d result| x rounding of the result over all operations, shape (samples,); the
             derivatives by the inputs, by variable).
         """
-        back: dict[int, Array] = {} if isinstance(output, FixedNumber) else {output.index: np.ones(())}
+        back: dict[int, Numbers] = {} if isinstance(output, FixedNumber) else {output.index: np.ones(())}
         local = np.zeros(())
         for operation in reversed(self.program.operations):
             adjoint = back.pop(operation.result.index, None)
@@ -126,14 +130,14 @@ class Trace:
                     back[atom.index] = back[atom.index] + part if atom.index in back else part
         return local, back
 
-    def _real(self, variable: Variable) -> Array:
+    def _real(self, variable: Variable) -> Values:
         return self.values[variable.index].astype(float)
 
-    def _table(self, columns: list[Array]) -> Array:
+    def _table(self, columns: Sequence[Numbers]) -> Values:
         samples = len(self.values[self.program.inputs[0].index])
         return np.stack([np.broadcast_to(column, samples).astype(float) for column in columns], axis=1)
 
-    def _slopes(self, operation: Operation) -> list[Array | None]:
+    def _slopes(self, operation: Operation) -> list[Numbers | None]:
         """d result / d argument; None where the result is constant in the argument.
 
         Integers occur as the bits of a float, in the exponent arithmetic of the logarithm. Their slope is that of
@@ -148,13 +152,13 @@ class Trace:
             return [np.ones(()), None] if name in ("add", "sub") else [None] * len(kinds)
         if name in _FLAT or (name == "convert" and kinds[0] not in FLOATS):
             return [None] * len(kinds)
-        slopes: list[Array | None] = list(
+        slopes: list[Numbers | None] = list(
             _slopes(name, [each.astype(float) for each in arguments], result.astype(float))
         )
         return slopes
 
 
-def run_bound(trace: Trace, inputs: int, units: tuple[float, float], rounded_inputs: bool) -> Array:
+def run_bound(trace: Trace, inputs: int, units: tuple[float, float], rounded_inputs: bool) -> Values:
     """A bound on the difference of two runs of a law, each with its own rounding, shape (samples, outputs).
 
     Args:
@@ -176,7 +180,7 @@ def run_bound(trace: Trace, inputs: int, units: tuple[float, float], rounded_inp
     return _worst_case(gains[:, shown:], gains[:, :shown], own[:, shown:], own[:, :shown])
 
 
-def _worst_case(moves: Array, reads: Array, kicks: Array, own: Array) -> Array:
+def _worst_case(moves: Values, reads: Values, kicks: Values, own: Values) -> Values:
     """The largest |y_k| of e_k+1 = A_k e_k + b_k, y_k = C_k e_k + d_k for all |b| <= kicks and |d| <= own.
 
     It is the sum of |C_k A_k-1 ... A_j+1| kicks_j over all j < k, the magnitude taken of the whole product. A product
@@ -219,14 +223,14 @@ def _worst_case(moves: Array, reads: Array, kicks: Array, own: Array) -> Array:
     return bound
 
 
-def _evaluate(operation: Operation, arguments: list[Array]) -> Array:
+def _evaluate(operation: Operation, arguments: list[Values]) -> Values:
     kind = operation.result.kind
     if operation.name == "bits":
         return np.ascontiguousarray(arguments[0]).view(kind).reshape(np.shape(arguments[0]))
     return np.asarray(OPERATIONS[operation.name].value(*arguments)).astype(kind)
 
 
-def _slopes(name: str, arguments: list[Array], result: Array) -> list[Array]:
+def _slopes(name: str, arguments: list[Values], result: Values) -> list[Numbers]:
     """d result / d argument for each argument."""
     one = np.ones(())
     a = arguments[0]

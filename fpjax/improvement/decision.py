@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from ..logs.arrays import Values
 from .answer import Decision, Range
 from .judge import Score
 from .search import allowed_roughness
@@ -25,8 +26,6 @@ LEFT_OUT = (
     "unstable, or follow much better or worse than the log shows."
 )
 LESS = "The best gains that the search found are not proposed, but {}: {}"
-
-Values = np.ndarray
 
 
 def plausible(now: Score, measured: float | None) -> Values:

@@ -11,6 +11,7 @@ from ..blocks.feedforward import AbstractFeedforward, Feedforward, PositionFeedf
 from ..blocks.observers import NoObserver
 from ..blocks.parameters import get_parameter, set_parameters
 from ..errors import InputError
+from ..logs.arrays import Values
 from ..logs.dynamics.derivative import slope
 from ..model_file import Model
 from ..model_file.bounds import gain_names
@@ -26,8 +27,6 @@ FORWARD_INERTIA = 1.5  # upper bound of a feed-forward's inertia, times the corr
 RATE = 1.2  # upper bound of the share of a position reference's rate that is fed forward
 TURNING = 0.02  # width of a new feed-forward's friction reversal, as a share of the reference's speed
 EDGE = 0.02  # share of the range within which a gain counts as at its bound
-
-Values = np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,6 +13,7 @@ from ..blocks.position_torque import Loads
 from ..blocks.signals import Signals
 from ..compiled.batch import map_chunks
 from ..gap.machine import Machine
+from ..logs.arrays import Values
 from ..logs.dynamics.derivative import slope
 from ..model_file import Model
 from ..simulation.loop import ClosedLoop, LoopState
@@ -29,8 +30,6 @@ LONGEST_SETTLING = 1.0  # [s]
 SLOW = 0.1  # share of the reference's speed (95 % quantile) below which the machine counts as reversing
 AFTER = 0.05  # [s] after a reversal that still counts to it
 DIVERGED = 1e3  # error over the reference's standard deviation at which it is cut off [1]
-
-Values = np.ndarray
 
 
 class Following(AbstractMeasure):

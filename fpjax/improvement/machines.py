@@ -20,6 +20,7 @@ from ..gap.data.record import Record, in_one_piece, make_records
 from ..gap.machine import FEATURES, Machine, has_bristles, nominal_machine, structure_of
 from ..gap.simulate.replay import SUBSTEPS
 from ..logs import Log
+from ..logs.arrays import Values
 from ..model_file import Model
 from ..output.json_object import JsonObject
 from ..simulation.precision import double_precision
@@ -30,8 +31,6 @@ COURSES = 3  # time courses of the missing torque: as found in the log, and two 
 # at most this. So its rms stays, and its correlation with the found course is at least 1/2.
 TURNED = math.pi / 3.0
 HISTORY = 4  # periods of history beyond the longest dead time
-
-Values = np.ndarray
 
 
 class Missing(AbstractLoad):

@@ -12,6 +12,7 @@ from jaxtyping import PyTree
 from ..linear.linearise import Disturbed
 from ..linear.margins import Margins, margins
 from ..linear.state_space import StateSpace
+from ..logs.arrays import Values
 from ..simulation.loop import LoopState
 from ..simulation.precision import double_precision
 from .judge import Judge, assemble_loop
@@ -19,8 +20,6 @@ from .machines import Machines
 
 NAMES = ("modulus", "gain", "phase", "delay")
 UNITS = {"modulus": "1", "gain": "1", "phase": "deg", "delay": "ms"}
-
-Values = np.ndarray
 
 
 def margins_of(judge: Judge, values: Values, machines: Machines, speed: float) -> list[dict[str, Values]]:

@@ -10,14 +10,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ..gap.report.theme import AFTER, BEFORE, MUTED, SOFT, report_style
+from ..logs.arrays import Values
 
 if TYPE_CHECKING:
     from .answer import Answer
 
 ZOOMED = 2.5  # length of the close-up, in times between two reversals of the reference
 POINTS = 1200  # of a line; more than the pixels of its picture show nothing
-
-Values = np.ndarray
 
 
 def draw_overview(found: Answer) -> Figure:

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..logs.arrays import Values
 from .gains import Gains
 from .judge import Judge, Score
 from .machines import Machines
@@ -22,8 +23,6 @@ SCREENED, CANDIDATES, ELITE = 32, 16, 5
 GENERATIONS = 12
 WIDE, NARROW = 0.25, 0.01  # largest standard deviation of the draws, and smallest at first, in shares of the range
 CLOSE = 0.002  # the search ends when every standard deviation is below this
-
-Values = np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)

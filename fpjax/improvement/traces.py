@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import PyTree
 
 from ..gap.data.record import Record
+from ..logs.arrays import Values
 from ..logs.dynamics.derivative import travel
 from ..simulation.precision import double_precision
 from ..simulation.scan import Inputs, roll, sampled_tables
@@ -20,8 +21,6 @@ OVER = 0.02  # [s] over which mean speeds are compared without a rate sensor
 # Largest difference between the log's motion and the simulated one, relative to the tracking error. A larger difference
 # means that other gains made the log.
 REPEATED = 0.3
-
-Values = np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)

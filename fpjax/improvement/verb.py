@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..gap import Diagnosis, diagnose
 from ..gap.data.record import Record
 from ..logs import Log, LogSource, read_log
+from ..logs.arrays import Values
 from ..logs.dynamics.derivative import slope
 from ..model_file import Model, ModelSource, dump_model, load_model
 from ..output.stages import StageClock
@@ -40,7 +41,6 @@ UNHELD = 0.08  # where no log tells how good the prediction is
 MOST_DOUBT = math.log(2.0)  # at most a factor of two
 NO_LIMIT = 1e29  # [N m] from here on a torque limit stands for no limit
 
-Values = np.ndarray
 Keep = Callable[[str, Diagnosis | Found], None]
 
 

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 
 from ..output.drawable import Drawable
+from .arrays import Values
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Values = np.ndarray
 
 
 @dataclass(frozen=True)

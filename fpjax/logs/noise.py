@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-Values = np.ndarray
+from .arrays import Values
 
 LOOKED_AT = 200_000  # [samples]: a longer column is judged by evenly spaced pieces of it
 PIECES = 20

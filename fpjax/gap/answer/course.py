@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ..fit.candidate import Fit
 from ..fit.search import Search
-
-Values = np.ndarray
 
 
 @dataclass(frozen=True)

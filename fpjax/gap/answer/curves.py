@@ -16,8 +16,6 @@ from ..thresholds import THRESHOLDS
 from .smooth_tables import inertia_table, make_tables
 from .smoother import Smooth, Smoother, smoother_of
 
-Values = np.ndarray
-
 
 @dataclass(frozen=True)
 class Curves:

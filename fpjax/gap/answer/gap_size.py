@@ -1,10 +1,10 @@
 """How far the gap shrinks: missing torque before, after, and after each cause, on withheld windows, with intervals."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from ...logs.arrays import Numbers, Values
 from ..fit.candidate import Fit
 from ..fit.search import Search
 from ..select.decision import Decision
@@ -13,8 +13,6 @@ from .gap import Gap, Step
 DRAWS = 2000  # of the bootstrap: the 5 % quantile then rests on 100 draws
 SEED = 0
 NINETY = (0.05, 0.95)  # quantiles of a 90 % interval
-
-Values = np.ndarray
 
 
 def gap_of(search: Search, decision: Decision, unit: str) -> Gap:
@@ -128,8 +126,8 @@ def draws(count: int) -> Values:
     return np.random.default_rng(SEED).integers(0, count, (DRAWS, count))
 
 
-def _root(values: Any) -> Values:
-    return np.sqrt(np.maximum(values, 0.0))
+def _root(values: Numbers) -> Values:
+    return np.asarray(np.sqrt(np.maximum(values, 0.0)))
 
 
 def interval(values: Values) -> tuple[float, float]:

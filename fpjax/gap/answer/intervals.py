@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...analysis.verdicts import PARALLEL_POSTERIOR, traded_with
+from ...logs.arrays import Values
 from ..effects.effect import Effect
 from ..effects.estimate import Estimate
 from ..fit.candidate import Candidate, Fit
@@ -14,8 +15,6 @@ from ..thresholds import THRESHOLDS
 from .findings import FittedParameter
 
 NINETY = 1.645  # half width of a 90 % interval of a normal distribution [standard deviations]
-
-Values = np.ndarray
 
 
 def covariance(search: Search, fit: Fit) -> Values:

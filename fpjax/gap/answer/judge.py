@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ..data.record import Record
 from ..effects.twins import single_twins
 from ..fit.candidate import Fit, nominal_sizes
@@ -20,8 +21,6 @@ from .gap_size import gap_of, noise_floor
 from .insignificant import insignificant_causes
 from .intervals import covariance
 from .ranking import log_of
-
-Values = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import equinox as eqx
 import numpy as np
 
 from ...blocks.learned import LearnedTorque, split_jump
+from ...logs.arrays import Values
 from ...model_file.learned import join_load
 from ..fit.candidate import Fit, Start
 from ..fit.search import Search
@@ -28,8 +29,6 @@ from .smoother import Smooth, smoother_of
 # its neighbours; added to the band, as the true law is smooth.
 CHORD = 1.0 / 6.0
 BAND = 1.645  # half width of a 90 % band [standard deviations]
-
-Values = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...errors import InputError
+from ...logs.arrays import Values
 from ...model_file import Model
 from ...output.runfile import write_whole
 from ...simulation.precision import double_precision
@@ -39,8 +40,6 @@ VERSION = 2  # of the file format
 MOST = 3  # most other explanations
 # From the parameters of an error of the velocity reading to the fields of the sensor block.
 READ = {"time_constant": "lag", "delay": "delay", "scale": "scale", "bias": "bias"}
-
-Values = np.ndarray
 
 
 @dataclass(frozen=True)

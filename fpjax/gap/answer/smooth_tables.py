@@ -12,10 +12,10 @@ from typing import Literal
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ..data.record import Record
 
 Variable = Literal["velocity", "position", "torque", "time"]
-Values = np.ndarray
 
 SPEEDS = 14  # points for each direction, closer towards rest, where friction has its curvature
 ANGLES = 72  # points a revolution, one every 5 deg

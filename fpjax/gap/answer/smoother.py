@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ...blocks.signals import Motion
+from ...logs.arrays import Values
 from ...simulation.precision import double_precision
 from ..effects.effect import Effect, EffectParameter
 from ..fit.candidate import Candidate
@@ -28,8 +29,6 @@ from ..machine import Machine
 from ..simulate.family import window_fields
 from ..simulate.replay import assembled
 from .smooth_tables import Table, resting
-
-Values = np.ndarray
 
 # Standard deviations of the departure of a point from its neighbours' line that are tried, over the size of friction:
 # from a straight line to a table without smoothing.
@@ -161,7 +160,7 @@ def held_departure(speed: Values, dt: float, stiffness: float, damping: float) -
 @functools.partial(jax.jit, static_argnums=(1, 2))
 def _own_torque(
     nominal: Machine, effects: tuple[Effect, ...], parameters: tuple[EffectParameter, ...], vector: Array,
-    motion: Motion, rest: float,
+    motion: Motion, rest: Array,
 ) -> Array:  # fmt: skip
     """Friction and load of a model [N m] along a motion; at rest, friction balances the torque, up to its level."""
     machine = assembled(nominal, effects, parameters, vector)

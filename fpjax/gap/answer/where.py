@@ -9,12 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...logs.arrays import Numbers, Values
 from ..data.record import Record
 from ..thresholds import THRESHOLDS
 from .course import Course
 from .findings import Share, Where
-
-Values = np.ndarray
 
 REGIMES = ("reversal", "low_speed", "acceleration", "cruise", "limit")
 BINS = {"time": 48, "velocity": 25, "position": 25}
@@ -45,7 +44,7 @@ class Energy:
     independent: float
     found: bool
 
-    def sure(self, above: Values, noise: Values, counts: Values) -> Values:
+    def sure(self, above: Numbers, noise: Numbers, counts: Numbers | float) -> Values:
         """Whether sums over `counts` samples are above the noise: a chi-square of n degrees has the relative scatter
         sqrt(2 / n).
 
@@ -54,7 +53,9 @@ class Energy:
             noise: sums of `noise` [N^2 m^2].
             counts: samples in each sum.
         """
-        return above > noise * THRESHOLDS.stands_out * np.sqrt(2.0 / np.maximum(counts * self.independent, 0.5))
+        return np.asarray(
+            above > noise * THRESHOLDS.stands_out * np.sqrt(2.0 / np.maximum(counts * self.independent, 0.5))
+        )
 
 
 def locate(records: Sequence[Record], courses: Sequence[Course]) -> Where:

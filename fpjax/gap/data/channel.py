@@ -4,9 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ...logs.noise import noise_level, rounding_step
-
-Values = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ They give the windows' start values and sizes for bounds. Residuals are formed w
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ...logs.dynamics.derivative import local_polynomial
 from .channel import Channel
 
-Values = np.ndarray
 HALVES = (2, 3, 4, 6, 9, 13, 19, 28, 40)  # samples on either side of a local quadratic
 # Noise of the speed over the top speed [1] that is small enough: a wider quadratic would round the corners of reversals
 # more than it takes of the noise.

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ..thresholds import THRESHOLDS
-
-Values = np.ndarray
 
 
 def every_fourth(windows: int, shift: int = 0) -> np.ndarray:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ..data.record import Record
 from ..thresholds import THRESHOLDS
 from .modes import Modes
@@ -11,7 +12,6 @@ from .modes import Modes
 QUIET = 0.3  # share of torque in a mode's variance below which the mode serves to estimate the noise
 FEW_QUIET = 30  # least coefficients for that estimate: its relative standard error is 0.4 with so many
 
-Values = np.ndarray
 Coefficients = Sequence[tuple[Values, Values]]
 """(noise s^2 of each window, shape (windows,); plain coefficients, shape (windows, modes)), one entry a record."""
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ..data.record import Record
 from ..data.setting import Setting
 from ..effects.effect import Effect
@@ -19,8 +20,6 @@ NOMINAL = ("inertia", "coulomb", "viscous")
 # Least sizes of the nominal friction, so that a value of zero may be wrong too: shares of the setting's friction.
 LEAST_COULOMB = 0.25  # of the Coulomb level
 LEAST_VISCOUS = 0.25  # of the viscous torque at top speed
-
-Values = np.ndarray
 
 
 @dataclass

@@ -8,13 +8,12 @@ whole log at once, and the shaft's torque on the motor is compared with the miss
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ..data.record import Record
 from ..data.setting import Setting
 from ..effects.parameters import highest_contact, highest_frequency
 from ..simulate.hidden import Observer
 from ..simulate.replay import LANES
-
-Values = np.ndarray
 
 # A grid over the five parameters, then a random search around its best points, in logarithms of the parameters.
 NAMES = ("gap", "load_share", "frequency", "damping_ratio", "friction_share")  # rows of an array of parameters

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ..data.record import Record, guide_of
 from ..data.setting import Setting
 from ..thresholds import THRESHOLDS
@@ -21,8 +22,6 @@ from .modes import Modes
 from .periods import repeating_periods, repeating_share
 
 TRIED = 16  # number of bandwidths, evenly spaced in logarithm
-
-Values = np.ndarray
 
 
 def guide_bandwidth(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ..data.record import Record
 from ..data.setting import Setting
 from ..effects.vocabulary import stiffness_of
@@ -29,7 +30,6 @@ RESPONSE = ("inertia", "viscous", "gain", "drag_coefficient", "load_coefficient"
 LEAST_PASSED = 0.05  # least share of a torque that is taken to pass a limit, dead zone or loaded gear: never none [1]
 GAINED = 0.02  # a fit has converged when a step lowers the cost, twice the negative log posterior, by less
 
-Values = np.ndarray
 Windows = Sequence[Values]
 
 
@@ -314,11 +314,11 @@ class Fitter:
             if not gain > 0:
                 # No trial was better: larger dampings in the next iteration; converged where they are of no use.
                 c.damping *= 1e3
-                c.converged = c.damping > 1e5
+                c.converged = bool(c.damping > 1e5)
                 continue
             c.vector, c.states, c.cost = group[best].vector, group[best].states, float(cost[best])
             c.damping = float(np.clip(group[best].damping, 1e-5, 1e4))
-            c.converged = gain < GAINED
+            c.converged = bool(gain < GAINED)
 
     def _steps(
         self, c: Candidate, parts: list[Linear], dampings: Values, torques: Values, *, hidden: bool

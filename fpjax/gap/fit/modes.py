@@ -23,6 +23,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...logs.arrays import Values
+
 TILE = 4  # coefficients that share a burst
 PLAIN = 8  # modes of the lowest octaves, which are not rotated: each is as long as the window
 FIRST_BAND = 4  # modes of the lowest octave: a window's start values take up two of them
@@ -31,8 +33,6 @@ NOISES = np.geomspace(0.5, 32.0, 49)  # factors on the sensors' noise standard d
 BURSTS = np.array([*range(-5, 7), 8, 10, 13, 16, 20])  # log2 of the factors on a tile's q
 BURST_SCALE = 0.5  # scale of the Laplace prior of the natural logarithm of a burst [1]
 FINEST, COARSEST = 0.03, 1e7  # range of q that is tried, over the q that equals the noise in the strongest mode
-
-Values = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ is not evenly sampled, so that a Fourier transform does not serve.
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ..data.record import Record
 from ..data.setting import Setting
 from ..effects.parameters import fewest_periods
@@ -16,8 +17,6 @@ HIGHEST = 200.0  # periods per revolution that are tried at most, or as many wit
 GRID = 1600  # values that are tried at most
 BLOCK = 40  # values that are computed together, so that their sines stay in the cache
 MOVING = 0.05  # of the top speed: slower samples are left out, since their direction is uncertain
-
-Values = np.ndarray
 
 
 def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[str, tuple[float, ...]]:

@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ..data.record import Record
 from ..simulate.family import Key
 from ..simulate.hidden import Observer
@@ -13,13 +14,12 @@ from .candidate import Candidate, Fit
 from .least_squares import Fitter, Linear
 from .modes import Modes
 
-Values = np.ndarray
-
 # Steps for the start values of withheld windows, in two rounds, each after an estimate of the hidden states. (Three
 # steps were too few: an exact model could lose 170,000 nats on one withheld window.)
 PROPER = (4, 8)
 
 
+@runtime_checkable
 class Scoring(Protocol):
     """The part of `fpjax.gap.fit.search.Search` that scoring uses; attributes as there."""
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ...simulation.precision import double_precision
 from ..data.record import Record, tables_of, with_noise
 from ..data.setting import Setting
@@ -21,8 +22,6 @@ from .least_squares import Fitter
 from .modes import Modes, make_modes
 from .periods import repeating_periods, turning_weight
 from .score import score
-
-Values = np.ndarray
 
 # Successive halving: every start gets a few steps on a few windows, then ever fewer sets get ever more steps on all.
 SCREEN = 12  # windows on which starts are screened

@@ -13,7 +13,7 @@ from .theme import AFTER, BEFORE, MUTED
 from .where_picture import binned
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import FigureBase
 
     from ..answer.answer import Answer
     from ..answer.findings import Learned
@@ -26,7 +26,7 @@ def laws_of(diagnosis: Answer) -> tuple[Learned, ...]:
     return diagnosis.learned[:MOST]
 
 
-def draw_learned(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
+def draw_learned(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
     """Draw on a figure or subfigure.
 
     Args:

@@ -8,7 +8,7 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 
 from .gap_picture import draw_gap, draw_ranking, rows_of
 from .learned_picture import draw_learned, laws_of
@@ -113,11 +113,11 @@ def _where_picture(name: str, description: str, diagnosis: Answer) -> Picture:
     return _picture(name, description, draw_where, diagnosis, 2.3 * rows + 0.2, 2.0 * panels + 0.2)
 
 
-def _draw_nothing(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
+def _draw_nothing(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
     del figure, diagnosis, narrow
 
 
-def _draw_gap_and_ranking(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
+def _draw_gap_and_ranking(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
     if not diagnosis.ranking:
         draw_gap(figure, diagnosis, narrow=narrow)
         return

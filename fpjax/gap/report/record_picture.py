@@ -17,7 +17,7 @@ from .sentences import effort_of
 from .theme import AFTER, BAND, BEFORE, FLOOR, INK, MUTED, SOFT
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import FigureBase
 
     from ..answer.answer import Answer
     from ..answer.findings import Comparison
@@ -76,7 +76,7 @@ def model_names(diagnosis: Answer) -> tuple[str, str]:
     return "nominal model", "corrected model" if diagnosis.causes else "best attempt"
 
 
-def draw_record(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
+def draw_record(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
     """Draw on a figure or subfigure.
 
     Args:

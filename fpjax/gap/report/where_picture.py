@@ -16,7 +16,7 @@ from .names import clip, motion_units, regime_name
 from .theme import AFTER, BEFORE, INK, MUTED, SOFT
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import FigureBase
 
     from ..answer.answer import Answer
     from ..answer.findings import Share
@@ -43,7 +43,7 @@ def has_where(diagnosis: Answer) -> bool:
     return bool(axes_with_places(diagnosis)) or has_regimes(diagnosis)
 
 
-def draw_where(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
+def draw_where(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
     """Draw the maps on a figure or subfigure: what stands out in colour, the rest in grey.
 
     Args:
@@ -70,7 +70,7 @@ def draw_where(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
         spots["regime"].set_title("By regime")
 
 
-def _stacked(figure: Figure, names: list[str]) -> dict[str, Axes]:
+def _stacked(figure: FigureBase, names: list[str]) -> dict[str, Axes]:
     drawn = figure.subplots(len(names), 1, squeeze=False)[:, 0]
     for axes, name in zip(drawn, names, strict=True):
         if name != "regime":
@@ -78,7 +78,7 @@ def _stacked(figure: Figure, names: list[str]) -> dict[str, Axes]:
     return dict(zip(names, drawn, strict=True))
 
 
-def _side_by_side(figure: Figure, names: list[str]) -> dict[str, Axes]:
+def _side_by_side(figure: FigureBase, names: list[str]) -> dict[str, Axes]:
     """Time and regime above, the other axes below."""
     rows = [[n for n in ("time", "regime") if n in names], [n for n in names if n not in ("time", "regime")]]
     rows = [row for row in rows if row]
@@ -176,7 +176,7 @@ def residual_axes(diagnosis: Answer) -> list[str]:
     ]
 
 
-def draw_residual(figure: Figure, diagnosis: Answer, *, narrow: bool) -> None:
+def draw_residual(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
     """Draw the missing torque of the nominal model against the motion: median and middle 80 % of each bin.
 
     The sign is that of commanded minus needed, as in the record: the torque that the model does not account for.

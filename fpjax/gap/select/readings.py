@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ...logs.dynamics.derivative import local_polynomial
 from ...logs.noise import is_derived
 from ..data.record import Record
@@ -20,8 +21,6 @@ FEWEST = 60  # independent samples that a comparison needs
 FEW = 10  # observations that what both models leave counts as
 LATEST = 30.0  # periods: the longest lag or delay that is tried
 GRID = 121  # lags and delays that are tried
-
-Values = np.ndarray
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Values
 from ..dynamics.derivative import local_polynomial, smooth_motion, travel
 from ..log import Log
 from ..mending.clock import TIME_UNITS, likely_unit
@@ -20,8 +21,6 @@ from .suspicion import Expected as Expected
 from .suspicion import Numbers as Numbers
 from .suspicion import Suspicion as Suspicion
 from .torque_suspicions import swapped, torque_against_motion
-
-Values = np.ndarray
 
 SHORTEST = 64  # [samples]: with fewer, nothing is compared
 ONE_WAY = 0.01  # share of the samples in the other direction, below which the motion has one direction only

@@ -4,12 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ..arrays import Values
 from ..dynamics.derivative import smooth_motion
 from ..dynamics.nominal import SIGNIFICANT, Nominal, fit_rigid
 from ..log import Log
 from .suspicion import Expected, Suspicion, unit_of
-
-Values = np.ndarray
 
 BEYOND = 4.0  # factor: an inertia that is further off means another unit or another machine, not a cause of a gap
 EXPLAINED = 0.5  # share of the motion's variance within windows: with less explained, the fit means nothing

@@ -15,10 +15,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ...errors import InputError
+from ..arrays import Values
 from ..log import Log
 from ..noise import even_pieces, noise_level
 
-Values = np.ndarray
 Differentiator = Literal["zero_phase", "causal"]
 
 CUTOFF = 0.1  # of the control rate: the low-pass of `measured_velocity`, where none is given

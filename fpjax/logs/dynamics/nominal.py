@@ -21,12 +21,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays import Values
 from ..log import Log
 from ..noise import noise_level
 from .derivative import local_polynomial, quiet_half, smooth_motion
 from .regression import mean_direction, mean_held, solved
 
-Values = np.ndarray
 Load = Callable[[Values], Values]
 
 WINDOWS = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0)  # lengths that are tried [s]

@@ -20,7 +20,8 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-Values = np.ndarray
+from ..arrays import Values
+
 RANK = 1e-12  # of the largest singular value, columns scaled to length one: below it columns are linearly dependent
 PAIRS_RANK = 1e-10  # the same for pairs of samples: below it direction and speed are linearly dependent
 SLIDING = 0.01  # share of the largest speed below which pairs are left out: static friction does not follow the speed
