@@ -35,6 +35,7 @@ MOVED = {
     "public": "",
     "simulate": "",
     "logs.measures": "logs.noise",
+    "gap.fit.kept": "gap.fit.saved_fits",
     **{f"logs.{name}": f"logs.{room}.{name}" for room, names in _ROOMS_OF_LOGS.items() for name in names},
 }
 """Old name of a module -> its present name, both without `fpjax.`."""

@@ -44,6 +44,7 @@ def test_every_public_name_is_an_attribute():
         ("plants", "blocks.plants", "OneMass"),
         ("estimate", "analysis.estimate", "observe"),
         ("logs.measures", "logs.noise", "noise_level"),
+        ("gap.fit.kept", "gap.fit.saved_fits", "Kept"),
     ],
 )
 def test_an_old_name_of_a_module_warns_and_works(old, now, name):

@@ -142,12 +142,12 @@ def _one(
 ) -> None:
     """Diagnose and write the results; `part` is (index, number) of this diagnosis among several that share the bar."""
     from ..gap import diagnose
-    from ..gap.fit.kept import NAME, Kept
+    from ..gap.fit.saved_fits import NAME, SavedFits
 
     record.stage("diagnose")
     prefix = "" if folder == record.folder else f"{folder.name}/"
     folder.mkdir(parents=True, exist_ok=True)
-    kept = Kept(folder / NAME)
+    kept = SavedFits(folder / NAME)
     try:
         with bar or Stages("diagnose", tail=0.0 if arguments.no_report else drawing(REPORT)) as stages:
 

@@ -22,7 +22,7 @@ from .data.setting import make_setting
 from .diagnosis import Diagnosis
 from .effects.effect import Effect
 from .effects.vocabulary import EFFECTS, on_rate_sensor
-from .fit.kept import Kept, KeptSearch, key_of
+from .fit.saved_fits import ResumingSearch, SavedFits, key_of
 from .fit.search import Search
 from .select.decision import decide
 from .simulate.family import Nominal
@@ -35,14 +35,14 @@ Logs = LogSource | Sequence[LogSource]
 def diagnose(
     log: Logs, model: ModelSource, *, holdout: Logs = (), each: Literal[False] = False,
     effects: tuple[Effect, ...] = EFFECTS, progress: Callable[[str, float], None] | None = None,
-    keep: Kept | None = None,
+    keep: SavedFits | None = None,
 ) -> Diagnosis: ...  # fmt: skip
 
 
 @overload
 def diagnose(
     log: Logs, model: ModelSource, *, holdout: Logs = (), each: Literal[True], effects: tuple[Effect, ...] = EFFECTS,
-    progress: Callable[[str, float], None] | None = None, keep: Kept | None = None,
+    progress: Callable[[str, float], None] | None = None, keep: SavedFits | None = None,
 ) -> tuple[Diagnosis, ...]: ...  # fmt: skip
 
 
@@ -54,7 +54,7 @@ def diagnose(
     each: bool = False,
     effects: tuple[Effect, ...] = EFFECTS,
     progress: Callable[[str, float], None] | None = None,
-    keep: Kept | None = None,
+    keep: SavedFits | None = None,
 ) -> Diagnosis | tuple[Diagnosis, ...]:
     """Where the simulation is wrong, which effect causes it, how far the gap shrinks.
 
@@ -66,8 +66,8 @@ def diagnose(
         effects: the vocabulary; append your own `Effect` to `fpjax.gap.EFFECTS`.
         progress: called with (name of the stage, share done [1]; an `fpjax.output.work_done.WorkDone`, with what is
             left).
-        keep: a file for the fits made so far, `fpjax.gap.fit.kept.Kept(path)`: an interrupted diagnosis of the same
-            input resumes from it and ends with the same numbers. Its `discard` removes the file.
+        keep: a file for the fits made so far, `fpjax.gap.fit.saved_fits.SavedFits(path)`: an interrupted diagnosis of
+            the same input resumes from it and ends with the same numbers. Its `discard` removes the file.
 
     Returns:
         A `Diagnosis`; with `each`, a tuple of one for each log.
@@ -99,7 +99,7 @@ def diagnose(
 
 def _diagnose(
     logs: Sequence[Log], withheld: Sequence[Log], model: Model, effects: tuple[Effect, ...], allowed: tuple[str, ...],
-    clock: StageClock, keep: Kept | None,
+    clock: StageClock, keep: SavedFits | None,
 ) -> Diagnosis:  # fmt: skip
     started = datetime.datetime.now(datetime.UTC)
     clock("looking")
@@ -133,7 +133,7 @@ def make_search(
     withheld: Sequence[Log],
     model: Model,
     effects: tuple[Effect, ...] = EFFECTS,
-    keep: Kept | None = None,
+    keep: SavedFits | None = None,
 ) -> Search:
     """The search over one machine's logs, with the nominal model fitted and no effect tried yet.
 
@@ -156,7 +156,7 @@ def make_search(
     if keep is None:
         return Search(*arguments)
     keep.begin(key_of(logs, withheld, model, effects))
-    return KeptSearch(keep, *arguments)
+    return ResumingSearch(keep, *arguments)
 
 
 def allowed_effects(effects: tuple[Effect, ...]) -> tuple[str, ...]:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from fpjax.gap.fit.contacts import ORDER, _filters, _passed
-from fpjax.gap.fit.periods import _energies, repeating_share
+from fpjax.gap.fit.backlash_starts import ORDER, _filters, _passed
+from fpjax.gap.fit.period_starts import _energies, repeating_share
 from fpjax.gap.select.readings import _lagged
 
 

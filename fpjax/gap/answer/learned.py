@@ -82,7 +82,7 @@ def simulated(search: Search, fit: Fit, laws: Sequence[Learned]) -> Fit:
     other, plant = copy.copy(search), search.nominal.plant
     other.nominal = replace(search.nominal, plant=eqx.tree_at(lambda p: p.load, plant, join_load(plant.load, tables)))
     # Caches of compiled programs of the nominal plant without the laws.
-    other.fitters, other.observers = {}, {}
+    other.fitters, other.hidden_states = {}, {}
     c = other.candidate(Start(fit.candidate.effects, (), values), exact=True)
     # Start states and hidden states begin where the fit left them, so that few steps are needed.
     for own, was in ((c.states, fit.candidate.states), (c.hidden, fit.candidate.hidden)):

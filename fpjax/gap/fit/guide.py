@@ -19,7 +19,7 @@ from ..data.setting import Setting
 from ..thresholds import THRESHOLDS
 from .band import Coefficients
 from .modes import Modes
-from .periods import repeating_periods, repeating_share
+from .period_starts import repeating_periods, repeating_share
 
 TRIED = 16  # number of bandwidths, evenly spaced in logarithm
 

@@ -9,7 +9,7 @@ import numpy as np
 from ...logs.arrays import Values
 from ..data.record import Record
 from ..simulate.family import Key
-from ..simulate.hidden import Observer
+from ..simulate.hidden_states import HiddenStates
 from .candidate import Candidate, Fit
 from .least_squares import Fitter, Linear
 from .modes import Modes
@@ -28,11 +28,11 @@ class Scoring(Protocol):
     withheld: list[Values]
     modes: Modes
     fitters: dict[Key, Fitter]
-    observers: dict[Key, Observer]
+    hidden_states: dict[Key, HiddenStates]
     band: Values
     real_noise: float
 
-    def observe(self, candidates: Sequence[Candidate], windows: Sequence[Values]) -> None:
+    def estimate_hidden_states(self, candidates: Sequence[Candidate], windows: Sequence[Values]) -> None:
         """Estimate the hidden states at the starts of windows."""
         ...
 
@@ -73,8 +73,8 @@ def _withheld_parts(search: Scoring, fixed: Candidate, fitter: Fitter) -> list[L
     for s, chosen in zip(fixed.states, search.withheld, strict=True):
         s[:, chosen] = 0.0
     for steps in PROPER:
-        if fixed.family.key in search.observers:
-            search.observe([fixed], search.withheld)
+        if fixed.family.key in search.hidden_states:
+            search.estimate_hidden_states([fixed], search.withheld)
             for s, chosen in zip(fixed.states, search.withheld, strict=True):
                 s[2:, chosen] = 0.0
         fixed.converged = False

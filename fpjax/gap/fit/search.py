@@ -13,14 +13,14 @@ from ..data.split import fairer_split
 from ..data.tables import Tables
 from ..effects.effect import Effect
 from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
-from ..simulate.hidden import Observer
+from ..simulate.hidden_states import HiddenStates
+from .backlash_starts import contact_starts
 from .band import highest_of_speed, level_with_bursts, real_noise
 from .candidate import NOMINAL, Candidate, Fit, Start, make_candidate
-from .contacts import contact_starts
 from .guide import dominant_period, guide_bandwidth
 from .least_squares import Fitter
 from .modes import Modes, make_modes
-from .periods import repeating_periods, turning_weight
+from .period_starts import repeating_periods, turning_weight
 from .score import score
 
 # Successive halving: every start gets a few steps on a few windows, then ever fewer sets get ever more steps on all.
@@ -90,7 +90,7 @@ class Search:
         angle = 0.0 if first.position is None else first.position.noise
         self.modes: Modes = make_modes(first.samples, first.dt, self.setting.inertia, rate, angle, most)
         self.fitters: dict[Key, Fitter] = {}
-        self.observers: dict[Key, Observer] = {}
+        self.hidden_states: dict[Key, HiddenStates] = {}
 
     def _divide(self) -> None:
         self.train = [np.flatnonzero(~record.withheld) for record in self.records]
@@ -127,7 +127,7 @@ class Search:
                 runner = Runner(family, self.records, self.tables)
                 self.fitters[family.key] = Fitter(runner, self.setting, self.modes)
                 if family.key[0] != "rigid":
-                    self.observers[family.key] = Observer(family, self.records, self.tables)
+                    self.hidden_states[family.key] = HiddenStates(family, self.records, self.tables)
             self.fitters[key] = self.fitters[family.key]
         return self.fitters[key]
 
@@ -168,9 +168,9 @@ class Search:
         record, contacts = self.records[which], None
         backlash = [effect for effect in self.effects if effect.name == "backlash"]
         if backlash:
-            observer = self.observers[self.fitter(key_for(tuple(backlash))).family.key]
+            hidden_states = self.hidden_states[self.fitter(key_for(tuple(backlash))).family.key]
             nominal = {name: self.base.values()[name] for name in NOMINAL}
-            contacts = contact_starts(observer, which, record, free, nominal, self.setting)
+            contacts = contact_starts(hidden_states, which, record, free, nominal, self.setting)
         periods = repeating_periods(free, record, self.setting)
         self.setting = replace(
             self.setting, periods=periods, contacts=contacts, weight=turning_weight(given, record)
@@ -244,29 +244,30 @@ class Search:
         for key in dict.fromkeys(c.family.key for c in candidates):
             group = [c for c in candidates if c.family.key == key]
             fitter = self.fitters[key]
-            if key not in self.observers:
+            if key not in self.hidden_states:
                 fitter.go_on(group, windows, steps, white=white)
                 continue
             done = 0
             while done < steps and (active := [c for c in group if not c.converged]):
-                self.observe(active, windows)
+                self.estimate_hidden_states(active, windows)
                 fitter.go_on(active, windows, min(3, steps - done), white=white)
                 done += 3
 
-    def observe(self, candidates: Sequence[Candidate], windows: Sequence[Values]) -> None:
+    def estimate_hidden_states(self, candidates: Sequence[Candidate], windows: Sequence[Values]) -> None:
         """Estimate the hidden states at the windows' starts, and keep in each window the estimate that fits best.
 
-        Tried are the present one, the observer's, the end of the window before, and either face of a backlash.
+        Tried are the present one, the estimate from the past, the end of the window before, and either face of a
+        backlash.
         """
         key = candidates[0].family.key
-        observer, fitter = self.observers[key], self.fitters[key]
+        hidden_states, fitter = self.hidden_states[key], self.fitters[key]
         backlash = any(p.name == "gap" for e in candidates[0].effects for p in e.parameters)
         for which, chosen in enumerate(windows):
             if not len(chosen):
                 continue
             count = len(chosen)
             vectors = np.concatenate([np.repeat(c.vector[:, None], count, 1) for c in candidates], 1)
-            centers = observer.centers(vectors, which, np.tile(chosen, len(candidates)))
+            centers = hidden_states.centers(vectors, which, np.tile(chosen, len(candidates)))
             options = [[centers[:, i * count : (i + 1) * count] for i in range(len(candidates))]]
             options.append([self._continued(c, which, chosen) for c in candidates])
             if backlash:

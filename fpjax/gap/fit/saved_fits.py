@@ -1,4 +1,4 @@
-"""Kept: the fits of a diagnosis in one file, from which an interrupted diagnosis resumes.
+"""Saved fits: those of a diagnosis in one file, from which an interrupted diagnosis resumes.
 
 The search asks for fits in an order that depends on its input alone. Each answer is appended to the file with a
 checksum. A rerun with the same input reads them in that order and ends with the same bits. Anything else in the file is
@@ -41,7 +41,7 @@ _KNOWN = {(Candidate.__module__, "Candidate"), (Fit.__module__, "Fit")}
 _NUMBERS = "fiub"  # kinds of numpy dtypes that are numbers: float, int, unsigned, bool
 
 
-class Kept:
+class SavedFits:
     """The file of one diagnosis; it exists from `begin` to `discard`.
 
     Attributes:
@@ -158,39 +158,45 @@ class Kept:
         self._own = False
 
 
-class KeptSearch(Search):
-    """A search whose fits are kept; its arguments are those of `Search`, after the file.
+Kept = SavedFits
+"""The old name of `SavedFits`, for one more version."""
+
+
+class ResumingSearch(Search):
+    """A search that reads its fits from the file of an earlier run and appends what it computes.
 
     Args:
         kept: the file, on which `begin` was called.
-        arguments: of `Search`.
+        arguments: of `Search`, in its order.
     """
 
-    def __init__(self, kept: Kept, *arguments: Any):
+    def __init__(self, kept: SavedFits, *arguments: Any):
         self._kept = kept
         super().__init__(*arguments)
 
     def _base(self, wide: tuple[str, ...] | None) -> Candidate:
-        return self._kept.answer(f"base {wide}", lambda: super(KeptSearch, self)._base(wide), self)
+        return self._kept.answer(f"base {wide}", lambda: super(ResumingSearch, self)._base(wide), self)
 
     def explore(self, starts: Sequence[Start], keep: Sequence[int] = (), *, white: bool = True) -> list[Fit]:
         """As `Search.explore`."""
         question = f"explore {_of_starts(starts)} {tuple(keep)} {white}"
-        return self._kept.answer(question, lambda: super(KeptSearch, self).explore(starts, keep, white=white), self)
+        return self._kept.answer(question, lambda: super(ResumingSearch, self).explore(starts, keep, white=white), self)
 
     def fitted(self, starts: Sequence[Start]) -> list[Fit]:
         """As `Search.fitted`."""
-        return self._kept.answer(f"fitted {_of_starts(starts)}", lambda: super(KeptSearch, self).fitted(starts), self)
+        return self._kept.answer(
+            f"fitted {_of_starts(starts)}", lambda: super(ResumingSearch, self).fitted(starts), self
+        )
 
     def refit(self, fit: Fit, wide: Sequence[str]) -> Fit:
         """As `Search.refit`."""
         question = f"refit {_of_candidate(fit.candidate)} {sorted(wide)}"
-        return self._kept.answer(question, lambda: super(KeptSearch, self).refit(fit, wide), self)
+        return self._kept.answer(question, lambda: super(ResumingSearch, self).refit(fit, wide), self)
 
     def finish(self, candidates: Sequence[Candidate], *arguments: Any) -> list[Fit]:
         """As `Search.finish`."""
         question = f"finish {[_of_candidate(c) for c in candidates]} {arguments}"
-        return self._kept.answer(question, lambda: super(KeptSearch, self).finish(candidates, *arguments), self)
+        return self._kept.answer(question, lambda: super(ResumingSearch, self).finish(candidates, *arguments), self)
 
 
 def key_of(logs: Sequence[Log], withheld: Sequence[Log], model: Model, effects: Sequence[Effect]) -> str:

@@ -13,8 +13,8 @@ from numpy_machine import record
 
 from fpjax.errors import InputError
 from fpjax.gap import EFFECTS
-from fpjax.gap.fit import kept as module
-from fpjax.gap.fit.kept import Kept, key_of
+from fpjax.gap.fit import saved_fits as module
+from fpjax.gap.fit.saved_fits import SavedFits, key_of
 from fpjax.gap.select.decision import decide
 from fpjax.gap.verb import make_search
 from fpjax.model_file import load_model
@@ -65,20 +65,20 @@ def test_an_interrupted_decision_goes_on_and_ends_with_the_same_bits(log, model,
     path = tmp_path / "kept"
     whole = decided(log, model)
     with pytest.raises(KeyboardInterrupt):
-        decided(log, model, Kept(path), "what each")
+        decided(log, model, SavedFits(path), "what each")
     content = path.read_bytes()
-    again = Kept(path)
+    again = SavedFits(path)
     same(decided(log, model, again), whole)
     assert again.taken >= 4  # two bases, the nominal model, every effect
     # Damaged anywhere, the whole answers before it are taken and the rest is computed again.
     for damage in (content[: len(content) // 2], content[:-1], flipped(content, len(content) // 2)):
         path.write_bytes(damage)
-        part = Kept(path)
+        part = SavedFits(path)
         same(decided(log, model, part), whole)
         assert 0 < part.taken < again.taken
     # Of another log nothing is taken.
     path.write_bytes(content)
-    other = Kept(path)
+    other = SavedFits(path)
     decided(record(seconds=3.2, extra=lambda *_: 0.1), model, other)
     assert other.taken == 0
 
@@ -93,7 +93,7 @@ class Bare:
 
 def asked(path, *questions, key=KEY):
     """What was computed, of the questions that a run asks in order; None for a file that it did not get."""
-    computed, one = [], Kept(path)
+    computed, one = [], SavedFits(path)
     one.begin(key)
     for question in questions:
 
@@ -188,9 +188,9 @@ def test_bytes_are_never_taken_for_addresses(content):
 
 def test_one_diagnosis_at_a_time_writes_to_a_file(tmp_path):
     path = tmp_path / "kept"
-    first = Kept(path)
+    first = SavedFits(path)
     first.begin(KEY)
-    second = Kept(path)
+    second = SavedFits(path)
     with pytest.raises(InputError, match="still running: wait for it"):
         second.begin(KEY)
     second.discard()  # not its to remove
@@ -201,7 +201,7 @@ def test_one_diagnosis_at_a_time_writes_to_a_file(tmp_path):
 
 def test_a_full_disk_keeps_nothing_and_is_no_reason_to_stop(tmp_path, monkeypatch):
     path = tmp_path / "kept"
-    one = Kept(path)
+    one = SavedFits(path)
     one.begin(KEY)
 
     def full(*_):

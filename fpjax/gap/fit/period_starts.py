@@ -1,4 +1,4 @@
-"""Periods: number of periods per revolution at which the missing torque repeats; start values of fits.
+"""Start values of the number of periods per revolution: those at which the missing torque repeats.
 
 A least-squares periodogram over the position (Lomb and Scargle's, with further columns beside the sine): the position
 is not evenly sampled, so that a Fourier transform does not serve.

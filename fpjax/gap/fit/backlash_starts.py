@@ -1,4 +1,4 @@
-"""Contacts: start values of fits of a backlash, found with the measured motion imposed on the motor.
+"""Start values of fits of a backlash, found with the measured motion imposed on the motor.
 
 The motion of a load that crosses a backlash depends on every contact before, so that the cost of a window has many
 local minima and a fit from rule-of-thumb values ends in the nearest one: so it was in four of five development logs
@@ -12,7 +12,7 @@ from ...logs.arrays import Values
 from ..data.record import Record
 from ..data.setting import Setting
 from ..effects.parameters import highest_contact, highest_frequency
-from ..simulate.hidden import Observer
+from ..simulate.hidden_states import HiddenStates
 from ..simulate.replay import LANES
 
 # A grid over the five parameters, then a random search around its best points, in logarithms of the parameters.
@@ -37,19 +37,19 @@ MOVING = 0.01  # of the top speed: width of the reversal of friction
 
 
 def contact_starts(
-    observer: Observer, which: int, record: Record, course: Values, nominal: dict[str, float], setting: Setting
+    hidden_states: HiddenStates, which: int, record: Record, course: Values, nominal: dict[str, float], setting: Setting
 ) -> tuple[dict[str, float], ...]:
     """Start values of fits of a backlash, the most likely first; () where no stretch of the log can be used.
 
     Args:
-        observer: of a family with a transmission.
+        hidden_states: of a family with a transmission.
         which: index of the record.
         record: the log.
         course: the missing torque of the nominal model [N m], NaN where unknown, shape (samples,).
         nominal: that model's parameters by name.
         setting: sizes.
     """
-    objective = _Objective(observer, which, record, course, nominal, setting)
+    objective = _Objective(hidden_states, which, record, course, nominal, setting)
     if not objective.usable:
         return ()
     rng = np.random.default_rng(0)
@@ -95,10 +95,10 @@ class _Objective:
     """The objective of the search: how much of the missing torque a backlash leaves unexplained."""
 
     def __init__(
-        self, observer: Observer, which: int, record: Record, course: Values, nominal: dict[str, float],
+        self, hidden_states: HiddenStates, which: int, record: Record, course: Values, nominal: dict[str, float],
         setting: Setting,
     ):  # fmt: skip
-        self.observer, self.which, self.setting = observer, which, setting
+        self.hidden_states, self.which, self.setting = hidden_states, which, setting
         self.nominal = nominal
         speed = 0.5 * (record.speed[1:] + record.speed[:-1])
         # A smooth sign: at a reversal the sign of a measured speed is uncertain by a few samples.
@@ -126,7 +126,7 @@ class _Objective:
         Args:
             rows: one column of parameters a lane, shape (parameters, lanes).
         """
-        family, found = self.observer.family, []
+        family, found = self.hidden_states.family, []
         base = family.neutral(self.setting)
         for name, value in self.nominal.items():
             base[family.index(name)] = value
@@ -135,7 +135,7 @@ class _Objective:
             some = rows[:, first : first + LANES]
             vectors = np.repeat(base[:, None], some.shape[1], axis=1)
             vectors[places] = some
-            shaft = self.observer.shafts(vectors, self.which)
+            shaft = self.hidden_states.shafts(vectors, self.which)
             share, on_load = some[1], some[4]
             # One mass: J a = u - friction + missing. The motor: (1 - share) J a = u - (1 - on_load) friction - shaft.
             # Their difference is the missing torque that this backlash would explain.

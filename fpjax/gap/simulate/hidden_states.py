@@ -1,4 +1,4 @@
-"""Observer: hidden states at the start of each window, integrated along the measured motion before it.
+"""Hidden states at the start of each window, integrated along the measured motion before it.
 
 The bristles' deflection, and the twist and relative speed of a transmission, are seen by no sensor. A window that
 starts with a wrong deflection, or at the wrong face of a backlash, fits badly to its end. So the measured motion is
@@ -31,7 +31,7 @@ PAST = 384  # periods of the past that a hidden state is integrated over; it for
 BLOCK = 4096  # samples: a whole log is padded to a multiple, so that few lengths are compiled
 
 
-class Observer:
+class HiddenStates:
     """Integrates the hidden states of a family up to the start of each window.
 
     Args:
