@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from model_files import LARGE_BODY
 
 import fpjax as fp
 from fpjax.analysis.excitation import assess_excitation, error_matrix, pole
@@ -148,8 +149,7 @@ def test_sticking_rate_is_the_one_of_the_chattering_loop():
 def test_simulate_says_which_estimates_cannot_converge(tmp_path, capsys):
     """The same sentence as `tune` and `estimate`, from the run's own motion."""
     text = (
-        '[plant]\ntype = "one_mass"\ninertia = 10.0\n[friction]\ntype = "coulomb_viscous"\ncoulomb = 20.0\n'
-        'viscous = 2.0\nsteepness = 50.0\n[controller]\ntype = "pi"\nkp = 150.0\nki = 200.0\n'
+        LARGE_BODY + 'steepness = 50.0\n[controller]\ntype = "pi"\nkp = 150.0\nki = 200.0\n'
         '[observer]\ntype = "efp"\ngain_1 = 2000.0\ngain_2 = 2000.0\n[reference]\ntype = "sine"\namplitude = 1.0\n'
         "frequency = 1.0\n[simulation]\ndt = 1e-3\nduration = {}\n"
     )

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import tolerances
 from catalogue import CASES, first_of_each_kind, one_of_each_kind
+from catalogue_case import moving
 from compiling import quick
 
 import fpjax
@@ -41,21 +42,14 @@ def close(actual, expected, tolerance, size=None):
 
 def scaled(case, block):
     """(y(xi, point), number of variables): parameters and inputs moved by xi times their own scale."""
-    leaves, structure = jax.tree.flatten(block)
+    moved, count = moving(block)
     keys = list(case.scales)
-    sizes = [leaf.size for leaf in leaves]
-    count = sum(sizes) + len(keys)
 
     def outputs(xi, point):
-        start, moved = 0, []
-        for leaf, size in zip(leaves, sizes, strict=True):
-            scale = jnp.where(leaf == 0.0, 1.0, jnp.abs(leaf))
-            moved.append(leaf + scale * xi[start : start + size].reshape(leaf.shape))
-            start += size
-        inputs = {key: point[i] + case.scales[key] * xi[start + i] for i, key in enumerate(keys)}
-        return evaluate(case, jax.tree.unflatten(structure, moved), inputs)
+        inputs = {key: point[i] + case.scales[key] * xi[count + i] for i, key in enumerate(keys)}
+        return evaluate(case, moved(xi), inputs)
 
-    return outputs, count
+    return outputs, count + len(keys)
 
 
 def points(case):

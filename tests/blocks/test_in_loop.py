@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import tolerances
 from catalogue import in_a_loop, one_of_each_kind
-from catalogue_case import DT
+from catalogue_case import DT, moving
 from catalogue_machine import SENSORS
 from compiling import quick
 
@@ -39,23 +39,17 @@ def _torque(signals):
 def runner(case):
     """(cost(xi): the run with parameter i moved by xi_i times its own size, number of parameters, run count)."""
     tree = case.loop(case.build())
-    leaves, structure = jax.tree.flatten(tree)
-    sizes = [leaf.size for leaf in leaves]
+    moved, count = moving(tree)
 
     def cost(xi, dt):
-        start, moved = 0, []
-        for leaf, size in zip(leaves, sizes, strict=True):
-            scale = jnp.where(leaf == 0.0, 1.0, jnp.abs(leaf))
-            moved.append(leaf + scale * xi[start : start + size].reshape(leaf.shape))
-            start += size
-        loop, reference = jax.tree.unflatten(structure, moved)
+        loop, reference = moved(xi)
         stepper = fp.make_stepper(dt=dt, samples=SAMPLES, stepping=case.stepping)
         inputs = fp.make_inputs(loop, reference, stepper, jax.random.key(3))
         finals, _, state = fp.roll(loop, inputs, stepper, measures())
         rest = sum(jnp.sum(leaf) for leaf in jax.tree.leaves(state))
         return 1e3 * finals["velocity"] + finals["last"] + 1e-3 * finals["torque"] + 1e-3 * rest
 
-    return cost, sum(sizes), _moved_names(tree)
+    return cost, count, _moved_names(tree)
 
 
 def _moved_names(tree):

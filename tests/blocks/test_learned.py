@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from model_files import body
 from scipy.interpolate import PchipInterpolator
 
 import fpjax as fp
@@ -12,14 +13,9 @@ from fpjax.model_file import dump_model, load_model
 AT, TORQUE = [-2.0, -0.7, 0.1, 0.6, 1.9, 4.0], [-1.0, 0.4, 0.5, 2.0, 1.2, 1.3]
 X = np.linspace(-3.0, 5.0, 401)
 
-SERVO = """
-[plant]
-type = "one_mass"
-inertia = 0.5
-[friction]
-type = "coulomb_viscous"
-coulomb = 1.0
-viscous = 0.2
+SERVO = (
+    body(0.5, 1.0, 0.2)
+    + """
 [controller]
 type = "pi"
 kp = 5.0
@@ -34,6 +30,7 @@ duration = 2.0
 stepping = "sampled"
 solver = "exact"
 """
+)
 
 
 def inside(x):

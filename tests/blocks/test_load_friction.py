@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from model_files import body
 from scipy.integrate import solve_ivp
 
 import fpjax as fp
@@ -117,14 +118,9 @@ def test_two_bodies_feel_the_torque_of_the_shaft():
         assert float(run.signals["applied"][-1]) == pytest.approx((COULOMB + VISCOUS) / (1.0 - SHARE), rel=1e-3)
 
 
-TEXT = """
-[plant]
-type = "one_mass"
-inertia = 2.0
-[friction]
-type = "coulomb_viscous"
-coulomb = 2.0
-viscous = 0.5
+TEXT = (
+    body(2.0, 2.0, 0.5)
+    + """
 load_coefficient = 0.3
 [actuator]
 limit = 30.0
@@ -136,6 +132,7 @@ ki = 20.0
 dt = 1e-3
 duration = 1.0
 """
+)
 
 
 def test_the_file_has_it_and_its_steepness_follows_the_largest_level():

@@ -7,22 +7,9 @@ import pytest
 import fpjax as fp
 
 
-class Push(fp.AbstractController):
-    """The reference is the torque."""
-
-    def init(self):
-        return ()
-
-    def derivative(self, state, reference, measurement):
-        return ()
-
-    def readout(self, state, reference, measurement):
-        return reference
-
-
 def _push(torque, solver, stepping, duration=1.0):
     law = fp.CoulombViscousStiction(coulomb=1.0, static=2.0, viscous=0.1, stick_velocity=0.01)
-    loop = fp.ClosedLoop(fp.OneMass(0.5, law), Push())
+    loop = fp.ClosedLoop(fp.OneMass(0.5, law), fp.TorqueInput())
     reference = fp.Recorded(jnp.asarray(torque), 1e-3, hold=True)
     return fp.simulate(
         loop,

@@ -62,3 +62,25 @@ def smooth_body(**_):
 
 def controller():
     return fp.ProportionalIntegral(150.0, 200.0)
+
+
+def remembered(block, memory):
+    """A state of the block away from its first: each entry moved by `memory`, no two alike."""
+    leaves, structure = jax.tree.flatten(block.init())
+    return jax.tree.unflatten(structure, [leaf + memory * (1.0 + 0.1 * i) for i, leaf in enumerate(leaves)])
+
+
+def moving(tree):
+    """(moved(xi): the tree with parameter i moved by xi_i times its own size, or xi_i where it is 0, their number)."""
+    leaves, structure = jax.tree.flatten(tree)
+    sizes = [leaf.size for leaf in leaves]
+
+    def moved(xi):
+        start, parts = 0, []
+        for leaf, size in zip(leaves, sizes, strict=True):
+            scale = jnp.where(leaf == 0.0, 1.0, jnp.abs(leaf))
+            parts.append(leaf + scale * xi[start : start + size].reshape(leaf.shape))
+            start += size
+        return jax.tree.unflatten(structure, parts)
+
+    return moved, sum(sizes)

@@ -1,9 +1,8 @@
 """The drive's blocks: observers, controllers, references."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from catalogue_case import DT, VELOCITIES, Case, controller, smooth_body
+from catalogue_case import DT, VELOCITIES, Case, controller, remembered, smooth_body
 
 import fpjax as fp
 from fpjax.blocks.signals import Measurement
@@ -13,8 +12,7 @@ from fpjax.blocks.signals import Measurement
 
 def evaluate_observer(observer, at):
     velocity, control = at["velocity"], at["control"]
-    leaves, structure = jax.tree.flatten(observer.init())
-    state = jax.tree.unflatten(structure, [leaf + at["memory"] * (1.0 + 0.1 * i) for i, leaf in enumerate(leaves)])
+    state = remembered(observer, at["memory"])
     parameters = {"coulomb": at["control"], "viscous": at["memory"], "steepness": at["memory"]}
     return (
         observer.init(),
@@ -72,8 +70,7 @@ OBSERVERS += [
 
 def evaluate_controller(block, at):
     measurement = Measurement(at["velocity"], at["position"])
-    leaves, structure = jax.tree.flatten(block.init())
-    state = jax.tree.unflatten(structure, [leaf + at["memory"] * (1.0 + 0.1 * i) for i, leaf in enumerate(leaves)])
+    state = remembered(block, at["memory"])
     args = (state, at["reference"], measurement)
     stepped = block.step(*args, jnp.asarray(DT, at["velocity"].dtype))
     return block.init(), block.derivative(*args), block.readout(*args), stepped

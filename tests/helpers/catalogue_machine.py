@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from catalogue_case import DT, VELOCITIES, Case, controller, smooth_body
+from catalogue_case import DT, VELOCITIES, Case, controller, remembered, smooth_body
 
 import fpjax as fp
 from fpjax.blocks.friction.bristles import Bristles
@@ -158,8 +158,7 @@ PLANTS = [
 
 def evaluate_actuator(block, at):
     motion = Motion(at["velocity"], at["position"], at["time"])
-    leaves, structure = jax.tree.flatten(block.init())
-    state = jax.tree.unflatten(structure, [leaf + at["memory"] * (1.0 + 0.1 * i) for i, leaf in enumerate(leaves)])
+    state = remembered(block, at["memory"])
     delayed = getattr(block, "delay", None) is not None
     derivative = () if delayed else block.derivative(state, at["torque"])
     stepped = block.step(state, at["torque"], motion, jnp.asarray(DT, at["velocity"].dtype))
@@ -203,8 +202,7 @@ def evaluate_sensor(block, at):
     output = PlantOutput(
         at["velocity"], at["position"], 1.1 * at["velocity"], 1.2 * at["position"], jnp.zeros_like(at["velocity"])
     )
-    leaves, structure = jax.tree.flatten(block.init())
-    state = jax.tree.unflatten(structure, [leaf + at["memory"] * (1.0 + 0.1 * i) for i, leaf in enumerate(leaves)])
+    state = remembered(block, at["memory"])
     noise = tuple(at["noise"] * (1.0 + 0.3 * i) for i in range(block.noise_channels))
     stepped = block.step(state, output, noise, jnp.asarray(DT, at["velocity"].dtype))
     shown = block.readout(output) if isinstance(block, fp.IdealSensor) else ()

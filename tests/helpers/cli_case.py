@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 
-from model_files import LARGE_BODY
+from model_files import LARGE_BODY, LARGE_LOOP
 
 from fpjax.cli.command_line import main
 
@@ -14,16 +14,9 @@ REPO = pathlib.Path(__file__).parents[2]
 EMPS = REPO.parent / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 SERVO = (
     LARGE_BODY
+    + "steepness = 100.0"
+    + LARGE_LOOP
     + """
-steepness = 100.0
-[controller]
-type = "pi"
-kp = 150.0
-ki = 200.0
-[observer]
-type = "efp"
-gain_1 = 298.0
-gain_2 = 72.6
 [reference]
 type = "sine"
 amplitude = 1.0

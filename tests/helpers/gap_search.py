@@ -5,15 +5,13 @@ from model_files import SMALL_BODY
 from fpjax.gap.verb import make_search
 from fpjax.model_file import load_model
 
-MODEL = (
-    SMALL_BODY
-    + """
+RUN = """
 [controller]
 type = "unknown"
 [simulation]
 dt = 1e-3
 """
-)
+MODEL = SMALL_BODY + RUN
 
 
 def search_of(log, model=MODEL):

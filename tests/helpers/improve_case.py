@@ -4,6 +4,7 @@ import dataclasses
 import functools
 
 import numpy as np
+from model_files import body
 from numpy_machine import Machine, record
 
 from fpjax.gap.answer.posterior import Posterior
@@ -11,14 +12,7 @@ from fpjax.improvement.from_diagnosis import Known
 from fpjax.model_file import load_model
 
 TRUE = Machine(inertia=0.05, coulomb=0.4, viscous=0.03, kp=1.5, ki=8.0)
-MODEL = """\
-[plant]
-type = "one_mass"
-inertia = {inertia}
-[friction]
-type = "coulomb_viscous"
-coulomb = {coulomb}
-viscous = 0.03
+LOOP = """
 [controller]
 type = "pi"
 kp = 1.5
@@ -43,9 +37,14 @@ def log(seconds=1.5):
     return record(TRUE, seconds=seconds, reference=5.0 * np.sin(2.0 * np.pi * 1.3 * time), velocity_noise=5e-3)
 
 
-def model(more="", *, inertia=0.05, coulomb=0.2):
-    """The nominal model; its Coulomb level is half of the true one."""
-    return load_model(MODEL.format(inertia=inertia, coulomb=coulomb) + more)
+def text(more="", *, inertia=0.05, coulomb=0.2):
+    """The nominal model's file; its Coulomb level is half of the true one."""
+    return body(inertia, coulomb, 0.03) + LOOP + more
+
+
+def model(more="", **given):
+    """The nominal model."""
+    return load_model(text(more, **given))
 
 
 def known(*, spread=0.01, missing=0.0, values=(0.05, 0.4, 0.03), verdict="explained", learned=(), seconds=1.5):
@@ -78,7 +77,7 @@ def known(*, spread=0.01, missing=0.0, values=(0.05, 0.4, 0.03), verdict="explai
 
 def corrected():
     """The corrected model's text."""
-    return MODEL.format(inertia=0.05, coulomb=0.4)
+    return text(coulomb=0.4)
 
 
 def few(monkeypatch):

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import gap_search
 import numpy as np
-from model_files import SMALL_BODY
+from model_files import body
 from numpy_machine import Machine, record
 
 INERTIA, VISCOUS, DT = 0.05, 0.02, 1e-3
-MODEL = gap_search.MODEL.replace(SMALL_BODY, SMALL_BODY.replace("0.4", "0.0").replace("0.03", str(VISCOUS)))
+MODEL = body(INERTIA, 0.0, VISCOUS) + gap_search.RUN
 
 
 def drive(law, *, seconds=10.0, seed=0, noise=2e-3, push=None, encoder=False, drift=0.0):

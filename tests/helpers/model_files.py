@@ -1,26 +1,34 @@
-"""Model files: a small servo to start from, and models compared."""
+"""Model files: machines and servos to start from, and models compared."""
 
 import equinox as eqx
 
-# The two machines of the tests: a small joint, and the thesis' axis (kg m^2, N m, N m s/rad). Each ends within
-# [friction], so that a steepness may follow.
-SMALL_BODY = """
+
+def body(inertia, coulomb, viscous):
+    """A mass with friction [kg m^2, N m, N m s/rad]; it ends within [friction], so that a steepness may follow."""
+    return f"""
 [plant]
 type = "one_mass"
-inertia = 0.05
+inertia = {inertia}
 [friction]
 type = "coulomb_viscous"
-coulomb = 0.4
-viscous = 0.03
+coulomb = {coulomb}
+viscous = {viscous}
 """
-LARGE_BODY = """
-[plant]
-type = "one_mass"
-inertia = 10.0
-[friction]
-type = "coulomb_viscous"
-coulomb = 20.0
-viscous = 2.0
+
+
+# The two machines of the tests: a small joint, as in `numpy_machine`, and the thesis' axis.
+SMALL_BODY = body(0.05, 0.4, 0.03)
+LARGE_BODY = body(10.0, 20.0, 2.0)
+# A loop around the thesis' axis, and an observer of its friction.
+LARGE_LOOP = """
+[controller]
+type = "pi"
+kp = 150.0
+ki = 200.0
+[observer]
+type = "efp"
+gain_1 = 298.0
+gain_2 = 72.6
 """
 SMALL_SERVO = (
     SMALL_BODY

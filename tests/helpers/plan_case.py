@@ -1,27 +1,27 @@
 """The servo that plans are made for, its limits, and the diagnoses that leave rivals."""
 
+from model_files import body
+
 from fpjax.model_file import load_model
 from fpjax.planning.limits import Limits
 
 LIMITS = Limits(speed=5.0, acceleration=40.0, torque=3.0, travel=6.0, duration=4.0)
 
-SERVO = """
+SERVO = (
+    """
 [units]
 sensors = "{sensors}"
 reference = "{reference}"
-[plant]
-type = "one_mass"
-inertia = 0.05
-[friction]
-type = "coulomb_viscous"
-coulomb = 0.5
-viscous = 0.04
+"""
+    + body(0.05, 0.5, 0.04)
+    + """
 [controller]
 type = "{controller}"
 {gains}
 [simulation]
 dt = 4e-3
 """
+)
 
 
 def servo_text(sensors="velocity", controller="pi", gains="kp = 4.0\nki = 40.0", reference="velocity"):

@@ -19,6 +19,15 @@ def efp(steepness=None, gain_2=10.0, gain_1=100.0, viscous=2.0, sensor=None):
     )
 
 
+def stiff(gain_1=100.0, gain_2=100.0):
+    """EFP in SI units on exact friction under a fast loop, to be stepped exactly."""
+    return fpjax.ClosedLoop(
+        fpjax.OneMass(10.0, fpjax.CoulombViscous(20.0, 5.0)),
+        fpjax.ProportionalIntegral(400.0, 2000.0),
+        fpjax.ExtendedFriedlandPark(10.0, gain_1, gain_2, 500.0),
+    )
+
+
 GAINS = ("observer.gain_2", "observer.gain_1")
 THESIS = tuning.Thesis(scales={"viscous": DEGREE})
 SETUP = {"dt": 1e-4, "duration": 0.5, "solver": "ode3"}

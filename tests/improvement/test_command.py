@@ -17,7 +17,7 @@ def write(folder, *, more="", reference=True, controller=True):
         columns["reference"] = log.reference
     rows = np.stack(list(columns.values()), axis=1)
     np.savetxt(folder / "run.csv", rows, delimiter=",", header=",".join(columns), comments="", fmt="%.10g")
-    text = case.MODEL.format(inertia=0.05, coulomb=0.2) + more
+    text = case.text(more)
     if not controller:
         text = text.replace('type = "pi"\nkp = 1.5\nki = 8.0', 'type = "unknown"')
     (folder / "servo.toml").write_text(text)

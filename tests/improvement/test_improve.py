@@ -317,7 +317,7 @@ def test_what_cannot_change_is_said_in_one_sentence(more, free, words):
 
 
 def test_a_controller_that_is_not_known_is_refused_before_anything_is_computed():
-    text = case.MODEL.format(inertia=0.05, coulomb=0.2)
+    text = case.text()
     unknown = text.replace('type = "pi"\nkp = 1.5\nki = 8.0', 'type = "unknown"')
     with pytest.raises(fp.InputError, match="unknown"):
         fp.improve(case.log(), unknown)

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from model_files import LARGE_BODY, same
+from model_files import LARGE_BODY, LARGE_LOOP, same
 
 import fpjax as fp
 from fpjax.blocks.friction.bristles import Bristles
@@ -20,15 +20,8 @@ from fpjax.model_file import dump_model, load_model, simplified
 
 TEXT = (
     LARGE_BODY
+    + LARGE_LOOP
     + """
-[controller]
-type = "pi"
-kp = 150.0
-ki = 200.0
-[observer]
-type = "efp"
-gain_1 = 298.0
-gain_2 = 72.6
 [reference]
 type = "sine"
 amplitude = 1.0

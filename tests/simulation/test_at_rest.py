@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from catalogue import one_of_each_kind
 from catalogue_case import DT
+from measures import MEASURES
 
 import fpjax as fp
 import tuning.measures
@@ -21,16 +22,7 @@ STEPS = 2  # the second knows the first, as measures of a change need
 
 
 def measures_of(loop):
-    found = {
-        "mean": fp.MeanAbsolute(),
-        "root": fp.RootMeanSquare(),
-        "square": fp.MeanSquare(),
-        "spread": fp.StandardDeviation(fp.velocity_error),
-        "largest": fp.Largest(fp.compensation_error),
-        "final": fp.Final(fp.velocity_error),
-        "gradient": fp.GradientRootMeanSquare(),
-        "effort": fp.control_effort(),
-        "torque": fp.CoulombTorqueError(20.0),
+    found = MEASURES | {
         "after": squared_after(0),
         "bins": squared_after(3),
         "fastest": tuning.measures.Fastest(),

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from measures import MEASURES
 
 import fpjax as fp
 
@@ -15,16 +16,7 @@ def run():
     friction = fp.CoulombViscous(20.0, 2.0, steepness=200.0)
     observer = fp.ExtendedFriedlandPark(10.0, 100.0, 300.0, steepness=200.0)
     loop = fp.ClosedLoop(fp.OneMass(10.0, friction), fp.ProportionalIntegral(800.0, 8000.0), observer)
-    measures = {
-        "mean": fp.MeanAbsolute(),
-        "root": fp.RootMeanSquare(),
-        "square": fp.MeanSquare(),
-        "spread": fp.StandardDeviation(fp.velocity_error),
-        "largest": fp.Largest(fp.compensation_error),
-        "final": fp.Final(fp.velocity_error),
-        "gradient": fp.GradientRootMeanSquare(),
-        "effort": fp.control_effort(),
-        "torque": fp.CoulombTorqueError(20.0),
+    measures = MEASURES | {
         "error": fp.EstimateError("coulomb", 20.0, start=0.5),
         "last": fp.EstimateFinal("coulomb"),
         "peak": fp.EstimatePeak("coulomb"),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from model_files import body
 
 import fpjax as fp
 
@@ -58,14 +59,9 @@ def test_the_anti_windup_sees_the_compensation(stepping):
 
 
 def test_a_limit_in_the_model_file_holds_with_an_observer():
-    text = """
-[plant]
-type = "one_mass"
-inertia = 0.1
-[friction]
-type = "coulomb_viscous"
-coulomb = 0.4
-viscous = 0.02
+    text = (
+        body(0.1, 0.4, 0.02)
+        + """
 [controller]
 type = "pi"
 kp = 10.0
@@ -84,6 +80,7 @@ dt = 1e-3
 duration = 2.0
 stepping = "sampled"
 """
+    )
     from fpjax.model_file import load_model
 
     model = load_model(text)

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from model_files import body
 
 import fpjax as fp
 import tuning
@@ -10,14 +11,9 @@ from fpjax.cli.command_line import main
 from fpjax.errors import InputError
 from tuning.file_bounds import bounded_parameters
 
-SERVO = """
-[plant]
-type = "one_mass"
-inertia = 10.0
-[friction]
-type = "coulomb_viscous"
-coulomb = 20.0
-viscous = 5.0
+SERVO = (
+    body(10.0, 20.0, 5.0)
+    + """
 [controller]
 type = "pi"
 {controller}
@@ -36,6 +32,7 @@ solver = "exact"
 [bounds]
 {bounds}
 """
+)
 OBSERVER = "gain_1 = 100.0\ngain_2 = 100.0"
 
 

@@ -1,15 +1,12 @@
 """Gains by pole placement for machines that friction could hold."""
 
+from model_files import body
+
 import fpjax as fp
 
-STUCK = """
-[plant]
-type = "one_mass"
-inertia = 0.0047
-[friction]
-type = "coulomb_viscous"
-coulomb = {coulomb}
-viscous = 0.5
+STUCK = (
+    body(0.0047, "{coulomb}", 0.5)
+    + """
 [controller]
 type = "pi"
 [observer]
@@ -24,6 +21,7 @@ duration = 1.0
 stepping = "sampled"
 solver = "exact"
 """
+)
 
 
 def test_a_loop_without_gains_is_fast_enough_for_friction_not_to_hold_the_machine():

@@ -5,6 +5,8 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
+from model_files import body
+from tuning_loops import stiff
 
 import fpjax as fp
 import tuning
@@ -15,24 +17,16 @@ GAINS = ("observer.gain_1", "observer.gain_2")
 RUN = {"dt": 2e-3, "stepping": "sampled", "solver": "exact"}
 
 
-def loop():
-    return fp.ClosedLoop(
-        fp.OneMass(10.0, fp.CoulombViscous(20.0, 5.0)),
-        fp.ProportionalIntegral(400.0, 2000.0),
-        fp.ExtendedFriedlandPark(10.0, 100.0, 100.0, 500.0),
-    )
-
-
 @pytest.fixture(scope="module")
 def short():
     """Gains held too small to bring the estimates home within the run."""
     held = [tuning.Parameter(name, 1.0, 0.5, 2.0) for name in GAINS]
-    return tuning.tune(loop(), fp.Sine(1.0, 0.5), parameters=held, duration=0.5, **RUN)
+    return tuning.tune(stiff(), fp.Sine(1.0, 0.5), parameters=held, duration=0.5, **RUN)
 
 
 def test_estimates_that_end_off_the_truth_are_said_with_their_number(short):
     run = fp.simulate(
-        short.apply(loop()), fp.Sine(1.0, 0.5), duration=0.5, record=("estimates.coulomb", "estimates.viscous"), **RUN
+        short.apply(stiff()), fp.Sine(1.0, 0.5), duration=0.5, record=("estimates.coulomb", "estimates.viscous"), **RUN
     )
     for name, truth in (("coulomb", 20.0), ("viscous", 5.0)):
         assert short.settled[name] == pytest.approx(run.settled[name] / truth - 1.0, abs=5e-3)
@@ -78,7 +72,7 @@ def test_estimates_are_judged_under_the_noise_of_the_sensor():
     """A noise of a tenth of the speed throws off an observer that was tuned without it."""
 
     def tuned(noise):
-        noisy = fp.ClosedLoop(loop().plant, loop().controller, loop().observer, sensor=fp.Gyro(noise=noise))
+        noisy = fp.ClosedLoop(stiff().plant, stiff().controller, stiff().observer, sensor=fp.Gyro(noise=noise))
         return tuning.tune(noisy, fp.Sine(1.0, 0.5), parameters=GAINS, duration=0.5, **RUN)
 
     clean, rough = tuned(0.0), tuned(0.1)
@@ -92,14 +86,9 @@ def test_estimates_are_judged_under_the_noise_of_the_sensor():
 @pytest.mark.long
 def test_gains_that_the_noise_upsets_are_tuned_again_under_it():
     """Without noise this machine's best gains are those of an unstable observer: nothing pushes it off the truth."""
-    model = fp.load_model("""
-[plant]
-type = "one_mass"
-inertia = 4.18405e-4
-[friction]
-type = "coulomb_viscous"
-coulomb = 1.89698e-3
-viscous = 1.15067e-3
+    model = fp.load_model(
+        body(4.18405e-4, 1.89698e-3, 1.15067e-3)
+        + """
 [actuator]
 limit = 0.0868039
 [sensor]
@@ -118,7 +107,8 @@ dt = 2.47137979e-3
 duration = 2.46890841
 stepping = "sampled"
 solver = "exact"
-""")
+"""
+    )
     result = tuning.tune(model)
     assert any(
         note.startswith("tuned under the sensor's noise: with the best gains without it") for note in result.notes
@@ -139,7 +129,7 @@ def test_an_estimate_that_runs_away_is_said_as_such():
 
 
 def test_the_note_says_under_which_noise():
-    noisy_loop = dataclasses.replace(loop(), sensor=fp.Gyro(noise=1e-3))
+    noisy_loop = dataclasses.replace(stiff(), sensor=fp.Gyro(noise=1e-3))
     quiet, *noisy = (
         make_problem(noisy_loop, fp.Sine(1.0, 1.0), ["observer.gain_1"], dt=1e-3, duration=0.1, noise_seeds=seeds)[0]
         for seeds in ((), (0,), (0, 1))

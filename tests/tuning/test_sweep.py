@@ -100,6 +100,15 @@ def test_a_folder_of_another_sweep_is_refused(tmp_path):
             tuning.sweep(loop, reference, out=tmp_path, resume=True, **settings)
 
 
+def printed(code, **environment):
+    """What the code prints in a process of its own."""
+    command = [sys.executable, "-c", textwrap.dedent(code), HELPERS]
+    run = subprocess.run(
+        command, capture_output=True, text=True, check=True, cwd=REPO, env={**os.environ, **environment}
+    )
+    return run.stdout.strip()
+
+
 def test_the_identity_of_a_sweep_is_the_same_in_another_process(tmp_path):
     """Else a killed driver could not resume."""
     code = """
@@ -113,15 +122,7 @@ def test_the_identity_of_a_sweep_is_the_same_in_another_process(tmp_path):
     """
     known = set()
     for seed in ("1", "2"):
-        run = subprocess.run(
-            [sys.executable, "-c", textwrap.dedent(code), HELPERS],
-            capture_output=True,
-            text=True,
-            check=True,
-            cwd=REPO,
-            env={**os.environ, "PYTHONHASHSEED": seed},
-        )
-        known.add(run.stdout.strip())
+        known.add(printed(code, PYTHONHASHSEED=seed))
     assert len(known) == 1
 
 
@@ -239,14 +240,7 @@ def test_1e5_candidates_of_5000_steps_stay_under_one_gibibyte(tmp_path):
         result = tuning.sweep(efp(150.0), SINE, axes=axes, objective=THESIS, **SETUP)
         print(result.simulations, result.simulated_steps, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
     """
-    run = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code), HELPERS],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=REPO,
-    )
-    simulations, steps, kilobytes = map(int, run.stdout.split())
+    simulations, steps, kilobytes = map(int, printed(code).split())
     assert simulations >= 100_000
     assert steps >= 100_000 * 5_000
     assert kilobytes < 1024 * 1024
