@@ -29,6 +29,7 @@ from .mending.invalid_values import filled, unread_rows, without_absurd
 from .mending.measured_torque import constant_ratio, following
 from .mending.resample import HELD, Uniform, every, to_grid
 from .mending.unsigned import signed
+from .mending.wrapping import find_wrapping
 from .noise import noise_level, rounding_step
 
 MOST_EXTRA = 64  # unmapped columns that are kept
@@ -119,7 +120,7 @@ def read_log(
     del table
     # notes so far are on how the file was understood; those from here on are changes, which `strict` refuses
     done = len(notes)
-    uniform, jitter, period, step = _uniform(found, extra, name, first_row, (begin, end), dt, notes)
+    uniform, jitter, period, step = _uniform(found, extra, name, first_row, (begin, end), dt, bool(kind), notes)
     if strict and len(notes) > done:
         raise InputError(f"{notes[done]} (strict: the log is refused for it.)")
     if take_every > 1:
@@ -284,6 +285,7 @@ def _uniform(
     first_row: int,
     window: tuple[float, float],
     dt: float | None,
+    linear: bool,
     notes: list[str],
 ) -> tuple[Uniform, float, float, float]:
     """Columns on the uniform grid, the jitter [s], the period [s], and the torque's rounding step as recorded."""
@@ -310,6 +312,7 @@ def _uniform(
         extra = {key: values[rows] for key, values in extra.items()}
     found = {key: without_absurd(values, key, name, first_row, notes) for key, values in found.items()}
     found = _without_empty(found, name, notes)
+    found = _unwrapped(found, time, linear, name, first_row, notes)
     begin, end = longest_stretch(time, unread_rows(found), name, first_row, notes)
     _check_length(end - begin, name)
     if end - begin < time.size:
@@ -338,6 +341,30 @@ def _without_empty(found: dict[str, np.ndarray], name: str, notes: list[str]) ->
             raise InputError(f"{name}: {key} holds no numbers at all: map another column with --columns {key}=NAME.")
         notes.append(f"{name}: {key} holds no numbers at all and was left out.")
     return {key: values for key, values in found.items() if key not in empty}
+
+
+def _unwrapped(
+    found: dict[str, np.ndarray], time: np.ndarray, linear: bool, name: str, first_row: int, notes: list[str]
+) -> dict[str, np.ndarray]:
+    """The columns with a position, and its reference, that turn on where they jumped from one end to the other."""
+    wrapping = find_wrapping(found["position"], time, linear=linear) if "position" in found else None
+    if wrapping is None:
+        return found
+    position = wrapping.removed(found["position"])
+    count = len(wrapping.after)
+    unit, times = "m" if linear else "rad", "once" if count == 1 else f"{count} times"
+    notes.append(
+        f"{name}: position jumps by {wrapping.period:.6g} {unit} {times} (first after row "
+        f"{wrapping.after[0] + first_row}) while the machine moves on: it wraps, and was made continuous."
+    )
+    found = found | {"position": position}
+    asked = find_wrapping(found["reference"], time, linear=linear) if "reference" in found else None
+    if asked is not None and abs(asked.period - wrapping.period) < 0.01 * wrapping.period:
+        reference = asked.removed(found["reference"])
+        # Where the log begins one of them may have been beyond an end already.
+        apart = np.nanmedian(position - reference) / wrapping.period
+        found["reference"] = reference + wrapping.period * np.round(apart)
+    return found
 
 
 def _about_torque(
