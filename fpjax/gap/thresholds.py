@@ -69,6 +69,8 @@ class Thresholds:
         swallowed: of the largest commanded torque [1], the widest dead zone of an actuator.
         reading: error of the velocity reading, of the speed's rms [1], from which on it is told.
         wrong_number: log prior odds that one nominal number is wrong [1].
+        persists: share [1] of its deviation without an effect, that a nominal number must keep beside the likeliest
+            effects to be told as wrong without them.
         no_better: missing torque left, of the nominal model's [1], below which less makes a model worth no more.
         no_less: likewise, above which nothing counts as gone.
         moves: speed, of the top speed [1], from which a machine moves.
@@ -133,6 +135,7 @@ class Thresholds:
     swallowed: float = 0.5
     reading: float = 0.01
     wrong_number: float = -1.0
+    persists: float = 0.5
     no_better: float = 0.05
     no_less: float = 0.999
     moves: float = 0.1

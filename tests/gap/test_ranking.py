@@ -9,6 +9,7 @@ import pytest
 from fpjax.gap import Estimate, Ranked
 from fpjax.gap.answer.assemble import _instead
 from fpjax.gap.answer.confusable import indistinguishable
+from fpjax.gap.answer.judge import _persist
 from fpjax.gap.answer.ranking import share_alike
 from fpjax.gap.effects.twins import LogFacts, Twin, exact_twins, single_twins
 from fpjax.gap.select.decision import Weighed
@@ -255,6 +256,31 @@ def test_one_wrong_number_beside_right_ones_stands_where_its_share_of_the_gap_pu
     shares = {"viscous_error": 0.88, "constant_torque": 0.07}
     assert judged(chosen, [], shares=shares, numbers=0.27).causes == ("viscous_error", "constant_torque")
     assert judged(chosen, [], shares={"viscous_error": 0.2, "constant_torque": 0.7}).causes[0] == "constant_torque"
+
+
+@pytest.mark.parametrize(
+    ("alone", "beside", "bound", "told"),
+    [
+        (0.9, 0.8, (), True),
+        (0.9, 0.52, (), False),
+        (0.9, 0.3, (), False),
+        (0.2, 0.25, (), True),
+        (0.9, 0.8, ("coulomb",), False),
+    ],
+)
+def test_numbers_are_told_alone_where_the_likeliest_effects_leave_them_wrong(alone, beside, bound, told):
+    """A Coulomb level of 0.5 that bends after a Stribeck curve is right again beside that curve."""
+
+    def fit(coulomb, ends=()):
+        values = NOMINAL | {"coulomb": coulomb}
+        return SimpleNamespace(candidate=SimpleNamespace(values=lambda: values, at_bound=lambda: list(ends)))
+
+    numbers = SimpleNamespace(
+        decision=SimpleNamespace(chosen=SimpleNamespace(fit=fit(alone, bound))),
+        verdict=SimpleNamespace(causes=("coulomb_error", "velocity_bias")),
+    )
+    decision = SimpleNamespace(exact=fit(0.5), chosen=SimpleNamespace(fit=fit(beside)))
+    assert _persist(numbers, decision) is told
 
 
 def test_an_effect_whose_size_may_be_nothing_is_not_asserted():

@@ -8,12 +8,13 @@ import numpy as np
 from ...logs.arrays import Values
 from ..data.record import Record
 from ..effects.twins import single_twins
-from ..fit.candidate import Fit, nominal_sizes
+from ..fit.candidate import NOMINAL, Fit, nominal_sizes
 from ..fit.search import Search
 from ..select.decision import Decision, by_numbers
 from ..select.dominant import DominantVariable, dominant
 from ..select.readings import Reading
 from ..select.verdict import Seen, Verdict, verdict
+from ..thresholds import THRESHOLDS, Thresholds
 from .course import Course, course_of
 from .curves import Curves, named_share
 from .gap import Gap
@@ -69,7 +70,8 @@ def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: 
     """The verdict.
 
     If effects beside wrong nominal numbers are not certain enough to assert, and the nominal numbers alone explain the
-    gap or a part of it, the numbers are reported: they are wrong whichever effect stands beside them.
+    gap or a part of it, the numbers are reported, unless an effect beside them makes them right: else they are wrong
+    whichever effect stands beside them.
 
     Args:
         search: of the logs.
@@ -83,7 +85,24 @@ def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: 
     if found.verdict.word != "unexplained" or not decision.chosen.structural or not wrong:
         return found
     numbers = _judge(search, by_numbers(search, decision), read, curves, unit)
-    return numbers if numbers.verdict.word in ("explained", "partly_explained") else found
+    told = numbers.verdict.word in ("explained", "partly_explained")
+    return numbers if told and _persist(numbers, decision) else found
+
+
+def _persist(numbers: Judged, decision: Decision, t: Thresholds = THRESHOLDS) -> bool:
+    """Whether the numbers that are asserted without an effect are wrong beside the likeliest effects too.
+
+    Alone they bend after a law that none of them is (a Coulomb level after a Stribeck curve), to a bound at last.
+    """
+    given, alone, beside = (
+        fit.candidate.values() for fit in (decision.exact, numbers.decision.chosen.fit, decision.chosen.fit)
+    )
+    asserted = {name.removesuffix("_error") for name in numbers.verdict.causes} & set(NOMINAL)
+    bound = set(numbers.decision.chosen.fit.candidate.at_bound())
+    return not asserted & bound and all(
+        (beside[name] - given[name]) * np.sign(alone[name] - given[name]) >= t.persists * abs(alone[name] - given[name])
+        for name in asserted
+    )
 
 
 def _share(missing: Values, record: Record) -> float:
