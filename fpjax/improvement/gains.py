@@ -11,7 +11,7 @@ from ..blocks.feedforward import AbstractFeedforward, Feedforward, PositionFeedf
 from ..blocks.observers import NoObserver
 from ..blocks.parameters import get_parameter, set_parameters
 from ..errors import InputError
-from ..logs.arrays import Values
+from ..logs.arrays import Numbers, Values
 from ..logs.dynamics.derivative import slope
 from ..model_file import Model
 from ..model_file.bounds import gain_names
@@ -51,7 +51,7 @@ class Gain:
     logarithmic: bool
     written: bool
 
-    def value(self, share: Values) -> Values:
+    def value(self, share: Numbers) -> Numbers:
         """The gain at a share of its range, 0 to 1."""
         if self.logarithmic:
             return self.low * (self.high / self.low) ** share

@@ -3,6 +3,7 @@
 import threading
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from gap_search import search_of
@@ -38,7 +39,9 @@ def test_rows_are_taken_apart_as_they_were_put_together(search):
     vector, states, fields = lanes(search, 5)
     states += [[1.0], [2.0]]
     fields = fields | {"hidden": np.arange(10.0).reshape(2, 5)}
-    taken = from_rows(as_rows(vector, states, fields), fields["start"], len(vector))
+    rows = as_rows(vector, states, fields)
+    with double_precision():
+        taken = from_rows(jnp.asarray(rows), jnp.asarray(fields["start"]), len(vector))
     np.testing.assert_array_equal(taken[0], vector)
     np.testing.assert_array_equal(taken[1], states)
     for name, value in fields.items():

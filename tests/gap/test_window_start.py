@@ -22,7 +22,8 @@ def test_a_window_starts_with_the_lagged_command_and_not_with_the_torque_behind_
         search = make_search([log], [], load_model(f"{gap_search.MODEL}[actuator]\nlag = 2e-3\n{more}"))
         fields = window_fields(search.records[0], np.array([1]), np.zeros((2, len(search.records[0].starts))))
         with double_precision():
-            windows = Windows(**{key: jnp.asarray(value) for key, value in fields.items()})
+            at = {key: jnp.asarray(value) for key, value in fields.items()}
+            windows = Windows(**at | {"hidden": tuple(at["hidden"])})
             machine = lanes(search.fitter(("rigid", ())).family.machine, 1)
             lagged[name] = float(initial(machine, windows, jnp.zeros((2, 1)), search.tables[0])[1][0])
     assert abs(lagged["lag"]) > 0.3  # beyond the limit

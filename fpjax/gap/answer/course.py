@@ -9,6 +9,7 @@ the square of the reported gap.
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from ...logs.arrays import Values
 from ..fit.candidate import Fit
@@ -28,11 +29,11 @@ class Course:
         independent: independent values of noise for each sample [1], at most 1: the filter correlates neighbours.
     """
 
-    torque: Values
-    noise: Values
-    frequency: Values
-    power: Values
-    spread: Values
+    torque: Float[Values, " samples"]
+    noise: Float[Values, " samples"]
+    frequency: Float[Values, " modes"]
+    power: Float[Values, " modes"]
+    spread: Float[Values, " modes"]
     independent: float
 
 

@@ -6,7 +6,9 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
+from ...logs.arrays import Values
 from ..effects.estimate import Estimate
 
 
@@ -113,12 +115,12 @@ class Comparison:
     """
 
     name: str
-    time: np.ndarray
-    torque: np.ndarray
-    before: np.ndarray
-    after: np.ndarray
-    withheld: np.ndarray
-    window: np.ndarray
+    time: Float[Values, " samples"]
+    torque: Float[Values, " samples"]
+    before: Float[Values, " samples"]
+    after: Float[Values, " samples"]
+    withheld: Bool[Values, " samples"]
+    window: Int[Values, " samples"]
 
 
 @dataclass(frozen=True)

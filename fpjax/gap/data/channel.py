@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float, Int, Num
 
 from ...logs.arrays import Values
 from ...logs.noise import noise_level, rounding_step
@@ -18,11 +19,11 @@ class Channel:
         step: the column is rounded to multiples of it; 0 where no rounding is seen.
     """
 
-    values: Values
+    values: Float[Values, " samples"]
     noise: float
     step: float
 
-    def runs(self, starts: Values, samples: int) -> Values:
+    def runs(self, starts: Int[Values, " windows"], samples: int) -> Float[Values, " windows"]:
         """Samples per distinct reading in each window [1], shape (windows,).
 
         Rounding is white noise only while the signal crosses about one count a sample. In slower motion a run of `n`
@@ -42,7 +43,7 @@ class Channel:
         return np.maximum(samples / distinct, 1.0)
 
 
-def make_channel(values: Values) -> Channel:
+def make_channel(values: Num[Values, " samples"]) -> Channel:
     """A channel of a column of shape (samples,), its noise and its rounding estimated from it."""
     values = np.asarray(values, float)
     step = rounding_step(values)

@@ -4,6 +4,7 @@ They give the windows' start values and sizes for bounds. Residuals are formed w
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from ...logs.arrays import Values
 from ...logs.dynamics.derivative import local_polynomial
@@ -15,7 +16,9 @@ HALVES = (2, 3, 4, 6, 9, 13, 19, 28, 40)  # samples on either side of a local qu
 QUIET_SPEED = 0.01
 
 
-def motion(velocity: Channel | None, position: Channel | None, dt: float) -> tuple[Values, Values, Values, float]:
+def motion(
+    velocity: Channel | None, position: Channel | None, dt: float
+) -> tuple[Float[Values, " samples"], Float[Values, " samples"], Float[Values, " samples"], float]:
     """(speed [rad/s], acceleration [rad/s^2], angle [rad], standard deviation of the speed), each (samples,).
 
     Args:
@@ -43,7 +46,9 @@ def motion(velocity: Channel | None, position: Channel | None, dt: float) -> tup
     return speed, slope / dt, angle, deviation
 
 
-def smoothed(values: Values, half: int) -> tuple[Values, Values]:
+def smoothed(
+    values: Float[Values, " samples"], half: int
+) -> tuple[Float[Values, " samples"], Float[Values, " samples"]]:
     """(value, slope per sample) of a local quadratic over 2 half + 1 samples; the ends repeat the nearest fit."""
     half = min(half, (len(values) - 1) // 2)
     return local_polynomial(values, half), local_polynomial(values, half, derivative=1)

@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from ...errors import InputError
 from ...logs import Log
+from ...logs.arrays import Values
 from ...logs.checks.stamp_jitter import stamp_jitter
 from ...logs.noise import is_derived
 from .channel import Channel, common_noise, make_channel
@@ -58,23 +60,23 @@ class Record:
     """
 
     name: str
-    time: np.ndarray
-    torque: np.ndarray
+    time: Float[Values, " samples"]
+    torque: Float[Values, " samples"]
     velocity: Channel | None
     position: Channel | None
     reading: Channel | None
-    reference: np.ndarray | None
+    reference: Float[Values, " samples"] | None
     dt: float
     linear: bool
-    speed: np.ndarray
-    acceleration: np.ndarray
-    angle: np.ndarray
+    speed: Float[Values, " samples"]
+    acceleration: Float[Values, " samples"]
+    angle: Float[Values, " samples"]
     speed_noise: float
     integrated: bool
-    starts: np.ndarray
+    starts: Int[Values, " windows"]
     samples: int
-    withheld: np.ndarray
-    runs: np.ndarray
+    withheld: Bool[Values, " windows"]
+    runs: Float[Values, " windows"]
     recorded: int
 
     @property
@@ -82,7 +84,7 @@ class Record:
         """Whether (velocity, position) is fitted."""
         return self.velocity is not None, self.position is not None
 
-    def motion_squares(self) -> np.ndarray:
+    def motion_squares(self) -> Float[Values, " windows"]:
         """Mean square of the motion in each window, in standard deviations of the sensors, shape (windows,)."""
         rows = self.starts[:, None] + np.arange(self.samples)
         found = []
@@ -92,7 +94,7 @@ class Record:
             found.append(np.var(self.angle[rows], axis=1) / self.position.noise**2)
         return np.mean(found, axis=0)
 
-    def windows_of_samples(self) -> np.ndarray:
+    def windows_of_samples(self) -> Int[Values, " samples"]:
         """Index of the window of each sample, -1 for none, shape (samples,)."""
         index = np.full(len(self.time), -1)
         for window, start in enumerate(self.starts):
@@ -209,7 +211,7 @@ def _record(
     dt = float(log.dt)
     speed, acceleration, angle, speed_noise = motion(velocity, position, dt)
     starts = np.arange(0, len(log.time) - samples - EDGE + 1, samples)
-    kept: np.ndarray | slice = slice(None)
+    kept: Values | slice = slice(None)
     if total > MOST and len(log.time) > LONG * (LEAD + EDGE) + FEWEST * samples:
         kept, starts = _stretches(speed, samples, MOST / total)
     elif total > MOST:  # whole pairs of windows, spread evenly
@@ -243,12 +245,14 @@ def _record(
     )
 
 
-def _part(channel: Channel | None, kept: np.ndarray | slice) -> Channel | None:
+def _part(channel: Channel | None, kept: Values | slice) -> Channel | None:
     """Some samples of a channel, with the noise of the whole channel."""
     return None if channel is None else replace(channel, values=channel.values[kept])
 
 
-def _stretches(speed: np.ndarray, samples: int, share: float) -> tuple[np.ndarray, np.ndarray]:
+def _stretches(
+    speed: Float[Values, " samples"], samples: int, share: float
+) -> tuple[Int[Values, " kept"], Int[Values, " windows"]]:
     """(samples of a long log that are kept, first sample of each window among them).
 
     Stretches of whole windows, spread evenly over the parts in which the machine moves most of the time: much of a
@@ -279,7 +283,7 @@ def _stretches(speed: np.ndarray, samples: int, share: float) -> tuple[np.ndarra
     return kept, starts.ravel()
 
 
-def joints(record: Record) -> np.ndarray:
+def joints(record: Record) -> Int[Values, " edges"]:
     """First sample of each stretch of a record, then the record's number of samples: two entries or more."""
     return np.concatenate([[0], np.flatnonzero(np.diff(record.time) > 1.5 * record.dt) + 1, [len(record.time)]])
 
@@ -366,7 +370,9 @@ def guide_of(record: Record, bandwidth: float) -> tuple[float, float]:
     return (0.0 if record.integrated else turning**2), 2.0 * DAMPED * turning
 
 
-def _column(channel: Channel | None, count: int, padded: int) -> tuple[np.ndarray, np.ndarray]:
+def _column(
+    channel: Channel | None, count: int, padded: int
+) -> tuple[Float[Values, " padded"], Float[Values, " padded"]]:
     values, weight = np.zeros(padded), np.zeros(padded)
     if channel is not None:
         values[TAPS : TAPS + count] = channel.values

@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from ...logs.arrays import Values
 from ..thresholds import THRESHOLDS
 
 
-def every_fourth(windows: int, shift: int = 0) -> np.ndarray:
+def every_fourth(windows: int, shift: int = 0) -> Bool[Values, " {windows}"]:
     """Whether each window is withheld: every fourth block of two windows, shape (windows,), bool.
 
     Every fourth time it is the block after, so that withheld blocks do not fall on the same part of a periodic motion.
@@ -24,7 +25,7 @@ def every_fourth(windows: int, shift: int = 0) -> np.ndarray:
     return chosen
 
 
-def fairer_split(missing: Sequence[Values]) -> list[Values] | None:
+def fairer_split(missing: Sequence[Float[Values, " _"]]) -> list[Bool[Values, " _"]] | None:
     """Windows to withhold that hold as much missing torque as the others; None where those of `every_fourth` do.
 
     A torque limit that is reached in a few windows could otherwise have all of them withheld, and not be fitted, or

@@ -1,7 +1,7 @@
 """Tables: a log as the replay loop reads it."""
 
 import equinox as eqx
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 TAPS = 128  # periods of past commands from which an actuator's lag gets its start value
 
@@ -16,10 +16,10 @@ class Guide(eqx.Module):
         damping: acceleration per speed error [1/s], scalar.
     """
 
-    speed: Array
-    angle: Array
-    stiffness: Array
-    damping: Array
+    speed: Float[Array, " padded"]
+    angle: Float[Array, " padded"]
+    stiffness: Float[Array, ""]
+    damping: Float[Array, ""]
 
 
 class Tables(eqx.Module):
@@ -37,10 +37,10 @@ class Tables(eqx.Module):
         guide: with stiffness and damping zero for a free simulation.
     """
 
-    torque: Array
-    velocity: Array
-    velocity_weight: Array
-    position: Array
-    position_weight: Array
-    dt: Array
+    torque: Float[Array, " padded"]
+    velocity: Float[Array, " padded"]
+    velocity_weight: Float[Array, " padded"]
+    position: Float[Array, " padded"]
+    position_weight: Float[Array, " padded"]
+    dt: Float[Array, ""]
     guide: Guide

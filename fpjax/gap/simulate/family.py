@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float, Int
 
 from ...blocks.actuators import AbstractActuator
 from ...blocks.plants import AbstractPlant
 from ...blocks.sensors import AbstractSensor
 from ...compiled.batch import cores
 from ...compiled.threads import on_threads, settings, under
-from ...output.json_object import JsonObject
+from ...logs.arrays import Values
 from ...simulation.precision import double_precision
 from ..data.record import LONGEST, Record
 from ..data.setting import Setting
@@ -152,8 +153,12 @@ class Runner:
         self.kernel = residual_kernel(family.effects, family.parameters, room, first.channels, fine, structure)
 
     def run(
-        self, which: int, vector: np.ndarray, states: np.ndarray, windows: dict[str, np.ndarray]
-    ) -> tuple[np.ndarray, np.ndarray]:
+        self,
+        which: int,
+        vector: Float[Values, "parameters lanes"],
+        states: Float[Values, "states lanes"],
+        windows: dict[str, Values],
+    ) -> tuple[Float[Values, "channels samples lanes"], Float[Values, "2 lanes"]]:
         """Residuals (simulated less measured) of windows, and the hidden states at their ends.
 
         Args:
@@ -194,7 +199,9 @@ def _store(result: np.ndarray, ends: np.ndarray, first: int, out: tuple[jax.Arra
     ends[:, first:last] = np.asarray(out[1])[:, : last - first]
 
 
-def window_fields(record: Record, windows: np.ndarray, hidden: np.ndarray) -> JsonObject:
+def window_fields(
+    record: Record, windows: Int[Values, " windows"], hidden: Float[Values, "2 all"]
+) -> dict[str, Values]:
     """The fields of `Windows` for some windows of a record, each of shape (windows,), `hidden` (2, windows).
 
     Args:

@@ -12,13 +12,14 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, PyTree
+from jaxtyping import Array, Float, Int, PyTree
 
 from ...blocks.friction import AbstractStaticFriction
 from ...blocks.friction.bristles import Bristles
 from ...blocks.plants.sticking import mean_shaft, turn
 from ...blocks.plants.transmission import Transmission
 from ...blocks.signals import Motion
+from ...logs.arrays import Values
 from ...simulation.precision import double_precision
 from ..data.record import Record
 from ..data.tables import TAPS, Tables
@@ -50,7 +51,9 @@ class HiddenStates:
         if family.key[0] == "transmission":
             self.whole = _whole_kernel(family.effects, family.parameters, structure)
 
-    def centers(self, vectors: np.ndarray, which: int, windows: np.ndarray) -> np.ndarray:
+    def centers(
+        self, vectors: Float[Values, "parameters lanes"], which: int, windows: Int[Values, " lanes"]
+    ) -> Float[Values, "2 lanes"]:
         """Hidden states at the start of windows, shape (2, lanes).
 
         Args:
@@ -82,7 +85,7 @@ class HiddenStates:
                 found[:, first:last] = np.stack([np.asarray(o) for o in out])[:, : last - first]
         return np.where(np.isfinite(found), found, 0.0)
 
-    def shafts(self, vectors: np.ndarray, which: int) -> np.ndarray:
+    def shafts(self, vectors: Float[Values, "parameters lanes"], which: int) -> Float[Values, "_ lanes"]:
         """Torque of a transmission's shaft on a motor that moves as measured [N m], shape (samples - 1, lanes).
 
         Args:

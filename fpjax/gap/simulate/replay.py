@@ -15,7 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, PyTree
+from jaxtyping import Array, Float, Int, PyTree
 
 from ...blocks.actuators import ActuatorState
 from ...blocks.plants import OneMassState, TwoMassState
@@ -50,19 +50,21 @@ class Windows(eqx.Module):
     Lanes reach a kernel as one array of rows, since each argument of a call costs as much as a hundred lane-steps.
     """
 
-    start: Array
-    time: Array
-    velocity: Array
-    slope: Array
-    position: Array
-    hidden: tuple[Array, Array]
-    integrated: Array
+    start: Int[Array, " lanes"]
+    time: Float[Array, " lanes"]
+    velocity: Float[Array, " lanes"]
+    slope: Float[Array, " lanes"]
+    position: Float[Array, " lanes"]
+    hidden: tuple[Float[Array, " lanes"], Float[Array, " lanes"]]
+    integrated: Float[Array, " lanes"]
 
     # The fields of one row each, in the order of `as_rows`.
     ROWS: ClassVar[tuple[str, ...]] = ("time", "velocity", "slope", "position", "integrated")
 
 
-def as_rows(vector: np.ndarray, states: np.ndarray, fields: dict[str, PyTree]) -> np.ndarray:
+def as_rows(
+    vector: Float[np.ndarray, "parameters lanes"], states: Float[np.ndarray, "states lanes"], fields: dict[str, PyTree]
+) -> Float[np.ndarray, "rows lanes"]:
     """The lanes as one array, without their `start` (an integer), shape (rows, lanes).
 
     Args:
@@ -73,7 +75,9 @@ def as_rows(vector: np.ndarray, states: np.ndarray, fields: dict[str, PyTree]) -
     return np.concatenate([vector, states, fields["hidden"], *(fields[name][None] for name in Windows.ROWS)])
 
 
-def from_rows(rows: Array, start: Array, parameters: int) -> tuple[Array, Array, Windows]:
+def from_rows(
+    rows: Float[Array, "rows lanes"], start: Int[Array, " lanes"], parameters: int
+) -> tuple[Float[Array, "{parameters} lanes"], Float[Array, "states lanes"], Windows]:
     """(vector, states, windows) of `as_rows`.
 
     Args:
@@ -95,7 +99,8 @@ def lane_kernel(run: Callable[..., PyTree], fixed: PyTree) -> Callable[..., PyTr
         run: a function of a pytree that stays from call to call, and of the lanes.
         fixed: the structure of that pytree. It is passed as its leaves: flattening blocks takes as long as a window.
 
-    512 bit vectors are a fifth faster; one native kernel (`fpjax.native`) is not, since a step computes so much here.
+    512 bit vectors are a fifth faster; one native kernel (`fpjax.compiled.native`) is not, since a step
+    computes so much here.
     """
 
     def flat(leaves: list[Array], *lanes: Array) -> PyTree:
