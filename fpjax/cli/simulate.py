@@ -140,13 +140,11 @@ def _simulate(model: "Model", arguments: argparse.Namespace, record: RunFile) ->
 
 def _margins(model: "Model", arguments: argparse.Namespace, record: RunFile, velocity: np.ndarray) -> JsonObject:
     """Print the margins about a steady motion, write margins.png, and return them for simulation.json."""
-    from ..linear import linearise
-
     record.stage("margins")
     # friction makes the loop nonlinear: without --at it is linearised at a typical speed of the run
     speed = arguments.at if arguments.at is not None else float(np.sqrt(np.mean(np.square(velocity))))
-    linear = linearise(
-        model.loop, speed, dt=model.dt, stepping=model.stepping, solver=model.solver, substeps=model.substeps
+    linear = model.loop.linearise(
+        speed, dt=model.dt, stepping=model.stepping, solver=model.solver, substeps=model.substeps
     )
     margins, unit = linear.margins(), model.units.name("rad/s")
     time = f"sampled every {linear.dt:g} s" if linear.dt is not None else "in continuous time"

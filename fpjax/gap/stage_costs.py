@@ -1,10 +1,12 @@
 """Stages of a diagnosis and their cost, for the progress bar's estimate of the time left."""
 
-# (least, expected, most) processor time of each stage, as a multiple of that of "effects alone". Measured with compiled
-# programs on disk, on simulated logs of 8 s at 1 kHz with no cause, one (lag, unbalance), two and three, each with a
-# known controller, and on a log of 18 s at 500 Hz with an unknown one. "effects together (2)" runs where one cause does
-# not suffice (or nothing is missing), "(3)" where two do not; hence the least of 0.
-COSTS = {
+from ..output.work_done import StageCosts
+
+# Processor time as a multiple of that of "effects alone". Measured with compiled programs on disk, on simulated logs of
+# 8 s at 1 kHz with no cause, one (lag, unbalance), two and three, each with a known controller, and on a log of 18 s at
+# 500 Hz with an unknown one. "effects together (2)" runs where one cause does not suffice (or nothing is missing),
+# "(3)" where two do not; hence the least of 0.
+COSTS: StageCosts = {
     "looking": (0.21, 0.28, 0.34),
     "effects alone": (1.0, 1.0, 1.0),
     "effects together (2)": (0.0, 1.1, 1.8),

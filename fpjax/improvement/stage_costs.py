@@ -1,8 +1,9 @@
 """The stages of an improvement after the diagnosis, and their costs for the progress bar."""
 
-# (least, expected, most) time of each stage, in units of the diagnosis' stage "all effects alone". Compilation times
-# depend on the contents of jax's cache.
-COSTS = {
+from ..output.work_done import StageCosts
+
+# Time in units of the diagnosis' stage "effects alone". Compilation times depend on the contents of jax's cache.
+COSTS: StageCosts = {
     "machines": (0.01, 0.03, 0.1),
     "compiling the closed loop": (0.01, 0.4, 0.8),
     "searching": (0.05, 0.15, 0.3),

@@ -1,9 +1,9 @@
 """StageClock: the time by stage of a long piece of work, and its progress."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
-from .work_done import Outline, WorkDone
+from .work_done import Outline, StageCosts, WorkDone
 
 
 class StageClock:
@@ -17,7 +17,7 @@ class StageClock:
     def __init__(
         self,
         progress: Callable[[str, float], None] | None = None,
-        costs: Mapping[str, tuple[float, float, float]] | None = None,
+        costs: StageCosts | None = None,
         *,
         now: Callable[[], float] = time.perf_counter,
     ) -> None:
@@ -25,8 +25,8 @@ class StageClock:
 
         Args:
             progress: called with (name of the stage, share of the whole that is done [1]).
-            costs: of the stages, as in `Outline`; the shares reported are then shares of the stage. None where they are
-                shares of the whole.
+            costs: of the stages; the shares reported are then shares of the stage. None where they are shares of the
+                whole.
             now: the clock [s]; `time.process_time` for processor time.
         """
         self.seconds: dict[str, float] = {}

@@ -2,6 +2,9 @@
 
 from collections.abc import Mapping
 
+StageCosts = Mapping[str, tuple[float, float, float]]
+"""(Least, expected, most) work of each stage, in order and in one unit; least = 0 for a stage that may be left out."""
+
 
 class WorkDone(float):
     """The least share of work that is done [1], a plain number for readers that need no more, with bounds.
@@ -56,12 +59,11 @@ class Outline:
     """The consecutive stages of a work and their expected costs.
 
     Args:
-        costs: by stage, in order: (least, expected, most) work, all in one unit. A least work of 0 is for a stage that
-            may be left out.
+        costs: of the stages.
         done: work before the first stage, in that unit.
     """
 
-    def __init__(self, costs: Mapping[str, tuple[float, float, float]], done: float = 0.0) -> None:
+    def __init__(self, costs: StageCosts, done: float = 0.0) -> None:
         self._costs, self._names, self._before = costs, list(costs), done
         self._stage, self._share = "", 0.0
 

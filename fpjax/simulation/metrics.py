@@ -270,32 +270,30 @@ class EstimateError(AbstractMeasure):
         return total[0] / jnp.maximum(total[1], 1.0)
 
 
-class EstimateFinal(AbstractLast):
+class _OfEstimate(eqx.Module):
+    """What the measures of one estimate share."""
+
+    name: str = eqx.field(static=True)
+
+    def term(self, signals: Signals) -> Array:
+        """The estimate."""
+        return signals.estimates[self.name]
+
+
+class EstimateFinal(_OfEstimate, AbstractLast):
     """An estimate at the last sample, in its own unit.
 
     Attributes:
         name: which estimate (static).
     """
 
-    name: str = eqx.field(static=True)
 
-    def term(self, signals: Signals) -> Array:
-        """The estimate."""
-        return signals.estimates[self.name]
-
-
-class EstimatePeak(AbstractLargest):
+class EstimatePeak(_OfEstimate, AbstractLargest):
     """Largest |estimate| on the way, in its own unit.
 
     Attributes:
         name: which estimate (static).
     """
-
-    name: str = eqx.field(static=True)
-
-    def term(self, signals: Signals) -> Array:
-        """The estimate."""
-        return signals.estimates[self.name]
 
 
 class SettlingTime(AbstractMeasure):

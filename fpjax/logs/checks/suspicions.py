@@ -6,6 +6,7 @@ torque against the motion are in `torque_suspicions`.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -38,16 +39,22 @@ def suspicions(log: Log, model: Expected | None = None) -> list[Suspicion]:
         log: in SI units, on one clock.
         model: nominal parameters to compare with; None to look at the log alone.
     """
+    found = sorted(_found(log, model), key=lambda s: s.severity == "warn")
+    return [replace(one, sentence=f"{log.name}: {one.sentence}") for one in found]
+
+
+def _found(log: Log, model: Expected | None) -> list[Suspicion]:
+    """In the order of the search; the sentences do not name the log."""
     columns = {name: _values(getattr(log, name)) for name in ("time", "torque", "velocity", "position")}
     present = {name: _middle(values) for name, values in columns.items() if values is not None}
-    found = [*_missing(log, present)]
+    found = [*_missing(present)]
     if len(present["time"]) < SHORTEST:
         return found
     if not found:
-        found = [*_still(log, present)]
+        found = [*_still(present)]
     if not any(s.severity == "stop" for s in found):
-        found += [*_clock(log, present), *_repeated(log, present), *_off_their_stamps(log, present)]
-        found += [*_clipped(log, present), *_one_way(log, present)]
+        found += [*_clock(log, present), *_repeated(present), *_off_their_stamps(log, present)]
+        found += [*_clipped(present), *_one_way(log, present)]
         # A wrong time unit makes wrong accelerations, exchanged columns make wrong signs: the first of these that is
         # found explains those after it, so the search ends there.
         for look in (
@@ -61,22 +68,22 @@ def suspicions(log: Log, model: Expected | None = None) -> list[Suspicion]:
             found += seen
             if seen:
                 break
-    return sorted(found, key=lambda s: s.severity == "warn")
+    return found
 
 
-def _missing(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
+def _missing(columns: dict[str, Values]) -> Iterator[Suspicion]:
     for name, values in columns.items():
         bad = int(np.sum(~np.isfinite(values)))
         if bad:
             yield Suspicion(
-                f"{log.name}: {name} is not a number in {bad} of {len(values)} rows (first in row "
+                f"{name} is not a number in {bad} of {len(values)} rows (first in row "
                 f"{int(np.argmax(~np.isfinite(values)))}): fill or cut these rows.",
                 "stop",
                 "missing",
             )
 
 
-def _still(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
+def _still(columns: dict[str, Values]) -> Iterator[Suspicion]:
     for name in ("torque", "velocity", "position"):
         values = columns.get(name)
         if values is None:
@@ -85,7 +92,7 @@ def _still(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
         others = [other for other in ("velocity", "position") if other in columns and np.ptp(columns[other]) > 0.0]
         if span == 0.0:
             yield Suspicion(
-                f"{log.name}: {name} is constant ({values[0]:g}) throughout, so it shows nothing: was the right column "
+                f"{name} is constant ({values[0]:g}) throughout, so it shows nothing: was the right column "
                 f"recorded, and did the machine move?",
                 # A coasting machine (constant torque) still shows the ratio of friction to inertia.
                 "warn" if others else "stop",
@@ -94,7 +101,7 @@ def _still(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
         # white noise alone spans 8 to 10 of its standard deviations in 1e4 to 1e6 samples
         elif name != "torque" and span < 12.0 * noise:
             yield Suspicion(
-                f"{log.name}: {name} stays within its own noise ({span:.3g} from end to end, noise {noise:.2g}): the "
+                f"{name} stays within its own noise ({span:.3g} from end to end, noise {noise:.2g}): the "
                 f"machine hardly moves; record a run with reversals.",
                 "warn",
                 "still",
@@ -107,7 +114,7 @@ def _one_way(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     forward = float(np.mean(speed[moving] > 0.0)) if np.any(moving) else 0.5
     if min(forward, 1.0 - forward) < ONE_WAY:
         yield Suspicion(
-            f"{log.name}: the motion goes in one direction only ({'forward' if forward > 0.5 else 'backward'}), so "
+            f"the motion goes in one direction only ({'forward' if forward > 0.5 else 'backward'}), so "
             "friction, a constant torque and a dependence on direction cannot be told apart: record a run with "
             "reversals.",
             "warn",
@@ -120,7 +127,7 @@ def _clock(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     if np.any(steps <= 0.0):
         row = int(np.argmax(steps <= 0.0)) + 1
         yield Suspicion(
-            f"{log.name}: time does not increase in {int(np.sum(steps <= 0.0))} rows (first in row {row}): remove the "
+            f"time does not increase in {int(np.sum(steps <= 0.0))} rows (first in row {row}): remove the "
             f"repeated rows, or split the log where the clock jumps.",
             "stop",
             "clock",
@@ -128,14 +135,14 @@ def _clock(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     elif np.any(steps > 1.5 * log.dt):
         lost = int(np.sum(np.round(steps / log.dt) - 1))
         yield Suspicion(
-            f"{log.name}: {lost} samples are missing (first after t = "
+            f"{lost} samples are missing (first after t = "
             f"{columns['time'][int(np.argmax(steps > 1.5 * log.dt))]:g} s): log without drops.",
             "warn",
             "clock",
         )
 
 
-def _repeated(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
+def _repeated(columns: dict[str, Values]) -> Iterator[Suspicion]:
     """Readings that equal the one before exactly, which noise makes impossible unless the reading was not renewed."""
     for name in ("torque", "velocity", "position"):
         values = columns.get(name)
@@ -148,7 +155,7 @@ def _repeated(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
         # Few distinct values mean rounding; a repetition among many distinct values is a reading that was not renewed.
         if share > REPEATED and distinct > 0.8 * (1.0 - share) and share > 4.0 * (1.0 - distinct - share):
             yield Suspicion(
-                f"{log.name}: {share:.2%} of the {name} samples repeat the one before exactly, as if the "
+                f"{share:.2%} of the {name} samples repeat the one before exactly, as if the "
                 "reading was not renewed every period: check the logger, or log without drops.",
                 "warn",
                 "repeated",
@@ -164,7 +171,7 @@ def _off_their_stamps(log: Log, columns: dict[str, Values]) -> Iterator[Suspicio
         return
     size = jitter * float(np.sqrt(np.mean(columns["velocity"] ** 2)))
     yield Suspicion(
-        f"{log.name}: the positions were read about {1e3 * jitter:.2g} ms (rms) off their stamps: their rate scatters "
+        f"the positions were read about {1e3 * jitter:.2g} ms (rms) off their stamps: their rate scatters "
         f"around the velocity in proportion to the speed, which makes them {size:.2g} {'m' if log.linear else 'rad'} "
         "uncertain on average; stamp the readings where they are taken, in the drive.",
         "warn",
@@ -172,7 +179,7 @@ def _off_their_stamps(log: Log, columns: dict[str, Values]) -> Iterator[Suspicio
     )
 
 
-def _clipped(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
+def _clipped(columns: dict[str, Values]) -> Iterator[Suspicion]:
     for name in ("torque", "velocity"):
         values = columns.get(name)
         if values is None or _few_levels(values):
@@ -190,7 +197,7 @@ def _clipped(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
             expected = 4.0 * float(np.mean(beside)) / 8.0
             if np.mean(at) > max(CLIPPED, expected) and runs > 0.5 * np.sum(at):
                 yield Suspicion(
-                    f"{log.name}: {name} stays at its {word} value, {end:.4g}, for {np.mean(at):.1%} of the "
+                    f"{name} stays at its {word} value, {end:.4g}, for {np.mean(at):.1%} of the "
                     "time: it is clipped there, and what happens beyond cannot be seen.",
                     "warn",
                     "clipped",
@@ -215,7 +222,7 @@ def _unit_of_time(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
         named = [name for name, size in TIME_UNITS.items() if abs(abs(ratio) * size - 1.0) < LIKE]
         unit = named[0] if named and together > 0.5 else unit
     yield Suspicion(
-        f"{log.name}: its rows are {log.dt:.4g} s apart, which is slow for a control period: is its time in {unit}? "
+        f"its rows are {log.dt:.4g} s apart, which is slow for a control period: is its time in {unit}? "
         f"Then say so with --columns time=time:{unit}.",
         "warn",
         "clock",
@@ -230,7 +237,7 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
     unit = "m" if getattr(log, "linear", False) else "rad"
     if not np.isfinite(ratio) or together < 0.5:
         yield Suspicion(
-            f"{log.name}: velocity is not the rate of change of position (correlation {together:.2f}): one of them "
+            f"velocity is not the rate of change of position (correlation {together:.2f}): one of them "
             f"belongs to another axis, or has another time.",
             "warn",
             "inconsistent",
@@ -240,7 +247,7 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
     inverse = unit_of(1.0 / abs(ratio), linear=unit == "m") if ratio else None
     if named:
         yield Suspicion(
-            f"{log.name}: velocity looks like {named}: {abs(ratio):.3g} x the rate of change of position; give"
+            f"velocity looks like {named}: {abs(ratio):.3g} x the rate of change of position; give"
             f" its unit, such as --columns velocity=velocity:{named}.",
             "warn",
             "unit",
@@ -248,21 +255,21 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
     elif inverse:
         angle = inverse.removesuffix("/s").replace("rpm", "rev/min")
         yield Suspicion(
-            f"{log.name}: position looks like {angle}: its rate of change is {1 / abs(ratio):.3g} x the "
+            f"position looks like {angle}: its rate of change is {1 / abs(ratio):.3g} x the "
             f"velocity; give its unit, such as --columns position=position:{angle}.",
             "warn",
             "unit",
         )
     elif ratio < 0.0:
         yield Suspicion(
-            f"{log.name}: velocity has the opposite sign of the rate of change of position ({ratio:.3g} x): "
+            f"velocity has the opposite sign of the rate of change of position ({ratio:.3g} x): "
             "turn one of them round.",
             "warn",
             "sign",
         )
     elif not 0.5 < ratio < 2.0:
         yield Suspicion(
-            f"{log.name}: velocity is {ratio:.3g} x the rate of change of position: check the units of both.",
+            f"velocity is {ratio:.3g} x the rate of change of position: check the units of both.",
             "warn",
             "unit",
         )
@@ -282,7 +289,7 @@ def _velocity_against_reference(log: Log, columns: dict[str, Values]) -> Iterato
     named = unit_of(ratio, linear=log.linear)
     if named:
         yield Suspicion(
-            f"{log.name}: velocity looks like {named}: {ratio:.3g} x the reference; give its unit, such as --columns "
+            f"velocity looks like {named}: {ratio:.3g} x the reference; give its unit, such as --columns "
             f"velocity=velocity:{named}.",
             "warn",
             "unit",

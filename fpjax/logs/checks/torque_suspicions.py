@@ -27,7 +27,7 @@ def swapped(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     # In a short noise-free log much is explained either way: then the residuals are compared, not the shares.
     if turned.share > explained + 0.2 or 1.0 - turned.share < 0.2 * (1.0 - explained):
         yield Suspicion(
-            f"{log.name}: torque and velocity look exchanged: with the columns exchanged, inertia and friction "
+            f"torque and velocity look exchanged: with the columns exchanged, inertia and friction "
             f"explain {turned.share:.1%} of the motion, as they are {explained:.1%}.",
             "warn",
             "swapped",
@@ -48,7 +48,7 @@ def torque_against_motion(log: Log, columns: dict[str, Values], model: Expected 
     sure = abs(found.inertia) > SURE * found.deviations[0]
     if found.inertia < 0.0 and sure and not _dissipates(found):
         yield Suspicion(
-            f"{log.name}: torque and motion have opposite signs (the motion accelerates against the torque: inertia "
+            f"torque and motion have opposite signs (the motion accelerates against the torque: inertia "
             f"{found.inertia:.3g} +- {found.deviations[0]:.2g}): turn the sign of one of them, such as "
             f"--columns torque=torque*-1.",
             "warn",
@@ -56,7 +56,7 @@ def torque_against_motion(log: Log, columns: dict[str, Values], model: Expected 
         )
     elif found.inertia > 0.0 and sure and found.coulomb < -max(0.1 * size, SIGNIFICANT * found.deviations[1]):
         yield Suspicion(
-            f"{log.name}: the fitted Coulomb friction is negative ({found.coulomb:.3g}): is there a compensation "
+            f"the fitted Coulomb friction is negative ({found.coulomb:.3g}): is there a compensation "
             "torque that the torque column does not include?",
             "warn",
             "compensated",
@@ -94,14 +94,14 @@ def _nominal(
             column = "velocity" if log.velocity is not None else "position"
             named = named if column == "velocity" else named.removesuffix("/s")
             yield Suspicion(
-                f"{log.name}: {column} looks like {named}: {ratio:.3g} x what the model expects ({seen}); give"
+                f"{column} looks like {named}: {ratio:.3g} x what the model expects ({seen}); give"
                 f" its unit, such as --columns {column}={column}:{named}, or correct the model's {what}.",
                 "warn",
                 "unit",
             )
         else:
             yield Suspicion(
-                f"{log.name}: the model may not belong to this log: {seen}, {max(ratio, 1 / ratio):.3g} x "
+                f"the model may not belong to this log: {seen}, {max(ratio, 1 / ratio):.3g} x "
                 f"off; check the unit of the {what} and the scale of the torque.",
                 "warn",
                 "nominal",
@@ -117,7 +117,7 @@ def _nominal(
         excess = (there - here) * speed
         if there > 0.0 and excess > 2.0 * size and there > 5.0 * max(here, 0.0):
             yield Suspicion(
-                f"{log.name}: the model's {name} friction of {there:.3g} {unit} needs more torque than the "
+                f"the model's {name} friction of {there:.3g} {unit} needs more torque than the "
                 f"log has (about {max(here, 0.0):.3g} would fit): is it wrong by a factor of ten?",
                 "warn",
                 "nominal",
