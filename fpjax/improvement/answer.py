@@ -47,7 +47,7 @@ class Side:
 
     Attributes:
         gains: by their names in the file.
-        error: rms of the tracking error over the whole reference.
+        error: rms of the tracking error over the reference, without the transient of its start.
         reversal: rms of the tracking error around reversals; None for a reference without reversals.
         torque: rms of the commanded torque.
         peak: largest commanded torque.

@@ -132,7 +132,7 @@ def improve_known(
     machine = corrected_values(judged_on)
     gains = freed(nominal, machine, table, free)
     judge = Judge(gains.model, gains.names, ground, table, seed + 3)
-    notes = _notes(known, gains, record, table)
+    notes = _notes(known, gains, record, table, judge.start)
     clock("compiling the closed loop")
     now = judge(gains.now[None], judged_on)
     speed = _steady_speed(judge)
@@ -194,11 +194,10 @@ def improve_known(
     wins = float(np.mean(ratios < 1.0))
     middle = range_of(ratios, "1")
     if chosen:
-        better, least, most = (f"{1.0 - each:.0%}" for each in (middle.value, middle.high, middle.low))
-        between = "" if least == most else f" ({least} to {most})"
+        winners = f"all {judged_on.count}" if wins == 1.0 else f"{wins:.0%} of {judged_on.count}"
         reason = (
-            f"The tracking error becomes {better} smaller{between} and smaller in {wins:.0%} of {judged_on.count} "
-            "machines that the log leaves possible."
+            f"The tracking error becomes {_smaller(middle)}, and smaller in {winners} machines that the log leaves "
+            "possible."
         )
         if known.verdict == "unexplained":
             reason = f"Expected, not promised (the diagnosis does not explain this log): t{reason[1:]}"
@@ -388,14 +387,29 @@ def _steady_speed(judge: Judge) -> float:
     return rms(moving)
 
 
-def _notes(known: Known, gains: Gains, record: Record, table: Values) -> list[str]:
-    notes = []
+def _smaller(ratio: Range) -> str:
+    """How much smaller an error becomes, from the ratio of the errors: in per cent, below a tenth as a factor."""
+
+    def told(value: float) -> str:
+        return f"{1.0 / max(value, 1e-300):.3g}" if ratio.value < 0.1 else f"{1.0 - value:.0%}"
+
+    least, most = told(ratio.high), told(ratio.low)
+    between = "" if least == most else f" ({least} to {most})"
+    return f"{told(ratio.value)}{' times' if ratio.value < 0.1 else ''} smaller{between}"
+
+
+def _notes(known: Known, gains: Gains, record: Record, table: Values, settled: float) -> list[str]:
+    notes = [
+        f"The first {settled:.2g} s count in none of these figures: there the machine goes from its start to the "
+        "reference, with a transient, and a torque, of their own."
+    ]
     if gains.added:
         notes.append(f"[{gains.added[0]}] is not in the model: it was added, with zero gains at first.")
     if not known.made:
         notes.append(
             "The model's controller is not known to have made this log's torque (its gains were others, something else "
-            "adds to it, or the log has no such column), so the prediction could not be compared with the log: "
+            "adds to it, or the log lacks a column that it reads: the reference, or the velocity that the drive used), "
+            "so the prediction could not be compared with the log: "
             '"before" is the prediction with the file\'s gains.'
         )
     if record.recorded > len(record.time):
