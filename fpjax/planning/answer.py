@@ -28,6 +28,8 @@ class Visible:
             an error of a reading, which makes no torque.
         twin: why no run can show it; "" where a run can.
         unseen: why this run does not show it; "" where it does, and for a twin.
+        nearest: the effect that is hardest to tell from it; "" where none can be told from it or it was not looked at.
+        apart: expected log evidence over a model with that effect at any size instead [nats]; NaN without one.
     """
 
     effect: str
@@ -36,6 +38,8 @@ class Visible:
     share: float = math.nan
     twin: str = ""
     unseen: str = ""
+    nearest: str = ""
+    apart: float = math.nan
 
     @property
     def shown(self) -> bool:
@@ -45,10 +49,10 @@ class Visible:
     def to_dict(self) -> JsonObject:
         """By name; both numbers are None for a twin, the share for an error of a reading."""
         size = {name: {"value": value, "unit": unit} for name, (value, unit) in self.size.items()}
-        nats, share = (value if math.isfinite(value) else None for value in (self.nats, self.share))
+        nats, share, apart = (value if math.isfinite(value) else None for value in (self.nats, self.share, self.apart))
         return {
             "effect": self.effect, "size": size, "nats": nats, "share": share, "shown": self.shown, "twin": self.twin,
-            "unseen": self.unseen,
+            "unseen": self.unseen, "nearest": self.nearest, "apart": apart,
         }  # fmt: skip
 
 

@@ -11,17 +11,21 @@ import optax
 from jaxtyping import Array
 
 from .trajectory import Shape
-from .trial import ExpectedRun, Trial
+from .trial import ExpectedRun, Trial, Wanted
 
 STARTS = 10  # shapes that are tried before the best of them is improved
-STEPS = 60  # largest number of steps of Adam
+IMPROVED = 4  # starts that are improved, the best first, as long as there is time: the search is local
+STEPS = 60  # largest number of steps of Adam from a start
 RATE = 0.12  # Adam's step size; the parameters of a shape are of order one
-PATIENCE = 25  # the search ends after so many steps without an improvement
+PATIENCE = 25  # the search from a start ends after so many steps without an improvement of what it had reached
 BETTER = 1e-3  # decrease of the cost, relative, that counts as an improvement
 SMALLER, LEAST_SHARE = 0.85, 0.2  # factor by which a motion of too much torque is scaled down, and its smallest size
 # [nats] A comparison that no start shows by this much has no slope either. It would be the worst case for every shape
 # and leave the search nothing to improve.
 UNSEEN = 0.1
+# [nats] Likewise, of two effects that no start tells apart by this much: a rest alone tells an unsymmetrical friction
+# from a constant torque, and a run is no rest.
+ALIKE = 1.0
 CALMER = 0.5  # a step that left the finite numbers is shortened by this factor
 
 
@@ -39,6 +43,7 @@ class Designed:
         history: cost of each shape that was tried.
         usual: expected runs of the plain references, as far as they were tried.
         unseen: whether no start shows a comparison: it is left out of the design, shape (comparisons,).
+        alike: whether no start tells two effects apart, or none was asked to, shape (comparisons, comparisons).
     """
 
     shape: Shape
@@ -50,6 +55,7 @@ class Designed:
     history: tuple[float, ...]
     usual: Mapping[str, ExpectedRun]
     unseen: np.ndarray
+    alike: np.ndarray
 
 
 def design(
@@ -78,17 +84,19 @@ def design(
         KeyboardInterrupt: where no start had been tried before an interrupt.
     """
     begun = time.process_time()
-    weights = jnp.asarray(wanted, float)
+    count = len(wanted)
+    weights = Wanted(jnp.asarray(wanted, float), jnp.ones((count, count), bool))
     # The trial is compiled for references, not for shapes, so that the same program also serves the plain references.
     # The gradient by the shape follows by the chain rule (`pull`).
     evaluate, refer = jax.jit(jax.value_and_grad(trial.cost, has_aux=True)), jax.jit(trial.reference)
     pull = jax.jit(lambda shape, slope: jax.vjp(trial.reference, shape)[1](slope)[0])
     best: tuple[float, Shape, ExpectedRun] | None = None
-    shown = np.zeros(np.shape(wanted))  # the largest evidence of any start for each comparison [nats]
+    # The largest evidence of any start for each comparison, and between the effects of two [nats].
+    shown, told = np.zeros(count), np.zeros((count, count))
     first: ExpectedRun | None = None
     history, beside = list[float](), dict[str, ExpectedRun]()
-    unseen = np.zeros(np.shape(wanted), bool)
-    slope: Shape | None = None
+    unseen, alike = np.zeros(count, bool), np.zeros((count, count), bool)
+    ready = list[tuple[float, Shape, Shape]]()  # starts with their costs and slopes
     ended = "converged"
 
     def spent() -> float:
@@ -116,45 +124,52 @@ def design(
             progress("trying starts", min(0.1 + 0.2 * number / len(starts), 1.0))
             if np.isfinite(cost):
                 shown = np.fmax(shown, np.asarray(seen.nats))
-            if np.isfinite(cost) and (best is None or cost < best[0]):
-                best, slope = (cost, start, seen), slopes
+                told = told if seen.apart is None else np.fmax(told, np.asarray(seen.apart))
+                ready.append((cost, start, slopes))
+                best = (cost, start, seen) if best is None or cost < best[0] else best
             if spent() > 0.8 and best is not None:
                 break
-        if best is None or slope is None:
+        if best is None:
             return None
         unseen = shown < UNSEEN
         within = np.where(unseen, 0.0, wanted)
-        if within.any() and not np.array_equal(within, wanted):
+        alike = (told < ALIKE) | ~np.isfinite(told)
+        if within.any() and not (np.array_equal(within, wanted) and not (told < ALIKE).any()):
             # Without this the worst comparison is one that no motion within the limits can improve, and the search
             # stands still.
-            weights, best = jnp.asarray(within, float), None
-            for start in starts[: len(history)]:
+            weights, best = Wanted(jnp.asarray(within, float), jnp.asarray(~alike)), None
+            again, ready = ready, []
+            for _, start, _ in again:
                 cost, seen, slopes = tried(start)
-                if np.isfinite(cost) and (best is None or cost < best[0]):
-                    best, slope = (cost, start, seen), slopes
+                if np.isfinite(cost):
+                    ready.append((cost, start, slopes))
+                    best = (cost, start, seen) if best is None or cost < best[0] else best
             assert best is not None
         first = best[2]
         optimiser = optax.adam(RATE)
-        shape, state, stale = best[1], optimiser.init(best[1]), 0
-        for _ in range(STEPS):
-            if spent() > 1.0:
-                ended = "time"
-                break
-            progress("improving by gradients", min(0.3 + 0.7 * spent(), 1.0))
-            with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats of its own
-                moves, state = optimiser.update(_finite(slope), state)
-                shape = Shape(*optax.apply_updates(shape, moves))  # pyright: ignore[reportGeneralTypeIssues]
-            cost, seen, slope = tried(shape)
-            if not np.isfinite(cost):
-                # Back towards the best shape, with Adam's averages forgotten: they led here. `slope` is not finite
-                # either, so the next step is zeros but for what `_finite` keeps.
-                shape, state = _between(shape, best[1]), optimiser.init(best[1])
-                continue
-            stale = 0 if cost < best[0] - BETTER * abs(best[0]) else stale + 1
-            if cost < best[0]:
-                best = (cost, shape, seen)
-            if stale >= PATIENCE:
-                break
+        for begun_at in sorted(ready, key=lambda one: one[0])[:IMPROVED]:
+            reached, slope = begun_at[:2], begun_at[2]
+            shape, state, stale = reached[1], optimiser.init(reached[1]), 0
+            for _ in range(STEPS):
+                if spent() > 1.0:
+                    ended = "time"
+                    break
+                progress("improving by gradients", min(0.3 + 0.7 * spent(), 1.0))
+                with jax.numpy_dtype_promotion("standard"):  # optax mixes integers and floats of its own
+                    moves, state = optimiser.update(_finite(slope), state)
+                    shape = Shape(*optax.apply_updates(shape, moves))  # pyright: ignore[reportGeneralTypeIssues]
+                cost, seen, slope = tried(shape)
+                if not np.isfinite(cost):
+                    # Back towards the best shape, with Adam's averages forgotten: they led here. `slope` is not finite
+                    # either, so the next step is zeros but for what `_finite` keeps.
+                    shape, state = _between(shape, reached[1]), optimiser.init(reached[1])
+                    continue
+                stale = 0 if cost < reached[0] - BETTER * abs(reached[0]) else stale + 1
+                reached = (cost, shape) if cost < reached[0] else reached
+                if cost < best[0]:
+                    best = (cost, shape, seen)
+                if stale >= PATIENCE:
+                    break
         for name, reference in (usual or {}).items():
             beside[name] = kept_within(reference, evaluate(reference, weights)[0][1])[1]
     except KeyboardInterrupt:
@@ -163,7 +178,7 @@ def design(
         ended = "interrupted"
     share, seen = kept_within(refer(best[1]), best[2])
     start = best[2] if first is None else first
-    return Designed(best[1], share, seen, start, len(history), ended, tuple(history), beside, unseen)
+    return Designed(best[1], share, seen, start, len(history), ended, tuple(history), beside, unseen, alike)
 
 
 def _finite(slope: Shape) -> Shape:

@@ -12,8 +12,7 @@ to show in several windows. And a missing torque below a share of the commanded 
 its evidence is. Both are computed too.
 """
 
-import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -31,6 +30,7 @@ from .measurement_model import MeasurementModel
 
 RIDGE = 1e-9  # added to a matrix whose prior has unit precision, to keep it regular
 SPEED_STEP = 1e-4  # step of the tangents by a window's initial state, in its prior deviations [1]
+SIZES = 10.0  # prior deviation of an effect's size, over its detectable one, beside another effect [1]
 SHARE_DEVIATION = 0.5  # prior deviation of the bristles' share at a window's start, which no sensor measures [1]
 
 
@@ -249,11 +249,17 @@ class Evidence(NamedTuple):
             An effect that shows in one window alone is not seen in the others.
         left: misfit that no change of its parameters removes, in standard deviations, shape (modes, windows).
         missing: torque that the model lacks without a change of its parameters, rms, without what noise hides [N m].
+        effect: what tells the effect of this model from those of others, without the windows' initial states, in
+            standard deviations: its misfit, then the change of it by the effect's own parameters, shape (directions,
+            modes, windows).
+        free: likewise, the change by the parameters that may move.
     """
 
     nats: Float[Array, ""]
     left: Float[Array, "modes windows"]
     missing: Float[Array, ""]
+    effect: Float[Array, "directions modes windows"]
+    free: Float[Array, "parameters modes windows"]
 
 
 def evidence_against(
@@ -261,6 +267,7 @@ def evidence_against(
     misfit: Float[Array, "modes windows"],
     tangents: Float[Array, "parameters modes windows"],
     shifts: Float[Array, "states modes windows"],
+    own: Float[Array, "own modes windows"] | None = None,
 ) -> Evidence:
     """The evidence against a model, from its misfit after the best change of everything that may change.
 
@@ -269,64 +276,127 @@ def evidence_against(
         misfit: of the model.
         tangents: change of the misfit for one prior deviation of each parameter.
         shifts: change of the misfit for one prior deviation of each initial state, window by window.
+        own: change of the misfit for one prior deviation of each of the effect's own parameters, for `apart` alone.
     """
+    missing = _missing_torque(measurement, misfit, shifts)
     weight = 1.0 / jnp.sqrt(jnp.asarray(measurement.variance))[:, None]
     c, t, x = misfit * weight, tangents * weight[None], shifts * weight[None]
-    # Least squares under unit priors in two stages. First the initial states, which are each window's own: a small
-    # system for every window, (windows, states, states). Then the parameters, which all windows share.
-    inner = jnp.einsum("smw,rmw->wsr", x, x) + jnp.eye(x.shape[0])[None]
-
-    inverse = jnp.linalg.inv(inner)
-
-    def projected(each: Array) -> Array:  # (..., modes, windows)
-        along = jnp.einsum("smw,...mw->...ws", x, each)
-        return each - jnp.einsum("smw,wsr,...wr->...mw", x, inverse, along)
-
-    c = projected(c)
-    missing = _missing_torque(measurement, c)
-    if t.shape[0]:
-        free = projected(t)
-        # Each simulated window stands for `weight` windows of the run, so the prior counts 1 / weight beside them.
-        normal = jnp.einsum("pmw,qmw->pq", t, free) + (1.0 / measurement.weight + RIDGE) * jnp.eye(t.shape[0])
-        move = jnp.linalg.solve(normal, jnp.einsum("pmw,mw->p", free, c))
-        c = c - jnp.einsum("p,pmw->mw", move, free)
-    poorer = []
-    for split in _splits(c.shape[1]):
-        parts = [_evidence(measurement, c[:, which]) * c.shape[1] / len(which) for which in split]
-        poorer.append(jnp.minimum(*parts))
-    return Evidence(measurement.weight * functools.reduce(jnp.maximum, poorer), c, missing)
+    # Least squares under unit priors in two stages. First the initial states, which are each window's own. Then the
+    # parameters, which all windows share.
+    projected = _without_states(x)
+    c, free = projected(c), projected(t)
+    effect = c[None] if own is None else jnp.concatenate([c[None], projected(own * weight[None])])
+    left = _without(measurement, c, free)
+    return Evidence(_poorer_part(measurement, left), left, missing, effect, free)
 
 
-def _evidence(measurement: MeasurementModel, c: Float[Array, "modes windows"]) -> Float[Array, ""]:
-    """Of what is left in some windows [nats]."""
-    squares, total = jnp.sum(c**2, axis=1), jnp.zeros(())
-    for number in range(measurement.modes.bands):
-        which = np.flatnonzero(measurement.modes.band == number)
-        if len(which):
-            count = len(which) * c.shape[1]
-            total = total + 0.5 * count * jnp.log1p(jnp.sum(squares[which]) / count)
-    return total
+def apart(
+    measurement: MeasurementModel,
+    misfit: Float[Array, "modes windows"],
+    free: Float[Array, "parameters modes windows"],
+    other: Float[Array, "directions modes windows"],
+) -> Float[Array, ""]:
+    """The evidence by which a model with another effect would be behind, if this one were true [nats].
+
+    What the other effect at any size, and with any of its own parameters, makes alike is projected out, linearised at
+    its own size. Over a short travel, for example, an unbalance and a cogging bend the torque alike.
+
+    Args:
+        measurement: noise and missing torque.
+        misfit: of the effect that is true, as `Evidence.effect[0]`.
+        free: the change by the parameters that may move beside it, as `Evidence.free`.
+        other: `Evidence.effect` of the other.
+    """
+    span = jnp.concatenate([free, SIZES * other[:1], other[1:]])
+    return _poorer_part(measurement, _without(measurement, misfit, span))
 
 
-def _splits(windows: int) -> list[tuple[np.ndarray, np.ndarray]]:
-    """(withheld, fitted) windows, as the diagnosis may choose them."""
+def _without(
+    measurement: MeasurementModel,
+    c: Float[Array, "modes windows"],
+    free: Float[Array, "parameters modes windows"],
+) -> Float[Array, "modes windows"]:
+    """What is left of a misfit after the best change of the parameters, under unit priors."""
+    if not free.shape[0]:
+        return c
+    # Each simulated window stands for `weight` windows of the run, so the prior counts 1 / weight beside them.
+    normal = jnp.einsum("pmw,qmw->pq", free, free) + (1.0 / measurement.weight + RIDGE) * jnp.eye(free.shape[0])
+    move = jnp.linalg.solve(normal, jnp.einsum("pmw,mw->p", free, c))
+    return c - jnp.einsum("p,pmw->mw", move, free)
+
+
+def _poorer_part(measurement: MeasurementModel, c: Float[Array, "modes windows"]) -> Float[Array, ""]:
+    """The evidence of a misfit: of fitted and withheld windows the poorer, for the best choice of windows [nats]."""
+    modes = measurement.modes
+    bands = (modes.band[None, :] == np.arange(modes.bands)[:, None]).astype(float)
+    # Sums by matrices, not by loops over bands and choices: this stands in every comparison, and is compiled there.
+    parts = _splits(c.shape[1])
+    count = np.sum(bands, axis=1)[:, None] * np.sum(parts, axis=1)[None, :]
+    squares = jnp.asarray(bands) @ c**2 @ jnp.asarray(parts.T)  # (bands, parts)
+    nats = jnp.sum(0.5 * count * jnp.log1p(squares / np.maximum(count, 1.0)), axis=0)
+    nats = nats * (c.shape[1] / np.sum(parts, axis=1))
+    return measurement.weight * jnp.max(jnp.min(nats.reshape(-1, 2), axis=1))
+
+
+def _splits(windows: int) -> np.ndarray:
+    """Withheld and fitted windows, in turn, as the diagnosis may choose them: 1 for one of it, (parts, windows)."""
     found = []
     for shift in range(4):
         withheld = every_fourth(windows, shift)
-        found.append((np.flatnonzero(withheld), np.flatnonzero(~withheld)))
-    return [one for one in found if len(one[1])] or [(np.arange(windows), np.arange(windows))]
+        if not withheld.all():
+            found += [withheld, ~withheld]
+    return np.array(found or [np.ones(windows, bool)] * 2, float)
 
 
-def _missing_torque(measurement: MeasurementModel, c: Float[Array, "modes windows"]) -> Float[Array, ""]:
-    """Rms of the torque that makes a misfit, without what noise hides [N m].
+def _without_states(x: Float[Array, "states modes windows"]) -> Callable[[Array], Array]:
+    """The map that takes out of (..., modes, windows) what a change of the windows' initial states could remove.
+
+    Args:
+        x: change for one prior deviation of each initial state, in standard deviations.
+    """
+    # A small system for every window, (windows, states, states).
+    inverse = jnp.linalg.inv(jnp.einsum("smw,rmw->wsr", x, x) + jnp.eye(x.shape[0])[None])
+
+    def projected(each: Array) -> Array:
+        along = jnp.einsum("smw,...mw->...ws", x, each)
+        return each - jnp.einsum("smw,wsr,...wr->...mw", x, inverse, along)
+
+    return projected
+
+
+def _missing_torque(
+    measurement: MeasurementModel,
+    misfit: Float[Array, "modes windows"],
+    shifts: Float[Array, "states modes windows"],
+) -> Float[Array, ""]:
+    """Rms of the torque that makes a misfit, as the diagnosis measures it, without what noise hides [N m].
+
+    The diagnosis fits the windows' initial states under a level of the missing torque in each octave that it estimates
+    from this very misfit. Under the small level that is assumed of the true model, initial states would be moved to
+    explain the slow modes, and the little that this leaves in the fast modes, where a torque hardly moves the machine,
+    would be a large torque: ten times the true one on a gimbal with an encoder.
 
     Args:
         measurement: modes, noise and missing torque.
-        c: misfit in standard deviations.
+        misfit: in standard deviations of the sensors.
+        shifts: of the misfit by one prior deviation of each initial state, likewise.
     """
     modes = measurement.modes
-    alive = np.flatnonzero(~modes.sensor & (modes.flat > 0.0))
-    # In units of the sensors' own variance; r / (1 + r) is the share of a squared coefficient that is not noise.
-    readings = c[alive] ** 2 * jnp.asarray(measurement.variance[alive])[:, None]
-    torque = readings / jnp.asarray(modes.flat[alive])[:, None] * readings / (1.0 + readings)
-    return jnp.sqrt(jnp.sum(torque) / (measurement.samples * c.shape[1]) + 1e-30)
+    holds = ~modes.sensor & (modes.gain > 0.0)
+    gain = jnp.asarray(np.where(holds, modes.gain, 1.0))
+    turn = jnp.asarray(modes.turn)
+    # In plain modes, each of which has one gain. Of an octave: the energy of its torque over its modes and windows.
+    c, x = turn @ misfit, jnp.einsum("nm,smw->snw", turn, shifts)
+    found = jnp.mean(c**2, axis=1) / gain
+    level = jnp.full(len(holds), measurement.missing**2)
+    for number in range(modes.bands):
+        own = (modes.band == number) & holds
+        if own.any():
+            energy = jnp.mean(found[np.flatnonzero(own)])
+            level = level + jnp.where(jnp.asarray(own), energy, 0.0)
+    signal = jnp.where(jnp.asarray(holds), level * gain, 0.0)
+    weight = 1.0 / jnp.sqrt(1.0 + signal)[:, None]
+    left = _without_states(x * weight[None])(c * weight) / weight
+    # The Wiener filter of the level, as the diagnosis weighs its coefficients.
+    torque = (signal / (1.0 + signal) / jnp.sqrt(gain))[:, None] * left
+    return jnp.sqrt(jnp.sum(torque**2) / (measurement.samples * misfit.shape[1]) + 1e-30)

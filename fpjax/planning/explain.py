@@ -75,13 +75,17 @@ def where_from(measurement: MeasurementModel, kinds: np.ndarray, left: np.ndarra
     return f"{100 * shares[largest]:.0f} % of it from {largest}, half of it above {middle:.2g} Hz"
 
 
-def not_visible(nats: float, share: float | None, *, nowhere: bool) -> str:
+def not_visible(
+    nats: float, share: float | None, *, nowhere: bool, nearest: str = "", apart: float = float("nan")
+) -> str:
     """Why a run does not make an effect of the size in plan.json visible; "" where it does.
 
     Args:
         nats: that it brings.
         share: of the commanded torque that the effect's is [1]; None for an error of a reading.
         nowhere: no motion that was tried shows it.
+        nearest: the effect that is hardest to tell from it.
+        apart: evidence over that effect [nats]; NaN where there is none.
     """
     if nowhere and nats < NEEDED:
         return (
@@ -94,6 +98,11 @@ def not_visible(nats: float, share: float | None, *, nowhere: bool) -> str:
         return (
             f"its torque is less than {MATERIAL:.0%} of what this run commands, which the diagnosis calls no gap: it "
             "shows where friction and not acceleration takes the torque."
+        )
+    if apart < NEEDED:
+        return (
+            f"{nearest.replace('_', ' ')} would make nearly the same log (less than the {NEEDED:g} nats apart that are "
+            "needed): other speeds or a longer travel tell the two apart."
         )
     return ""
 

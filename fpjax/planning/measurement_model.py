@@ -9,7 +9,7 @@ import numpy as np
 
 from ..blocks.sensors import KalmanFusion
 from ..gap.data.channel import make_channel
-from ..gap.data.record import EDGE, LONGEST, SECONDS, SHORTEST
+from ..gap.data.record import EDGE, FEWEST, LONGEST, SECONDS, SHORTEST
 from ..gap.fit.modes import Modes, make_modes
 from ..gap.fit.search import BAND
 from .limits import Limits
@@ -81,8 +81,8 @@ def make_measurement_model(
             f"the friction); --missing sets another."
         )
     total = round(limits.duration / model.dt) + 1
-    samples = int(np.clip(round(SECONDS[0] / model.dt), SHORTEST, LONGEST[channels[0]]))
-    samples = min(samples, max(SHORTEST, (total - EDGE) // 4))
+    longest = min(LONGEST[not channels[0]], max(SHORTEST, total // FEWEST))
+    samples = int(np.clip(round(SECONDS[0] / model.dt), SHORTEST, longest))
     starts = np.arange(0, total - samples - EDGE + 1, samples)
     chosen = starts[np.unique(np.linspace(0, len(starts) - 1, min(MOST_WINDOWS, len(starts))).round().astype(int))]
     rates, angles = (size if there else 0.0 for size, there in zip((rate, angle), channels, strict=True))

@@ -12,12 +12,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..blocks.controllers import AbstractController, ProportionalIntegral
 from ..blocks.feedforward import Feedforward
 from ..blocks.observers import NoObserver
+from ..gap.effects.effect import Effect
 from ..gap.effects.vocabulary import on_rate_sensor
+from ..gap.fit.candidate import NOMINAL
 from ..gap.machine import Machine, Structure
 from ..gap.simulate.family import Family
 from ..gap.simulate.replay import SUBSTEPS, assembled
@@ -25,9 +27,10 @@ from ..gap.thresholds import THRESHOLDS
 from ..model_file import Model
 from ..simulation.loop import ClosedLoop
 from ..simulation.scan import Inputs, make_stepper, roll, sampled_tables
-from .expected_evidence import Evidence, Readings, RivalLanes, coefficients, evidence_against, make_lanes
-from .machines import NOMINAL_VARIANT, Shop, Variant
+from .expected_evidence import Evidence, Readings, RivalLanes, apart, coefficients, evidence_against, make_lanes
+from .machines import NOMINAL_VARIANT, OFFSET, Shop, Variant
 from .measurement_model import MeasurementModel
+from .rivals import twins_of
 from .trajectory import PlannedCourse, PlannedMotion, Shape
 
 STAND_IN = 0.1  # bandwidth of the loop that stands in for an unknown controller, times dt [rad]
@@ -35,13 +38,15 @@ TURNING = 0.02  # share of the top speed over which the stand-in's feed-forward 
 SHARP = 4.0  # sharpness of the soft minimum over the comparisons: large for the plain minimum
 LEAST = 1e-3  # [nats] smaller evidence counts as this much, so that the logarithm has no pole
 LEAST_SHARE = 1e-5  # [1] likewise, of the share of the commanded torque
-# [1] share of the commanded torque that is designed for. A gap begins at a tenth of it, but the log before counts too,
-# the windows' initial states take a part, and noise hides one: a servo whose true share was 3.6 % was told 0.8 %.
-SHARE = 10.0 * THRESHOLDS.nothing
+# [1] share of the commanded torque that is designed for. A gap begins at a third of it; but the effect may be smaller
+# than the detectable size, the windows' initial states take a part, and noise hides one.
+SHARE = THRESHOLDS.slight
+BEYOND_DOUBT = 1e9  # [nats] in place of the evidence between effects that are not to be told apart
 STEEP = 2.0  # how fast the probability that a comparison is decided grows with the logarithm of its evidence
 WORST = 0.05  # weight of the soft minimum beside that probability, so that a decided comparison still improves
 OVERSHOOT = 1.1  # largest speed over the speed limit, because a loop overshoots its reference
 TOLERANCE = 1.01  # on the limits of torque and speed as simulated
+NUMBERS = ("inertia_error", "coulomb_error", "viscous_error", "torque_gain_error")
 RECORD = ("torque", "measured_velocity", "measured_position")
 
 
@@ -55,6 +60,8 @@ class ExpectedRun(NamedTuple):
         torque: largest |commanded torque| of the simulated machines [N m].
         speed: largest |velocity reading| of the simulated machines [rad/s].
         readings: logs of the simulated machines, each of shape (runs, samples).
+        apart: evidence between the effects of two comparisons, if that of the first were true, infinite where it is not
+            looked at [nats], shape (comparisons, comparisons); None where none is.
     """
 
     nats: Float[Array, " comparisons"]
@@ -63,6 +70,19 @@ class ExpectedRun(NamedTuple):
     torque: Float[Array, ""]
     speed: Float[Array, ""]
     readings: Readings
+    apart: Float[Array, "comparisons comparisons"] | None = None
+
+
+class Wanted(NamedTuple):
+    """What is to be decided.
+
+    Attributes:
+        each: weight of every comparison; 0 leaves it out, shape (comparisons,).
+        pairs: whether the effects of two comparisons are to be told apart, shape (comparisons, comparisons).
+    """
+
+    each: Float[Array, " comparisons"]
+    pairs: Bool[Array, "comparisons comparisons"]
 
 
 @dataclass(frozen=True)
@@ -73,11 +93,13 @@ class RunComparison:
         log: index of the variant that is simulated.
         model: index of the variant that is replayed on this log.
         moving: the model's parameters that are free in the fit.
+        own: parameters of the model's effect that are free where it stands against another effect.
     """
 
     log: int
     model: int
     moving: tuple[str, ...]
+    own: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -96,6 +118,8 @@ class Trial:
             steer the search: their gradients would be most of what there is to compile.
         material: whether a comparison's misfit is the torque of a whole gap, so that its share of the commanded torque
             counts too. Two rivals differ by less than their gap, and an error of a reading makes no torque.
+        between: whether the effects of two comparisons are to be told apart, shape (comparisons, comparisons); None
+            where each comparison is one between rivals already.
     """
 
     shop: Shop
@@ -107,6 +131,7 @@ class Trial:
     lanes: Mapping[Structure, tuple[RivalLanes, Mapping[int, int]]]
     steered: frozenset[Structure]
     material: tuple[bool, ...]
+    between: np.ndarray | None = None
 
     def followed(self, motion: PlannedMotion) -> Float[Array, " samples"]:
         """The reference of the simulated loop for a motion [rad/s], or [rad] where the loop follows a position."""
@@ -127,35 +152,59 @@ class Trial:
             still = readings if structure in self.steered else jax.lax.stop_gradient(readings)
             told |= self._structure(structure, still)
         nats, left, missing = (
-            jnp.stack([getattr(told[i], name) for i in range(len(self.comparisons))]) for name in Evidence._fields
+            jnp.stack([getattr(told[i], name) for i in range(len(self.comparisons))])
+            for name in ("nats", "left", "missing")
         )
         effort = jnp.sqrt(jnp.mean(readings.torque**2, axis=1) + 1e-30)
         share = missing / effort[jnp.asarray([one.log for one in self.comparisons])]
         largest, fastest = jnp.max(jnp.abs(readings.torque)), jnp.max(jnp.abs(readings.rate))
-        return ExpectedRun(nats, left, share, largest, fastest, readings)
+        between = None if self.between is None else self._apart([told[i] for i in range(len(told))])
+        return ExpectedRun(nats, left, share, largest, fastest, readings, between)
 
-    def cost(self, reference: Float[Array, " samples"], wanted: Array) -> tuple[Array, ExpectedRun]:
+    def _apart(self, told: Sequence[Evidence]) -> Float[Array, "comparisons comparisons"]:
+        """The evidence between every two effects, infinite where it is not looked at."""
+
+        def stacked(each: Sequence[Array]) -> Array:  # structures may have different numbers of directions
+            longest = max(len(one) for one in each)
+            return jnp.stack([jnp.concatenate([one, jnp.zeros((longest - len(one), *one.shape[1:]))]) for one in each])
+
+        effects, frees = stacked([one.effect for one in told]), stacked([one.free for one in told])
+
+        def row(pair: tuple[Array, Array]) -> Array:
+            return jax.vmap(lambda other: apart(self.measurement, *pair, other))(effects)
+
+        # Row by row and checkpointed: all pairs side by side would take gigabytes for a long run.
+        found = jax.lax.map(jax.checkpoint(row), (effects[:, 0], frees))
+        return jnp.where(jnp.asarray(self.between), found, jnp.inf)
+
+    def cost(self, reference: Float[Array, " samples"], wanted: Wanted) -> tuple[Array, ExpectedRun]:
         """The cost of a reference: minus the log of the probability that the diagnosis decides every comparison, plus a
         penalty beyond the limits.
 
-        An effect is decided by its evidence, and by a missing torque that is a sufficient share of the commanded one.
-        Beyond several times what is needed both hardly count any more, so that a comparison that no motion improves
-        does not outweigh the others. The motion keeps its limits by construction; the penalty is for the simulated
-        machine, whose loop may need more.
+        An effect is decided by its evidence, over the nominal model and over the other effects, and by a missing torque
+        that is a sufficient share of the commanded one. Beyond several times what is needed they hardly count any more,
+        so that a comparison that no motion improves does not outweigh the others. The motion keeps its limits by
+        construction; the penalty is for the simulated machine, whose loop may need more.
 
         Args:
             reference: from `reference` or `followed`, shape (samples,).
-            wanted: weight of every comparison; 0 leaves it out.
+            wanted: what is to be decided.
         """
+        weight, pairs = wanted
         seen = self.seen(reference)
         worth = jnp.log(jnp.maximum(seen.nats, LEAST) / THRESHOLDS.sure)
         # Twice, because evidence grows with the square of a torque. The smooth minimum of the two is what decides.
         size = 2.0 * jnp.log(jnp.maximum(seen.share, LEAST_SHARE) / SHARE)
         worth = jnp.where(jnp.asarray(self.material), -jnp.logaddexp(-worth, -size), worth)
-        total = jnp.sum(wanted)
-        decided = jnp.sum(wanted * jax.nn.log_sigmoid(STEEP * worth)) / total
-        soft = -jax.nn.logsumexp(-SHARP * worth, b=wanted) / SHARP + jnp.log(total) / SHARP
-        mean = jnp.sum(wanted * worth) / total
+        if seen.apart is not None:
+            # An excluded pair counts as one that is decided beyond doubt.
+            between = jnp.where(pairs & jnp.isfinite(seen.apart), jnp.maximum(seen.apart, LEAST), BEYOND_DOUBT)
+            between = jnp.log(between / THRESHOLDS.sure)
+            worth = -jnp.logaddexp(-worth, jax.nn.logsumexp(-SHARP * between, axis=1) / SHARP)
+        total = jnp.sum(weight)
+        decided = jnp.sum(weight * jax.nn.log_sigmoid(STEEP * worth)) / total
+        soft = -jax.nn.logsumexp(-SHARP * worth, b=weight) / SHARP + jnp.log(total) / SHARP
+        mean = jnp.sum(weight * worth) / total
         limits = self.course.limits
         over = jnp.maximum(seen.speed / limits.speed - OVERSHOOT, 0.0)
         if np.isfinite(limits.torque):
@@ -204,8 +253,9 @@ class Trial:
         lanes, places = self.lanes[structure]
         out = coefficients(self.shop, self.measurement, lanes, readings)
         which = [i for i, c in enumerate(self.comparisons) if self.models[c.model].structure == structure]
-        bases, tangents, shifts = [], [], []
+        bases, tangents, shifts, owns = [], [], [], []
         most = max(len(self.comparisons[i].moving) for i in which)
+        widest = max(len(self.comparisons[i].own) for i in which)
         for index in which:
             comparison = self.comparisons[index]
             place = places[comparison.model]
@@ -214,14 +264,20 @@ class Trial:
             def slope(pair: tuple[int, float], log: int = comparison.log, base: Array = base) -> Array:
                 return (out[:, pair[0], log] - base) / pair[1]
 
-            moved = [slope(lanes.tangents[place][name]) for name in comparison.moving]
-            # Padded with zero tangents to a common number, so that one vmap serves all comparisons.
-            moved += [jnp.zeros_like(base)] * (most - len(moved))
+            def slopes(
+                names: Sequence[str], count: int, place: int = place, base: Array = base, slope: Any = slope
+            ) -> Array:
+                # Padded with zero tangents to a common number, so that one vmap serves all comparisons.
+                found = [slope(lanes.tangents[place][name]) for name in names]
+                found += [jnp.zeros_like(base)] * (count - len(found))
+                return jnp.stack(found) if found else jnp.zeros((0, *base.shape))
+
             bases.append(base)
-            tangents.append(jnp.stack(moved) if moved else jnp.zeros((0, *base.shape)))
+            tangents.append(slopes(comparison.moving, most))
             shifts.append(jnp.stack([slope(pair) for pair in lanes.shifts[place]]))
+            owns.append(slopes(comparison.own, widest))
         told = jax.vmap(functools.partial(evidence_against, self.measurement))(
-            jnp.stack(bases), jnp.stack(tangents), jnp.stack(shifts)
+            jnp.stack(bases), jnp.stack(tangents), jnp.stack(shifts), jnp.stack(owns)
         )  # fmt: skip
         return {index: Evidence(*(part[row] for part in told)) for row, index in enumerate(which)}
 
@@ -286,10 +342,21 @@ def effects_trial(
 
     The nominal parameters and an offset are free in every model.
     """
-    comparisons = tuple(RunComparison(0, i, shop.nuisances(v.effect)) for i, v in enumerate(variants))
+    comparisons = tuple(RunComparison(0, i, shop.nuisances(v.effect), _own(v.effect)) for i, v in enumerate(variants))
     steered = frozenset[Structure](("rigid",))
+    # A wrong number is in every other effect's model as a parameter that may move, a gain nearly.
+    numbers = np.array([v.name in NUMBERS for v in variants])
+    twins = twins_of(shop, variants)
+    between = np.array([[frozenset((a.name, b.name)) not in twins for b in variants] for a in variants])
+    between &= ~np.eye(len(variants), dtype=bool) & ~numbers[None, :]
     material = tuple(v.effect is not None and not on_rate_sensor(v.effect) for v in variants)
-    return _trial(shop, measurement, course, (NOMINAL_VARIANT,), tuple(variants), comparisons, steered, material)
+    trial = _trial(shop, measurement, course, (NOMINAL_VARIANT,), tuple(variants), comparisons, steered, material)
+    return dataclasses.replace(trial, between=between)
+
+
+def _own(effect: Effect | None) -> tuple[str, ...]:
+    """Parameters that an effect alone has; one beside the nominal numbers is no other cause than a wrong number."""
+    return () if effect is None else tuple(p.name for p in effect.parameters if p.name not in (*NOMINAL, OFFSET))
 
 
 def rivals_trial(shop: Shop, measurement: MeasurementModel, course: PlannedCourse, rivals: Sequence[Variant]) -> Trial:
@@ -321,7 +388,7 @@ def _trial(
 ) -> Trial:  # fmt: skip
     moving: dict[int, tuple[str, ...]] = {}  # by model, the parameters that are free in any of its comparisons
     for one in comparisons:
-        moving[one.model] = tuple(dict.fromkeys((*moving.get(one.model, ()), *one.moving)))
+        moving[one.model] = tuple(dict.fromkeys((*moving.get(one.model, ()), *one.moving, *one.own)))
     lanes: dict[Structure, tuple[RivalLanes, dict[int, int]]] = {}
     shop = shop.fitted_to((*simulated, *models))
     for structure in _structures(models):

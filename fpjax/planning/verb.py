@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import numbers
 import os
 import time
@@ -248,7 +249,7 @@ def _plan(
         model="the model" if model.path is None else model.path.name,
         evaluations=found.evaluations,
         usual={
-            name: (_decided(trial, one, wanted, twins), float(np.min(np.asarray(one.nats)[live])))
+            name: (_decided(trial, one, wanted, twins, found.alike), float(np.min(np.asarray(one.nats)[live])))
             for name, one in found.usual.items()
         },
         gained=(float(np.min(np.asarray(found.first.nats)[live])), float(np.min(nats[live]))),
@@ -268,12 +269,30 @@ def _visible(trial: Trial, found: Designed, twins: dict[frozenset[str], str]) ->
             listed.append(Visible(variant.name, values, float("nan"), twin=why))
             continue
         material = trial.material[place]
-        unseen = not_visible(nats, share if material else None, nowhere=bool(found.unseen[place]))
-        listed.append(Visible(variant.name, values, nats, share if material else float("nan"), unseen=unseen))
+        nearest, between = _nearest(trial, seen, place, found.alike)
+        unseen = not_visible(
+            nats, share if material else None, nowhere=bool(found.unseen[place]), nearest=nearest, apart=between
+        )
+        listed.append(
+            Visible(
+                variant.name, values, nats, share if material else float("nan"), unseen=unseen, nearest=nearest,
+                apart=between,
+            )
+        )  # fmt: skip
     return tuple(sorted(listed, key=lambda one: (bool(one.twin), bool(one.unseen), one.nats)))
 
 
-def _decided(trial: Trial, seen: ExpectedRun, wanted: np.ndarray, twins: dict[frozenset[str], str]) -> int:
+def _nearest(trial: Trial, seen: ExpectedRun, place: int, alike: np.ndarray) -> tuple[str, float]:
+    """(the effect that is hardest to tell from one, the evidence between them [nats]); ("", NaN) without one."""
+    assert seen.apart is not None
+    between = np.where(alike[place], np.inf, np.asarray(seen.apart[place], float))
+    nearest = int(np.argmin(between))
+    return (trial.models[nearest].name, float(between[nearest])) if np.isfinite(between[nearest]) else ("", math.nan)
+
+
+def _decided(
+    trial: Trial, seen: ExpectedRun, wanted: np.ndarray, twins: dict[frozenset[str], str], alike: np.ndarray
+) -> int:
     """Effects that a run shows, or pairs of rivals that it separates."""
     nats, share = np.asarray(seen.nats), np.asarray(seen.share)
     if len(trial.simulated) > 1:
@@ -281,7 +300,8 @@ def _decided(trial: Trial, seen: ExpectedRun, wanted: np.ndarray, twins: dict[fr
         pairs = separations(names, trial.comparisons, nats, [""] * len(nats), twins)
         return sum(one.separated for one in pairs)
     enough = ~np.asarray(trial.material) | (share >= MATERIAL)
-    return int(np.sum((wanted > 0.0) & (nats >= NEEDED) & enough))
+    between = [_nearest(trial, seen, place, alike)[1] for place in range(len(nats))]
+    return int(np.sum((wanted > 0.0) & (nats >= NEEDED) & enough & ~(np.asarray(between) < NEEDED)))
 
 
 __all__ = ["NEEDED", "plan"]

@@ -26,7 +26,7 @@ class OneNumberTrial:
     def cost(self, reference, wanted):
         nats = jnp.stack([jnp.asarray(1e-7), 1e3 * jnp.exp(-4.0 * (reference[0] - 1.0) ** 2)])
         worth = jnp.log(jnp.maximum(nats, 1e-3))
-        soft = -jax.nn.logsumexp(-4.0 * worth, b=wanted) / 4.0
+        soft = -jax.nn.logsumexp(-4.0 * worth, b=wanted.each) / 4.0
         return -soft, ExpectedRun(nats, jnp.zeros(1), jnp.ones(2), jnp.zeros(()), jnp.zeros(()), None)
 
     def beyond(self, seen):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plan_case import LIMITS, servo
 
-from fpjax.planning.expected_evidence import evidence_against
+from fpjax.planning.expected_evidence import apart, evidence_against
 from fpjax.planning.measurement_model import make_measurement_model
 from fpjax.simulation.precision import double_precision
 
@@ -68,6 +68,41 @@ def test_the_missing_torque_is_that_which_makes_the_misfit(sensors):
     with double_precision():
         told = evidence_against(measurement, jnp.asarray(modes.turn.T @ plain), *nothing_free(len(plain), windows))
     assert float(told.missing) == pytest.approx(np.sqrt(np.mean(torque**2)), rel=0.1)
+
+
+@pytest.mark.parametrize("sensors", ["velocity", "position"])
+def test_free_initial_states_do_not_make_a_torque_larger(sensors):
+    noise = {"velocity": 1e-3, "position": 1e-5}
+    measurement = make_measurement_model(servo(sensors), LIMITS, None, 0.01, noise, [])
+    modes, windows = measurement.modes, len(measurement.starts)
+    torque = np.full((measurement.samples, windows), 0.2)  # N m
+    plain = np.sqrt(modes.gain)[:, None] * (modes.torque.T @ torque)
+    time = np.arange(measurement.samples) * measurement.dt
+    # One prior deviation of the velocity and of the position at a window's start, in standard deviations of the sensor.
+    readings = [np.ones_like(time), 0.0 * time] if sensors == "velocity" else [time, np.ones_like(time)]
+    states = [each * size / noise[sensors] for each, size in zip(readings, (0.25, 0.25), strict=True)]
+    shifts = np.stack([np.repeat((modes.basis.T @ each)[:, None], windows, axis=1) for each in states])
+    with double_precision():
+        free = jnp.zeros((0, len(plain), windows))
+        told = evidence_against(measurement, jnp.asarray(modes.turn.T @ plain), free, jnp.asarray(shifts))
+    # They take a part of a constant torque, and never add to it.
+    assert 0.1 < float(told.missing) < 0.2 * 1.05
+
+
+def test_effects_that_bend_the_torque_alike_are_not_apart():
+    measurement = make_measurement_model(servo(), LIMITS, None, 0.05, {"velocity": 0.01}, [])
+    count, windows = len(measurement.modes.gain), len(measurement.starts)
+    rng = np.random.default_rng(0)
+    with double_precision():
+        one, other, own, free = (jnp.asarray(rng.normal(size=(count, windows))) for _ in range(4))
+        alone = float(apart(measurement, one, free[None], jnp.zeros((1, count, windows))))
+        alike = float(apart(measurement, 2.0 * one, free[None], one[None]))
+        by_parameter = float(apart(measurement, other + own + 0.5 * free, free[None], jnp.stack([other, own])))
+        unlike = float(apart(measurement, one, free[None], other[None]))
+    assert alone > 10.0
+    assert unlike > 0.8 * alone
+    assert alike < 0.05 * alone
+    assert by_parameter < 0.2 * alone
 
 
 def test_the_evidence_has_a_gradient():
