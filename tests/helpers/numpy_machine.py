@@ -5,6 +5,7 @@ rest.
 """
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -81,40 +82,51 @@ def record(
         linear: the units of the log.
         substeps: steps of the plant in a period.
     """
-    random = np.random.default_rng(seed)
     count = round(seconds / dt)
     time = dt * np.arange(count)
     if reference is None:
         reference = 5.0 * np.sin(2 * np.pi * 0.53 * time) * (1 + 0.5 * np.sin(2 * np.pi * 0.11 * time)) + np.sin(
             2 * np.pi * 2.3 * time
         )
-    if feedforward is None:
-        feedforward = np.zeros(count)
-    torque, velocity, position = np.empty(count), np.empty(count), np.empty(count)
-    speed, angle, integral, h = 0.0, 0.0, 0.0, dt / substeps
+    random = np.random.default_rng(seed)
     noise = velocity_noise * random.standard_normal(count)
-    for k in range(count):
-        velocity[k], position[k] = speed + noise[k], angle
-        error = reference[k] - velocity[k]
-        integral += machine.ki * error * dt
-        torque[k] = machine.kp * error + integral + feedforward[k]
-        applied = float(torque[k - machine.delay]) if k >= machine.delay else 0.0
-        for i in range(substeps):
-            pushed = applied + extra(time[k] + i * h, speed, angle, applied)
-            speed, angle = machine.advanced(speed, angle, pushed, h)
+    given = [
+        tuple(map(float, values))
+        for values in (reference, np.zeros(count) if feedforward is None else feedforward, noise)
+    ]
+    torque, velocity, position = moved(machine, dt, substeps, extra, *given)
     position = position + position_noise * random.standard_normal(count)
     if position_step:
         position = np.round(position / position_step) * position_step
     return Log(
         time,
-        torque,
-        velocity if "velocity" in sensors else None,
+        torque.copy(),
+        velocity.copy() if "velocity" in sensors else None,
         position if "position" in sensors else None,
         reference,
         dt,
         "made.csv",
         linear,
     )
+
+
+@functools.lru_cache(maxsize=16)
+def moved(machine, dt, substeps, extra, reference, feedforward, noise):
+    """(torque, measured velocity, position) by sample; kept, for logs that differ in their columns only."""
+    count, h = len(reference), dt / substeps
+    torque, velocity, position = np.empty(count), np.empty(count), np.empty(count)
+    speed, angle, integral = 0.0, 0.0, 0.0
+    for k in range(count):
+        read = speed + noise[k]
+        error = reference[k] - read
+        integral += machine.ki * error * dt
+        torque[k], velocity[k], position[k] = machine.kp * error + integral + feedforward[k], read, angle
+        applied = float(torque[k - machine.delay]) if k >= machine.delay else 0.0
+        begun = dt * k
+        for i in range(substeps):
+            pushed = applied + extra(begun + i * h, speed, angle, applied)
+            speed, angle = machine.advanced(speed, angle, pushed, h)
+    return torque, velocity, position
 
 
 def swing(rows, dt=1e-3, *, inertia, coulomb=0.0, amplitude, rate, noise=1e-3):

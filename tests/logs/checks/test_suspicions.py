@@ -1,6 +1,7 @@
 """Suspicions: each is named on a log that has it, and a sound log raises none."""
 
 import dataclasses
+import math
 import pathlib
 
 import numpy as np
@@ -33,10 +34,10 @@ def kinds(log, body: Numbers | None = BODY):
     "extra",
     [
         lambda t, v, q, u: 0.0,
-        lambda t, v, q, u: -0.3 * np.sign(v) * np.exp(-abs(v) / 0.2),
-        lambda t, v, q, u: np.clip(u, -1.4, 1.4) - u,
+        lambda t, v, q, u: -0.3 * ((v > 0.0) - (v < 0.0)) * math.exp(-abs(v) / 0.2),
+        lambda t, v, q, u: min(max(u, -1.4), 1.4) - u,
         lambda t, v, q, u: -0.25 * u,
-        lambda t, v, q, u: 0.15 * np.sin(6 * q),
+        lambda t, v, q, u: 0.15 * math.sin(6 * q),
         lambda t, v, q, u: 0.2,
     ],
 )
