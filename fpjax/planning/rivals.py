@@ -21,6 +21,7 @@ from .machines import Shop, Variant, reported, rival
 
 MOST = 4  # rivals at most: every ordered pair is one model to replay on one log
 NEAR = 0.03  # share of the first cause's probability above which another cause counts as its rival
+LIKELY = 0.5  # probability of all rivals together below which the cause is likelier one that is not among them
 FIRST = ("no_gap",)  # verdicts that leave nothing to separate
 
 
@@ -102,6 +103,21 @@ def rivals_of(diagnosis: TomlTable) -> tuple[Rival, ...]:
             "near it; leave out --diagnosis (or --log) for a run that makes all effects visible."
         )
     return tuple(_rival(by_name[name]) for name in chosen)
+
+
+def unlikely(rivals: Sequence[Rival]) -> str:
+    """Why not to plan for these rivals: all together are improbable; "" where they are not.
+
+    Where a log shows little, what leads its ranking has no size to speak of: rivals of 1e-8 nats were separated.
+    """
+    together = sum(one.probability for one in rivals if math.isfinite(one.probability))
+    if together >= LIKELY:
+        return ""
+    names = ", ".join(one.name.replace("_", " ") for one in rivals)
+    return (
+        f"the diagnosis gives its rivals ({names}) a probability of {together:.0%} together: the cause is likelier "
+        "another one, so that this run makes all effects visible."
+    )
 
 
 def settled_of(diagnosis: TomlTable) -> tuple[Rival, ...]:

@@ -31,7 +31,7 @@ from .machines import Shop, detectable, make_shop, reported
 from .measurement_model import MeasurementModel, make_measurement_model
 from .plain_references import NAMES
 from .result import Plan
-from .rivals import hidden_by_twin, level_of, machines_of, read_diagnosis, rivals_of, settled_of, twins_of
+from .rivals import hidden_by_twin, level_of, machines_of, read_diagnosis, rivals_of, settled_of, twins_of, unlikely
 from .trajectory import make_course
 from .trial import ExpectedRun, Trial, effects_trial, rivals_trial
 
@@ -63,8 +63,9 @@ def plan(
 
     From a model alone: a reference that makes every effect of the vocabulary visible, with as much evidence as possible
     for the least visible one. With a diagnosis that could not decide between causes: the reference that separates these
-    rivals best. With a log, the log is diagnosed first. Where the controller is known the closed loop is simulated;
-    else a stiff loop is used in its place, and the motion itself is planned. Computed in double precision. After an
+    rivals best; where they are improbable even together, again one that makes every effect visible. With a log, the log
+    is diagnosed first. Where the controller is known the closed loop is simulated; else a stiff loop is used in its
+    place, and the motion itself is planned. Computed in double precision. After an
     interrupt the best run so far is returned, and `Plan.ended` says so.
 
     Args:
@@ -133,6 +134,9 @@ def plan(
                 "inverse dynamics as feed-forward in place of the drive's loop."
             )
         clock("machines", 0.05)
+        if told is not None and (why := unlikely(rivals_of(told))):
+            notes.append(why)
+            told = None
         trial, twins, wanted = _trial(shop, measurement, course, told)
         plain = {name: trial.followed(course.within(speed)) for name, speed in zip(NAMES, course.usual.T, strict=True)}
         found = design(trial, wanted, seconds=seconds, seed=seed, progress=clock, usual=plain)

@@ -15,6 +15,7 @@ from fpjax.planning.rivals import (
     rivals_of,
     settled_of,
     twins_of,
+    unlikely,
 )
 
 
@@ -40,6 +41,13 @@ def test_a_rival_has_the_parameters_that_the_diagnosis_reported():
         found = {name: one.value for name, one in reported(again, shop).items()}
         for name, value in told.items():
             assert abs(found[name]) == pytest.approx(abs(value), rel=1e-6, abs=1e-12), (effect.name, name)
+
+
+def test_rivals_that_are_improbable_even_together_are_not_planned_for():
+    few = rivals_of(ranking(("stribeck", 0.15, []), ("viscous_error", 0.1, [])))
+    assert "25% together" in unlikely(few)
+    assert "stribeck, viscous error" in unlikely(few)
+    assert not unlikely(rivals_of(ranking(("stribeck", 0.3, []), ("viscous_error", 0.2, []))))
 
 
 def test_delays_without_a_position_are_twins_and_with_one_are_not():
