@@ -77,9 +77,10 @@ def _show(found: "Inspection") -> None:
     if nominal is None:
         print("\n  no nominal model: the log has too few windows of motion in both directions and at several speeds")
         return
+    what = "torque" if nominal.reverse else "motion"
     print(
         f"\nrigid machine fitted to {nominal.rows} windows of {nominal.window:g} s: explains "
-        f"{100 * nominal.share:.4g} % of the motion, leaves {nominal.residual:.3g} {log.torque_unit} rms"
+        f"{100 * nominal.share:.4g} % of the {what}, leaves {nominal.residual:.3g} {log.torque_unit} rms"
     )
     names = _units(log)
     rows = [

@@ -149,7 +149,15 @@ def _about(log: Log, nominal: Nominal | None) -> list[str]:
                 f"{log.name}: the velocity was derived from the position (but for {origin.left:.2g} of its steps), so "
                 f"it is not a second sensor and adds no information."
             )
-    if nominal is not None and nominal.plausible and nominal.least_inertia < APART * nominal.inertia:
+    if nominal is None or not nominal.plausible:
+        return found
+    if nominal.reverse:
+        found.append(
+            f"{log.name}: the torque holds more than the motion shows (its noise, or what a tight loop holds against), "
+            f"so the machine was fitted to the motion; the torque taken as exact would give an inertia of "
+            f"{nominal.most_inertia:.3g}."
+        )
+    elif nominal.least_inertia < APART * nominal.inertia:
         found.append(
             f"{log.name}: the inertia is between {max(nominal.least_inertia, 0.0):.3g} (the motion explains the "
             f"torque) and {nominal.inertia:.3g} (the torque explains the motion): the torque holds noise, or "

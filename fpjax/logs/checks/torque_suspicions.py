@@ -85,7 +85,7 @@ def _nominal(
     # The log does not tell inertias between those of the forward and of the reverse regression apart: a model whose
     # inertia lies there, with a margin, is not suspected.
     ratio = model.inertia / max(found.inertia, 1e-300)
-    between = found.least_inertia / BEYOND < model.inertia < BEYOND * found.inertia
+    between = found.least_inertia / BEYOND < model.inertia < BEYOND * found.most_inertia
     if sure and found.inertia > 0.0 and not (1.0 / BEYOND < ratio < BEYOND or between):
         named = unit_of(ratio, linear=linear)
         level = found.coulomb / model.coulomb if model.coulomb > 0.0 else np.nan

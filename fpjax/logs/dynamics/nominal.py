@@ -10,13 +10,20 @@ which is linear in 1/J, C/J, .... The sensor's noise stands on the left side onl
 the torque, which is held over each period, is integrated exactly. Start angle and speed of every window are free.
 Windows in which something else happened (an impact, a push) get little weight (Cauchy weights on their rms residual).
 
+That takes the torque for exact. Where it was measured with noise, or a tight loop holds the motion against whatever
+acts on the machine, the torque holds what the motion does not show, and J comes out too large (7 and 200 times on
+joints of a UR10e, whose currents are noisy and whose motion is slow). Then the motion is what is exact, and the
+equation is solved for the torque: J (q - q0 - v0 t) + int int (C sgn v + ...) = int int u, less the sensor's noise,
+whose size is known (errors in variables: Fuller, "Measurement error models", 1987). Which of both it is, the two
+inertias say: where the motion is exact enough for the windows, they agree unless the torque is not.
+
 The windows are made longer until the residual is a few times the noise: in shorter ones the noise hides the motion, in
 longer ones the unmodelled torques add up. The standard deviations come from the scatter between windows (sandwich
 estimator) and from the change between one window length and the next, so they include model errors. Why `estimate`
 regresses pairs of samples instead: `fpjax.logs.dynamics.regression`.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +32,8 @@ from ..arrays import Values
 from ..log import Log
 from ..noise import noise_level
 from .derivative import local_polynomial, quiet_half, smooth_motion
-from .regression import mean_direction, mean_held, solved
+from .regression import solved as least_squares
+from .windows import ROUNDS, Cut, Piece, Solved, pieces_of, robust, windows_of
 
 Load = Callable[[Values], Values]
 
@@ -34,11 +42,9 @@ WINDOWS = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0)  # lengths that ar
 # does. On the three measured pendulum logs J is within 3 % of an independent multiple-shooting fit at 4, 14 % high at 3
 # (noise) and 9 % low at 8 (unmodelled torques).
 BEYOND_NOISE = 4.0
-FEWEST_SAMPLES, FEWEST_WINDOWS = 16, 8
-POINTS = 64  # readings in a window: more are averaged in groups, which keeps the arrays small
-MOST_ROWS = 240_000  # [samples]: of a longer log, evenly spaced pieces are used
-ROUNDS = 40  # of reweighting
 SIGNIFICANT = 3.0  # [standard deviations]
+LOOSE = 1.5  # ratio of the two inertias from which on the torque is taken to hold what the motion does not show
+NOISY = 1e-3  # share of noise in the motion's energy within a window, up to which windows serve to solve for the torque
 MATTERS = 0.02  # of the torque's rms: a smaller unbalance is not worth its two parameters
 PARAMETERS = ("inertia", "coulomb", "viscous", "offset", "sine", "cosine")
 
@@ -54,14 +60,17 @@ class Nominal:
         offset: constant torque, of the same sign as friction in positive motion.
         deviations: standard deviation of inertia, coulomb, viscous, offset, sine, cosine.
         residual: rms torque that the model does not explain, as a torque that is constant over a window [N m].
-        share: share of the motion's variance within the windows that the model explains [1].
+        share: share of the motion's variance within the windows that the model explains [1]; of the torque's where
+            `reverse`.
         rows: number of windows used.
         sine: holding torque at the angle where sin(position) = 1; 0 where no unbalance is seen.
         cosine: holding torque at the angle where cos(position) = 1; 0 where no unbalance is seen.
         window: length of the windows [s].
-        least_inertia: J of the reverse regression, of the torque on the motion. Where it is much smaller than inertia,
-            either the torque column is noisy, or a torque acts that follows the command and is not in the model (a
-            limit, a wrong gain): the true J lies between the two.
+        least_inertia: J of the reverse regression, of the torque on the motion.
+        most_inertia: J of the forward regression, of the motion on the torque; infinite where it has the wrong sign.
+            Where they are apart, either the torque column is noisy, or a torque acts that follows the command and is
+            not in the model (a limit, a wrong gain): the true J lies between the two.
+        reverse: whether the parameters are those of the reverse regression.
     """
 
     inertia: float
@@ -76,6 +85,8 @@ class Nominal:
     cosine: float = 0.0
     window: float = 0.0
     least_inertia: float = 0.0
+    most_inertia: float = np.inf
+    reverse: bool = False
 
     @property
     def plausible(self) -> bool:
@@ -162,7 +173,7 @@ def fit_rigid(
             are significant and not negligible.
     """
     torque = np.asarray(torque, dtype=np.float64)
-    pieces = list(_pieces(torque, velocity, position, dt))
+    pieces = list(pieces_of(torque, velocity, position, dt))
     found = _best(pieces, gravity)
     if found is None or not gravity:
         return found
@@ -174,180 +185,118 @@ def fit_rigid(
     return found if sure and found.amplitude > MATTERS * size else _best(pieces, gravity=False)
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """Consecutive samples: what the sensor read, and every term of the equation of motion over each period."""
-
-    reading: Values  # position [rad] or velocity [rad/s], shape (samples,)
-    terms: Values  # shape (samples, 6): u, -sgn v, -v, -1, -sin q, -cos q, means over each period
-    noise: float  # standard deviation of one reading
-    order: int  # integrals from acceleration to the reading: 2 for a position, 1 for a velocity
-    dt: float  # [s]
-
-
-def _pieces(torque: Values, velocity: Values | None, position: Values | None, dt: float) -> Iterator[_Piece]:
-    size = torque.size
-    starts = [0] if size <= MOST_ROWS else np.linspace(0, size - MOST_ROWS // 12, 12).astype(int)
-    length = size if size <= MOST_ROWS else MOST_ROWS // 12
-    noise: float | None = None
-    for start in starts:
-        part = slice(int(start), int(start) + length)
-        rate = None if velocity is None else velocity[part]
-        place = None if position is None else position[part]
-        # A drive's own velocity is delayed by its filter: the position shows better when the motion reverses.
-        speed, angle = smooth_motion(None if place is not None else rate, place, dt)
-        reading = place if place is not None else rate
-        assert reading is not None
-        noise = noise_level(reading) if noise is None else noise
-        columns = [
-            torque[part], -mean_direction(speed), -mean_held(speed), -np.ones(speed.size), -mean_held(np.sin(angle)),
-            -mean_held(np.cos(angle)),
-        ]  # fmt: skip
-        yield _Piece(reading, np.stack(columns, axis=1), noise, 2 if place is not None else 1, dt)
-
-
-def _best(pieces: list[_Piece], gravity: bool) -> Nominal | None:
+def _best(pieces: list[Piece], gravity: bool) -> Nominal | None:
     """The fit of the longest windows in which the residual stays within a few times the noise."""
-    found, before = None, None
+    count, found, before = 6 if gravity else 4, None, None
     for seconds in WINDOWS:
-        cut = _windows(pieces, seconds, 6 if gravity else 4)
-        if cut is None:
+        cut = windows_of(pieces, seconds, count)
+        forward = None if cut is None else _forward(cut)
+        if cut is None or forward is None:
             continue
-        fitted, beyond = cut
+        fitted, beyond = forward
         if found is not None and beyond > BEYOND_NOISE:
             break
-        found, before = fitted, found
+        found, before = (fitted, cut), found
         if beyond > BEYOND_NOISE:
             break
-    if found is None or before is None:
-        return found
-    # Another window length should give the same parameters: a change is a model error that the scatter between windows
-    # of one length does not show, so it widens the standard deviations.
-    changes = [getattr(found, name) - getattr(before, name) for name in PARAMETERS]
+    if found is None:
+        return None
+    fitted, cut = found
+    if not 0.0 < fitted.inertia < LOOSE * _inertia_of(_reverse(cut)):
+        reverse = _best_reverse(pieces, count)
+        if reverse is not None:
+            return replace(reverse, most_inertia=fitted.most_inertia)
+    return fitted if before is None else _widened(fitted, before[0])
+
+
+def _best_reverse(pieces: list[Piece], count: int) -> Nominal | None:
+    """The reverse fit of the shortest windows whose motion holds hardly any noise; None without a positive inertia."""
+    found = None
+    for seconds in WINDOWS:
+        cut = windows_of(pieces, seconds, count)
+        if cut is None or not cut.noise_share < NOISY:
+            continue
+        fitted = _reverse(cut)
+        if fitted is not None and found is not None:
+            return _widened(found, fitted)
+        found = fitted if found is None else found
+    return found
+
+
+def _inertia_of(fitted: Nominal | None) -> float:
+    return 0.0 if fitted is None else fitted.inertia
+
+
+def _widened(found: Nominal, other: Nominal) -> Nominal:
+    """With standard deviations that hold the parameters of another window length too.
+
+    It should give the same parameters: a change is a model error that the scatter between windows of one length does
+    not show.
+    """
+    changes = [getattr(found, name) - getattr(other, name) for name in PARAMETERS]
     widened = tuple(float(np.hypot(*both)) for both in zip(found.deviations, changes, strict=True))
     return replace(found, deviations=widened)
 
 
-def _windows(pieces: list[_Piece], seconds: float, count: int) -> tuple[Nominal, float] | None:
-    """(fit with windows of this length, their residual over the noise); None for too few windows."""
-    dt = pieces[0].dt
-    size = round(seconds / dt)
-    group = max(1, size // POINTS)
-    size = size // group * group
-    if size < FEWEST_SAMPLES:
+def _forward(cut: Cut) -> tuple[Nominal, float] | None:
+    """The fit of the motion on the torque, and its median residual over the noise."""
+    y, x = cut.y, cut.x
+    solved = robust(y, x)
+    if solved is None or not abs(solved.solution[0]) > 0.0:
         return None
-    readings, terms = [], []
-    for piece in pieces:
-        many = (piece.reading.size - 1) // size
-        if many:
-            readings.append(piece.reading[: many * size].reshape(many, size))
-            terms.append(piece.terms[: many * size, :count].reshape(many, size, count))
-    if not readings or sum(len(each) for each in readings) < FEWEST_WINDOWS:
-        return None
-    order, noise = pieces[0].order, pieces[0].noise / np.sqrt(group)
-    y, x = np.concatenate(readings), _integrated(np.concatenate(terms), dt, order)
-    y, x = _means(y, group), _means(x, group)
-    # Start angle and speed of each window are eliminated by projecting readings and regressors onto what is
-    # orthogonal to a constant (velocity) or to a constant and a line (position): y of shape (windows, points), x
-    # (windows, points, terms).
-    time = np.linspace(0.0, 1.0, y.shape[1])
-    free, _ = np.linalg.qr(np.stack([time**power for power in range(order)], axis=1))
-    y = y - (y @ free) @ free.T
-    x = x - np.einsum("nj,wjk->wnk", free, np.einsum("wnk,nj->wjk", x, free))
-    return _robust(y, x, noise, seconds, order)
-
-
-def _integrated(terms: Values, dt: float, order: int) -> Values:
-    """Speed (order 1) or position (order 2) at the start of each period, of an acceleration held over each period.
-
-    The integration of a held value is exact. Shapes in and out: (windows, samples, terms).
-    """
-    zero = np.zeros((terms.shape[0], 1, terms.shape[2]))
-    speed = np.concatenate([zero, np.cumsum(terms, axis=1)[:, :-1]], axis=1) * dt
-    if order == 1:
-        return speed
-    return np.concatenate([zero, np.cumsum(speed * dt + 0.5 * dt * dt * terms, axis=1)[:, :-1]], axis=1)
-
-
-def _means(values: Values, group: int) -> Values:
-    shape = (values.shape[0], values.shape[1] // group, group, *values.shape[2:])
-    return values.reshape(shape).mean(axis=2)
-
-
-def _robust(y: Values, x: Values, noise: float, seconds: float, order: int) -> tuple[Nominal, float] | None:
-    """Least squares over all windows, each weighted by its rms residual; and the median residual over the noise.
-
-    Iteratively reweighted with Cauchy's weights (Holland, Welsch, 1977), one weight per window.
-    """
-    count = x.shape[2]
-    gram = np.einsum("wnk,wnl->wkl", x, x)
-    with_reading = np.einsum("wnk,wn->wk", x, y)
-    scale = np.sqrt(np.einsum("wkk->k", gram))
-    if not (scale[0] > 0.0 and np.all(np.isfinite(scale))):
-        return None
-    # columns to length one, as in `regression.solved`: torque and angle differ by orders of magnitude
-    scale[scale == 0.0] = 1.0
-    gram, with_reading = gram / np.outer(scale, scale), with_reading / scale
-    weight = np.ones(len(y))
-    solution, middle = np.zeros(count), 0.0
-    for _ in range(ROUNDS):
-        total = np.einsum("w,wkl->kl", weight, gram)
-        solution, _, rank, _ = np.linalg.lstsq(total, weight @ with_reading, rcond=1e-12)
-        if rank < count:  # one direction or one speed only: the parameters are not identifiable
-            return None
-        left = np.sqrt(np.mean((y - x @ (solution / scale)) ** 2, axis=1))
-        middle = float(np.median(left))
-        if middle == 0.0:
-            break
-        weight = 1.0 / (1.0 + (left / middle) ** 2)
-    if not abs(solution[0]) > 0.0:
-        return None
-    # Sandwich estimator with a window as a cluster (Liang, Zeger, 1986): readings within a window share its model
-    # error, so they are not independent, but windows are. The last factor corrects for the number of fitted
-    # parameters.
-    slopes = weight[:, None] * (with_reading - np.einsum("wkl,l->wk", gram, solution))
-    inverse = np.linalg.pinv(np.einsum("w,wkl->kl", weight, gram), rcond=1e-12)
-    spread = inverse @ (slopes.T @ slopes) @ inverse * len(y) / max(len(y) - count, 1)
     # from (1/J, C/J, B/J, ...) to (J, C, B, ...)
-    solution, spread = solution / scale, spread / np.outer(scale, scale)
+    inverse = solved.solution[0]
+    values = solved.solution / inverse
+    values[0] = 1.0 / inverse
     # the Jacobian of that change of parameters, for the covariance
-    turn = np.diag(np.full(count, 1.0 / solution[0]))
-    turn[:, 0] = -solution / solution[0] ** 2
-    turn[0, 0] = -1.0 / solution[0] ** 2
-    values = solution / solution[0]
-    values[0] = 1.0 / solution[0]
-    deviations = np.sqrt(np.maximum(np.diag(turn @ spread @ turn.T), 0.0))
-    power = float(np.sum(weight * np.mean(y**2, axis=1)))
-    share = 1.0 - float(np.sum(weight * left**2)) / power if power > 0.0 else 0.0
-    # A constant torque of 1 N m moves the position by t^2 / (2 J) over a window of length T. Without its best line this
-    # has an rms of T^2 / (sqrt(720) J); a velocity t / J without its mean has T / (sqrt(12) J). So the residual of the
-    # reading is given as the constant torque that would leave as much.
-    moved = seconds**2 / np.sqrt(720.0) if order == 2 else seconds / np.sqrt(12.0)
+    turn = np.diag(np.full(values.size, 1.0 / inverse))
+    turn[:, 0] = -solved.solution / inverse**2
+    turn[0, 0] = -1.0 / inverse**2
+    found = _nominal_of(cut, values, turn @ solved.spread @ turn.T, solved, y, abs(float(values[0])))
+    if found is None:
+        return None
+    table = np.concatenate([y[:, :, None], -x[:, :, 1:]], axis=2) * np.sqrt(solved.weight)[:, None, None]
+    torque = x[:, :, 0] * np.sqrt(solved.weight)[:, None]
+    # Noise in the motion biases it towards zero, noise in the torque biases the forward regression upwards.
+    least = least_squares(table.reshape(-1, table.shape[2]), torque.ravel())
+    found = replace(
+        found, least_inertia=0.0 if least is None else float(least[0]),
+        most_inertia=found.inertia if found.inertia > 0.0 else np.inf,
+    )  # fmt: skip
+    return found, solved.middle / cut.noise if cut.noise > 0.0 else 0.0
+
+
+def _reverse(cut: Cut) -> Nominal | None:
+    """The fit of the torque on the motion, corrected for the sensor's noise; None without a positive inertia."""
+    table = np.concatenate([cut.y[:, :, None], -cut.x[:, :, 1:]], axis=2)
+    # Where most of the torque comes from elsewhere (another joint), weights by the residual choose among the windows
+    # until none accelerates: then all count alike.
+    for rounds in (ROUNDS, 1):
+        solved = robust(cut.x[:, :, 0], table, cut.noise_energy, rounds)
+        if solved is not None and solved.solution[0] > 0.0:
+            found = _nominal_of(cut, solved.solution, solved.spread, solved, cut.x[:, :, 0], 1.0)
+            return None if found is None else replace(found, least_inertia=found.inertia, reverse=True)
+    return None
+
+
+def _nominal_of(
+    cut: Cut, values: Values, covariance: Values, solved: Solved, target: Values, per_unit: float
+) -> Nominal | None:
+    """The parameters as a `Nominal`; `per_unit` makes a residual of the target, as an acceleration, a torque."""
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    power = float(np.sum(solved.weight * np.mean(target**2, axis=1)))
+    share = 1.0 - float(np.sum(solved.weight * solved.left**2)) / power if power > 0.0 else 0.0
     if not np.all(np.isfinite([*values, *deviations, share])):
         return None
-    padded = [*(float(each) for each in deviations), 0.0, 0.0][:6]
-    nominal = Nominal(
-        *(float(value) for value in values[:4]),
-        deviations=tuple(padded),
-        residual=abs(float(values[0])) * middle / moved,
+    padded = [*(float(each) for each in values), 0.0, 0.0][:6]
+    return Nominal(
+        *padded[:4],
+        deviations=tuple([*(float(each) for each in deviations), 0.0, 0.0][:6]),
+        # the constant torque over a window that would leave as much
+        residual=per_unit * solved.middle / cut.moved,
         share=share,
-        rows=len(y),
-        sine=float(values[4]) if count > 4 else 0.0,
-        cosine=float(values[5]) if count > 4 else 0.0,
-        window=seconds,
-        least_inertia=_least_inertia(y, x, weight),
+        rows=len(cut.y),
+        sine=padded[4],
+        cosine=padded[5],
+        window=cut.seconds,
     )
-    return nominal, middle / noise if noise > 0.0 else 0.0
-
-
-def _least_inertia(y: Values, x: Values, weight: Values) -> float:
-    """J of the reverse regression, of the torque on the motion, with the same windows and weights.
-
-    Noise in the motion biases it towards zero, noise in the torque biases the forward regression upwards.
-    """
-    root = np.sqrt(weight)[:, None]
-    torque = (x[:, :, 0] * root).ravel()
-    others = np.concatenate([y[:, :, None], -x[:, :, 1:]], axis=2) * root[:, :, None]
-    table = others.reshape(-1, others.shape[2])
-    found = solved(table, torque)
-    return 0.0 if found is None else float(found[0])

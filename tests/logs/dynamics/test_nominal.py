@@ -73,7 +73,22 @@ def test_a_known_load_is_taken_off():
 
 def test_a_limit_of_the_torque_shows_as_two_inertias():
     found = fit_nominal(made(gyro=0.01, limit=0.25))
-    assert found.least_inertia < 0.7 * found.inertia
+    assert found.least_inertia < 0.7 * found.most_inertia
+
+
+@pytest.mark.parametrize(("noise", "reverse"), [(0.1, False), (2.0, True), (3.0, True)])
+def test_a_torque_that_was_measured_with_noise_makes_no_inertia(noise, reverse):
+    """A joint's current: the motion is exact beside it, and the torque is solved for."""
+    log = made(bits=18, seconds=20.0)
+    rng = np.random.default_rng(4)
+    found = fit_nominal(dataclasses.replace(log, torque=log.torque + noise * rng.standard_normal(len(log))))
+    assert found.plausible
+    assert found.inertia == pytest.approx(INERTIA, rel=0.1)
+    assert abs(found.coulomb - COULOMB) < 3.0 * found.deviations[1]
+    assert found.reverse is reverse
+    assert found.least_inertia <= found.inertia <= found.most_inertia
+    if reverse:  # what the torque taken as exact would give
+        assert found.most_inertia > 1.4 * INERTIA
 
 
 def test_what_shows_nothing_gives_none():
