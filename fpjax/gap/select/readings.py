@@ -80,7 +80,9 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     gained = 0.5 * count * float(np.log(errors[name][0] / least)) if least > 0.0 else np.inf
     change = shape - true
     key = "time_constant" if name == "velocity_lag" else "delay"
-    first = _reading(name, {key: (time, spread / max(slope, 1e-300), "s")}, change, inside, size, inertia, dt, gained)
+    # Read off a parabola through three values of the grid: no better known than its rounding, whatever the noise.
+    deviation = float(np.hypot(spread / max(slope, 1e-300), (late[1] - late[0]) / np.sqrt(12.0)))
+    first = _reading(name, {key: (time, deviation, "s")}, change, inside, size, inertia, dt, gained)
     found.append(replace(first, rival=other, sure=sure))
     deviation = spread / max(float(np.std(true[inside])), 1e-300)
     gained = 0.5 * ((scale - 1.0) / max(deviation, 1e-12)) ** 2
