@@ -101,12 +101,12 @@ sweep_store withheld_second_physics learned examples report body missing_torque 
 withheld_second_truth corrected verbs tune truth_solvers tutorial lazy_import grid_search suspicions start_values
 result_notes speed sampled behaviour simulate excitation emps elementary truth_sensors notes bad_input
 plan gallery loops pages command
-""".split()
+"""
 
 
 def pytest_collection_modifyitems(config, items):
     if hasattr(config, "workerinput"):
-        place = {f"test_{name}.py": at for at, name in enumerate(LONGEST_FIRST)}
+        place = {f"test_{name}.py": at for at, name in enumerate(LONGEST_FIRST.split())}
         items.sort(key=lambda item: place.get(item.path.name, len(place)))
 
 
