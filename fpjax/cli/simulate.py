@@ -77,7 +77,7 @@ def open_model(path: str, changes: list[str], record: RunFile) -> "Model":
     from .. import set_parameters
     from ..model_file import load_model
     from ..model_file.admissible import check_changes
-    from ..model_file.model import about_proportions
+    from ..model_file.reading import about_proportions
 
     model = load_model(record.read(path, "model"))
     for note in model.notes:

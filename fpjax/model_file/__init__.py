@@ -3,6 +3,6 @@
 from .keys import Units as Units
 from .model import Model as Model
 from .model import ModelSource as ModelSource
-from .model import dump_model as dump_model
-from .model import load_model as load_model
+from .reading import load_model as load_model
 from .simplify import simplified as simplified
+from .writing import dump_model as dump_model

@@ -8,7 +8,8 @@ from ..errors import InputError
 from ..simulation.input_checks import shown
 from ..simulation.loop import ClosedLoop
 from ..simulation.precision import double_precision
-from .model import Model, load_model
+from .model import Model
+from .reading import load_model
 
 
 def as_model(source: Any, verb: str, also: str = "a ClosedLoop") -> Model | None:

@@ -10,7 +10,8 @@ import numpy as np
 from ..blocks.sensors import KalmanFusion
 from ..gap.data.channel import make_channel
 from ..gap.data.record import EDGE, FEWEST, LONGEST, SECONDS, SHORTEST
-from ..gap.fit.modes import Modes, make_modes
+from ..gap.fit.make_modes import make_modes
+from ..gap.fit.modes import Modes
 from ..gap.fit.search import BAND
 from .limits import Limits
 

@@ -7,7 +7,7 @@ import pytest
 
 from fpjax.gap import Estimate
 from fpjax.gap.answer import insignificant, intervals
-from fpjax.gap.fit.modes import make_modes
+from fpjax.gap.fit.make_modes import make_modes
 
 
 @pytest.fixture

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fpjax.gap.fit.modes import BURST_SCALE, BURSTS, make_modes
+from fpjax.gap.fit.make_modes import make_modes
+from fpjax.gap.fit.modes import BURST_SCALE, BURSTS
 
 SAMPLES, DT, INERTIA, ANGLE_NOISE, RATE_NOISE = 200, 1e-3, 0.05, 2e-5, 3e-3
 

@@ -293,7 +293,7 @@ def test_every_example_is_read_and_written():
 
 
 def test_the_documentation_names_every_key():
-    from fpjax.model_file import body, controller, friction, model, observer, reference
+    from fpjax.model_file import body, controller, friction, observer, reading, reference
 
     text = (pathlib.Path(__file__).parents[2] / "docs" / "model_file.md").read_text()
     forms = [*body.PLANTS, *friction.FORMS, *controller.CONTROLLERS, *reference.REFERENCES]
@@ -303,7 +303,7 @@ def test_the_documentation_names_every_key():
         friction.DIRECTION, friction.GENERAL, friction.BRISTLES, controller._CASCADE, observer._GAINS,
     )  # fmt: skip
     words |= {key.name for keys in tables for key in keys}
-    words |= {*observer.OBSERVERS, *body.SENSORS, *body.LOADS, *model.SECTIONS, "transfer_function", "unknown"}
+    words |= {*observer.OBSERVERS, *body.SENSORS, *body.LOADS, *reading.SECTIONS, "transfer_function", "unknown"}
     assert {word for word in words if f"`{word}`" not in text and f"`[{word}]`" not in text} == set()
 
 

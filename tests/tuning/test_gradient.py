@@ -1,7 +1,5 @@
 """Gradients of a tuning's cost, and the methods that follow them."""
 
-import sys
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,8 +13,8 @@ from fpjax.errors import InputError
 from tuning import lanes as lanes_module
 from tuning.lanes import Lanes, Stopwatch
 from tuning.problem import make_problem
+from tuning.search import SEARCHES
 
-tune_module = sys.modules["tuning.tune"]  # the name tuning.tune is the function
 STEPS = (10.0, 50.0 * DEGREE)
 
 
@@ -217,8 +215,8 @@ def test_all_compiling_of_a_search_is_on_the_clock(method, monkeypatch):
 
     for name in ("call", "step"):
         monkeypatch.setattr(Stopwatch, name, inside("clock", getattr(Stopwatch, name)))
-    for kind, search in list(tune_module._SEARCHES.items()):
-        monkeypatch.setitem(tune_module._SEARCHES, kind, inside("search", search))
+    for kind, search in list(SEARCHES.items()):
+        monkeypatch.setitem(SEARCHES, kind, inside("search", search))
     jax.monitoring.register_event_duration_secs_listener(heard)
     common = {"parameters": GAINS, "objective": THESIS, "method": method, "max_simulations": 12, **SHORT}
     first = tuning.tune(efp(150.0), SINE, **common)

@@ -26,13 +26,10 @@ import numpy as np
 from ...logs.arrays import Values
 
 TILE = 4  # coefficients that share a burst
-PLAIN = 8  # modes of the lowest octaves, which are not rotated: each is as long as the window
-FIRST_BAND = 4  # modes of the lowest octave: a window's start values take up two of them
 PER_OCTAVE = 3  # levels q that are tried within a factor of two
 NOISES = np.geomspace(0.5, 32.0, 49)  # factors on the sensors' noise standard deviation that are tried
 BURSTS = np.array([*range(-5, 7), 8, 10, 13, 16, 20])  # log2 of the factors on a tile's q
 BURST_SCALE = 0.5  # scale of the Laplace prior of the natural logarithm of a burst [1]
-FINEST, COARSEST = 0.03, 1e7  # range of q that is tried, over the q that equals the noise in the strongest mode
 
 
 @dataclass(frozen=True)
@@ -326,86 +323,3 @@ def _mixed(by_burst: Values) -> Values:
     """-2 log of the mean likelihood over the bursts' law, along the last axis."""
     least = np.min(by_burst, axis=-1, keepdims=True)
     return least[..., 0] - 2.0 * np.log(np.exp(-0.5 * (by_burst - least)) @ _LAW)
-
-
-@functools.lru_cache(maxsize=16)
-def make_modes(samples: int, dt: float, inertia: float, rate_noise: float, angle_noise: float, most: int = 0) -> Modes:
-    """The modes of a window.
-
-    Args:
-        samples: of the window.
-        dt: control period [s].
-        inertia: nominal J [kg m^2].
-        rate_noise: standard deviation of a rate reading [rad/s]; 0 for no rate sensor.
-        angle_noise: of a position reading [rad]; 0 for none.
-        most: modes with torque that are kept; 0 for all.
-    """
-    index = np.arange(samples)
-    lag = index[:, None] - index[None, :]  # samples from the period j in which a torque acts to the reading k
-    held = lag > 0
-    parts = []
-    if rate_noise > 0.0:
-        # A torque of 1 N m in period j adds dt / J to every later speed, and travel at it from the period's middle on.
-        parts.append(np.where(held, dt / inertia, 0.0) / rate_noise)
-    if angle_noise > 0.0:
-        parts.append(np.where(held, (lag - 0.5) * dt**2 / inertia, 0.0) / angle_noise)
-    basis, size, course = np.linalg.svd(np.concatenate(parts), full_matrices=len(parts) == 2)
-    count = basis.shape[1]
-    gain, torque = np.ones(count), np.zeros((samples, count))
-    alive = np.zeros(count, bool)
-    # Smaller singular values are rounding errors of the decomposition.
-    alive[: len(size)] = size > 1e-13 * size[0]
-    gain[alive] = size[alive[: len(size)]] ** 2
-    torque[:, alive] = course.T[:, alive[: len(size)]]
-    place = np.arange(count)
-    band = np.floor(np.log2(np.maximum(place / FIRST_BAND, 0.5))).astype(int) + 1
-    last = int(np.max(band[alive]))
-    # Octave 0 has the first FIRST_BAND modes, octave 1 as many, then each twice as many as the one before.
-    if np.sum(alive & (band == last)) < FIRST_BAND * 2 ** (last - 1) / 2:  # a rest joins the octave below
-        band[band >= last] = last - 1
-    last = int(np.max(band[alive]))
-    both = len(parts) == 2
-    keep = ~alive if both else np.zeros(count, bool)
-    keep = keep | (alive & (place < (most or count)))  # place: singular values are in descending order
-    # With one sensor, a mode that holds no torque is noise alone: in the last octave, with lambda zero.
-    gain = np.where(alive, gain, 1.0 if both else 0.0)
-    grid = np.concatenate(
-        [[0.0], FINEST * 2.0 ** (np.arange(PER_OCTAVE * math.ceil(math.log2(COARSEST / FINEST))) / PER_OCTAVE)]
-    )
-    torques = int(np.max(band[keep & alive])) + 1
-    band = np.where(alive, band, torques if both else last)
-    levels = np.repeat(grid[:, None] / np.sqrt(gain[0]), torques, axis=1)
-    if both:
-        levels = np.concatenate([levels, np.minimum(grid, 1e5)[:, None]], axis=1)
-    # The course of mode k has about k half periods within the window, as a sine of the integrator's modes has.
-    frequency = (place + 0.5) / (2.0 * samples * dt)
-    kept = np.flatnonzero(keep)
-    turn, flat, tile = _turned(place[kept], alive[kept], gain[kept], torque[:, kept])
-    return Modes(
-        np.ascontiguousarray(basis[:, kept] @ turn), turn, flat, tile, gain[kept], torque[:, kept], band[kept],
-        frequency[kept], levels, (~alive)[kept], inertia,
-    )  # fmt: skip
-
-
-def _turned(place: Values, alive: Values, gain: Values, torque: Values) -> tuple[Values, Values, Values]:
-    """(rotation, lambda and tile of the rotated coefficients) of the kept modes; arguments of shape (modes,)."""
-    time = np.linspace(-1.0, 1.0, len(torque))[:, None]
-    turn, flat, tile = np.eye(len(place)), gain.copy(), np.zeros(len(place), int)
-    half = np.floor(2.0 * np.log2(np.maximum(place, 1) / PLAIN)).astype(int)
-    octave = np.floor(np.log2(np.maximum(place / FIRST_BAND, 0.5))).astype(int)
-    group = np.where(~alive, 10**6, np.where(place < PLAIN, octave - 10**3, half))
-    count = 0
-    for one in np.unique(group):
-        inside = np.flatnonzero(group == one)
-        tiles = 1
-        if place[inside[0]] >= PLAIN and alive[inside[0]] and len(inside) > TILE:
-            # The eigenvectors of the time axis, restricted to the group's modes, are its most local vectors; their
-            # eigenvalues are their times, in ascending order, so that neighbours make up a tile.
-            course = torque[:, inside]
-            turn[np.ix_(inside, inside)] = np.linalg.eigh(course.T @ (time * course))[1]
-            flat[inside] = np.mean(gain[inside])
-            tiles = round(len(inside) / TILE)
-        for some in np.array_split(inside, tiles):
-            tile[some] = count
-            count += 1
-    return turn, flat, tile

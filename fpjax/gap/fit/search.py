@@ -19,7 +19,8 @@ from .band import highest_of_speed, level_with_bursts, real_noise
 from .candidate import NOMINAL, Candidate, Fit, Start, make_candidate
 from .guide import dominant_period, guide_bandwidth
 from .least_squares import Fitter
-from .modes import Modes, make_modes
+from .make_modes import make_modes
+from .modes import Modes
 from .period_starts import repeating_periods, turning_weight
 from .score import score
 
