@@ -1,5 +1,7 @@
 """Linearisation of a whole closed loop by jax; its return ratio is taken at the torque that the drive commands."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,6 +12,7 @@ from jaxtyping import Array, PyTree
 from ..blocks.actuators import AbstractActuator
 from ..blocks.block import as_parameter
 from ..blocks.references import AbstractReference, Constant, Recorded
+from ..blocks.sensors import AbstractSensor
 from ..blocks.signals import Motion
 from ..errors import InputError
 from ..simulation.loop import ClosedLoop, LoopState
@@ -25,6 +28,7 @@ from .state_space import StateSpace
 CHUNK = 2000
 CHUNKS = 50
 RESTS = 1e-7
+ROUNDING = ("step_size", "position_step")  # what sensors call the step to which they round a reading
 
 
 class Disturbed(AbstractActuator):
@@ -98,6 +102,7 @@ def _linearised(
     reference: float | None,
 ) -> LinearLoop:  # fmt: skip
     """The linearised loop of one in double precision; arguments as of `linearise`."""
+    loop = eqx.tree_at(lambda each: each.sensor, loop, _unrounded(loop.sensor))
     position = loop.controller.follows_position
     if isinstance(at, int | float):
         if not np.isfinite(at):
@@ -146,6 +151,15 @@ def _linearised(
     answer = c[2:3]
     ratio = StateSpace(a - b[:, 1:2] @ answer, b[:, 1:2], -answer, np.zeros((1, 1)), period, ("torque",), ("return",))
     return LinearLoop(whole, ratio, "position" if position else "velocity", speed)
+
+
+def _unrounded(sensor: AbstractSensor) -> AbstractSensor:
+    """A sensor without rounding, under which no motion is steady: an encoder's counts come and go at every sample."""
+
+    def without(path: tuple[Any, ...], leaf: Array) -> Array:
+        return jnp.zeros_like(leaf) if path and getattr(path[-1], "name", None) in ROUNDING else leaf
+
+    return jax.tree_util.tree_map_with_path(without, sensor)
 
 
 def _settled(

@@ -2,12 +2,14 @@
 
 import math
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import fpjax as fp
+from fpjax.blocks.servo_sensor import ServoSensor
 from fpjax.simulation.scan import astype
 
 control = pytest.importorskip("control")
@@ -128,6 +130,18 @@ def test_a_cascade_in_single_precision_is_linearised_in_double():
     with jax.enable_x64(False):  # as a process runs that never asked for double
         alone = loop(controller=fp.PositionLoop(20.0, fp.ProportionalIntegral(KP, KI))).linearise(0.5, dt=DT)
     assert alone.margins().modulus_margin == pytest.approx(one.modulus_margin, rel=1e-5)
+
+
+@pytest.mark.parametrize("sensor", [ServoSensor(position_step=2.4e-5), fp.Encoder(2.4e-5)], ids=["servo", "encoder"])
+def test_the_rounding_of_a_sensor_keeps_no_loop_from_its_steady_motion(sensor):
+    cascade = fp.PositionLoop(20.0, fp.ProportionalIntegral(KP, KI))
+    rounded = loop(controller=cascade, sensor=sensor).linearise(0.5, dt=DT).margins()
+    # The same sensor without its steps: an encoder's velocity is a difference, with a delay of its own.
+    name = "position_step" if isinstance(sensor, ServoSensor) else "step_size"
+    smooth = eqx.tree_at(lambda each: getattr(each, name), sensor, jnp.zeros(()))
+    plain = loop(controller=cascade, sensor=smooth).linearise(0.5, dt=DT).margins()
+    assert rounded.modulus_margin == pytest.approx(plain.modulus_margin, rel=1e-9)
+    assert rounded.delay_margin == pytest.approx(plain.delay_margin, rel=1e-9)
 
 
 def test_what_stands_around_a_cascade_is_linearised_about_its_ramp_too():
