@@ -33,3 +33,4 @@ THESIS = tuning.Thesis(scales={"viscous": DEGREE})
 SETUP = {"dt": 1e-4, "duration": 0.5, "solver": "ode3"}
 SHORT = {"dt": 1e-4, "duration": 0.05, "solver": "ode3"}
 SINE, CONSTANT = fpjax.Sine(1.0, 1.0), fpjax.Constant(1.0)
+COARSE = {"dt": 2e-3, "duration": 4.0, "stepping": "sampled", "solver": "exact"}  # for `stiff`

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 from model_files import body
-from tuning_loops import stiff
+from tuning_loops import COARSE, stiff
 
 import fpjax as fp
 import tuning
@@ -14,45 +14,44 @@ from tuning.notes import _accuracy, _noise_clause
 from tuning.problem import make_problem
 
 GAINS = ("observer.gain_1", "observer.gain_2")
-RUN = {"dt": 2e-3, "stepping": "sampled", "solver": "exact"}
 
 
 @pytest.fixture(scope="module")
-def short():
-    """Gains held too small to bring the estimates home within the run."""
+def slow():
+    """Gains held too small to bring the estimates home within the run; the program is that of `test_start_values`."""
     held = [tuning.Parameter(name, 1.0, 0.5, 2.0) for name in GAINS]
-    return tuning.tune(stiff(), fp.Sine(1.0, 0.5), parameters=held, duration=0.5, **RUN)
+    return tuning.tune(stiff(), fp.Sine(1.0, 0.5), parameters=held, **COARSE)
 
 
-def test_estimates_that_end_off_the_truth_are_said_with_their_number(short):
+def test_estimates_that_end_off_the_truth_are_said_with_their_number(slow):
     run = fp.simulate(
-        short.apply(stiff()), fp.Sine(1.0, 0.5), duration=0.5, record=("estimates.coulomb", "estimates.viscous"), **RUN
+        slow.apply(stiff()), fp.Sine(1.0, 0.5), record=("estimates.coulomb", "estimates.viscous"), **COARSE
     )
     for name, truth in (("coulomb", 20.0), ("viscous", 5.0)):
-        assert short.settled[name] == pytest.approx(run.settled[name] / truth - 1.0, abs=5e-3)
-    off = {name for name, value in short.settled.items() if abs(value) > 0.03}
+        assert slow.settled[name] == pytest.approx(run.settled[name] / truth - 1.0, abs=5e-3)
+    off = {name for name, value in slow.settled.items() if abs(value) > 0.03}
     assert off
-    (note,) = [note for note in short.notes if "off the truth" in note]
-    assert all(f"{name} {100.0 * short.settled[name]:+.3g} %" in note for name in off)
+    (note,) = [note for note in slow.notes if "off the truth" in note]
+    assert all(f"{name} {100.0 * slow.settled[name]:+.3g} %" in note for name in off)
 
 
-def test_what_is_noted_leaves_the_cost_alone(short):
-    assert short.mean == pytest.approx(short.cost, rel=1e-6)
-    assert short.cases[0][0][0] == pytest.approx(short.cost, rel=1e-6)
+def test_what_is_noted_leaves_the_cost_alone(slow):
+    assert slow.mean == pytest.approx(slow.cost, rel=1e-6)
+    assert slow.cases[0][0][0] == pytest.approx(slow.cost, rel=1e-6)
 
 
-def test_the_path_leads_from_a_start_to_the_gains(short):
-    points = np.stack([short.path[name] for name in GAINS], axis=1)
-    assert len(points) == short.iterations
-    found = np.array([short.gains[name] for name in GAINS])
+def test_the_path_leads_from_a_start_to_the_gains(slow):
+    points = np.stack([slow.path[name] for name in GAINS], axis=1)
+    assert len(points) == slow.iterations
+    found = np.array([slow.gains[name] for name in GAINS])
     assert np.min(np.abs(points / found - 1.0).max(axis=1)) < 1e-9
-    assert short.to_dict()["path"] == short.path
+    assert slow.to_dict()["path"] == slow.path
 
 
-def test_starts_that_fill_up_a_kernel_are_not_counted(short):
-    assert 1 <= short.starts <= tuning.start_values.KEPT + 1
-    each = 3 * short.starts  # a value and two tangents of every start that is still under way
-    assert short.simulations <= tuning.start_values.SCREENED + 1 + each * max(len(short.path[name]) for name in GAINS)
+def test_starts_that_fill_up_a_kernel_are_not_counted(slow):
+    assert 1 <= slow.starts <= tuning.start_values.KEPT + 1
+    each = 3 * slow.starts  # a value and two tangents of every start that is still under way
+    assert slow.simulations <= tuning.start_values.SCREENED + 1 + each * max(len(slow.path[name]) for name in GAINS)
 
 
 @pytest.mark.long  # another loop: its Jacobian compiles for nine seconds
@@ -62,7 +61,7 @@ def test_a_machine_that_friction_holds_is_said_first_and_why():
         fp.Proportional(5.0),
         fp.ExtendedFriedlandPark(10.0, 100.0, 100.0, 500.0),
     )
-    result = tuning.tune(held, fp.Sine(1.0, 0.5), parameters=GAINS, duration=0.5, **RUN)
+    result = tuning.tune(held, fp.Sine(1.0, 0.5), parameters=GAINS, **(COARSE | {"duration": 0.5}))
     assert str(result).startswith("NOT AN OPTIMUM: the cost does not depend on observer.gain_1")
     assert any("the machine never moves" in note for note in result.notes)
 
@@ -73,7 +72,7 @@ def test_estimates_are_judged_under_the_noise_of_the_sensor():
 
     def tuned(noise):
         noisy = fp.ClosedLoop(stiff().plant, stiff().controller, stiff().observer, sensor=fp.Gyro(noise=noise))
-        return tuning.tune(noisy, fp.Sine(1.0, 0.5), parameters=GAINS, duration=0.5, **RUN)
+        return tuning.tune(noisy, fp.Sine(1.0, 0.5), parameters=GAINS, **(COARSE | {"duration": 0.5}))
 
     clean, rough = tuned(0.0), tuned(0.1)
     assert clean.noisy_cost == pytest.approx(clean.cost, rel=1e-6)
