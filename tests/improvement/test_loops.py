@@ -13,7 +13,8 @@ from fpjax.output.stages import StageClock
 
 pytestmark = pytest.mark.long
 OBSERVER = '[observer]\ntype = "efp"\n'  # its gains by pole placement
-CASCADE = '[units]\nreference = "position"\nsensors = "both"\n' + case.MODEL.replace(
+MODEL = case.text(inertia="{inertia}", coulomb="{coulomb}")  # both numbers to be filled in
+CASCADE = '[units]\nreference = "position"\nsensors = "both"\n' + MODEL.replace(
     'type = "pi"\nkp = 1.5\nki = 8.0', 'type = "position_cascade"\nkp = 15.0\nkv = 1.5\nki = 8.0'
 )
 SINE = '[reference]\ntype = "sine"\namplitude = {amplitude}\nfrequency = 1.3\n'
@@ -38,8 +39,8 @@ def small(monkeypatch):
 
 
 def test_an_observers_gains_and_inertia_are_tuned():
-    log, model = simulated(case.MODEL + OBSERVER, 5.0)
-    corrected = (case.MODEL + OBSERVER).format(inertia=0.05, coulomb=0.4) + SINE.format(amplitude=5.0)
+    log, model = simulated(MODEL + OBSERVER, 5.0)
+    corrected = (MODEL + OBSERVER).format(inertia=0.05, coulomb=0.4) + SINE.format(amplitude=5.0)
     known = dataclasses.replace(case.known(), model=corrected)
     found = improve_known(known, log, model, followed(log, model, "log"), [], 0, StageClock(None), None, None)
     assert {change.gain for change in found.changes} == {"observer.gain_1", "observer.gain_2", "observer.inertia"}
