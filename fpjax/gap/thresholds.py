@@ -27,7 +27,8 @@ class Thresholds:
         removes: share [1] of the energy of the missing torque that is left, which a further cause must remove.
         adds: worth that a further cause adds, of that of the model without it [1], from which on it need not do that.
         immaterial: missing torque left, of the nominal model's [1], below which no further cause is looked for.
-        bases: effects, the most likely ones alone, beside which others are tried.
+        bases: effects, the most likely ones alone, beside which others are tried; up to twice as many where the next
+            are within `sure` of them.
         most_causes: effects in a model, wrong nominal numbers not counted.
         nothing: missing torque of the nominal model, of the commanded torque's rms [1], below which there is no gap;
             of several logs, in each of them.

@@ -12,7 +12,7 @@ from fpjax.gap.answer.confusable import indistinguishable
 from fpjax.gap.answer.judge import _persist
 from fpjax.gap.answer.ranking import share_alike
 from fpjax.gap.effects.twins import LogFacts, Twin, exact_twins, single_twins
-from fpjax.gap.select.decision import Weighed
+from fpjax.gap.select.decision import Weighed, _bases
 from fpjax.gap.select.dominant import Curve, believed, dominant
 from fpjax.gap.select.readings import Reading
 from fpjax.gap.select.verdict import Seen, verdict
@@ -234,6 +234,14 @@ def test_several_wrong_numbers_beside_a_detail_are_no_rival_of_the_factor_that_m
     # With one number wrong the effect itself does what the factor would: a rival.
     one = weighed("constant_torque", 499.0, wide=("coulomb",))
     assert judged(chosen, [one], shares=shares, left=0.4).word == "unexplained"
+
+
+def test_effects_that_are_worth_as_much_as_the_second_are_bases_too():
+    singles = [weighed(name, evidence) for name, evidence in (("stribeck", 900.0), ("cogging", 500.0))]
+    near = [weighed("backlash", 495.0), weighed("presliding", 492.0), weighed("compliance", 491.0)]
+    assert _bases([*singles, weighed("backlash", 400.0)], THRESHOLDS) == singles
+    assert _bases([*singles, *near], THRESHOLDS) == [*singles, *near[:2]]
+    assert _bases(singles[:1], THRESHOLDS) == singles[:1]
 
 
 def test_an_effect_is_measured_by_what_no_choice_of_the_numbers_closes():

@@ -132,7 +132,7 @@ def decide(
         if not _worth_more(search, exact, chosen.fit, thresholds):
             break
         begin(f"effects together ({size})")
-        bases = [w for w in weighed if w.structural][: thresholds.bases] if size == 2 else [chosen]
+        bases = _bases(singles, thresholds) if size == 2 else [chosen]
         found = _weigh(search, exact, search.explore(_beside(search, bases, likely), PAIR_KEEP, white=False))
         if not found:
             break
@@ -212,6 +212,16 @@ def _alone(search: Search) -> list[Start]:
 def _nominal_for(effect: Effect) -> list[tuple[str, ...]]:
     """Which nominal numbers are free beside an effect: all, and none where it is a twin of all of them together."""
     return [NOMINAL, ()] if effect.name in ("torque_gain_error", "velocity_scale_error") else [NOMINAL]
+
+
+def _bases(singles: Sequence[Weighed], t: Thresholds) -> list[Weighed]:
+    """Effects beside which others are tried: the likeliest, and as many again where they are worth as much.
+
+    With numbers that are guesses, a factor or a friction by direction does what a constant torque does, and beside the
+    one that came third by a nat the second cause may be right.
+    """
+    first = list(singles[: t.bases])
+    return first + [w for w in singles[t.bases : 2 * t.bases] if w.behind(first[-1]) < t.sure]
 
 
 def _beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> list[Start]:
