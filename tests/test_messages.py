@@ -7,10 +7,9 @@ import warnings
 import pytest
 from sentences import faults
 
+from fpjax import FpjaxWarning, InputError, load_model, read_log
 from fpjax.cli import main
-from fpjax.errors import LONGEST, FpjaxWarning, InputError, readable
-from fpjax.logs import read_log
-from fpjax.model_file import load_model
+from fpjax.errors import LONGEST, readable
 
 REPO = pathlib.Path(__file__).parents[1]
 FILLED = 200  # characters that the values of a template may take before it is cut

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import fpjax as fp
-from fpjax.blocks.signals import Measurement
 from fpjax.logs.dynamics.derivative import measured_velocity
 from fpjax.logs.dynamics.regression import fit_pairs
 
@@ -37,7 +36,7 @@ class Drive(fp.AbstractSensor):
     def step(self, state, output, noise, dt):
         last, before = state
         velocity = 0.5 * (output.position - before) / dt
-        return (output.position, last), Measurement(velocity, output.position)
+        return (output.position, last), fp.Measurement(velocity, output.position)
 
 
 def replay(log, law, offset):

@@ -7,7 +7,7 @@ import pytest
 from model_files import LARGE_BODY
 
 import fpjax as fp
-from fpjax.analysis.excitation import assess_excitation, error_matrix, pole
+from fpjax.analysis.excitation import error_matrix, pole
 from fpjax.cli import main
 
 DEGREE = math.pi / 180.0
@@ -27,7 +27,7 @@ def efp(gain_1, gain_2, steepness=None):
 )
 def test_slow_mode_at_the_thesis_gains(gain_2, gain_1, printed):
     """The time constants that an independent program found: 316 s, and 1.7 s where it is fast."""
-    report = assess_excitation(efp(gain_1, gain_2), SINE, 1e-4, TRUTH, duration=0.5)
+    report = fp.assess_excitation(efp(gain_1, gain_2), SINE, 1e-4, TRUTH, duration=0.5)
     assert report.slow_mode == pytest.approx(printed, rel=0.02)
     assert not report.converges
     assert any(
@@ -36,13 +36,13 @@ def test_slow_mode_at_the_thesis_gains(gain_2, gain_1, printed):
 
 
 def test_fast_gains_converge_in_half_a_minute_and_say_nothing():
-    report = assess_excitation(efp(5e4, 10.0), SINE, 1e-4, TRUTH, duration=30.0)
+    report = fp.assess_excitation(efp(5e4, 10.0), SINE, 1e-4, TRUTH, duration=30.0)
     assert report.converges
     assert report.sentences == ()
 
 
 def test_a_constant_reference_is_not_persistently_exciting():
-    report = assess_excitation(efp(298.0, 72.6), np.ones_like(TIME), 1e-4, TRUTH, duration=100.0)
+    report = fp.assess_excitation(efp(298.0, 72.6), np.ones_like(TIME), 1e-4, TRUTH, duration=100.0)
     assert report.smallest_eigenvalue < 1e-12
     assert math.isinf(report.slow_mode)
     assert not report.converges
@@ -51,7 +51,7 @@ def test_a_constant_reference_is_not_persistently_exciting():
 
 def test_gram_matrix_of_a_sine_is_the_closed_form():
     """Means over a period of sign^2 = 1, sign x sin = 2/pi, sin^2 = 1/2; scaled: 1 - sqrt(8)/pi."""
-    report = assess_excitation(efp(298.0, 72.6), SINE, 1e-4, TRUTH)
+    report = fp.assess_excitation(efp(298.0, 72.6), SINE, 1e-4, TRUTH)
     # sign(0) = 0 at two of 10,000 samples.
     np.testing.assert_allclose(report.gram, [[1.0, 2.0 / math.pi], [2.0 / math.pi, 0.5]], atol=3e-4)
     assert report.smallest_eigenvalue == pytest.approx(1.0 - math.sqrt(8.0) / math.pi, abs=3e-4)
@@ -74,7 +74,7 @@ def test_poles_of_one_parameter(observer, expected):
     """At w = 2 (4.13), (4.39); the averaged and the exact time constant are the pole's where w is constant."""
     parameters = {"coulomb": 20.0, "viscous": 2.0, "steepness": 0.1}
     assert pole(observer, 2.0, parameters) == pytest.approx(expected, rel=1e-12)
-    report = assess_excitation(observer, np.full(1000, 2.0), 1e-2, parameters)
+    report = fp.assess_excitation(observer, np.full(1000, 2.0), 1e-2, parameters)
     assert report.slow_mode == pytest.approx(-1.0 / expected, rel=1e-9)
     assert report.averaged_time_constants[0] == pytest.approx(-1.0 / expected, rel=1e-9)
 
@@ -83,11 +83,11 @@ def test_pole_of_several_parameters_and_an_observer_of_none_are_refused():
     with pytest.raises(fp.InputError, match="single"):
         pole(efp(1.0, 1.0), 1.0, TRUTH)
     with pytest.raises(fp.InputError, match="estimates nothing"):
-        assess_excitation(fp.NoObserver(), SINE, 1e-4, TRUTH)
+        fp.assess_excitation(fp.NoObserver(), SINE, 1e-4, TRUTH)
     with pytest.raises(fp.InputError, match="viscous"):
-        assess_excitation(efp(1.0, 1.0), SINE, 1e-4, {"coulomb": 20.0})
+        fp.assess_excitation(efp(1.0, 1.0), SINE, 1e-4, {"coulomb": 20.0})
     with pytest.raises(fp.InputError, match="finite"):
-        assess_excitation(efp(1.0, 1.0), [1.0, float("nan")], 1e-4, TRUTH)
+        fp.assess_excitation(efp(1.0, 1.0), [1.0, float("nan")], 1e-4, TRUTH)
 
 
 def test_high_order_observer_is_judged_as_the_one_it_wraps():

@@ -16,7 +16,7 @@ from benchmarks.thesis import chapter2, chapter3, chapter4, command, presets, se
 from benchmarks.thesis.cells import NOT_REPRODUCED, REPRODUCED, SOLVER_SPECIFIC, Cell, Printed, judge
 from benchmarks.thesis.changing_parameters import recoveries
 from benchmarks.thesis.figures import all_figures, draw_all
-from fpjax.errors import InputError
+from fpjax import InputError
 from fpjax.output import plotting
 
 # (cell, what the independent reproduction obtained, tolerance there)

@@ -7,7 +7,6 @@ import pytest
 import fpjax as fp
 from fpjax.blocks.friction.bristles import Bristles
 from fpjax.blocks.friction.general import GeneralFriction
-from fpjax.blocks.signals import Motion
 
 STATIC = [
     fp.NoFriction(),
@@ -26,7 +25,7 @@ ZERO = jnp.asarray(0.0)
 @pytest.mark.parametrize("law", STATIC, ids=lambda law: type(law).__name__)
 @pytest.mark.parametrize("velocity", [-1.0, -0.03, 0.0, 0.02, 0.5])
 def test_a_static_law_and_its_general_form_give_one_torque(law, velocity):
-    motion = Motion(jnp.asarray(velocity), jnp.asarray(0.7), jnp.asarray(0.2), ZERO)
+    motion = fp.Motion(jnp.asarray(velocity), jnp.asarray(0.7), jnp.asarray(0.2), ZERO)
     general = law.general()
     assert isinstance(general, GeneralFriction)
     expected = law.readout(law.init(), motion, ZERO)
@@ -39,7 +38,7 @@ def test_a_static_law_and_its_general_form_give_one_torque(law, velocity):
 @pytest.mark.parametrize("velocity", [-0.4, 0.03])
 def test_bristles_slide_with_the_same_torque_and_start_with_the_same_stiffness(law, velocity):
     """Dahl, "A solid friction model", 1968; LuGre (1.7)-(1.8): F = F_c or g(w) in steady sliding, sigma x near rest."""
-    motion = Motion(jnp.asarray(velocity), ZERO, ZERO, ZERO)
+    motion = fp.Motion(jnp.asarray(velocity), ZERO, ZERO, ZERO)
     general = law.general()
     assert isinstance(general, Bristles)
     side = jnp.sign(motion.velocity)

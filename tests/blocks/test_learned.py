@@ -8,7 +8,6 @@ from model_files import body
 from scipy.interpolate import PchipInterpolator
 
 import fpjax as fp
-from fpjax.model_file import dump_model, load_model
 
 AT, TORQUE = [-2.0, -0.7, 0.1, 0.6, 1.9, 4.0], [-1.0, 0.4, 0.5, 2.0, 1.2, 1.3]
 X = np.linspace(-3.0, 5.0, 401)
@@ -86,7 +85,7 @@ def learned(of, at, torque, more=""):
 
 
 def run(text):
-    model = load_model(text)
+    model = fp.load_model(text)
     return fp.simulate(
         model.loop,
         model.reference,
@@ -108,7 +107,7 @@ def test_a_learned_friction_is_the_same_as_the_law_that_it_tabulates():
     # The law's drag is taken at the middle of the step and the table at its start: first order in b dt / J.
     difference = np.max(np.abs(np.asarray(law["velocity"]) - np.asarray(table["velocity"])))
     assert difference < 2.0 * 0.2 * 1e-3 / 0.5 * np.max(np.abs(np.asarray(law["velocity"])))
-    model = load_model(learned("velocity", [-5, 0, 0, 5], [-1.6, -0.6, 0.6, 1.6]))
+    model = fp.load_model(learned("velocity", [-5, 0, 0, 5], [-1.6, -0.6, 0.6, 1.6]))
     assert float(model.loop.plant.friction.coulomb) == pytest.approx(1.6)
     assert "jumps by 1.2 N m at zero velocity" in model.notes[0]
 
@@ -134,8 +133,8 @@ def test_what_a_table_takes_from_the_motion(of, law):
 
 def test_a_table_survives_the_file_and_is_found_by_name():
     text = learned("position", AT, TORQUE, 'period = 7.0\ninterpolation = "cubic"')
-    model = load_model(text)
-    assert load_model(dump_model(model)).loop.plant.load.interpolation == "cubic"
+    model = fp.load_model(text)
+    assert fp.load_model(fp.dump_model(model)).loop.plant.load.interpolation == "cubic"
     names = [name for name in fp.parameter_names(model.loop) if "load" in name]
     assert any("torque" in name for name in names)
     pushed = fp.set_parameters(model.loop, {next(name for name in names if "torque" in name): 9.0})

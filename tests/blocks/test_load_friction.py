@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 import fpjax as fp
 from fpjax.blocks.friction.general import GeneralFriction
 from fpjax.blocks.plants.transmission import Transmission
-from fpjax.model_file import dump_model, load_model, simplified
+from fpjax.model_file import simplified
 
 INERTIA, COULOMB, SHARE, VISCOUS, AMPLITUDE, OMEGA, HELD = 2.0, 2.0, 0.3, 0.5, 6.0, 2.0 * np.pi * 1.5, 1.0
 
@@ -136,10 +136,10 @@ duration = 1.0
 
 
 def test_the_file_has_it_and_its_steepness_follows_the_largest_level():
-    model = load_model(TEXT)
+    model = fp.load_model(TEXT)
     assert float(model.loop.plant.friction.load_coefficient) == 0.3
-    assert load_model(dump_model(model)).loop.plant.friction.load_coefficient is not None
+    assert fp.load_model(fp.dump_model(model)).loop.plant.friction.load_coefficient is not None
     # The level reaches 2 + 0.3 x 30 N m; the step follows half of the limit there.
     assert fp.stiffness_number(model.loop, 1e-3) == pytest.approx(0.5 * fp.RungeKutta4.stability_limit, rel=0.01)
-    neutral = load_model(TEXT.replace("0.3", "0.0"))
+    neutral = fp.load_model(TEXT.replace("0.3", "0.0"))
     assert isinstance(simplified(neutral).loop.plant.friction, fp.CoulombViscous)

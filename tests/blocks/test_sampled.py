@@ -7,7 +7,6 @@ from scipy import signal
 
 import fpjax as fp
 from fpjax.blocks.plants import held_high_order
-from fpjax.blocks.signals import Measurement
 
 
 def test_lead_is_the_zero_order_hold_of_scipy():
@@ -16,7 +15,7 @@ def test_lead_is_the_zero_order_hold_of_scipy():
     errors = np.random.default_rng(0).normal(size=200)
     ours, state = [], lead.init()
     for error in errors:
-        measured = Measurement(jnp.asarray(0.0), jnp.asarray(0.0))
+        measured = fp.Measurement(jnp.asarray(0.0), jnp.asarray(0.0))
         ours.append(float(lead.readout(state, jnp.asarray(error), measured)))
         state = lead.step(state, jnp.asarray(error), measured, jnp.asarray(dt))
     _, theirs, _ = signal.dlsim(held, errors)
@@ -158,7 +157,7 @@ def test_the_feedforward_of_a_position_holds_its_limit_and_needs_a_cascade():
 def test_the_first_sample_of_a_position_gives_no_speed_from_zero():
     cascade = fp.PositionLoop(0.0, fp.Proportional(1.0))
     controller = fp.PositionFeedforward(cascade, 1.0, 1.0, 0.0, 0.0, 1.0, 1e-3)
-    state, rest, now = controller.init(), Measurement(jnp.asarray(0.0), jnp.asarray(0.0)), jnp.asarray(3.0)
+    state, rest, now = controller.init(), fp.Measurement(jnp.asarray(0.0), jnp.asarray(0.0)), jnp.asarray(3.0)
     assert float(controller.readout(state, now, rest)) == 0.0
     told = controller.knowing(jnp.asarray(3.002))
     assert float(told.readout(state, now, rest)) == pytest.approx(2.0, rel=1e-4)  # its rate, and no acceleration
@@ -170,6 +169,6 @@ def test_the_first_sample_of_a_position_gives_no_speed_from_zero():
 
 def test_the_first_sample_gives_no_acceleration_from_zero():
     controller = fp.Feedforward(fp.Proportional(0.0), 1.0, 0.0, 0.0, 1.0, 1e-3)
-    state, rest, now = controller.init(), Measurement(jnp.asarray(0.0), jnp.asarray(0.0)), jnp.asarray(3.0)
+    state, rest, now = controller.init(), fp.Measurement(jnp.asarray(0.0), jnp.asarray(0.0)), jnp.asarray(3.0)
     assert float(controller.readout(state, now, rest)) == 0.0
     assert float(controller.knowing(jnp.asarray(3.5)).readout(state, now, rest)) == pytest.approx(500.0)

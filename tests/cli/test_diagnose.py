@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 from model_files import LARGE_BODY
 
+from fpjax import load_model, read_log
 from fpjax.cli import main
 from fpjax.gap import Estimate
 from fpjax.gap.data.inputs import look_at
 from fpjax.gap.report.digits import show_estimate
-from fpjax.logs import read_log
-from fpjax.model_file import load_model
 from fpjax.output.folder_names import folder_names
 
 NOMINAL = (

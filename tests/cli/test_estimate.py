@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from cli_case import EMPS, REPO, SERVO, refuse, run
 
-from fpjax.logs import read_log
-from fpjax.model_file import load_model
+from fpjax import load_model, read_log
 
 
 def test_estimate_on_a_simulated_log(servo, log, tmp_path, capsys):

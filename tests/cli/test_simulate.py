@@ -7,9 +7,8 @@ import pytest
 from cli_case import EMPS, REPO, SERVO, refuse, run
 
 import fpjax
+from fpjax import load_model, read_log
 from fpjax.cli.measures import settling_time
-from fpjax.logs import read_log
-from fpjax.model_file import load_model
 
 
 def test_simulate_leaves_a_log_that_reads_back(servo, tmp_path, capsys):

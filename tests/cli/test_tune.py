@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from cli_case import refuse, run, shell
 
-from fpjax.model_file import load_model
+from fpjax import load_model
 
 
 def test_sweep_and_its_resume_are_the_same(servo, tmp_path, capsys):

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from fpjax import InputError
 from fpjax.compiled.batch import CHUNK_FLOAT32, CHUNK_FLOAT64, batch_size, chunk_for, iterate_chunks, map_chunks
 from fpjax.compiled.gradients import value_and_gradient
 from fpjax.compiled.native import native_enabled, native_mode, scan_loop
-from fpjax.errors import InputError
 
 TABLE = jnp.sin(jnp.linspace(0.0, 6.0, 100))
 

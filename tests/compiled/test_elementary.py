@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fpjax import Actuator, OneMass, Sine, Stribeck, Unbalance
+from fpjax import Actuator, Motion, OneMass, Sine, Stribeck, Unbalance
 from fpjax.blocks.actuators import ActuatorState
 from fpjax.blocks.friction.base import log_cosh, safe_power
 from fpjax.blocks.friction.bristles import Bristles
@@ -15,7 +15,6 @@ from fpjax.blocks.friction.general import GeneralFriction
 from fpjax.blocks.plants import OneMassState
 from fpjax.blocks.plants.sticking import advance_exact
 from fpjax.blocks.position_torque import PositionTorque
-from fpjax.blocks.signals import Motion
 from fpjax.compiled.elementary import NAME, cos, log, sin, sincos
 
 enable_x64 = jax.enable_x64 if hasattr(jax, "enable_x64") else jax.experimental.enable_x64

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from fpjax import InputError
 from fpjax.compiled.gradients import FORWARD_UP_TO, value_and_gradient
 from fpjax.compiled.native import native, scan_loop
-from fpjax.errors import InputError
 
 
 def cost(parameters, scale=1.0):

@@ -13,6 +13,7 @@ from jax import lax
 from jax.sharding import Mesh, PartitionSpec
 
 import fpjax
+from fpjax import InputError
 from fpjax.compiled import hyperbolic
 from fpjax.compiled.elementary import sin
 from fpjax.compiled.native import (
@@ -24,7 +25,6 @@ from fpjax.compiled.native import (
     scan_loop,
 )
 from fpjax.compiled.one_kernel import what_forbids_one_kernel
-from fpjax.errors import InputError
 
 STEPS = 300
 

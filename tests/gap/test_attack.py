@@ -6,10 +6,8 @@ from model_files import LARGE_BODY
 from numpy_machine import swing
 from sentences import faults
 
-from fpjax.errors import InputError
-from fpjax.gap import diagnose
+from fpjax import InputError, diagnose, read_log
 from fpjax.gap.data.inputs import about_noise
-from fpjax.logs import read_log
 
 MODEL = (
     LARGE_BODY

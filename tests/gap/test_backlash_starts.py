@@ -5,9 +5,9 @@ import numpy as np
 import numpy_machine
 import pytest
 
-from fpjax.gap import EFFECTS, diagnose
+from fpjax import diagnose, load_model
+from fpjax.gap import EFFECTS
 from fpjax.gap.verb import make_search
-from fpjax.model_file import load_model
 
 GAP, LOAD = 0.02, 0.02  # rad, kg m^2 of the 0.05
 # N m/rad, N m s/rad: a contact that rings at 50 Hz (J_r = 0.03 x 0.02 / 0.05), with a third of its critical damping.

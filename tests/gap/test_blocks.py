@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fpjax.blocks.friction import CoulombViscous, LuGre
+from fpjax import CoulombViscous, InputError, LuGre, Motion, OneMass, PlantOutput
 from fpjax.blocks.friction.bristles import Bristles
 from fpjax.blocks.friction.general import GeneralFriction
-from fpjax.blocks.plants import OneMass, OneMassState, TwoMassState
+from fpjax.blocks.plants import OneMassState, TwoMassState
 from fpjax.blocks.plants.sticking import advance_exact
 from fpjax.blocks.plants.transmission import Transmission
 from fpjax.blocks.position_torque import PositionTorque
 from fpjax.blocks.servo_sensor import ServoSensor
-from fpjax.blocks.signals import Motion, PlantOutput
-from fpjax.errors import InputError
 from fpjax.gap import EFFECTS, Setting
 from fpjax.gap.effects.effect import free
 from fpjax.gap.machine import FEATURES, nominal_machine

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from model_files import SMALL_SERVO
 
-from fpjax.blocks.loads import AbstractLoad
+from fpjax import AbstractLoad, load_model
 from fpjax.cli import main
 from fpjax.gap import EFFECTS, Setting
 from fpjax.gap.answer.corrected import corrected_model
 from fpjax.gap.answer.fitted_machine import machine_at
 from fpjax.gap.simulate.family import Nominal, key_for, make_family
-from fpjax.model_file import load_model
 
 STEP = 0.01  # rad/s
 NOMINAL = SMALL_SERVO + 'stepping = "sampled"\nsubsteps = 4\n'

@@ -13,16 +13,13 @@ import pytest
 from model_files import SMALL_BODY
 
 import fpjax.gap
-from fpjax.blocks.friction import CoulombViscous
-from fpjax.blocks.plants import OneMass
+from fpjax import CoulombViscous, InputError, OneMass, diagnose, load_model
 from fpjax.cli import main
-from fpjax.errors import InputError
-from fpjax.gap import EFFECTS, diagnose
+from fpjax.gap import EFFECTS
 from fpjax.gap.answer.tracking import Side, made_torque, tracking_error
 from fpjax.gap.data.record import make_records
 from fpjax.gap.machine import nominal_machine
 from fpjax.gap.verb import allowed_effects
-from fpjax.model_file import load_model
 from fpjax.output.runfile import plain
 from fpjax.simulation.precision import double_precision
 

@@ -5,14 +5,14 @@ import numpy as np
 import numpy_machine
 import pytest
 
+from fpjax import load_model
+from fpjax.gap import EFFECTS
 from fpjax.gap.answer.free_replay import free_replay
 from fpjax.gap.data.record import tables_of
-from fpjax.gap.effects.vocabulary import EFFECTS
 from fpjax.gap.fit.candidate import Start
 from fpjax.gap.fit.least_squares import Fitter
 from fpjax.gap.simulate.family import Runner
 from fpjax.gap.verb import make_search
-from fpjax.model_file import load_model
 from fpjax.simulation.precision import double_precision
 
 SLOW = 2.0 * np.pi * 0.2  # of a reference that turns slowly [rad/s]

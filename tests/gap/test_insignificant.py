@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fpjax.gap import EFFECTS
 from fpjax.gap.answer import warning_texts
 from fpjax.gap.answer.insignificant import insignificant_causes
-from fpjax.gap.effects.vocabulary import EFFECTS
 from fpjax.gap.select.detectability import resolved
 
 BY_NAME = {effect.name: effect for effect in EFFECTS}

@@ -12,7 +12,6 @@ from fpjax.gap.answer.fitted_machine import machine_of
 from fpjax.gap.answer.gap_size import withheld
 from fpjax.gap.answer.learned import blocks, learn, proposed, simulated
 from fpjax.gap.answer.smooth_tables import make_tables
-from fpjax.model_file import load_model
 
 
 def bend(velocity):
@@ -83,10 +82,10 @@ def test_its_blocks_simulate_the_curve():
 
 def test_the_corrected_model_holds_the_law():
     """`learned.toml`: read back, its friction and its table are the fitted viscous friction and the curve."""
-    text, missing = corrected_model(load_model(MODEL), machine_of(learned("velocity").fit.candidate))
+    text, missing = corrected_model(fp.load_model(MODEL), machine_of(learned("velocity").fit.candidate))
     assert missing == ""
     assert "[[learned]]" in text
-    plant = load_model(text).loop.plant
+    plant = fp.load_model(text).loop.plant
     (law,) = learned("velocity").laws
     for speed in (-2.0, -0.6, 0.3, 1.1, 3.0):
         motion = fp.Motion(np.array(speed), np.array(0.0), np.array(0.0), np.array(0.0))

@@ -5,8 +5,8 @@ import pytest
 from numpy_machine import swing
 from sentences import faults
 
+from fpjax import Log
 from fpjax.gap.data.record import EDGE, LEAD, MOST, about_stretches, in_one_piece, joints, make_records
-from fpjax.logs import Log
 
 DT = 1e-3
 

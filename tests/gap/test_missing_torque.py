@@ -7,12 +7,12 @@ import numpy as np
 import numpy_machine
 import pytest
 
+from fpjax import load_model
+from fpjax.gap import EFFECTS
 from fpjax.gap.answer.curves import curves_of, named_share
-from fpjax.gap.effects.vocabulary import EFFECTS
 from fpjax.gap.fit.candidate import Start
 from fpjax.gap.select.dominant import dominant
 from fpjax.gap.verb import make_search
-from fpjax.model_file import load_model
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ import numpy as np
 import numpy_machine
 import pytest
 
+from fpjax import load_model
 from fpjax.gap.verb import make_search
-from fpjax.model_file import load_model
 
 WEIGHT, START = 0.5, 0.7  # N m, rad
 MODEL = gap_search.MODEL + f'[load]\ntype = "unbalance"\namplitude = {WEIGHT}\n'

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from fpjax import Log
 from fpjax.gap.data.record import make_records
 from fpjax.gap.select.readings import readings
-from fpjax.logs import Log
 
 
 def turning(*, scale=1.0, bias=0.0, jitter=0.0, seconds=20.0, dt=1e-3, seed=0):

@@ -14,7 +14,7 @@ from model_files import SMALL_SERVO
 from report_cases import CASES
 from report_page import SECTIONS, Page, scripts
 
-from fpjax.errors import InputError
+from fpjax import InputError, dump_model, load_model
 from fpjax.gap import EFFECTS, Estimate, Ranked, Share, Where
 from fpjax.gap.report import (
     derived_values,
@@ -24,7 +24,6 @@ from fpjax.gap.report import (
     svg,
     write_report,
 )
-from fpjax.model_file import dump_model, load_model
 
 PICTURES = {
     "explained": {"overview", "record", "where", "residual", "shrink"},

@@ -9,6 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 from report_cases import CASES
 
+from fpjax import dump_model, load_model
 from fpjax.gap import EFFECTS, Estimate, FittedParameter, FreeReplay, Share, Where
 from fpjax.gap.report import (
     derived_values,
@@ -21,7 +22,6 @@ from fpjax.gap.report import (
     sentences,
     where_picture,
 )
-from fpjax.model_file import dump_model, load_model
 
 
 def test_verdicts_have_fitting_sentences():

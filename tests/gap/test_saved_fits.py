@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 from numpy_machine import record
 
-from fpjax.errors import InputError
+from fpjax import InputError, load_model
 from fpjax.gap import EFFECTS
 from fpjax.gap.fit import saved_fits as module
 from fpjax.gap.fit.saved_fits import SavedFits, key_of
 from fpjax.gap.select.decision import decide
 from fpjax.gap.verb import make_search
-from fpjax.model_file import load_model
 from fpjax.simulation.precision import double_precision
 
 FEW = tuple(effect for effect in EFFECTS if effect.name in ("constant_torque", "presliding", "quadratic_drag"))

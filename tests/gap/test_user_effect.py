@@ -3,8 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from fpjax.blocks.friction import CoulombViscous
-from fpjax.blocks.plants import OneMass
+from fpjax import CoulombViscous, OneMass
 from fpjax.gap import Effect, EffectParameter, Setting, place
 from fpjax.gap.simulate.family import Nominal, make_family
 from fpjax.gap.simulate.replay import assembled

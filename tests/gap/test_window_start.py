@@ -6,11 +6,11 @@ import numpy as np
 import numpy_machine
 import pytest
 
+from fpjax import load_model
 from fpjax.gap.machine import lanes
 from fpjax.gap.simulate.family import window_fields
 from fpjax.gap.simulate.replay import Windows, initial
 from fpjax.gap.verb import make_search
-from fpjax.model_file import load_model
 from fpjax.simulation.precision import double_precision
 
 

@@ -5,7 +5,6 @@ import numpy as np
 from catalogue_case import DT, VELOCITIES, Case, controller, remembered, smooth_body
 
 import fpjax as fp
-from fpjax.blocks.signals import Measurement
 
 # Observers ---------------------------------------------------------------------------------------------------------
 
@@ -69,7 +68,7 @@ OBSERVERS += [
 
 
 def evaluate_controller(block, at):
-    measurement = Measurement(at["velocity"], at["position"])
+    measurement = fp.Measurement(at["velocity"], at["position"])
     state = remembered(block, at["memory"])
     args = (state, at["reference"], measurement)
     stepped = block.step(*args, jnp.asarray(DT, at["velocity"].dtype))

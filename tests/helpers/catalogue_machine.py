@@ -11,13 +11,12 @@ from fpjax.blocks.friction.general import GeneralFriction
 from fpjax.blocks.plants.transmission import Transmission
 from fpjax.blocks.position_torque import ConstantTorque, Loads, PositionTorque
 from fpjax.blocks.servo_sensor import ServoSensor
-from fpjax.blocks.signals import Motion, PlantOutput
 
 # Friction ----------------------------------------------------------------------------------------------------------
 
 
 def evaluate_friction(law, at):
-    motion = Motion(at["velocity"], at["position"], at["time"], at["applied"])
+    motion = fp.Motion(at["velocity"], at["position"], at["time"], at["applied"])
     state = jax.tree.map(lambda leaf: leaf + at["memory"].astype(leaf.dtype), law.init())
     return law.init(), law.derivative(state, motion), law.readout(state, motion, at["applied"])
 
@@ -72,7 +71,7 @@ FRICTION = [
 
 
 def evaluate_load(load, at):
-    return load.readout(Motion(at["velocity"], at["position"], at["time"], at["torque"]))
+    return load.readout(fp.Motion(at["velocity"], at["position"], at["time"], at["torque"]))
 
 
 def load_case(name, build):
@@ -157,7 +156,7 @@ PLANTS = [
 
 
 def evaluate_actuator(block, at):
-    motion = Motion(at["velocity"], at["position"], at["time"])
+    motion = fp.Motion(at["velocity"], at["position"], at["time"])
     state = remembered(block, at["memory"])
     delayed = getattr(block, "delay", None) is not None
     derivative = () if delayed else block.derivative(state, at["torque"])
@@ -199,7 +198,7 @@ ACTUATORS = [
 
 
 def evaluate_sensor(block, at):
-    output = PlantOutput(
+    output = fp.PlantOutput(
         at["velocity"], at["position"], 1.1 * at["velocity"], 1.2 * at["position"], jnp.zeros_like(at["velocity"])
     )
     state = remembered(block, at["memory"])

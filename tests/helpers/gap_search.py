@@ -2,8 +2,8 @@
 
 from model_files import SMALL_BODY
 
+from fpjax import load_model
 from fpjax.gap.verb import make_search
-from fpjax.model_file import load_model
 
 RUN = """
 [controller]

@@ -7,9 +7,9 @@ import numpy as np
 from model_files import body
 from numpy_machine import Machine, record
 
+from fpjax import load_model
 from fpjax.gap.answer.posterior import Posterior
 from fpjax.improvement.from_diagnosis import Known
-from fpjax.model_file import load_model
 
 TRUE = Machine(inertia=0.05, coulomb=0.4, viscous=0.03, kp=1.5, ki=8.0)
 LOOP = """

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from fpjax.logs import Log
+from fpjax import Log
 
 
 @dataclasses.dataclass(frozen=True)

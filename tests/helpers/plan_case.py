@@ -2,7 +2,7 @@
 
 from model_files import body
 
-from fpjax.model_file import load_model
+from fpjax import load_model
 from fpjax.planning.limits import Limits
 
 LIMITS = Limits(speed=5.0, acceleration=40.0, torque=3.0, travel=6.0, duration=4.0)

@@ -10,8 +10,8 @@ import math
 from numpy_machine import Machine
 from report_machine import compare, gap_of, record, where_of
 
+from fpjax import Diagnosis
 from fpjax.gap import (
-    Diagnosis,
     Estimate,
     Experiment,
     FittedParameter,

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fpjax.blocks.signals import Motion
-from fpjax.gap.answer.findings import Learned
+from fpjax import Motion
+from fpjax.gap import Learned
 from fpjax.improvement.decision import hopeless, objection, plausible
 from fpjax.improvement.judge import Score
 from fpjax.improvement.machines import (

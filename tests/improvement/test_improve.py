@@ -22,7 +22,6 @@ from fpjax.improvement.machines import (
     record_of,
 )
 from fpjax.improvement.page import to_page
-from fpjax.improvement.result import Improvement
 from fpjax.improvement.search import limits_of, robust_costs
 from fpjax.improvement.verb import followed, improve_known
 from fpjax.output.stages import StageClock
@@ -43,7 +42,7 @@ def small():
 
 
 @pytest.fixture(scope="module")
-def found(small) -> Improvement:
+def found(small) -> fp.Improvement:
     return improved(case.known(), case.model(), ["controller"])
 
 

@@ -8,7 +8,6 @@ import pytest
 
 import fpjax as fp
 from fpjax.improvement.verb import followed, improve_known
-from fpjax.logs import Log
 from fpjax.output.stages import StageClock
 
 pytestmark = pytest.mark.long
@@ -27,7 +26,7 @@ def simulated(text, amplitude):
     noise = np.random.default_rng(5).standard_normal((2, 1500))
     names = ("torque", "measured_velocity", "measured_position", "reference")
     torque, velocity, position, reference = (np.asarray(run.signals[name]) for name in names)
-    log = Log(
+    log = fp.Log(
         1e-3 * np.arange(1500), torque, velocity + 5e-3 * noise[0], position + 1e-5 * noise[1], reference, 1e-3, "made"
     )
     return log, fp.load_model(text.format(inertia=0.05, coulomb=0.2) + SINE.format(amplitude=amplitude))

@@ -10,7 +10,6 @@ import pytest
 
 import fpjax as fp
 from fpjax.blocks.servo_sensor import ServoSensor
-from fpjax.simulation.scan import astype
 
 control = pytest.importorskip("control")
 J, B, KP, KI, DT = 10.0, 2.0, 150.0, 800.0, 1e-3
@@ -123,7 +122,7 @@ def test_a_position_cascade_is_linearised_about_its_ramp():
 
 def test_a_cascade_in_single_precision_is_linearised_in_double():
     made = loop(controller=fp.PositionLoop(20.0, fp.ProportionalIntegral(KP, KI)))
-    rounded = astype(made, jnp.float32)
+    rounded = fp.astype(made, jnp.float32)
     one, other = made.linearise(0.5, dt=DT).margins(), rounded.linearise(0.5, dt=DT).margins()
     assert other.modulus_margin == pytest.approx(one.modulus_margin, rel=1e-5)
     assert other.phase_margin == pytest.approx(one.phase_margin, rel=1e-5)

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from log_files import DT
 
-from fpjax.errors import InputError
-from fpjax.logs import read_log
+from fpjax import InputError, read_log
 
 pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")  # each test asks for its own
 

@@ -16,9 +16,8 @@ from hypothesis import strategies as st
 from numpy_machine import swing
 from sentences import faults
 
+from fpjax import InputError, read_log
 from fpjax.cli.inspect import _show, starter
-from fpjax.errors import InputError
-from fpjax.logs import read_log
 from fpjax.logs.checks.inspection import inspect_log
 from fpjax.logs.dynamics.friction_curve import friction_curve
 

@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from fpjax.logs import read_log
+from fpjax import read_log
 from fpjax.logs.formats import csv_file
 from fpjax.logs.formats.table import Request, read_table
 

@@ -6,8 +6,7 @@ import re
 
 import pytest
 
-from fpjax.errors import InputError
-from fpjax.model_file import dump_model, load_model
+from fpjax import InputError, dump_model, load_model
 
 CORPUS = sorted((pathlib.Path(__file__).parent / "corpus").glob("*.toml"))
 LONGEST = 300  # characters of a sentence that is read

@@ -7,8 +7,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from sentences import faults
 
-from fpjax.errors import FpjaxWarning, InputError
-from fpjax.model_file import dump_model, load_model
+from fpjax import FpjaxWarning, InputError, dump_model, load_model
 from fpjax.output.toml_text import write
 
 PLAIN = {

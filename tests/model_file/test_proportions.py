@@ -5,8 +5,7 @@ import pathlib
 import pytest
 from model_files import LARGE_BODY
 
-from fpjax.errors import InputError
-from fpjax.model_file import load_model
+from fpjax import InputError, load_model
 
 MODEL = (
     LARGE_BODY

@@ -5,9 +5,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from model_files import same
 
+from fpjax import InputError, dump_model, load_model
 from fpjax.blocks.plants.transmission import Transmission
-from fpjax.errors import InputError
-from fpjax.model_file import dump_model, load_model
 from fpjax.output import toml_text
 
 SIZES = st.floats(1e-12, 1e12, allow_subnormal=False)

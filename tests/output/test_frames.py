@@ -8,11 +8,9 @@ import pytest
 import report_cases
 
 import fpjax as fp
-from fpjax.errors import InputError
-from fpjax.improvement import Change, Improvement, Range, Side
+from fpjax.improvement import Change, Range, Side
 from fpjax.planning.answer import Visible
 from fpjax.planning.limits import Limits
-from fpjax.planning.result import Plan
 
 TIME = np.arange(101) * 1e-2
 
@@ -27,7 +25,7 @@ def improvement():
     before, after = side(0.2, Range(1.0, 0.9, 1.1, "N m")), side(0.1, Range(2.0, 1.9, 2.1, "N m"))
     error = np.stack([TIME, 2.0 * TIME, 3.0 * TIME])
     runs = {"time": TIME, "reference": np.sin(TIME), "before": error, "after": error, "found": error}
-    return Improvement(
+    return fp.Improvement(
         "change", "The error halves.", before, after, None, (Change("kp", 1.0, 2.0, 0.1, 10.0),), 1.0,
         Range(0.5, 0.4, 0.6, "1"), None, "", "", "velocity", "explained", ("coulomb_error",), 8, 8, 100, (),
         runs=runs, ratios=np.linspace(0.4, 0.6, 8),
@@ -38,7 +36,7 @@ def plan():
     motion = {"speed": np.cos(TIME), "acceleration": -np.sin(TIME), "position": np.sin(TIME)}
     visible = (Visible("stribeck", {"stribeck_torque": (0.1, "N m")}, 4.0),)
     limits = Limits(1.0, 2.0, math.inf, 3.0, 1.0)
-    return Plan(
+    return fp.Plan(
         "effects", TIME, np.cos(TIME), motion, 0.1 * np.sign(np.cos(TIME)), limits, visible, (), (), 0.01,
         {"velocity": 1e-3}, False, False, "N m", "servo.toml", 1, (0.0, 0.0), "converged",
     )  # fmt: skip
@@ -88,7 +86,7 @@ def test_a_plan_is_its_run():
 @pytest.mark.parametrize("result", [report_cases.explained, improvement, plan])
 def test_without_pandas_one_sentence_says_what_to_install(result, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(InputError, match="pip install pandas"):
+    with pytest.raises(fp.InputError, match="pip install pandas"):
         result().to_dataframe()
 
 

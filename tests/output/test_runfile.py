@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from fpjax.errors import InputError
+from fpjax import InputError
 from fpjax.output import runfile
 from fpjax.output.runfile import MARK, RunFile, read_run, refuse_unfinished, whole_file, write_json, write_whole
 

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from plan_case import servo
 
-from fpjax.errors import InputError
-from fpjax.logs import read_log
-from fpjax.model_file import dump_model, load_model
+from fpjax import InputError, dump_model, load_model, read_log
 from fpjax.planning.limits import make_limits
 
 

@@ -8,7 +8,6 @@ from plan_case import ranking, servo, servo_text
 
 import fpjax as fp
 from fpjax.cli.command_line import main
-from fpjax.errors import InputError
 
 GIVEN = {"speed": 5.0, "torque": 3.0, "travel": 6.0, "duration": 4.0}
 RIVALS = ranking(("viscous_error", 0.3, ["quadratic_drag"]), ("quadratic_drag", 0.2, []))
@@ -80,5 +79,5 @@ def test_an_interrupt_keeps_the_best_run_so_far():
 @pytest.mark.slow
 def test_an_unstable_loop_is_one_sentence():
     unstable = servo(gains="kp = 80.0\nki = 4000.0")
-    with pytest.raises(InputError, match="diverges on every motion"):
+    with pytest.raises(fp.InputError, match="diverges on every motion"):
         fp.plan(unstable, diagnosis=RIVALS, seconds=20.0, **GIVEN)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from plan_case import LIMITS, servo_text
 
+from fpjax import Plan, load_model
 from fpjax.cli.command_line import main
-from fpjax.model_file import load_model
-from fpjax.planning import Plan, Separation, Visible
+from fpjax.planning import Separation, Visible
 from fpjax.planning.explain import not_visible, separations
 from fpjax.planning.trial import RunComparison
 

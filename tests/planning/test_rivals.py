@@ -5,8 +5,7 @@ import re
 import pytest
 from plan_case import LIMITS, ranking, servo
 
-from fpjax.errors import InputError
-from fpjax.planning import plan
+from fpjax import InputError, plan
 from fpjax.planning.machines import detectable, make_shop, reported, rival
 from fpjax.planning.rivals import (
     hidden_by_twin,

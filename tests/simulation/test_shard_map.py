@@ -7,7 +7,6 @@ import pytest
 from jax.sharding import Mesh, PartitionSpec
 
 import fpjax as fp
-from fpjax.blocks.parameters import set_parameters
 
 GAINS = jnp.array([50.0, 100.0, 200.0, 400.0])
 
@@ -37,7 +36,7 @@ def test_roll_is_mapped_over_devices(stepping, substeps, derivative):
     inputs = fp.make_inputs(loop, fp.Sine(1.0, 2.0), stepper)
 
     def cost(gain):
-        candidate = set_parameters(loop, {"observer.gain_2": gain})
+        candidate = fp.set_parameters(loop, {"observer.gain_2": gain})
         return fp.roll(candidate, inputs, stepper, {"cost": fp.MeanSquare()})[0]["cost"]
 
     each = jax.vmap(jax.grad(cost) if derivative else cost)

@@ -10,7 +10,6 @@ import pytest
 
 import fpjax as fp
 import tuning
-from fpjax.errors import InputError
 
 GIMBAL = pathlib.Path(__file__).parents[2] / "examples" / "gimbal.toml"
 
@@ -104,7 +103,7 @@ def test_linearise_takes_a_file_a_model_or_blocks():
     ],
 )
 def test_a_wrong_kind_of_argument_is_one_sentence(call, sentence):
-    with pytest.raises(InputError, match=sentence) as raised:
+    with pytest.raises(fp.InputError, match=sentence) as raised:
         call()
     assert "\n" not in str(raised.value)
 
@@ -181,6 +180,6 @@ BAD = {
 @pytest.mark.parametrize("case", list(BAD))
 def test_bad_input_is_one_sentence(case):
     call, sentence = BAD[case]
-    with pytest.raises(InputError, match=sentence) as error:
+    with pytest.raises(fp.InputError, match=sentence) as error:
         call()
     assert "\n" not in str(error.value)

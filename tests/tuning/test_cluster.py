@@ -14,7 +14,7 @@ import pytest
 from tuning_loops import SINE, THESIS, efp
 
 import tuning
-from fpjax.errors import InputError
+from fpjax import InputError
 from tuning import Axis
 
 pytest.importorskip("distributed")

@@ -8,7 +8,6 @@ from model_files import body
 import fpjax as fp
 import tuning
 from fpjax.cli.command_line import main
-from fpjax.errors import InputError
 from tuning.file_bounds import bounded_parameters
 
 SERVO = (
@@ -66,7 +65,7 @@ def test_a_gain_that_was_placed_is_moved_into_its_bounds_and_a_written_one_is_re
     bounds = "observer.gain_1 = [0.001, 0.002]"
     placed = fp.load_model(text(bounds, observer=""))
     assert bounded_parameters(placed)[0].start == pytest.approx(0.002)
-    with pytest.raises(InputError, match="outside its own bounds"):
+    with pytest.raises(fp.InputError, match="outside its own bounds"):
         bounded_parameters(fp.load_model(text(bounds)))
 
 

@@ -8,8 +8,8 @@ from tuning_loops import CONSTANT, DEGREE, GAINS, SETUP, SHORT, SINE, THESIS, ef
 
 import fpjax
 import tuning
+from fpjax import InputError
 from fpjax.compiled.programs import Programs
-from fpjax.errors import InputError
 from tuning import lanes as lanes_module
 from tuning.lanes import Lanes, Stopwatch
 from tuning.problem import make_problem

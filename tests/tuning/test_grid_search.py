@@ -6,8 +6,7 @@ from tuning_loops import CONSTANT, DEGREE, GAINS, SETUP, SHORT, SINE, THESIS, ef
 
 import fpjax
 import tuning
-from fpjax.blocks.parameters import set_parameters
-from fpjax.errors import InputError
+from fpjax import InputError, set_parameters
 
 STEPS = (10.0, 50.0 * DEGREE)
 

@@ -8,7 +8,7 @@ from tuning_loops import CONSTANT, DEGREE, GAINS, SHORT, SINE, THESIS, efp
 
 import fpjax
 import tuning
-from fpjax.errors import InputError
+from fpjax import InputError
 from tuning import problem as problem_module
 from tuning.lanes import Lanes
 from tuning.problem import make_problem

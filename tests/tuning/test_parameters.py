@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tuning_loops import GAINS, efp
 
-from fpjax.errors import InputError
+from fpjax import InputError
 from tuning import Parameter, population
 from tuning.parameters import make_space
 

@@ -2,8 +2,7 @@
 
 import pytest
 
-from tuning.identifiability import Identifiability
-from tuning.result import TuningResult
+from tuning import Identifiability, TuningResult
 
 
 def result(verdicts):

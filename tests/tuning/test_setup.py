@@ -5,7 +5,7 @@ import pytest
 from tuning_loops import DEGREE, GAINS, SHORT, SINE, THESIS, efp
 
 import tuning
-from fpjax.errors import InputError
+from fpjax import InputError
 from tuning import Axis, Setup
 
 AXES = (Axis("observer.gain_1", DEGREE, 100.0 * DEGREE, 3),)

@@ -16,7 +16,7 @@ from tuning_loops import CONSTANT, DEGREE, GAINS, SHORT, SINE, THESIS, efp
 
 import fpjax
 import tuning
-from fpjax.errors import InputError
+from fpjax import InputError
 from tuning import Axis
 from tuning.problem import make_problem
 from tuning.sweep_store import SweepStore, fingerprint

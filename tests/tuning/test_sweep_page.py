@@ -6,9 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from fpjax.errors import InputError
-from tuning import Axis
-from tuning.sweep_result import SweepResult
+from fpjax import InputError
+from tuning import Axis, SweepResult
 
 AXES = (Axis("observer.gain_1", 1.0, 1e3, 7), Axis("observer.gain_2", 5.0, 25.0, 5, "linear"))
 PATH = {"observer.gain_1": [2.0, 30.0, 100.0], "observer.gain_2": [6.0, 9.0, 15.0]}

@@ -21,7 +21,7 @@ from tuning_loops import CONSTANT, SHORT, SINE, THESIS, efp
 
 import fpjax
 import tuning
-from fpjax.errors import FpjaxWarning, InputError
+from fpjax import FpjaxWarning, InputError
 from tuning import Axis
 
 REPO = Path(__file__).parents[2]

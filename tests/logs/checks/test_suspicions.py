@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy_machine import record
 
-from fpjax.logs import Log
+from fpjax import Log
 from fpjax.logs.checks.suspicions import Numbers, suspicions
 
 BODY = Numbers(0.05, 0.4, 0.03)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy_machine import Machine, record
 
-from fpjax.logs import read_log
+from fpjax import read_log
 from fpjax.logs.checks.suspicions import Numbers, suspicions
 from fpjax.logs.dynamics.friction_curve import friction_curve
 from fpjax.logs.dynamics.nominal import fit_nominal

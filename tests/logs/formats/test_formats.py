@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from log_files import DT, SAMPLES, TURN, assert_same, write_csv
 
-from fpjax.errors import FpjaxWarning, InputError
-from fpjax.logs import read_log
+from fpjax import FpjaxWarning, InputError, read_log
 
 EMPS = pathlib.Path(__file__).parents[4] / "shared" / "data" / "emps"
 

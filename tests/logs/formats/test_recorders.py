@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from log_files import DT, SAMPLES, assert_same
 
-from fpjax.errors import FpjaxWarning, InputError
-from fpjax.logs import read_log
+from fpjax import FpjaxWarning, InputError, read_log
 
 pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")  # each test asks for its own
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from fpjax.errors import FpjaxWarning, InputError
-from fpjax.logs import read_log
+from fpjax import FpjaxWarning, InputError, read_log
 
 pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")  # each test asks for its own
 
