@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..logs import Log
+from ..logs.arrays import rms
 from ..model_file import Model
 from ..model_file.initial_state import initial_state
 
@@ -90,8 +91,3 @@ def _compared(model: Model, log: Log, signals: dict[str, np.ndarray]) -> Replay:
     recorded_error = float("nan") if motion is None else rms(log.reference - motion)
     unit = units.name("rad" if position else "rad/s")
     return Replay(log, signals, errors, (recorded_error, rms(log.reference - simulated)), unit)
-
-
-def rms(values: np.ndarray) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..logs import Log
+from ..logs.arrays import rms
 from ..model_file import Model
 from ..model_file.initial_state import initial_state
 from ..output.runfile import made_folder, write_whole
@@ -118,7 +119,7 @@ def _export(model: Model, folder: str | os.PathLike[str], log: Log | None, targe
     )
     ours = _simulated(model, model.loop, reference, state)
     errors = {
-        name: (_rms(ours[name] - values), _rms(theirs[name] - values), _rms(values)) for name, values in record.items()
+        name: (rms(ours[name] - values), rms(theirs[name] - values), rms(values)) for name, values in record.items()
     }
     costs = {left.name: _cost(model, left, reference, log, record, ours, tracked) for left in body.leftovers}
     return ExportedBody(file, body, against, errors, costs, tracked, tuple(notes))
@@ -167,8 +168,4 @@ def _cost(
     state = loop.init() if log is None else initial_state(dataclasses.replace(model, loop=loop), log)
     name = tracked if tracked in record else "torque"
     found = _simulated(model, loop, reference, state)[name]
-    return _rms(found - record[name]) - _rms(ours[name] - record[name])
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+    return rms(found - record[name]) - rms(ours[name] - record[name])

@@ -16,11 +16,12 @@ from ..blocks.signals import Motion
 from ..gap.answer.findings import Learned
 from ..gap.answer.learned import blocks
 from ..gap.answer.posterior import Posterior
+from ..gap.answer.tracking import HISTORY
 from ..gap.data.record import Record, in_one_piece, make_records
 from ..gap.machine import FEATURES, Machine, has_bristles, nominal_machine, structure_of
 from ..gap.simulate.replay import SUBSTEPS
 from ..logs import Log
-from ..logs.arrays import Values
+from ..logs.arrays import Values, rms
 from ..model_file import Model
 from ..output.json_object import JsonObject
 from ..simulation.precision import double_precision
@@ -30,7 +31,6 @@ COURSES = 3  # time courses of the missing torque: as found in the log, and two 
 # [rad] The missing torque of a drawn machine is cos(angle) x the found course + sin(angle) x the others; the angle is
 # at most this. So its rms stays, and its correlation with the found course is at least 1/2.
 TURNED = math.pi / 3.0
-HISTORY = 4  # periods of history beyond the longest dead time
 
 
 class Missing(AbstractLoad):
@@ -324,8 +324,3 @@ def draw_shares(count: int, seed: int) -> Values:
     # the courses have the same rms and are nearly uncorrelated, so weights of unit length keep the rms
     others /= np.linalg.norm(others, axis=1, keepdims=True)
     return np.concatenate([np.cos(turn)[:, None], np.sin(turn)[:, None] * others], axis=1)
-
-
-def rms(values: Values) -> float:
-    """Root mean square; 0 of nothing."""
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0

@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import PyTree
 
 from ..gap.data.record import Record
-from ..logs.arrays import Values
+from ..logs.arrays import Values, rms
 from ..logs.dynamics.derivative import travel
 from ..simulation.precision import double_precision
 from ..simulation.scan import Inputs, roll, sampled_tables
 from .judge import Judge, assemble_loop, start_state
-from .machines import Ground, Machines, rms
+from .machines import Ground, Machines
 
 SHOWN = 12  # machines in the pictures
 OVER = 0.02  # [s] over which mean speeds are compared without a rate sensor

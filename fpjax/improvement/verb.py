@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..gap import Diagnosis, diagnose
 from ..gap.data.record import Record
 from ..logs import Log, LogSource, read_log
-from ..logs.arrays import Values
+from ..logs.arrays import Values, rms
 from ..logs.dynamics.derivative import slope
 from ..model_file import Model, ModelSource, load_model
 from ..output.stages import StageClock
@@ -23,7 +23,7 @@ from .decision import LEFT_OUT, LESS, hopeless, objection, plausible, range_of
 from .from_diagnosis import Known, about_left, known_in, known_of
 from .gains import Gains, freed, guesses
 from .judge import Judge
-from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, record_of, rms
+from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, record_of
 from .predictions import Predictions
 from .result import Improvement
 from .search import HARDEST, Found, limits_of, robust_costs, search

@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 
+from ..effects.estimate import NINETY
 from ..fit.candidate import Fit
 from ..fit.search import Search
-from .intervals import NINETY, estimates
+from .intervals import estimates
 
 SIZES = {
     # Absent, both are infinitely stiff; one of unknown stiffness follows any slow torque.

@@ -7,14 +7,12 @@ import numpy as np
 from ...analysis.verdicts import PARALLEL_POSTERIOR, traded_with
 from ...logs.arrays import Values
 from ..effects.effect import Effect
-from ..effects.estimate import Estimate
+from ..effects.estimate import NINETY, Estimate
 from ..fit.candidate import Candidate, Fit
 from ..fit.search import Search
 from ..select.readings import Reading
 from ..thresholds import THRESHOLDS
 from .findings import FittedParameter
-
-NINETY = 1.645  # half width of a 90 % interval of a normal distribution [standard deviations]
 
 
 def covariance(search: Search, fit: Fit) -> Values:

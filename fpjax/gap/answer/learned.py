@@ -17,6 +17,7 @@ import numpy as np
 from ...blocks.learned import LearnedTorque, split_jump
 from ...logs.arrays import Values
 from ...model_file.learned import join_load
+from ..effects.estimate import NINETY
 from ..fit.candidate import Fit, Start
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS
@@ -28,7 +29,6 @@ from .smoother import Smooth, smoother_of
 # Largest error of the best piecewise linear fit to a parabola, as a share of how far a point lies off the line between
 # its neighbours; added to the band, as the true law is smooth.
 CHORD = 1.0 / 6.0
-BAND = 1.645  # half width of a 90 % band [standard deviations]
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ def _laws(fit: Smooth, shares: Values) -> tuple[Learned, ...]:
     for table, part, share in zip(fit.tables, fit.parts(), shares, strict=True):
         torque = fit.torque[part]
         # The true curve is smooth and departs from the straight lines of the table.
-        half = BAND * fit.deviation[part] + CHORD * table.departures(torque)
+        half = NINETY * fit.deviation[part] + CHORD * table.departures(torque)
         columns = (table.at, torque, torque - half, torque + half)
         at, middle, low, high = (tuple(float(x) for x in column) for column in columns)
         found.append(Learned(table.variable, float(share), at, middle, low, high, table.period))

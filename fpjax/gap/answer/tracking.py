@@ -17,6 +17,7 @@ from jax.flatten_util import ravel_pytree
 
 from ...blocks.references import Recorded
 from ...blocks.signals import Measurement
+from ...logs.arrays import Values, rms
 from ...model_file import Model
 from ...simulation.loop import ClosedLoop, Period
 from ...simulation.precision import double_precision
@@ -69,7 +70,7 @@ def tracking_error(
         if worst > REPRODUCED:
             warnings.append(f"{_other_torque(worst)}, so the closed loop's tracking error was not predicted.")
             return None
-        rows: dict[str, list[np.ndarray]] = {"measured": [], "before": [], "after": []}
+        rows: dict[str, list[Values]] = {"measured": [], "before": [], "after": []}
         for record, (_, start) in zip(logs, found, strict=True):
             keep = withheld_samples(record)
             reference = np.asarray(record.reference)
@@ -141,7 +142,7 @@ def made_torque(model: Model, record: Record) -> tuple[float, Any]:
     return rms_or_infinite(left) / max(rms(measured), 1e-300), unravel(start)
 
 
-def followed(model: Model, record: Record, side: Side, start: Any, position: bool) -> np.ndarray:
+def followed(model: Model, record: Record, side: Side, start: Any, position: bool) -> Values:
     """The sensor reading of a machine in the closed loop under the recorded reference, shape (samples,).
 
     Args:
@@ -198,7 +199,7 @@ def _late(machine: Machine, record: Record, step: float) -> tuple[Any, Any]:
     return dataclasses.replace(actuator, longest_delay=kept[0]), dataclasses.replace(sensor, **changes)
 
 
-def withheld_samples(record: Record) -> np.ndarray:
+def withheld_samples(record: Record) -> Values:
     """True for samples of withheld windows, shape (samples,)."""
     keep = np.zeros(len(record.time), bool)
     for start in record.starts[record.withheld]:
@@ -206,7 +207,7 @@ def withheld_samples(record: Record) -> np.ndarray:
     return keep
 
 
-def rms_or_infinite(values: np.ndarray) -> float:
+def rms_or_infinite(values: Values) -> float:
     """Root mean square; infinite where any value is not finite."""
     return rms(values) if np.all(np.isfinite(values)) else math.inf
 
@@ -215,10 +216,5 @@ def _channel(record: Record, signal: str) -> Channel | None:
     return record.position if signal == "position" else record.reading
 
 
-def _readings(channel: Any) -> np.ndarray | None:
+def _readings(channel: Channel | None) -> Values | None:
     return None if channel is None else channel.values
-
-
-def rms(values: np.ndarray) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 from ...output.json_object import JsonObject
 
+NINETY = 1.645  # half width of a 90 % interval of a normal distribution [standard deviations]
+
 
 @dataclass(frozen=True)
 class Estimate:

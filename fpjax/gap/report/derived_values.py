@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from ..effects.estimate import Estimate
+from ..effects.estimate import NINETY, Estimate
 from .digits import scale_for, scaled
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def classes(diagnosis: Answer) -> list[tuple[str, ...]]:
 def fixed(found: FittedParameter) -> Estimate:
     """A parameter with the 90 % interval of its standard deviation; none at a bound, where it counts as known."""
     deviation = found.standard_deviation
-    half = 1.645 * deviation if math.isfinite(deviation) and deviation > 0.0 else math.nan
+    half = NINETY * deviation if math.isfinite(deviation) and deviation > 0.0 else math.nan
     return Estimate(found.value, found.value - half, found.value + half, found.unit)
 
 

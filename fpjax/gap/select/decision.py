@@ -13,6 +13,8 @@ from .detectability import resolved
 from .dominant import Curve, believed
 from .nominal_errors import wrong_numbers
 
+# Pairs that one machine cannot hold: bristles and a transmission are two structures of the plant, and a backlash brings
+# its own spring.
 IMPOSSIBLE = ({"presliding", "compliance"}, {"presliding", "backlash"}, {"compliance", "backlash"})
 SIMPLER = {
     "asymmetric_friction": ("constant_torque",),
@@ -73,7 +75,7 @@ class Decision:
         exact: the nominal model as given.
         nominal: the nominal model with the numbers that are wrong.
         singles: every effect alone, the most likely first.
-        chosen: the model that is told.
+        chosen: the model that is reported.
         rivals: models with as many effects as the chosen one, the most likely first.
         path: the ladder from `exact` to `chosen`.
         shares: of the nominal model's missing energy, what would come back without each cause of `chosen` [1], the
@@ -110,7 +112,7 @@ def decide(
 
     Args:
         search: of the logs.
-        stage: told (name of the stage, share of the stage that is done [1]).
+        stage: called with (name of the stage, share of the stage that is done [1]).
         curves: what a table of each recorded variable holds.
         thresholds: of what is worth a further cause.
     """
@@ -167,6 +169,7 @@ def _shares(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> dic
     What is left without a cause is that of the most likely fit without it: from where the whole stands, from the
     numbers as they were given, or as it was found before.
     """
+    # Energies, not rms values: of causes that act at different times or frequencies they add up.
     whole, now = _left(search, exact.fit) ** 2, _left(search, fit) ** 2
     c, found = fit.candidate, {}
     starts, names = [], []
@@ -211,7 +214,7 @@ def _alone(search: Search) -> list[Start]:
 
 def _nominal_for(effect: Effect) -> list[tuple[str, ...]]:
     """Which nominal numbers are free beside an effect: all, and none where it is a twin of all of them together."""
-    return [NOMINAL, ()] if effect.name in ("torque_gain_error", "velocity_scale_error") else [NOMINAL]
+    return [NOMINAL, ()] if effect.name in FACTORS else [NOMINAL]
 
 
 def _bases(singles: Sequence[Weighed], t: Thresholds) -> list[Weighed]:
@@ -250,6 +253,8 @@ def _weigh(search: Search, exact: Exact, fits: Sequence[Fit]) -> list[Weighed]:
     """The fits by their worth, each with the nominal numbers that it needs."""
     sizes = nominal_sizes(search.setting)
     found = [_weighed(search, exact, fit, wrong_numbers(fit, sizes)[0]) for fit in fits]
+    # An effect that the log does not resolve goes behind the model of the nominal numbers alone, whatever it absorbs:
+    # one nat less of evidence, and at least as much missing torque.
     plain = max((w.evidence for w in found if not w.structural), default=exact.fit.evidence)
     most = max((w.left for w in found if not w.structural), default=1.0)
     found = [

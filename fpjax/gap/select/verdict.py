@@ -158,7 +158,7 @@ def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
     best: dict[tuple[str, ...], _Set] = {}
     told = set(decision.chosen.structural)
     for w in (decision.nominal, *decision.singles, *decision.rivals):
-        # The chosen causes with more beside them are the chosen ones with details, and were not worth telling.
+        # The chosen causes with more beside them are the chosen ones with details, which were not worth a cause.
         if set(w.structural) == told or (told and set(w.structural) > told) or _adds_to(w, chosen, seen):
             continue
         own = _Set(_names(w, seen), decision.chosen.gain - max(w.behind(decision.chosen), 0.0))
@@ -197,14 +197,14 @@ def _others(sets: Sequence[_Set], chosen: _Set, seen: Seen) -> list[_Set]:
 
 
 def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, t: Thresholds) -> Word:
-    # Below the noise a gap may still be one that effects follow, as one voice in a hum.
+    # A gap below the noise floor may still be explained: evidence sums over all windows, the rms does not.
     hidden = (seen.before < seen.floor or seen.share < t.slight) and decision.chosen.gain < t.chance
     if seen.share < t.nothing or hidden:
         return "no_gap"
     if chosen.names and chosen.names[0] in seen.unshown:
         return "unexplained"
     left = seen.after / seen.before if seen.before > 0.0 else 1.0
-    # A cause and what this log cannot tell from it are told together; a class of everything says nothing.
+    # A cause is reported with what this log cannot distinguish from it; a class of everything says nothing.
     few = bool(chosen.names) and (near <= t.alike or _is_number(chosen.names[0]))
     if few and (left < t.closes or left * seen.share < t.nothing):
         return "explained"
@@ -269,6 +269,7 @@ def _shares(sets: Sequence[_Set], top: float, temper: float) -> list[tuple[_Set,
     if not sets:
         return []
     worth = np.array([s.worth if np.isfinite(s.worth) else -1e30 for s in sets])
+    # Relative to the best, so that no exponential overflows; below exp(-700) lies what double precision cannot hold.
     odds = np.exp(np.maximum((worth - np.max(worth)) / temper, -700.0))
     return list(zip(sets, (top * odds / np.sum(odds)).tolist(), strict=True))
 
@@ -284,6 +285,7 @@ def _by_effect(shares: Sequence[tuple[_Set, float]]) -> tuple[dict[str, float], 
 
 
 def _right(asserted: Sequence[str], shares: Sequence[tuple[_Set, float]], main: Mapping[str, float]) -> float:
+    """Probability that the asserted causes are the right ones [1]; without any, that none of the sets tried is."""
     if asserted:
         return sum(share for found, share in shares if set(found.names) == set(asserted))
     return max(1.0 - sum(main.values()), 0.0)
@@ -315,7 +317,7 @@ def _with_readings(found: Verdict, seen: Seen, t: Thresholds) -> Verdict:
     else:
         rest = max(right[first] - sum(main.values()), 0.0)
         if word == "unexplained" and main:
-            # It is wrong, and makes none of a torque that is missing whatever the reading says.
+            # The reading is wrong, but it makes no torque: what is missing has another main cause.
             rest = min(rest, t.behind * max(main.values()))
         main = main | {first: rest}
         probability = sum(main[name] for name in asserted[:1]) if asserted else max(1.0 - sum(main.values()), 0.0)
