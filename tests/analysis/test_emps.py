@@ -7,22 +7,21 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from public_records import EMPS, needs_emps
 
 import fpjax as fp
 from fpjax.logs.dynamics.derivative import measured_velocity
 from fpjax.logs.dynamics.regression import fit_pairs
 
 ROOT = pathlib.Path(__file__).parents[2]
-DATA = ROOT.parent / "shared" / "data" / "emps"
-RECORD, PULSES = DATA / "DATA_EMPS.mat", DATA / "DATA_EMPS_PULSES.mat"
 MODEL = ROOT / "examples" / "emps.toml"
 LAP = 6.24  # [s] one period of the reference, over which final estimates are averaged
-pytestmark = pytest.mark.skipif(not RECORD.exists(), reason=f"the EMPS data are not at {DATA.name} beside the repo")
+pytestmark = needs_emps
 
 
 @pytest.fixture(scope="module")
 def log():
-    return fp.read_log(RECORD, columns="emps")
+    return fp.read_log(EMPS, columns="emps")
 
 
 class Drive(fp.AbstractSensor):
@@ -107,7 +106,7 @@ def example():
 @pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.long), pytest.param(1, marks=pytest.mark.slow)])
 def test_an_observer_tuned_in_simulation_comes_within_five_per_cent(example, seed, tmp_path):
     """Goal: 5 % of 20.39 N and 203.5 N s/m, by gains that never saw the record's torque."""
-    found = example.main(str(RECORD), tmp_path, seed)
+    found = example.main(str(EMPS), tmp_path, seed)
     assert found.final["coulomb"] == pytest.approx(20.3935, rel=0.05)
     assert found.final["viscous"] == pytest.approx(203.5034, rel=0.05)
     assert (tmp_path / "emps_estimate.png").exists()
@@ -132,6 +131,6 @@ def test_the_gains_tried_by_hand(log):
 def test_one_pass_over_the_record_is_not_enough(example, tmp_path, monkeypatch):
     """KNOWN_GAPS.md: tuned for a single pass the observer misses the goal of 5 %."""
     monkeypatch.setattr(example, "PASSES", 1)
-    found = example.main(str(RECORD), tmp_path, 1)
+    found = example.main(str(EMPS), tmp_path, 1)
     assert found.final["coulomb"] == pytest.approx(20.3935, rel=0.05)
     assert found.final["viscous"] == pytest.approx(203.5034, rel=0.05)

@@ -6,7 +6,8 @@ import sys
 
 import numpy as np
 import pytest
-from cli_case import EMPS, REPO, SERVO, refuse, run
+from cli_case import REPO, SERVO, refuse, run
+from public_records import EMPS, needs_emps
 
 from fpjax import load_model, read_log
 
@@ -26,7 +27,7 @@ def test_estimate_on_a_simulated_log(servo, log, tmp_path, capsys):
     assert "an EFP with gain_1" in capsys.readouterr().err
 
 
-@pytest.mark.skipif(not EMPS.exists(), reason="the EMPS records are not here")
+@needs_emps
 def test_emps_friction_within_five_per_cent(tmp_path, capsys):
     """Gains follow from inertia and speed, never from this record's torque."""
     example = REPO / "examples" / "emps.toml"

@@ -4,7 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from cli_case import EMPS, REPO, SERVO, refuse, run
+from cli_case import REPO, SERVO, refuse, run
+from public_records import EMPS, needs_emps
 
 import fpjax
 from fpjax import load_model, read_log
@@ -109,7 +110,7 @@ def test_a_replay_of_the_models_own_log_is_exact(servo, log, tmp_path, capsys):
     assert "velocity" in capsys.readouterr().out
 
 
-@pytest.mark.skipif(not EMPS.exists(), reason="the EMPS records are not here")
+@needs_emps
 def test_emps_replay(tmp_path, capsys):
     example = REPO / "examples" / "emps.toml"
     words = ["simulate", example, "--log", EMPS, "--columns", "emps", "--no-plots"]

@@ -4,6 +4,7 @@ import pathlib
 import re
 
 import pytest
+from public_records import EMPS, RECORDS
 
 nbclient = pytest.importorskip("nbclient")
 nbformat = pytest.importorskip("nbformat")
@@ -48,10 +49,9 @@ def test_simulate_and_tune(run):
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("at_hand", [True, False], ids=["record", "stand-in"])
 def test_real_record(run, monkeypatch, tmp_path, at_hand):
-    records = DOCS.parents[1] / "shared" / "data"
-    if at_hand and not records.is_dir():
-        pytest.skip("../shared is not here")
-    monkeypatch.setenv("FPJAX_RECORDS", str(records if at_hand else tmp_path))
+    if at_hand and not EMPS.exists():
+        pytest.skip("the EMPS records are not here")
+    monkeypatch.setenv("FPJAX_RECORDS", str(RECORDS if at_hand else tmp_path))
     text, pictures = run("notebooks/real_record")
     assert text.startswith("DATA_EMPS.mat: the real record" if at_hand else "no real record here")
     assert "missing force: " in text

@@ -11,7 +11,6 @@ from model_files import LARGE_BODY, LARGE_LOOP
 from fpjax.cli.command_line import main
 
 REPO = pathlib.Path(__file__).parents[2]
-EMPS = REPO.parent / "shared" / "data" / "emps" / "DATA_EMPS.mat"
 SERVO = (
     LARGE_BODY
     + "steepness = 100.0"

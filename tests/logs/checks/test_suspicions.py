@@ -2,17 +2,16 @@
 
 import dataclasses
 import math
-import pathlib
 
 import numpy as np
 import pytest
 from numpy_machine import record
+from public_records import EMPS, needs_emps
 
 from fpjax import Log
 from fpjax.logs.checks.suspicions import Numbers, suspicions
 
 BODY = Numbers(0.05, 0.4, 0.03)
-EMPS = pathlib.Path(__file__).parents[4] / "shared" / "data" / "emps"
 DEGREES = 180.0 / np.pi
 
 
@@ -200,12 +199,12 @@ def test_a_velocity_of_another_axis(log):
     assert [s.kind for s in found] == ["inconsistent"]
 
 
-@pytest.mark.skipif(not EMPS.exists(), reason="the EMPS records are not bundled")
+@needs_emps
 @pytest.mark.parametrize("name", ["DATA_EMPS", pytest.param("DATA_EMPS_PULSES", marks=pytest.mark.long)])
 def test_a_real_axis(name):
     from scipy.io import loadmat
 
-    data = {key: values.ravel() for key, values in loadmat(EMPS / f"{name}.mat").items() if key[0] != "_"}
+    data = {key: values.ravel() for key, values in loadmat(EMPS.parent / f"{name}.mat").items() if key[0] != "_"}
     body = Numbers(95.11, 20.39, 203.5)
     log = Log(data["t"], 35.15 * data["vir"], None, data["qm"], data["qg"], 1e-3, name, True)
     assert suspicions(log, body) == []

@@ -2,18 +2,17 @@
 
 import dataclasses
 import math
-import pathlib
 
 import numpy as np
 import pytest
 from numpy_machine import Machine, record
+from public_records import EMPS, PENDULUM, needs_emps, needs_pendulum
 
 from fpjax import read_log
 from fpjax.logs.checks.suspicions import Numbers, suspicions
 from fpjax.logs.dynamics.friction_curve import friction_curve
 from fpjax.logs.dynamics.nominal import fit_nominal
 
-DATA = pathlib.Path(__file__).parents[4] / "shared" / "data"
 INERTIA, COULOMB, VISCOUS = 0.01, 0.1, 0.01
 
 
@@ -111,16 +110,16 @@ def test_friction_in_bins_lies_on_the_law(sensors):
     assert np.all((curve.low <= curve.middle) & (curve.middle <= curve.high))
 
 
-@pytest.mark.skipif(not (DATA / "emps").exists(), reason="the EMPS records are not here")
+@needs_emps
 def test_emps():
-    found = fit_nominal(read_log(DATA / "emps" / "DATA_EMPS.mat", columns="emps"))
+    found = fit_nominal(read_log(EMPS, columns="emps"))
     # Janot, Gautier, Brunot, 2019: 95.11 kg, 20.39 N, 203.5 N s/m
     assert found.inertia == pytest.approx(95.11, rel=0.01)
     assert found.coulomb == pytest.approx(20.39, rel=0.03)
     assert found.viscous == pytest.approx(203.5, rel=0.03)
 
 
-@pytest.mark.skipif(not (DATA / "pendulum").exists(), reason="the pendulum records are not here")
+@needs_pendulum
 @pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")
 @pytest.mark.parametrize(
     ("name", "inertia", "amplitude"),
@@ -128,7 +127,7 @@ def test_emps():
 )
 def test_a_pendulum_whose_encoder_has_steps_of_3_mrad(name, inertia, amplitude):
     """Figures of an independent multiple-shooting fit (the README beside the records); regression finds 0.008."""
-    found = fit_nominal(read_log(DATA / "pendulum" / f"{name}.csv"))
+    found = fit_nominal(read_log(PENDULUM / f"{name}.csv"))
     assert found.plausible
     assert found.inertia == pytest.approx(inertia, rel=0.05)
     assert found.amplitude == pytest.approx(amplitude, rel=0.05)

@@ -2,16 +2,14 @@
 
 import math
 import os
-import pathlib
 import sys
 
 import numpy as np
 import pytest
 from log_files import DT, SAMPLES, TURN, assert_same, write_csv
+from public_records import PULSES, needs_emps
 
 from fpjax import FpjaxWarning, InputError, read_log
-
-EMPS = pathlib.Path(__file__).parents[4] / "shared" / "data" / "emps"
 
 pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")  # each test asks for its own
 
@@ -314,9 +312,9 @@ def test_a_missing_file_names_its_neighbour(tmp_path, columns):
         read_log(3)
 
 
-@pytest.mark.skipif(not EMPS.exists(), reason="the EMPS records are not here")
+@needs_emps
 def test_emps():
-    log = read_log(EMPS / "DATA_EMPS_PULSES.mat", columns="emps")
+    log = read_log(PULSES, columns="emps")
     assert log.linear
     assert log.dt == 1e-3
     assert list(log.columns()) == ["time", "torque", "position", "reference"]
