@@ -26,7 +26,7 @@ from .select.dominant import DominantVariable as DominantVariable
 from .verb import diagnose as diagnose
 
 RENAMED = {"Parameter": "EffectParameter", "Identifiability": "FittedParameter", "Tracking": "TrackingError"}
-"""Old name -> new name, both served: `fpjax.tuning` uses the old names for other classes."""
+"""Old name -> new name, both served: `tuning` uses the old names for other classes."""
 
 
 def __getattr__(name: str) -> Any:

@@ -117,7 +117,7 @@ def identifiability(search: Search, fit: Fit, spread: Values) -> tuple[FittedPar
         parameter = c.family.parameters[index]
         if deviation[j] == 0.0:
             verdict = "at a bound"
-        elif deviation[j] > c.scale[j]:
+        elif deviation[j] > c.scale[j]:  # not known within a typical change of it
             verdict = "flat"
         else:
             others = traded_with(correlation, j, limit=PARALLEL_POSTERIOR)

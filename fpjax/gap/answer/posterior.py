@@ -94,7 +94,7 @@ class Posterior:
             root = basis * np.sqrt(np.maximum(size, 0.0))
             index = [self.names.index(name) for name in self.free]
             moved = vectors[index] + root @ random.standard_normal((len(self.free), count))
-            moved[:, 0] = self.values[index]
+            moved[:, 0] = self.values[index]  # the first machine is the fit itself
             vectors[index] = np.clip(moved, self.low[:, None], self.high[:, None])
         sensor = {}
         for name, (value, deviation) in self.sensor.items():

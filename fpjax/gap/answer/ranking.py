@@ -116,6 +116,8 @@ def share_alike(entries: dict[str, Ranked], twin: Twin) -> None:
     cause = min(sum(entries[name].cause_probability / len(side) for side in sides for name in side), 1.0)
     for side in sides:
         for name in side:
+            # Half of the sides' probability to each side, in equal parts to its causes. Being among the causes is not
+            # shared out within a side: its causes come together.
             share = 0.5 * whole / len(side)
             entries[name] = replace(entries[name], probability=share, cause_probability=0.5 * cause)
 

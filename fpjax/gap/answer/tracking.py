@@ -138,7 +138,7 @@ def made_torque(model: Model, record: Record) -> tuple[float, Any]:
         for _ in range(2):
             step, *_ = np.linalg.lstsq(np.asarray(slope(start)), measured - np.asarray(torque(start)), rcond=1e-10)
             start = start + jnp.asarray(step)
-    left = measured - np.asarray(torque(start))
+    left = measured - np.asarray(torque(start))  # what no initial state explains
     return rms_or_infinite(left) / max(rms(measured), 1e-300), unravel(start)
 
 

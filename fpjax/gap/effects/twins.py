@@ -131,11 +131,8 @@ def _scaled(named: set[str], found: Parameters, log: LogFacts, one: str, by: str
     if one in named or not set(errors) <= named:
         return []
     # Nominal errors are a twin of the one factor only if all are wrong in one proportion, within their intervals.
-    ratios = [_over(found[error][name], log.nominal[name]) for error, name in zip(errors, wrong, strict=True)]
-    if all(overlap(a, b) for i, a in enumerate(ratios) for b in ratios[:i]):
-        mean = sum(ratio.value for ratio in ratios) / len(ratios)
-        return [Twin(frozenset(errors), (one,), f" ({by} {1.0 / mean:.4g})")]
-    return []
+    proportion = _proportion(wrong, found, log)
+    return [] if proportion is None else [Twin(frozenset(errors), (one,), f" ({by} {1.0 / proportion:.4g})")]
 
 
 def _unloaded(named: set[str], found: Parameters, log: LogFacts) -> list[Twin]:
@@ -152,11 +149,19 @@ def _unloaded(named: set[str], found: Parameters, log: LogFacts) -> list[Twin]:
         return [Twin(frozenset({one}), tuple(errors), f" (all divided by {rest:.4g})")]
     if one in named or not set(errors) <= named:
         return []
-    ratios = [_over(found[error][name], log.nominal[name]) for error, name in zip(errors, wrong, strict=True)]
-    mean = sum(ratio.value for ratio in ratios) / len(ratios)
-    if mean > 1.0 and all(overlap(a, b) for i, a in enumerate(ratios) for b in ratios[:i]):
-        return [Twin(frozenset(errors), (one,), f" (coefficient {1.0 - 1.0 / mean:.4g})")]
-    return []
+    # A friction that grows with the load only adds: smaller numbers than the nominal ones are no twin of it.
+    proportion = _proportion(wrong, found, log)
+    if proportion is None or not proportion > 1.0:
+        return []
+    return [Twin(frozenset(errors), (one,), f" (coefficient {1.0 - 1.0 / proportion:.4g})")]
+
+
+def _proportion(wrong: Sequence[str], found: Parameters, log: LogFacts) -> float | None:
+    """The one proportion in which several nominal values are wrong [1], within their intervals; None for several."""
+    ratios = [_over(found[f"{name}_error"][name], log.nominal[name]) for name in wrong]
+    if not all(overlap(a, b) for i, a in enumerate(ratios) for b in ratios[:i]):
+        return None
+    return sum(ratio.value for ratio in ratios) / len(ratios)
 
 
 def overlap(a: Estimate, b: Estimate) -> bool:
@@ -172,6 +177,7 @@ def _over(estimate: Estimate, nominal: float) -> Estimate:
 def _mean_is_nominal(sides: Mapping[str, Estimate], name: str, log: LogFacts) -> bool:
     """Whether the mean of both directions is the nominal value, within its interval or `TOLERANCE`."""
     both = [sides[f"{name}_{side}"] for side in ("positive", "negative")]
+    # Half width of the mean's interval, if both errors are fully correlated: the mean of the two half widths.
     half = 0.25 * sum(side.high - side.low for side in both)
     nominal = log.nominal.get(name, 0.0)
     return abs(0.5 * sum(side.value for side in both) - nominal) <= max(half, TOLERANCE * abs(nominal))

@@ -87,6 +87,7 @@ def draw_gap(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
             color=MUTED,
         )
     axes.set_ylim(-len(rows) + 0.45, 0.95 if not narrow else 1.15)
+    # Room for the number right of the longest bar.
     axes.set_xlim(0.0, 1.16 * max(largest, floor.value if floor.known else 0.0))
     axes.set_yticks([] if narrow else [-i for i in range(len(rows))], [] if narrow else [name for name, _ in rows])
     axes.tick_params(axis="y", length=0, labelcolor=INK, labelsize=9.0)
@@ -120,7 +121,7 @@ def draw_ranking(figure: FigureBase, diagnosis: Answer) -> None:
         axes.annotate(show_percent(share), (share, row), xytext=(5, 0), textcoords="offset points", va="center")
     axes.set_yticks(rows, [clip(effect_title(c.effect, diagnosis.motion)) for c in shown])
     axes.tick_params(axis="y", length=0, labelcolor=INK, labelsize=8.5)
-    axes.set_xlim(0.0, 1.2)
+    axes.set_xlim(0.0, 1.2)  # room for the number right of a bar of 100 %
     axes.set_xticks([])
     axes.set_title("Probability of being a cause")
     axes.spines["bottom"].set_visible(False)

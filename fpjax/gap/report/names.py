@@ -64,6 +64,7 @@ STATE_MEANINGS = {
     "at a bound": "the fit ended at a bound of the search: not a measurement",
 }
 
+# The names and meanings above are written for a rotary axis: words that a linear one replaces.
 _LINEAR = (
     ("torque", "force"),
     ("inertia", "mass"),

@@ -1,4 +1,4 @@
-"""Readings: what is wrong with a velocity column, told by the encoder beside it and not by any model of the machine.
+"""Readings: what is wrong with a velocity column, as the encoder beside it shows without any model of the machine.
 
 Where the encoder alone resolves the torques, the machine is judged by the encoder. The velocity reading is then
 compared with the encoder's own rate: scale x rate(t - delay) through a lag, + bias. Both sides pass the same
@@ -77,6 +77,7 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     shape = _lagged(true, time, dt) if name == "velocity_lag" else _delayed(true, time, dt)
     slope = float(np.sqrt(np.mean(np.gradient(true[inside], dt) ** 2)))
     found = []
+    # Log likelihood ratio to a reading that is not late, for normal errors of unknown variance.
     gained = 0.5 * count * float(np.log(errors[name][0] / least)) if least > 0.0 else np.inf
     change = shape - true
     key = "time_constant" if name == "velocity_lag" else "delay"
@@ -85,6 +86,7 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     first = _reading(name, {key: (time, deviation, "s")}, change, inside, size, inertia, dt, gained)
     found.append(replace(first, rival=other, sure=sure))
     deviation = spread / max(float(np.std(true[inside])), 1e-300)
+    # What a scale of exactly 1 would cost: half of its squared distance in standard deviations.
     gained = 0.5 * ((scale - 1.0) / max(deviation, 1e-12)) ** 2
     change = (scale - 1.0) * shape
     found.append(
@@ -119,8 +121,9 @@ def _compared(record: Record, late: Values) -> tuple[Values, slice, float, dict[
     for half in HALF_WIDTHS:
         true = local_polynomial(record.position.values, half, dt=dt, degree=2, derivative=1)
         read = local_polynomial(angle, half, dt=dt, degree=2, derivative=1)
+        # Without the filter's ends, and the samples that the longest delay takes from before the log.
         inside = slice(2 * half + int(LATEST) + 1, -(half + 1))
-        count = len(true[inside]) / (2 * half + 1)
+        count = len(true[inside]) / (2 * half + 1)  # the differentiator correlates the samples within its width
         if count < FEWEST or np.std(true[inside]) == 0.0:
             return found
         fits = {
@@ -128,6 +131,7 @@ def _compared(record: Record, late: Values) -> tuple[Values, slice, float, dict[
             "velocity_delay": [_line(_delayed(true, t, dt)[inside], read[inside]) for t in late],
         }
         found = true, inside, count, fits
+        # Standard deviation of the slope of a quadratic through white noise: sigma / sqrt(sum k^2), per sample.
         noise = record.position.noise / dt / np.sqrt(np.sum(np.arange(-half, half + 1.0) ** 2))
         least = min(fit[2] for some in fits.values() for fit in some)
         if noise < QUIET * rate and noise**2 < BESIDE * least:
@@ -156,6 +160,7 @@ def _lagged(values: Values, time: float, dt: float) -> Values:
     """Through a first-order lag, exact for a line between samples."""
     if time <= 1e-3 * dt:
         return values
+    # x' = (u - x) / time over a period in which u goes from one sample to the next in a straight line.
     decay = np.exp(-dt / time)
     gain = time / dt * (1.0 - decay)
     drive = (1.0 - gain) * values[1:] + (gain - decay) * values[:-1]
@@ -165,6 +170,7 @@ def _lagged(values: Values, time: float, dt: float) -> Values:
 def _decaying(drive: Values, decay: float, before: float) -> Values:
     """y[k] = decay y[k - 1] + drive[k], y[-1] = `before`, a block at a time (scipy.signal takes a second to import)."""
     count, block = len(drive), 64
+    # Within a block a product with the matrix of powers of the decay; from block to block the last value is carried on.
     rows = np.pad(drive, (0, -count % block)).reshape(-1, block)
     lag = np.arange(block)[:, None] - np.arange(block)
     within = rows @ np.where(lag >= 0, decay ** np.maximum(lag, 0), 0.0).T
