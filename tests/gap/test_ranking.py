@@ -9,6 +9,7 @@ import pytest
 from fpjax.gap import Estimate, Ranked
 from fpjax.gap.answer.assemble import _instead
 from fpjax.gap.answer.confusable import indistinguishable
+from fpjax.gap.answer.gap_size import steps_of
 from fpjax.gap.answer.judge import _persist
 from fpjax.gap.answer.ranking import share_alike
 from fpjax.gap.effects.twins import LogFacts, Twin, exact_twins, single_twins
@@ -456,3 +457,21 @@ def test_a_lag_that_may_be_a_delay_names_it():
     assert _instead((torn,), ()) == {"velocity_lag": ("velocity_delay",)}
     assert _instead((sure,), ()) == {}
     assert _instead((torn,), ("velocity_lag",)) == {}  # it was not allowed
+
+
+# --- how far
+
+
+def test_the_last_step_is_the_whole_with_its_details():
+    def fit(names, missing):
+        return SimpleNamespace(candidate=SimpleNamespace(structural=names), missing=(np.full(8, missing),))
+
+    nominal, first, whole = fit((), 9.0), fit(("stribeck",), 4.0), fit(("stribeck", "actuator_lag"), 1.0)
+    search = SimpleNamespace(withheld=[np.arange(8)])
+    decision = SimpleNamespace(exact=nominal, path=(nominal, first, whole), chosen=SimpleNamespace(fit=whole))
+    ladder = [(step.added, step.gap_after) for step in steps_of(search, decision, ("stribeck",))]
+    assert ladder == [("stribeck", 2.0), ("actuator_lag", 1.0)]
+    both = steps_of(search, decision, ("stribeck", "actuator_lag"))
+    assert [(step.added, step.gap_after) for step in both] == ladder
+    alone = SimpleNamespace(exact=nominal, path=(nominal, whole), chosen=SimpleNamespace(fit=whole))
+    assert [(step.added, step.gap_after) for step in steps_of(search, alone, ("stribeck",))] == [("stribeck", 1.0)]

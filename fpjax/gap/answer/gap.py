@@ -59,7 +59,7 @@ class Step:
     """One step from the nominal to the corrected model: the gap with this effect added to those before it.
 
     Attributes:
-        added: name of the effect.
+        added: name of the effect: a cause, or, behind the causes, a detail that the corrected model holds.
         gap_after: missing torque on withheld windows, in the gap's unit.
         interval: 90 % bootstrap interval of gap_after.
     """

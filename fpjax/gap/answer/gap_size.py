@@ -49,7 +49,7 @@ def closed(before: Values, after: Values, floor: float) -> Values:
 
 
 def steps_of(search: Search, decision: Decision, causes: Sequence[str]) -> tuple[Step, ...]:
-    """The gap after each cause, from the nominal model to the chosen one.
+    """The gap after each cause, from the nominal model to the chosen one, its details beside the causes included.
 
     Args:
         search: of the logs.
@@ -58,6 +58,7 @@ def steps_of(search: Search, decision: Decision, causes: Sequence[str]) -> tuple
     """
     chosen = decision.chosen.fit
     steps: list[Step] = []
+    last = decision.exact
     for fit in [
         *(f for f in decision.path[1:] if set(f.candidate.structural) < set(chosen.candidate.structural)),
         chosen,
@@ -74,6 +75,11 @@ def steps_of(search: Search, decision: Decision, causes: Sequence[str]) -> tuple
             steps += [_step(name, withheld(search, alone)) for name in added if name not in numbers]
             added = numbers
         steps += [_step(name, withheld(search, fit)) for name in added]
+        last = fit
+    if steps and last is not chosen:
+        # What is told of the whole holds the details too: the last step must be that number.
+        details = [name for name in chosen.candidate.structural if name not in causes]
+        steps += [_step(name, withheld(search, chosen)) for name in details]
     return tuple(steps)
 
 

@@ -24,7 +24,8 @@ def rows_of(diagnosis: Answer) -> list[tuple[str, Estimate]]:
     for step in diagnosis.steps:
         # A twin closes the gap as well: the row must not claim more than the ranking.
         twin = " (or twin)" if twins_of(diagnosis, step.added) else ""
-        rows.append((f"+ {effect_title(step.added, diagnosis.motion)}{twin}", step_gap(diagnosis, step)))
+        detail = "" if step.added in diagnosis.causes else " (a detail)"
+        rows.append((f"+ {effect_title(step.added, diagnosis.motion)}{twin}{detail}", step_gap(diagnosis, step)))
     if not diagnosis.steps and diagnosis.verdict != "no_gap" and diagnosis.gap.estimate("after").known:
         rows.append(("Corrected model" if diagnosis.causes else "Best attempt", diagnosis.gap.estimate("after")))
     if diagnosis.learned:

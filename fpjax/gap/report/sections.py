@@ -202,7 +202,8 @@ def shrink(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
         interval = gap_interval(gap, shown)
         names = [effect_title(step.added, diagnosis.motion)]
         names += [effect_name(twin, diagnosis.motion) for twin in twins_of(diagnosis, step.added)]
-        rows.append(("", [f"+ {text(join(names, 'or'))}", gap_number(gap, shown), interval or "not known"]))
+        detail = "" if step.added in diagnosis.causes else " (a detail)"
+        rows.append(("", [f"+ {text(join(names, 'or'))}{detail}", gap_number(gap, shown), interval or "not known"]))
     if diagnosis.learned:
         gap = diagnosis.gap.estimate("learned")
         shown = shown_gap(diagnosis, gap)
