@@ -1,5 +1,7 @@
 """The guide: a simulation that leaves the measured motion is held near it, and a linear one's residual stays."""
 
+import math
+
 import gap_search
 import numpy as np
 import numpy_machine
@@ -34,7 +36,7 @@ def guided_fitter(search, bandwidth):
 @pytest.mark.parametrize("sensors", [("position",), ("velocity",), ("velocity", "position")])
 def test_a_guide_leaves_the_residual_of_a_linear_machine_as_it_is(sensors):
     linear = numpy_machine.Machine(coulomb=0.0, viscous=0.0)
-    log = numpy_machine.record(linear, seconds=3.0, sensors=sensors, extra=lambda time, *_: 0.3 * np.sin(20.0 * time))
+    log = numpy_machine.record(linear, seconds=3.0, sensors=sensors, extra=lambda time, *_: 0.3 * math.sin(20.0 * time))
     model = gap_search.MODEL.replace("coulomb = 0.4", "coulomb = 0.0").replace("viscous = 0.03", "viscous = 0.0")
     search = make_search([log], [], load_model(model))
     c = search.candidate(Start((), ("inertia",), {"inertia": 0.06}))
@@ -62,7 +64,7 @@ def test_a_machine_that_its_cogging_traps_is_held_and_its_cogging_found():
     strong = 1.5
     log = numpy_machine.record(
         seconds=8.0, sensors=("position",), reference=2.0 + 0.5 * np.sin(SLOW * 1e-3 * np.arange(8000)),
-        extra=lambda time, speed, angle, command: strong * np.sin(24.0 * angle),
+        extra=lambda time, speed, angle, command: strong * math.sin(24.0 * angle),
     )  # fmt: skip
     search = gap_search.search_of(log)
     assert search.guide > 0.0
@@ -80,7 +82,10 @@ def test_a_machine_that_its_cogging_traps_is_held_and_its_cogging_found():
 
 @pytest.mark.parametrize(
     ("name", "torque"),
-    [("constant", lambda time, speed, angle, u: -2.0), ("weight", lambda time, speed, angle, u: -2.0 * np.sin(angle))],
+    [
+        ("constant", lambda time, speed, angle, u: -2.0),
+        ("weight", lambda time, speed, angle, u: -2.0 * np.sin(angle)),
+    ],
 )
 def test_the_gap_is_the_torque_that_is_missing(name, torque):
     time = 1e-3 * np.arange(12_000)
@@ -99,7 +104,7 @@ def test_friction_that_holds_a_guided_machine_makes_no_torque_of_its_own():
     moving = np.sign(np.sin(np.pi * time / 2.0)) * (np.mod(time, 2.0) < 1.0)  # a second to or fro, a second of rest
     log = numpy_machine.record(
         numpy_machine.Machine(ki=0.0), seconds=12.0, sensors=("position",), reference=3.0 * moving,
-        extra=lambda time, speed, angle, command: -0.3 * np.sin(2.0 * angle),
+        extra=lambda time, speed, angle, command: -0.3 * math.sin(2.0 * angle),
     )  # fmt: skip
     search = gap_search.search_of(log)
     fitter = guided_fitter(search, 5.0)

@@ -1,5 +1,6 @@
 """What a log itself says of a missing torque, beside any name: its curves, its masses, its rare events."""
 
+import math
 from dataclasses import replace
 
 import gap_search
@@ -20,7 +21,7 @@ def hanging():
     """A weight that no model knows."""
     return gap_search.search_of(
         numpy_machine.record(
-            seconds=12.0, sensors=("position",), extra=lambda time, speed, angle, u: -2.0 * np.sin(angle)
+            seconds=12.0, sensors=("position",), extra=lambda time, speed, angle, u: -2.0 * math.sin(angle)
         )
     )
 

@@ -1,5 +1,7 @@
 """A known load that turns with the position, and a log that does not tell where the position starts."""
 
+import math
+
 import gap_search
 import numpy as np
 import numpy_machine
@@ -19,7 +21,7 @@ ELSEWHERE = 2.0 * WEIGHT * np.sin(0.5 * START) / np.sqrt(2.0)
 def left(sensors):
     """Missing torque of the nominal model as given [N m], rms."""
     log = numpy_machine.record(
-        seconds=4.0, sensors=sensors, extra=lambda time, speed, angle, command: -WEIGHT * np.sin(angle + START)
+        seconds=4.0, sensors=sensors, extra=lambda time, speed, angle, command: -WEIGHT * math.sin(angle + START)
     )
     search = make_search([log], [], load_model(MODEL))
     windows = [np.arange(len(record.starts)) for record in search.records]
