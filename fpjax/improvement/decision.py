@@ -25,6 +25,10 @@ LEFT_OUT = (
     "{:.0%} of the machines that the diagnosis leaves possible were left out: with the gains that ran they would be "
     "unstable, or follow much better or worse than the log shows."
 )
+UNHELD_LOOP = (
+    "With the gains in the file the corrected loop is unstable about a steady motion, and only its torque limit holds "
+    "it: check [controller], or look at the log for a torque that swings from limit to limit."
+)
 LESS = "The best gains that the search found are not proposed, but {}: {}"
 
 
@@ -100,6 +104,11 @@ def objection(now: Score, new: Score, margins_now: dict[str, Values], margins_ne
             f"a change needs {1.0 - WORTH:.0%}."
         )
     old, then = (_lowest(margins["modulus"]) for margins in (margins_now, margins_new))
+    if then <= 0.0:
+        return (
+            "Keep your gains: the best others make a loop that is unstable about a steady motion, which only its "
+            "torque limit holds."
+        )
     if then < min(MARGIN_KEPT * old, MARGIN_ENOUGH):
         return (
             f"Keep your gains: the best others leave a modulus margin of {then:.2f}, where {MARGIN_ENOUGH:g} is usual "

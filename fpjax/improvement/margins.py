@@ -1,19 +1,21 @@
 """Stability margins of the loop linearised about a steady motion, for many machines at once."""
 
 import functools
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import PyTree
+from jaxtyping import Array, PyTree
 
+from ..gap.machine import NO_LIMIT
 from ..linear.linearise import Disturbed
 from ..linear.margins import Margins, margins
 from ..linear.state_space import StateSpace
 from ..logs.arrays import Values
-from ..simulation.loop import LoopState
+from ..simulation.loop import ClosedLoop, LoopState
 from ..simulation.precision import double_precision
 from .judge import Judge, assemble_loop
 from .machines import Machines
@@ -59,6 +61,19 @@ def margins_of(judge: Judge, values: Values, machines: Machines, speed: float) -
     return found
 
 
+def _unlimited(loop: ClosedLoop) -> ClosedLoop:
+    """The loop without limits of its torque.
+
+    A steady motion reaches none. A loop that is unstable and swings from limit to limit would have, at a limit, no
+    feedback, and with it infinite margins.
+    """
+
+    def without(path: tuple[Any, ...], leaf: Array) -> Array:
+        return jnp.full_like(leaf, NO_LIMIT) if getattr(path[-1], "name", None) == "limit" else leaf
+
+    return jax.tree_util.tree_map_with_path(without, loop)
+
+
 @functools.lru_cache(maxsize=8)
 def _tangents(substeps: int, solver: PyTree) -> PyTree:
     """A compiled function: (machines, gains, states, *shared) -> (A, B, C) of the whole loop, batched over machines."""
@@ -78,7 +93,8 @@ def _tangents(substeps: int, solver: PyTree) -> PyTree:
         zero = jnp.zeros_like(dt)
 
         def moved(values: PyTree, added: PyTree) -> tuple[PyTree, PyTree]:
-            cut = eqx.tree_at(lambda each: each.actuator, loop, Disturbed(loop.actuator, added))
+            free = _unlimited(loop)
+            cut = eqx.tree_at(lambda each: each.actuator, free, Disturbed(free.actuator, added))
             silent = tuple(zero for _ in range(loop.sensor.noise_channels))
             now = rebuild(values)
             after, signals = cut.advance_sampled(now, reference, zero, dt, silent, solver, substeps, following)

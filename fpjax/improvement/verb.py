@@ -19,7 +19,7 @@ from ..output.stages import StageClock
 from ..simulation.precision import double_precision
 from ..simulation.scan import astype
 from .answer import Change, Range
-from .decision import LEFT_OUT, LESS, hopeless, objection, plausible, range_of
+from .decision import LEFT_OUT, LESS, UNHELD_LOOP, hopeless, objection, plausible, range_of
 from .from_diagnosis import Known, about_left, known_in, known_of
 from .gains import Gains, freed, guesses
 from .judge import Judge
@@ -170,6 +170,8 @@ def improve_known(
     clock("margins")
     margins = judged.margins(tried)
     before = judged.side(tried[0], scores.of(0), margins[0])
+    if "modulus" in before.margins and before.margins["modulus"].value <= 0.0:
+        notes.append(UNHELD_LOOP)
     against = [objection(scores.of(0), scores.of(i), margins[0], margins[i]) for i in range(1, len(tried))]
     costs, fine = robust_costs(scores, limits), [place for place, said in enumerate(against, 1) if not said]
     chosen, reason = min(fine, key=lambda place: costs[place]) if fine else 0, against[0]

@@ -7,8 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import fpjax as fp
 from fpjax import Motion
 from fpjax.gap import Learned
+from fpjax.gap.machine import NO_LIMIT
 from fpjax.improvement.decision import hopeless, objection, plausible
 from fpjax.improvement.judge import Score
 from fpjax.improvement.machines import (
@@ -21,6 +23,7 @@ from fpjax.improvement.machines import (
     surrogate,
     with_laws,
 )
+from fpjax.improvement.margins import _unlimited
 from fpjax.improvement.search import AllowedScore, robust_costs
 
 # --- the decision
@@ -50,6 +53,20 @@ def test_gains_are_proposed_only_where_nothing_speaks_against_them(new, margins,
     said = objection(score([1.0] * 20), new, MARGINS, margins)
     assert words in said
     assert bool(said) == bool(words)
+
+
+def test_a_loop_that_only_its_limit_holds_is_never_proposed():
+    unstable = {"modulus": np.zeros(4)}
+    assert "only its torque limit holds" in objection(score([1.0] * 20), score([0.5] * 20), unstable, unstable)
+    assert objection(score([1.0] * 20), score([0.5] * 20), unstable, MARGINS) == ""
+
+
+def test_margins_are_those_of_the_loop_within_its_limits():
+    body = fp.OneMass(0.3, fp.CoulombViscous(1.0, 0.2))
+    limits = fp.ClosedLoop(body, fp.ProportionalIntegral(4.0, 40.0, limit=2.0), actuator=fp.Actuator(limit=3.0))
+    free = _unlimited(limits)
+    assert float(free.controller.limit) == float(free.actuator.limit) == NO_LIMIT
+    assert float(free.controller.kp) == 4.0
 
 
 @pytest.mark.parametrize(
