@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from ...output.json_object import JsonObject
 from ..effects.experiments import Experiment
 from ..select.dominant import DominantVariable
 from ..select.verdict import Word
@@ -79,7 +80,7 @@ class Answer:
     posterior: Posterior | None = None
     free_replay: FreeReplay | None = None
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """The contract's `diagnosis.json` (numbers, strings, lists and dictionaries only), and beside it `ahead`,
         `tracking`, `free_replay`, `seconds`, `provenance`, `allowed_effects` and `model_missing`.
         """

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...logs.arrays import Values
+from ...output.json_object import JsonObject
 from ..effects.estimate import Estimate
 
 
@@ -35,7 +36,7 @@ class Ranked:
     evidence: float = 0.0
     cause_probability: float = float("nan")
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """The contract's keys, and `cause_probability`."""
         return {
             "effect": self.effect,
@@ -63,7 +64,7 @@ class Share:
     share: float
     expected: float = 0.0
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """The contract's keys."""
         return {"from": self.start, "to": self.stop, "share": self.share}
 
@@ -92,7 +93,7 @@ class Where:
     axes: dict[str, np.ndarray] = field(default_factory=dict)
     maps: dict[str, tuple[Share, ...]] = field(default_factory=dict)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """The contract's keys."""
         axes = ("time", "velocity", "position", "frequency")
         return {axis: [share.to_dict() for share in getattr(self, axis)] for axis in axes} | {"regime": self.regime}
@@ -166,7 +167,7 @@ class TrackingError:
     signal: str = "velocity"
     controller_error: float = 0.0
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """All of it, by name."""
         return asdict(self)
 
@@ -193,7 +194,7 @@ class Learned:
     high: tuple[float, ...]
     period: float | None = None
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """The contract's keys."""
         curve = {name: list(getattr(self, name)) for name in ("at", "torque", "low", "high")}
         return {"of": self.of, "share": self.share, "curve": curve | {"period": self.period}}

@@ -5,10 +5,10 @@ beside the missing torque therefore says what that torque does to the motion of 
 """
 
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
+from ...output.json_object import JsonObject
 from ...simulation.precision import double_precision
 from ..data.record import tables_of
 from ..fit.candidate import Fit
@@ -32,7 +32,7 @@ class FreeReplay:
     window: float
     guide: float
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """All of it, by name."""
         return asdict(self)
 

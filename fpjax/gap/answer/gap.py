@@ -2,8 +2,8 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
+from ...output.json_object import JsonObject
 from ..effects.estimate import Estimate
 
 
@@ -46,7 +46,7 @@ class Gap:
         low, high = getattr(self, f"{name}_interval")
         return Estimate(getattr(self, name), low, high, unit)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """The contract's keys, `learned`, and the intervals."""
         names = ("before", "after", "learned", "noise_floor", "closed")
         numbers = {name: getattr(self, name) for name in names}
@@ -68,6 +68,6 @@ class Step:
     gap_after: float
     interval: tuple[float, float]
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """The contract's keys, and the interval."""
         return {"added": self.added, "gap_after": self.gap_after, "interval": list(self.interval)}

@@ -2,10 +2,10 @@
 
 import datetime
 import hashlib
-from typing import Any
 
 from ...logs import Log
 from ...model_file import Model
+from ...output.json_object import JsonObject
 from ...output.runfile import versions
 from ..data.record import Record
 from .gap_size import SEED
@@ -13,7 +13,7 @@ from .gap_size import SEED
 
 def provenance(
     logs: list[Log], records: list[Record], model: Model, allowed: tuple[str, ...], started: datetime.datetime
-) -> dict[str, Any]:
+) -> JsonObject:
     """The `provenance` of `diagnosis.json` and of the report.
 
     Args:
@@ -46,7 +46,7 @@ def provenance(
     }
 
 
-def _log(log: Log, record: Record) -> dict[str, Any]:
+def _log(log: Log, record: Record) -> JsonObject:
     """The entry of one log in `inputs`."""
     withheld = int(record.withheld.sum())
     return {

@@ -57,7 +57,6 @@ class Effect:
         starts: start values of the fit, one dictionary for each start; a missing parameter is neutral.
         report: from the fitted values to the reported parameters, {name: (value, unit)}; None: as they are.
         structure: structure of the machine that it needs: "rigid", "bristles" or "transmission".
-        wide: the nominal parameters lose their tight prior, as they are confounded with the effect.
         features: optional terms of the machine that it changes; terms that no effect needs are not compiled.
         fixed: parameters that a start may set and the fit does not change.
         follows: variables that its torque is a function of, among "velocity", "position", "torque" and "time"; empty
@@ -70,7 +69,6 @@ class Effect:
     starts: Callable[[Setting], list[dict[str, float]]] = lambda setting: [{}]
     report: Report | None = None
     structure: Structure = "rigid"
-    wide: bool = False
     fixed: tuple[EffectParameter, ...] = ()
     features: tuple[Feature, ...] = FEATURES
     follows: tuple[str, ...] = ()

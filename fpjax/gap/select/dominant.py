@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
 
+from ...output.json_object import JsonObject
 from ..thresholds import THRESHOLDS, Thresholds
 
 
@@ -39,7 +39,7 @@ class DominantVariable:
     next: float
     named: float = 0.0
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> JsonObject:
         """All of it, by name."""
         return asdict(self)
 
