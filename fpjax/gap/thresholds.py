@@ -1,6 +1,6 @@
-"""Thresholds: every number that a decision hangs on, in one place.
+"""Thresholds: the numbers that verdict, guide, ladder and learned laws hang on, in one place.
 
-Grids, steps and budgets of the numerical methods stand with the methods.
+Grids, steps and budgets of the numerical methods, and limits of a differentiator's noise, stand with the methods.
 
 Set on 62 development cases (even seeds 0 and 2) of two generators of simulated machines, laws of another form,
 clutter and effects outside the vocabulary among them; `removes`, `adds`, `part` and `beside` on fewer. The leading

@@ -312,7 +312,6 @@ def _uniform(
         extra = {key: values[rows] for key, values in extra.items()}
     found = {key: without_absurd(values, key, name, first_row, notes) for key, values in found.items()}
     found = _without_empty(found, name, notes)
-    found = _unwrapped(found, time, linear, name, first_row, notes)
     begin, end = longest_stretch(time, unread_rows(found), name, first_row, notes)
     _check_length(end - begin, name)
     if end - begin < time.size:
@@ -320,6 +319,8 @@ def _uniform(
         found = {key: values[begin:end] for key, values in found.items()}
         extra = {key: values[begin:end] for key, values in extra.items()}
     row = first_row + begin
+    if not linear:
+        found = _unwrapped(found, time, name, row, notes)
     found = {key: filled(v, time, key, key in HELD, name, row, notes) for key, v in found.items()}
     clock = read_clock(time, name, dt)
     uniform = to_grid(clock, time, found, extra, name, notes)
@@ -344,27 +345,22 @@ def _without_empty(found: dict[str, np.ndarray], name: str, notes: list[str]) ->
 
 
 def _unwrapped(
-    found: dict[str, np.ndarray], time: np.ndarray, linear: bool, name: str, first_row: int, notes: list[str]
+    found: dict[str, np.ndarray], time: np.ndarray, name: str, first_row: int, notes: list[str]
 ) -> dict[str, np.ndarray]:
-    """The columns with a position, and its reference, that turn on where they jumped from one end to the other."""
-    wrapping = find_wrapping(found["position"], time, linear=linear) if "position" in found else None
+    """The columns with an angle, and its reference, that turn on where they jumped from one end to the other."""
+    wrapping = find_wrapping(found["position"], time, found.get("velocity")) if "position" in found else None
     if wrapping is None:
         return found
     position = wrapping.removed(found["position"])
     count = len(wrapping.after)
-    unit, times = "m" if linear else "rad", "once" if count == 1 else f"{count} times"
+    reference = wrapping.beside(position, found["reference"]) if "reference" in found else None
+    times = "once" if count == 1 else f"{count} times"
     notes.append(
-        f"{name}: position jumps by {wrapping.period:.6g} {unit} {times} (first after row "
-        f"{wrapping.after[0] + first_row}) while the machine moves on: it wraps, and was made continuous."
+        f"{name}: position jumps by {wrapping.period:.6g} rad {times} (first after row "
+        f"{wrapping.after[0] + first_row}) while the machine moves on: it wraps, and was made continuous"
+        f"{', its reference with it' if reference is not None else ''}."
     )
-    found = found | {"position": position}
-    asked = find_wrapping(found["reference"], time, linear=linear) if "reference" in found else None
-    if asked is not None and abs(asked.period - wrapping.period) < 0.01 * wrapping.period:
-        reference = asked.removed(found["reference"])
-        # Where the log begins one of them may have been beyond an end already.
-        apart = np.nanmedian(position - reference) / wrapping.period
-        found["reference"] = reference + wrapping.period * np.round(apart)
-    return found
+    return found | {"position": position} | ({} if reference is None else {"reference": reference})
 
 
 def _about_torque(

@@ -31,9 +31,12 @@ def estimate(value, half=0.01):
 # --- the verdict
 
 
-def weighed(names, evidence, wide=(), left=0.2):
+def weighed(names, evidence, wide=(), left=0.2, wrong=None):
     """A model by its evidence over the nominal model, and what it leaves of that one's missing torque."""
-    candidate = SimpleNamespace(structural=tuple(names.split("+")) if names else (), wide=frozenset(wide))
+    values = NOMINAL | {name: 1.2 * NOMINAL[name] for name in wide} | (wrong or {})
+    candidate = SimpleNamespace(
+        structural=tuple(names.split("+")) if names else (), wide=frozenset(wide), values=lambda: values
+    )
     return Weighed(SimpleNamespace(candidate=candidate), evidence, evidence, left)
 
 
@@ -53,7 +56,7 @@ def judged(
     **more,
 ):
     decision = SimpleNamespace(
-        exact=SimpleNamespace(evidence=exact),
+        exact=SimpleNamespace(evidence=exact, candidate=SimpleNamespace(values=lambda: NOMINAL)),
         nominal=weighed("cogging", -1e9, left=numbers),
         singles=(),
         chosen=chosen,
@@ -232,6 +235,9 @@ def test_several_wrong_numbers_beside_a_detail_are_no_rival_of_the_factor_that_m
     numbers = weighed("constant_torque", 499.0, wide=("inertia", "coulomb", "viscous"))
     found = judged(chosen, [numbers], shares=shares, left=0.4)
     assert (found.word, found.causes) == ("partly_explained", ("torque_gain_error", "constant_torque"))
+    # In different directions no factor makes them wrong.
+    apart = weighed("constant_torque", 499.0, wide=("inertia", "coulomb"), wrong={"coulomb": 0.5 * NOMINAL["coulomb"]})
+    assert judged(chosen, [apart], shares=shares, left=0.4).word == "unexplained"
     # With one number wrong the effect itself does what the factor would: a rival.
     one = weighed("constant_torque", 499.0, wide=("coulomb",))
     assert judged(chosen, [one], shares=shares, left=0.4).word == "unexplained"
@@ -243,6 +249,8 @@ def test_effects_that_are_worth_as_much_as_the_second_are_bases_too():
     assert _bases([*singles, weighed("backlash", 400.0)], THRESHOLDS) == singles
     assert _bases([*singles, *near], THRESHOLDS) == [*singles, *near[:2]]
     assert _bases(singles[:1], THRESHOLDS) == singles[:1]
+    nothing = [weighed(name, 3.0) for name in ("stribeck", "cogging", "backlash")]
+    assert _bases(nothing, THRESHOLDS) == nothing[:2]
 
 
 def test_an_effect_is_measured_by_what_no_choice_of_the_numbers_closes():

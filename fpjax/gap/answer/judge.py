@@ -99,9 +99,14 @@ def _persist(numbers: Judged, decision: Decision, t: Thresholds = THRESHOLDS) ->
     )
     asserted = {name.removesuffix("_error") for name in numbers.verdict.causes} & set(NOMINAL)
     bound = set(numbers.decision.chosen.fit.candidate.at_bound())
-    return not asserted & bound and all(
-        (beside[name] - given[name]) * np.sign(alone[name] - given[name]) >= t.persists * abs(alone[name] - given[name])
-        for name in asserted
+    return (
+        bool(asserted)
+        and not asserted & bound
+        and all(
+            (beside[name] - given[name]) * np.sign(alone[name] - given[name])
+            >= t.persists * abs(alone[name] - given[name])
+            for name in asserted
+        )
     )
 
 

@@ -68,9 +68,11 @@ def repeating_share(course: Values, record: Record, periods: tuple[float, ...]) 
         periods: to choose from [1/rev].
 
     Returns:
-        (0, 0) where `periods` is empty.
+        (0, 0) where `periods` is empty or the torque is known nowhere.
     """
     keep, best = np.flatnonzero(np.isfinite(course)), (0.0, 0.0)
+    if not len(keep):
+        return best
     left = course[keep] - np.mean(course[keep])
     whole = max(float(np.sum(left**2)), 1e-300)
     common = _common(record, keep)

@@ -223,8 +223,10 @@ def _bases(singles: Sequence[Weighed], t: Thresholds) -> list[Weighed]:
     With numbers that are guesses, a factor or a friction by direction does what a constant torque does, and beside the
     one that came third by a nat the second cause may be right.
     """
-    first = list(singles[: t.bases])
-    return first + [w for w in singles[t.bases : 2 * t.bases] if w.behind(first[-1]) < t.sure]
+    first, more = list(singles[: t.bases]), singles[t.bases : 2 * t.bases]
+    if not first or not first[-1].gain > t.decisive:
+        return first
+    return first + [w for w in more if w.behind(first[-1]) < t.sure]
 
 
 def _beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> list[Start]:

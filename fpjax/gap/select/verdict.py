@@ -156,10 +156,10 @@ def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, .
 def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
     """Every set of causes that was tried, once, with its greatest worth; the chosen one as it is asserted."""
     best: dict[tuple[str, ...], _Set] = {}
-    told = set(decision.chosen.structural)
+    told, given = set(decision.chosen.structural), decision.exact.candidate.values()
     for w in (decision.nominal, *decision.singles, *decision.rivals):
         # The chosen causes with more beside them are the chosen ones with details, which were not worth a cause.
-        if set(w.structural) == told or (told and set(w.structural) > told) or _adds_to(w, chosen, seen):
+        if set(w.structural) == told or (told and set(w.structural) > told) or _adds_to(w, chosen, seen, given):
             continue
         own = _Set(_names(w, seen), decision.chosen.gain - max(w.behind(decision.chosen), 0.0))
         if own.names and (own.names not in best or best[own.names].worth < own.worth):
@@ -167,17 +167,19 @@ def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
     return ([chosen] if chosen.names else []) + list(best.values())
 
 
-def _adds_to(w: Weighed, chosen: _Set, seen: Seen) -> bool:
+def _adds_to(w: Weighed, chosen: _Set, seen: Seen, given: Mapping[str, float]) -> bool:
     """Whether a model with an effect says no other thing, since its wrong nominal numbers say what leads.
 
-    Where a wrong number leads, the model has the same number wrong; where a factor leads, it has several wrong that the
-    factor makes wrong together.
+    Where a wrong number leads, the model has the same number wrong; where a factor leads, it has several wrong in one
+    direction, as the factor makes them together.
     """
     if not chosen.names or not w.structural or set(w.structural) & set(FACTORS):
         return False
     lead = chosen.names[0]
     if lead in FACTORS:
-        return len(w.fit.candidate.wide) > 1 and len(wrong_numbers(w.fit, seen.sizes)[1]) > 1
+        wrong = wrong_numbers(w.fit, seen.sizes)[1] if len(w.fit.candidate.wide) > 1 else ()
+        values = w.fit.candidate.values()
+        return len(wrong) > 1 and len({values[name] > given[name] for name in wrong}) == 1
     number = lead.removesuffix("_error")
     return _is_number(lead) and number in w.fit.candidate.wide and number in wrong_numbers(w.fit, seen.sizes)[1]
 

@@ -153,9 +153,9 @@ def _about(log: Log, nominal: Nominal | None) -> list[str]:
         return found
     if nominal.reverse:
         found.append(
-            f"{log.name}: the torque holds more than the motion shows (its noise, or what a tight loop holds against), "
-            f"so the machine was fitted to the motion; the torque taken as exact would give an inertia of "
-            f"{nominal.most_inertia:.3g}."
+            f"{log.name}: the inertia is between {nominal.inertia:.3g} (used: the motion taken as exact, the torque "
+            f"holds noise or what a loop holds against) and {nominal.most_inertia:.3g} (the torque taken as exact: "
+            f"nearer where something else pushed the machine)."
         )
     elif nominal.least_inertia < APART * nominal.inertia:
         found.append(

@@ -14,8 +14,10 @@ That takes the torque for exact. Where it was measured with noise, or a tight lo
 acts on the machine, the torque holds what the motion does not show, and J comes out too large (7 and 200 times on
 joints of a UR10e, whose currents are noisy and whose motion is slow). Then the motion is what is exact, and the
 equation is solved for the torque: J (q - q0 - v0 t) + int int (C sgn v + ...) = int int u, less the sensor's noise,
-whose size is known (errors in variables: Fuller, "Measurement error models", 1987). Which of both it is, the two
-inertias say: where the motion is exact enough for the windows, they agree unless the torque is not.
+whose size is known (errors in variables: Fuller, "Measurement error models", 1987). No log tells such a torque from one
+that somebody else brought and the machine followed: pushes on a machine without a loop set the two inertias apart too,
+and then the first is right. So the second is taken only where they are so far apart that the pushes would have to be
+larger than the torque itself.
 
 The windows are made longer until the residual is a few times the noise: in shorter ones the noise hides the motion, in
 longer ones the unmodelled torques add up. The standard deviations come from the scatter between windows (sandwich
@@ -43,7 +45,9 @@ WINDOWS = (0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0)  # lengths that ar
 # (noise) and 9 % low at 8 (unmodelled torques).
 BEYOND_NOISE = 4.0
 SIGNIFICANT = 3.0  # [standard deviations]
-LOOSE = 1.5  # ratio of the two inertias from which on the torque is taken to hold what the motion does not show
+# Ratio of the two inertias from which on the motion is taken for exact. It is 1 / R^2 of the torque: 3 where two thirds
+# of its energy are not in the motion.
+LOOSE = 3.0
 NOISY = 1e-3  # share of noise in the motion's energy within a window, up to which windows serve to solve for the torque
 MATTERS = 0.02  # of the torque's rms: a smaller unbalance is not worth its two parameters
 PARAMETERS = ("inertia", "coulomb", "viscous", "offset", "sine", "cosine")

@@ -57,6 +57,20 @@ def test_a_position_reference_goes_on_beside_it():
     np.testing.assert_allclose(log.reference - log.position, reference - angle, atol=1e-9)
 
 
+@pytest.mark.parametrize("wraps", [True, False])
+def test_a_reference_that_steps_stays_beside_the_position(wraps):
+    angle = turning()
+    reference = np.round(angle / 0.5) * 0.5
+    log = log_of(within(angle, 2 * np.pi, 0.0), reference=within(reference, 2 * np.pi, 0.0) if wraps else reference)
+    np.testing.assert_allclose(log.reference - log.position, reference - angle, atol=1e-9)
+    assert "its reference with it" in log.warnings[0]
+
+
+def test_a_reference_of_the_speed_is_left_alone():
+    log = log_of(within(turning(), 2 * np.pi, 0.0), reference=np.cos(TIME))
+    np.testing.assert_allclose(log.reference, np.cos(TIME))
+
+
 STANDING = 0.01 * np.sin(TIME)
 LEFT_ALONE = {
     "no jump": turning(),
@@ -66,14 +80,29 @@ LEFT_ALONE = {
     "too fast for its samples": within(np.pi * 0.9 * np.arange(TIME.size), 2 * np.pi, 0.0),
     "steps of different sizes": np.select([TIME < 2.0, TIME < 5.0], [STANDING, 6.0 + STANDING], 9.0 + STANDING),
     "at rest": np.zeros(TIME.size),
+    "two strokes of one run": np.where(TIME < 4.0, 0.75 * TIME, 0.75 * (TIME - 4.0)),
+    "a counter that was set to zero": np.where(TIME < 6.0, 0.4 * TIME, 0.4 * (TIME - 6.0)),
 }
 
 
 @pytest.mark.parametrize("what", LEFT_ALONE)
 def test_what_does_not_wrap_stays_as_it_is(what):
-    log = log_of(LEFT_ALONE[what], velocity=np.cos(TIME))
+    log = log_of(LEFT_ALONE[what], velocity=np.gradient(LEFT_ALONE[what], TIME))
     assert not any("wraps" in each for each in log.warnings)
     np.testing.assert_allclose(log.position, LEFT_ALONE[what], atol=1e-12)
+
+
+def test_a_linear_axis_that_returns_at_once_is_left_alone():
+    stroke = np.mod(0.5 * TIME, 0.2)
+    log = read_log({"time": TIME, "torque": np.sin(TIME), "position": stroke}, linear=True)
+    np.testing.assert_allclose(log.position, stroke)
+
+
+@pytest.mark.parametrize("period", [6.0, 7.0, 24.0])
+def test_a_period_near_a_known_one_is_not_taken_for_it(period):
+    angle = turning(amplitude=80.0)
+    log = log_of(within(angle, period, 0.0))
+    assert np.max(np.abs(log.position - log.position[0] - (angle - angle[0]))) < 0.1
 
 
 def test_strict_refuses_a_position_that_wraps():
