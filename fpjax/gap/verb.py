@@ -16,7 +16,7 @@ from ..simulation.precision import double_precision
 from .answer.assemble import assemble
 from .answer.curves import curves_of
 from .answer.provenance import provenance
-from .data.inputs import about_noise, look_at, read_logs, read_model
+from .data.inputs import about_noise, look_at, on_one_clock, read_logs, read_model
 from .data.record import about_stretches, make_records
 from .data.setting import make_setting
 from .diagnosis import Diagnosis
@@ -106,7 +106,8 @@ def _diagnose(
     if model.units.motion == "linear":
         # The model decides the units of the answer (N, m/s); the numbers themselves are computed alike.
         logs, withheld = ([dataclasses.replace(one, linear=True) for one in some] for some in (logs, withheld))
-    everything = [*logs, *withheld]
+    everything = on_one_clock([*logs, *withheld])
+    logs, withheld = everything[: len(logs)], everything[len(logs) :]
     warnings = [sentence for one in logs for sentence in one.warnings]
     warnings += look_at(everything, model)
     try:

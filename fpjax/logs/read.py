@@ -61,9 +61,9 @@ def read_log(
         columns: where the file's names or units differ from the canonical ones: "velocity=gyro_z:deg/s,torque=tau_cmd";
             with a factor "torque=vir*35.15:N"; a current with its scale in N m per A "torque=Iq:A*0.12"; counts
             "position=enc:counts/4096" (counts per turn) or "position=enc:counts*5e-8" (metres per count);
-            "torque_measured=Iq:A*0.12" for a torque that the drive measured; "axis=2" of a robot; a mapping with the
-            same content, or the preset "emps". A file without a header has columns 1, 2, .... A column that is not
-            named here is found by its own name, with a unit in brackets ("velocity [deg/s]"), or in a table of the
+            "torque_measured=Iq:A*0.12" for a torque that the drive measured; "axis=2" of a robot (the third); a
+            mapping of the same, or the preset "emps". A file without a header has columns 1, 2, .... A column that is
+            not named here is found by its own name, with a unit in brackets ("velocity [deg/s]"), or in a table of the
             names that drives use, which a warning says.
         torque_scale: torque = torque_scale x the column (after its unit) [1].
         linear: whether the axis is linear (m, N); None to infer it from the units, rotary where they do not say.

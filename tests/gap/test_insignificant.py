@@ -9,10 +9,12 @@ from fpjax.gap import EFFECTS
 from fpjax.gap.answer import warning_texts
 from fpjax.gap.answer.insignificant import insignificant_causes
 from fpjax.gap.select.detectability import resolved
+from fpjax.model_file import Units
 
 BY_NAME = {effect.name: effect for effect in EFFECTS}
 SETTING = SimpleNamespace(
-    inertia=4.8, coulomb=2.0, viscous=0.1, torque=10.0, travel=6.0, friction=2.0, speed=5.0, dt=1e-3
+    inertia=4.8, coulomb=2.0, viscous=0.1, torque=10.0, travel=6.0, friction=2.0, speed=5.0, dt=1e-3,
+    units=Units(),
 )  # fmt: skip
 
 

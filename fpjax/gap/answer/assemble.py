@@ -26,7 +26,7 @@ from .fitted_machine import machine_of, with_reading
 from .free_replay import free_replay
 from .gap import Step
 from .gap_size import rms_of, steps_of, withheld
-from .intervals import identifiability, linear_unit, read_estimates
+from .intervals import identifiability, read_estimates
 from .judge import Read, judge
 from .learned import learn
 from .posterior import left_open, make_posterior
@@ -67,7 +67,7 @@ def assemble(
     speed = float(np.sqrt(np.mean(np.concatenate([record.speed for record in records]) ** 2)))
     misread = max([step / math.sqrt(12.0) / speed, *(one.size for one in read)])
     known = Read(torque, wrong, read, allowed, misread)
-    judged = judge(search, decision, known, curves, linear_unit("N m", linear))
+    judged = judge(search, decision, known, curves, search.setting.units.name("N m"))
     decision, found, gap, spread = judged.decision, judged.verdict, judged.gap, judged.spread
     before, after, chosen = judged.before, judged.after, judged.decision.chosen.fit
     # Causes of the machine; errors of the reading change no torque, so that the gap after them is the gap after these.
@@ -75,10 +75,10 @@ def assemble(
     steps = steps_of(search, decision, causes) if causes else ()
     # Errors of the reading close no torque gap: their step repeats the gap after the causes.
     steps = (*steps, *(Step(name, gap.after, gap.after_interval) for name in wrong))
-    seen = {one.effect: read_estimates(one, linear=linear) for one in read}
+    seen = {one.effect: read_estimates(one, search.setting.units) for one in read}
     if step > 0.0:
         # The step is read off the column exactly: its interval is narrow but not empty.
-        seen[ROUNDING] = {"step": Estimate(step, 0.9999 * step, 1.0001 * step, linear_unit("rad/s", linear))}
+        seen[ROUNDING] = {"step": Estimate(step, 0.9999 * step, 1.0001 * step, search.setting.units.name("rad/s"))}
     ranking = rank(search, decision, found, gap, steps, seen, allowed, _instead(read, allowed))
     # The model to write: the nominal one where nothing of the machine is missing.
     gapless = found.word == "no_gap" or (found.word == "explained" and not causes)
@@ -98,7 +98,7 @@ def assemble(
     clock("closed loop")
     # Over fitted and withheld windows, to notice a gap that the withheld ones do not show.
     everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
-    said = [*at_bounds(chosen, linear), *beyond_torque(gap, torque), *warnings]
+    said = [*at_bounds(chosen, search.setting.units), *beyond_torque(gap, torque), *warnings]
     said += details(chosen, causes)
     said += [] if found.word == "no_gap" else where_fitted_alone(gap, everywhere)
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)

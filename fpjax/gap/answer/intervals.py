@@ -6,6 +6,7 @@ import numpy as np
 
 from ...analysis.verdicts import PARALLEL_POSTERIOR, traded_with
 from ...logs.arrays import Values
+from ...model_file import Units
 from ..effects.effect import Effect
 from ..effects.estimate import NINETY, Estimate
 from ..fit.candidate import Candidate, Fit
@@ -69,10 +70,10 @@ def estimates(search: Search, fit: Fit, effect: Effect, spread: Values | None) -
         spread: covariance of the free parameters; None for no intervals.
     """
     c = fit.candidate
-    values, linear = c.values(), search.records[0].linear
+    values, units = c.values(), search.setting.units
     center = effect.describe(values, search.setting)
     if spread is None:
-        return {key: Estimate(value, unit=linear_unit(unit, linear)) for key, (value, unit) in center.items()}
+        return {key: Estimate(value, unit=units.name(unit)) for key, (value, unit) in center.items()}
     names = [c.family.parameters[i].name for i in c.free]
     gradients = {name: np.zeros(len(names)) for name in center}
     for j, name in enumerate(names):
@@ -87,23 +88,16 @@ def estimates(search: Search, fit: Fit, effect: Effect, spread: Values | None) -
         touches = bool(np.any(bounded & (gradients[key] != 0.0)))
         # A parameter at its bound has no curvature there: its uncertainty is not known.
         half = float("nan") if touches else half
-        result[key] = Estimate(value, value - half, value + half, linear_unit(unit, linear), touches)
+        result[key] = Estimate(value, value - half, value + half, units.name(unit), touches)
     return result
 
 
-def read_estimates(reading: Reading, *, linear: bool) -> dict[str, Estimate]:
+def read_estimates(reading: Reading, units: Units) -> dict[str, Estimate]:
     """Parameters of an error of the velocity column, as found by comparison with the encoder, with 90 % intervals."""
     return {
-        name: Estimate(value, value - NINETY * deviation, value + NINETY * deviation, linear_unit(unit, linear))
+        name: Estimate(value, value - NINETY * deviation, value + NINETY * deviation, units.name(unit))
         for name, (value, deviation, unit) in reading.values.items()
     }
-
-
-def linear_unit(unit: str, linear: bool) -> str:
-    """The unit of a linear axis: metres and newtons in place of radians and newton metres."""
-    if not linear:
-        return unit
-    return unit.replace("kg m^2", "kg").replace("N m", "N").replace("rad", "m").replace("1/rev", "rad/m")
 
 
 def identifiability(search: Search, fit: Fit, spread: Values) -> tuple[FittedParameter, ...]:
@@ -122,7 +116,7 @@ def identifiability(search: Search, fit: Fit, spread: Values) -> tuple[FittedPar
         else:
             others = traded_with(correlation, j, limit=PARALLEL_POSTERIOR)
             verdict = f"traded off with {c.family.parameters[c.free[others[0]]].name}" if others else "pinned"
-        unit = linear_unit(parameter.unit, search.records[0].linear)
+        unit = search.setting.units.name(parameter.unit)
         found.append(FittedParameter(parameter.name, float(c.vector[index]), float(deviation[j]), unit, verdict))
     return tuple(found)
 

@@ -2,17 +2,17 @@
 
 from collections.abc import Sequence
 
+from ...model_file import Units
 from ..fit.candidate import Fit
 from .gap import Gap
-from .intervals import linear_unit
 
 
-def at_bounds(fit: Fit, linear: bool) -> list[str]:
+def at_bounds(fit: Fit, units: Units) -> list[str]:
     """Warnings about parameters that ended at a bound of the search."""
     c = fit.candidate
-    units = {p.name: linear_unit(p.unit, linear) for p in c.family.parameters}
+    named = {p.name: units.name(p.unit) for p in c.family.parameters}
     return [
-        f"{name} ended at a bound of the search ({c.values()[name]:.4g} {units[name]}): its value is that bound, "
+        f"{name} ended at a bound of the search ({c.values()[name]:.4g} {named[name]}): its value is that bound, "
         f"not a measurement."
         for name in c.at_bound()
         if name in {p.name for effect in c.effects for p in effect.parameters} | c.wide

@@ -10,11 +10,13 @@ from ...errors import InputError
 from ...logs import Log, LogSource, read_log
 from ...logs.checks.suspicions import Numbers, suspicions
 from ...logs.dynamics.nominal import speed_of
+from ...logs.mending.resample import at_period
 from ...model_file import Model, ModelSource, load_model
 from ..thresholds import THRESHOLDS
 from .setting import turns_with_position
 
 SAME_PERIOD = 1e-3  # relative difference of control periods that counts as none
+SIMILAR_PERIOD = 0.1  # likewise, up to which a log is resampled onto the period of another
 MOST_ROWS = 400_000  # samples that `_check_drive` reads, from the middle of the log: numerical derivatives take time
 
 
@@ -25,6 +27,19 @@ def read_logs(logs: LogSource | Sequence[LogSource] | None) -> list[Log]:
     several = isinstance(logs, Sequence) and not isinstance(logs, str | os.PathLike)
     every: Sequence[LogSource] = logs if several else [logs]  # pyright: ignore[reportAssignmentType]
     return [one if isinstance(one, Log) else read_log(one) for one in every]
+
+
+def on_one_clock(logs: Sequence[Log]) -> list[Log]:
+    """The logs at the period of the first: drives of one kind, or a program's loop, differ by some per cent.
+
+    One that differs by more is left as it is, and refused when the logs are put together.
+    """
+    if not logs:
+        return []
+    period = logs[0].dt
+    return [
+        at_period(log, period) if SAME_PERIOD < abs(log.dt / period - 1.0) < SIMILAR_PERIOD else log for log in logs
+    ]
 
 
 def read_model(model: ModelSource) -> Model:

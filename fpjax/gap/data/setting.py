@@ -1,13 +1,13 @@
 """Setting: sizes from the log and the nominal model that give every parameter its bounds, scale and start values."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ...blocks.loads import AbstractLoad
 from ...blocks.signals import Motion
-from ...model_file import Model
+from ...model_file import Model, Units
 from .record import Record
 
 SMALL_FRICTION = 0.02  # of the largest torque: a nominal Coulomb level below it (zero, say) is no scale for friction
@@ -30,6 +30,7 @@ class Setting:
         window: length of a window [s].
         effort: largest torque that can have acted [N m]: the largest command plus the nominal inertial torque.
         nominal: parameters of the nominal model by name.
+        units: of the model file: what its numbers, and those of an answer, are in.
         unknown_origin: whether a known load depends on a position whose zero no sensor measures.
         periods: per revolution [1/rev], at which the missing "torque" and "friction" repeat with the position.
         weight: values by name of the unbalance that fits the missing torque best; empty where none was fitted.
@@ -49,6 +50,7 @@ class Setting:
     window: float = 0.25
     effort: float = 0.0
     nominal: Mapping[str, float] = field(default_factory=dict)
+    units: Units = field(default_factory=Units)
     unknown_origin: bool = False
     periods: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     weight: Mapping[str, float] = field(default_factory=dict)
@@ -76,6 +78,7 @@ def make_setting(records: list[Record], model: Model) -> Setting:
         # Quantiles, not maxima: an outlier in a column would widen every bound.
         effort=torque + values["inertia"] * max(float(np.quantile(np.abs(r.acceleration), 0.99)) for r in records),
         nominal={"inertia": values["inertia"], "coulomb": coulomb, "viscous": viscous},
+        units=replace(model.units, motion="linear") if longest.linear else model.units,
         unknown_origin=longest.integrated and turns_with_position(model.loop.plant.load),
     )
 

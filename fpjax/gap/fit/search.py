@@ -161,20 +161,21 @@ class Search:
         return base
 
     def _look_for_starts(self) -> None:
-        """Start values (periods, contacts, unbalance) from the missing torque of the log with most fitted windows."""
+        """Start values: contacts from the log with most fitted windows, periods and an unbalance from the widest."""
         which = self._longest()
         # Periods and contacts beside fitted nominal values; an unbalance beside the given ones, since a free inertia
         # takes up much of a pendulum's torque.
-        free, given = (self.missing_course(c)[which] for c in (self.base, self.exact))
-        record, contacts = self.records[which], None
+        free, given = (self.missing_course(c) for c in (self.base, self.exact))
+        contacts, widest = None, self._widest()
         backlash = [effect for effect in self.effects if effect.name == "backlash"]
         if backlash:
             hidden_states = self.hidden_states[self.fitter(key_for(tuple(backlash))).family.key]
             nominal = {name: self.base.values()[name] for name in NOMINAL}
-            contacts = contact_starts(hidden_states, which, record, free, nominal, self.setting)
-        periods = repeating_periods(free, record, self.setting)
+            contacts = contact_starts(hidden_states, which, self.records[which], free[which], nominal, self.setting)
         self.setting = replace(
-            self.setting, periods=periods, contacts=contacts, weight=turning_weight(given, record)
+            self.setting, contacts=contacts,
+            periods=repeating_periods(free[widest], self.records[widest], self.setting),
+            weight=turning_weight(given[widest], self.records[widest]),
         )  # fmt: skip
 
     def setting_beside(self, c: Candidate) -> Setting:
@@ -182,7 +183,7 @@ class Search:
 
         In the nominal model's missing torque the first cause hides them.
         """
-        which = self._longest()
+        which = self._widest()
         course, record = self.missing_course(c)[which], self.records[which]
         return replace(
             self.setting, periods=repeating_periods(course, record, self.setting), weight=turning_weight(course, record)
@@ -192,9 +193,14 @@ class Search:
         """Index of the log with the most fitted windows."""
         return max(range(len(self.records)), key=lambda i: len(self.train[i]))
 
+    def _widest(self) -> int:
+        """Index of the log, of those with fitted windows, that travels furthest: there a torque repeats most often."""
+        fitted = [i for i in range(len(self.records)) if len(self.train[i])]
+        return max(fitted, key=lambda i: float(np.ptp(self.records[i].angle)))
+
     def _hold_phase(self) -> None:
         """Choose the guide anew where most of the missing torque repeats with the position: its phase must be kept."""
-        which, records = self._longest(), self.records
+        which, records = self._widest(), self.records
         period = dominant_period(self.missing_course(self.exact)[which], records[which], self.setting)
         if period > 0.0:
             firmer = guide_bandwidth(records, self.modes, self._coefficients(self.exact), self.setting, period)

@@ -36,7 +36,7 @@ def draw_learned(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None
     """
     laws = laws_of(diagnosis)
     linear = diagnosis.motion == "linear"
-    units = motion_units(diagnosis.motion) | {"torque": "N" if linear else "N m"}
+    units = motion_units(diagnosis.motion) | {"torque": diagnosis.gap.unit}
     shape = (len(laws), 1) if narrow else (1, len(laws))
     left = diagnosis.residual_where
     for axes, law in zip(figure.subplots(*shape, squeeze=False).ravel(), laws, strict=True):
@@ -53,5 +53,5 @@ def draw_learned(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None
         axes.set_title(f"{show_percent(law.share)} of what is left: a law of {name}{repeats}")
         axes.set_xlabel(f"{name} [{show_unit(units[law.of])}]")
         axes.margins(x=0.01)
-        axes.set_ylabel(f"{'force' if linear else 'torque'} [{'N' if linear else 'N·m'}]")
+        axes.set_ylabel(f"{'force' if linear else 'torque'} [{show_unit(diagnosis.gap.unit)}]")
         axes.legend(loc="best")

@@ -5,10 +5,12 @@ the period itself varied. The readings show which: a motion is a smooth function
 the one is taken under which each reading agrees better with its neighbours.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from ..log import Log
 from ..noise import LOOKED_AT
 from .clock import JITTER_ALLOWED, JITTER_WARNED, Clock
 
@@ -150,6 +152,29 @@ def _mean_held(time: np.ndarray, values: np.ndarray, grid: np.ndarray, dt: float
     ends = np.append(time, max(time[-1], edges[-1]) + dt)
     integral = np.concatenate([[0.0], np.cumsum(values * np.diff(ends))])
     return np.diff(np.interp(edges, ends, integral)) / dt
+
+
+def at_period(log: Log, dt: float) -> Log:
+    """The same log at another control period, for runs of one machine whose clocks differ.
+
+    Torque and reference by their mean over each new period, which keeps the impulse, motion by a cubic; the other
+    columns by their last value. A warning says so.
+
+    Args:
+        log: on its own clock.
+        dt: the new period [s].
+    """
+    grid = np.arange(log.time[0], log.time[-1] + 1e-9 * dt, dt)
+    found = {
+        key: _mean_held(log.time, values, grid, dt) if key in HELD else _cubic(log.time, values, grid)
+        for key, values in log.columns().items() if key != "time"
+    }  # fmt: skip
+    last = np.clip(np.searchsorted(log.time, grid, side="right") - 1, 0, log.time.size - 1)
+    note = f"{log.name}: its period of {log.dt:.6g} s was resampled onto the {dt:.6g} s of the first log."
+    return replace(
+        log, time=grid, **found, extra={key: values[last] for key, values in log.extra.items()}, dt=dt,
+        warnings=(*log.warnings, note), resampled=True,
+    )  # fmt: skip
 
 
 def every(uniform: Uniform, count: int, name: str, notes: list[str]) -> Uniform:
