@@ -108,7 +108,7 @@ def _diagnose(
         logs, withheld = ([dataclasses.replace(one, linear=True) for one in some] for some in (logs, withheld))
     everything = on_one_clock([*logs, *withheld])
     logs, withheld = everything[: len(logs)], everything[len(logs) :]
-    warnings = [sentence for one in logs for sentence in one.warnings]
+    warnings = [sentence for one in everything for sentence in one.warnings]
     warnings += look_at(everything, model)
     try:
         search = make_search(logs, withheld, model, effects, keep)

@@ -8,7 +8,7 @@ import numpy as np
 from ..effects.effect import Effect
 from ..fit.candidate import NOMINAL, Fit, Start, nominal_sizes
 from ..fit.search import Search
-from ..thresholds import THRESHOLDS, Thresholds
+from ..thresholds import THRESHOLDS
 from .detectability import resolved
 from .dominant import Curve, believed
 from .nominal_errors import wrong_numbers
@@ -104,17 +104,13 @@ class Exact:
     curves: Mapping[str, Curve] = field(default_factory=dict)
 
 
-def decide(
-    search: Search, stage: Callable[[str, float], None], curves: Mapping[str, Curve] | None = None,
-    thresholds: Thresholds = THRESHOLDS,
-) -> Decision:  # fmt: skip
+def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[str, Curve] | None = None) -> Decision:
     """Fit effects alone, then together while more than one is needed.
 
     Args:
         search: of the logs.
         stage: called with (name of the stage, share of the stage that is done [1]).
         curves: what a table of each recorded variable holds.
-        thresholds: of what is worth a further cause.
     """
 
     def begin(name: str) -> None:
@@ -130,26 +126,26 @@ def decide(
     chosen = _first_settled(search, exact, weighed)
     tried = list(weighed)
     rivals, path, likely = weighed, [exact.fit], [effect.name for effect in search.effects]
-    for size in range(2, thresholds.most_causes + 1):
-        if not _worth_more(search, exact, chosen.fit, thresholds):
+    for size in range(2, THRESHOLDS.most_causes + 1):
+        if not _worth_more(search, exact, chosen.fit):
             break
         begin(f"effects together ({size})")
-        bases = _bases(singles, thresholds) if size == 2 else [chosen]
+        bases = _bases(singles) if size == 2 else [chosen]
         found = _weigh(search, exact, search.explore(_beside(search, bases, likely), PAIR_KEEP, white=False))
         if not found:
             break
         tried += found
         best = _first_settled(search, exact, found)
-        if not _better(search, exact, chosen, best, thresholds):
+        if not _better(search, exact, chosen, best):
             break
         path.append(chosen.fit)
         chosen, rivals = best, found
         # What was no use beside one cause is hardly any beside two.
         likely = list(dict.fromkeys(name for w in found for name in w.structural))[: LIKELY + size]
     search.tick = lambda share: None  # what follows has no share of its own
-    chosen = _pruned(search, exact, chosen, thresholds)
+    chosen = _pruned(search, exact, chosen)
     stage("simpler causes", 0.0)
-    chosen = _simpler(search, exact, chosen, thresholds)
+    chosen = _simpler(search, exact, chosen)
     stage("what each cause takes", 0.0)
     shares = _shares(search, exact, chosen.fit, [w.fit for w in tried])
     return Decision(exact.fit, nominal, tuple(singles), chosen, tuple(rivals), (*path, chosen.fit), shares)
@@ -217,16 +213,16 @@ def _nominal_for(effect: Effect) -> list[tuple[str, ...]]:
     return [NOMINAL, ()] if effect.name in FACTORS else [NOMINAL]
 
 
-def _bases(singles: Sequence[Weighed], t: Thresholds) -> list[Weighed]:
+def _bases(singles: Sequence[Weighed]) -> list[Weighed]:
     """Effects beside which others are tried: the likeliest, and as many again where they are worth as much.
 
     With numbers that are guesses, a factor or a friction by direction does what a constant torque does, and beside the
     one that came third by a nat the second cause may be right.
     """
-    first, more = list(singles[: t.bases]), singles[t.bases : 2 * t.bases]
-    if not first or not first[-1].gain > t.decisive:
+    first, more = list(singles[: THRESHOLDS.bases]), singles[THRESHOLDS.bases : 2 * THRESHOLDS.bases]
+    if not first or not first[-1].gain > THRESHOLDS.decisive:
         return first
-    return first + [w for w in more if w.behind(first[-1]) < t.sure]
+    return first + [w for w in more if w.behind(first[-1]) < THRESHOLDS.sure]
 
 
 def _beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> list[Start]:
@@ -302,11 +298,11 @@ def _left(search: Search, fit: Fit) -> float:
     return fit.missing_rms([np.arange(len(record.starts)) for record in search.records])
 
 
-def _worth_more(search: Search, exact: Exact, fit: Fit, t: Thresholds) -> bool:
-    return _left(search, fit) > t.immaterial * _left(search, exact.fit)
+def _worth_more(search: Search, exact: Exact, fit: Fit) -> bool:
+    return _left(search, fit) > THRESHOLDS.immaterial * _left(search, exact.fit)
 
 
-def _better(search: Search, exact: Exact, chosen: Weighed, best: Weighed, t: Thresholds) -> bool:
+def _better(search: Search, exact: Exact, chosen: Weighed, best: Weighed) -> bool:
     """Whether a further cause is sure, and takes a share of what is left that matters, or some and is worth much more.
 
     One that leaves more torque than before follows details (a resonance, a sensor's timing) at the others' cost.
@@ -314,10 +310,12 @@ def _better(search: Search, exact: Exact, chosen: Weighed, best: Weighed, t: Thr
     before, after = _left(search, chosen.fit), _left(search, best.fit)
     removed = 1.0 - (after / before) ** 2 if before > 0.0 else 0.0
     more = best.worth / max(chosen.worth, 1e-300) - 1.0
-    return best.evidence - chosen.evidence > t.decisive and (removed > t.removes or (removed > 0.0 and more > t.adds))
+    return best.evidence - chosen.evidence > THRESHOLDS.decisive and (
+        removed > THRESHOLDS.removes or (removed > 0.0 and more > THRESHOLDS.adds)
+    )
 
 
-def _pruned(search: Search, exact: Exact, chosen: Weighed, t: Thresholds) -> Weighed:
+def _pruned(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
     """Without the effects that the rest of a larger model can do without."""
     while len(chosen.structural) > 1:
         options = []
@@ -327,13 +325,13 @@ def _pruned(search: Search, exact: Exact, chosen: Weighed, t: Thresholds) -> Wei
             options.append(Start(rest, NOMINAL, values, chosen.fit.candidate))
         found = _weigh(search, exact, search.explore(options, white=False))
         best = _settled(search, exact, found[0])
-        if _better(search, exact, best, chosen, t):
+        if _better(search, exact, best, chosen):
             return chosen
         chosen = best
     return chosen
 
 
-def _simpler(search: Search, exact: Exact, chosen: Weighed, t: Thresholds) -> Weighed:
+def _simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
     """Fewer or simpler causes in the place of others, where no torque that matters would be missing for it.
 
     A flexible cause takes some clutter along and so wins by evidence; what it is asked for here is torque.
@@ -351,7 +349,11 @@ def _simpler(search: Search, exact: Exact, chosen: Weighed, t: Thresholds) -> We
         for fit, more in options:
             lost = (chosen.fit.evidence - fit.evidence) / max(gained, 1e-300)
             one_factor = set(fit.candidate.structural) > set(chosen.structural)
-            if resolved(search, fit) and more < t.matters * whole and lost < (t.factor if one_factor else t.simpler):
+            if (
+                resolved(search, fit)
+                and more < THRESHOLDS.matters * whole
+                and lost < (THRESHOLDS.factor if one_factor else THRESHOLDS.simpler)
+            ):
                 near.append((fit, more))
         if not near:
             return chosen

@@ -35,7 +35,7 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     if "asymmetric_friction" in c.structural and abs(values["coulomb_difference"]) > values["coulomb"]:
         return False
     speed = np.abs(np.concatenate([record.speed for record in search.records]))
-    usual = float(np.median(speed[speed > THRESHOLDS.moves * setting.speed]))
+    usual = float(np.median(speed[speed > t.moves * setting.speed]))
     for effect, periods in PERIODIC.items():
         if effect in c.structural and values[periods] * usual / (2.0 * np.pi) > t.ripple / setting.dt:
             return False

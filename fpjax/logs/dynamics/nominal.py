@@ -206,7 +206,8 @@ def _best(pieces: list[Piece], gravity: bool) -> Nominal | None:
     if found is None:
         return None
     fitted, cut = found
-    if not 0.0 < fitted.inertia < LOOSE * _inertia_of(_reverse(cut)):
+    opposite = _reverse(cut)
+    if not 0.0 < fitted.inertia < LOOSE * (0.0 if opposite is None else opposite.inertia):
         reverse = _best_reverse(pieces, count)
         if reverse is not None:
             return replace(reverse, most_inertia=fitted.most_inertia)
@@ -225,10 +226,6 @@ def _best_reverse(pieces: list[Piece], count: int) -> Nominal | None:
             return _widened(found, fitted)
         found = fitted if found is None else found
     return found
-
-
-def _inertia_of(fitted: Nominal | None) -> float:
-    return 0.0 if fitted is None else fitted.inertia
 
 
 def _widened(found: Nominal, other: Nominal) -> Nominal:
@@ -267,7 +264,7 @@ def _forward(cut: Cut) -> tuple[Nominal, float] | None:
         found, least_inertia=0.0 if least is None else float(least[0]),
         most_inertia=found.inertia if found.inertia > 0.0 else np.inf,
     )  # fmt: skip
-    return found, solved.middle / cut.noise if cut.noise > 0.0 else 0.0
+    return found, solved.middle / cut.noise
 
 
 def _reverse(cut: Cut) -> Nominal | None:

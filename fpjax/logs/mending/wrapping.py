@@ -90,9 +90,10 @@ def find_wrapping(values: np.ndarray, time: np.ndarray, velocity: np.ndarray | N
     back = (np.diff(jumps) < STAYS) & (turns[1:] == -turns[:-1])
     if jumps.size > 1 and 2 * np.count_nonzero(back) >= jumps.size:
         return None
-    # By how much the motion during a jump may differ from that beside it, a jump's share of the mean.
-    beside = [np.ptp(rate[calm[max(place - 2, 0) : place + 2]]) for place in np.searchsorted(calm, jumps)]
-    error = float(np.max(beside) * np.max(taken[jumps]) / np.sqrt(size.size))
+    # By how much the motion during a jump may differ from that beside it, in the mean of the jumps.
+    place = np.searchsorted(calm, jumps)
+    change = rate[calm[np.minimum(place, calm.size - 1)]] - rate[calm[np.maximum(place - 1, 0)]]
+    error = float(np.max(np.abs(change)) * np.max(taken[jumps]) / np.sqrt(size.size))
     found = _known_period(period, error)
     if found is None and jumps.size < SEEN:
         return None

@@ -1,0 +1,323 @@
+"""The verdict as a pure function of fits that no longer change."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from weighed_models import BOTH, NOMINAL, RATE_ONLY, weighed
+
+from fpjax.gap.answer.judge import _persist
+from fpjax.gap.effects.twins import single_twins
+from fpjax.gap.select.decision import _bases
+from fpjax.gap.select.dominant import Curve, believed, dominant
+from fpjax.gap.select.verdict import Seen, verdict
+from fpjax.gap.thresholds import THRESHOLDS
+
+
+def judged(
+    chosen,
+    rivals,
+    *,
+    left=0.02,
+    before=1.0,
+    shares=None,
+    readings=(),
+    exact=0.0,
+    allowed=(),
+    numbers=1.0,
+    floor=1e-3,
+    share=None,
+    **more,
+):
+    decision = SimpleNamespace(
+        exact=SimpleNamespace(evidence=exact, candidate=SimpleNamespace(values=lambda: NOMINAL)),
+        nominal=weighed("cogging", -1e9, left=numbers),
+        singles=(),
+        chosen=chosen,
+        rivals=tuple(rivals),
+        shares=shares or dict.fromkeys(chosen.structural, 0.5),
+    )
+    torque = 5.0
+    share = before / torque if share is None else share
+    sizes = (before, left * before, floor, torque, share, {})
+    return verdict(decision, Seen(*sizes, tuple(readings), frozenset(allowed), **more))
+
+
+def test_a_gap_in_one_of_several_logs_is_a_gap_however_much_torque_the_others_hold():
+    chosen = weighed("stribeck", 500.0)
+    assert judged(chosen, [], before=0.04).word == "no_gap"
+    assert judged(chosen, [], before=0.04, share=0.02, left=0.1).word == "explained"
+    # what is left is held against the same log
+    assert judged(chosen, [], before=0.04, share=0.02, left=0.6).word == "partly_explained"
+
+
+def test_the_word_follows_what_is_left_and_how_sure_the_cause_is():
+    chosen, rival = weighed("stribeck", 500.0), weighed("presliding", 400.0)
+    assert judged(chosen, [rival]).word == "explained"
+    assert judged(chosen, [rival]).causes == ("stribeck",)
+    assert judged(chosen, [weighed("presliding", 200.0)], left=0.4).word == "partly_explained"
+    assert judged(chosen, [rival], left=0.4).word == "unexplained"
+    assert judged(chosen, [weighed("presliding", 499.0)], left=0.4).word == "unexplained"
+    assert judged(chosen, [weighed("presliding", 499.0)], left=0.4).causes == ()
+    assert judged(chosen, [rival], left=0.95).word == "unexplained"
+    assert judged(chosen, [rival], before=0.01).word == "no_gap"
+    assert judged(weighed("stribeck", 3.0), [], before=0.1).word == "no_gap"
+    assert judged(weighed("stribeck", -20.0), [weighed("presliding", -30.0)], before=0.01).ahead == 0.0
+    # a torque of importance that no effect follows is no agreement
+    assert judged(weighed("stribeck", 3.0), [], before=1.0, left=1.0).word == "unexplained"
+
+
+def test_a_share_of_a_sure_pair_is_the_main_cause_and_each_of_it_is_sure():
+    chosen = weighed("unbalance+stribeck", 500.0)
+    rivals = [weighed("stribeck+cogging", 300.0), weighed("stribeck", 100.0)]
+    found = judged(chosen, rivals, shares={"unbalance": 0.6, "stribeck": 0.3, "inertia_error": 0.001})
+    assert found.causes == ("unbalance", "stribeck")
+    assert found.main["unbalance"] == pytest.approx(THRESHOLDS.right_explained[1], rel=0.05)
+    assert found.main.get("stribeck", 0.0) < 1e-9
+    assert found.among["stribeck"] == pytest.approx(found.among["unbalance"])
+    assert sum(found.main.values()) <= 1.0
+    assert found.probability == pytest.approx(found.main["unbalance"])
+
+
+VELOCITY = {"velocity": Curve(0.9, 200.0), "position": Curve(0.1, 20.0), "torque": Curve(0.2, -5.0)}
+FOLLOWS = {"asymmetric_friction": ("velocity",), "unbalance": ("position",), "load_dependent_friction": ("torque",)}
+
+
+def test_a_curve_of_its_own_variable_stands_for_a_cause_that_leaves_much():
+    def said(curves, named, name="asymmetric_friction", rival=100.0):
+        chosen = weighed(name, 500.0)
+        return judged(chosen, [weighed("cogging", rival)], left=0.95, curves=curves, named=named, follows=FOLLOWS)
+
+    assert said(VELOCITY, 0.8).word == "partly_explained"
+    assert said(VELOCITY, 0.8).causes == ("asymmetric_friction",)
+    assert said({}, 0.8).word == "unexplained"
+    # The law with the name is not nearly the curve, the curve is of something else, or another effect does as well.
+    assert said(VELOCITY, 0.5).word == "unexplained"
+    assert said(VELOCITY, 0.8, name="unbalance").word == "unexplained"
+    assert said(VELOCITY, 0.8, rival=450.0).word == "unexplained"
+    assert said(VELOCITY, 0.8).main["asymmetric_friction"] == pytest.approx(THRESHOLDS.right_dominant)
+    # A model that leaves more than there was is not asserted for its variable.
+    worse = judged(weighed("asymmetric_friction", 500.0), [], left=1.1, curves=VELOCITY, named=0.8, follows=FOLLOWS)
+    assert worse.word == "unexplained"
+    # No variable stands out, or its curve holds little, or on windows left out nothing.
+    assert said(VELOCITY | {"position": Curve(0.8, 150.0)}, 0.9).word == "unexplained"
+    assert said({"velocity": Curve(0.3, 200.0)}, 0.3).word == "unexplained"
+    assert said({"velocity": Curve(0.9, 3.0)}, 0.9).word == "unexplained"
+
+
+def test_a_cause_that_a_curve_outdoes_only_bends_after_it():
+    chosen, rivals = weighed("torque_saturation", 500.0), [weighed("presliding", 200.0)]
+    assert judged(chosen, rivals, left=0.5, named=0.6).word == "partly_explained"
+    outdone = judged(chosen, rivals, left=0.5, named=0.3, curves={"torque": Curve(0.44, 28.0)})
+    assert (outdone.word, outdone.causes) == ("unexplained", ())
+    numbers = judged(
+        weighed("asymmetric_friction", 500.0, wide=("inertia",)), [], left=0.5, named=0.0,
+        shares={"inertia_error": 0.6, "asymmetric_friction": 0.01}, curves={"torque": Curve(0.44, 28.0)},
+    )  # fmt: skip
+    assert (numbers.word, numbers.causes) == ("partly_explained", ("inertia_error",))
+    by_chance = judged(chosen, rivals, left=0.5, named=0.3, curves={"torque": Curve(0.44, 5.0)})
+    assert by_chance.word == "partly_explained"
+
+
+def test_of_several_effects_the_one_that_follows_the_dominant_variable_comes_first():
+    chosen = weighed("asymmetric_friction+load_dependent_friction", 500.0)
+    shares = {"asymmetric_friction": 0.9, "load_dependent_friction": 0.4}
+    torque = {"torque": Curve(0.85, 97.0), "velocity": Curve(0.0, 40.0)}
+    found = judged(chosen, [], shares=shares, curves=torque, named=0.9, follows=FOLLOWS)
+    assert found.causes == ("load_dependent_friction", "asymmetric_friction")
+    assert judged(chosen, [], shares=shares, named=0.9, follows=FOLLOWS).causes[0] == "asymmetric_friction"
+
+
+def test_a_name_keeps_of_its_worth_what_its_variable_holds_beside_the_dominant_one():
+    found = dominant(VELOCITY)
+    assert found is not None
+    assert (found.of, found.share, found.next) == ("velocity", 0.9, 0.2)
+    assert believed(VELOCITY, ("velocity", "position")) == 1.0
+    assert believed(VELOCITY, ("position",)) == pytest.approx(0.1 / 0.9)
+    assert believed(VELOCITY, ("torque",)) == pytest.approx(0.2 / 0.9)
+    # What says nothing of its variables, or follows one that no table was made of, is not spoken against.
+    assert believed(VELOCITY, ()) == 1.0
+    assert believed({"velocity": Curve(0.9, 200.0)}, ("position",)) == 1.0
+    assert dominant({}) is None
+    assert believed({}, ()) == 1.0
+
+
+def test_a_wrong_reading_does_not_lead_where_a_torque_is_missing_that_nobody_explains():
+    lost = judged(weighed("stribeck", 500.0), [weighed("presliding", 100.0)], left=0.97, readings=("velocity_lag",))
+    assert (lost.word, lost.causes) == ("unexplained", ("velocity_lag",))
+    assert lost.main["velocity_lag"] < lost.main["stribeck"]
+    assert lost.among["velocity_lag"] > 0.9
+
+
+def test_a_reading_leads_where_more_of_the_speed_is_wrong_than_of_the_torque_is_missing():
+    # 5 N m are commanded and 1 N m of it is missing: a fifth.
+    chosen = weighed("stribeck", 1000.0)
+    less, more = (judged(chosen, (), readings=("velocity_lag",), misread=share) for share in (0.15, 0.25))
+    assert (less.causes, more.causes) == (("stribeck", "velocity_lag"), ("velocity_lag", "stribeck"))
+    assert 0.9 < more.main["velocity_lag"] <= sum(more.main.values()) <= 1.0
+
+
+def test_nothing_is_sure_where_nothing_explains():
+    found = judged(weighed("stribeck", 500.0), [weighed("presliding", 100.0)], left=0.97)
+    assert max(found.main.values()) <= max(THRESHOLDS.right_unexplained) <= 0.5
+    assert (found.word, found.causes) == ("unexplained", ())
+    assert judged(weighed("stribeck", 500.0), [], allowed=("backlash",)).word == "unexplained"
+
+
+def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():
+    chosen = weighed("stribeck", 500.0)
+    beside = judged(chosen, [], readings=("velocity_quantisation",))
+    assert beside.causes == ("stribeck", "velocity_quantisation")
+    alone = judged(chosen, [], before=0.01, readings=("velocity_lag", "velocity_quantisation"))
+    assert (alone.word, alone.causes) == ("explained", ("velocity_lag", "velocity_quantisation"))
+    lost = judged(chosen, [], left=0.97, readings=("velocity_lag",))
+    assert (lost.word, lost.causes) == ("unexplained", ("velocity_lag",))
+    for found in (beside, alone, lost):
+        assert sum(found.main.values()) <= 1.0 + 1e-12
+        assert found.among[found.causes[-1]] > 0.9
+
+
+def test_a_model_is_worth_its_evidence_times_how_far_it_shrinks_the_gap():
+    shrinks, follows = weighed("asymmetric_friction", 400.0, left=0.5), weighed("presliding", 500.0, left=0.8)
+    assert shrinks.worth > follows.worth
+    assert follows.behind(shrinks) == pytest.approx(400.0 - 500.0 * np.log(0.8) / np.log(0.5) * 1.0, rel=1e-9)
+    found = judged(shrinks, [follows], left=0.5)
+    assert (found.word, found.causes) == ("partly_explained", ("asymmetric_friction",))
+    # Among models that leave next to nothing, evidence decides.
+    assert weighed("a", 500.0, left=0.02).worth > weighed("b", 490.0, left=0.001).worth
+    assert weighed("a", 500.0, left=1.3).worth < 1.0
+    assert weighed("a", -5.0, left=0.1).worth == 0.0
+
+
+def test_the_chosen_causes_with_details_beside_them_are_no_rival():
+    chosen = weighed("asymmetric_friction", 500.0)
+    found = judged(chosen, [weighed("asymmetric_friction+cogging", 900.0), weighed("stribeck", 100.0)])
+    assert found.main["asymmetric_friction"] == pytest.approx(THRESHOLDS.right_explained[0])
+    # A wrong nominal number that takes most leads, and keeps its probability.
+    found = judged(
+        weighed("asymmetric_friction", 500.0, wide=("inertia",)), [weighed("asymmetric_friction+cogging", 900.0)],
+        shares={"inertia_error": 0.6, "asymmetric_friction": 0.03},
+    )  # fmt: skip
+    assert found.causes == ("inertia_error",)
+    assert found.main["inertia_error"] > 0.5
+
+
+def test_several_wrong_numbers_beside_a_detail_are_no_rival_of_the_factor_that_makes_them_wrong(monkeypatch):
+    monkeypatch.setattr("fpjax.gap.select.verdict.wrong_numbers", lambda fit, sizes: (0.0, tuple(fit.candidate.wide)))
+    chosen = weighed("torque_gain_error+constant_torque", 500.0)
+    shares = {"torque_gain_error": 0.8, "constant_torque": 0.1}
+    numbers = weighed("constant_torque", 499.0, wide=("inertia", "coulomb", "viscous"))
+    found = judged(chosen, [numbers], shares=shares, left=0.4)
+    assert (found.word, found.causes) == ("partly_explained", ("torque_gain_error", "constant_torque"))
+    # In different directions no factor makes them wrong.
+    apart = weighed("constant_torque", 499.0, wide=("inertia", "coulomb"), wrong={"coulomb": 0.5 * NOMINAL["coulomb"]})
+    assert judged(chosen, [apart], shares=shares, left=0.4).word == "unexplained"
+    # With one number wrong the effect itself does what the factor would: a rival.
+    one = weighed("constant_torque", 499.0, wide=("coulomb",))
+    assert judged(chosen, [one], shares=shares, left=0.4).word == "unexplained"
+
+
+def test_effects_that_are_worth_as_much_as_the_second_are_bases_too():
+    singles = [weighed(name, evidence) for name, evidence in (("stribeck", 900.0), ("cogging", 500.0))]
+    near = [weighed("backlash", 495.0), weighed("presliding", 492.0), weighed("compliance", 491.0)]
+    assert _bases([*singles, weighed("backlash", 400.0)]) == singles
+    assert _bases([*singles, *near]) == [*singles, *near[:2]]
+    assert _bases(singles[:1]) == singles[:1]
+    nothing = [weighed(name, 3.0) for name in ("stribeck", "cogging", "backlash")]
+    assert _bases(nothing) == nothing[:2]
+
+
+def test_an_effect_is_measured_by_what_no_choice_of_the_numbers_closes():
+    chosen = weighed("friction_drift", 500.0, wide=("inertia", "coulomb"))
+    guess = {"inertia_error": 0.6, "coulomb_error": 0.14}
+    shares = guess | {"friction_drift": 0.055}
+    numbers = ("inertia_error", "coulomb_error")
+    assert judged(chosen, [], shares=shares, numbers=1.0).causes == (*numbers, "friction_drift")
+    # What the numbers leave is nearly all the drift's.
+    assert judged(chosen, [], shares=shares, numbers=0.24).causes == ("friction_drift", *numbers)
+    small = guess | {"friction_drift": 0.03}
+    assert judged(chosen, [], shares=small, numbers=1.0).causes == numbers
+    assert judged(chosen, [], shares=small, numbers=0.2).causes == ("friction_drift", *numbers)
+    # Unless that is next to nothing beside the torque.
+    assert judged(chosen, [], shares=small, numbers=0.2, before=0.2).causes == numbers
+
+
+def test_one_wrong_number_beside_right_ones_stands_where_its_share_of_the_gap_puts_it():
+    chosen = weighed("constant_torque", 500.0, wide=("viscous",))
+    shares = {"viscous_error": 0.88, "constant_torque": 0.07}
+    assert judged(chosen, [], shares=shares, numbers=0.27).causes == ("viscous_error", "constant_torque")
+    assert judged(chosen, [], shares={"viscous_error": 0.2, "constant_torque": 0.7}).causes[0] == "constant_torque"
+
+
+@pytest.mark.parametrize(
+    ("alone", "beside", "bound", "told"),
+    [
+        (0.9, 0.8, (), True),
+        (0.9, 0.52, (), False),
+        (0.9, 0.3, (), False),
+        (0.2, 0.25, (), True),
+        (0.9, 0.8, ("coulomb",), False),
+    ],
+)
+def test_numbers_are_told_alone_where_the_likeliest_effects_leave_them_wrong(alone, beside, bound, told):
+    """A Coulomb level of 0.5 that bends after a Stribeck curve is right again beside that curve."""
+
+    def fit(coulomb, ends=()):
+        values = NOMINAL | {"coulomb": coulomb}
+        return SimpleNamespace(candidate=SimpleNamespace(values=lambda: values, at_bound=lambda: list(ends)))
+
+    numbers = SimpleNamespace(
+        decision=SimpleNamespace(chosen=SimpleNamespace(fit=fit(alone, bound))),
+        verdict=SimpleNamespace(causes=("coulomb_error", "velocity_bias")),
+    )
+    decision = SimpleNamespace(exact=fit(0.5), chosen=SimpleNamespace(fit=fit(beside)))
+    assert _persist(numbers, decision) is told
+
+
+def test_an_effect_whose_size_may_be_nothing_is_not_asserted():
+    chosen, shares = weighed("backlash+stribeck", 500.0), {"backlash": 0.6, "stribeck": 0.3}
+    assert judged(chosen, [], shares=shares).causes == ("backlash", "stribeck")
+    assert judged(chosen, [], shares=shares, unshown=frozenset({"stribeck"})).causes == ("backlash",)
+    lost = judged(chosen, [], shares=shares, unshown=frozenset({"backlash"}))
+    assert (lost.word, lost.causes) == ("unexplained", ())
+
+
+def test_below_the_noise_is_no_gap_unless_effects_follow_it():
+    assert judged(weighed("stribeck", 3.0), [], before=0.2, left=0.0, floor=0.5).word == "no_gap"
+    assert judged(weighed("stribeck", 180.0), [], before=0.2, left=0.9, floor=0.5).word == "unexplained"
+    assert judged(weighed("stribeck", 180.0), [], before=0.04, floor=0.5).word == "no_gap"
+    assert judged(weighed("stribeck", 180.0), [], before=0.0, floor=0.5).word == "no_gap"
+
+
+def test_an_exact_twin_is_no_rival_but_shares_the_probability():
+    chosen, twin = weighed("actuator_delay", 500.0), weighed("velocity_delay", 499.9)
+    apart = judged(chosen, [twin])
+    assert (apart.word, apart.ahead) == ("explained", pytest.approx(0.1 / 500.0))
+    crowd = [weighed(name, 499.0) for name in ("velocity_delay", "actuator_lag", "velocity_lag")]
+    assert judged(chosen, crowd).word == "unexplained"
+    assert judged(chosen, crowd[:2]).word == "explained"
+    assert judged(chosen, crowd[:2], left=0.5).word == "unexplained"
+    found = judged(chosen, [twin, weighed("stribeck", 100.0)], twins=single_twins(RATE_ONLY))
+    assert (found.word, found.causes) == ("explained", ("actuator_delay",))
+    assert found.ahead == pytest.approx(0.8)
+    assert found.main["actuator_delay"] + found.main["velocity_delay"] == pytest.approx(
+        THRESHOLDS.right_explained[0], abs=1e-6
+    )
+    assert found.main["velocity_delay"] == pytest.approx(found.main["actuator_delay"], rel=0.1)
+    # With an encoder beside the rate they differ.
+    assert judged(chosen, [twin], twins=single_twins(BOTH)).ahead < THRESHOLDS.contested
+
+
+def test_a_reading_that_is_late_is_as_sure_of_its_lag_as_the_log_shows_lag_and_no_delay():
+    sure = judged(weighed("", 1.0), [], before=0.01, readings=("velocity_lag",), doubts={})
+    torn = judged(
+        weighed("", 1.0), [], before=0.01, readings=("velocity_lag",), doubts={"velocity_lag": ("velocity_delay", 0.7)}
+    )
+    assert sure.probability == pytest.approx(THRESHOLDS.right_read)
+    assert torn.probability == pytest.approx(0.7 * THRESHOLDS.right_read)
+    assert torn.main["velocity_delay"] == pytest.approx(0.3 * THRESHOLDS.right_read)
+
+
+def test_evidence_that_is_not_finite_is_no_rival():
+    found = judged(weighed("stribeck", 500.0), [weighed("backlash", -np.inf)])
+    assert found.main["backlash"] < 1e-50
