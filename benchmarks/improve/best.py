@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fpjax.improvement.search import FINE, HARDEST, ROUGHEST
+from fpjax.improvement.search import FINE
 
-from .machines import Gains, Record, Truth, error, peak, rough, run
+from .machines import Gains, Record, Truth, error, run, shares_of_allowed
 
 # The truth steps all machines as vectors, and most of the time is the interpreter's for each step: sixty loops take 1.2
 # times as long as one (8 substeps of 1 ms, 1 s: 0.74 and 0.62 s). Hence few, large generations, on a part of the log.
@@ -53,7 +53,7 @@ def candidates(
         asked = [(true, gains(i, one)) for i, true in enumerate(machines) for one in shares[i]]
         records = iter(run([*((true, true.now) for true in machines), *asked], SUBSTEPS, SECONDS))
         now = [next(records) for _ in machines]
-        return [costs(now[i], [next(records) for _ in some]) for i, some in enumerate(shares)]
+        return [costs(now[i], [next(records) for _ in some], machines[i].rating) for i, some in enumerate(shares)]
 
     seen = [np.array([share(i, one) for one in some]) for i, some in enumerate(starts)]
     # The first generation also covers the whole range by a Latin hypercube: better gains may be far from the starts.
@@ -86,7 +86,7 @@ def candidates(
     return found
 
 
-def costs(now: Record, records: Sequence[Record]) -> np.ndarray:
+def costs(now: Record, records: Sequence[Record], rating: float | None) -> np.ndarray:
     """Costs of runs: tracking error over that with the recorded gains, plus the penalties that `improve` uses.
 
     A smaller error does not count if its torque is rougher, or much larger, than the torque of the recorded gains.
@@ -94,6 +94,7 @@ def costs(now: Record, records: Sequence[Record]) -> np.ndarray:
     Args:
         now: the run with the recorded gains.
         records: the runs to judge.
+        rating: the drive's largest torque, where the model file tells it [N m].
 
     Returns:
         Shape (records,) [1]; 1e6 for an unstable loop.
@@ -101,8 +102,9 @@ def costs(now: Record, records: Sequence[Record]) -> np.ndarray:
     unit = error(now)
     unit = unit if np.isfinite(unit) else 1.0
     cost = np.array([error(one) for one in records]) / unit
-    for size, allowed in ((rough, ROUGHEST * rough(now)), (peak, HARDEST * peak(now))):
+    shares = [shares_of_allowed(one, now, rating) for one in records]
+    for name in ("roughness", "peak"):
         # Share by which the size exceeds what is allowed.
-        over = np.array([max(size(one) / allowed - 1.0, 0.0) for one in records])
-        cost = cost + FINE * np.nan_to_num(over, nan=1e3)
+        over = np.array([max(one[name] - 1.0, 0.0) for one in shares])
+        cost = cost + FINE * np.nan_to_num(over, posinf=1e3)
     return np.where(np.isfinite(cost), cost, 1e6)

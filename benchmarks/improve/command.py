@@ -25,7 +25,7 @@ RECORDED = 44  # likewise, of the logs after the first chunk: recording takes th
 # Substeps in 1 ms of a run that is scored. The first generator takes 50 for logs, whose integration error must be below
 # their noise. With 12 the error with the recorded gains differed by 3e-4 at most on five development machines.
 SCORED = 12
-VERSION = 2  # of the runs; to be raised when results of earlier ones must not be reused
+VERSION = 3  # of the runs; to be raised when results of earlier ones must not be reused
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -167,7 +167,7 @@ def _drive(folder: Path, wanted: list[Identity], periods: int) -> None:
     `improve`, and the candidates of the search in the truth, of which the best counts.
     """
     from .best import costs
-    from .machines import beyond, error, run
+    from .machines import error, run, shares_of_allowed
 
     def is_missing(own: Path) -> bool:
         return not (own / "driven.json").exists() or ((own / "searched.json").exists() and not _best_of(own))
@@ -181,16 +181,17 @@ def _drive(folder: Path, wanted: list[Identity], periods: int) -> None:
     searched = [_read(own / "searched.json")["gains"] if (own / "searched.json").exists() else [] for own in places]
     tried = [[*some.values(), *more] for some, more in zip(tuned, searched, strict=True)]
     records = iter(run([(true, one) for true, some in zip(machines, tried, strict=True) for one in some], SCORED))
-    for own, some, names in zip(places, tried, tuned, strict=True):
+    for own, true, some, names in zip(places, machines, tried, tuned, strict=True):
         rows = [next(records) for _ in some]
         if len(rows) > len(names):
             # Searched gains are compared by `costs`, with penalties; the other three by their errors alone.
-            cost = costs(rows[0], rows)
+            cost = costs(rows[0], rows, true.rating)
             cost[: len(names)] = [error(one) / error(rows[0]) for one in rows[: len(names)]]
             best = int(cost.argmin())
             write_json(own / "best.json", {"gains": some[best], "error": error(rows[best]), "tried": len(rows)})
         write_json(own / "driven.json", {name: error(one) for name, one in zip(names, rows, strict=False)})
-        write_json(own / "beyond.json", {name: beyond(one, rows[0]) for name, one in zip(names, rows, strict=False)})
+        shares = [shares_of_allowed(one, rows[0], true.rating) for one in rows[: len(names)]]
+        write_json(own / "allowed.json", dict(zip(names, shares, strict=True)))
     progress.end(f"{len(missing)} machines")
 
 
@@ -207,13 +208,14 @@ def _row(own: Path, one: Identity) -> Row | None:
     ours = _proposed(own, _read(own / "made.json")["now"])
     best = _best_of(own)
     least = None if best is None else _size(best["error"])
-    over = _read(own / "beyond.json") if (own / "beyond.json").exists() else {}
+    allowed = _read(own / "allowed.json") if (own / "allowed.json").exists() else {}
     return {
         "case": one.name, "generator": one.truth, "set": one.set, "sensors": one.sensors, "system": one.system,
         "effects": list(one.effects), "error_now": driven["now"], "error_nominal": driven["nominal"],
         "error_improve": driven["improve"], "error_truth": least, "decision": ours["decision"],
         "verdict": ours["verdict"], "reason": ours["reason"], "promised": ours["promised"],
-        "beyond_nominal": over.get("nominal"), "beyond_improve": over.get("improve"),
+        "of_allowed": {name: {key: _size(one) for key, one in some.items()} for name, some in allowed.items()},
+        "told": ours["told"],
         "processor_s": _read(own / "cost.json")["processor_s"],
         "gains": {"nominal": nominal, "improve": ours["gains"], "truth": None if best is None else best["gains"]},
     }  # fmt: skip
@@ -232,14 +234,14 @@ def _proposed(own: Path, now: dict[str, float]) -> JsonObject:
     content = _read(own / "improve" / "improve.json")
     if "failed" in content:
         failed = {"decision": "failed", "verdict": "failed", "reason": content["failed"]}
-        return {"gains": now, "promised": [None, None], **failed}
+        return {"gains": now, "promised": [None, None], "told": None, **failed}
     after = content["after"]
     promised = [after["error"]["low"], after["error"]["high"]]
     if content["decision"] not in ("change", "keep"):
         promised = [None, None]
     return {
         "gains": now | after["gains"], "decision": content["decision"], "verdict": content["verdict"],
-        "reason": content["reason"], "promised": promised,
+        "reason": content["reason"], "promised": promised, "told": content.get("nominal"),
     }  # fmt: skip
 
 

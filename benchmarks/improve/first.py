@@ -42,6 +42,11 @@ class First:
         """Speed scale of the tanh of the drive's friction feed-forward [rad/s]."""
         return self.case.machine.physics["forward_velocity"]
 
+    @property
+    def rating(self) -> float | None:
+        """None: nothing is told of what this drive can give, as in a file that nobody filled in."""
+        return None
+
     def now(self) -> dict[str, float]:
         """The gains with which the log is recorded, by the keys of servo.toml."""
         return {word: float(self.case.machine.physics.get(name, 0.0)) for word, name in DRIVE.items()}

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from fpjax.improvement.judge import LONGEST_SETTLING, SETTLING
-from fpjax.improvement.search import HARDEST, ROUGHEST, SMOOTH
+from fpjax.improvement.search import ROUGHEST, SMOOTH
+from fpjax.improvement.torque_limit import HARDEST
 from fpjax.output.json_object import JsonObject
 
 from ..withheld.identity import Identity
@@ -40,12 +41,14 @@ class Truth(NamedTuple):
         case: the generator's.
         now: the gains with which the log is recorded, by the keys of servo.toml.
         bounds: (low, high) of each.
+        rating: the drive's largest torque, which the model file tells [N m]; None where nothing is told of it.
     """
 
     identity: Identity
     case: First | Second
     now: Gains
     bounds: dict[str, tuple[float, float]]
+    rating: float | None
 
 
 def build(identity: Identity, periods: int, drawn: JsonObject | None = None) -> Truth:
@@ -62,7 +65,7 @@ def build(identity: Identity, periods: int, drawn: JsonObject | None = None) -> 
     for key, factor in FORWARD.items():
         word = f"feedforward.{key}"
         bounds[word] = (0.0, max(factor * nominal[key], 1.2 * now[word]))
-    return Truth(identity, case, now, bounds)
+    return Truth(identity, case, now, bounds, case.rating)
 
 
 def settled(wanted: Sequence[Identity], periods: int) -> list[JsonObject]:
@@ -115,20 +118,19 @@ def peak(record: Record) -> float:
     return float(np.max(np.abs(record.torque[record.time >= _start(record)])))
 
 
-def beyond(record: Record, now: Record) -> float | None:
-    """How far a torque goes beyond what `improve` allows, the larger of its roughness and its peak over theirs [1].
+def shares_of_allowed(record: Record, now: Record, rating: float | None) -> dict[str, float]:
+    """Roughness and peak of a torque over what `improve` allows of each [1]; infinite for a loop that is none.
 
     Args:
         record: with other gains.
         now: with the gains that ran.
-
-    Returns:
-        At most 1 where both limits hold; None for a loop that is none.
+        rating: the drive's largest torque, where the model file tells it [N m].
     """
     # A roughness that no motor hears is allowed in any case, as in `improve`.
     smooth = max(rough(now), SMOOTH * float(np.sqrt(np.mean(np.square(now.torque)))))
-    shares = rough(record) / (ROUGHEST * smooth), peak(record) / (HARDEST * peak(now))
-    return max(shares) if all(math.isfinite(one) for one in shares) else None
+    most = HARDEST * peak(now) if rating is None else rating
+    found = {"roughness": rough(record) / (ROUGHEST * smooth), "peak": peak(record) / most}
+    return {name: one if math.isfinite(one) else math.inf for name, one in found.items()}
 
 
 def _start(record: Record) -> float:
@@ -143,4 +145,7 @@ def write(folder: Path, true: Truth, record: Any) -> None:
     path = folder / "servo.toml"
     forward = "".join(f"{word.partition('.')[2]} = {v:.9g}\n" for word, v in true.now.items() if "forward" in word)
     bounds = "".join(f"{word} = [{low:.9g}, {high:.9g}]\n" for word, (low, high) in true.bounds.items())
-    path.write_text(f"{path.read_text()}[feedforward]\n{forward}speed = {true.case.turning:.9g}\n[bounds]\n{bounds}")
+    limits = "" if true.rating is None else f"[limits]\ntorque = {true.rating:.9g}\n"
+    path.write_text(
+        f"{path.read_text()}[feedforward]\n{forward}speed = {true.case.turning:.9g}\n[bounds]\n{bounds}{limits}"
+    )

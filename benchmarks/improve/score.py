@@ -43,8 +43,16 @@ def within_limits(row: Row) -> bool | None:
     The nominal model knows no missing friction, so its gains may ask for a larger or rougher torque than they were
     allowed, and follow better for it.
     """
-    over = row.get("beyond_nominal")
-    return None if over is None else over <= 1.0 + WORSE
+    allowed = row.get("of_allowed", {}).get("nominal")
+    return None if not allowed else max(allowed.values()) <= 1.0 + WORSE
+
+
+def told_so(row: Row) -> bool | None:
+    """Whether `improve` said that the nominal model's gains follow better, and what speaks against them; None where it
+    did not judge them.
+    """
+    told = row.get("told")
+    return None if told is None else bool(told["objection"]) and (told["ratio"]["value"] or math.inf) < 1.0
 
 
 def held(row: Row) -> bool | None:
@@ -83,6 +91,7 @@ def goals(rows: Sequence[Row]) -> list[tuple[str, str, str, str]]:
     lost = sum(row["error_improve"] > (1.0 + WORSE) * row["error_now"] for row in unexplained)
     fair = [row for row in rows if within_limits(row)]
     against = sum(worse(row) for row in fair)
+    silent = [row for row in rows if worse(row) and not told_so(row)]
     won, promised = all_of["won, median"], all_of["promises held"]
     low, high = INTERVALS
 
@@ -95,6 +104,8 @@ def goals(rows: Sequence[Row]) -> list[tuple[str, str, str, str]]:
          met(all_of["worse by over 2 %"] == 0)),
         ("of these, against gains that keep improve's limits of torque", "none",
          f"{against} of {len(fair)}", met(against == 0 if fair else None)),
+        ("of these, and improve did not say what speaks against them", "none",
+         f"{len(silent)} of {len(rows)}", met(not silent)),
         ("truth within the promised 90 % interval", f"{low:.0%} to {high:.0%}", _percent(promised),
          met(None if promised is None else low <= promised <= high)),
         ("unexplained logs worse than with the gains that ran", "none",

@@ -46,6 +46,11 @@ class Second:
         """Speed scale of the tanh of the drive's friction feed-forward, in the unit of the speed."""
         return self.case.world.values["forward_speed"]
 
+    @property
+    def rating(self) -> float | None:
+        """The drive's largest torque, from its data sheet [N m]: the true drive limits its command there."""
+        return float(self.case.world.values["rating"])
+
     def now(self) -> dict[str, float]:
         """The gains with which the log is recorded, by the keys of servo.toml."""
         return {word: float(self.case.world.values.get(name, 0.0)) for word, name in DRIVE.items()}

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--lengths", type=float, nargs="+", default=LENGTHS, metavar="S",
         help="of the run that follows the first log, for all three kinds of runs (default 2)",
     )  # fmt: skip
-    parser.add_argument("--seconds", type=float, default=45.0, metavar="S", help="processor time of a design")
+    parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="processor time of a search")
 
 
 def run(args: argparse.Namespace) -> int:

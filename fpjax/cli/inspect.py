@@ -168,7 +168,8 @@ def _write(found: "Inspection", record: RunFile, plots: bool) -> None:
     if text is not None:
         write_whole(record.path("servo.toml"), text)
     else:
-        print("\n  no servo.toml was written: the fit gives no plausible machine (see the warnings)")
+        why = "there is no nominal model" if found.nominal is None else found.nominal.doubt
+        print(f"\n  no servo.toml was written: {why}")
     if plots:
         from .pictures_log import draw_inspection
 

@@ -45,7 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--velocity-noise", type=real, metavar="X", help="noise standard deviation [rad/s]")
     parser.add_argument("--position-noise", type=real, metavar="X", help="noise standard deviation [rad]")
     parser.add_argument(
-        "--seconds", type=real, default=45.0, metavar="S", help="processor time of the design (default 45)"
+        "--seconds",
+        type=real,
+        default=20.0,
+        metavar="S",
+        help="processor time of the search, after compiling (default 20)",
     )
     parser.add_argument("--seed", type=whole, default=0, help="of the random motions tried first (default 0)")
     parser.add_argument("--no-plots", action="store_true", help="no picture")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -107,6 +108,54 @@ class Change:
 
 
 @dataclass(frozen=True)
+class NominalGains:
+    """The gains that the same search finds in the nominal model alone, judged on the machines of the diagnosis.
+
+    Attributes:
+        gains: by their names in the file.
+        ratio: error with them over error with the gains that the answer leaves (the proposed ones, else the file's),
+            over the machines [1]; infinite where they are unstable.
+        peak: largest commanded torque with them.
+        allowed_peak: largest torque that gains may command [N m]; None where the drive's own limit holds it.
+        rough: roughness of the torque with them, over the current gains' [1].
+        allowed_rough: largest such roughness that is proposed [1].
+        objection: what speaks against them besides their error, "need a torque of ..."; "" for nothing.
+        proposed: whether they are the proposed gains.
+    """
+
+    gains: dict[str, float]
+    ratio: Range
+    peak: Range
+    allowed_peak: float | None
+    rough: Range
+    allowed_rough: float
+    objection: str
+    proposed: bool = False
+
+    @property
+    def better(self) -> bool:
+        """Whether they follow better than the gains that the answer leaves, in the median machine."""
+        return self.ratio.value < 1.0
+
+    def to_dict(self) -> JsonObject:
+        """All of it, by name."""
+        return dataclasses.asdict(self)
+
+    def sentence(self) -> str:
+        """How they follow on these machines, and why they are not proposed."""
+        told = "The gains that are best in the nominal model alone"
+        if self.proposed:
+            return f"{told} are proposed: the search found none on these machines that are better."
+        if not math.isfinite(self.ratio.value):
+            return f"{told} make most of the machines unstable that the log leaves possible."
+        by = f"{abs(self.ratio.value - 1.0):.1%}"
+        span = f"(error {self.ratio.low:.3g} to {self.ratio.high:.3g} times as large)"
+        if not self.better:
+            return f"{told} would follow {by} worse on these machines {span}."
+        return f"{told} would follow {by} better {span}, but {self.objection or 'worse in the worst of the machines'}."
+
+
+@dataclass(frozen=True)
 class Answer:
     """The predicted effect of other gains, as data; `fpjax.improvement.Improvement` also prints and plots it.
 
@@ -132,6 +181,7 @@ class Answer:
         tuned_on: number of (other) machines on which they were tuned.
         simulations: closed loops that the search ran.
         notes: sentences for the user.
+        nominal: the gains of the nominal model alone, on these machines; None without a search.
         seconds: time by stage [s].
         diagnosis: the diagnosis that was used.
         runs: for the pictures: "time", "reference", and "before", "after", "found" of shape (3, samples): low, median
@@ -157,6 +207,7 @@ class Answer:
     tuned_on: int
     simulations: int
     notes: tuple[str, ...]
+    nominal: NominalGains | None = None
     seconds: dict[str, float] = field(default_factory=dict)
     diagnosis: Diagnosis | None = None
     runs: dict[str, np.ndarray] = field(default_factory=dict)
@@ -189,5 +240,6 @@ class Answer:
             "tuned_on": self.tuned_on,
             "simulations": self.simulations,
             "notes": list(self.notes),
+            "nominal": None if self.nominal is None else self.nominal.to_dict(),
             "seconds": {stage: round(spent, 3) for stage, spent in self.seconds.items()},
         }

@@ -7,7 +7,7 @@ import numpy as np
 from ..logs.arrays import Values
 from .answer import Decision, Range
 from .judge import Score
-from .search import allowed_roughness
+from .search import ROUGHEST, AllowedScore, allowed_roughness
 
 NEARLY_ALL = 0.95  # share of the machines that must follow better with the new gains
 WORTH = 0.98  # largest error, relative to the present one, of a proposal: under 2 % no running machine is changed
@@ -29,7 +29,8 @@ UNHELD_LOOP = (
     "With the gains in the file the corrected loop is unstable about a steady motion, and only its torque limit holds "
     "it: check [controller], or look at the log for a torque that swings from limit to limit."
 )
-LESS = "The best gains that the search found are not proposed, but {}: {}"
+KEEP = "Keep your gains: the best others {}."
+LESS = "The best gains that the search found are not proposed, but {}: they {}."
 
 
 def plausible(now: Score, measured: float | None) -> Values:
@@ -80,7 +81,7 @@ def hopeless(now: Score) -> tuple[Decision | None, str]:
 
 
 def objection(now: Score, new: Score, margins_now: dict[str, Values], margins_new: dict[str, Values]) -> str:
-    """Why these gains are not proposed; "" for no objection.
+    """Why these gains are not proposed, as the end of a sentence about them; "" for no objection.
 
     Args:
         now: scores of the current gains, each of shape (machines,).
@@ -89,34 +90,48 @@ def objection(now: Score, new: Score, margins_now: dict[str, Values], margins_ne
         margins_new: margins by name with the other gains.
     """
     if not np.isfinite(new.error).all():
-        share = float(np.mean(~np.isfinite(new.error)))
-        return f"Keep your gains: the best that the search found are unstable in {share:.0%} of the possible machines."
+        return f"are unstable in {float(np.mean(~np.isfinite(new.error))):.0%} of the possible machines"
     ratio = new.error / now.error  # machine by machine: what they have in common drops out
     wins, middle = float(np.mean(ratio < 1.0)), float(np.median(ratio))
     if wins < NEARLY_ALL:
         return (
-            f"Keep your gains: the best others follow better in {wins:.0%} of the machines that the log leaves "
-            f"possible, and a change needs {NEARLY_ALL:.0%}."
+            f"follow better in {wins:.0%} of the machines that the log leaves possible, and a change needs "
+            f"{NEARLY_ALL:.0%}"
         )
     if middle > WORTH:
         return (
-            f"Keep your gains: the best others would make the tracking error {max(1.0 - middle, 0.0):.1%} smaller, and "
-            f"a change needs {1.0 - WORTH:.0%}."
+            f"would make the tracking error {max(1.0 - middle, 0.0):.1%} smaller, and a change needs {1.0 - WORTH:.0%}"
         )
     old, then = (_lowest(margins["modulus"]) for margins in (margins_now, margins_new))
     if then <= 0.0:
-        return (
-            "Keep your gains: the best others make a loop that is unstable about a steady motion, which only its "
-            "torque limit holds."
-        )
+        return "make a loop that is unstable about a steady motion, which only its torque limit holds"
     if then < min(MARGIN_KEPT * old, MARGIN_ENOUGH):
-        return (
-            f"Keep your gains: the best others leave a modulus margin of {then:.2f}, where {MARGIN_ENOUGH:g} is usual "
-            f"and yours have {old:.2f}."
-        )
-    rough = float(np.median(new.rough) / max(float(np.median(allowed_roughness(now))), 1e-300))
+        return f"leave a modulus margin of {then:.2f}, where {MARGIN_ENOUGH:g} is usual and yours have {old:.2f}"
+    rough = roughness(now, new)
     if rough > ROUGHNESS:
-        return f"Keep your gains: the best others make the torque {rough:.1f} times as rough from sample to sample."
+        return f"make the torque {rough:.1f} times as rough from sample to sample, and {ROUGHNESS:g} is allowed"
+    return ""
+
+
+def roughness(now: Score, new: Score) -> float:
+    """Roughness of the torque with other gains, over the current gains', medians of the machines [1]."""
+    return float(np.median(new.rough) / max(float(np.median(allowed_roughness(now))), 1e-300))
+
+
+def too_much(new: Score, limits: AllowedScore, unit: str) -> str:
+    """What the search's limits of the torque say against gains, as `objection` does; "" for nothing.
+
+    Args:
+        new: their scores, each of shape (machines,).
+        limits: of the search.
+        unit: of the torque.
+    """
+    peak, rough = (float(np.mean(np.where(np.isfinite(one), one, 0.0))) for one in (new.peak, new.rough))
+    if peak > limits.peak:
+        more = peak / limits.peak - 1.0
+        return f"need a largest torque of {peak:.4g} {unit}, {more:.1%} above the allowed {limits.peak:.4g} {unit}"
+    if rough > ROUGHEST * limits.rough:
+        return f"make the torque {rough / limits.rough:.2f} times as rough, and the search allows {ROUGHEST:g}"
     return ""
 
 

@@ -133,10 +133,14 @@ class Judge:
         ground: data of the log that all machines share.
         reference: of the loops, shape (samples,).
         seed: of the sensors' noise.
+        lanes: closed loops in one call; None for `LANES`.
     """
 
-    def __init__(self, model: Model, names: tuple[str, ...], ground: Ground, reference: Values, seed: int):
-        self.ground, self.names = ground, names
+    def __init__(
+        self, model: Model, names: tuple[str, ...], ground: Ground, reference: Values, seed: int,
+        lanes: int | None = None,
+    ):  # fmt: skip
+        self.ground, self.names, self.lanes = ground, names, lanes or LANES
         self.position = model.units.reference == "position"
         self.dt = float(ground.record.dt)
         count = len(reference)
@@ -205,13 +209,13 @@ class Judge:
                 jnp.asarray(self.ground.courses), jnp.asarray(float(record.speed[0]) if noisy else 0.0),
                 jnp.asarray(float(record.angle[0]) if noisy else 0.0), self.measure,
             )  # fmt: skip
-            for first in range(0, len(index), LANES):
+            for first in range(0, len(index), self.lanes):
                 # The last call is filled up by repeating the last lane, to keep its shape.
-                some = np.minimum(np.arange(first, first + LANES), len(index) - 1)
+                some = np.minimum(np.arange(first, first + self.lanes), len(index) - 1)
                 machine = jax.tree.unflatten(structure, [leaf[some] for leaf in leaves])
                 lanes = (machine, shares[some], {name: rows[some, i] for i, name in enumerate(self.names)})
                 numbers, state = map_chunks(_one, lanes, shared)
-                kept = min(LANES, len(index) - first)
+                kept = min(self.lanes, len(index) - first)
                 found.append(np.asarray(numbers)[:kept])
                 ends.append(jax.tree.map(lambda leaf, kept=kept: np.asarray(leaf)[:kept], state))
         numbers = np.concatenate(found).reshape(candidates, count, -1)

@@ -60,7 +60,15 @@ def write_page(found: Answer, folder: Path) -> Path:
 def to_page(found: Answer) -> str:
     """The page's text."""
     style = css_variables() + files("fpjax.gap.report").joinpath("report.css").read_text("utf-8") + _STYLE
-    parts = [_changes(found), _predicted(found), _pictures(found), _notes(found), _way(found), _model(found)]
+    parts = [
+        _changes(found),
+        _predicted(found),
+        _nominal(found),
+        _pictures(found),
+        _notes(found),
+        _way(found),
+        _model(found),
+    ]
     body = "\n".join(part for part in parts if part)
     whole = f"""<body class="{found.decision}">
 <header>
@@ -128,6 +136,25 @@ def _predicted(found: Answer) -> str:
     return _section(
         "Predicted" if found.promised else "Expected, not promised",
         _table(["", "now", *(["with the new gains"] if changed else [])], rows),
+    )
+
+
+def _nominal(found: Answer) -> str:
+    alone = found.nominal
+    if alone is None:
+        return ""
+    peak = "the drive's own limit" if alone.allowed_peak is None else f"{alone.allowed_peak:.4g} {alone.peak.unit}"
+    left = "the proposed ones" if found.decision == "change" else "yours"
+    rows = [
+        [f"tracking error over that with {left}", _number(alone.ratio), ""],
+        ["largest torque", _number(alone.peak), text(peak)],
+        ["roughness of the torque over that of yours", _number(alone.rough), f"{alone.allowed_rough:g}"],
+    ]
+    named = ", ".join(f"{text(word)} {value:.5g}" for word, value in alone.gains.items())
+    return _section(
+        "The gains of the nominal model",
+        f"<p>{text(alone.sentence())}</p>{_table(['on these machines', 'predicted', 'allowed'], rows)}"
+        f'<p class="gain">{named}</p>',
     )
 
 

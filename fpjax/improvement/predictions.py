@@ -4,7 +4,6 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
 from ..errors import InputError
@@ -19,12 +18,12 @@ from .judge import Judge, Score
 from .machines import Machines
 from .margins import NAMES, UNITS, margins_of
 from .result import Improvement
+from .torque_limit import NO_LIMIT, controller_limit
 
 # The uncertainty of a prediction by the model itself, as half of a 90 % interval of the logarithm of the error [1]:
 LEAST_DOUBT = 0.03  # at least this, for one draw of the noise and one integrator
 UNHELD = 0.08  # where no log tells how good the prediction is
 MOST_DOUBT = math.log(2.0)  # at most a factor of two
-NO_LIMIT = 1e29  # [N m] from here on a torque limit stands for no limit
 
 
 class Predictions:
@@ -52,10 +51,8 @@ class Predictions:
         self.torque_unit = units.name("N m")
         limit = self.machines.machine.actuator.limit
         value = None if limit is None else float(np.median(np.asarray(limit)))
-        own = (
-            gains.model.loop.controller.limited(jnp.asarray(NO_LIMIT)) if gains.model.loop.controller.bounded else None
-        )
-        values = [one for one in (value, None if own is None else float(own)) if one is not None and one < NO_LIMIT]
+        own = controller_limit(gains.model)
+        values = [one for one in (value, own) if one is not None and one < NO_LIMIT]
         self.limit = min(values, default=None)
         self.unlike: float | None = None
         self.resolved = False

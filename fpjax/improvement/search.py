@@ -5,17 +5,19 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..gap.data.record import Record
 from ..logs.arrays import Values
+from ..model_file import Model
 from .gains import Gains
 from .judge import Judge, Score
 from .machines import Machines
+from .torque_limit import allowed_torque, largest_torque
 
 # Of a normal distribution nine in ten are below mean + 1.28 standard deviations. The sample quantile of sixteen
 # machines would depend on two of them and jump from one to the next; this estimate uses all, and is smooth.
 NINE_IN_TEN = 1.28
 ROUGHEST = 2.0  # allowed roughness of the torque, relative to the current gains'
 SMOOTH = 2e-3  # roughness, relative to the rms torque, that is always allowed
-HARDEST = 1.25  # allowed largest torque, relative to that of the log and of the current gains
 FINE = 20.0  # added to the cost for each 100 % beyond what is allowed
 UNSTABLE = 1e3  # error of an unstable machine, in errors of the current gains
 # Candidates of the first screening; candidates of a generation; the best of these, which the next one is drawn around.
@@ -40,21 +42,18 @@ class AllowedScore:
     peak: float
 
 
-def limits_of(current: Score, largest: float, allowed: float | None = None) -> AllowedScore:
+def limits_of(current: Score, record: Record, model: Model) -> AllowedScore:
     """The scale and the limits from the scores of the current gains.
-
-    The actuator's limit is not used here. The machines contain it, so a command beyond it has no effect there but
-    wind-up, which the simulation shows.
 
     Args:
         current: scores of the current gains, each of shape (machines,).
-        largest: largest torque of the log [N m].
-        allowed: [limits] torque of the model file [N m]; None for `HARDEST` times the largest torque so far.
+        record: of the log.
+        model: the nominal model; its file's limits of the torque hold.
     """
     fine = np.isfinite(current.error)
     if not fine.any():
         return AllowedScore(1.0, np.inf, np.inf)
-    peak = HARDEST * max(largest, float(np.median(current.peak[fine]))) if allowed is None else allowed
+    peak = allowed_torque(model, max(largest_torque(record), float(np.median(current.peak[fine]))))
     rough = float(np.median(allowed_roughness(current)[fine]))
     return AllowedScore(float(np.median(current.error[fine])), rough, max(peak, 1e-300))
 

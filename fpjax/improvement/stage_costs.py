@@ -6,6 +6,7 @@ from ..output.work_done import StageCosts
 COSTS: StageCosts = {
     "machines": (0.01, 0.03, 0.1),
     "compiling the closed loop": (0.01, 0.4, 0.8),
+    "nominal model": (0.05, 0.2, 0.4),
     "searching": (0.05, 0.15, 0.3),
     "judging on other machines": (0.01, 0.01, 0.02),
     "margins": (0.1, 0.3, 0.4),

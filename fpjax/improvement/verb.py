@@ -5,7 +5,6 @@ import math
 import os
 from collections.abc import Callable, Sequence
 
-import jax.numpy as jnp
 import numpy as np
 
 from ..errors import InputError
@@ -17,22 +16,23 @@ from ..logs.dynamics.derivative import slope
 from ..model_file import Model, ModelSource, load_model
 from ..output.stages import StageClock
 from ..simulation.precision import double_precision
-from ..simulation.scan import astype
 from .answer import Change, Range
-from .decision import LEFT_OUT, LESS, UNHELD_LOOP, hopeless, objection, plausible, range_of
+from .decision import KEEP, LEFT_OUT, LESS, UNHELD_LOOP, hopeless, objection, plausible, range_of
 from .from_diagnosis import Known, about_left, known_in, known_of
 from .gains import Gains, freed, guesses
 from .judge import Judge
 from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, record_of
+from .nominal_gains import compare_nominal, nominal_gains
 from .predictions import Predictions
+from .reference import LONGEST, followed
 from .result import Improvement
-from .search import HARDEST, Found, limits_of, robust_costs, search
+from .search import Found, limits_of, robust_costs, search
 from .stage_costs import COSTS
+from .torque_limit import HARDEST
 from .traces import passed_on, run_traces, unlike
 
 # Machines for the search; other machines for the prediction; how many of these for the margins.
 TUNED_ON, JUDGED_ON, MARGINED = 16, 48, 12
-LONGEST = 20_000  # samples of the reference that are simulated at most
 BLENDS = (1.0, 0.6, 0.3)  # shares of the way from the current gains to the best ones, on the search's scales
 AT_MOST = 0.95  # share of the allowed torque above which it is taken to have limited the gains
 
@@ -117,6 +117,7 @@ def improve_known(
     """The improvement from a diagnosis that is already there."""
     clock("machines")
     whole = record_of(log, nominal)
+    whole_table = table
     record, table = one_piece(whole, log, table)
     ground = make_ground(known, whole, seed)
     tuned_on = draw_machines(known.posterior, nominal, ground, TUNED_ON, seed + 1)
@@ -146,26 +147,28 @@ def improve_known(
         clock("margins")
         before = judged.side(gains.now, now.of(0), judged.margins(gains.now[None])[0])
         return judged.answer(decision, reason, before, before, None, (), 0.0, None, 0, notes)
+    limits = limits_of(now_tuned.of(0), record, nominal)
+    clock("nominal model")
+    alone = nominal_gains(log, nominal, free, seed, whole_table)
+    simple = np.array([alone[gain.word] for gain in gains.gains])
     clock("searching")
-    allowed = nominal.limits.get("torque")
-    limits = limits_of(now_tuned.of(0), largest_torque(record), allowed)
     if kept is not None and len(kept.values) == len(gains.gains):
         found = kept
     else:
-        first = guesses(gains, machine)
+        first = np.concatenate([guesses(gains, machine), simple[None]])
         found = search(judge, gains, tuned_on, first, limits, seed + 4, lambda share: clock("searching", share))
         if keep is not None:
             keep("search", found)
     clock("judging on other machines")
     # Besides the best gains of the search, points on the way to them are judged, so a large change that costs too much
-    # margin may become a smaller one. And the feed-forward alone: it is outside the loop and costs no stability.
+    # margin may become a smaller one. And the feed-forward alone: it is outside the loop and costs no stability. And
+    # the gains of the nominal model: whoever tuned there knows then what speaks for them here, or against them.
     shares, best = gains.shares(gains.now), gains.shares(found.values)
     steps = [shares + blend * (best - shares) for blend in BLENDS]
     outside = np.array([gain.word.startswith("feedforward.") for gain in gains.gains])
     if outside.any() and not outside.all():
         steps.append(np.where(outside, best, shares))
-    tried = gains.values(np.stack([shares, *steps]))
-    tried[0] = gains.now
+    tried = np.concatenate([gains.now[None], gains.values(np.stack(steps)), simple[None]])
     scores = judge(tried, judged_on)
     clock("margins")
     margins = judged.margins(tried)
@@ -174,13 +177,10 @@ def improve_known(
         notes.append(UNHELD_LOOP)
     against = [objection(scores.of(0), scores.of(i), margins[0], margins[i]) for i in range(1, len(tried))]
     costs, fine = robust_costs(scores, limits), [place for place, said in enumerate(against, 1) if not said]
-    chosen, reason = min(fine, key=lambda place: costs[place]) if fine else 0, against[0]
-    if chosen and reason:
-        notes.append(
-            LESS.format(
-                "the feed-forward alone" if chosen > len(BLENDS) else "a part of the way", reason.partition(": ")[2]
-            )
-        )
+    chosen, reason = min(fine, key=lambda place: costs[place]) if fine else 0, KEEP.format(against[0])
+    if chosen and against[0]:
+        parts = ["a part of the way"] * len(BLENDS) + ["the feed-forward alone"] * (len(tried) - len(BLENDS) - 2)
+        notes.append(LESS.format([*parts, "the gains that are best in the nominal model"][chosen - 1], against[0]))
     seen = chosen or 1
     clock("runs over time")
     runs = run_traces(judge, tried[[0, seen]], judged_on)
@@ -212,7 +212,7 @@ def improve_known(
                 f"determined it; a wider one, [bounds] {change.gain} = [low, high], may follow better."
             )
     peak = float(np.median(scores.peak[seen]))
-    if chosen and allowed is None and peak > AT_MOST * limits.peak:
+    if chosen and "torque" not in nominal.limits and peak > AT_MOST * limits.peak:
         notes.append(
             f"The largest torque reached what was allowed, {limits.peak:.3g} {judged.torque_unit}: {HARDEST - 1.0:.0%} "
             f"more than the log's. If the machine can take more, a larger [limits] torque in the model may gain more."
@@ -221,36 +221,11 @@ def improve_known(
         "change" if chosen else "keep", reason, before, side if chosen else before, side, changes, wins, middle,
         found.simulations, notes, tried[chosen],
     )  # fmt: skip
-    return dataclasses.replace(answer, runs=runs.summary(10.0 * judge.size), ratios=ratios, tuned_on=tuned_on.count)
-
-
-def followed(log: Log, model: Model, reference: str) -> Values:
-    """The reference that gains are judged on, shape (samples,), at most `LONGEST`.
-
-    Raises:
-        InputError: where there is none.
-    """
-    if reference not in ("log", "model"):
-        raise InputError(f"reference = {reference!r} is not known: follow the log's or the model's ('log', 'model').")
-    if reference == "model":
-        wanted = model.needed_reference()
-        count = round((model.duration or log.duration) / log.dt)
-        with double_precision():
-            time = jnp.asarray(np.arange(min(count, LONGEST)) * log.dt)
-            table = np.asarray(astype(wanted, jnp.float64).readout(time), float)
-    elif log.reference is None:
-        raise InputError(
-            f"{log.name} has no reference, so its tracking error is not known: add that column (--columns "
-            f"reference=NAME), or judge the gains on the model's own [reference] with --reference model."
-        )
-    else:
-        table = np.asarray(log.reference, float)[:LONGEST]
-    if not np.ptp(table) > 0.0:
-        raise InputError(
-            "The reference is constant, so its tracking error says nothing about gains: give a log of the machine at "
-            "work, or --reference model with a [reference] that moves."
-        )
-    return table
+    compared = compare_nominal(alone, scores, chosen, limits, against[-1], judged.torque_unit)
+    return dataclasses.replace(
+        answer, nominal=compared, notes=(*answer.notes, compared.sentence()), runs=runs.summary(10.0 * judge.size),
+        ratios=ratios, tuned_on=tuned_on.count,
+    )  # fmt: skip
 
 
 def corrected_values(machines: Machines) -> dict[str, float]:
@@ -270,11 +245,6 @@ def measured_error(record: Record, judge: Judge, ground: Ground) -> float | None
     error = (np.asarray(record.reference) - channel.values)[first : len(judge.reference)]
     noise = ground.noise[1] if judge.position else ground.noise[0]
     return math.sqrt(max(rms(error) ** 2 - noise**2, 0.0)) or None
-
-
-def largest_torque(record: Record) -> float:
-    """The log's largest torque [N m], its 99.9 % quantile, so that single outliers do not count."""
-    return float(np.quantile(np.abs(record.torque), 0.999))
 
 
 def _steady_speed(judge: Judge) -> float:

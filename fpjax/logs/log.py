@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 
 from ..output.drawable import Drawable
-from .arrays import Values
+from .arrays import Values, rms
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+ROUNDING = 1e-9  # of its size: a reference that changes by no more was constant before it was resampled
 
 
 @dataclass(frozen=True)
@@ -132,12 +134,15 @@ LogSource = Log | str | os.PathLike[str] | NamedArrays
 def asks_for_a_position(log: Log) -> bool:
     """Whether the reference is a position: it is nearer to the logged position than to the velocity.
 
-    In a log with only one of them, the reference is taken to be of that kind.
+    A reference that never changes is held against their levels, any other against their changes alone. In a log with
+    only one of them, the reference is taken to be of that kind.
     """
     if log.reference is None or log.position is None or log.velocity is None:
         return log.velocity is None
     reference = np.asarray(log.reference)
     # distances relative to the spread of each motion: a position in rad and a velocity in rad/s do not compare as
     # numbers
-    off = [np.std(reference - motion) / (np.std(motion) or 1.0) for motion in (log.position, log.velocity)]
+    changes = np.ptp(reference) > ROUNDING * np.max(np.abs(reference))
+    far = np.std if changes else rms
+    off = [far(reference - motion) / (np.std(motion) or 1.0) for motion in (log.position, log.velocity)]
     return bool(off[0] < off[1])

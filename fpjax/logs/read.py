@@ -26,7 +26,7 @@ from .formats.table import RawTable, Request, from_arrays, read_table
 from .log import Log, NamedArrays
 from .mending.clock import SHORTEST, in_order, longest_stretch, read_clock
 from .mending.invalid_values import filled, unread_rows, without_absurd
-from .mending.measured_torque import constant_ratio, following
+from .mending.measured_torque import constant_ratio, following, related
 from .mending.resample import HELD, Uniform, every, to_grid
 from .mending.unsigned import signed
 from .mending.wrapping import find_wrapping
@@ -380,7 +380,9 @@ def _about_torque(
         )
     if "torque_measured" in uniform.columns:
         both = following(torque, uniform.columns["torque_measured"], dt)
-        if both is None:
+        if both is None and related(torque, uniform.columns["torque_measured"]):
+            notes.append(f"{name}: the measured torque follows the commanded one; how late it is its noise hides.")
+        elif both is None:
             notes.append(f"{name}: the measured torque is unlike the commanded one at any lag: check both columns.")
         else:
             lag = both.lag

@@ -13,7 +13,7 @@ from ..gap.effects.effect import Effect
 from ..gap.effects.estimate import Estimate
 from ..gap.effects.twins import LogFacts
 from ..gap.effects.vocabulary import EFFECTS, on_rate_sensor
-from ..gap.fit.candidate import NOMINAL, SLAB, nominal_sizes
+from ..gap.fit.candidate import NOMINAL, WIDE
 from ..gap.machine import FEATURES, Feature, Structure
 from ..gap.simulate.family import Family, Nominal, make_family
 from ..model_file import Model
@@ -96,12 +96,8 @@ class Shop:
 
     def spreads(self, family: Family, names: tuple[str, ...]) -> np.ndarray:
         """Standard deviation of the prior of parameters, as the diagnosis has it, shape (names,)."""
-        sizes, found = nominal_sizes(self.setting), []
-        for name in names:
-            parameter = family.parameters[family.index(name)]
-            width = parameter.high(self.setting) - parameter.low(self.setting)
-            found.append(SLAB * sizes[name] if name in sizes else 0.25 * width)
-        return np.array(found)
+        parameters = [family.parameters[family.index(name)] for name in names]
+        return WIDE * np.array([p.high(self.setting) - p.low(self.setting) for p in parameters])
 
     def steps(self, family: Family, names: tuple[str, ...]) -> np.ndarray:
         """Small changes of parameters for their tangents, shape (names,)."""

@@ -24,7 +24,7 @@ TONES = 10
 GATES = 7  # coefficients of the tones' envelope
 HIGHEST = 0.03  # share of the control rate at the highest tone; a velocity loop follows little above it
 RAMP = 0.04  # share of the duration for the ramp from rest, and for the one back to rest
-SWEEP = 3  # index of the start that is a sweep
+SWEEP = 0  # index of the start that is a sweep
 FULL = 0.999  # share of a limit to which a motion is scaled
 
 
@@ -109,7 +109,9 @@ class PlannedCourse:
         return PlannedMotion(scale * speed, scale * acceleration, scale * position)
 
     def starts(self, seed: int, count: int) -> list[Shape]:
-        """Start shapes: holds of falling speed in both directions, slow reversals, a sweep, and random shapes.
+        """Start shapes: a sweep, holds of falling speed in both directions, slow reversals, and random shapes.
+
+        The sweep is the first: however little time there is, a plan is no worse than it.
 
         Args:
             seed: of the random shapes.
@@ -125,10 +127,10 @@ class PlannedCourse:
         late = np.linspace(-4.0, 3.0, GATES)
         # (knots, gates, sizes) of the four start shapes that are not random.
         plain = [
+            (np.zeros(knots), np.full(GATES, -3.0), quiet - 2.0),
             (holds, late, loud),
             (np.where(place < knots // 2, 1.2 * np.sin(0.9 * place), slow), late, loud - 0.7),
             (slow, np.linspace(2.0, -4.0, GATES), loud + 0.5),
-            (np.zeros(knots), np.full(GATES, -3.0), quiet - 2.0),
         ]
         sizes = [np.array([0.0, float(place == SWEEP)]) for place in range(max(count, len(plain)))]
         for _ in range(max(count - len(plain), 0)):

@@ -35,7 +35,7 @@ from .rivals import hidden_by_twin, level_of, machines_of, read_diagnosis, rival
 from .trajectory import make_course
 from .trial import ExpectedRun, Trial, effects_trial, rivals_trial
 
-SECONDS = 45.0  # [s] processor time of the design, so that the whole plan takes about a minute
+SECONDS = 20.0  # [s] processor time of the search after compiling, so that the whole plan takes about a minute
 RISE = 0.02  # [s] shortest useful time between knots: faster changes of speed are not followed by a usual loop
 TOO_FAST = 3.0  # a simulated speed of this many times the speed limit means that the loop is unstable
 
@@ -82,7 +82,7 @@ def plan(
             diagnosis, or 2 % of the friction.
         velocity_noise: noise standard deviation of a rate reading [rad/s]; None for the log's or the model's.
         position_noise: noise standard deviation of a position reading [rad]; None for the log's or the model's.
-        seconds: processor time of the design [s].
+        seconds: processor time of the search, after compiling [s].
         seed: of the random motions among the starts.
         progress: called with (name of the stage, share done [1]).
 

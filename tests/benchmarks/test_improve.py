@@ -3,6 +3,7 @@
 import argparse
 import json
 import math
+import types
 
 import numpy as np
 import pytest
@@ -37,10 +38,19 @@ def test_worse_and_held_are_counted_as_the_goals_say():
 
 
 def test_gains_that_ask_for_more_torque_than_improve_allows_are_counted_apart():
-    rows = [row(ours=1.5, beyond_nominal=1.3), row(ours=0.9, beyond_nominal=0.8), row(beyond_nominal=None)]
+    over, within = ({"nominal": {"roughness": 0.5, "peak": peak}} for peak in (1.3, 0.8))
+    rows = [row(ours=1.5, of_allowed=over), row(ours=0.9, of_allowed=within), row()]
     found = {goal: (have, met) for goal, _, have, met in goals(rows)}
     assert found["worse than the nominal gains by over 2 %"] == ("1 of 3", "not met")
     assert found["of these, against gains that keep improve's limits of torque"] == ("0 of 1", "met")
+
+
+def test_a_worse_machine_counts_apart_where_improve_said_what_speaks_against_the_other_gains():
+    better, worse_there = ({"objection": "need more torque", "ratio": {"value": value}} for value in (0.9, 1.1))
+    plain = {"objection": "", "ratio": {"value": 0.9}}
+    rows = [row(ours=1.5, told=told) for told in (better, worse_there, plain, None)]
+    found = {goal: (have, met) for goal, _, have, met in goals(rows)}
+    assert found["of these, and improve did not say what speaks against them"] == ("3 of 4", "not met")
 
 
 def test_the_goals_are_met_only_where_they_are():
@@ -106,6 +116,7 @@ def test_machines_of_the_second_generator_run_with_other_gains_too(tmp_path):
     assert error(slow) > error(now)
     write(tmp_path, true, now)
     model = fp.load_model(tmp_path / "servo.toml")
+    assert model.limits["torque"] == pytest.approx(true.rating)
     assert model.bounds["controller.kp"] == pytest.approx(true.bounds["controller.kp"], rel=1e-6)
     assert fp.read_log(tmp_path / "log.csv", linear=model.linear or None).reference is not None
 
@@ -146,3 +157,14 @@ def test_an_interrupted_check_goes_on_where_it_stopped(tmp_path, monkeypatch, ca
     old.write_text(json.dumps({"version": VERSION - 1}))
     with pytest.raises(fp.InputError, match="earlier version"):
         run_check(asked)
+
+
+def test_torque_is_allowed_up_to_the_drives_rating_where_the_file_tells_it():
+    from benchmarks.improve.machines import shares_of_allowed
+
+    clock = np.arange(3000) * 1e-3
+    now, more = (types.SimpleNamespace(time=clock, torque=size * np.sin(20.0 * clock)) for size in (1.0, 2.0))
+    assert shares_of_allowed(more, now, None)["peak"] == pytest.approx(2.0 / 1.25, rel=1e-3)
+    assert shares_of_allowed(more, now, 8.0)["peak"] == pytest.approx(0.25, rel=1e-3)
+    more.torque[5] = np.nan
+    assert shares_of_allowed(more, now, 8.0)["roughness"] == math.inf

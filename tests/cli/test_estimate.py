@@ -54,6 +54,25 @@ def test_inspect_finds_the_nominal_and_starts_a_model(log, tmp_path, capsys):
     refuse(capsys, "simulate", out / "servo.toml", match="enough to estimate and diagnose")
 
 
+def test_inspect_says_why_it_starts_no_model(tmp_path, capsys):
+    """An arm that is moved slowly: what its torque holds, weight and other joints, says nothing of an inertia."""
+    time = 0.02 * np.arange(1500)
+    rng = np.random.default_rng(3)
+    columns = {
+        "time": time,
+        "torque": 5.0 * np.sin(0.31 * time) + rng.normal(size=time.size),
+        "velocity": 0.3 * np.sin(0.9 * time),
+        "position": -0.3 / 0.9 * np.cos(0.9 * time),
+    }
+    path, out = tmp_path / "slow.csv", tmp_path / "look"
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    assert run("inspect", path, "--no-plots", "--out", out) == 0
+    printed = capsys.readouterr().out
+    assert "no servo.toml was written: the fitted inertia" in printed
+    assert "is not told from zero" in printed
+    assert not (out / "servo.toml").exists()
+
+
 def test_inspect_needs_no_jax(log):
     code = f"import sys; from fpjax.cli import main; main(['inspect', {str(log)!r}, '--no-plots']); "
     code += "print(sorted({'jax', 'scipy'} & set(sys.modules)))"

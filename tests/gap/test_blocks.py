@@ -181,7 +181,7 @@ def test_the_sensors_lag_is_exact_for_a_ramp():
 def test_an_effect_at_its_neutral_value_is_exactly_not_there(effect):
     s = setting()
     nominal = Nominal(OneMass(0.5, CoulombViscous(2.0, 0.3)))
-    family = make_family(key_for((effect,)), nominal, (effect,), s)
+    family = make_family(key_for((effect,), s), nominal, (effect,), s)
     names = [p.name for p in effect.parameters]
     changed = assembled(family.machine, family.effects, family.parameters, jnp.asarray(family.neutral(s))[:, None])
     plain = family.machine

@@ -34,11 +34,11 @@ def corrected(name):
     """(machine, servo.toml) of one effect, every parameter of it away from neutral."""
     model = load_model(NOMINAL)
     if name == "velocity_quantisation":  # read from the data, no change of the machine
-        family = make_family(key_for(()), Nominal(model.loop.plant), EFFECTS, SETTING)
+        family = make_family(key_for((), SETTING), Nominal(model.loop.plant), EFFECTS, SETTING)
         machine = machine_at(family, family.neutral(SETTING))
         return machine, corrected_model(model, machine, STEP)
     effect = EFFECTS[NAMES.index(name)]
-    family = make_family(key_for((effect,)), Nominal(model.loop.plant), EFFECTS, SETTING)
+    family = make_family(key_for((effect,), SETTING), Nominal(model.loop.plant), EFFECTS, SETTING)
     vector = family.neutral(SETTING)
     for parameter in effect.parameters:
         value = vector[family.index(parameter.name)] + 0.5 * parameter.scale(SETTING)

@@ -10,7 +10,7 @@ import pytest
 from fpjax import load_model
 from fpjax.gap import EFFECTS
 from fpjax.gap.answer.free_replay import free_replay
-from fpjax.gap.data.record import tables_of
+from fpjax.gap.data.replay_tables import tables_of
 from fpjax.gap.fit.candidate import Start
 from fpjax.gap.fit.least_squares import Fitter
 from fpjax.gap.simulate.family import Runner

@@ -9,7 +9,8 @@ import pytest
 from gap_search import search_of
 from numpy_machine import record
 
-from fpjax.gap.data.record import make_records, tables_of
+from fpjax.gap.data.record import make_records
+from fpjax.gap.data.replay_tables import tables_of
 from fpjax.gap.simulate import family as families
 from fpjax.gap.simulate.family import Runner, window_fields
 from fpjax.gap.simulate.replay import LANES, as_rows, from_rows

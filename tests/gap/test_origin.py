@@ -8,6 +8,8 @@ import numpy_machine
 import pytest
 
 from fpjax import load_model
+from fpjax.gap import EFFECTS, diagnose
+from fpjax.gap.fit.candidate import SPIKE_RANGE, Start
 from fpjax.gap.verb import make_search
 
 WEIGHT, START = 0.5, 0.7  # N m, rad
@@ -36,3 +38,37 @@ def test_the_model_as_given_is_not_judged_at_another_angle_than_the_log_s():
 @pytest.mark.long  # the same fit with one channel more compiles for 6 s of processor time
 def test_an_encoder_that_is_zero_elsewhere_than_the_load_is_a_gap():
     assert left(("velocity", "position")) > 0.8 * ELSEWHERE
+
+
+def turning(amplitude, phase):
+    return lambda time, speed, angle, command: -amplitude * math.sin(angle + phase)
+
+
+@pytest.mark.long  # two whole diagnoses
+@pytest.mark.parametrize(
+    ("factor", "phase", "causes"), [(1.03, 0.02, {"stribeck"}), (1.0, 0.15, {"stribeck", "unbalance"})]
+)
+def test_a_load_known_to_some_percent_hides_no_cause_and_one_that_is_wrong_is_told(factor, phase, causes):
+    machine = numpy_machine.Machine(stribeck=0.2)
+    # In the model file the load is four times the friction: 3 % of it are 12 % of that, which is what bends a cause.
+    log = numpy_machine.record(machine, seconds=6.0, extra=turning(4 * WEIGHT * factor, phase))
+    model = gap_search.MODEL + f'[load]\ntype = "unbalance"\namplitude = {4 * WEIGHT}\n'
+    effects = tuple(
+        e for e in EFFECTS if e.name in ("stribeck", "unbalance", "torque_gain_error", "asymmetric_friction")
+    )
+    assert set(diagnose(log, model, effects=effects).causes) == causes
+
+
+def test_the_load_of_a_model_is_free_as_far_as_a_number_that_counts_as_right():
+    log = numpy_machine.record(seconds=4.0)
+    unbalance = tuple(e for e in EFFECTS if e.name == "unbalance")
+    search = make_search([log], [], load_model(MODEL), unbalance)
+    assert above(search.candidate(Start((), (), {}))) == pytest.approx(SPIKE_RANGE * WEIGHT, rel=0.01)
+    assert above(search.candidate(Start(unbalance, (), {}))) > WEIGHT
+    assert len(search.exact.free) == 0
+
+
+def above(candidate):
+    """How far the load may be above its nominal value [N m]."""
+    place = [candidate.family.parameters[i].name for i in candidate.free].index("unbalance_sine")
+    return candidate.high[place] - candidate.center[place]

@@ -1,5 +1,6 @@
 """The design of a motion improves what a motion can show, whatever none shows."""
 
+import time
 from types import SimpleNamespace
 
 import jax
@@ -41,3 +42,20 @@ def test_what_no_motion_shows_does_not_keep_the_rest_from_being_improved():
     assert float(found.first.nats[1]) < 500.0
     assert float(found.seen.nats[0]) < 1e-6
     assert found.unseen.tolist() == [True, False]
+
+
+class SlowlyCompiledTrial(OneNumberTrial):
+    """Its first call takes half a second of processor time, as compiling does."""
+
+    def cost(self, reference, wanted):
+        begun = time.process_time()
+        while time.process_time() - begun < 0.5:
+            pass
+        return super().cost(reference, wanted)
+
+
+def test_compiling_takes_nothing_from_the_search():
+    with double_precision():
+        found = design(SlowlyCompiledTrial(), np.ones(2), seconds=0.4, seed=0, progress=lambda stage, share: None)
+    assert found.evaluations > 1
+    assert float(found.seen.nats[1]) > float(found.first.nats[1])

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...output.json_object import JsonObject
 from ...simulation.precision import double_precision
-from ..data.record import tables_of
+from ..data.replay_tables import tables_of
 from ..fit.candidate import Fit
 from ..fit.search import Search
 from ..simulate.family import Runner, window_fields
@@ -52,11 +52,10 @@ def free_replay(search: Search, before: Fit, after: Fit) -> FreeReplay:
 
 def _departure(search: Search, fit: Fit) -> float:
     c = fit.candidate
-    runner = search.fitters[c.family.key].runner
-    if search.guide > 0.0:
-        with double_precision():
-            # The same compiled loop with another guide among its arguments.
-            runner = Runner(runner.family, search.records, [tables_of(record, 0.0) for record in search.records])
+    with double_precision():
+        # The same compiled loop with other tables among its arguments.
+        free = [tables_of(record, free=True) for record in search.records]
+        runner = Runner(search.fitters[c.family.key].runner.family, search.records, free)
     squares, motion = [], []
     for which, record in enumerate(search.records):
         windows = np.arange(len(record.starts))

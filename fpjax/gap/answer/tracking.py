@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
+from jaxtyping import Array
 
 from ...blocks.references import Recorded
 from ...blocks.signals import Measurement
@@ -26,6 +27,7 @@ from ...simulation.scan import astype
 from ..data.channel import Channel
 from ..data.record import Record
 from ..machine import Machine, structure_of
+from ..simulate.hidden_states import BLOCK
 from ..simulate.replay import SUBSTEPS
 from .findings import TrackingError
 from .gap_size import SEED
@@ -116,30 +118,44 @@ def made_torque(model: Model, record: Record) -> tuple[float, Any]:
     angle = np.zeros_like(rate) if angle is None else angle
     asked = np.asarray(record.reference)
     # The last column is the next reference, which a feed-forward of a position looks at.
-    columns = tuple(jnp.asarray(column, float) for column in (asked, rate, angle, np.append(asked[1:], asked[-1])))
-
-    dt = jnp.asarray(record.dt)
-    loop = ClosedLoop(model.loop.plant, controller, observer)
-    zero = jnp.zeros(())
-    first = Period(zero, zero, zero) if observer.estimated else ()
-
-    def torque(flat: Any) -> Any:
-        def period(memory: Any, sample: Any) -> tuple[Any, Any]:
-            reference, velocity, place, following = sample
-            command = loop.control_law(memory, reference, Measurement(velocity, place), dt, following)
-            return command.memory, command.torque
-
-        return jax.lax.scan(period, (*unravel(flat), first), columns)[1]
-
+    columns = tuple(padded(column) for column in (asked, rate, angle, np.append(asked[1:], asked[-1])))
+    loop, dt = ClosedLoop(model.loop.plant, controller, observer), jnp.asarray(record.dt)
     measured = np.asarray(record.torque)
     if start.size:
         # Gauss-Newton in the initial state: a linear controller needs one step, one with a limit a second.
-        slope = jax.jit(jax.jacfwd(torque))
         for _ in range(2):
-            step, *_ = np.linalg.lstsq(np.asarray(slope(start)), measured - np.asarray(torque(start)), rcond=1e-10)
+            made, slope = (np.asarray(part)[: len(measured)] for part in _torque_and_slope(start, loop, columns, dt))
+            step, *_ = np.linalg.lstsq(slope, measured - made, rcond=1e-10)
             start = start + jnp.asarray(step)
-    left = measured - np.asarray(torque(start))  # what no initial state explains
+    left = measured - np.asarray(_torque(start, loop, columns, dt))[: len(measured)]  # what no initial state explains
     return rms_or_infinite(left) / max(rms(measured), 1e-300), unravel(start)
+
+
+@eqx.filter_jit
+def _torque(start: Array, loop: ClosedLoop, columns: tuple[Array, ...], dt: Array) -> Array:
+    """The torque [N m] that controller and observer give over a log's columns from a flat initial state, (samples,)."""
+    _, unravel = ravel_pytree((loop.controller.init(), loop.observer.init()))
+    zero = jnp.zeros(())
+    first = Period(zero, zero, zero) if loop.observer.estimated else ()
+
+    def period(memory: Any, sample: Any) -> tuple[Any, Any]:
+        reference, velocity, place, following = sample
+        command = loop.control_law(memory, reference, Measurement(velocity, place), dt, following)
+        return command.memory, command.torque
+
+    return jax.lax.scan(period, (*unravel(start), first), columns)[1]
+
+
+# Loop and columns are arguments: as constants of the program they would have it compiled again for every log.
+@eqx.filter_jit
+def _torque_and_slope(start: Array, loop: ClosedLoop, columns: tuple[Array, ...], dt: Array) -> tuple[Array, Array]:
+    """(`_torque`, its Jacobian by the initial state, shape (samples, states))."""
+    return _torque(start, loop, columns, dt), jax.jacfwd(_torque)(start, loop, columns, dt)
+
+
+def padded(values: Values) -> Array:
+    """Values continued by the last of them to whole blocks of samples: a log of another length compiles nothing."""
+    return jnp.asarray(np.pad(values, (0, -len(values) % BLOCK), "edge"), float)
 
 
 def followed(model: Model, record: Record, side: Side, start: Any, position: bool) -> Values:
@@ -164,11 +180,12 @@ def followed(model: Model, record: Record, side: Side, start: Any, position: boo
             state = eqx.tree_at(lambda at, name=name: getattr(at.plant, name), state, value)
     state = eqx.tree_at(lambda at: (at.controller, at.observer), state, start, is_leaf=lambda leaf: leaf is None)
     name = "measured_position" if position else "measured_velocity"
+    reference = padded(np.asarray(record.reference))
     run = simulate(
         loop,
-        Recorded(np.asarray(record.reference), record.dt),
+        Recorded(reference, record.dt),
         dt=record.dt,
-        samples=len(record.time),
+        samples=len(reference),
         solver="exact",
         stepping="sampled",
         substeps=SUBSTEPS[structure_of(machine)],
@@ -176,15 +193,16 @@ def followed(model: Model, record: Record, side: Side, start: Any, position: boo
         initial=state,
         key=jax.random.key(SEED),
     )
-    values = np.asarray(run.signals[name])
+    values = np.asarray(run.signals[name])[: len(record.time)]
     return values - float(machine.origin) if position else values
 
 
 def _late(machine: Machine, record: Record, step: float) -> tuple[Any, Any]:
     """(actuator, sensor) with delay lines long enough for their dead times, the sensor with the noise of the log."""
     actuator, sensor = machine.actuator, machine.sensor
+    # Whole blocks of periods: a loop is compiled for the length of its delay lines, and a dead time is a fitted number.
     kept = [
-        1 if delay is None else math.ceil(float(delay) / record.dt) + HISTORY
+        1 if delay is None else HISTORY * (2 + math.ceil(float(delay) / record.dt) // HISTORY)
         for delay in (actuator.delay, sensor.delay)
     ]
     step = step or float(sensor.step_size)

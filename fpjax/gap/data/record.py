@@ -4,7 +4,6 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -16,7 +15,6 @@ from ...logs.noise import is_derived
 from .channel import Channel, common_noise, make_channel
 from .motion import motion
 from .split import every_fourth
-from .tables import TAPS, Guide, Tables
 
 SECONDS = (0.5, 1.0)  # bounds of a window's length [s], within which it is the mean time between two reversals
 RESOLVED = 0.02  # of the torque's rms: standard deviation with which a window should resolve a constant torque
@@ -27,7 +25,6 @@ MOST = 48_000  # samples of all logs that are simulated; of longer ones, stretch
 STRETCHES = 8  # of a longer log: six seconds each at 1 kHz, longer than friction's memory and a period of a loop
 LEAD = 512  # samples kept before the first window of a stretch: the past of lags (`TAPS`) and of hidden states
 LONG = 4  # times lead and edge, from which stretches pay; in a shorter log pairs of windows are left out instead
-DAMPED = 0.7  # damping ratio of the guide: no resonance of its own [1]
 EDGE = 32  # samples kept after the last window, for the sensor's dead time
 LEAST = 3 * SHORTEST + EDGE  # samples of the shortest log that can be diagnosed: three windows, one of them withheld
 
@@ -334,55 +331,3 @@ def with_noise(records: list[Record], scale: float) -> list[Record]:
         return None if channel is None else replace(channel, noise=scale * channel.noise)
 
     return [replace(r, velocity=scaled(r.velocity), position=scaled(r.position)) for r in records]
-
-
-def tables_of(record: Record, bandwidth: float = 0.0) -> Tables:
-    """The record as the replay loop reads it, padded to a common length so that all logs share one compiled loop.
-
-    Args:
-        record: a log.
-        bandwidth: of the guide [Hz] (`fpjax.gap.fit.guide`); zero for a free simulation.
-    """
-    count = len(record.time)
-    padded = _padded(count + TAPS + 64)
-    torque = np.full(padded, record.torque[0])
-    torque[TAPS : TAPS + count] = record.torque
-    velocity, velocity_weight = _column(record.velocity, count, padded)
-    position, position_weight = _column(record.position, count, padded)
-    speed, angle = np.zeros(padded), np.zeros(padded)
-    # With an encoder, the guide takes angle and speed from it: a rate reading may lag or have a bias.
-    speed[TAPS : TAPS + count] = record.speed if record.integrated else np.gradient(record.angle, record.dt)
-    angle[TAPS : TAPS + count] = record.angle
-    return Tables(
-        jnp.asarray(torque, float),
-        jnp.asarray(velocity, float),
-        jnp.asarray(velocity_weight, float),
-        jnp.asarray(position, float),
-        jnp.asarray(position_weight, float),
-        jnp.asarray(record.dt, float),
-        Guide(*(jnp.asarray(value, float) for value in (speed, angle, *guide_of(record, bandwidth)))),
-    )
-
-
-def guide_of(record: Record, bandwidth: float) -> tuple[float, float]:
-    """(stiffness w^2 [1/s^2], damping 2 zeta w [1/s]) of a guide; without an encoder it has no angle to follow."""
-    turning = 2.0 * np.pi * bandwidth
-    return (0.0 if record.integrated else turning**2), 2.0 * DAMPED * turning
-
-
-def _column(
-    channel: Channel | None, count: int, padded: int
-) -> tuple[Float[Values, " padded"], Float[Values, " padded"]]:
-    values, weight = np.zeros(padded), np.zeros(padded)
-    if channel is not None:
-        values[TAPS : TAPS + count] = channel.values
-        values[TAPS + count :] = channel.values[-1]
-        weight[TAPS : TAPS + count] = 1.0 / channel.noise
-    return values, weight
-
-
-def _padded(count: int) -> int:
-    size = 2**16  # more than MOST with its leads and edges: usually the only size
-    while size < count:
-        size *= 2
-    return size

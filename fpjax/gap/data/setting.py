@@ -7,6 +7,7 @@ import numpy as np
 
 from ...blocks.loads import AbstractLoad
 from ...blocks.signals import Motion
+from ...logs.arrays import Values
 from ...model_file import Model, Units
 from .record import Record
 
@@ -32,6 +33,7 @@ class Setting:
         nominal: parameters of the nominal model by name.
         units: of the model file: what its numbers, and those of an answer, are in.
         unknown_origin: whether a known load depends on a position whose zero no sensor measures.
+        turning_load: largest torque of a known load that turns with a measured position, in these logs [N m]; else 0.
         periods: per revolution [1/rev], at which the missing "torque" and "friction" repeat with the position.
         weight: values by name of the unbalance that fits the missing torque best; empty where none was fitted.
         contacts: start values by name of backlashes, the most likely first; None where they were not searched for,
@@ -52,6 +54,7 @@ class Setting:
     nominal: Mapping[str, float] = field(default_factory=dict)
     units: Units = field(default_factory=Units)
     unknown_origin: bool = False
+    turning_load: float = 0.0
     periods: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     weight: Mapping[str, float] = field(default_factory=dict)
     contacts: tuple[Mapping[str, float], ...] | None = None
@@ -64,6 +67,8 @@ def make_setting(records: list[Record], model: Model) -> Setting:
     torque = max(float(np.max(np.abs(record.torque))) for record in records)
     speed = max(float(np.quantile(np.abs(record.speed), 0.95)) for record in records)
     coulomb, viscous = values.get("coulomb", 0.0), values.get("viscous", 0.0)
+    load = model.loop.plant.load
+    turning = turns_with_position(load)
     return Setting(
         inertia=values["inertia"],
         coulomb=coulomb,
@@ -79,13 +84,22 @@ def make_setting(records: list[Record], model: Model) -> Setting:
         effort=torque + values["inertia"] * max(float(np.quantile(np.abs(r.acceleration), 0.99)) for r in records),
         nominal={"inertia": values["inertia"], "coulomb": coulomb, "viscous": viscous},
         units=replace(model.units, motion="linear") if longest.linear else model.units,
-        unknown_origin=longest.integrated and turns_with_position(model.loop.plant.load),
+        unknown_origin=longest.integrated and turning,
+        turning_load=max(_largest(load, r.angle) for r in records) if turning and not longest.integrated else 0.0,
     )
 
 
 def turns_with_position(load: AbstractLoad) -> bool:
     """Whether a known load depends on the position."""
     # No load with a whole number of periods a revolution is equal at these three angles.
-    at = [Motion(np.zeros(1), np.full(1, angle), np.zeros(1)) for angle in (0.0, 0.7, 1.9)]  # type: ignore[arg-type]
-    values = [float(np.asarray(load.readout(motion))[0]) for motion in at]
-    return max(values) - min(values) > 0.0
+    return float(np.ptp(_at(load, np.array([0.0, 0.7, 1.9])))) > 0.0
+
+
+def _largest(load: AbstractLoad, angle: Values) -> float:
+    return float(np.max(np.abs(_at(load, angle))))
+
+
+def _at(load: AbstractLoad, angle: Values) -> Values:
+    """Torque of a load at rest [N m] at angles [rad], shape (angles,)."""
+    rest = np.zeros(len(angle))
+    return np.asarray(load.readout(Motion(rest, angle, rest)))  # type: ignore[arg-type]

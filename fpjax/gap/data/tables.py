@@ -35,6 +35,7 @@ class Tables(eqx.Module):
         position_weight: 1 / standard deviation [1/rad].
         dt: control period [s].
         guide: with stiffness and damping zero for a free simulation.
+        moving: measured speed where the machine surely moves, else 0 [rad/s].
     """
 
     torque: Float[Array, " padded"]
@@ -44,3 +45,4 @@ class Tables(eqx.Module):
     position_weight: Float[Array, " padded"]
     dt: Float[Array, ""]
     guide: Guide
+    moving: Float[Array, " padded"]

@@ -9,12 +9,14 @@ from ...logs.arrays import Values
 from ..data.record import Record
 from ..data.setting import Setting
 from ..effects.effect import Effect
+from ..effects.parameters import UNBALANCE
 from ..simulate.family import Family
 
 # Priors of the nominal values, a spike and a slab as in George and McCulloch, "Variable selection via Gibbs sampling"
-# (1993): a narrow normal law about the given value where it counts as right, a wide one where it may be wrong.
+# (1993): a narrow normal law about the given value where it counts as right; where it may be wrong, because it was
+# guessed or never entered, one as wide as that of any other parameter.
 SPIKE = 0.02  # standard deviation of a nominal value that counts as right, relative
-SLAB = 0.6  # of one that may be wrong, relative: it was guessed, or comes from a regression on a poor log
+WIDE = 0.25  # of any parameter, over its range
 SPIKE_RANGE = 0.05  # bound of a nominal value that counts as right, relative to `nominal_sizes`
 NOMINAL = ("inertia", "coulomb", "viscous")
 # Least sizes of the nominal friction, so that a value of zero may be wrong too: shares of the setting's friction.
@@ -28,7 +30,7 @@ class Candidate:
 
     Attributes:
         effects: in the model; errors of nominal values are in `wide`.
-        wide: nominal values (of `NOMINAL`) with the prior `SLAB`; the others have `SPIKE`.
+        wide: nominal values (of `NOMINAL`) with the prior `WIDE`; the others have `SPIKE`.
         family: that holds the effects.
         vector: all parameters, shape (parameters,).
         free: indices into `vector` of the fitted parameters, shape (free,), as the six arrays after it.
@@ -130,7 +132,9 @@ def make_candidate(
         if name in names:
             vector[names.index(name)] = value
     own = dict.fromkeys(p.name for effect in effects for p in effect.parameters)
-    wanted = [*(n for n in NOMINAL if n not in own), *own]
+    # A known load that turns is as right as a nominal value that counts as right; more than that is an unbalance.
+    load = [p.name for p in UNBALANCE] if setting.turning_load else []
+    wanted = [*(n for n in (*NOMINAL, *load) if n not in own), *own]
     if setting.unknown_origin:
         wanted = ["origin", *wanted]
     if exact:
@@ -143,14 +147,13 @@ def make_candidate(
     high = np.array([p.high(setting) for p in parameters])
     scale = np.array([p.scale(setting) for p in parameters])
     reach = np.array([p.reach(setting) for p in parameters])
-    # A wide prior: its standard deviation is a quarter of the range.
-    center, spread = np.clip(neutral[free], low, high), 0.25 * (high - low)
-    sizes = nominal_sizes(setting)
+    center, spread = np.clip(neutral[free], low, high), WIDE * (high - low)
+    sizes = nominal_sizes(setting) | dict.fromkeys(set(load) - set(own), setting.turning_load)
     for i, p in enumerate(parameters):
         if p.name not in sizes:
             continue
         if p.name in wide or p.name in own:
-            spread[i], scale[i] = SLAB * sizes[p.name], 0.2 * sizes[p.name]
+            scale[i] = max(0.2 * sizes[p.name], 0.1 * spread[i])
         else:
             spread[i] = scale[i] = SPIKE * sizes[p.name]
             low[i] = max(center[i] - SPIKE_RANGE * sizes[p.name], low[i])

@@ -14,7 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...logs.arrays import Values
-from ..data.record import Record, guide_of
+from ..data.record import Record
+from ..data.replay_tables import guide_of
 from ..data.setting import Setting
 from ..thresholds import THRESHOLDS
 from .band import Coefficients

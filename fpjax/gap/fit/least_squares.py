@@ -13,24 +13,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...logs.arrays import Values
-from ..data.record import Record
 from ..data.setting import Setting
 from ..effects.vocabulary import stiffness_of
 from ..simulate.family import Runner, window_fields
 from .candidate import Candidate
 from .modes import Modes
+from .response import Response, Windows
 
 DAMPINGS = (1e-6, 1e-2, 1.0, 100.0)  # tried side by side, times the candidate's own damping
 # Prior standard deviations of start values about their estimates.
 LOADED = 0.05  # of the torque in a spring, over the friction [1]
 BRISTLE = 0.1  # of the bristles' deflection, over that at sliding [1]
 MOVED = 0.02  # of a speed from positions, over the top speed, beside its noise [1]
-# Parameters by which a model's frequency response, and so `torque_scale`, depends smoothly on the vector.
-RESPONSE = ("inertia", "viscous", "gain", "drag_coefficient", "load_coefficient")
-LEAST_PASSED = 0.05  # least share of a torque that is taken to pass a limit, dead zone or loaded gear: never none [1]
 GAINED = 0.02  # a fit has converged when a step lowers the cost, twice the negative log posterior, by less
 
-Windows = Sequence[Values]
+Known = dict[int, dict[int, Values]]
+"""Coefficients of candidates (by `id`) on the chosen windows of each record (by its index), shape (windows, modes)."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ class Linear:
     slope: Values
 
 
-class Fitter:
+class Fitter(Response):
     """Fits candidates of one family on chosen windows.
 
     Args:
@@ -60,33 +58,8 @@ class Fitter:
     """
 
     def __init__(self, runner: Runner, setting: Setting, modes: Modes):
-        self.runner, self.family, self.setting, self.modes = runner, runner.family, setting, modes
-        self.records: list[Record] = runner.records
-        speed = np.concatenate([record.speed for record in self.records])
-        torque = np.concatenate([record.torque for record in self.records])
-        self.speed, self.effort = float(np.sqrt(np.mean(speed**2))), np.sort(np.abs(torque))
-        # Share of the log in which the torque drives, less that in which it brakes: a gear's losses then help it.
-        self.driving = float(np.clip(np.mean(np.sign(torque) * np.sign(speed)), 0.0, 1.0))
-        self.inertial = self._inertial()
-        guide = runner.tables[0].guide
-        self.guide = float(guide.stiffness), float(guide.damping)
-        self._nominal = self._response(self.family.neutral(setting))
-        # s^2 of each window: windows with repeated readings have more noise. Rounded to powers of two, so that many
-        # windows share their weights.
-        self.noise = [2.0 ** np.round(np.log2(record.runs)) for record in self.records]
-
-    def _inertial(self) -> Values:
-        """Mean square of the nominal inertial torque in each mode [N^2 m^2], averaged by octave, shape (modes,)."""
-        modes, squares = self.modes, []
-        for record in self.records:
-            rows = record.starts[:, None] + np.arange(record.samples)
-            squares.append((self.setting.inertia * record.acceleration[rows] @ modes.torque) ** 2)
-        each = np.mean(np.concatenate(squares), axis=0)
-        found = np.zeros(len(each))
-        for band in np.unique(modes.band[~modes.sensor]):
-            own = (modes.band == band) & ~modes.sensor
-            found[own] = np.mean(each[own])
-        return found
+        self.runner = runner
+        super().__init__(runner, setting, modes)
 
     def deviations(self, c: Candidate, which: int, *, hidden: bool = True) -> Values:
         """Prior standard deviations of a window's start values about their estimates, shape (states,); 0 if not free.
@@ -138,9 +111,17 @@ class Fitter:
         return self.runner.run(which, vector, c.states[which][:, windows], fields)[1]
 
     def linearise(
-        self, candidates: Sequence[Candidate], windows: Windows, *, hidden: bool = True
+        self, candidates: Sequence[Candidate], windows: Windows, *, hidden: bool = True, known: Known | None = None
     ) -> list[list[Linear]]:
-        """For each candidate, one `Linear` a record with windows; Jacobians by one-sided differences, each a lane."""
+        """For each candidate, one `Linear` a record with windows; Jacobians by one-sided differences, each a lane.
+
+        Args:
+            candidates: of this family.
+            windows: indices, one array a record.
+            hidden: whether the hidden states are free too.
+            known: coefficients at the present values of some candidates, which need not be simulated again.
+        """
+        known = known or {}
         found: list[list[Linear]] = [[] for _ in candidates]
         for which, chosen in enumerate(windows):
             if not len(chosen):
@@ -153,23 +134,25 @@ class Fitter:
                 h = 1e-4 * c.scale
                 h = np.where(c.vector[c.free] + h > c.high, -h, h)
                 # Lanes of a window: unchanged, a change of each free parameter, a change of each free start value.
-                count = 1 + len(c.free) + len(live)
+                plain = 0 if id(c) in known else 1
+                count = plain + len(c.free) + len(live)
                 v = np.repeat(c.vector[:, None], count, 1)
-                v[c.free, 1 + np.arange(len(c.free))] += h
+                v[c.free, plain + np.arange(len(c.free))] += h
                 s = np.repeat(c.states[which][:, chosen][:, :, None], count, 2)
                 for place, row in enumerate(live):
-                    s[row, :, 1 + len(c.free) + place] += 1e-3 * deviation[row]
+                    s[row, :, plain + len(c.free) + place] += 1e-3 * deviation[row]
                 vectors.append(np.tile(v, (1, len(chosen))))
                 states.append(s.reshape(s.shape[0], -1))
                 field = window_fields(self.records[which], chosen, c.hidden[which])
                 fields.append({name: np.repeat(value, count, axis=-1) for name, value in field.items()})
                 steps.append(np.concatenate([h, 1e-3 * deviation[live]]))
             blocks = self._run(which, vectors, states, fields)
-            for index, (block, size) in enumerate(zip(blocks, steps, strict=True)):
+            for c, block, size, parts in zip(candidates, blocks, steps, found, strict=True):
                 # From (modes, windows x count) to (windows, modes, count).
-                shaped = block.reshape(len(block), len(chosen), 1 + len(size)).transpose(1, 0, 2)
-                slope = (shaped[:, :, 1:] - shaped[:, :, :1]) / size
-                found[index].append(Linear(which, chosen, shaped[:, :, 0], slope))
+                shaped = block.reshape(len(block), len(chosen), block.shape[1] // len(chosen)).transpose(1, 0, 2)
+                here = known[id(c)][which] if id(c) in known else shaped[:, :, 0]
+                slope = (shaped[:, :, shaped.shape[2] - len(size) :] - here[:, :, None]) / size
+                parts.append(Linear(which, chosen, here, slope))
         return found
 
     # --- levels and costs
@@ -201,56 +184,6 @@ class Fitter:
         """Twice the negative log prior of the free parameters."""
         return float(np.sum(((c.vector[c.free] - c.center) / c.spread) ** 2))
 
-    def torques(self, c: Candidate, windows: Windows) -> Values:
-        """Effective number of coefficients of each mode that count as torques of an imposed motion, for `log_volume`.
-
-        A coefficient counts by its share of missing torque against noise, times the share of missing against inertial
-        torque: where the inertial torque is the larger, the torque makes the motion and the motion is not imposed.
-
-        Returns:
-            Shape (modes,) [1], at most the number of windows.
-        """
-        noise = np.concatenate([self.noise[which][chosen] for which, chosen in enumerate(windows)])
-        seen = np.sum(self.modes.wiener(c.level, noise), axis=0)
-        missing = c.level[self.modes.band] ** 2
-        return seen * missing / np.maximum(missing + self.inertial, 1e-300)
-
-    def torque_scale(self, c: Candidate, vector: Values | None = None) -> Values:
-        """Factor of a candidate's missing torque at the command over that which `Modes` infers from its residual.
-
-        `Modes` infers it through the nominal mass, so the factor is the ratio of the nominal model's frequency response
-        to the candidate's, at least 1. Under a stiff position loop the motion is imposed and the torque follows from
-        it. A model that hardly responds to torque (a heavy mass, much damping, a limit) then has small residuals
-        however wrong its torque is, and this factor corrects for it. It is at least 1, since otherwise a light mass or
-        a large gain could make the missing torque of its own model small.
-
-        Returns:
-            Shape (modes,) [1]; 1 for modes without torque.
-        """
-        own = self._response(c.vector if vector is None else vector)
-        return np.where(self.modes.sensor, 1.0, np.maximum(self._nominal / own, 1.0))
-
-    def _response(self, vector: Values) -> Values:
-        """Relative frequency response (`Modes.response`) of a machine with a parameter vector, shape (modes,)."""
-        found = dict(zip([p.name for p in self.family.parameters], vector, strict=True))
-        # Quadratic drag and the limits, linearised: the slope at the rms speed, and the share of the log's samples in
-        # which the command is neither within the dead zone nor above the limit.
-        viscous = found["viscous"] + 2.0 * found.get("drag_coefficient", 0.0) * self.speed
-        above, within = found.get("dead_zone", 0.0), found.get("limit", np.inf)
-        count = np.searchsorted(self.effort, within, "right") - np.searchsorted(self.effort, above, "left")
-        passed = max(count, 0) / len(self.effort)
-        gain = found.get("gain", 1.0) * max(1.0 - found.get("load_coefficient", 0.0) * self.driving, LEAST_PASSED)
-        return self.modes.response(found["inertia"], max(viscous, 0.0), gain * max(passed, LEAST_PASSED), self.guide)
-
-    def log_volume(self, c: Candidate, torques: Values, vector: Values | None = None) -> float:
-        """Twice the negative log of the Jacobian from torques to motion, over the `torques` counted in each mode.
-
-        A likelihood of torques instead of motions: without it, a model that responds less is favoured.
-        """
-        if not np.any(torques > 0.0):
-            return 0.0
-        return 2.0 * float(torques @ np.log(self.torque_scale(c, vector)))
-
     # --- the iteration
 
     def go_on(
@@ -267,17 +200,25 @@ class Fitter:
             hidden: whether the hidden states are free too.
             adapt: whether the level is estimated anew in each iteration.
         """
+        known: Known = {}
         for _ in range(iterations):
             active = [c for c in candidates if not c.converged]
             if not active:
                 return
-            self._iterate(active, windows, white=white, hidden=hidden, adapt=adapt)
+            known = self._iterate(active, windows, known, white=white, hidden=hidden, adapt=adapt)
 
-    def _iterate(self, active: list[Candidate], windows: Windows, *, white: bool, hidden: bool, adapt: bool) -> None:
-        """One iteration of each candidate: the best of its steps with all dampings, if that lowers the cost."""
+    def _iterate(
+        self, active: list[Candidate], windows: Windows, known: Known, *, white: bool, hidden: bool, adapt: bool
+    ) -> Known:
+        """One iteration of each candidate: the best of its steps with all dampings, if that lowers the cost.
+
+        Returns:
+            The coefficients at the candidates' values after it; `known` are those before it.
+        """
+        linear = self.linearise(active, windows, hidden=hidden, known=known)
         trials: list[list[Candidate]] = []
         counted: list[Values] = []
-        for c, parts in zip(active, self.linearise(active, windows, hidden=hidden), strict=True):
+        for c, parts in zip(active, linear, strict=True):
             if adapt:
                 c.white = white
                 c.level = self.best_level([(p.which, p.windows, p.c) for p in parts], white=white)
@@ -297,9 +238,10 @@ class Fitter:
                 for c in group
             ]
         )
+        tried: dict[int, list[Values]] = {}
         for which, chosen in enumerate(windows):
             if len(chosen):
-                found = self.coefficients(everything, which, chosen)
+                found = tried[which] = self.coefficients(everything, which, chosen)
                 tries = len(DAMPINGS)
                 for place, c in enumerate(active):  # its trials share its level
                     some = slice(place * tries, (place + 1) * tries)
@@ -308,17 +250,21 @@ class Fitter:
                 for index, trial in enumerate(everything):
                     costs[index] += np.sum(self.state_prior(trial, which, chosen, hidden=hidden))
         costs = np.where(np.isfinite(costs), costs, np.inf).reshape(len(active), -1)
-        for c, group, cost in zip(active, trials, costs, strict=True):
+        after: Known = {}
+        for place, (c, parts, group, cost) in enumerate(zip(active, linear, trials, costs, strict=True)):
             best = int(np.argmin(cost))
             gain = c.cost - cost[best]
             if not gain > 0:
                 # No trial was better: larger dampings in the next iteration; converged where they are of no use.
                 c.damping *= 1e3
                 c.converged = bool(c.damping > 1e5)
+                after[id(c)] = {p.which: p.c for p in parts}
                 continue
+            after[id(c)] = {which: found[place * len(group) + best] for which, found in tried.items()}
             c.vector, c.states, c.cost = group[best].vector, group[best].states, float(cost[best])
             c.damping = float(np.clip(group[best].damping, 1e-5, 1e4))
             c.converged = bool(gain < GAINED)
+        return after
 
     def _steps(
         self, c: Candidate, parts: list[Linear], dampings: Values, torques: Values, *, hidden: bool
@@ -329,7 +275,7 @@ class Fitter:
         c.normal = matrix[-1]
         unit = c.scale / c.spread
         prior = np.diag(unit**2)
-        pull = (c.vector[c.free] - c.center) / c.spread * unit + self._log_volume_slope(c, torques)
+        pull = (c.vector[c.free] - c.center) / c.spread * unit + self.log_volume_slope(c, torques)
         stepped = []
         for place, damping in enumerate(dampings):
             step = _bounded(c, matrix[place] + prior, slope[place] + pull, damping) if count else np.zeros(0)
@@ -344,17 +290,6 @@ class Fitter:
                 states[part.which][np.ix_(live, part.windows)] += (move * deviation[live]).T
             stepped.append(replace(c, vector=vector, states=states, damping=float(damping)))
         return stepped
-
-    def _log_volume_slope(self, c: Candidate, torques: Values) -> Values:
-        """Half the gradient of `log_volume` by the free parameters in units of their scale, shape (free,)."""
-        found, here = np.zeros(len(c.free)), self.log_volume(c, torques)
-        for place, index in enumerate(c.free):
-            if c.family.parameters[index].name in RESPONSE:
-                step = 1e-4 * c.scale[place]
-                moved = c.vector.copy()
-                moved[index] += step
-                found[place] = 0.5 * (self.log_volume(c, torques, moved) - here) / 1e-4
-        return found
 
     def reduced(self, c: Candidate, parts: list[Linear], dampings: Values, *, hidden: bool = True) -> tuple:
         """Normal equations of the free parameters with the start values of the windows eliminated.
@@ -412,17 +347,19 @@ class Fitter:
 def _bounded(c: Candidate, matrix: Values, slope: Values, damping: float) -> Values:
     """The step of the damped normal equations; a parameter at a bound, whose step leads outside, is held there."""
     value, edge = c.vector[c.free], 1e-9 * c.scale
-    held, step = np.zeros(len(value), bool), np.zeros(len(value))
+    low, high = value <= c.low + edge, value >= c.high - edge
     # Marquardt's scaling by the diagonal; the small term keeps a parameter without influence solvable.
     damped = matrix + np.diag(damping * np.diag(matrix) + 1e-12)
-    for _ in range(4):  # holding one parameter may drive another out
+    step = np.linalg.lstsq(damped, -slope, rcond=1e-13)[0]
+    held = np.zeros(len(value), bool)
+    for _ in range(3):  # holding one parameter may drive another out
+        out = (low & (step < 0)) | (high & (step > 0))
+        if not np.any(out & ~held):
+            break
+        held |= out
         go = ~held
-        step[:] = 0.0
+        step = np.zeros(len(value))
         if not np.any(go):
             break
         step[go] = np.linalg.lstsq(damped[np.ix_(go, go)], -slope[go], rcond=1e-13)[0]
-        out = ((value <= c.low + edge) & (step < 0)) | ((value >= c.high - edge) & (step > 0))
-        if not np.any(out & go):
-            break
-        held |= out
     return step

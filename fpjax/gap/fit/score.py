@@ -37,49 +37,72 @@ class Scoring(Protocol):
         ...
 
 
-def score(search: Scoring, c: Candidate) -> Fit:
-    """The evidence of a candidate, its levels, and its missing torque in every window.
+def scores(search: Scoring, candidates: Sequence[Candidate]) -> list[Fit]:
+    """The evidence of each candidate, its levels, and its missing torque in every window.
 
     Args:
-        search: that it belongs to.
-        c: fitted on the fitted windows; its level and the start values of the withheld windows are set here.
+        search: that they belong to.
+        candidates: fitted on the fitted windows; their levels and the start values of the withheld windows are set
+            here. Those of one family run side by side: the withheld windows of one would leave most lanes empty.
     """
-    fitter = search.fitters[c.family.key]
-    parts = fitter.linearise([c], search.train)[0]
-    c.level, c.white = fitter.best_level([(p.which, p.windows, p.c) for p in parts], white=False), False
-    fixed = replace(
-        # The same values with no parameter free: on withheld windows the start values alone are fitted.
-        c, free=np.zeros(0, int), low=np.zeros(0), high=np.zeros(0), center=np.zeros(0), spread=np.ones(0),
-        scale=np.zeros(0), reach=np.zeros(0), states=[s.copy() for s in c.states], hidden=[h.copy() for h in c.hidden],
-        converged=False, damping=1e-3,
-    )  # fmt: skip
-    withheld = _withheld_parts(search, fixed, fitter)
-    # The level is not a parameter of the machine, so that all windows may determine it. If the fitted ones alone set it
-    # to zero, a small missing torque in a withheld window would have to be sensor noise.
-    c.level = fitter.best_level([(p.which, p.windows, p.c) for p in (*parts, *withheld)], white=False)
-    fixed.level = c.level
-    evidence = _log_evidence(search, c, fitter, parts)
-    if withheld:
-        evidence += _log_evidence(search, fixed, fitter, withheld, hidden=False)
-    c.states, c.hidden = fixed.states, fixed.hidden
-    missing = _missing(search, c, [*parts, *withheld], fitter)
-    return Fit(c, evidence, missing, search.modes.mean_level(c.level, search.band))
+    found: dict[int, Fit] = {}
+    # By the faces of a backlash too: `estimate_hidden_states` tries them for all of its candidates or for none.
+    kinds = [(c.family.key, any(p.name == "gap" for e in c.effects for p in e.parameters)) for c in candidates]
+    for kind in dict.fromkeys(kinds):
+        some = [c for c, own in zip(candidates, kinds, strict=True) if own == kind]
+        found |= {id(c): fit for c, fit in zip(some, _scores(search, some), strict=True)}
+    return [found[id(c)] for c in candidates]
 
 
-def _withheld_parts(search: Scoring, fixed: Candidate, fitter: Fitter) -> list[Linear]:
-    """The withheld windows, linearised about a candidate after a fit of their start values."""
+def _scores(search: Scoring, candidates: Sequence[Candidate]) -> list[Fit]:
+    """`scores` of candidates of one family."""
+    fitter = search.fitters[candidates[0].family.key]
+    every = fitter.linearise(candidates, search.train)
+    still = []
+    for c, parts in zip(candidates, every, strict=True):
+        c.level, c.white = fitter.best_level([(p.which, p.windows, p.c) for p in parts], white=False), False
+        fixed = replace(
+            # The same values with no parameter free: on withheld windows the start values alone are fitted.
+            c, free=np.zeros(0, int), low=np.zeros(0), high=np.zeros(0), center=np.zeros(0), spread=np.ones(0),
+            scale=np.zeros(0), reach=np.zeros(0), states=[s.copy() for s in c.states],
+            hidden=[h.copy() for h in c.hidden], converged=False, damping=1e-3,
+        )  # fmt: skip
+        still.append(fixed)
+    left_out, fits = _withheld_parts(search, still, fitter), []
+    for c, fixed, parts, withheld in zip(candidates, still, every, left_out, strict=True):
+        # The level is not a parameter of the machine, so that all windows may determine it. If the fitted ones alone
+        # set it to zero, a small missing torque in a withheld window would have to be sensor noise.
+        c.level = fitter.best_level([(p.which, p.windows, p.c) for p in (*parts, *withheld)], white=False)
+        fixed.level = c.level
+        evidence = _log_evidence(search, c, fitter, parts)
+        if withheld:
+            evidence += _log_evidence(search, fixed, fitter, withheld, hidden=False)
+        c.states, c.hidden = fixed.states, fixed.hidden
+        missing = _missing(search, c, [*parts, *withheld], fitter)
+        fits.append(Fit(c, evidence, missing, search.modes.mean_level(c.level, search.band)))
+    return fits
+
+
+def _withheld_parts(search: Scoring, still: Sequence[Candidate], fitter: Fitter) -> list[list[Linear]]:
+    """The withheld windows, linearised about each candidate after a fit of their start values."""
     if not any(len(chosen) for chosen in search.withheld):
-        return []
-    for s, chosen in zip(fixed.states, search.withheld, strict=True):
-        s[:, chosen] = 0.0
-    for steps in PROPER:
-        if fixed.family.key in search.hidden_states:
-            search.estimate_hidden_states([fixed], search.withheld)
+        return [[] for _ in still]
+
+    def rest(first: int) -> None:
+        """Start values from the state `first` on back at their estimates."""
+        for fixed in still:
             for s, chosen in zip(fixed.states, search.withheld, strict=True):
-                s[2:, chosen] = 0.0
-        fixed.converged = False
-        fitter.go_on([fixed], search.withheld, steps, white=False, hidden=False, adapt=False)
-    return fitter.linearise([fixed], search.withheld, hidden=False)[0]
+                s[first:, chosen] = 0.0
+
+    rest(0)
+    for steps in PROPER:
+        if still[0].family.key in search.hidden_states:
+            search.estimate_hidden_states(still, search.withheld)
+            rest(2)
+        for fixed in still:
+            fixed.converged = False
+        fitter.go_on(still, search.withheld, steps, white=False, hidden=False, adapt=False)
+    return fitter.linearise(still, search.withheld, hidden=False)
 
 
 def _log_evidence(search: Scoring, c: Candidate, fitter: Fitter, parts: list[Linear], *, hidden: bool = True) -> float:

@@ -7,7 +7,8 @@ import numpy as np
 
 from ...logs.arrays import Values
 from ...simulation.precision import double_precision
-from ..data.record import Record, tables_of, with_noise
+from ..data.record import Record, with_noise
+from ..data.replay_tables import tables_of
 from ..data.setting import Setting
 from ..data.split import fairer_split
 from ..data.tables import Tables
@@ -22,7 +23,7 @@ from .least_squares import Fitter
 from .make_modes import make_modes
 from .modes import Modes
 from .period_starts import repeating_periods, turning_weight
-from .score import score
+from .score import scores
 
 # Successive halving: every start gets a few steps on a few windows, then ever fewer sets get ever more steps on all.
 SCREEN = 12  # windows on which starts are screened
@@ -111,7 +112,7 @@ class Search:
         """
         if any(np.all(record.withheld) for record in self.records):
             return False  # whole logs are withheld, as the user chose
-        fairer = fairer_split(score(self, self.exact).missing)
+        fairer = fairer_split(scores(self, [self.exact])[0].missing)
         if fairer is None:
             return False
         self.records = [replace(r, withheld=own) for r, own in zip(self.records, fairer, strict=True)]
@@ -134,7 +135,7 @@ class Search:
 
     def family(self, effects: Sequence[Effect]) -> Family:
         """The smallest family that holds the effects."""
-        return self.fitter(key_for(tuple(effects))).family
+        return self.fitter(key_for(tuple(effects), self.setting)).family
 
     def candidate(self, start: Start, *, exact: bool = False) -> Candidate:
         """A candidate at its start."""
@@ -169,13 +170,15 @@ class Search:
         contacts, widest = None, self._widest()
         backlash = [effect for effect in self.effects if effect.name == "backlash"]
         if backlash:
-            hidden_states = self.hidden_states[self.fitter(key_for(tuple(backlash))).family.key]
+            hidden_states = self.hidden_states[self.fitter(key_for(tuple(backlash), self.setting)).family.key]
             nominal = {name: self.base.values()[name] for name in NOMINAL}
             contacts = contact_starts(hidden_states, which, self.records[which], free[which], nominal, self.setting)
         self.setting = replace(
             self.setting, contacts=contacts,
             periods=repeating_periods(free[widest], self.records[widest], self.setting),
             weight=turning_weight(given[widest], self.records[widest]),
+            # A nominal model without friction is no scale for a Stribeck torque or a dead zone.
+            friction=max(self.setting.friction, self.base.values()["coulomb"]),
         )  # fmt: skip
 
     def setting_beside(self, c: Candidate) -> Setting:
@@ -406,4 +409,4 @@ class Search:
         for c in candidates:
             c.converged, c.damping = False, min(c.damping, 1.0)
         self.go_on(candidates, self.train, steps, white=False)
-        return [score(self, c) for c in candidates]
+        return scores(self, candidates)

@@ -22,7 +22,7 @@ from ..data.record import LONGEST, Record
 from ..data.setting import Setting
 from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, EffectParameter, free, leaf
-from ..effects.parameters import NOMINAL
+from ..effects.parameters import NOMINAL, UNBALANCE
 from ..machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
 from .replay import LANES, STATES, as_rows, residual_kernel
 
@@ -52,8 +52,8 @@ class Family:
     Attributes:
         key: structure and features.
         machine: the nominal machine with every effect neutral.
-        effects: those that it can hold, after a first one that holds the nominal values.
-        parameters: of these effects, each once, the nominal values first: the order of every vector.
+        effects: those that it can hold, after those that hold the nominal values and the error of a known load.
+        parameters: of these effects, each once, in their order: that of every vector.
         known: values of the effects that the nominal model has already, by parameter name.
     """
 
@@ -92,13 +92,14 @@ def make_family(key: Key, nominal: Nominal, effects: tuple[Effect, ...], setting
     machine = with_structure(machine, structure, 0.1 / setting.dt, 2e-3 * setting.speed)
     structure = structure_of(machine)
     fitting = tuple(e for e in effects if e.structure in ("rigid", structure) and set(e.features) <= set(features))
-    named = {p.name: p for p in NOMINAL}
-    for parameter in free(fitting):
+    held = (_BASE, _LOAD) if setting.turning_load and "torque" in features else (_BASE,)
+    named: dict[str, EffectParameter] = {}
+    for parameter in free((*held, *fitting)):
         named.setdefault(parameter.name, parameter)
     known: dict[str, float] = {}
     for effect in fitting:
         known |= _known(effect, machine, setting)
-    return Family((structure, features), machine, (_BASE, *fitting), tuple(named.values()), known)
+    return Family((structure, features), machine, (*held, *fitting), tuple(named.values()), known)
 
 
 def _known(effect: Effect, machine: Machine, setting: Setting) -> dict[str, float]:
@@ -118,13 +119,19 @@ _SHAPES = frozenset(
 
 
 _BASE = Effect("nominal", NOMINAL, features=())
+_LOAD = Effect("known_load", UNBALANCE, features=("torque",))  # its error: every model of a machine with one has it
 
 
-def key_for(effects: tuple[Effect, ...]) -> Key:
-    """The least structure and features that hold these effects together; further terms would only cost time."""
+def key_for(effects: tuple[Effect, ...], setting: Setting) -> Key:
+    """The least structure and features that hold these effects together; further terms would only cost time.
+
+    Args:
+        effects: in the model.
+        setting: sizes: a known load that turns has its error beside any effect.
+    """
     structures = {e.structure for e in effects} - {"rigid"}
     structure: Structure = "transmission" if "transmission" in structures else "bristles" if structures else "rigid"
-    wanted = {feature for e in effects for feature in e.features}
+    wanted = {feature for e in effects for feature in e.features} | ({"torque"} if setting.turning_load else set())
     return structure, tuple(f for f in FEATURES if f in wanted)
 
 

@@ -15,7 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ...blocks.actuators import ActuatorState
 from ...blocks.plants import OneMassState, TwoMassState
@@ -192,6 +192,7 @@ class Carry(eqx.Module):
         lagged_before: that one period ago, for a fractional dead time of the sensor [rad/s].
         guided: (speed [rad/s], angle [rad]) that the guide has added to the masses so far.
         push: speed of it that was added at the end of the last period [rad/s].
+        stopped: whether the simulated machine rested or turned back in the last period while the real one moved.
     """
 
     plant: PyTree
@@ -200,13 +201,15 @@ class Carry(eqx.Module):
     lagged_before: Array
     guided: tuple[Array, Array]
     push: Array
+    stopped: Bool[Array, " lanes"]
 
 
 def begin(machine: Machine, windows: Windows, states: Array, tables: Tables) -> Carry:
     """The carry before the first sample."""
     plant, torque, reading = initial(machine, windows, states, tables)
     none = 0.0 * torque
-    return Carry(plant, torque, reading, reading - tables.dt * windows.slope / machine.sensor.scale, (none, none), none)
+    before = reading - tables.dt * windows.slope / machine.sensor.scale
+    return Carry(plant, torque, reading, before, (none, none), none, jnp.zeros(none.shape, bool))
 
 
 def advance(
@@ -245,7 +248,16 @@ def advance(
     # Its dead time is in `command` already.
     actuator = eqx.tree_at(lambda block: block.delay, machine.actuator, None, is_leaf=lambda leaf: leaf is None)
     after, applied = actuator.step(ActuatorState(carry.torque, ()), command, motion, tables.dt)
-    following = advance_exact(machine.plant, state, applied, time, tables.dt, substeps)
+    # Where the machine surely moves and the simulated one rests or turns back, friction acts as in the measured motion.
+    # Else a model could rest under any torque that is below its friction, and no torque would seem to be missing.
+    moving = tables.moving[at]
+    # Fast enough that it does not come to rest within the period.
+    faster = 2.0 * tables.dt * (jnp.abs(applied) + machine.law.coulomb) / machine.plant.inertia
+    ahead = jnp.where(carry.stopped, moving + jnp.sign(moving) * faster - guided_rate, 0.0)
+    ahead = jnp.where(moving != 0.0, ahead, 0.0)
+    following = advance_exact(machine.plant, _turned(state, ahead, 0.0 * ahead), applied, time, tables.dt, substeps)
+    following = _turned(following, -ahead, -tables.dt * ahead)
+    stopped = (moving != 0.0) & (moving * sensor.seen(output_of(following))[0] <= 0.0)
     guide = tables.guide
     # The guide's acceleration [rad/s^2], constant over the period.
     turning = guide.stiffness * (guide.angle[at] - guided_angle)
@@ -254,14 +266,14 @@ def advance(
     turning = turning + guide.damping * (guide.speed[at] - followed)
     faster, further = tables.dt * turning, half * tables.dt * turning
     # A mass that static friction holds has lost the last push to it: there is nothing of it to take off.
-    moving = carry.guided[0] - jnp.where(_resting(following), carry.push, 0.0)
+    kept = carry.guided[0] - jnp.where(_resting(following), carry.push, 0.0)
     following = _turned(following, faster, further)
     # The sum of its double integration, exact for a constant acceleration in each period.
-    guided = (moving + faster, carry.guided[1] + tables.dt * moving + further)
+    guided = (kept + faster, carry.guided[1] + tables.dt * kept + further)
     rate_after = sensor.seen(output_of(following))[0] - guided[0]
     lagged = sensor.follow(carry.lagged, rate, rate_after, tables.dt)
     torque = carry.torque if after.lagged is None else after.lagged
-    return Carry(following, torque, lagged, carry.lagged, guided, faster), predicted
+    return Carry(following, torque, lagged, carry.lagged, guided, faster, stopped), predicted
 
 
 def _resting(state: PyTree) -> Array:

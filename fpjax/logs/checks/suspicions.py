@@ -189,6 +189,8 @@ def _clipped(columns: dict[str, Values]) -> Iterator[Suspicion]:
         if step > 0.05 * np.ptp(values) or (step > 0.0 and name == "velocity"):
             continue
         for end, word in ((np.max(values), "highest"), (np.min(values), "lowest")):
+            if end == 0.0:  # a drive that is off, or a standstill: no request was cut there
+                continue
             at = values == end
             runs = int(np.sum(at[1:] & at[:-1]))
             # A rounded torque touches its last level at every peak, 2.6 times as often as the mean of the eight levels

@@ -161,14 +161,14 @@ def _guessed(
         fitting = [each for each in guesses.get(canonical, []) if each.axis in (None, chosen)]
         if canonical == "time":
             fitting = [each for each in fitting if each.axis is None] or fitting
-        other = {"velocity": "position", "position": "velocity"}.get(canonical)
-        # words with several meanings ("target", "p") are taken only where the other motion has no sure name; as a
-        # reference never
+        other = {"velocity": "position", "position": "velocity", "torque": "torque_measured"}.get(canonical)
+        # words with several meanings ("target", "p", "command") are taken only where the other motion, or the measured
+        # torque, has no sure name; as a reference never
         if canonical == "reference" or (other is not None and (other in found or _surer(guesses, other, fitting))):
             fitting = [each for each in fitting if each.rank < WEAK[canonical]]
         if not fitting:
             continue
-        best: Guess = fitting[0]
+        best: Guess = fitting[0] if travel is None or len(fitting) == 1 else _changing(fitting, travel)
         found[canonical] = Source(best.column, best.unit or None, guessed=True, measured=canonical == "torque_measured")
         said.append(f"{best.column!r} as {canonical}{f' in {best.unit}' if best.unit else ''}")
     if not said:
@@ -194,8 +194,13 @@ def _moving(guesses: Mapping[str, list[Guess]], axes: list[int], travel: Callabl
     return axes[0]
 
 
+def _changing(fitting: list[Guess], travel: Callable[[str], float]) -> Guess:
+    """The surest column; where it never changes, the surest that does: a set point that nobody used shows nothing."""
+    return next((each for each in fitting if travel(each.column) > 0.0), fitting[0])
+
+
 def _surer(guesses: Mapping[str, list[Guess]], other: str, than: list[Guess]) -> bool:
-    """Whether the other motion has an unambiguous name, so that an ambiguous one is not needed."""
+    """Whether the other quantity has an unambiguous name, so that an ambiguous one is not needed."""
     return bool(than) and any(each.rank < WEAK[other] for each in guesses.get(other, []))
 
 

@@ -11,25 +11,27 @@ import unicodedata
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-from .units import suffix_unit
+from .units import QUANTITIES, find_unit, suffix_unit
 
 # Each line is a rank: names in an earlier line are preferred. "name:unit" gives the unit that its source always uses.
-# The last line of velocity, position and reference has ambiguous words, which are taken only where nothing else is.
+# The last line of velocity, position, reference and torque has ambiguous words, taken only where nothing else is.
 _COMMANDED = """
 tau_cmd torque_cmd cmd_torque torque_command commanded_torque torque_setpoint target_torque torque_target tau_target
 desired_torque torque_desired tau_des tau_desired tau_ref torque_ref torque_reference torque_demand sollmoment
 drehmoment_soll soll_drehmoment moment_soll m_soll target_moment effort_command command_effort goal_torque torque_des
-motor_torque_command
-torque tau drehmoment moment couple par coppia force kraft u control control_torque joint_torque_command force_cmd
-cmd command control_input controller_output motor_command control_output
-iq_setpoint:A iq_ref:A iq_cmd:A iq_command:A iq_target:A iq_des:A current_setpoint:A target_current:A
+motor_torque_command tau_command
+torque tau drehmoment moment couple par coppia force kraft u control control_torque joint_torque_command
+control_input controller_output control_output
+iq_setpoint:A iq_ref:A iq_cmd:A iq_command:A iq_target:A iq_des:A current_setpoint:A target_current:A curr_cmd:A
 current_command:A commanded_current:A current_cmd:A goal_current:A strom_soll:A sollstrom:A i_soll:A current_ref:A
 vir:V voltage:V motor_voltage:V applied_volts:V applied_voltage:V volts:V spannung:V output_voltage:V voltage_cmd:V
 pwm:PWM duty:PWM duty_cycle:PWM goal_pwm:PWM present_pwm:PWM pwm_duty:PWM
+cmd command motor_command
 """
 _MEASURED = """
 torque_measured measured_torque tau_meas tau_measured torque_meas torque_actual actual_torque torque_estimate
 estimated_torque tau_est istmoment drehmoment_ist ist_drehmoment m_ist actual_moment joint_torque tau_act torque_act
+torque_feedback tau_feedback
 effort torque_sensor tau_sensor torque_value output_torque motor_torque motor_measured_torque act_torque
 iq:A iq_measured:A iq_meas:A iq_actual:A iq_act:A i_q:A current:A actual_current:A current_actual:A current_measured:A
 motor_current:A strom:A iststrom:A strom_ist:A i_ist:A stator_current:A torque_current:A present_current:A
@@ -94,19 +96,25 @@ def _table() -> dict[str, KnownName]:
             for word in line.split():
                 name, _, unit = word.partition(":")
                 found.setdefault(name, KnownName(canonical, rank, unit))
+                # a linear axis has a force where a rotary one has a torque; a force sensor measures something else
+                if "torque" in name and "sensor" not in name:
+                    found.setdefault(name.replace("torque", "force"), KnownName(canonical, rank, unit))
     return found
 
 
 KNOWN = _table()
 # the rank of the last line, with the ambiguous words
-WEAK = {name: len(_TABLE[name].strip().splitlines()) - 1 for name in ("velocity", "position", "reference")}
+WEAK = {
+    name: len(_TABLE[name].strip().splitlines()) - 1
+    for name in ("velocity", "position", "reference", "torque", "torque_measured")
+}
 # "velocity [deg/s]", "Drehmoment (mNm)"
 _BRACKETED = re.compile(r"^\s*(?P<name>[^\[\](]+?)\s*[\[(]\s*(?P<unit>[^\])]*?)\s*[\])]\s*$")
 # "actual_q_0", "tau[2]", "speed (5)": the number of an axis at the end, but not the digits of a longer number
 _INDEXED = re.compile(r"^(?P<name>.*?[^0-9_.\[(])[_.\[(]?(?P<index>\d{1,2})[\])]?$")
-# "ODrive 2 Position", "motor0_vel", "joint_3_torque": the axis stands first
+# "ODrive 2 Position", "motor0_vel", "joint_3_torque", "a1 velocity": the axis stands first
 _OWNED = re.compile(
-    r"^(?:odrive|odrv|axis|motor|joint|servo|drive|actuator|j|m)_?(?P<index>\d{1,2})_(?P<name>[a-z].*)$"
+    r"^(?:odrive|odrv|axis|motor|joint|servo|drive|actuator|[a-z])_?(?P<index>\d{1,2})_(?P<name>[a-z].*)$"
 )
 # "X_ActualPosition", "Z_CurrentFeedback" of machine tools: axes 1 to 6
 _LETTERED = re.compile(r"^(?P<letter>[xyzabc])_(?P<name>[a-z].*)$")
@@ -219,6 +227,15 @@ def guess(names: Iterable[str], units: Mapping[str, str]) -> dict[str, list[Gues
             known = KNOWN.get(named.plain)
             if known is not None:
                 unit = named.unit or units.get(column, "") or known.unit
+                if not _possible(unit, known.canonical):
+                    continue
                 found.setdefault(known.canonical, []).append(Guess(column, unit, known.rank, named.axis))
                 break
     return {canonical: sorted(guesses, key=lambda each: each.rank) for canonical, guesses in found.items()}
+
+
+def _possible(unit: str, canonical: str) -> bool:
+    """Whether a quantity can have this unit: an encoder's volts are no position. An unknown unit is asked for later."""
+    known = find_unit(unit) if unit else None
+    rotary, linear = QUANTITIES[canonical]
+    return known is None or known.quantity in (*rotary, *linear)

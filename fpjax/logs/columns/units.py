@@ -82,7 +82,7 @@ _SUFFIXES = {
     "ticks": "counts", "m": "m", "mm": "mm", "um": "um", "rad_s": "rad/s", "rads": "rad/s", "radps": "rad/s",
     "rad_per_s": "rad/s", "rad_per_sec": "rad/s", "deg_s": "deg/s", "degps": "deg/s", "deg_per_s": "deg/s",
     "dps": "deg/s", "rpm": "rpm", "rps": "rev/s", "rev_s": "rev/s", "turns_s": "rev/s", "m_s": "m/s", "mps": "m/s",
-    "mm_s": "mm/s", "c": "degC", "degc": "degC",
+    "mm_s": "mm/s", "c": "degC", "degc": "degC", "radians": "rad",
 }  # fmt: skip
 
 

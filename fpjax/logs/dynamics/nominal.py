@@ -48,6 +48,7 @@ SIGNIFICANT = 3.0  # [standard deviations]
 # Ratio of the two inertias from which on the motion is taken for exact. It is 1 / R^2 of the torque: 3 where two thirds
 # of its energy are not in the motion.
 LOOSE = 3.0
+EXPLAINED = 0.3  # share of the motion's (or the torque's) variance: with less explained, the numbers mean nothing
 NOISY = 1e-3  # share of noise in the motion's energy within a window, up to which windows serve to solve for the torque
 MATTERS = 0.02  # of the torque's rms: a smaller unbalance is not worth its two parameters
 PARAMETERS = ("inertia", "coulomb", "viscous", "offset", "sine", "cosine")
@@ -95,8 +96,21 @@ class Nominal:
     @property
     def plausible(self) -> bool:
         """Whether inertia and friction have possible signs, and the model explains the motion."""
-        firm = self.inertia > SIGNIFICANT * self.deviations[0] and self.share > 0.3
-        return firm and self.coulomb > -SIGNIFICANT * self.deviations[1]
+        return not self.doubt
+
+    @property
+    def doubt(self) -> str:
+        """Why these numbers are no machine, as the end of a sentence; "" where they are `plausible`."""
+        if not self.inertia > SIGNIFICANT * self.deviations[0]:
+            return (
+                f"the fitted inertia, {self.inertia:.3g} +- {self.deviations[0]:.2g}, is not told from zero (the "
+                f"machine hardly accelerates, or other torques than its friction and weight move it)"
+            )
+        if not self.share > EXPLAINED:
+            return f"inertia and friction explain only {self.share:.0%} of what they were fitted to"
+        if not self.coulomb > -SIGNIFICANT * self.deviations[1]:
+            return f"the fitted Coulomb friction is negative ({self.coulomb:.3g} +- {self.deviations[1]:.2g})"
+        return ""
 
     @property
     def amplitude(self) -> float:

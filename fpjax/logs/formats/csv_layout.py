@@ -189,6 +189,8 @@ def _with_header(lines: list[str], filled: list[int], separator: str | None, fir
 
 
 def _are_units(parts: list[str]) -> bool:
+    if all(part[:1] + part[-1:] == "[]" for part in parts):  # "[#],[V],[turns]": brackets alone make names of none
+        return any(find_unit(part.strip("[]")) is not None for part in parts)
     known = [part for part in parts if part.strip("[]()-") and find_unit(part.strip("[]()")) is not None]
     return len(known) >= 2 and all(
         part in known or not part.strip("[]()- ") or part.lower() == "none" for part in parts

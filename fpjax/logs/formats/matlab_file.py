@@ -49,6 +49,8 @@ def _read_hdf(path: pathlib.Path) -> Any:
 
 def _flatten(columns: dict[str, np.ndarray], text: dict[str, str], prefix: str, value: Any) -> None:
     if isinstance(value, Mapping):
+        if recorded := _recorded(value):
+            value = recorded
         for name, inner in value.items():
             if not str(name).startswith("__"):
                 _flatten(columns, text, f"{prefix}.{name}" if prefix else str(name), inner)
@@ -57,6 +59,26 @@ def _flatten(columns: dict[str, np.ndarray], text: dict[str, str], prefix: str, 
             add_array(columns, text, prefix, value)
         except (ValueError, TypeError):
             text[prefix] = f"column {prefix} is not an array of numbers"
+
+
+def _recorded(struct: Mapping[str, Any]) -> dict[str, Any] | None:
+    """The signals of a recording of Simulink or dSPACE, by their labels; None for any other struct.
+
+    Simulink's "structure with time" has `time` and `signals`, each with `values` and `label`; ControlDesk's file has
+    `X` (the time) and `Y`, each with `Data` and `Name`.
+    """
+    for clock, signals, values, label in (("time", "signals", "values", "label"), ("X", "Y", "Data", "Name")):
+        if not {clock, signals} <= set(struct):
+            continue
+        several = [struct[signals]] if isinstance(struct[signals], Mapping) else list(np.atleast_1d(struct[signals]))
+        if not several or not all(isinstance(each, Mapping) and values in each for each in several):
+            continue
+        found = {"time": struct[clock].get(values) if isinstance(struct[clock], Mapping) else struct[clock]}
+        for index, each in enumerate(several):
+            name = each.get(label)
+            found[name if isinstance(name, str) and name and name not in found else f"{signals}.{index}"] = each[values]
+        return found
+    return None
 
 
 def _first_line(error: BaseException) -> str:

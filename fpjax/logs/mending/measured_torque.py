@@ -79,3 +79,15 @@ def following(commanded: np.ndarray, measured: np.ndarray, dt: float) -> Followe
         shift = 0.5 * (below - above) / bend if bend < 0.0 else 0.0
     gain = float(like[best]) * float(np.sqrt(second @ second) / np.sqrt(first @ first))
     return Followed(float((lags[best] + shift) * dt), gain, float(like[best]))
+
+
+def related(commanded: np.ndarray, measured: np.ndarray) -> bool:
+    """Whether the two levels correlate, whatever their changes do: under noise, slow torques have changes of their own.
+
+    Args:
+        commanded: shape (samples,).
+        measured: at the same times, shape (samples,).
+    """
+    first, second = commanded[:LOOKED_AT] - commanded.mean(), measured[:LOOKED_AT] - measured.mean()
+    power = float(np.sqrt((first @ first) * (second @ second)))
+    return power > 0.0 and abs(float(first @ second)) >= LIKE * power

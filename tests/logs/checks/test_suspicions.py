@@ -193,6 +193,11 @@ def test_a_clipped_torque_that_is_rounded(log, limit, count):
     assert [one.kind for one in found].count("clipped") == count
 
 
+def test_a_drive_that_is_off_is_not_clipped_at_zero(log):
+    torque = np.where(log.time < 0.5 * log.time[-1], np.abs(log.torque), 0.0)
+    assert not [one for one in suspicions(dataclasses.replace(log, torque=torque)) if one.kind == "clipped"]
+
+
 def test_a_velocity_of_another_axis(log):
     other = 3.0 * np.sin(2 * np.pi * 1.7 * log.time + 1.0) + 2e-3 * np.random.default_rng(4).standard_normal(len(log))
     found = suspicions(dataclasses.replace(log, position=np.cumsum(other) * 1e-3), BODY)

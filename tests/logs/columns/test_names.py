@@ -5,6 +5,7 @@ import pytest
 from log_files import DT, TURN
 
 from fpjax import FpjaxWarning, InputError, read_log
+from fpjax.logs.log import asks_for_a_position
 
 pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")  # each test asks for its own
 
@@ -42,6 +43,17 @@ FROM_PEOPLE = {
         "A",
         {"torque_measured": True},
     ),
+    "Damiao": (
+        {"time": 1, "torque_feedback": 1, "velocity": 1, "position": None, "command": None},
+        "",
+        {"torque_measured": True},
+    ),
+    "dynamometer": (
+        {"time [s]": 1, "a1 torque cmd [Nm]": 1, "a1 velocity [rad/s]": 1, "a1 position [rad]": None},
+        "",
+        {},
+    ),
+    "cylinder": ({"time": 1, "force_desired": 1, "velocity": 1, "position_radians": None}, "", {}),
     "KUKA": ({"t": 1, "act_torque": 1, "act_vel": 1, "act_pos": None}, "", {"torque_measured": True}),
     "Mitsubishi": ({"ms": 1e3, "Torque": 1, "Servo motor speed": 60 / TURN}, "", {}),
     "ROS": ({"stamp": 1, "/joint_states.effort.0": 1, "/joint_states.velocity.0": 1}, "", {"torque_measured": True}),
@@ -182,6 +194,52 @@ def test_a_measured_torque_beside_the_command_tells_its_lag():
     assert log.torque_lag == pytest.approx(2.4e-3, abs=2e-4)
     assert not log.torque_measured
     np.testing.assert_allclose(log.extra["torque_measured"], 0.12 * data["Iq"])
+
+
+def test_a_slow_torque_under_noise_is_not_called_unlike_its_command():
+    """At 30 ms a sample the changes are noise, while the levels leave no doubt that the columns belong together."""
+    generator = np.random.default_rng(1)
+    time = 0.03 * np.arange(2000)
+    data = {"time": time, "tau_command": np.sin(time), "velocity": np.cos(time)}
+    data["tau_measured"] = data["tau_command"] + 0.2 * generator.normal(size=time.size)
+    with pytest.warns(FpjaxWarning, match="how late it is its noise hides"):
+        log = read_log(data)
+    assert log.torque_lag is None
+    np.testing.assert_array_equal(log.torque, data["tau_command"])
+    data["tau_measured"] = generator.normal(size=time.size)
+    with pytest.warns(FpjaxWarning, match="unlike the commanded one at any lag"):
+        read_log(data)
+
+
+def test_a_command_of_something_is_a_torque_only_where_no_other_column_is(columns):
+    data = {"time": columns["time"], "command": columns["torque"], "velocity": columns["velocity"]}
+    np.testing.assert_array_equal(read_log(data).torque, columns["torque"])
+    log = read_log({**data, "current": 2.0 * columns["torque"]})
+    np.testing.assert_array_equal(log.torque, 2.0 * columns["torque"])
+
+
+def test_a_set_point_that_never_changes_gives_way_to_one_that_does(columns):
+    data = {**columns, "position_cmd": np.zeros_like(columns["time"]), "velocity_cmd": columns["velocity"]}
+    np.testing.assert_array_equal(read_log(data).reference, columns["velocity"])
+    data["velocity_cmd"] = np.ones_like(columns["time"])
+    assert not np.any(read_log(data).reference)
+
+
+def test_volts_of_an_encoder_are_no_position(columns):
+    data = {"time": columns["time"], "torque": columns["torque"], "encoder_V": columns["position"]}
+    with pytest.raises(InputError, match="has no column velocity or position"):
+        read_log(data)
+    log = read_log({**data, "speed": columns["velocity"]})
+    assert log.position is None
+
+
+@pytest.mark.parametrize(("level", "kind"), [(1.0, "velocity"), (40.0, "position")])
+def test_a_constant_reference_is_of_the_motion_whose_level_it_has(level, kind):
+    time = 1e-3 * np.arange(2000)
+    swing = 0.3 * np.sin(50.0 * time)
+    motion = {"velocity": 1.0 + swing, "position": 40.0 + time, "reference": np.full(time.size, level)}
+    log = read_log({"time": time, "torque": swing, **motion})
+    assert asks_for_a_position(log) == (kind == "position")
 
 
 def test_a_rounded_torque_is_noted(columns):

@@ -98,6 +98,19 @@ def test_pushes_on_a_machine_without_a_loop_leave_the_torque_exact(push):
     assert found.inertia == pytest.approx(INERTIA, rel=0.25)
 
 
+def test_a_fit_that_is_no_machine_says_why():
+    sound = fit_nominal(made(gyro=0.01))
+    assert (sound.plausible, sound.doubt) == (True, "")
+    for change, words in (
+        ({"inertia": -sound.inertia}, "inertia, -0.01"),
+        ({"share": 0.2}, "explain only 20%"),
+        ({"coulomb": -sound.coulomb}, "Coulomb friction is negative (-0.0"),
+    ):
+        wrong = dataclasses.replace(sound, **change)
+        assert not wrong.plausible
+        assert words in wrong.doubt
+
+
 def test_what_shows_nothing_gives_none():
     log = made(gyro=0.01, seconds=3.0)
     assert fit_nominal(dataclasses.replace(log, torque=np.zeros(3000))) is None

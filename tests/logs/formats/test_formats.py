@@ -27,6 +27,26 @@ def test_csv_npz_mat_and_arrays_give_the_same_log(tmp_path, columns):
     assert_same(read_log(tmp_path / "deep.mat", columns=mapping), columns)
 
 
+@pytest.mark.parametrize("recorder", ["Simulink", "ControlDesk"])
+def test_recordings_of_matlab_are_read_by_their_labels(tmp_path, columns, recorder):
+    """Simulink's structure with time, and the file that dSPACE's ControlDesk writes."""
+    from scipy import io
+
+    names, parts = ["Current[A]", "w[rpm]"], [columns["torque"], 60 / TURN * columns["velocity"]]
+    if recorder == "Simulink":
+        signals = [{"values": part, "label": name} for name, part in zip(names, parts, strict=True)]
+        run = {"time": columns["time"], "signals": signals, "blockName": "motor/Scope"}
+    else:
+        traces = [{"Data": part, "Name": name, "XIndex": 1} for name, part in zip(names, parts, strict=True)]
+        run = {"X": {"Data": columns["time"], "Name": ""}, "Y": traces, "Capture": {"Length": 0.2}}
+    io.savemat(tmp_path / "log.mat", {"run": run})
+    log = read_log(tmp_path / "log.mat")
+    assert log.dt == pytest.approx(DT)
+    np.testing.assert_allclose(log.torque, columns["torque"], atol=1e-12)
+    np.testing.assert_allclose(log.velocity, columns["velocity"], atol=1e-12)
+    assert log.torque_unit == "A"
+
+
 def test_a_header_with_two_tabs_between_its_names(tmp_path, columns):
     rows = zip(columns["time"], columns["torque"], columns["velocity"], strict=True)
     body = "".join("\t".join(f"{value:.17e}".replace(".", ",") for value in row) + "\n" for row in rows)
@@ -242,6 +262,14 @@ def test_a_row_of_units_under_the_header(tmp_path, columns):
     assert log.dt == pytest.approx(DT)
     np.testing.assert_allclose(log.torque, 1e-3 * columns["torque"], atol=1e-9)
     np.testing.assert_allclose(log.position, TURN / 360 * columns["position"], atol=1e-9)
+
+
+def test_a_row_of_units_in_brackets_with_a_number_sign(tmp_path, columns):
+    columns = {"step": np.arange(SAMPLES), **{name: columns[name] for name in ("torque", "velocity")}}
+    lines = text_of(columns, ",").splitlines()
+    (tmp_path / "log.csv").write_text("\n".join(["%step,torque,velocity", "%[#],[Nm],[turns/s]", *lines[1:]]))
+    log = read_log(tmp_path / "log.csv", dt=DT)
+    np.testing.assert_allclose(log.velocity, TURN * columns["velocity"], atol=1e-9)
 
 
 def test_a_name_that_comes_twice_and_broken_rows_are_said(tmp_path, columns):

@@ -1,0 +1,123 @@
+"""Response: how far a family's machines answer a torque with motion, against the nominal mass.
+
+The missing torque is inferred from residuals through the nominal mass (`fpjax.gap.fit.modes`). What a model with other
+numbers lacks at the command, and the likelihood of torques instead of motions, follow from the ratio of the two
+frequency responses.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...logs.arrays import Values
+from ..data.record import Record
+from ..data.setting import Setting
+from ..simulate.family import Runner
+from .candidate import Candidate
+from .modes import Modes
+
+# Parameters by which a model's frequency response, and so `torque_scale`, depends smoothly on the vector.
+RESPONSE = ("inertia", "viscous", "gain", "drag_coefficient", "load_coefficient")
+LEAST_PASSED = 0.05  # least share of a torque that is taken to pass a limit, dead zone or loaded gear: never none [1]
+
+Windows = Sequence[Values]
+
+
+class Response:
+    """Frequency responses of a family's machines to a missing torque.
+
+    Args:
+        runner: of the family.
+        setting: sizes.
+        modes: of a window.
+    """
+
+    def __init__(self, runner: Runner, setting: Setting, modes: Modes):
+        self.family, self.setting, self.modes = runner.family, setting, modes
+        self.records: list[Record] = runner.records
+        speed = np.concatenate([record.speed for record in self.records])
+        torque = np.concatenate([record.torque for record in self.records])
+        self.speed, self.effort = float(np.sqrt(np.mean(speed**2))), np.sort(np.abs(torque))
+        # Share of the log in which the torque drives, less that in which it brakes: a gear's losses then help it.
+        self.driving = float(np.clip(np.mean(np.sign(torque) * np.sign(speed)), 0.0, 1.0))
+        self.inertial = self._inertial()
+        guide = runner.tables[0].guide
+        self.guide = float(guide.stiffness), float(guide.damping)
+        self._nominal = self._response(self.family.neutral(setting))
+        # s^2 of each window: windows with repeated readings have more noise. Rounded to powers of two, so that many
+        # windows share their weights.
+        self.noise = [2.0 ** np.round(np.log2(record.runs)) for record in self.records]
+
+    def _inertial(self) -> Values:
+        """Mean square of the nominal inertial torque in each mode [N^2 m^2], averaged by octave, shape (modes,)."""
+        modes, squares = self.modes, []
+        for record in self.records:
+            rows = record.starts[:, None] + np.arange(record.samples)
+            squares.append((self.setting.inertia * record.acceleration[rows] @ modes.torque) ** 2)
+        each = np.mean(np.concatenate(squares), axis=0)
+        found = np.zeros(len(each))
+        for band in np.unique(modes.band[~modes.sensor]):
+            own = (modes.band == band) & ~modes.sensor
+            found[own] = np.mean(each[own])
+        return found
+
+    def torques(self, c: Candidate, windows: Windows) -> Values:
+        """Effective number of coefficients of each mode that count as torques of an imposed motion, for `log_volume`.
+
+        A coefficient counts by its share of missing torque against noise, times the share of missing against inertial
+        torque: where the inertial torque is the larger, the torque makes the motion and the motion is not imposed.
+
+        Returns:
+            Shape (modes,) [1], at most the number of windows.
+        """
+        noise = np.concatenate([self.noise[which][chosen] for which, chosen in enumerate(windows)])
+        seen = np.sum(self.modes.wiener(c.level, noise), axis=0)
+        missing = c.level[self.modes.band] ** 2
+        return seen * missing / np.maximum(missing + self.inertial, 1e-300)
+
+    def torque_scale(self, c: Candidate, vector: Values | None = None) -> Values:
+        """Factor of a candidate's missing torque at the command over that which `Modes` infers from its residual.
+
+        `Modes` infers it through the nominal mass, so the factor is the ratio of the nominal model's frequency response
+        to the candidate's, at least 1. Under a stiff position loop the motion is imposed and the torque follows from
+        it. A model that hardly responds to torque (a heavy mass, much damping, a limit) then has small residuals
+        however wrong its torque is, and this factor corrects for it. It is at least 1, since otherwise a light mass or
+        a large gain could make the missing torque of its own model small.
+
+        Returns:
+            Shape (modes,) [1]; 1 for modes without torque.
+        """
+        own = self._response(c.vector if vector is None else vector)
+        return np.where(self.modes.sensor, 1.0, np.maximum(self._nominal / own, 1.0))
+
+    def _response(self, vector: Values) -> Values:
+        """Relative frequency response (`Modes.response`) of a machine with a parameter vector, shape (modes,)."""
+        found = dict(zip([p.name for p in self.family.parameters], vector, strict=True))
+        # Quadratic drag and the limits, linearised: the slope at the rms speed, and the share of the log's samples in
+        # which the command is neither within the dead zone nor above the limit.
+        viscous = found["viscous"] + 2.0 * found.get("drag_coefficient", 0.0) * self.speed
+        above, within = found.get("dead_zone", 0.0), found.get("limit", np.inf)
+        count = np.searchsorted(self.effort, within, "right") - np.searchsorted(self.effort, above, "left")
+        passed = max(count, 0) / len(self.effort)
+        gain = found.get("gain", 1.0) * max(1.0 - found.get("load_coefficient", 0.0) * self.driving, LEAST_PASSED)
+        return self.modes.response(found["inertia"], max(viscous, 0.0), gain * max(passed, LEAST_PASSED), self.guide)
+
+    def log_volume(self, c: Candidate, torques: Values, vector: Values | None = None) -> float:
+        """Twice the negative log of the Jacobian from torques to motion, over the `torques` counted in each mode.
+
+        A likelihood of torques instead of motions: without it, a model that responds less is favoured.
+        """
+        if not np.any(torques > 0.0):
+            return 0.0
+        return 2.0 * float(torques @ np.log(self.torque_scale(c, vector)))
+
+    def log_volume_slope(self, c: Candidate, torques: Values) -> Values:
+        """Half the gradient of `log_volume` by the free parameters in units of their scale, shape (free,)."""
+        found, here = np.zeros(len(c.free)), self.log_volume(c, torques)
+        for place, index in enumerate(c.free):
+            if c.family.parameters[index].name in RESPONSE:
+                step = 1e-4 * c.scale[place]
+                moved = c.vector.copy()
+                moved[index] += step
+                found[place] = 0.5 * (self.log_volume(c, torques, moved) - here) / 1e-4
+        return found
