@@ -10,7 +10,7 @@ in 2 of 8. The reported half of seed 1, measured with an engine before, had 11 o
 (k + 1) / (n + 2) of both together are the probabilities, so that another odd seed must judge them. `curve`,
 `curve_ahead` and `curve_named` were set on 21 of those cases in which much is left and on three real records (EMPS, two
 of a pendulum), the three of three behind `right_dominant`; `twist`, `ripple` and `behind` on sixteen further
-records of three machines, `swallowed` on two joints of a fourth, `near` and `repeats` on 17 records of five machines
+records of three machines, `swallowed` on two joints of a fourth, `near` on 17 records of five machines
 and ten of those cases, `pieces` on eight values of them, `persists` on one record of a motor. For the others from
 `wrong_number` on no set was kept: the reason that is given with each is all there is.
 """
@@ -75,9 +75,8 @@ class Thresholds:
         no_better: missing torque left, of the nominal model's [1], below which less makes a model worth no more.
         no_less: likewise, above which nothing counts as gone.
         moves: speed, of the top speed [1], from which a machine moves.
-        near: how far a simulation may be off within a window: share of the motion [1], and phase of a torque that
-            repeats with the position [rad]. A firmer guide hides from a fit what it holds.
-        repeats: share of the missing torque in one sine of the position [1], from which the guide must keep its phase.
+        near: how far a simulation may be off within a window: share of the motion [1]. A firmer guide hides from a fit
+            what it holds.
         fastest: bandwidth of the fastest guide, of the sampling frequency [1]; a faster one would follow noise.
         unfair: missing torque's energy in a window of all, over that of the withheld or the fitted ones [1], from which
             on other windows are withheld.
@@ -141,7 +140,6 @@ class Thresholds:
     no_less: float = 0.999
     moves: float = 0.1
     near: float = 0.1
-    repeats: float = 0.5
     fastest: float = 0.1
     unfair: float = 4.0
     uniform: float = 0.02

@@ -198,7 +198,7 @@ def _tables(measurement: MeasurementModel, readings: Readings) -> tuple[Tables, 
     tables = Tables(
         line(readings.torque), line(readings.rate), weight(measurement.channels[0], measurement.rate_noise),
         line(readings.angle), weight(measurement.channels[1], measurement.angle_noise),
-        jnp.asarray(measurement.dt), free, jnp.zeros(runs * length),
+        jnp.asarray(measurement.dt), free, jnp.zeros(runs * length), jnp.asarray(float(measurement.channels[1])),
     )  # fmt: skip
     return tables, measurement.starts[None, :] + TAPS + length * np.arange(runs)[:, None]
 

@@ -1,13 +1,11 @@
 """What is computed by a short way, against the long one."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from fpjax.gap.fit.backlash_starts import ORDER, _filters, _passed
-from fpjax.gap.fit.period_starts import _energies, repeating_share
+from fpjax.gap.fit.period_starts import _energies
 from fpjax.gap.select.readings import _lagged
 
 
@@ -45,15 +43,3 @@ def test_low_passes_are_butterworths_forwards_and_backwards(samples):
         np.testing.assert_allclose(found[inside], wanted[inside], atol=2e-2 * np.std(course))
         if samples > 1000:
             np.testing.assert_allclose(found[1000:-1000], wanted[1000:-1000], atol=1e-8)
-
-
-def test_a_torque_repeats_with_the_position_by_what_no_wrong_number_holds():
-    """On a sine the acceleration is a function of the position: a wrong inertia is no torque that repeats."""
-    phase = np.linspace(0.0, 6.0 * np.pi, 3000)
-    motion = SimpleNamespace(angle=np.sin(phase), speed=np.cos(phase), acceleration=-np.sin(phase))
-    period, share = repeating_share(motion.acceleration, motion, (1.5,))
-    assert share < 1e-6
-    period, share = repeating_share(np.sin(40.0 * motion.angle), motion, (1.5, 40.0))
-    assert period == 40.0
-    assert share > 0.9
-    assert repeating_share(motion.acceleration, motion, ()) == (0.0, 0.0)

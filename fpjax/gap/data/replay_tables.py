@@ -20,7 +20,8 @@ def tables_of(record: Record, bandwidth: float = 0.0, *, free: bool = False) -> 
     Args:
         record: a log.
         bandwidth: of the guide [Hz] (`fpjax.gap.fit.guide`); zero for none.
-        free: whether the simulated machine may rest where the real one surely moves.
+        free: whether the simulated machine may rest where the real one surely moves, and torques of the position act
+            where it is. Else they act at the encoder's angle, if there is one.
     """
     count = len(record.time)
     padded = _padded(count + TAPS + 64)
@@ -44,6 +45,7 @@ def tables_of(record: Record, bandwidth: float = 0.0, *, free: bool = False) -> 
         jnp.asarray(record.dt, float),
         Guide(*(jnp.asarray(value, float) for value in (speed, angle, *guide_of(record, bandwidth)))),
         jnp.asarray(moving, float),
+        jnp.asarray(0.0 if free or record.integrated else 1.0, float),
     )
 
 

@@ -36,6 +36,7 @@ class Tables(eqx.Module):
         dt: control period [s].
         guide: with stiffness and damping zero for a free simulation.
         moving: measured speed where the machine surely moves, else 0 [rad/s].
+        imposed: 1 where torques of the position act at the guide's angle, 0 where they act at the simulated one.
     """
 
     torque: Float[Array, " padded"]
@@ -46,3 +47,4 @@ class Tables(eqx.Module):
     dt: Float[Array, ""]
     guide: Guide
     moving: Float[Array, " padded"]
+    imposed: Float[Array, ""]

@@ -13,21 +13,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...logs.arrays import Values
 from ..data.record import Record
 from ..data.replay_tables import guide_of
 from ..data.setting import Setting
 from ..thresholds import THRESHOLDS
 from .band import Coefficients
 from .modes import Modes
-from .period_starts import repeating_periods, repeating_share
 
 TRIED = 16  # number of bandwidths, evenly spaced in logarithm
 
 
-def guide_bandwidth(
-    records: Sequence[Record], modes: Modes, coefficients: Coefficients, setting: Setting, period: float = 0.0
-) -> float:
+def guide_bandwidth(records: Sequence[Record], modes: Modes, coefficients: Coefficients, setting: Setting) -> float:
     """Bandwidth [Hz] of the weakest guide that keeps simulations near the motion; zero where none is needed.
 
     The weakest, because a guide follows readings, and lets their noise and their timing errors into the simulation.
@@ -37,12 +33,8 @@ def guide_bandwidth(
         modes: of a window.
         coefficients: residuals of the nominal model, from which its distance to the motion follows.
         setting: sizes.
-        period: periods per revolution of a torque whose phase must be kept too [1/rev]; 0 for none.
     """
     moved = float(np.sqrt(np.mean(np.concatenate([record.motion_squares() for record in records]))))
-    encoder = records[0].position
-    # Of the motion in a window [rad]; a rate sensor alone tells no angle whose phase could be held.
-    phase = 0.0 if encoder is None else period * _turned(records)
     squares = np.mean(np.concatenate([plain**2 for _, plain in coefficients]), axis=0)
     squares = np.where(modes.sensor, 0.0, squares)
     s = 2j * np.pi * modes.frequency
@@ -55,23 +47,4 @@ def guide_bandwidth(
         return float(np.sqrt(np.sum(left) / modes.basis.shape[0])) / moved
 
     tried = [0.0, *np.geomspace(1.0 / setting.window, THRESHOLDS.fastest / setting.dt, TRIED)]
-    return next((float(f) for f in tried if distance(f) * max(1.0, phase) < THRESHOLDS.near), float(tried[-1]))
-
-
-def _turned(records: Sequence[Record]) -> float:
-    """Standard deviation of the angle within a window, rms over all windows [rad]."""
-    rows = [record.angle[record.starts[:, None] + np.arange(record.samples)] for record in records]
-    return float(np.sqrt(np.mean(np.concatenate([np.var(each, axis=1) for each in rows]))))
-
-
-def dominant_period(course: Values, record: Record, setting: Setting) -> float:
-    """Periods per revolution [1/rev] at which more than half of a missing torque repeats; zero where none do.
-
-    Args:
-        course: the missing torque [N m], NaN where unknown, shape (samples,).
-        record: its motion.
-        setting: sizes.
-    """
-    periods = repeating_periods(course, record, setting).get("torque", ())
-    period, share = repeating_share(course, record, periods)
-    return period if share > THRESHOLDS.repeats else 0.0
+    return next((float(f) for f in tried if distance(f) < THRESHOLDS.near), float(tried[-1]))

@@ -56,34 +56,6 @@ def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[
     return found
 
 
-def repeating_share(course: Values, record: Record, periods: tuple[float, ...]) -> tuple[float, float]:
-    """(periods per revolution [1/rev], share of the missing torque's energy [1]) of the sine that holds most of it.
-
-    Counted is what the sine holds beside an offset and wrong nominal numbers: where a motion repeats itself, direction,
-    speed and acceleration are functions of the position too.
-
-    Args:
-        course: the missing torque [N m], NaN where unknown, shape (samples,).
-        record: its motion.
-        periods: to choose from [1/rev].
-
-    Returns:
-        (0, 0) where `periods` is empty or the torque is known nowhere.
-    """
-    keep, best = np.flatnonzero(np.isfinite(course)), (0.0, 0.0)
-    if not len(keep):
-        return best
-    left = course[keep] - np.mean(course[keep])
-    whole = max(float(np.sum(left**2)), 1e-300)
-    common = _common(record, keep)
-    rest = _rest(common, left)
-    for period in periods:
-        waves = np.stack([np.cos(period * record.angle[keep]), np.sin(period * record.angle[keep])], 1)
-        share = (rest - _rest(np.concatenate([common, waves], 1), left)) / whole
-        best = max(best, (period, share), key=lambda one: one[1])
-    return best
-
-
 def _common(record: Record, keep: np.ndarray) -> Values:
     """What an offset and errors of Coulomb, viscous and inertial torque follow, each of norm 1, (samples, 4)."""
     speed = record.speed[keep]

@@ -18,7 +18,7 @@ from ..simulate.hidden_states import HiddenStates
 from .backlash_starts import contact_starts
 from .band import highest_of_speed, level_with_bursts, real_noise
 from .candidate import NOMINAL, Candidate, Fit, Start, make_candidate
-from .guide import dominant_period, guide_bandwidth
+from .guide import guide_bandwidth
 from .least_squares import Fitter
 from .make_modes import make_modes
 from .modes import Modes
@@ -67,7 +67,6 @@ class Search:
         self._prepare(records, self._material_modes())
         self.exact = self._base(wide=None)
         """The nominal model as it was given."""
-        self._hold_phase()
         self.band = self._band()
         """Wiener filter of the nominal model's missing torque, shape (modes,): weights of every model's missing torque,
         so that all are measured in the same frequencies."""
@@ -200,16 +199,6 @@ class Search:
         """Index of the log, of those with fitted windows, that travels furthest: there a torque repeats most often."""
         fitted = [i for i in range(len(self.records)) if len(self.train[i])]
         return max(fitted, key=lambda i: float(np.ptp(self.records[i].angle)))
-
-    def _hold_phase(self) -> None:
-        """Choose the guide anew where most of the missing torque repeats with the position: its phase must be kept."""
-        which, records = self._widest(), self.records
-        period = dominant_period(self.missing_course(self.exact)[which], records[which], self.setting)
-        if period > 0.0:
-            firmer = guide_bandwidth(records, self.modes, self._coefficients(self.exact), self.setting, period)
-            self.guide = max(self.guide, firmer)
-            self._prepare(records, self._material_modes())
-            self.exact = self._base(wide=None)
 
     def _noise_scale(self, base: Candidate) -> float:
         """Noise standard deviation of the sensors over its estimate from differences of successive samples [1]."""

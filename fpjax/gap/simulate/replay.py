@@ -31,6 +31,7 @@ STATES: dict[Structure, int] = {"rigid": 2, "bristles": 3, "transmission": 4}
 # Integration steps in a control period: bristles and shafts are stiffer than a rigid mass.
 SUBSTEPS: dict[Structure, int] = {"rigid": 1, "bristles": 2, "transmission": 4}
 FINER = 3  # times as many substeps, to measure the integration error
+SLICE = 1e-3  # of a period: short enough for a friction of a thousand times what stops the machine within it
 WORST = 1e8  # a residual of more standard deviations counts as this many: a diverged lane must not overflow
 
 
@@ -243,22 +244,20 @@ def advance(
     assert machine.actuator.delay is not None
     command = command_at(tables, at, machine.actuator.delay)
     half = 0.5 * tables.dt
+    guide = tables.guide
+    # Torques of the position act where the machine was measured, not where the simulated one is.
+    aside = tables.imposed * (guide.angle[at] - guided_angle)
     # Cogging and other torques of the position act with the position and time at the middle of the period.
-    motion = Motion(output.motor_velocity, output.motor_position + half * output.motor_velocity, time + half)
+    place = output.motor_position + aside + half * output.motor_velocity
+    motion = Motion(output.motor_velocity, place, time + half)
     # Its dead time is in `command` already.
     actuator = eqx.tree_at(lambda block: block.delay, machine.actuator, None, is_leaf=lambda leaf: leaf is None)
     after, applied = actuator.step(ActuatorState(carry.torque, ()), command, motion, tables.dt)
-    # Where the machine surely moves and the simulated one rests or turns back, friction acts as in the measured motion.
-    # Else a model could rest under any torque that is below its friction, and no torque would seem to be missing.
     moving = tables.moving[at]
-    # Fast enough that it does not come to rest within the period.
-    faster = 2.0 * tables.dt * (jnp.abs(applied) + machine.law.coulomb) / machine.plant.inertia
-    ahead = jnp.where(carry.stopped, moving + jnp.sign(moving) * faster - guided_rate, 0.0)
-    ahead = jnp.where(moving != 0.0, ahead, 0.0)
-    following = advance_exact(machine.plant, _turned(state, ahead, 0.0 * ahead), applied, time, tables.dt, substeps)
-    following = _turned(following, -ahead, -tables.dt * ahead)
+    carried = carry.stopped & (moving != 0.0)
+    ahead = jnp.where(carried, moving - guided_rate, 0.0)
+    following = _moved(machine, state, applied, (ahead, aside), carried, time, tables.dt, substeps)
     stopped = (moving != 0.0) & (moving * sensor.seen(output_of(following))[0] <= 0.0)
-    guide = tables.guide
     # The guide's acceleration [rad/s^2], constant over the period.
     turning = guide.stiffness * (guide.angle[at] - guided_angle)
     # Beside an encoder the guide follows its rate, which is the true one; without, the rate sensor's reading.
@@ -266,14 +265,57 @@ def advance(
     turning = turning + guide.damping * (guide.speed[at] - followed)
     faster, further = tables.dt * turning, half * tables.dt * turning
     # A mass that static friction holds has lost the last push to it: there is nothing of it to take off.
-    kept = carry.guided[0] - jnp.where(_resting(following), carry.push, 0.0)
+    remaining = carry.guided[0] - jnp.where(_resting(following), carry.push, 0.0)
     following = _turned(following, faster, further)
     # The sum of its double integration, exact for a constant acceleration in each period.
-    guided = (kept + faster, carry.guided[1] + tables.dt * kept + further)
+    guided = (remaining + faster, carry.guided[1] + tables.dt * remaining + further)
     rate_after = sensor.seen(output_of(following))[0] - guided[0]
     lagged = sensor.follow(carry.lagged, rate, rate_after, tables.dt)
     torque = carry.torque if after.lagged is None else after.lagged
     return Carry(following, torque, lagged, carry.lagged, guided, faster, stopped), predicted
+
+
+def _moved(
+    machine: Machine, state: PyTree, applied: Array, shift: tuple[Array, Array], carried: Array, time: Array, dt: Array,
+    substeps: int,
+) -> PyTree:  # fmt: skip
+    """The plant's state a period later.
+
+    A lane whose machine surely moves while the simulated one rests or turns back is carried: friction acts as in the
+    measured motion. Else a model could rest under any torque below its friction, and none would seem to be missing.
+
+    Args:
+        machine: of the lanes.
+        state: at the start of the period.
+        applied: torque [N m].
+        shift: (speed [rad/s], angle [rad]) from the simulated motion to the one in which friction and torques of the
+            position act.
+        carried: whether the lane is.
+        time: start of the period [s].
+        dt: control period [s].
+        substeps: in a period.
+    """
+    ahead, aside = shift
+    if not isinstance(state, OneMassState) or structure_of(machine) != "rigid":
+        # Fast enough that it does not come to rest within the period.
+        output = output_of(state)
+        speed = output.motor_velocity + ahead
+        motion = Motion(speed, output.motor_position + aside, time, applied)
+        most = jnp.abs(applied) + jnp.abs(machine.plant.load.readout(motion)) + machine.law.breakaway(motion)
+        faster = jnp.maximum(2.0 * dt * most / machine.plant.inertia - jnp.abs(speed), 0.0)
+        ahead = ahead + jnp.where(carried, jnp.sign(speed) * faster, 0.0)
+        following = advance_exact(machine.plant, _turned(state, ahead, aside), applied, time, dt, substeps)
+        return _turned(following, -ahead, -aside - dt * ahead)
+    # The acceleration at the measured speed, of so short a step that it does not come to rest.
+    share = jnp.where(carried, SLICE, 1.0)
+    start = _turned(state, ahead, aside)
+    following = advance_exact(machine.plant, start, applied, time, share * dt, substeps)
+    gained = (following.velocity - start.velocity) / share
+    slid = state.position + dt * (state.velocity + 0.5 * gained)
+    return OneMassState(
+        jnp.where(carried, state.velocity + gained, following.velocity),
+        jnp.where(carried, slid, following.position - aside), following.friction,
+    )  # fmt: skip
 
 
 def _resting(state: PyTree) -> Array:
