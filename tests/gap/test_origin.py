@@ -7,8 +7,12 @@ import numpy as np
 import numpy_machine
 import pytest
 
-from fpjax import load_model
+from fpjax import Unbalance, load_model
+from fpjax.blocks.position_torque import ConstantTorque, Loads, PositionTorque
 from fpjax.gap import EFFECTS, diagnose
+from fpjax.gap.answer.intervals import identifiability
+from fpjax.gap.answer.warning_texts import load_error
+from fpjax.gap.data.setting import once_a_turn
 from fpjax.gap.fit.candidate import SPIKE_RANGE, Start
 from fpjax.gap.verb import make_search
 
@@ -69,7 +73,41 @@ def test_the_load_of_a_model_is_free_as_far_as_a_number_that_counts_as_right():
     assert len(search.exact.free) == 0
 
 
+def test_only_what_a_load_holds_of_once_a_turn_is_free():
+    held = Loads((ConstantTorque(3.0), Unbalance(WEIGHT), PositionTorque((0.2,), (0.0,), 6.0)))
+    assert once_a_turn(held) == pytest.approx(WEIGHT)
+    assert once_a_turn(held.parts[-1]) < 1e-9
+
+
+def test_what_is_changed_in_a_known_load_is_said():
+    search = make_search([numpy_machine.record(seconds=4.0)], [], load_model(MODEL))
+    fit = search.finish([search.candidate(Start((), (), {}))], 0)[0]
+    c, setting = fit.candidate, search.setting
+    for share, said in (
+        (0.01, ""),
+        (0.03, "changes the known load by 0.015 N m (3 % of"),
+        (0.05, "an unbalance is likely"),
+    ):
+        c.vector[c.family.index("unbalance_cosine")], c.vector[c.family.index("unbalance_sine")] = share * WEIGHT, 0.0
+        assert said in "".join(load_error(fit, setting)), share
+        assert bool(said) == bool(load_error(fit, setting))
+    names = [one.parameter for one in identifiability(search, fit, np.eye(len(c.free)))]
+    assert "load_error_cosine" in names
+    assert not any("unbalance" in name for name in names)
+
+
 def above(candidate):
     """How far the load may be above its nominal value [N m]."""
     place = [candidate.family.parameters[i].name for i in candidate.free].index("unbalance_sine")
     return candidate.high[place] - candidate.center[place]
+
+
+def test_beside_an_encoder_a_load_acts_at_the_measured_position():
+    """Else a simulated pendulum falls over for the torque that it lacks, and lacks ever more of it."""
+    log = numpy_machine.record(seconds=6.0, extra=turning(4 * WEIGHT, 0.08))
+    model = gap_search.MODEL + f'[load]\ntype = "unbalance"\namplitude = {4 * WEIGHT}\n'
+    search = make_search([log], [], load_model(model))
+    truth = 4 * WEIGHT * (np.sin(log.position + 0.08) - np.sin(log.position))
+    found = search.finish([search.exact])[0].missing_rms([np.arange(len(r.starts)) for r in search.records])
+    # At reversals, which the simulated machine reaches at other times, its friction adds to what is missing.
+    assert found == pytest.approx(np.sqrt(np.mean(truth**2)), rel=0.25)

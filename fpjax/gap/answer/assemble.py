@@ -32,7 +32,7 @@ from .learned import learn
 from .posterior import left_open, make_posterior
 from .ranking import rank
 from .tracking import Side, tracking_error
-from .warning_texts import at_bounds, beyond_torque, details, where_fitted_alone
+from .warning_texts import at_bounds, beyond_torque, details, load_error, where_fitted_alone
 from .where import locate
 
 # A rate reading whose rounding step is above this many standard deviations of its noise is named as rounded. Rounding
@@ -99,7 +99,7 @@ def assemble(
     # Over fitted and withheld windows, to notice a gap that the withheld ones do not show.
     everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
     said = [*at_bounds(chosen, search.setting.units), *beyond_torque(gap, torque), *warnings]
-    said += details(chosen, causes)
+    said += [*details(chosen, causes), *(load_error(chosen, search.setting) if written is chosen else [])]
     said += [] if found.word == "no_gap" else where_fitted_alone(gap, everywhere)
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
     tracking = tracking_error(model, [in_one_piece(record) for record in records], *sides, said)

@@ -117,7 +117,8 @@ def identifiability(search: Search, fit: Fit, spread: Values) -> tuple[FittedPar
             others = traded_with(correlation, j, limit=PARALLEL_POSTERIOR)
             verdict = f"traded off with {c.family.parameters[c.free[others[0]]].name}" if others else "pinned"
         unit = search.setting.units.name(parameter.unit)
-        found.append(FittedParameter(parameter.name, float(c.vector[index]), float(deviation[j]), unit, verdict))
+        name = parameter.name.replace("unbalance", "load_error") if parameter.name in c.load_error else parameter.name
+        found.append(FittedParameter(name, float(c.vector[index]), float(deviation[j]), unit, verdict))
     return tuple(found)
 
 

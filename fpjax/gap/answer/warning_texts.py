@@ -2,8 +2,11 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from ...model_file import Units
-from ..fit.candidate import Fit
+from ..data.setting import Setting
+from ..fit.candidate import SPIKE, Fit
 from .gap import Gap
 
 
@@ -16,6 +19,27 @@ def at_bounds(fit: Fit, units: Units) -> list[str]:
         f"not a measurement."
         for name in c.at_bound()
         if name in {p.name for effect in c.effects for p in effect.parameters} | c.wide
+    ]
+
+
+def load_error(fit: Fit, setting: Setting) -> list[str]:
+    """What the corrected model changes in a known load that is no cause, or a warning where that is all it may."""
+    c = fit.candidate
+    if not c.load_error:
+        return []
+    values = c.values()
+    amount = float(np.hypot(*(values[name] for name in c.load_error)))
+    unit, share = setting.units.name("N m"), amount / setting.turning_load
+    if set(c.load_error) & set(c.at_bound()):
+        return [
+            f"The known load of the model file is off by {amount:.3g} {unit} ({100 * share:.2g} % of its amplitude), "
+            "the most that counts as right: an unbalance is likely. Check its amplitude and its angle."
+        ]
+    if share < SPIKE:
+        return []
+    return [
+        f"The corrected model changes the known load by {amount:.3g} {unit} ({100 * share:.2g} % of its amplitude): "
+        "that much counts as right, and is no cause."
     ]
 
 

@@ -10,7 +10,8 @@ from .record import TURNING, Record
 from .tables import TAPS, Guide, Tables
 
 DAMPED = 0.7  # damping ratio of the guide: no resonance of its own [1]
-AROUND = 10  # samples: the widest quadratic through a velocity column, or a lag of the column that nobody has told
+AROUND = 10  # samples: the widest quadratic through a column
+LATE = 30  # likewise, of a rate reading alone: by so much one may lag without anybody having told
 SURE = 5.0  # standard deviations above which a smoothed speed has a direction [1]
 
 
@@ -52,12 +53,14 @@ def tables_of(record: Record, bandwidth: float = 0.0, *, free: bool = False) -> 
 def surely_moving(record: Record) -> Bool[Values, " samples"]:
     """Where the machine moves in one direction, no matter how the readings are smoothed or delayed.
 
-    That is, faster than any doubt about the direction for `AROUND` samples before and after.
+    That is, faster than any doubt about the direction for `AROUND` samples before and after, or `LATE`.
     """
     least = max(TURNING * float(np.quantile(np.abs(record.speed), 0.95)), SURE * record.speed_noise)
+    width = 2 * (LATE if record.integrated else AROUND) + 1
     found = np.zeros(len(record.speed), bool)
     for way in (record.speed > least, record.speed < -least):
-        found |= np.convolve(way, np.ones(2 * AROUND + 1), "same") > 2 * AROUND + 0.5
+        # Centred; what lies beyond the log's ends counts as doubtful.
+        found |= np.convolve(way, np.ones(width))[width // 2 :][: len(way)] > width - 0.5
     return found
 
 

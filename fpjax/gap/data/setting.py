@@ -22,7 +22,7 @@ class Setting:
         inertia: J [kg m^2] of the nominal model.
         coulomb: k [N m].
         viscous: b [N m s/rad].
-        friction: typical friction torque [N m]: k, or a share of the largest torque where k is smaller.
+        friction: typical friction torque [N m]: the largest of k, the fitted one, a share of the largest torque.
         speed: 95 % quantile of the speed [rad/s].
         torque: largest commanded torque [N m].
         travel: range of the position [rad], of the longest log.
@@ -33,7 +33,7 @@ class Setting:
         nominal: parameters of the nominal model by name.
         units: of the model file: what its numbers, and those of an answer, are in.
         unknown_origin: whether a known load depends on a position whose zero no sensor measures.
-        turning_load: largest torque of a known load that turns with a measured position, in these logs [N m]; else 0.
+        turning_load: amplitude of what a known load holds of once a turn, where the position is measured [N m]; else 0.
         periods: per revolution [1/rev], at which the missing "torque" and "friction" repeat with the position.
         weight: values by name of the unbalance that fits the missing torque best; empty where none was fitted.
         contacts: start values by name of backlashes, the most likely first; None where they were not searched for,
@@ -59,6 +59,11 @@ class Setting:
     weight: Mapping[str, float] = field(default_factory=dict)
     contacts: tuple[Mapping[str, float], ...] | None = None
 
+    @property
+    def given_friction(self) -> float:
+        """`friction` of the nominal model as given [N m]."""
+        return max(self.coulomb, SMALL_FRICTION * self.torque)
+
 
 def make_setting(records: list[Record], model: Model) -> Setting:
     """Sizes for bounds and starts, from the logs and the nominal model."""
@@ -68,7 +73,6 @@ def make_setting(records: list[Record], model: Model) -> Setting:
     speed = max(float(np.quantile(np.abs(record.speed), 0.95)) for record in records)
     coulomb, viscous = values.get("coulomb", 0.0), values.get("viscous", 0.0)
     load = model.loop.plant.load
-    turning = turns_with_position(load)
     return Setting(
         inertia=values["inertia"],
         coulomb=coulomb,
@@ -84,8 +88,8 @@ def make_setting(records: list[Record], model: Model) -> Setting:
         effort=torque + values["inertia"] * max(float(np.quantile(np.abs(r.acceleration), 0.99)) for r in records),
         nominal={"inertia": values["inertia"], "coulomb": coulomb, "viscous": viscous},
         units=replace(model.units, motion="linear") if longest.linear else model.units,
-        unknown_origin=longest.integrated and turning,
-        turning_load=max(_largest(load, r.angle) for r in records) if turning and not longest.integrated else 0.0,
+        unknown_origin=longest.integrated and turns_with_position(load),
+        turning_load=0.0 if longest.integrated else once_a_turn(load),
     )
 
 
@@ -95,8 +99,11 @@ def turns_with_position(load: AbstractLoad) -> bool:
     return float(np.ptp(_at(load, np.array([0.0, 0.7, 1.9])))) > 0.0
 
 
-def _largest(load: AbstractLoad, angle: Values) -> float:
-    return float(np.max(np.abs(_at(load, angle))))
+def once_a_turn(load: AbstractLoad) -> float:
+    """Amplitude of a known load's first harmonic over a turn [N m]."""
+    # 360 angles: exact for loads of fewer than 359 periods a turn.
+    angle = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
+    return float(2.0 * np.abs(np.mean(_at(load, angle) * np.exp(-1j * angle))))
 
 
 def _at(load: AbstractLoad, angle: Values) -> Values:

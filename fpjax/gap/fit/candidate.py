@@ -87,6 +87,13 @@ class Candidate:
         """All parameters by name."""
         return {p.name: float(v) for p, v in zip(self.family.parameters, self.vector, strict=True)}
 
+    @property
+    def load_error(self) -> tuple[str, ...]:
+        """Parameters of it that are the error of a known load, and not an unbalance of their own."""
+        own = {p.name for effect in self.effects for p in effect.parameters}
+        held = {p.name for p in UNBALANCE} - own
+        return tuple(name for i in self.free if (name := self.family.parameters[i].name) in held)
+
     def at_bound(self) -> list[str]:
         """Names of the free parameters that ended at a bound."""
         edge = 1e-6 * self.scale
@@ -99,8 +106,8 @@ def nominal_sizes(setting: Setting) -> dict[str, float]:
     """Sizes relative to which nominal values may err: the values, or a share of the friction where that is larger."""
     return {
         "inertia": setting.inertia,
-        "coulomb": max(setting.coulomb, LEAST_COULOMB * setting.friction),
-        "viscous": max(setting.viscous, LEAST_VISCOUS * setting.friction / setting.speed),
+        "coulomb": max(setting.coulomb, LEAST_COULOMB * setting.given_friction),
+        "viscous": max(setting.viscous, LEAST_VISCOUS * setting.given_friction / setting.speed),
     }
 
 

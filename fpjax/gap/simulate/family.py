@@ -92,14 +92,14 @@ def make_family(key: Key, nominal: Nominal, effects: tuple[Effect, ...], setting
     machine = with_structure(machine, structure, 0.1 / setting.dt, 2e-3 * setting.speed)
     structure = structure_of(machine)
     fitting = tuple(e for e in effects if e.structure in ("rigid", structure) and set(e.features) <= set(features))
-    held = (_BASE, _LOAD) if setting.turning_load and "torque" in features else (_BASE,)
+    always = (_BASE, _LOAD_ERROR) if setting.turning_load and "torque" in features else (_BASE,)
     named: dict[str, EffectParameter] = {}
-    for parameter in free((*held, *fitting)):
+    for parameter in free((*always, *fitting)):
         named.setdefault(parameter.name, parameter)
     known: dict[str, float] = {}
     for effect in fitting:
         known |= _known(effect, machine, setting)
-    return Family((structure, features), machine, (*held, *fitting), tuple(named.values()), known)
+    return Family((structure, features), machine, (*always, *fitting), tuple(named.values()), known)
 
 
 def _known(effect: Effect, machine: Machine, setting: Setting) -> dict[str, float]:
@@ -119,7 +119,7 @@ _SHAPES = frozenset(
 
 
 _BASE = Effect("nominal", NOMINAL, features=())
-_LOAD = Effect("known_load", UNBALANCE, features=("torque",))  # its error: every model of a machine with one has it
+_LOAD_ERROR = Effect("load_error", UNBALANCE, features=("torque",))  # of a known load that turns
 
 
 def key_for(effects: tuple[Effect, ...], setting: Setting) -> Key:
