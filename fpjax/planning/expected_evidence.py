@@ -24,7 +24,8 @@ from jaxtyping import Array, Float
 from ..gap.data.split import every_fourth
 from ..gap.data.tables import TAPS, Guide, Tables
 from ..gap.simulate.family import Family
-from ..gap.simulate.replay import STATES, Windows, advance, assembled, begin, residuals
+from ..gap.simulate.replay import STATES, advance, assembled, begin, residuals
+from ..gap.simulate.windows import Windows
 from .machines import Shop, Variant
 from .measurement_model import MeasurementModel
 

@@ -13,7 +13,8 @@ from fpjax.gap.data.record import make_records
 from fpjax.gap.data.replay_tables import tables_of
 from fpjax.gap.simulate import family as families
 from fpjax.gap.simulate.family import Runner, window_fields
-from fpjax.gap.simulate.replay import LANES, as_rows, from_rows
+from fpjax.gap.simulate.replay import LANES
+from fpjax.gap.simulate.windows import as_rows, from_rows
 from fpjax.simulation.precision import double_precision
 
 

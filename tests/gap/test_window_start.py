@@ -9,7 +9,8 @@ import pytest
 from fpjax import load_model
 from fpjax.gap.machine import lanes
 from fpjax.gap.simulate.family import window_fields
-from fpjax.gap.simulate.replay import Windows, initial
+from fpjax.gap.simulate.replay import initial
+from fpjax.gap.simulate.windows import Windows
 from fpjax.gap.verb import make_search
 from fpjax.simulation.precision import double_precision
 

@@ -1,8 +1,7 @@
 """Warnings beside an answer: each function gives a list of sentences, empty where there is nothing to warn of."""
 
+import math
 from collections.abc import Sequence
-
-import numpy as np
 
 from ...model_file import Units
 from ..data.setting import Setting
@@ -28,7 +27,7 @@ def load_error(fit: Fit, setting: Setting) -> list[str]:
     if not c.load_error:
         return []
     values = c.values()
-    amount = float(np.hypot(*(values[name] for name in c.load_error)))
+    amount = math.hypot(*(values[name] for name in c.load_error))
     unit, share = setting.units.name("N m"), amount / setting.turning_load
     if set(c.load_error) & set(c.at_bound()):
         return [

@@ -260,7 +260,7 @@ class Search:
         """
         key = candidates[0].family.key
         hidden_states, fitter = self.hidden_states[key], self.fitters[key]
-        backlash = any(p.name == "gap" for e in candidates[0].effects for p in e.parameters)
+        backlash = any(p.name == "gap" for c in candidates for e in c.effects for p in e.parameters)
         for which, chosen in enumerate(windows):
             if not len(chosen):
                 continue
@@ -322,7 +322,7 @@ class Search:
         return self._screen
 
     def explore(self, starts: Sequence[Start], keep: Sequence[int] = (), *, white: bool = True) -> list[Fit]:
-        """Fit every set of causes from all its starts; returns the best start of each set, the leading sets finished.
+        """Fit every set of causes from all its starts: the best start of each set, the leading sets finished.
 
         Args:
             starts: sets and their start values.
@@ -390,8 +390,6 @@ class Search:
         old = fit.candidate
         c = self.candidate(Start(old.effects, tuple(wide), old.values(), old))
         return self.finish([c])[0]
-
-    # --- scores
 
     def finish(self, candidates: Sequence[Candidate], steps: int = COLOURED) -> list[Fit]:
         """Last steps with a level for each octave, then the scores: evidence and missing torque of every window."""

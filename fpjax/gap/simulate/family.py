@@ -24,7 +24,8 @@ from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, EffectParameter, free, leaf
 from ..effects.parameters import NOMINAL, UNBALANCE
 from ..machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
-from .replay import LANES, STATES, as_rows, residual_kernel
+from .replay import LANES, STATES, residual_kernel
+from .windows import as_rows
 
 Key = tuple[Structure, tuple[str, ...]]
 CHUNKS = 2  # least chunks of lanes for a thread: starting one costs about a tenth of a chunk

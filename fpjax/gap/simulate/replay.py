@@ -9,13 +9,12 @@ and five times longer to compile.)
 
 import functools
 from collections.abc import Callable
-from typing import ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Bool, PyTree
 
 from ...blocks.actuators import ActuatorState
 from ...blocks.plants import OneMassState, TwoMassState
@@ -24,6 +23,7 @@ from ...blocks.signals import Motion, PlantOutput
 from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, EffectParameter
 from ..machine import Machine, Structure, lanes, structure_of
+from .windows import Windows, from_rows
 
 LANES = 64  # run by one call: the fastest chunk in double precision on a core, smaller ones waste its vectors
 # Start values of a window: rate and position; the bristles' deflection; the twist and the relative speed.
@@ -33,64 +33,6 @@ SUBSTEPS: dict[Structure, int] = {"rigid": 1, "bristles": 2, "transmission": 4}
 FINER = 3  # times as many substeps, to measure the integration error
 SLICE = 1e-3  # of a period: short enough for a friction of a thousand times what stops the machine within it
 WORST = 1e8  # a residual of more standard deviations counts as this many: a diverged lane must not overflow
-
-
-class Windows(eqx.Module):
-    """Where the lanes' windows lie, and estimates of the machine's state there; every field of shape (lanes,).
-
-    Attributes:
-        start: index of the first sample in `Tables`.
-        time: of that sample, from the log's start [s].
-        velocity: smoothed reading there [rad/s].
-        slope: its rate of change [rad/s^2].
-        position: there [rad]; measured or integrated.
-        hidden: estimates of two hidden states: of bristles, their deflection over that at sliding [1], and 0; of a
-            transmission, the twist [rad] and the relative speed [rad/s].
-        integrated: 1 where the position is the integral of the velocity reading, 0 where it is measured.
-
-    Lanes reach a kernel as one array of rows, since each argument of a call costs as much as a hundred lane-steps.
-    """
-
-    start: Int[Array, " lanes"]
-    time: Float[Array, " lanes"]
-    velocity: Float[Array, " lanes"]
-    slope: Float[Array, " lanes"]
-    position: Float[Array, " lanes"]
-    hidden: tuple[Float[Array, " lanes"], Float[Array, " lanes"]]
-    integrated: Float[Array, " lanes"]
-
-    # The fields of one row each, in the order of `as_rows`.
-    ROWS: ClassVar[tuple[str, ...]] = ("time", "velocity", "slope", "position", "integrated")
-
-
-def as_rows(
-    vector: Float[np.ndarray, "parameters lanes"], states: Float[np.ndarray, "states lanes"], fields: dict[str, PyTree]
-) -> Float[np.ndarray, "rows lanes"]:
-    """The lanes as one array, without their `start` (an integer), shape (rows, lanes).
-
-    Args:
-        vector: parameters, (parameters, lanes).
-        states: start values, (states, lanes).
-        fields: of `Windows`, each of shape (lanes,), but `hidden` of (2, lanes).
-    """
-    return np.concatenate([vector, states, fields["hidden"], *(fields[name][None] for name in Windows.ROWS)])
-
-
-def from_rows(
-    rows: Float[Array, "rows lanes"], start: Int[Array, " lanes"], parameters: int
-) -> tuple[Float[Array, "{parameters} lanes"], Float[Array, "states lanes"], Windows]:
-    """(vector, states, windows) of `as_rows`.
-
-    Args:
-        rows: (rows, lanes).
-        start: index of the windows' first samples in `Tables`, (lanes,).
-        parameters: how many rows are the vector's.
-    """
-    last = rows.shape[0] - len(Windows.ROWS)
-    windows = Windows(
-        start=start, hidden=(rows[last - 2], rows[last - 1]), **dict(zip(Windows.ROWS, rows[last:], strict=True))
-    )
-    return rows[:parameters], rows[parameters : last - 2], windows
 
 
 def lane_kernel(run: Callable[..., PyTree], fixed: PyTree) -> Callable[..., PyTree]:
