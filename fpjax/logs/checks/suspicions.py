@@ -61,6 +61,7 @@ def _found(log: Log, model: Expected | None) -> list[Suspicion]:
             _unit_of_time(log, present),
             swapped(log, present),
             _position_against_velocity(log, present),
+            _whole_numbers(log, present),
             torque_against_motion(log, present, model),
             _velocity_against_reference(log, present),
         ):
@@ -275,6 +276,24 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
             "warn",
             "unit",
         )
+
+
+def _whole_numbers(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
+    """Motion in steps of exactly one SI unit: no sensor of a servo is as coarse as a radian or a metre."""
+    for name in ("position", "velocity"):
+        values = columns.get(name)
+        if values is None or not np.array_equal(values, np.round(values)) or np.unique(values).size <= FEW_LEVELS:
+            continue
+        counts = "counts/4096" if name == "position" else "counts/s/4096"
+        near = "counts*5e-8" if log.linear else "deg" if name == "position" else "rpm"
+        yield Suspicion(
+            f"{name} holds whole numbers only, up to {np.max(np.abs(values)):.4g} "
+            f"{'m' if log.linear else 'rad'}{'' if name == 'position' else '/s'}: these are another unit or "
+            f"counts; give it, such as --columns {name}={name}:{near}{'' if log.linear else f' or {counts}'}.",
+            "warn",
+            "unit",
+        )
+        return
 
 
 def _velocity_against_reference(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from ...errors import InputError
-from .names import WEAK, Guess, bracket_unit, guess, taken_apart
+from .axes import TORQUES, axis_of, choose_axis, choose_owner, has, numbered, of_owner
+from .names import WEAK, Guess, bracket_unit, guess
 from .units import QUANTITIES, find_unit, parse_unit
 
 CANONICAL = tuple(QUANTITIES)
@@ -17,7 +18,6 @@ PRESETS = {
 }
 MOST_COMPARED = 400  # names that a misspelt one is compared with
 LIKE_A_WORD = 0.58  # difflib's ratio: "tork" is near enough to "torque"
-STILL = 1e-3  # of the travel of the axis that moves most: with less, an axis stands still
 # a unit with a scale: "A*0.12", "A*120 mNm/A", "counts/4096", "counts*5e-8"
 _SCALED = re.compile(
     r"^(?P<head>.*?)\s*(?P<sign>[*/])\s*(?P<number>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<per>[A-Za-zµ°%][^*]*)?$"
@@ -110,8 +110,9 @@ def find_sources(
         InputError: for a mapped column that the file does not have.
     """
     names, units = list(names), units or {}
+    axis = int(mapping["axis"]) if "axis" in mapping else None
     found = {
-        canonical: _mapped(canonical, text, names, where, units)
+        canonical: _mapped(canonical, text, names, where, units, axis)
         for canonical, text in mapping.items()
         if canonical != "axis"
     }
@@ -149,16 +150,17 @@ def _guessed(
     }
     axes = sorted({each.axis for listed_ in guesses.values() for each in listed_ if each.axis is not None})
     said: list[str] = []
-    chosen: int | None = int(wanted_axis) if wanted_axis is not None else axes[0] if axes else None
-    if wanted_axis is None and len(axes) > 1 and travel is not None:
-        chosen = _moving(guesses, axes, travel)
+    mapped = [source.column for canonical, source in found.items() if canonical != "time"]
+    chosen = int(wanted_axis) if wanted_axis is not None else choose_axis(guesses, axes, mapped, travel)
     if wanted_axis is not None and chosen not in axes:
         numbers = f"its axes are {', '.join(map(str, axes))}" if axes else "no column's name ends with an axis' number"
         raise InputError(f"--columns axis={wanted_axis}: {where} has no such axis: {numbers}.")
+    of_axis = {name: [one for one in each if one.axis in (None, chosen)] for name, each in guesses.items()}
+    owner, owners = choose_owner(of_axis, mapped, travel)
     for canonical in CANONICAL:
         if canonical in found:
             continue
-        fitting = [each for each in guesses.get(canonical, []) if each.axis in (None, chosen)]
+        fitting = of_owner(of_axis.get(canonical, []), owner if canonical != "time" else "")
         if canonical == "time":
             fitting = [each for each in fitting if each.axis is None] or fitting
         other = {"velocity": "position", "position": "velocity", "torque": "torque_measured"}.get(canonical)
@@ -174,24 +176,18 @@ def _guessed(
     if not said:
         return []
     notes = [f"{where}: taken by their names: {', '.join(said)}; say otherwise with --columns."]
-    if len(axes) > 1 and wanted_axis is None and any(_axis_of(source.column) is not None for source in found.values()):
-        why = "" if chosen == axes[0] else f", since axis {axes[0]} stands still"
+    if len(axes) > 1 and wanted_axis is None and any(axis_of(source.column) is not None for source in found.values()):
+        lacking = "stands still" if has(guesses, TORQUES, axes[0]) else "has no torque"
+        why = "" if chosen == axes[0] or mapped else f", since axis {axes[0]} {lacking}"
         other = next(axis for axis in axes[1:] if axis != chosen) if len(axes) > 2 or chosen == axes[0] else axes[0]
         notes.append(
             f"{where} has {len(axes)} axes ({axes[0]} to {axes[-1]}): axis {chosen} was taken{why}; choose with "
             f"--columns axis={other}."
         )
+    if len(owners) > 1 and not mapped:
+        others = ", ".join(each for each in owners[:9] if each != owner)
+        notes.append(f"{where} holds several machines: {owner} was taken, and not {others}; choose with --columns.")
     return notes
-
-
-def _moving(guesses: Mapping[str, list[Guess]], axes: list[int], travel: Callable[[str], float]) -> int:
-    """The first axis; where that one stands still, the axis that moves most."""
-    for motion in ("position", "velocity"):
-        moved = {each.axis: travel(each.column) for each in reversed(guesses.get(motion, [])) if each.axis is not None}
-        if len(moved) > 1:
-            most = max(moved, key=lambda axis: moved[axis])
-            return axes[0] if moved.get(axes[0], 0.0) > STILL * moved[most] else most
-    return axes[0]
 
 
 def _changing(fitting: list[Guess], travel: Callable[[str], float]) -> Guess:
@@ -204,23 +200,21 @@ def _surer(guesses: Mapping[str, list[Guess]], other: str, than: list[Guess]) ->
     return bool(than) and any(each.rank < WEAK[other] for each in guesses.get(other, []))
 
 
-def _axis_of(column: str) -> int | None:
-    return next((named.axis for named in taken_apart(column) if named.axis is not None), None)
-
-
-def _mapped(canonical: str, text: str, names: list[str], where: str, units: Mapping[str, str]) -> Source:
+def _mapped(
+    canonical: str, text: str, names: list[str], where: str, units: Mapping[str, str], axis: int | None = None
+) -> Source:
     """The source that a mapping describes: COLUMN, COLUMN*2, COLUMN:UNIT, COLUMN:UNIT*SCALE or COLUMN:counts/4096."""
-    # head, colon A column's own name may hold ":" or "*", so the whole text is tried as a name first, then what is
+    # A column's own name may hold ":" or "*", so the whole text is tried as a name first, then what is
     # left of the last colon, then what is left of the last star.
-    column = _resolved(text, names)
+    column = _resolved(text, names, axis)
     head, colon, unit = text, "", ""
     if column is None and ":" in text:
         head, colon, unit = text.rpartition(":")
-        column = _resolved(head, names)
+        column = _resolved(head, names, axis)
     factor = 1.0
     if column is None and (parts := re.match(r"^(?P<head>.*)(?P<sign>[*])(?P<number>[^*]*)$", head)):
         head, factor = parts["head"], _factor(parts["number"], canonical, text, parts["head"])
-        column = _resolved(head, names)
+        column = _resolved(head, names, axis)
     if column is None:
         head = head.strip()
         near = difflib.get_close_matches(head[:60], names[:MOST_COMPARED], n=1)
@@ -256,8 +250,8 @@ def _factor(number: str, canonical: str, text: str, head: str) -> float:
     return value
 
 
-def _resolved(text: str, names: list[str]) -> str | None:
-    """The file's column of this name: literally, else in any case, else without the unit in its brackets."""
+def _resolved(text: str, names: list[str], axis: int | None) -> str | None:
+    """The file's column of this name: literally, else in any case, else without unit, else that of the chosen axis."""
     text = text.strip()
     if text in names:
         return text
@@ -265,7 +259,7 @@ def _resolved(text: str, names: list[str]) -> str | None:
         fitting = [name for name in names if same(name) == text.lower()]
         if len(fitting) == 1:
             return fitting[0]
-    return None
+    return numbered(text, names, axis)
 
 
 def motion_of(sources: Mapping[str, Source]) -> bool | None:

@@ -46,6 +46,7 @@ ms:ms millis:ms milliseconds:ms us:us micros:us
 """,
     "velocity": """
 velocity velocity_actual actual_velocity velocity_measured measured_velocity vel angular_velocity joint_velocity
+joint_vel motor_vel measured_vel
 motor_velocity rotor_velocity encoder_velocity velocity_act vel_meas vel_actual output_velocity act_vel act_velocity
 actual_qd qd dq qdot q_dot theta_dot thetadot dtheta omega winkelgeschwindigkeit geschwindigkeit vitesse velocidad
 velocita vel_estimate:rev/s drehzahl:rpm istdrehzahl:rpm drehzahl_ist:rpm ist_drehzahl:rpm n_ist:rpm rpm:rpm
@@ -57,7 +58,7 @@ w v gyro_z gyroz gyro rate
     "position": """
 position position_actual actual_position position_measured measured_position pos joint_position motor_position
 rotor_position encoder_position position_act pos_actual pos_meas joint_angle motor_angle output_angle output_position
-motor_measured_position act_pos act_position
+motor_measured_position act_pos act_position joint_pos motor_pos measured_pos
 actual_q q qm theta angle winkel drehwinkel istlage lage istposition position_ist lage_ist posizione posicion
 pos_estimate:rev encoder_angle present_position angle_actual
 encoder enc encoder_count:counts encoder_counts:counts encoder_ticks:counts shadow_count:counts ticks:counts phi
@@ -69,7 +70,8 @@ ref setpoint velocity_setpoint position_setpoint target_qd target_q target_veloc
 position_command vel_cmd pos_cmd velocity_cmd position_cmd desired_velocity desired_position set_velocity set_position
 vel_setpoint:rev/s pos_setpoint:rev input_vel:rev/s input_pos:rev goal_position goal_velocity
 sollwert solldrehzahl:rpm drehzahl_soll:rpm n_soll:rpm sollposition lage_soll sollgeschwindigkeit consigne
-qg q_des q_ref qd_ref qd_des q_desired qd_desired w_ref omega_ref
+qg q_des q_ref qd_ref qd_des q_desired qd_desired w_ref omega_ref joint_pos_target joint_pos_des joint_vel_target
+joint_vel_des pos_target vel_target pos_des vel_des
 target desired goal r
 """,
     "temperature": """
@@ -118,6 +120,8 @@ _OWNED = re.compile(
 )
 # "X_ActualPosition", "Z_CurrentFeedback" of machine tools: axes 1 to 6
 _LETTERED = re.compile(r"^(?P<letter>[xyzabc])_(?P<name>[a-z].*)$")
+# "arm_1_joint_effort", "left_hip_joint_position": ROS' name of a joint, then the quantity
+_JOINT = re.compile(r"^(?P<owner>.+_joint)_(?P<name>[a-z].*)$")
 _OWNER = re.compile(r"(?:odrv|axis|motor|joint|servo|drive|actuator)[_ ]?(?P<index>\d{1,2})[./:|]", re.IGNORECASE)
 _ODRIVE = {"position": "pos_estimate", "velocity": "vel_estimate", "current": "iq_measured"}  # turns, turns/s, A
 _VENDORS = ("dxl_", "dynamixel_", "odrive_", "moteus_", "vesc_")
@@ -132,12 +136,14 @@ class Named(NamedTuple):
         plain: in lower case, without unit and axis, words joined by "_".
         unit: unit in the name, in brackets or as an ending; "" without.
         axis: number of the axis in the name; None without.
+        owner: what stands before the last part ("knee" of "knee.torque"); "" without.
     """
 
     column: str
     plain: str
     unit: str
     axis: int | None
+    owner: str = ""
 
 
 def bracket_unit(name: str) -> tuple[str, str | None]:
@@ -157,8 +163,10 @@ def taken_apart(column: str) -> list[Named]:
     found: list[Named] = []
     owner = _OWNER.search(text)
     # "axis0.encoder.pos_estimate", "/joint_states.velocity.0", "log/Torque"
-    tail = re.split(r"[./:|]", re.sub(r"[./](\d{1,2})$", r"_\1", text))[-1]
+    whole = re.sub(r"[./](\d{1,2})$", r"_\1", text)
+    tail = re.split(r"[./:|]", whole)[-1]
     for part in dict.fromkeys([text, tail]):
+        start = len(found)
         plain = _snake(part)
         found.append(Named(column, plain, unit or "", int(owner["index"]) if owner and part == tail else None))
         ending = None if unit else suffix_unit(plain)
@@ -186,6 +194,12 @@ def taken_apart(column: str) -> list[Named]:
             for vendor in _VENDORS
             if plain.startswith(vendor)
         ]
+        joint = _JOINT.match(plain)
+        if joint:
+            found.append(Named(column, joint["name"], unit or "", None, joint["owner"]))
+        if part == tail and tail != text:
+            before = whole[: len(whole) - len(tail)].rstrip("./:|")
+            found[start:] = [each._replace(owner=each.owner or before) for each in found[start:]]
     return found
 
 
@@ -206,12 +220,14 @@ class Guess(NamedTuple):
         unit: from the name, a row of units or the table; "" for SI.
         rank: line of the table: the smaller, the surer.
         axis: number of the axis in the name; None without.
+        owner: what stands before the last part of the name; "" without.
     """
 
     column: str
     unit: str
     rank: int
     axis: int | None
+    owner: str = ""
 
 
 def guess(names: Iterable[str], units: Mapping[str, str]) -> dict[str, list[Guess]]:
@@ -229,7 +245,7 @@ def guess(names: Iterable[str], units: Mapping[str, str]) -> dict[str, list[Gues
                 unit = named.unit or units.get(column, "") or known.unit
                 if not _possible(unit, known.canonical):
                     continue
-                found.setdefault(known.canonical, []).append(Guess(column, unit, known.rank, named.axis))
+                found.setdefault(known.canonical, []).append(Guess(column, unit, known.rank, named.axis, named.owner))
                 break
     return {canonical: sorted(guesses, key=lambda each: each.rank) for canonical, guesses in found.items()}
 

@@ -51,6 +51,17 @@ def test_degrees_a_second_are_named_with_the_factor(log):
     assert "--columns velocity=velocity:deg/s" in found[0].sentence
 
 
+def test_whole_numbers_are_counts_or_another_unit_and_no_radians(log):
+    counts = np.round(200.0 * log.position)
+    only = dataclasses.replace(log, position=counts, velocity=None)
+    found = suspicions(only, None)
+    assert [(s.severity, s.kind) for s in found] == [("warn", "unit")]
+    assert "position holds whole numbers only" in found[0].sentence
+    assert "position=position:deg or counts/4096" in found[0].sentence
+    both = dataclasses.replace(log, position=counts, velocity=np.round(200.0 * log.velocity))
+    assert any("whole numbers" in s.sentence for s in suspicions(both, None))
+
+
 def test_degrees_in_all_columns_are_seen_by_the_torque(log):
     bent = dataclasses.replace(log, velocity=DEGREES * log.velocity, position=DEGREES * log.position)
     found = suspicions(bent, BODY)

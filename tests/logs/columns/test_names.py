@@ -56,6 +56,16 @@ FROM_PEOPLE = {
     "cylinder": ({"time": 1, "force_desired": 1, "velocity": 1, "position_radians": None}, "", {}),
     "KUKA": ({"t": 1, "act_torque": 1, "act_vel": 1, "act_pos": None}, "", {"torque_measured": True}),
     "Mitsubishi": ({"ms": 1e3, "Torque": 1, "Servo motor speed": 60 / TURN}, "", {}),
+    "Isaac": (
+        {"time": 1, "tau_est_0": 1, "joint_vel_0": 1, "joint_pos_0": None, "joint_pos_target_0": None},
+        "",
+        {"torque_measured": True},
+    ),
+    "ROS in a table": (
+        {"t": 1, "- arm_1_joint_effort": 1, "- arm_1_joint_velocity": 1, "- arm_1_joint_position": None},
+        "",
+        {"torque_measured": True},
+    ),
     "ROS": ({"stamp": 1, "/joint_states.effort.0": 1, "/joint_states.velocity.0": 1}, "", {"torque_measured": True}),
 }
 
@@ -97,6 +107,57 @@ def test_an_axis_that_stands_still_is_not_taken(columns):
         assert read_log(data).torque[0] == columns["torque"][0] + 1
     with pytest.warns(FpjaxWarning, match="by their names"):
         assert read_log(data, columns="axis=2").torque[0] == columns["torque"][0] + 2
+
+
+def test_an_axis_without_a_torque_is_not_taken(columns):
+    data = {"time": columns["time"], "q_1": columns["position"], "q_2": columns["position"] + 2.0}
+    data |= {"dq_2": columns["velocity"], "tau_2": columns["torque"]}
+    with pytest.warns(FpjaxWarning, match="axis 2 was taken, since axis 1 has no torque"):
+        assert read_log(data).position[0] == columns["position"][0] + 2.0
+
+
+def several_axes(columns):
+    data = {"time": columns["time"]}
+    for axis in range(3):
+        data |= {f"tau_measured.{axis}": columns["torque"] + axis, f"qd.{axis}": columns["velocity"] + axis}
+    return data | {f"tau_command.{axis}": 0.0 * columns["torque"] + axis for axis in range(3)}
+
+
+def test_the_axis_of_a_column_that_the_user_mapped_is_that_of_all(columns):
+    log = read_log(several_axes(columns), columns="torque=tau_measured.2")
+    assert log.velocity[0] == columns["velocity"][0] + 2
+
+
+def test_a_column_may_be_mapped_by_its_name_without_the_chosen_axis(columns):
+    log = read_log(several_axes(columns), columns="axis=1,torque=tau_measured:mNm")
+    np.testing.assert_allclose(log.torque, 1e-3 * (columns["torque"] + 1))
+    assert log.velocity[0] == columns["velocity"][0] + 1
+    with pytest.raises(InputError, match="no column 'tau_measured'"):
+        read_log(several_axes(columns), columns="torque=tau_measured")
+
+
+@pytest.mark.parametrize("mark", [".", "/", ":"])
+def test_the_torque_of_one_machine_is_never_taken_with_the_motion_of_another(columns, mark):
+    data = {"time": columns["time"], f"hip{mark}position": columns["position"] + 1.0}
+    data |= {f"knee{mark}{name}": columns[name] for name in ("position", "velocity", "torque")}
+    log = read_log(data)
+    np.testing.assert_array_equal(log.position, columns["position"])
+    data |= {f"hip{mark}{name}": columns[name] + 1.0 for name in ("velocity", "torque")}
+    with pytest.warns(FpjaxWarning, match="several machines: hip was taken, and not knee"):
+        assert read_log(data).torque[0] == columns["torque"][0] + 1.0
+    assert read_log(data, columns=f"torque=knee{mark}torque").position[0] == columns["position"][0]
+    still = data | {f"hip{mark}{name}": np.zeros_like(columns["time"]) for name in ("position", "velocity")}
+    with pytest.warns(FpjaxWarning, match="knee was taken, and not hip"):
+        assert read_log(still).torque[0] == columns["torque"][0]
+
+
+def test_a_command_may_come_from_elsewhere(columns):
+    data = {"time": columns["time"], "/cmd.torque": columns["torque"], "/state.effort": columns["torque"] + 1.0}
+    data |= {"/state.position": columns["position"], "/odom.velocity": columns["velocity"] + 9.0}
+    data["/state.velocity"] = columns["velocity"]
+    log = read_log(data)
+    assert log.torque[0] == columns["torque"][0]
+    assert log.velocity[0] == columns["velocity"][0]
 
 
 def test_a_number_in_brackets_is_an_axis_and_no_unit(columns):
