@@ -87,12 +87,14 @@ def choose_owner(
         return said[0], whole
     if not whole:
         return "", whole
+    if travel is None or len(whole) == 1:
+        return whole[0], whole
     moved = {
         owner: max(travel(one.column) for kind in MOTIONS for one in guesses.get(kind, []) if one.owner == owner)
-        for owner in (whole if travel is not None and len(whole) > 1 else ())
+        for owner in whole
     }
-    most = max(moved.values(), default=0.0)
-    return next((owner for owner in whole if moved.get(owner, most) > STILL * most), whole[0]), whole
+    most = max(moved.values())
+    return next((owner for owner in whole if moved[owner] > STILL * most), whole[0]), whole
 
 
 def of_owner(fitting: list[Guess], owner: str) -> list[Guess]:
