@@ -31,7 +31,7 @@ cmd command motor_command
 _MEASURED = """
 torque_measured measured_torque tau_meas tau_measured torque_meas torque_actual actual_torque torque_estimate
 estimated_torque tau_est istmoment drehmoment_ist ist_drehmoment m_ist actual_moment joint_torque tau_act torque_act
-torque_feedback tau_feedback
+torque_feedback tau_feedback tau_m tau_a
 effort torque_sensor tau_sensor torque_value output_torque motor_torque motor_measured_torque act_torque
 iq:A iq_measured:A iq_meas:A iq_actual:A iq_act:A i_q:A current:A actual_current:A current_actual:A current_measured:A
 motor_current:A strom:A iststrom:A strom_ist:A i_ist:A stator_current:A torque_current:A present_current:A
@@ -46,7 +46,7 @@ ms:ms millis:ms milliseconds:ms us:us micros:us
 """,
     "velocity": """
 velocity velocity_actual actual_velocity velocity_measured measured_velocity vel angular_velocity joint_velocity
-joint_vel motor_vel measured_vel
+joint_vel motor_vel measured_vel omega_m w_m dq_m
 motor_velocity rotor_velocity encoder_velocity velocity_act vel_meas vel_actual output_velocity act_vel act_velocity
 actual_qd qd dq qdot q_dot theta_dot thetadot dtheta omega winkelgeschwindigkeit geschwindigkeit vitesse velocidad
 velocita vel_estimate:rev/s drehzahl:rpm istdrehzahl:rpm drehzahl_ist:rpm ist_drehzahl:rpm n_ist:rpm rpm:rpm
@@ -58,7 +58,7 @@ w v gyro_z gyroz gyro rate
     "position": """
 position position_actual actual_position position_measured measured_position pos joint_position motor_position
 rotor_position encoder_position position_act pos_actual pos_meas joint_angle motor_angle output_angle output_position
-motor_measured_position act_pos act_position joint_pos motor_pos measured_pos
+motor_measured_position act_pos act_position joint_pos motor_pos measured_pos theta_m phi_m q_m
 actual_q q qm theta angle winkel drehwinkel istlage lage istposition position_ist lage_ist posizione posicion
 pos_estimate:rev encoder_angle present_position angle_actual
 encoder enc encoder_count:counts encoder_counts:counts encoder_ticks:counts shadow_count:counts ticks:counts phi

@@ -85,6 +85,9 @@ _SUFFIXES = {
     "mm_s": "mm/s", "c": "degC", "degc": "degC", "radians": "rad",
 }  # fmt: skip
 
+# a letter behind one of these is an index, not a unit: theta_m is the motor's angle, tau_a the actual torque
+_SYMBOLS = {"theta", "phi", "omega", "alpha", "tau", "q", "dq", "qd", "w", "v", "p", "u", "i", "t", "angle"}
+
 
 def find_unit(text: str) -> Unit | None:
     """The unit that `text` spells ("deg/s", "N m", "N*m", "mm", "U/min"), or None."""
@@ -106,6 +109,8 @@ _LOWER = {name.lower(): unit for name, unit in UNITS.items() if name.lower() not
 def suffix_unit(name: str) -> tuple[str, str] | None:
     """(name without its unit, unit) of a name that ends with a unit: ("torque", "Nm") of "torque_nm"; None without."""
     parts = name.split("_")
+    if parts[-1] in ("m", "a", "n", "c") and "_".join(parts[:-1]) in _SYMBOLS:
+        return None
     for size in (3, 2, 1):
         if len(parts) > size and (unit := _SUFFIXES.get("_".join(parts[-size:]))):
             return "_".join(parts[:-size]), unit

@@ -56,6 +56,7 @@ FROM_PEOPLE = {
     "cylinder": ({"time": 1, "force_desired": 1, "velocity": 1, "position_radians": None}, "", {}),
     "KUKA": ({"t": 1, "act_torque": 1, "act_vel": 1, "act_pos": None}, "", {"torque_measured": True}),
     "Mitsubishi": ({"ms": 1e3, "Torque": 1, "Servo motor speed": 60 / TURN}, "", {}),
+    "textbook": ({"t": 1, "tau_m": 1, "omega_m": 1, "theta_m": None}, "", {"torque_measured": True, "linear": False}),
     "Isaac": (
         {"time": 1, "tau_est_0": 1, "joint_vel_0": 1, "joint_pos_0": None, "joint_pos_target_0": None},
         "",
@@ -83,6 +84,16 @@ def test_names_that_drives_and_people_use_are_guessed_and_said(columns, kind):
     assert log.torque_unit == (label or "N m")
     for name, value in fields.items():
         assert getattr(log, name) == value
+
+
+def test_a_letter_behind_a_symbol_is_an_index_and_no_unit(columns):
+    data = {"time": columns["time"], "u_a": columns["torque"], "theta_m": columns["position"]}
+    with pytest.raises(InputError, match="no column torque"):  # the armature's voltage, the actual control, or amperes
+        read_log(data)
+    data["u_v"] = data.pop("u_a")
+    log = read_log(data)
+    assert (log.torque_unit, log.linear) == ("V", False)
+    assert read_log({**data, "position_m": columns["position"]}, columns="position=position_m:m").linear
 
 
 def test_one_of_several_axes_is_taken_and_said(columns):
