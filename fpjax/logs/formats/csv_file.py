@@ -12,7 +12,7 @@ from typing import TextIO
 import numpy as np
 
 from ...errors import InputError
-from .csv_layout import Layout, find_layout, number, split
+from .csv_layout import Layout, find_layout, number, split, without_end
 from .table import RawTable, Request
 
 PIECE = 50_000  # [lines]
@@ -128,7 +128,9 @@ class _Cells:
 
     def numbers(self, lines: list[str], row: int, found: _Gathered) -> np.ndarray:
         """The cells, shape (rows, columns), NaN where they are not numbers; rows of another width are dropped."""
-        plain = [line for line in lines if not line.isspace()]
+        if self.layout.ended:
+            lines = [without_end(line) for line in lines]
+        plain = [line for line in lines if line.strip()]
         if not plain:
             return np.zeros((0, len(self.chosen)))
         read = [index for index in self.chosen if index not in self.known_text]
@@ -163,7 +165,7 @@ class _Cells:
         width, rows = len(self.layout.names), []
         words_before = dict(self.words)
         for place, line in enumerate(lines):
-            if line.isspace() or line.lstrip().startswith(("#", "%")):
+            if not line.strip() or line.lstrip().startswith(("#", "%")):
                 continue
             parts = split(line, self.layout.separator)
             if len(parts) == width + 1 and not parts[-1].strip():

@@ -2,7 +2,7 @@
 
 import csv
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
 from ...errors import InputError
@@ -24,6 +24,7 @@ class Layout:
         trailing: whether every row ends with a separator.
         headless: whether no line names the columns.
         notes: what was assumed, a sentence each.
+        ended: whether rows end with ";" where that separates no cells, as those of a matrix in MATLAB.
     """
 
     separator: str | None
@@ -34,6 +35,7 @@ class Layout:
     trailing: bool = False
     headless: bool = False
     notes: tuple[str, ...] = ()
+    ended: bool = False
 
     @property
     def first_row(self) -> int:
@@ -99,6 +101,9 @@ def find_layout(lines: list[str], name: str) -> Layout:
     filled = [place for place, line in enumerate(lines) if line.strip()]
     if not filled:
         raise InputError(f"{name} holds no rows: record it again, or name another file.")
+    ended = sum(_is_ended(lines[place]) for place in filled) > 0.5 * len(filled)
+    if ended:
+        lines = [without_end(line) for line in lines]
     best: tuple[float, int, str | None, int] | None = None
     # Every separator is tried. Of two that explain the lines equally well the earlier one in SEPARATORS wins: with
     # decimal commas a line "1,5;2,5" has numbers between commas as well.
@@ -113,7 +118,16 @@ def find_layout(lines: list[str], name: str) -> Layout:
             raise InputError(f"{name} has a header and no rows of numbers: record it again, or name another file.")
         raise InputError(f"{name} holds no table of numbers: give columns such as time,torque,velocity.")
     _, _, separator, first = best
-    return _with_header(lines, filled, separator, first, name)
+    return replace(_with_header(lines, filled, separator, first, name), ended=ended)
+
+
+def _is_ended(line: str) -> bool:
+    return line.rstrip().endswith(";") and line.count(";") == 1
+
+
+def without_end(line: str) -> str:
+    """A line without the ";" that ends it."""
+    return line.rstrip().removesuffix(";") if _is_ended(line) else line
 
 
 def _cells(line: str, separator: str | None, *, all_of_them: bool = False) -> list[str]:

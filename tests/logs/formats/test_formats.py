@@ -73,6 +73,16 @@ def test_stamps_that_are_dates_or_times_of_day(tmp_path, form):
     assert log.time.size == 300
 
 
+def test_rows_that_end_with_a_semicolon_as_those_of_a_matrix(tmp_path):
+    lines = [f"{0.01 * k:.2f},{k % 7},{k % 5};" for k in range(300)]
+    head = ["%timestamp [s],torque,velocity", "nan,nan,nan;"]
+    for comment in ("", "%made by hand\n"):
+        (tmp_path / "log.csv").write_text(comment + "\n".join([*head, *lines]) + "\n")
+        with pytest.warns(FpjaxWarning, match="left out|cut|not a number|dropped"):
+            log = read_log(tmp_path / "log.csv")
+        np.testing.assert_array_equal(log.velocity, np.arange(300) % 5)
+
+
 def test_words_in_the_time_column_are_one_sentence(tmp_path):
     (tmp_path / "log.csv").write_text("timestamp,torque,velocity\n" + "soon,1,2\n" * 50)
     with pytest.raises(InputError, match="no column time"):
