@@ -1,5 +1,7 @@
 """A model whose friction holds the machine at rest while it moves."""
 
+from types import SimpleNamespace
+
 import gap_search
 import jax.numpy as jnp
 import numpy as np
@@ -8,8 +10,9 @@ import pytest
 
 from fpjax import OneMass, Stribeck, load_model
 from fpjax.blocks.plants import OneMassState, TwoMassState
-from fpjax.gap.data.record import TURNING
-from fpjax.gap.data.replay_tables import AROUND, surely_moving
+from fpjax.gap.data.channel import make_channel
+from fpjax.gap.data.motion import motion
+from fpjax.gap.data.replay_tables import LATE, surely_moving
 from fpjax.gap.machine import nominal_machine, with_structure
 from fpjax.gap.simulate.replay import _moved
 from fpjax.gap.verb import make_search
@@ -43,18 +46,48 @@ def test_what_a_friction_above_every_torque_misses_is_told_at_its_size(sensors):
     assert missing == pytest.approx(11 * COULOMB, rel=0.05)
 
 
-def test_a_machine_surely_moves_only_away_from_its_reversals():
-    record = search_of(COULOMB).records[0]
-    moving = surely_moving(record)
-    assert 0.5 < np.mean(moving) < 1.0
-    assert np.min(np.abs(record.speed[moving])) > TURNING * np.max(np.abs(record.speed))
-    reversals = np.flatnonzero(np.diff(np.sign(record.speed)) != 0)
-    assert len(reversals) > 2
-    assert not np.any(moving[reversals])
-    # As far from a reversal as a column may lag, and no further.
-    doubtful = np.flatnonzero(~moving)
-    runs = [len(run) for run in np.split(doubtful, np.flatnonzero(np.diff(doubtful) > 1) + 1)]
-    assert min(runs[1:-1]) > 2 * AROUND
+def motion_of(speed, noise=1e-5, sensors="position"):
+    """What tells where a machine of some speed [rad/s] moves: readings of an encoder or a rate sensor at 1 kHz."""
+    scatter = noise * np.random.default_rng(1).standard_normal((2, len(speed)))
+    position = make_channel(np.cumsum(1e-3 * speed) + 1e-3 * scatter[0]) if sensors == "position" else None
+    velocity = make_channel(speed + 100.0 * scatter[1]) if sensors == "velocity" else None
+    measured, _, angle, deviation = motion(velocity, position, 1e-3)
+    return SimpleNamespace(
+        speed=measured, angle=angle, speed_noise=deviation, dt=1e-3, integrated=position is None, velocity=velocity,
+        position=position,
+    )  # fmt: skip
+
+
+def ramps(*corners):
+    """Straight lines through speeds that are 500 samples apart, and the speed at each sample [rad/s]."""
+    return np.interp(np.arange(500 * (len(corners) - 1)), 500 * np.arange(len(corners)), corners)
+
+
+def doubtful(record):
+    """(first, last) sample of each stretch in which a machine does not surely move."""
+    still = np.flatnonzero(~surely_moving(record))
+    return [(run[0], run[-1]) for run in np.split(still, np.flatnonzero(np.diff(still) > 1) + 1) if len(run)]
+
+
+@pytest.mark.parametrize(("sensors", "away"), [("position", 2), ("velocity", LATE)])
+def test_a_machine_surely_moves_but_at_its_reversals(sensors, away):
+    ((start, end),) = [
+        (a, b) for a, b in doubtful(motion_of(ramps(1.0, 1.0, -1.0, -1.0), sensors=sensors)) if 0 < a < 1400
+    ]
+    assert 750 - away - 10 <= start <= 750 - away
+    assert 750 + away - 1 <= end <= 750 + away + 10
+
+
+def test_a_machine_that_nearly_stops_and_goes_on_surely_moves():
+    """A simulated one stops there or turns back, and its friction would push for some milliseconds."""
+    record = motion_of(ramps(1.0, 1.0, 2e-3, 1.0, 1.0))
+    assert all(end < 50 or start > 1950 for start, end in doubtful(record))
+
+
+def test_bristles_that_bend_at_rest_are_no_motion():
+    speed = ramps(1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+    speed[1100:] += 0.02 * np.sin(0.02 * np.arange(len(speed) - 1100))
+    assert not np.any(surely_moving(motion_of(speed))[1010:])
 
 
 @pytest.mark.parametrize(("structure", "dt"), [("rigid", 0.01), ("transmission", 1e-3), ("bristles", 1e-3)])

@@ -33,12 +33,12 @@ def motion(
         deviation = velocity.noise
     else:
         assert position is not None
-        half = _half(position)
+        half = smoothing_width(velocity, position)
         speed = smoothed(position.values, half)[1] / dt
         slope = smoothed(speed, max(half, 5))[1]
-        deviation = _slope_noise(position, half) / dt
+        deviation = slope_noise(position, half) / dt
     if position is not None:
-        angle = smoothed(position.values, 5)[0] if velocity is not None else smoothed(position.values, half)[0]
+        angle = smoothed(position.values, smoothing_width(velocity, position))[0]
     else:
         assert velocity is not None
         # The exact integral of straight lines between the samples; no sensor measures where it starts, so at zero.
@@ -54,15 +54,21 @@ def smoothed(
     return local_polynomial(values, half), local_polynomial(values, half, derivative=1)
 
 
-def _half(position: Channel) -> int:
-    """Half width [samples] of the narrowest quadratic whose slope has little noise, which rounds reversals least."""
+def smoothing_width(velocity: Channel | None, position: Channel) -> int:
+    """Samples on either side of the local quadratics through a position.
+
+    Beside a rate reading few: only the angle is taken from them. Else those of the narrowest quadratic whose slope has
+    little noise, which rounds reversals least.
+    """
+    if velocity is not None:
+        return 5
     for half in HALVES:
         slope = smoothed(position.values, half)[1]
-        if _slope_noise(position, half) < QUIET_SPEED * float(np.quantile(np.abs(slope), 0.95)):
+        if slope_noise(position, half) < QUIET_SPEED * float(np.quantile(np.abs(slope), 0.95)):
             return half
     return HALVES[-1]
 
 
-def _slope_noise(position: Channel, half: int) -> float:
+def slope_noise(position: Channel, half: int) -> float:
     """Standard deviation of the fitted slope [rad per sample]: sigma / sqrt(sum k^2), of white noise."""
     return position.noise / float(np.sqrt(np.sum(np.arange(-half, half + 1.0) ** 2)))

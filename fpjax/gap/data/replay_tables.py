@@ -6,12 +6,12 @@ from jaxtyping import Bool, Float
 
 from ...logs.arrays import Values
 from .channel import Channel
+from .motion import slope_noise, smoothing_width
 from .record import TURNING, Record
 from .tables import TAPS, Guide, Tables
 
 DAMPED = 0.7  # damping ratio of the guide: no resonance of its own [1]
-AROUND = 10  # samples: the widest quadratic through a column
-LATE = 30  # likewise, of a rate reading alone: by so much one may lag without anybody having told
+LATE = 30  # samples by which a rate reading may lag without anybody having told
 SURE = 5.0  # standard deviations above which a smoothed speed has a direction [1]
 
 
@@ -31,8 +31,7 @@ def tables_of(record: Record, bandwidth: float = 0.0, *, free: bool = False) -> 
     velocity, velocity_weight = _column(record.velocity, count, padded)
     position, position_weight = _column(record.position, count, padded)
     speed, angle = np.zeros(padded), np.zeros(padded)
-    # With an encoder, the guide takes angle and speed from it: a rate reading may lag or have a bias.
-    speed[TAPS : TAPS + count] = record.speed if record.integrated else np.gradient(record.angle, record.dt)
+    speed[TAPS : TAPS + count] = _followed(record)[0]
     angle[TAPS : TAPS + count] = record.angle
     moving = np.zeros(padded)
     if not free:
@@ -53,15 +52,29 @@ def tables_of(record: Record, bandwidth: float = 0.0, *, free: bool = False) -> 
 def surely_moving(record: Record) -> Bool[Values, " samples"]:
     """Where the machine moves in one direction, no matter how the readings are smoothed or delayed.
 
-    That is, faster than any doubt about the direction for `AROUND` samples before and after, or `LATE`.
+    That is in a run of one direction which no sample of the speed leaves in doubt, away from its ends. A run counts as
+    motion where it reaches a share of the top speed: bristles that bend under a machine at rest do not.
     """
-    least = max(TURNING * float(np.quantile(np.abs(record.speed), 0.95)), SURE * record.speed_noise)
-    width = 2 * (LATE if record.integrated else AROUND) + 1
-    found = np.zeros(len(record.speed), bool)
-    for way in (record.speed > least, record.speed < -least):
-        # Centred; what lies beyond the log's ends counts as doubtful.
-        found |= np.convolve(way, np.ones(width))[width // 2 :][: len(way)] > width - 0.5
+    speed, noise = _followed(record)
+    least = TURNING * float(np.quantile(np.abs(speed), 0.95))
+    away = LATE if record.integrated else smoothing_width(record.velocity, record.position)
+    found = np.zeros(len(speed), bool)
+    for way in (speed > SURE * noise, speed < -SURE * noise):
+        edges = np.flatnonzero(np.diff(way.astype(np.int8), prepend=0, append=0))
+        for first, last in edges.reshape(-1, 2):
+            if np.max(np.abs(speed[first:last])) > least:
+                found[first + away : max(last - away, 0)] = True
     return found
+
+
+def _followed(record: Record) -> tuple[Float[Values, " samples"], float]:
+    """(speed that simulations are held to [rad/s], its standard deviation [rad/s])."""
+    if record.integrated:
+        return record.speed, record.speed_noise
+    # With an encoder, its rate: a rate reading may lag or have a bias.
+    assert record.position is not None
+    half = smoothing_width(record.velocity, record.position)
+    return np.gradient(record.angle, record.dt), slope_noise(record.position, half) / record.dt
 
 
 def guide_of(record: Record, bandwidth: float) -> tuple[float, float]:
