@@ -13,8 +13,10 @@ from fpjax.blocks.plants import OneMassState, TwoMassState
 from fpjax.gap.data.channel import make_channel
 from fpjax.gap.data.motion import motion
 from fpjax.gap.data.replay_tables import LATE, surely_moving
-from fpjax.gap.machine import nominal_machine, with_structure
-from fpjax.gap.simulate.replay import _moved
+from fpjax.gap.data.tables import TAPS, Guide, Tables
+from fpjax.gap.machine import lanes, nominal_machine, with_structure
+from fpjax.gap.simulate.replay import STATES, _moved, advance, begin, output_of
+from fpjax.gap.simulate.windows import Windows
 from fpjax.gap.verb import make_search
 from fpjax.simulation.precision import double_precision
 
@@ -91,7 +93,7 @@ def test_bristles_that_bend_at_rest_are_no_motion():
 
 
 @pytest.mark.parametrize(("structure", "dt"), [("rigid", 0.01), ("transmission", 1e-3), ("bristles", 1e-3)])
-def test_a_carried_machine_feels_the_friction_of_the_measured_speed(structure, dt):
+def test_a_machine_at_rest_feels_the_friction_of_the_motion_it_should_have(structure, dt):
     """In 10 ms a start fast enough not to stop would have another viscous and Stribeck torque: 0.5 rad/s has not."""
     inertia, applied, speed = 0.05, 0.2, 0.5
     law = Stribeck(5.0, 6.0, 0.3, viscous=0.8)
@@ -105,6 +107,41 @@ def test_a_carried_machine_feels_the_friction_of_the_measured_speed(structure, d
             "transmission": TwoMassState(zero, zero, zero, zero, ()),
         }[structure]
         shift = jnp.asarray(speed), zero
-        moved = _moved(machine, state, jnp.asarray(applied), shift, jnp.asarray(True), zero, jnp.asarray(dt), 4)
+        moved = _moved(machine, state, jnp.asarray(applied), shift, jnp.ones(()), zero, jnp.asarray(dt), 4)
         speeds = [moved.motor_velocity, moved.load_velocity] if structure == "transmission" else [moved.velocity]
     assert np.mean(speeds) * inertia / dt == pytest.approx(applied - friction, rel=0.01)
+
+
+@pytest.mark.parametrize("structure", ["rigid", "transmission", "bristles"])
+def test_what_a_machine_does_that_should_move_has_no_jumps(structure):
+    """Else a fit sees slopes of any size where a lane stops and its neighbour, a small change away, does not."""
+    inertia, dt = 0.05, 1e-3
+    law = Stribeck(0.4, 0.5, 0.3, viscous=0.1)
+    with double_precision():
+        machine = with_structure(nominal_machine(OneMass(inertia, law), None, None, ("shape",)), structure, 50.0, 1e-3)
+        tables = Tables(
+            *[jnp.full(64 + TAPS, 0.2)] + [jnp.zeros(64 + TAPS)] * 4,
+            jnp.asarray(dt),
+            Guide(jnp.zeros(64 + TAPS), jnp.zeros(64 + TAPS), jnp.zeros(()), jnp.zeros(())),
+            jnp.full(64 + TAPS, 0.3),
+            jnp.zeros(()),
+        )
+        speeds = jnp.linspace(0.0, 0.1, 4001)  # it would come to rest after 0 to 20 periods
+        machines = lanes(machine, len(speeds))
+        windows = Windows(
+            jnp.full(speeds.shape, TAPS),
+            0 * speeds,
+            speeds,
+            0 * speeds,
+            0 * speeds,
+            (jnp.ones(speeds.shape) if structure == "bristles" else 0 * speeds, 0 * speeds),
+            0 * speeds,
+        )
+        states = jnp.zeros((STATES[structure], len(speeds)))
+        carry = begin(machines, windows, states, tables)
+        for index in range(40):
+            carry, _ = advance(machines, carry, windows, tables, jnp.asarray(index))
+        reached = np.asarray(output_of(carry.plant).motor_velocity)
+    steps = np.abs(np.diff(reached))
+    assert np.ptp(reached) > 0.01
+    assert np.max(steps) < 5.0 * np.median(steps) + 0.1 * np.max(np.diff(speeds))

@@ -103,7 +103,9 @@ def once_a_turn(load: AbstractLoad) -> float:
     """Amplitude of a known load's first harmonic over a turn [N m]."""
     # 360 angles: exact for loads of fewer than 359 periods a turn.
     angle = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
-    return float(2.0 * np.abs(np.mean(_at(load, angle) * np.exp(-1j * angle))))
+    torque = _at(load, angle)
+    amplitude = float(2.0 * np.abs(np.mean(torque * np.exp(-1j * angle))))
+    return amplitude if amplitude > 1e-9 * float(np.max(np.abs(torque))) else 0.0  # rounding is no load
 
 
 def _at(load: AbstractLoad, angle: Values) -> Values:

@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, PyTree
+from jaxtyping import Array, PyTree
 
 from ...blocks.actuators import ActuatorState
 from ...blocks.plants import OneMassState, TwoMassState
@@ -31,7 +31,7 @@ STATES: dict[Structure, int] = {"rigid": 2, "bristles": 3, "transmission": 4}
 # Integration steps in a control period: bristles and shafts are stiffer than a rigid mass.
 SUBSTEPS: dict[Structure, int] = {"rigid": 1, "bristles": 2, "transmission": 4}
 FINER = 3  # times as many substeps, to measure the integration error
-SLICE = 1e-3  # of a period: short enough for a friction of a thousand times what stops the machine within it
+LEAST_SPEED = 0.5  # of the measured speed: friction of a simulated machine that is slower acts as at this one
 WORST = 1e8  # a residual of more standard deviations counts as this many: a diverged lane must not overflow
 
 
@@ -135,7 +135,6 @@ class Carry(eqx.Module):
         lagged_before: that one period ago, for a fractional dead time of the sensor [rad/s].
         guided: (speed [rad/s], angle [rad]) that the guide has added to the masses so far.
         push: speed of it that was added at the end of the last period [rad/s].
-        stopped: whether the simulated machine rested or turned back in the last period while the real one moved.
     """
 
     plant: PyTree
@@ -144,7 +143,6 @@ class Carry(eqx.Module):
     lagged_before: Array
     guided: tuple[Array, Array]
     push: Array
-    stopped: Bool[Array, " lanes"]
 
 
 def begin(machine: Machine, windows: Windows, states: Array, tables: Tables) -> Carry:
@@ -152,7 +150,7 @@ def begin(machine: Machine, windows: Windows, states: Array, tables: Tables) -> 
     plant, torque, reading = initial(machine, windows, states, tables)
     none = 0.0 * torque
     before = reading - tables.dt * windows.slope / machine.sensor.scale
-    return Carry(plant, torque, reading, before, (none, none), none, jnp.zeros(none.shape, bool))
+    return Carry(plant, torque, reading, before, (none, none), none)
 
 
 def advance(
@@ -195,11 +193,11 @@ def advance(
     # Its dead time is in `command` already.
     actuator = eqx.tree_at(lambda block: block.delay, machine.actuator, None, is_leaf=lambda leaf: leaf is None)
     after, applied = actuator.step(ActuatorState(carry.torque, ()), command, motion, tables.dt)
-    moving = tables.moving[at]
-    carried = carry.stopped & (moving != 0.0)
-    ahead = jnp.where(carried, moving - guided_rate, 0.0)
-    following = _moved(machine, state, applied, (ahead, aside), carried, time, tables.dt, substeps)
-    stopped = (moving != 0.0) & (moving * sensor.seen(output_of(following))[0] <= 0.0)
+    # A machine that surely moves has friction in that direction, and as at half its speed at least. Else a model could
+    # rest under any torque below its friction, and none would seem to be missing.
+    least = LEAST_SPEED * tables.moving[at]
+    behind = jnp.where(jnp.sign(least) * (guided_rate - least) < 0.0, least - guided_rate, 0.0)
+    following = _moved(machine, state, applied, (behind, aside), jnp.sign(least), time, tables.dt, substeps)
     # The guide's acceleration [rad/s^2], constant over the period.
     turning = guide.stiffness * (guide.angle[at] - guided_angle)
     # Beside an encoder the guide follows its rate, which is the true one; without, the rate sensor's reading.
@@ -214,17 +212,14 @@ def advance(
     rate_after = sensor.seen(output_of(following))[0] - guided[0]
     lagged = sensor.follow(carry.lagged, rate, rate_after, tables.dt)
     torque = carry.torque if after.lagged is None else after.lagged
-    return Carry(following, torque, lagged, carry.lagged, guided, faster, stopped), predicted
+    return Carry(following, torque, lagged, carry.lagged, guided, faster), predicted
 
 
 def _moved(
-    machine: Machine, state: PyTree, applied: Array, shift: tuple[Array, Array], carried: Array, time: Array, dt: Array,
+    machine: Machine, state: PyTree, applied: Array, shift: tuple[Array, Array], side: Array, time: Array, dt: Array,
     substeps: int,
 ) -> PyTree:  # fmt: skip
     """The plant's state a period later.
-
-    A lane whose machine surely moves while the simulated one rests or turns back is carried: friction acts as in the
-    measured motion. Else a model could rest under any torque below its friction, and none would seem to be missing.
 
     Args:
         machine: of the lanes.
@@ -232,32 +227,40 @@ def _moved(
         applied: torque [N m].
         shift: (speed [rad/s], angle [rad]) from the simulated motion to the one in which friction and torques of the
             position act.
-        carried: whether the lane is.
+        side: direction in which the machine surely moves [1]: there nothing stops within the period; 0 for unknown.
         time: start of the period [s].
         dt: control period [s].
         substeps: in a period.
     """
-    ahead, aside = shift
-    if not isinstance(state, OneMassState) or structure_of(machine) != "rigid":
-        # Fast enough that it does not come to rest within the period.
-        output = output_of(state)
-        speed = output.motor_velocity + ahead
-        motion = Motion(speed, output.motor_position + aside, time, applied)
-        most = jnp.abs(applied) + jnp.abs(machine.plant.load.readout(motion)) + machine.law.breakaway(motion)
-        faster = jnp.maximum(2.0 * dt * most / machine.plant.inertia - jnp.abs(speed), 0.0)
-        ahead = ahead + jnp.where(carried, jnp.sign(speed) * faster, 0.0)
-        following = advance_exact(machine.plant, _turned(state, ahead, aside), applied, time, dt, substeps)
-        return _turned(following, -ahead, -aside - dt * ahead)
-    # The acceleration at the measured speed, of so short a step that it does not come to rest.
-    share = jnp.where(carried, SLICE, 1.0)
-    start = _turned(state, ahead, aside)
-    following = advance_exact(machine.plant, start, applied, time, share * dt, substeps)
-    gained = (following.velocity - start.velocity) / share
-    slid = state.position + dt * (state.velocity + 0.5 * gained)
+    behind, aside = shift
+    rigid = isinstance(state, OneMassState) and structure_of(machine) == "rigid"
+    motion = _at(_turned(state, behind, aside), applied, time, 0.5 * dt)
+    free = applied - machine.plant.load.readout(motion)
+    if not rigid:
+        # As much faster as it takes not to stop.
+        most = 2.0 * dt * (jnp.abs(free) + machine.law.breakaway(motion)) / machine.plant.inertia
+        behind = behind + side * jnp.maximum(most - side * motion.velocity, 0.0) * jnp.abs(side)
+        following = advance_exact(machine.plant, _turned(state, behind, aside), applied, time, dt, substeps)
+        return _turned(following, -behind, -aside - dt * behind)
+    following = advance_exact(machine.plant, _turned(state, behind, aside), applied, time, dt, substeps)
+    stops = side * following.velocity < 0.0
+    stops = stops | ((side != 0.0) & (following.velocity == 0.0))
+    # Where it would stop, the acceleration that it starts with goes on.
+    sliding = (free - machine.law.drag(motion) - side * machine.law.level(motion)) / machine.plant.inertia
+    gained = jnp.where(stops, dt * sliding, following.velocity - motion.velocity)
+    carried = stops | (behind != 0.0)
     return OneMassState(
         jnp.where(carried, state.velocity + gained, following.velocity),
-        jnp.where(carried, slid, following.position - aside), following.friction,
-    )  # fmt: skip
+        jnp.where(carried, state.position + dt * (state.velocity + 0.5 * gained), following.position - aside),
+        following.friction,
+    )
+
+
+def _at(state: PyTree, applied: Array, time: Array, half: Array) -> Motion:
+    """The motion at which a step's torques are taken: the speed of its start, the place and time of its middle."""
+    output = output_of(state)
+    place = output.motor_position + half * output.motor_velocity
+    return Motion(output.motor_velocity, place, time + half, applied)
 
 
 def _resting(state: PyTree) -> Array:
