@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from weighed_models import BOTH, NOMINAL, RATE_ONLY, weighed
 
-from fpjax.gap import Estimate, Ranked
+from fpjax.gap import EFFECTS, Estimate, Ranked
 from fpjax.gap.answer.assemble import _instead
 from fpjax.gap.answer.confusable import indistinguishable
 from fpjax.gap.answer.gap_size import steps_of
 from fpjax.gap.answer.ranking import share_alike
 from fpjax.gap.effects.twins import Twin, exact_twins
+from fpjax.gap.select import decision
 from fpjax.gap.select.readings import Reading
 
 
@@ -154,3 +155,20 @@ def test_the_last_step_is_the_whole_with_its_details():
     assert [(step.added, step.gap_after) for step in both] == ladder
     alone = SimpleNamespace(exact=nominal, path=(nominal, whole), chosen=SimpleNamespace(fit=whole))
     assert [(step.added, step.gap_after) for step in steps_of(search, alone, ("stribeck",))] == [("stribeck", 1.0)]
+
+
+def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_what_counts_as_right(monkeypatch):
+    def fit(names, wide, bound, left):
+        candidate = SimpleNamespace(
+            structural=names, effects=tuple(effect for effect in EFFECTS if effect.name in names), wide=frozenset(wide),
+            names=names, at_bound=lambda: bound, values=dict,
+        )  # fmt: skip
+        return SimpleNamespace(candidate=candidate, evidence=990.0, missing_rms=lambda windows: left)
+
+    chosen = decision.Weighed(fit(("stribeck",), ("inertia", "coulomb"), [], 0.1), 1000.0, 1000.0, 0.1)
+    exact = decision.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows: 1.0))
+    monkeypatch.setattr(decision, "resolved", lambda search, fit: True)
+    for bound, told in (([], ("stribeck", "torque_gain_error")), (["inertia"], ("stribeck",))):
+        factor = fit(("stribeck", "torque_gain_error"), (), bound, 0.1)
+        search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, factor=factor: [factor])
+        assert decision._simpler(search, exact, chosen).structural == told

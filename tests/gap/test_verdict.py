@@ -126,6 +126,24 @@ def test_of_several_effects_the_one_that_follows_the_dominant_variable_comes_fir
     found = judged(chosen, [], shares=shares, curves=torque, named=0.9, follows=FOLLOWS)
     assert found.causes == ("load_dependent_friction", "asymmetric_friction")
     assert judged(chosen, [], shares=shares, named=0.9, follows=FOLLOWS).causes[0] == "asymmetric_friction"
+    # bristles follow none: they come behind it, however much would come back without them, and before nothing else
+    chosen = weighed("presliding+load_dependent_friction", 500.0)
+    shares = {"presliding": 0.6, "load_dependent_friction": 0.4, "inertia_error": 0.5}
+    found = judged(chosen, [], shares=shares, curves=torque, named=0.9, follows=FOLLOWS)
+    assert found.causes == ("load_dependent_friction", "inertia_error", "presliding")
+    assert judged(chosen, [], shares=shares, named=0.9, follows=FOLLOWS).causes[0] == "presliding"
+
+
+def test_what_hardly_moves_the_machine_makes_no_part_unexplained():
+    """Vibration is most of the missing torque of many real machines, and hardly any of what moves them."""
+    chosen, rivals = weighed("unbalance", 500.0), [weighed("presliding", 200.0)]
+    assert judged(chosen, rivals, left=0.8).word == "unexplained"
+    found = judged(chosen, rivals, left=0.8, moved=0.6)
+    assert (found.word, found.causes) == ("partly_explained", ("unbalance",))
+    assert found.probability <= THRESHOLDS.right_dominant  # less sure than where most of it is gone
+    assert judged(chosen, rivals, left=0.8, moved=0.75).word == "unexplained"
+    # without a cause that is sure it makes none
+    assert judged(chosen, [weighed("presliding", 499.0)], left=0.8, moved=0.6).word == "unexplained"
 
 
 def test_a_name_keeps_of_its_worth_what_its_variable_holds_beside_the_dominant_one():

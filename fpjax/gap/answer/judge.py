@@ -115,6 +115,14 @@ def _share(missing: Values, record: Record) -> float:
     return float(np.sqrt(max(np.mean(missing), 0.0) / max(np.mean(record.torque**2), 1e-300)))
 
 
+def _moved(before: Fit, after: Fit, windows: Sequence[Values]) -> float:
+    """Missing torque of one fit over that of another [1], as far as it moves the machine, rms over windows."""
+    first, then = (
+        np.concatenate([m[w] for m, w in zip(fit.moving, windows, strict=True)]).sum() for fit in (before, after)
+    )
+    return float(np.sqrt(max(then, 0.0) / first)) if first > 0.0 else 1.0
+
+
 def _alone(decision: Decision) -> list[Fit]:
     """The effects of the chosen model, each alone."""
     return [w.fit for w in decision.singles if w.structural[0] in decision.chosen.structural]
@@ -129,6 +137,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
     after = tuple(course_of(search, chosen, which) for which in logs)
     windows = [np.arange(len(record.starts)) for record in search.records]
     first, then = (fit.missing_rms(windows) for fit in (decision.exact, chosen))
+    withheld = [np.flatnonzero(record.withheld) for record in search.records]
     seen = Seen(
         before=first,
         after=max(then, (1.0 - gap.closed) * first),  # over all windows, but not below what the withheld ones show
@@ -138,6 +147,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         sizes=nominal_sizes(search.setting),
         readings=read.wrong,
         misread=read.misread,
+        moved=max(_moved(decision.exact, chosen, windows), _moved(decision.exact, chosen, withheld)),
         allowed=frozenset(read.allowed),
         doubts={one.effect: (one.rival, one.sure) for one in read.readings if one.rival},
         twins=single_twins(log_of(search)),

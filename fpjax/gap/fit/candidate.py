@@ -201,12 +201,14 @@ class Fit:
         missing: mean square of the missing torque in each window, noise's share taken out [N^2 m^2], one array
             (windows,) a record, in the frequencies of `Search.band`. A window may be below zero by chance.
         level: q of all octaves together, rms over the modes in the same frequencies [N m].
+        moving: as `missing`, each frequency weighted by how far it moves the machine (`Search.moves`).
     """
 
     candidate: Candidate
     evidence: float
     missing: tuple[Values, ...]
     level: float
+    moving: tuple[Values, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

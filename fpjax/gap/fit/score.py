@@ -30,6 +30,7 @@ class Scoring(Protocol):
     fitters: dict[Key, Fitter]
     hidden_states: dict[Key, HiddenStates]
     band: Values
+    moves: Values
     real_noise: float
 
     def estimate_hidden_states(self, candidates: Sequence[Candidate], windows: Sequence[Values]) -> None:
@@ -78,8 +79,8 @@ def _scores(search: Scoring, candidates: Sequence[Candidate]) -> list[Fit]:
         if withheld:
             evidence += _log_evidence(search, fixed, fitter, withheld, hidden=False)
         c.states, c.hidden = fixed.states, fixed.hidden
-        missing = _missing(search, c, [*parts, *withheld], fitter)
-        fits.append(Fit(c, evidence, missing, search.modes.mean_level(c.level, search.band)))
+        missing, moving = _missing(search, c, [*parts, *withheld], fitter)
+        fits.append(Fit(c, evidence, missing, search.modes.mean_level(c.level, search.band), moving))
     return fits
 
 
@@ -123,15 +124,21 @@ def _log_evidence(search: Scoring, c: Candidate, fitter: Fitter, parts: list[Lin
     return -0.5 * (cost + c.occam + float(np.linalg.slogdet(precision)[1]))
 
 
-def _missing(search: Scoring, c: Candidate, parts: list[Linear], fitter: Fitter) -> tuple[Values, ...]:
-    """Mean square of the missing torque in each window [N^2 m^2], noise's share taken out, by record (windows,)."""
-    found = [np.full(len(record.starts), np.nan) for record in search.records]
+def _missing(
+    search: Scoring, c: Candidate, parts: list[Linear], fitter: Fitter
+) -> tuple[tuple[Values, ...], tuple[Values, ...]]:
+    """Mean square of the missing torque in each window [N^2 m^2], noise's share taken out, by record (windows,).
+
+    Returns:
+        (all of it, the same weighted by how far each frequency moves the machine).
+    """
+    found, moving = ([np.full(len(record.starts), np.nan) for record in search.records] for _ in range(2))
     # d = V diag(1 / sqrt(lambda)) c, filtered by `band`; V is orthonormal, so that squares of coefficients add up.
     weight = np.where(search.modes.sensor, 0.0, search.band**2 / np.where(search.modes.sensor, 1.0, search.modes.gain))
     weight = weight * search.fitters[c.family.key].torque_scale(c) ** 2
     for p in parts:
         noise = search.real_noise * fitter.noise[p.which][p.windows]
-        found[p.which][p.windows] = (
-            (search.modes.plain(p.c) ** 2 - noise[:, None]) @ weight / search.records[p.which].samples
-        )
-    return tuple(found)
+        each = (search.modes.plain(p.c) ** 2 - noise[:, None]) * weight / search.records[p.which].samples
+        found[p.which][p.windows] = np.sum(each, axis=1)
+        moving[p.which][p.windows] = each @ search.moves
+    return tuple(found), tuple(moving)

@@ -65,6 +65,9 @@ class Search:
         if abs(np.log(scale)) > 0.1:  # more than one step of `NOISES`
             records = with_noise(records, scale)
         self._prepare(records, self._material_modes())
+        self.moves = 1.0 / (1.0 + (self.modes.frequency / highest_of_speed(records)) ** 2)
+        """Weight of a torque's energy by its influence on the motion [1], shape (modes,): above the frequencies of the
+        log's speed a torque moves the machine less and less, and noise looks like more and more torque."""
         self.exact = self._base(wide=None)
         """The nominal model as it was given."""
         self.band = self._band()
@@ -76,9 +79,6 @@ class Search:
         self.base = self._base(wide=NOMINAL)
         """The nominal model with its values free."""
         self._look_for_starts()
-        self.moves = 1.0 / (1.0 + (self.modes.frequency / highest_of_speed(records)) ** 2)
-        """Weight of a torque's energy by its influence on the motion [1], shape (modes,): above the frequencies of the
-        log's speed a torque moves the machine less and less, and noise looks like more and more torque."""
         self.real_noise = real_noise(self.modes, self.base.level, self._coefficients(self.base))
 
     def _prepare(self, records: list[Record], most: int) -> None:

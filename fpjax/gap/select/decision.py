@@ -349,6 +349,9 @@ def _simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
         for fit, more in options:
             lost = (chosen.fit.evidence - fit.evidence) / max(gained, 1e-300)
             one_factor = set(fit.candidate.structural) > set(chosen.structural)
+            # Numbers that end at the bounds of what counts as right are wrong themselves.
+            if one_factor and set(fit.candidate.at_bound()) & set(NOMINAL):
+                continue
             if (
                 resolved(search, fit)
                 and more < THRESHOLDS.matters * whole
