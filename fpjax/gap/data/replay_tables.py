@@ -57,7 +57,9 @@ def surely_moving(record: Record) -> Bool[Values, " samples"]:
     """
     speed, noise = _followed(record)
     least = TURNING * float(np.quantile(np.abs(speed), 0.95))
-    away = LATE if record.integrated else smoothing_width(record.velocity, record.position)
+    away = LATE
+    if not record.integrated and record.position is not None:
+        away = smoothing_width(record.velocity, record.position)
     found = np.zeros(len(speed), bool)
     for way in (speed > SURE * noise, speed < -SURE * noise):
         edges = np.flatnonzero(np.diff(way.astype(np.int8), prepend=0, append=0))
