@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FpjaxWarning, InputError
+from .columns.clocks import other_clocks
 from .columns.headerless import described
 from .columns.mapping import (
     Columns,
@@ -95,7 +96,7 @@ def read_log(
         table, name = from_arrays(source), name or "the log"
     notes = list(table.warnings)
     sources, guessed = find_sources(_usable(table), mapping, name, table.units, _travel(table))
-    notes += guessed + _made_signed(table, sources, name)
+    notes += guessed + other_clocks(table.columns, sources, table.units, name) + _made_signed(table, sources, name)
     if table.headless:
         notes.append(f"{name} has no header: its columns are {listed(list(table.columns))}, counted from the left.")
     # a guessed column that holds text was a wrong guess; one that the user mapped is an error that `_in_si` names

@@ -144,11 +144,9 @@ def _guessed(
     travel: Callable[[str], float] | None,
 ) -> list[str]:
     """Add to `found` the columns that the table of names knows; a sentence on them."""
-    guesses = {
-        canonical: [each for each in each_guess if each.column not in taken]
-        for canonical, each_guess in guess(names, units).items()
-    }
-    axes = sorted({each.axis for listed_ in guesses.values() for each in listed_ if each.axis is not None})
+    known = guess(names, units)
+    guesses = {name: [each for each in every if each.column not in taken] for name, every in known.items()}
+    axes = sorted({each.axis for every in known.values() for each in every if each.axis is not None})
     said: list[str] = []
     mapped = [source.column for canonical, source in found.items() if canonical != "time"]
     chosen = int(wanted_axis) if wanted_axis is not None else choose_axis(guesses, axes, mapped, travel)

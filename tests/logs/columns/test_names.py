@@ -1,5 +1,7 @@
 """Names and units that drives and people use are guessed and said; scales turn readings into SI."""
 
+import warnings
+
 import numpy as np
 import pytest
 from log_files import DT, TURN
@@ -139,6 +141,14 @@ def test_the_axis_of_a_column_that_the_user_mapped_is_that_of_all(columns):
     assert log.velocity[0] == columns["velocity"][0] + 2
 
 
+def test_where_all_of_an_axis_is_mapped_nothing_of_another_is_taken(columns):
+    data = {"time": columns["time"]}
+    for axis in range(1, 4):
+        data |= {f"position_{axis}": columns["position"] + axis, f"current_{axis}": columns["torque"] + axis}
+    log = read_log(data, columns="position=position_3,torque=current_3:A")
+    assert not any("current_1" in warning for warning in log.warnings)
+
+
 def test_a_column_may_be_mapped_by_its_name_without_the_chosen_axis(columns):
     log = read_log(several_axes(columns), columns="axis=1,torque=tau_measured:mNm")
     np.testing.assert_allclose(log.torque, 1e-3 * (columns["torque"] + 1))
@@ -160,6 +170,21 @@ def test_the_torque_of_one_machine_is_never_taken_with_the_motion_of_another(col
     still = data | {f"hip{mark}{name}": np.zeros_like(columns["time"]) for name in ("position", "velocity")}
     with pytest.warns(FpjaxWarning, match="knee was taken, and not hip"):
         assert read_log(still).torque[0] == columns["torque"][0]
+
+
+def test_a_column_with_a_clock_of_its_own_is_told(columns):
+    data = {"Scope1.time": columns["time"], "Scope1.angle": columns["position"], "Scope2.time": columns["time"].copy()}
+    data["Scope2.torque"] = columns["torque"]
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        read_log(data)
+    assert not any("one clock" in str(each.message) for each in said)
+    data["Scope2.time"] = 2.0 * columns["time"]
+    with pytest.warns(
+        FpjaxWarning,
+        match=r"'Scope2.torque' was recorded at the times 'Scope2.time', which are up to .* off 'Scope1.time'",
+    ):
+        read_log(data)
 
 
 def test_a_command_may_come_from_elsewhere(columns):
