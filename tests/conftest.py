@@ -22,17 +22,20 @@ os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_p
 
 # One cache of compiled programs for all processes of a test run: xdist's workers, and the commands and examples that
 # tests start. A diagnosis compiles for 15 s; without the cache it does so in each of them. The first process of the run
-# makes the folder, hands it on by the environment and removes it; nothing is kept from one run to the next.
-_MADE_HERE = None
+# makes the folder, hands it on by the environment and removes it; nothing is kept from one run to the next, but for
+# `.ci/run`, which empties FPJAX_TESTS_CACHE and hands it to its several runs.
+_MADE_HERE = _CACHE = None
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-    _MADE_HERE = tempfile.mkdtemp(prefix="fpjax-tests-")
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = os.path.join(_MADE_HERE, "programs")
+    _CACHE = os.environ.get("FPJAX_TESTS_CACHE")
+    if not _CACHE:
+        _CACHE = _MADE_HERE = tempfile.mkdtemp(prefix="fpjax-tests-")
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = os.path.join(_CACHE, "programs")
     os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"  # below, writing costs about what it saves
     os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 # The same for Python's bytecode, where none is written beside the sources: from them `import fpjax.gap` takes 2.9 s of
 # processor time, with it 1.2 s, and tests start dozens of processes.
-if _MADE_HERE is not None and sys.dont_write_bytecode:
-    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix = os.path.join(_MADE_HERE, "bytecode")
+if _CACHE is not None and sys.dont_write_bytecode:
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix = os.path.join(_CACHE, "bytecode")
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     sys.dont_write_bytecode = False
 

@@ -11,7 +11,7 @@ from benchmarks.withheld.contract import unit_of
 from benchmarks.withheld.first import DT, PREROLL, VERSION, build, derived_velocity
 from benchmarks.withheld.first import label_of as label_of_case
 from benchmarks.withheld.identity import Identity, identities, seeds_of, split
-from benchmarks.withheld.truth.check import refit, window_residual
+from benchmarks.withheld.truth.check import refit_each, window_residual, window_residuals
 from benchmarks.withheld.truth.effects import EFFECTS
 from benchmarks.withheld.truth.integrate import simulate
 from benchmarks.withheld.truth.machine import Machine, Record
@@ -346,16 +346,19 @@ SHAPES = {
 def test_the_labels_parameters_close_the_gap():
     """Nominal model + the label's parameters (and hidden phases) leaves noise, in every case."""
     cases = [build(drawn(2, "single", "drive", (effect,), list(EFFECTS).index(effect)), 1500) for effect in MEMORYLESS]
-    for case, record in zip(cases, simulate([case.machine for case in cases]), strict=True):
+    records = simulate([case.machine for case in cases], substeps=10)
+    nominals, changes = [case.plan.nominal for case in cases], []
+    for case in cases:
         plan, effect = case.plan, case.identity.effects[0]
         hidden = {name: plan.physics[name] for name in SHAPES.get(effect, ()) if name in plan.physics}
-        change = MEMORYLESS[effect](plan.parameters[effect], hidden)
-        noise = case.machine.physics["velocity_noise"]
-        perfect = np.mean(window_residual(plan.nominal, record, DT, change=change) ** 2) / noise**2
-        nominal = np.mean(window_residual(plan.nominal, record, DT) ** 2) / noise**2
+        changes.append(MEMORYLESS[effect](plan.parameters[effect], hidden))
+    all_perfect = window_residuals(nominals, records, DT, changes=changes)
+    all_nominal = window_residuals(nominals, records, DT)
+    for case, perfect, nominal in zip(cases, all_perfect, all_nominal, strict=True):
+        effect, noise = case.identity.effects[0], case.machine.physics["velocity_noise"]
         # 1500 samples of noise scatter by sqrt(2 / 1500) = 0.037: four of it.
-        assert abs(perfect - 1) < 0.15, effect
-        assert nominal > 1.5, effect
+        assert abs(np.mean(perfect**2) / noise**2 - 1) < 0.15, effect
+        assert np.mean(nominal**2) / noise**2 > 1.5, effect
 
 
 @pytest.mark.long
@@ -363,11 +366,11 @@ def test_every_effect_stands_out_of_the_noise_and_only_nominal_errors_are_fitted
     # the fourth nominal-like effect: a gain divides all three by itself
     nominal_like = {"coulomb_error", "viscous_error", "inertia_error", "torque_gain_error"}
     cases = [build(drawn(2, "single", "servo", (effect,), i), 3000) for i, effect in enumerate(EFFECTS)]
-    for case, record in zip(cases, simulate([case.machine for case in cases], substeps=10), strict=True):
+    records, nominals = simulate([case.machine for case in cases], substeps=10), [case.plan.nominal for case in cases]
+    before, after = window_residuals(nominals, records, DT), refit_each(nominals, records, DT)
+    for case, nominal, (fitted, residual) in zip(cases, before, after, strict=True):
         noise = case.machine.physics["velocity_noise"]
-        ratio = np.mean(window_residual(case.plan.nominal, record, DT) ** 2) / noise**2
-        fitted, residual = refit(case.plan.nominal, record, DT)
-        left = np.mean(residual**2) / noise**2
+        ratio, left = np.mean(nominal**2) / noise**2, np.mean(residual**2) / noise**2
         # 3000 samples of pure noise scatter by sqrt(2 / 3000) = 0.026 around one
         assert ratio > 1.5, case.identity
         if case.identity.effects[0] in nominal_like:

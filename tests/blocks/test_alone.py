@@ -19,6 +19,8 @@ from compiling import quick
 import fpjax
 import fpjax as fp
 
+pytestmark = pytest.mark.each_block
+
 ids = pytest.mark.parametrize("case", CASES, ids=str)
 compiled = pytest.mark.parametrize("case", one_of_each_kind(), ids=str)  # what compiles several programs a case
 

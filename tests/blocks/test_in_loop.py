@@ -16,6 +16,8 @@ from fpjax.compiled.gradients import value_and_gradient
 SAMPLES = 40
 
 
+pytestmark = pytest.mark.each_block
+
 ids = pytest.mark.parametrize("case", one_of_each_kind(), ids=str)
 compiled_whole = pytest.mark.parametrize("case", in_a_loop(), ids=str)
 

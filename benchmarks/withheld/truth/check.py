@@ -31,35 +31,53 @@ def window_residual(
 
     `change` is physics (without memory) to be put into the nominal model.
     """
-    count = (len(record.time) - 1) // length
-    physics = {
-        "inertia": nominal["inertia"],
-        "coulomb_positive": nominal["coulomb"],
-        "coulomb_negative": nominal["coulomb"],
-        "viscous_positive": nominal["viscous"],
-        "viscous_negative": nominal["viscous"],
-        "known_offset": nominal.get("offset", 0.0),
-        "known_unbalance": nominal.get("unbalance", 0.0),
-        "known_unbalance_phase": nominal.get("unbalance_phase", 0.0),
-    } | (change or {})
-    nothing = np.zeros(1)
-    p = stack([Machine(physics, nothing, nothing, nothing)] * count)
+    return window_residuals([nominal], [record], dt, length, substeps, [change or {}])[0]
+
+
+def window_residuals(
+    nominals: list[dict[str, float]],
+    records: list[Record],
+    dt: float,
+    length: int = 50,
+    substeps: int = 10,
+    changes: list[dict[str, float]] | None = None,
+) -> np.ndarray:
+    """`window_residual` of several models, each on its record, side by side: (model, window, sample) [rad/s]."""
+    count = (len(records[0].time) - 1) // length
+    nothing, machines = np.zeros(1), []
+    for nominal, change in zip(nominals, changes or [{}] * len(nominals), strict=True):
+        physics = {
+            "inertia": nominal["inertia"],
+            "coulomb_positive": nominal["coulomb"],
+            "coulomb_negative": nominal["coulomb"],
+            "viscous_positive": nominal["viscous"],
+            "viscous_negative": nominal["viscous"],
+            "known_offset": nominal.get("offset", 0.0),
+            "known_unbalance": nominal.get("unbalance", 0.0),
+            "known_unbalance_phase": nominal.get("unbalance_phase", 0.0),
+        } | change
+        machines += [Machine(physics, nothing, nothing, nothing)] * count
+    p = stack(machines)
     body = Body(p)
-    start = np.arange(count) * length
-    body.position = record.true_position[start].copy()
-    body.velocity = record.true_velocity[start].copy()
+
+    def read(name: str, shift: int) -> np.ndarray:
+        """A signal `shift` samples into every window."""
+        return np.concatenate([getattr(one, name)[shift : shift + count * length : length] for one in records])
+
+    body.position = read("true_position", 0)
+    body.velocity = read("true_velocity", 0)
     body.change = 0.0
     h = dt / substeps
-    residual = np.zeros((count, length))
+    residual = np.zeros((len(machines), length))
     for k in range(length):
-        torque = shaped(record.torque[start + k], p)
+        torque = shaped(read("torque", k), p)
         for _ in range(substeps):
             body.drift(h / 2)
             body.kick(torque, h, 0.0)
             body.drift(h / 2)
         seen = rounded(p["scale"] * body.velocity + p["bias"], p["velocity_step"])
-        residual[:, k] = record.velocity[start + k + 1] - seen
-    return residual
+        residual[:, k] = read("velocity", k + 1) - seen
+    return residual.reshape(len(nominals), count, length)
 
 
 def chi_square(nominal: dict[str, float], physics: dict[str, float], record: Record, dt: float) -> float:
@@ -68,26 +86,27 @@ def chi_square(nominal: dict[str, float], physics: dict[str, float], record: Rec
     return float(np.mean(residual**2) / physics["velocity_noise"] ** 2)
 
 
-def refit(
-    nominal: dict[str, float], record: Record, dt: float, iterations: int = 4
-) -> tuple[dict[str, float], np.ndarray]:
-    """Inertia, Coulomb and viscous that fit the windows best, and the residual that they leave.
+def refit_each(
+    nominals: list[dict[str, float]], records: list[Record], dt: float, iterations: int = 4
+) -> list[tuple[dict[str, float], np.ndarray]]:
+    """Inertia, Coulomb and viscous that fit each record's windows best, and the residual that they leave.
 
     Gauss-Newton with differences: what no nominal value can explain is the effect's own.
     """
     names = ("inertia", "coulomb", "viscous")
-    best = dict(nominal)
-    left = window_residual(best, record, dt, substeps=4)
-    current, residual = dict(best), left
+    current = [dict(nominal) for nominal in nominals]
+    residuals = window_residuals(current, records, dt, substeps=4)
+    best = [(dict(one), residual) for one, residual in zip(current, residuals, strict=True)]
     for _ in range(iterations):
-        columns = [
-            (window_residual(current | {n: 1.005 * current[n]}, record, dt, substeps=4) - residual).ravel() / 0.005
-            for n in names
-        ]
-        step = np.linalg.lstsq(np.stack(columns, axis=1), -residual.ravel(), rcond=None)[0]
-        for name, change in zip(names, step, strict=True):
-            current[name] *= float(np.clip(1 + change, 0.5, 2))
-        residual = window_residual(current, record, dt, substeps=4)
-        if np.mean(residual**2) < np.mean(left**2):
-            best, left = dict(current), residual
-    return best, left
+        moved = [one | {name: 1.005 * one[name]} for one in current for name in names]
+        beside = window_residuals(moved, [one for one in records for _ in names], dt, substeps=4)
+        for at, (one, residual) in enumerate(zip(current, residuals, strict=True)):
+            columns = (beside[len(names) * at : len(names) * (at + 1)] - residual).reshape(len(names), -1).T / 0.005
+            step = np.linalg.lstsq(columns, -residual.ravel(), rcond=None)[0]
+            for name, change in zip(names, step, strict=True):
+                one[name] *= float(np.clip(1 + change, 0.5, 2))
+        residuals = window_residuals(current, records, dt, substeps=4)
+        for at, (one, residual) in enumerate(zip(current, residuals, strict=True)):
+            if np.mean(residual**2) < np.mean(best[at][1] ** 2):
+                best[at] = dict(one), residual
+    return best
