@@ -1,5 +1,6 @@
 """A model without the effects that are at their neutral value, as a corrected model should be written to a file."""
 
+import cmath
 import dataclasses
 from typing import Any
 
@@ -91,7 +92,7 @@ def _trimmed(law: GeneralFriction) -> GeneralFriction:
 
 
 def simple_load(load: AbstractLoad) -> AbstractLoad:
-    """The load without parts of zero torque; constant torques become one offset, as the file has it."""
+    """The load without parts of zero torque; constant torques become one offset and several unbalances one."""
     kept: list[AbstractLoad] = []
     constant = 0.0
     for part in flat_loads(load):
@@ -106,6 +107,7 @@ def simple_load(load: AbstractLoad) -> AbstractLoad:
             constant += float(part.torque)
         elif not isinstance(part, NoLoad | LearnedTorque):
             kept.append(part)
+    kept = _one_unbalance(kept)
     if constant:
         place = next((at for at, part in enumerate(kept) if isinstance(part, Unbalance)), None)
         if place is None:
@@ -117,6 +119,26 @@ def simple_load(load: AbstractLoad) -> AbstractLoad:
     if not kept:
         return NoLoad()
     return kept[0] if len(kept) == 1 else Loads(tuple(kept))
+
+
+def _one_unbalance(parts: list[AbstractLoad]) -> list[AbstractLoad]:
+    """The parts with all that turn once a turn as one: a known unbalance and what a fit adds to it is one number."""
+    phasors = {at: phasor for at, part in enumerate(parts) if (phasor := _once_a_turn(part)) is not None}
+    if len(phasors) < 2:
+        return parts
+    total = sum(phasors.values())
+    whole = Unbalance(abs(total), cmath.phase(total))
+    rest = [part for at, part in enumerate(parts) if at not in phasors]
+    return rest if _zero(whole.amplitude) else [whole, *rest]
+
+
+def _once_a_turn(part: AbstractLoad) -> complex | None:
+    """A e^(i phase) [N m] of a load A sin(position + phase); None for any other."""
+    if isinstance(part, Unbalance):
+        return cmath.rect(float(part.amplitude), float(part.phase))
+    if isinstance(part, PositionTorque) and len(part.cosine) == 1 and float(part.periods) == 1.0:
+        return complex(float(part.sine[0]), float(part.cosine[0]))
+    return None
 
 
 def simple_actuator(actuator: AbstractActuator) -> AbstractActuator:

@@ -268,6 +268,20 @@ def test_constant_torques_become_the_offset_wherever_they_stand():
     np.testing.assert_allclose(model.loop.plant.load.readout(motion), load.readout(motion), rtol=1e-15)
 
 
+def test_a_known_unbalance_and_what_a_fit_adds_to_it_are_one():
+    ripple = PositionTorque((0.25,), (0.5,), 6.0)
+    load = Loads((ripple, fp.Unbalance(3.0, 0.5, 0.25), PositionTorque((0.75,), (-1.5,), 1.0)))
+    base = fp.load_model(TEXT)
+    plant = dataclasses.replace(base.loop.plant, load=load)
+    model = simplified(base, dataclasses.replace(base.loop, plant=plant))
+    text = fp.dump_model(model)
+    assert text.count('type = "unbalance"') == 1
+    assert text.count('type = "position_torque"') == 1
+    assert same(model, fp.load_model(text))
+    motion = fp.Motion(jnp.zeros(5), jnp.linspace(-3.0, 3.0, 5), jnp.zeros(5))
+    np.testing.assert_allclose(model.loop.plant.load.readout(motion), load.readout(motion), rtol=0, atol=1e-14)
+
+
 def test_a_block_without_words_is_said():
     class Own(fp.AbstractController):
         def init(self):

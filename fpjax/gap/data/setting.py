@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import jax.numpy as jnp
 import numpy as np
 
 from ...blocks.loads import AbstractLoad
@@ -105,10 +106,10 @@ def once_a_turn(load: AbstractLoad) -> float:
     angle = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
     torque = _at(load, angle)
     amplitude = float(2.0 * np.abs(np.mean(torque * np.exp(-1j * angle))))
-    return amplitude if amplitude > 1e-9 * float(np.max(np.abs(torque))) else 0.0  # rounding is no load
+    return amplitude if amplitude > 1e-5 * float(np.max(np.abs(torque))) else 0.0  # rounding is no load
 
 
 def _at(load: AbstractLoad, angle: Values) -> Values:
     """Torque of a load at rest [N m] at angles [rad], shape (angles,)."""
-    rest = np.zeros(len(angle))
-    return np.asarray(load.readout(Motion(rest, angle, rest)))  # type: ignore[arg-type]
+    rest = jnp.zeros(len(angle))
+    return np.asarray(load.readout(Motion(rest, jnp.asarray(angle), rest)))
