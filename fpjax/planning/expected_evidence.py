@@ -12,8 +12,7 @@ to show in several windows. And a missing torque below a share of the commanded 
 its evidence is. Both are computed too.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -23,16 +22,14 @@ from jaxtyping import Array, Float
 
 from ..gap.data.split import every_fourth
 from ..gap.data.tables import TAPS, Guide, Tables
-from ..gap.simulate.family import Family
-from ..gap.simulate.replay import STATES, advance, assembled, begin, residuals
+from ..gap.simulate.replay import advance, assembled, begin, residuals
 from ..gap.simulate.windows import Windows
-from .machines import Shop, Variant
+from .lanes import RivalLanes
+from .machines import Shop
 from .measurement_model import MeasurementModel
 
 RIDGE = 1e-9  # added to a matrix whose prior has unit precision, to keep it regular
-SPEED_STEP = 1e-4  # step of the tangents by a window's initial state, in its prior deviations [1]
 SIZES = 10.0  # prior deviation of an effect's size, over its detectable one, beside another effect [1]
-SHARE_DEVIATION = 0.5  # prior deviation of the bristles' share at a window's start, which no sensor measures [1]
 
 
 class Readings(NamedTuple):
@@ -47,98 +44,6 @@ class Readings(NamedTuple):
     torque: Float[Array, "runs samples"]
     rate: Float[Array, "runs samples"]
     angle: Float[Array, "runs samples"]
-
-
-@dataclass(frozen=True)
-class RivalLanes:
-    """The lanes in which some variants of one family are replayed: each variant itself, and small changes of it.
-
-    A lane is one simulation of a batch. The differences of lanes give the tangents of the readings.
-
-    Attributes:
-        family: of the variants.
-        vectors: parameters of each lane, shape (parameters, lanes).
-        states: deviations of the initial states, shape (states, lanes).
-        owner: index of the variant of each lane, shape (lanes,).
-        base: lane of each unchanged variant.
-        tangents: for each variant, by parameter: (lane, its step in prior deviations).
-        shifts: for each variant, by initial state: (lane, its step in prior deviations).
-    """
-
-    family: Family
-    vectors: np.ndarray
-    states: np.ndarray
-    owner: np.ndarray
-    base: tuple[int, ...]
-    tangents: tuple[dict[str, tuple[int, float]], ...]
-    shifts: tuple[tuple[tuple[int, float], ...], ...]
-
-
-def make_lanes(shop: Shop, variants: Sequence[Variant], names: Sequence[tuple[str, ...]]) -> RivalLanes:
-    """The lanes of variants of one structure.
-
-    Args:
-        shop: makes their machines.
-        variants: of one structure.
-        names: for each variant, the parameters that may move.
-    """
-    family = shop.family(variants[0].structure)
-    count = STATES[family.key[0]]
-    vectors: list[np.ndarray] = []
-    states: list[np.ndarray] = []
-    owner: list[int] = []
-    base, tangents, shifts = [], [], []
-
-    def add(vector: np.ndarray, state: np.ndarray, variant: int) -> int:
-        vectors.append(vector)
-        states.append(state)
-        owner.append(variant)
-        return len(vectors) - 1
-
-    for index, (variant, moving) in enumerate(zip(variants, names, strict=True)):
-        vector, still = shop.vector(variant), np.zeros(count)
-        base.append(add(vector, still, index))
-        spreads, steps = shop.spreads(family, moving), shop.steps(family, moving)
-        own: dict[str, tuple[int, float]] = {}
-        for name, spread, step in zip(moving, spreads, steps, strict=True):
-            parameter = family.parameters[family.index(name)]
-            moved = vector.copy()
-            # Stepped downwards where a step up would leave the parameter's bounds.
-            sign = 1.0 if moved[family.index(name)] + step <= parameter.high(shop.setting) else -1.0
-            moved[family.index(name)] += sign * step
-            own[name] = add(moved, still, index), sign * step / spread
-        tangents.append(own)
-        shifted = []
-        for place, deviation in enumerate(_state_deviations(shop, family, variant)):
-            moved = still.copy()
-            moved[place] = SPEED_STEP * deviation
-            shifted.append((add(vector, moved, index), SPEED_STEP))
-        shifts.append(tuple(shifted))
-    return RivalLanes(
-        family, np.stack(vectors, axis=1), np.stack(states, axis=1), np.array(owner), tuple(base), tuple(tangents),
-        tuple(shifts),
-    )  # fmt: skip
-
-
-def _state_deviations(shop: Shop, family: Family, variant: Variant) -> list[float]:
-    """Prior deviations of a window's initial state: velocity, position, and the states that no sensor measures."""
-    setting = shop.setting
-    # 5 % of the top speed, and the angle that it makes over a window: what the readings of velocity and position leave
-    # open, generously.
-    found = [0.05 * setting.speed, 0.05 * setting.speed * setting.window]
-    if family.key[0] == "bristles":
-        found.append(SHARE_DEVIATION)
-    if family.key[0] == "transmission":
-        values = family.neutral_values(setting) | dict(variant.values)
-        stiffness = _stiffness(values)
-        found += [0.3 * (setting.friction + setting.torque) / stiffness + 0.3 * values["gap"], 0.02 * setting.speed]
-    return found
-
-
-def _stiffness(values: dict[str, float]) -> float:
-    """The shaft's stiffness [N m/rad] from its resonance (3.15): k = (2 pi f)^2 J_m J_l / J, J_l = s J."""
-    share = values["load_share"]
-    return values["inertia"] * share * (1.0 - share) * (2.0 * np.pi * values["frequency"]) ** 2
 
 
 def coefficients(
@@ -210,7 +115,10 @@ def _fields(measurement: MeasurementModel, readings: Readings, count: int) -> di
         readings.rate if measurement.channels[0] else jnp.asarray(jnp.gradient(readings.angle, measurement.dt, axis=1))
     )
     slope = jnp.asarray(jnp.gradient(rate, measurement.dt, axis=1))
-    angle = readings.angle if measurement.channels[1] else jnp.cumsum(rate, axis=1) * measurement.dt
+    angle = readings.angle
+    if not measurement.channels[1]:
+        # By trapezoids, from zero: a plain sum is half a period of motion ahead of the torques of the position.
+        angle = measurement.dt * (jnp.cumsum(rate, axis=1) - 0.5 * (rate + rate[:, :1]))
     at = {"velocity": rate, "slope": slope, "position": angle}
     found = {name: values[:, measurement.starts].reshape(-1) for name, values in at.items()}
     assert found["velocity"].shape[0] == count

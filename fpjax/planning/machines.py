@@ -8,14 +8,15 @@ from math import isfinite, nan
 
 import numpy as np
 
-from ..gap.data.setting import SMALL_FRICTION, Setting, turns_with_position
+from ..gap.data.setting import SMALL_FRICTION, Setting, once_a_turn, turns_with_position
 from ..gap.effects.effect import Effect
 from ..gap.effects.estimate import Estimate
+from ..gap.effects.parameters import ORIGIN, UNBALANCE
 from ..gap.effects.twins import LogFacts
 from ..gap.effects.vocabulary import EFFECTS, on_rate_sensor
-from ..gap.fit.candidate import NOMINAL, WIDE
+from ..gap.fit.candidate import NOMINAL, SPIKE, WIDE
 from ..gap.machine import FEATURES, Feature, Structure
-from ..gap.simulate.family import Family, Nominal, make_family
+from ..gap.simulate.family import Family, Nominal, key_for, make_family
 from ..model_file import Model
 from ..output.json_object import TomlTable
 from .limits import Limits
@@ -76,7 +77,7 @@ class Shop:
         for structure in structures:
             names = {name for one in variants if one.structure == structure for name in one.values}
             effects = [effect for effect in EFFECTS if names & {p.name for p in (*effect.parameters, *effect.fixed)}]
-            wanted = {feature for effect in effects for feature in effect.features}
+            wanted = key_for(tuple(effects), self.setting)[1]
             found[structure] = tuple(feature for feature in FEATURES if feature in wanted)
         return replace(self, families={}, features=found)
 
@@ -89,15 +90,27 @@ class Shop:
         return vector
 
     def nuisances(self, effect: Effect | None) -> tuple[str, ...]:
-        """Parameters of the nominal model that may be wrong beside an effect."""
+        """Parameters of the nominal model that may be wrong beside an effect, those of a known load that turns too."""
         own = set() if effect is None else {p.name for p in effect.parameters}
         offset = () if effect is not None and effect.name in WITHOUT_OFFSET else (OFFSET,)
-        return tuple(name for name in (*NOMINAL, *offset) if name not in own)
+        load = tuple(p.name for p in UNBALANCE) if self.setting.turning_load else ()
+        origin = (ORIGIN.name,) if self.setting.unknown_origin else ()
+        return tuple(name for name in (*NOMINAL, *offset, *load, *origin) if name not in own)
 
-    def spreads(self, family: Family, names: tuple[str, ...]) -> np.ndarray:
-        """Standard deviation of the prior of parameters, as the diagnosis has it, shape (names,)."""
-        parameters = [family.parameters[family.index(name)] for name in names]
-        return WIDE * np.array([p.high(self.setting) - p.low(self.setting) for p in parameters])
+    def spreads(self, variant: Variant, names: tuple[str, ...]) -> np.ndarray:
+        """Standard deviation of the prior of a variant's parameters, as the diagnosis has it, shape (names,)."""
+        family = self.family(variant.structure)
+        own = set() if variant.effect is None else {p.name for p in variant.effect.parameters}
+        # A known load's error, which is no cause, is as small as that of a number that counts as right.
+        errors = {p.name for p in UNBALANCE} - own if self.setting.turning_load else set[str]()
+
+        def spread(name: str) -> float:
+            if name in errors:
+                return SPIKE * self.setting.turning_load
+            parameter = family.parameters[family.index(name)]
+            return WIDE * (parameter.high(self.setting) - parameter.low(self.setting))
+
+        return np.array([spread(name) for name in names])
 
     def steps(self, family: Family, names: tuple[str, ...]) -> np.ndarray:
         """Small changes of parameters for their tangents, shape (names,)."""
@@ -125,7 +138,9 @@ def make_shop(model: Model, limits: Limits, torque: float, window: float) -> Sho
         torque: largest torque that the run commands [N m].
         window: length of a window [s].
     """
-    nominal = model.nominal
+    nominal, load = model.nominal, model.loop.plant.load
+    # Without a position in the log the diagnosis integrates the speed, so that its zero is not known.
+    integrated = model.sensors == "velocity"
     setting = Setting(
         inertia=nominal["inertia"],
         coulomb=nominal["coulomb"],
@@ -139,7 +154,8 @@ def make_shop(model: Model, limits: Limits, torque: float, window: float) -> Sho
         window=window,
         effort=torque + nominal["inertia"] * limits.acceleration,
         nominal={name: nominal[name] for name in NOMINAL},
-        unknown_origin=False,
+        unknown_origin=integrated and turns_with_position(load),
+        turning_load=0.0 if integrated else once_a_turn(load),
     )
     return Shop(model, setting, {})
 

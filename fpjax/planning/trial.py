@@ -27,7 +27,8 @@ from ..gap.thresholds import THRESHOLDS
 from ..model_file import Model
 from ..simulation.loop import ClosedLoop
 from ..simulation.scan import Inputs, make_stepper, roll, sampled_tables
-from .expected_evidence import Evidence, Readings, RivalLanes, apart, coefficients, evidence_against, make_lanes
+from .expected_evidence import Evidence, Readings, apart, coefficients, evidence_against
+from .lanes import RivalLanes, make_lanes
 from .machines import NOMINAL_VARIANT, OFFSET, Shop, Variant
 from .measurement_model import MeasurementModel
 from .rivals import twins_of
@@ -135,9 +136,8 @@ class Trial:
 
     def followed(self, motion: PlannedMotion) -> Float[Array, " samples"]:
         """The reference of the simulated loop for a motion [rad/s], or [rad] where the loop follows a position."""
-        model = self.shop.model
         # The loop that stands in for an unknown controller is a velocity loop, whatever the drive's reference is.
-        position = model.controller_known and model.units.reference == "position"
+        position = self.shop.model.controller_known and self.shop.model.units.reference == "position"
         return motion.position if position else motion.speed
 
     def reference(self, shape: Shape) -> Float[Array, " samples"]:
