@@ -43,6 +43,10 @@ def run(arguments: argparse.Namespace) -> int:
     targets = [folder for folder in (arguments.c, arguments.mujoco, arguments.urdf) if folder]
     if not targets:
         raise InputError("nothing to export: give --c DIR, --mujoco DIR or --urdf DIR, or several of them.")
+    if arguments.check and not arguments.c:
+        raise InputError("--check compiles the C of the control law: give --c DIR too, or leave --check out.")
+    if arguments.log and not (arguments.mujoco or arguments.urdf):
+        raise InputError("--log is replayed in MuJoCo: give --mujoco DIR or --urdf DIR too, or leave --log out.")
     if not arguments.out:
         arguments.out = targets[0]
     with running_jax(arguments) as record:

@@ -84,8 +84,12 @@ def export_c(
     code = write_c(law, name or _word(model), model.units, model.path.name if model.path else "a model")
     folder = made_folder(pathlib.Path(folder).expanduser())
     files = _write(folder, {f"{code.name}_control.h": code.header, f"{code.name}_control.c": code.source})
+    without: InputError | None = None
     if check:
-        find_compiler()  # before anything is simulated
+        try:
+            find_compiler()
+        except InputError as error:  # without one there is no check, but everything else is written
+            without, check = error, False
     reference, said = _reference(model)
     notes += said
     samples = _samples(model.dt, duration, notes) if check else EMBEDDED
@@ -97,6 +101,8 @@ def export_c(
         f"{code.name}_vectors.h": vector_header(law, code, vectors),
     }
     files += _write(folder, texts)
+    if without is not None:
+        raise without
     checked = None
     if check:
         files += _write(folder, {f"{code.name}_vectors.bin": vector_file(vectors)})

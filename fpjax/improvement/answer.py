@@ -14,6 +14,9 @@ from ..output.json_object import JsonObject
 if TYPE_CHECKING:
     from ..gap import Diagnosis
 
+ALIKE = 5e-3  # difference of two tracking errors, relative, that nobody would change gains for
+SEVERAL = 2.0  # ratio of two tracking errors from which on it is told as a factor, not in per cent
+
 Decision = Literal["change", "keep", "cannot_promise", "unstable"]
 
 
@@ -148,8 +151,14 @@ class NominalGains:
             return f"{told} are proposed: the search found none on these machines that are better."
         if not math.isfinite(self.ratio.value):
             return f"{told} make most of the machines unstable that the log leaves possible."
-        by = f"{abs(self.ratio.value - 1.0):.1%}"
+        ratio = self.ratio.value
         span = f"(error {self.ratio.low:.3g} to {self.ratio.high:.3g} times as large)"
+        if abs(ratio - 1.0) < ALIKE:
+            but = f", but {self.objection}" if self.objection else ""
+            return f"{told} would follow as well on these machines {span}{but}."
+        if ratio > SEVERAL:
+            return f"{told} would follow with {ratio:.3g} times the error on these machines {span}."
+        by = f"{abs(ratio - 1.0):.1%}"
         if not self.better:
             return f"{told} would follow {by} worse on these machines {span}."
         return f"{told} would follow {by} better {span}, but {self.objection or 'worse in the worst of the machines'}."
@@ -215,8 +224,8 @@ class Answer:
 
     @property
     def promised(self) -> bool:
-        """Whether the intervals can be relied on; not where the diagnosis does not explain the log."""
-        return self.verdict != "unexplained"
+        """Whether the intervals can be relied on; not of a log that is not explained, or a machine hardly known."""
+        return self.verdict != "unexplained" and self.decision in ("change", "keep")
 
     def to_dict(self) -> JsonObject:
         """Numbers, strings, lists and dictionaries only; without the diagnosis and the pictures' arrays."""

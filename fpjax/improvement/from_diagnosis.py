@@ -6,14 +6,19 @@ import math
 import os
 import pathlib
 
+import jax
+import numpy as np
+
 from ..errors import InputError
 from ..gap import Diagnosis
 from ..gap.answer.findings import Learned
 from ..gap.answer.posterior import FILE, Posterior, load_posterior
 from ..gap.data.record import MOST
 from ..logs import Log
+from ..model_file import Model, load_model
 from ..output.json_object import JsonObject
 from ..output.runfile import refuse_unfinished
+from ..simulation.precision import double_precision
 
 RESULT = "diagnosis.json"
 
@@ -55,6 +60,24 @@ def known_of(diagnosis: Diagnosis) -> Known:
         diagnosis.posterior, diagnosis.verdict, diagnosis.causes, diagnosis.gap.after, diagnosis.learned,
         diagnosis.tracking is not None, diagnosis.learned_model or diagnosis.model, diagnosis.model_missing,
     )  # fmt: skip
+
+
+def same_controller(known: Known, model: Model) -> bool:
+    """Whether a model has the controller and the observer, with the gains, that the log was diagnosed with.
+
+    Args:
+        known: of the diagnosis, whose corrected model holds both; without one they count as the same.
+        model: the nominal model whose gains are to be improved.
+    """
+    if not known.model:
+        return True
+    try:
+        with double_precision():
+            loop = load_model(known.model).loop
+    except InputError:  # a text that names a file beside itself, the recorded reference
+        return True
+    (old, before), (new, now) = (jax.tree.flatten((one.controller, one.observer)) for one in (loop, model.loop))
+    return before == now and all(np.allclose(a, b, rtol=1e-6, atol=0.0) for a, b in zip(old, new, strict=True))
 
 
 def about_left(known: Known, torque: float, unit: str) -> str:

@@ -13,7 +13,7 @@ from ..gap.report.svg import to_png, to_svg
 from ..gap.report.theme import css_variables
 from ..output.runfile import made_folder, write_whole
 from .pictures import draw_error, draw_gains, draw_machines, draw_overview
-from .summary import WORDS, headline
+from .summary import UNPROMISED, WORDS, headline
 
 if TYPE_CHECKING:
     from .answer import Answer, Range
@@ -87,7 +87,12 @@ def to_page(found: Answer) -> str:
 
 
 def _no_promise(found: Answer) -> str:
-    return "" if found.promised else ", which are no promise: the diagnosis does not explain this log"
+    if found.promised:
+        return ""
+    why = "too little is known of this machine"
+    if found.verdict == "unexplained":
+        why = "the diagnosis does not explain this log"
+    return f", which are no promise: {why}"
 
 
 def _diagnosed(found: Answer) -> str:
@@ -96,6 +101,8 @@ def _diagnosed(found: Answer) -> str:
 
 
 def _facts(found: Answer) -> str:
+    if found.decision == "unstable":
+        return ""
     rows = [("is-before", "tracking error now", found.before.error)]
     if found.decision == "change":
         rows.append(("is-after", "with the new gains", found.after.error))
@@ -124,6 +131,8 @@ def _changes(found: Answer) -> str:
 
 
 def _predicted(found: Answer) -> str:
+    if found.decision == "unstable":  # every number would be infinite
+        return ""
     after = dict(found.after.rows())
     changed = found.decision == "change"
     rows = [
@@ -134,7 +143,7 @@ def _predicted(found: Answer) -> str:
         told = f'<span class="number">{found.measured:.4g} {text(found.before.error.unit)}</span>'
         rows.append(["tracking error in the log, rms", told, *([""] if changed else [])])
     return _section(
-        "Predicted" if found.promised else "Expected, not promised",
+        "Predicted" if found.promised else f"{UNPROMISED[found.decision].capitalize()}, not promised",
         _table(["", "now", *(["with the new gains"] if changed else [])], rows),
     )
 

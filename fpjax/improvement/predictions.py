@@ -92,7 +92,9 @@ class Predictions:
         doubt = self.doubt(score, new=new)
         torque = self.torque_unit
         headroom = None if self.limit is None else range_of(self.limit / np.maximum(score.peak, 1e-300), "1")
-        usable = {name: each[~np.isnan(each)] for name, each in margins.items() if not np.isnan(each).all()}
+        # A machine that diverged is linearised where it ended, with a saturated observer: its margins say nothing.
+        held = {name: np.where(np.isfinite(score.error[: len(each)]), each, 0.0) for name, each in margins.items()}
+        usable = {name: each[~np.isnan(each)] for name, each in held.items() if not np.isnan(each).all()}
         return Side(
             gains={gain.word: float(value) for gain, value in zip(self.gains.gains, values, strict=True)},
             error=range_of(score.error, self.unit, doubt),

@@ -14,6 +14,8 @@ WORDS = {
     "unstable": "The corrected model is unstable.",
 }
 
+UNPROMISED = {"change": "expected", "keep": "expected", "cannot_promise": "possible"}
+
 
 def summary(found: Answer) -> str:
     """The decision, what changes, and what is predicted before and after."""
@@ -22,8 +24,12 @@ def summary(found: Answer) -> str:
         header = ("gain", "before", "after", "bounds")
         rows = [(c.gain, f"{c.before:.5g}", f"{c.after:.5g}", f"{c.low:.4g} to {c.high:.4g}") for c in found.changes]
         lines += [*_table([header, *rows]), ""]
-    name = "predicted, 90 % interval" if found.promised else "expected, not promised"
-    lines += _table([(name, "before", "after"), *predicted(found)])
+    if found.decision != "unstable":  # of which every number would be infinite
+        name = "predicted, 90 % interval" if found.promised else f"{UNPROMISED[found.decision]}, not promised"
+        if found.decision == "change":
+            lines += _table([(name, "before", "after"), *predicted(found)])
+        else:
+            lines += _table([(name, "with your gains"), *(row[:2] for row in predicted(found))])
     if found.measured is not None:
         lines += ["", f"  measured in the log with the gains before: {found.measured:.4g} {found.before.error.unit}"]
     lines += [f"  note: {note}" for note in found.notes]

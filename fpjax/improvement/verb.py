@@ -18,7 +18,7 @@ from ..output.stages import StageClock
 from ..simulation.precision import double_precision
 from .answer import Change, Range
 from .decision import KEEP, LEFT_OUT, LESS, UNHELD_LOOP, hopeless, objection, plausible, range_of
-from .from_diagnosis import Known, about_left, known_in, known_of
+from .from_diagnosis import Known, about_left, known_in, known_of, same_controller
 from .gains import Gains, freed, guesses
 from .judge import Judge
 from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, record_of
@@ -105,6 +105,8 @@ def improve(
         done, known = diagnosis, known_of(diagnosis)
     else:
         known = known_in(diagnosis, recorded)
+    if diagnosis is not None and not same_controller(known, nominal):
+        known = dataclasses.replace(known, made=False)
     found = improve_known(known, recorded, nominal, table, free, seed, clock, keep, kept)
     clock.done()
     return dataclasses.replace(found, seconds=clock.seconds, diagnosis=done)
@@ -208,8 +210,9 @@ def improve_known(
     for change in changes:
         if change.at:
             notes.append(
-                f"{change.gain} ended at its {change.at} bound ({change.after:.4g}): the bound, not the machine, "
-                f"determined it; a wider one, [bounds] {change.gain} = [low, high], may follow better."
+                f"{change.gain} ended at the {change.at} end of its bounds ({change.after:.4g} in {change.low:.4g} to "
+                f"{change.high:.4g}): the bound, not the machine, determined it; a wider one, [bounds] {change.gain} = "
+                "[low, high], may follow better."
             )
     peak = float(np.median(scores.peak[seen]))
     if chosen and "torque" not in nominal.limits and peak > AT_MOST * limits.peak:
@@ -275,8 +278,7 @@ def _notes(known: Known, gains: Gains, record: Record, table: Values, settled: f
         notes.append(
             "The model's controller is not known to have made this log's torque (its gains were others, something else "
             "adds to it, or the log lacks a column that it reads: the reference, or the velocity that the drive used), "
-            "so the prediction could not be compared with the log: "
-            '"before" is the prediction with the file\'s gains.'
+            "so the prediction with the file's gains could not be compared with the log."
         )
     if record.recorded > len(record.time):
         begin, length = record.time[0], len(table) * record.dt

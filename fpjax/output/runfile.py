@@ -252,7 +252,7 @@ def open_folder(out: str | os.PathLike[str] | None) -> pathlib.Path | None:
         probe.unlink()
     except OSError as error:
         raise InputError(
-            f"--out {folder} cannot be written ({error.strerror or error}): give a folder that can be written."
+            f"{folder} cannot be written ({error.strerror or error}): give a folder that can be written."
         ) from error
     return folder
 
@@ -283,7 +283,7 @@ def whole_file(path: pathlib.Path) -> Iterator[BinaryIO]:
             partial.unlink(missing_ok=True)
         if isinstance(error, OSError):
             raise InputError(
-                f"{path} cannot be written ({error.strerror or error}): use another --out, or make room there."
+                f"{path} cannot be written ({error.strerror or error}): use another folder, or make room there."
             ) from error
         raise
 

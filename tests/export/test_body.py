@@ -100,5 +100,12 @@ def test_without_mujoco_the_file_is_written_and_that_is_said(tmp_path, monkeypat
 
 def test_nothing_asked_for_is_one_sentence(tmp_path, capsys):
     (tmp_path / "servo.toml").write_text(ONE + SIMPLE + REST)
-    assert main(["export", str(tmp_path / "servo.toml")]) == 2
-    assert "nothing to export" in capsys.readouterr().err
+    words = ["export", str(tmp_path / "servo.toml")]
+    for more, said in (
+        ([], "nothing to export"),
+        (["--mujoco", str(tmp_path / "body"), "--check"], "--check compiles the C"),
+        (["--c", str(tmp_path / "code"), "--log", "run.csv"], "--log is replayed in MuJoCo"),
+    ):
+        assert main([*words, *more]) == 2
+        assert said in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["servo.toml"]

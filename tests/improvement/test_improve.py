@@ -22,6 +22,7 @@ from fpjax.improvement.machines import (
     ready,
     record_of,
 )
+from fpjax.improvement.margins import NAMES
 from fpjax.improvement.nominal_gains import compare_nominal, nominal_gains
 from fpjax.improvement.page import to_page
 from fpjax.improvement.search import AllowedScore, limits_of, robust_costs
@@ -212,6 +213,50 @@ def test_gains_that_cannot_be_bettered_are_kept(small, found):
     assert kept.after.gains == kept.before.gains
 
 
+def test_a_corrected_model_that_is_unstable_has_no_margins_and_nothing_is_predicted(small):
+    observer = '[observer]\ntype = "efp"\ngain_1 = 2.0\ngain_2 = 0.5\n'
+    unstable = fp.load_model(case.text(observer).replace("kp = 1.5", "kp = 200.0"))
+    found = improved(case.known(), unstable, ["controller"])
+    assert found.decision == "unstable"
+    assert found.before.unstable == 1.0
+    assert {name: value.high for name, value in found.before.margins.items()} == dict.fromkeys(NAMES, 0.0)
+    for told in (str(found), to_page(found)):
+        assert "unstable" in told
+        assert "inf " not in told
+
+
+def test_what_is_kept_has_one_prediction(found):
+    kept = dataclasses.replace(found, decision="keep", reason="Keep your gains.", after=found.before, changes=())
+    error = next(line for line in str(kept).splitlines() if "tracking error, rms" in line)
+    assert error.split("rms", 1)[1].strip() == str(found.before.error)
+
+
+def test_of_a_machine_that_is_hardly_known_nothing_is_promised_anywhere(found):
+    """However well its log is explained."""
+    told = dataclasses.replace(found, decision="cannot_promise", reason="Too little is known.", changes=())
+    assert not told.promised
+    assert "possible, not promised" in str(told)
+    assert "90 % interval" not in str(told)
+    page = to_page(told)
+    assert "Possible, not promised" in page
+    assert "no promise: too little is known" in page
+
+
+@pytest.mark.parametrize("kp", [1.5, 1.6])
+def test_a_diagnosis_of_other_gains_is_not_held_against_the_log(small, kp):
+    model = fp.load_model(case.text().replace("kp = 1.5", f"kp = {kp}"))
+    found = fp.improve(case.log(), model, free=["controller"], diagnosis=case.known())
+    assert (found.measured is not None) == (kp == 1.5)
+    assert any("its gains were others" in note for note in found.notes) == (kp != 1.5)
+
+
+def test_a_gain_at_its_bound_is_said_with_both_bounds(small):
+    narrow = case.model("[bounds]\ncontroller.kp = [1.4, 1.6]\n")
+    found = improved(case.known(), narrow)
+    assert [change.at for change in found.changes] == ["high"]
+    assert any("controller.kp ended at the high end of its bounds" in n and "in 1.4 to 1.6" in n for n in found.notes)
+
+
 @pytest.mark.parametrize(
     ("more", "peak"),
     [
@@ -267,6 +312,10 @@ def scores_of(errors, peaks, rough=1.0):
     ("errors", "peaks", "rough", "objection", "said"),
     [
         ((1.0, 0.5, 0.6), (1.0, 1.0, 1.0), 1.0, "", "20.0% worse"),
+        ((1.0, 0.5, 2.5), (1.0, 1.0, 1.0), 1.0, "", "with 5 times the error on these machines (error 5 to 5 times"),
+        ((1.0, 0.5, 0.501), (1.0, 1.0, 1.0), 1.0, "", "follow as well on these machines (error 1 to 1 times"),
+        ((1.0, 0.5, 0.499), (1.0, 2.0, 2.3), 1.0, "", "follow as well on these machines (error 0.998 to 0.998 times as "
+         "large), but need a largest torque of 2.3 N m"),
         ((1.0, 0.5, 0.4), (1.0, 2.0, 2.3), 1.0, "", "20.0% better (error 0.8 to 0.8 times as large), but need a "
          "largest torque of 2.3 N m, 15.0% above the allowed 2 N m"),
         ((1.0, 0.5, 0.4), (1.0, 2.0, 2.0), 2.1, "", "but make the torque 2.10 times as rough"),
