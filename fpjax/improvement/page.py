@@ -123,7 +123,7 @@ def _changes(found: Answer) -> str:
     rows = []
     for change in found.changes:
         moved = change.after != change.before
-        at = f" <span class=pill>at its {change.at} bound</span>" if change.at else ""
+        at = f" <span class=pill>at the {change.at} end of its bounds</span>" if change.at else ""
         after = f'<span class="new">{change.after:.5g}</span>{at}' if moved else "stays"
         span = f"{change.low:.4g} to {change.high:.4g}"
         rows.append([f'<span class="gain">{text(change.gain)}</span>', f"{change.before:.5g}", after, span])

@@ -254,6 +254,7 @@ def test_a_gain_at_its_bound_is_said_with_both_bounds(small):
     narrow = case.model("[bounds]\ncontroller.kp = [1.4, 1.6]\n")
     found = improved(case.known(), narrow)
     assert [change.at for change in found.changes] == ["high"]
+    assert "at the high end of its bounds</span>" in to_page(found)
     assert any("controller.kp ended at the high end of its bounds" in n and "in 1.4 to 1.6" in n for n in found.notes)
 
 
