@@ -186,6 +186,15 @@ def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():
     chosen = weighed("stribeck", 500.0)
     beside = judged(chosen, [], readings=("velocity_quantisation",))
     assert beside.causes == ("stribeck", "velocity_quantisation")
+    slight = judged(chosen, [], readings=("velocity_lag", "velocity_quantisation"), rounded=0.5 * THRESHOLDS.reading)
+    assert slight.causes == ("stribeck", "velocity_lag")
+    assert "velocity_quantisation" not in slight.among
+    readings = ("velocity_quantisation",)
+    unknown = judged(chosen, [], left=0.97, readings=readings, rounded=0.5 * THRESHOLDS.reading)
+    assert (unknown.word, unknown.causes) == ("unexplained", ())
+    # A machine that lacks nothing, or whose numbers alone are wrong, reads as it is rounded.
+    machine = judged(chosen, [], before=0.01, readings=readings, rounded=0.5 * THRESHOLDS.reading)
+    assert machine.causes == readings
     alone = judged(chosen, [], before=0.01, readings=("velocity_lag", "velocity_quantisation"))
     assert (alone.word, alone.causes) == ("explained", ("velocity_lag", "velocity_quantisation"))
     lost = judged(chosen, [], left=0.97, readings=("velocity_lag",))

@@ -32,7 +32,7 @@ from .learned import learn
 from .posterior import left_open, make_posterior
 from .ranking import rank
 from .tracking import Side, tracking_error
-from .warning_texts import at_bounds, beyond_torque, details, load_error, where_fitted_alone
+from .warning_texts import at_bounds, beyond_torque, details, load_error, slight_rounding, where_fitted_alone
 from .where import locate
 
 # A rate reading whose rounding step is above this many standard deviations of its noise is named as rounded. Rounding
@@ -65,18 +65,19 @@ def assemble(
     wrong = (*(one.effect for one in read), *([ROUNDING] if step > 0.0 else []))
     # Of a rounding, the standard deviation of a uniform error one step wide.
     speed = float(np.sqrt(np.mean(np.concatenate([record.speed for record in records]) ** 2)))
-    misread = max([step / math.sqrt(12.0) / speed, *(one.size for one in read)])
-    known = Read(torque, wrong, read, allowed, misread)
+    rounded = step / math.sqrt(12.0) / speed
+    known = Read(torque, wrong, read, allowed, max([rounded, *(one.size for one in read)]), rounded)
     judged = judge(search, decision, known, curves, search.setting.units.name("N m"))
     decision, found, gap, spread = judged.decision, judged.verdict, judged.gap, judged.spread
     before, after, chosen = judged.before, judged.after, judged.decision.chosen.fit
+    wrong = tuple(name for name in wrong if name in found.causes)
     # Causes of the machine; errors of the reading change no torque, so that the gap after them is the gap after these.
     causes = [name for name in found.causes if name not in wrong]
     steps = steps_of(search, decision, causes) if causes else ()
     # Errors of the reading close no torque gap: their step repeats the gap after the causes.
     steps = (*steps, *(Step(name, gap.after, gap.after_interval) for name in wrong))
     seen = {one.effect: read_estimates(one, search.setting.units) for one in read}
-    if step > 0.0:
+    if ROUNDING in wrong:
         # The step is read off the column exactly: its interval is narrow but not empty.
         seen[ROUNDING] = {"step": Estimate(step, 0.9999 * step, 1.0001 * step, search.setting.units.name("rad/s"))}
     ranking = rank(search, decision, found, gap, steps, seen, allowed, _instead(read, allowed))
@@ -100,6 +101,7 @@ def assemble(
     everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
     said = [*at_bounds(chosen, search.setting.units), *beyond_torque(gap, torque), *warnings]
     said += [*details(chosen, causes), *(load_error(chosen, search.setting) if written is chosen else [])]
+    said += slight_rounding(step, rounded, search.setting.units) if step > 0.0 and ROUNDING not in wrong else []
     said += [] if found.word == "no_gap" else where_fitted_alone(gap, everywhere)
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
     tracking = tracking_error(model, [in_one_piece(record) for record in records], *sides, said)

@@ -14,7 +14,7 @@ def corrected_loop(model: Model, machine: Machine, step: float = 0.0) -> ClosedL
     Args:
         model: the nominal one.
         machine: as fitted.
-        step: rounding step of the rate reading [rad/s] where that is a cause; 0 to keep the sensor as fitted.
+        step: rounding step of the rate reading [rad/s] where it is seen; 0 to keep the sensor as fitted.
     """
     sensor = machine.sensor if step == 0 else dataclasses.replace(machine.sensor, step_size=step)
     return dataclasses.replace(model.loop, plant=machine.plant, actuator=machine.actuator, sensor=sensor)

@@ -34,6 +34,7 @@ class Read:
         readings: those of them that comparison with the encoder shows.
         allowed: effects that may be asserted; empty for all.
         misread: rms of the largest of these errors, of the speed's rms [1].
+        rounded: rms of the rounding among them, likewise.
     """
 
     torque: float
@@ -41,6 +42,7 @@ class Read:
     readings: Sequence[Reading]
     allowed: tuple[str, ...]
     misread: float = 0.0
+    rounded: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -147,6 +149,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         sizes=nominal_sizes(search.setting),
         readings=read.wrong,
         misread=read.misread,
+        rounded=read.rounded,
         moved=max(_moved(decision.exact, chosen, windows), _moved(decision.exact, chosen, withheld)),
         allowed=frozenset(read.allowed),
         doubts={one.effect: (one.rival, one.sure) for one in read.readings if one.rival},

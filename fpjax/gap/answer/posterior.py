@@ -55,7 +55,7 @@ class Posterior:
         low: lower bounds of the free parameters, shape (free,).
         high: upper bounds, likewise.
         sensor: errors of the rate sensor that the encoder shows: (value, standard deviation) by field of the sensor.
-        step: rounding step of the rate reading [rad/s], where that is a cause; else 0.
+        step: rounding step of the rate reading [rad/s], where it is seen; else 0.
         noise: standard deviation of one reading of (rate [rad/s], position [rad]); 0 without that column.
         missing: torque that the real machine has and the model lacks along each log [N m], each of shape (samples,);
             NaN where the log was not used.
@@ -258,7 +258,7 @@ def make_posterior(
         fit: whose posterior is made.
         spread: covariance of its free parameters.
         readings: errors of the rate sensor that the encoder shows, where they are causes.
-        step: rounding step of the rate reading [rad/s], where that is a cause; else 0.
+        step: rounding step of the rate reading [rad/s], where it is seen; else 0.
         missing: course of the missing torque along each log [N m].
         rivals: other fits that the log leaves open, with their probability.
     """

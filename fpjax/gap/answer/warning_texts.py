@@ -65,6 +65,14 @@ def details(chosen: Fit, causes: Sequence[str]) -> list[str]:
     ]
 
 
+def slight_rounding(step: float, share: float, units: Units) -> list[str]:
+    """A warning about a rounded velocity column that is no cause."""
+    return [
+        f"The velocity column is rounded to steps of {step:.4g} {units.name('rad/s')}, an error of "
+        f"{100 * share:.2g} % of the speed: the corrected model has it, but it is no cause of what is missing."
+    ]
+
+
 def where_fitted_alone(gap: Gap, everywhere: float) -> list[str]:
     """A warning where the gap shows in fitted windows only, so that the withheld ones cannot confirm a cause."""
     if gap.before > gap.noise_floor or not everywhere > gap.noise_floor:

@@ -40,6 +40,7 @@ class Seen:
             curves [1].
         follows: by effect, the variables that its torque is a function of.
         misread: rms of the largest error of the velocity column, of the speed's rms [1].
+        rounded: rms of its rounding, likewise.
         moved: `after` over `before` [1], each frequency weighted by how far it moves the machine: vibration that hardly
             does, and that no cause of the vocabulary holds, is most of what many real machines leave.
     """
@@ -59,6 +60,7 @@ class Seen:
     named: float = 0.0
     follows: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     misread: float = 0.0
+    rounded: float = np.inf
     moved: float = 1.0
 
 
@@ -111,11 +113,9 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     top = thresholds.right_dominant if little else _top(word, lead, thresholds)
     shares = _shares(sets, top, thresholds.temper)
     main, among = _by_effect(shares)
-    if seen.readings:
-        right = _right(asserted, shares, main)
-        return _with_readings(Verdict(word, asserted, right, main, among, margin, lead), seen, thresholds)
-    right = _right(asserted, shares, main)
-    return Verdict(word, asserted, right, main, among, margin, lead)
+    found = Verdict(word, asserted, _right(asserted, shares, main), main, among, margin, lead)
+    readings = _told(found, seen, thresholds)
+    return _with_readings(found, readings, seen, thresholds) if readings else found
 
 
 def material(readings: Sequence[Reading], torque: float, t: Thresholds = THRESHOLDS) -> tuple[Reading, ...]:
@@ -313,9 +313,18 @@ def _right(asserted: Sequence[str], shares: Sequence[tuple[_Set, float]], main: 
     return max(1.0 - sum(main.values()), 0.0)
 
 
-def _with_readings(found: Verdict, seen: Seen, t: Thresholds) -> Verdict:
+def _told(found: Verdict, seen: Seen, t: Thresholds) -> tuple[str, ...]:
+    """The readings' errors that are causes.
+
+    A rounding as slight as other errors that are not told is none where the machine itself lacks a law.
+    """
+    lacks = found.word == "unexplained" or not all(map(_is_number, found.causes))
+    slight = {ROUNDING} if lacks and seen.rounded <= t.reading else set()
+    return tuple(name for name in seen.readings if name not in slight)
+
+
+def _with_readings(found: Verdict, readings: Sequence[str], seen: Seen, t: Thresholds) -> Verdict:
     """A wrong reading makes no torque: it is a cause beside the others, or alone where there is no gap."""
-    readings = seen.readings
     word, main, asserted = found.word, dict(found.main), found.causes
     right = {name: t.right_read * seen.doubts.get(name, ("", 1.0))[1] for name in readings}
     among = dict(found.among) | right
