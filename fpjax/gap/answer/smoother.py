@@ -127,9 +127,9 @@ def _misread(search: Search, c: Candidate, part: Linear) -> Values:
     found = []
     with double_precision():
         for speed, position in ((simulated, angle + away), (measured, angle)):
-            columns = [np.resize(each, padded) for each in (speed, position, times, record.torque[rows])]
+            columns = [jnp.asarray(np.resize(each, padded)) for each in (speed, position, times, record.torque[rows])]
             torque = _own_torque(
-                family.machine, family.effects, family.parameters, c.vector[:, None], Motion(*columns),  # type: ignore[arg-type]
+                family.machine, family.effects, family.parameters, c.vector[:, None], Motion(*columns),
                 resting(record),
             )  # fmt: skip
             found.append(np.asarray(torque)[: rows.size].reshape(rows.shape))
