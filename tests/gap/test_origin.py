@@ -77,6 +77,10 @@ def test_only_what_a_load_holds_of_once_a_turn_is_free():
     held = Loads((ConstantTorque(3.0), Unbalance(WEIGHT), PositionTorque((0.2,), (0.0,), 6.0)))
     assert once_a_turn(held) == pytest.approx(WEIGHT)
     assert once_a_turn(held.parts[-1]) < 1e-9
+    # Of a ripple that does not repeat from turn to turn nothing is once a turn, whatever one turn of it holds.
+    ripple = PositionTorque((0.3,), (0.4,), 1.5)
+    assert once_a_turn(ripple) == 0.0
+    assert once_a_turn(Loads((ripple, Unbalance(WEIGHT, 0.3), Unbalance(WEIGHT, 0.3)))) == pytest.approx(2 * WEIGHT)
 
 
 def test_what_is_changed_in_a_known_load_is_said():
@@ -89,8 +93,10 @@ def test_what_is_changed_in_a_known_load_is_said():
         (0.05, "an unbalance is likely"),
     ):
         c.vector[c.family.index("unbalance_cosine")], c.vector[c.family.index("unbalance_sine")] = share * WEIGHT, 0.0
-        assert said in "".join(load_error(fit, setting)), share
-        assert bool(said) == bool(load_error(fit, setting))
+        assert said in "".join(load_error(fit, setting, written=True)), share
+        assert [bool(load_error(fit, setting, written=written)) for written in (True, False)] == [bool(said)] * 2
+    c.vector[c.family.index("unbalance_cosine")] = 0.03 * WEIGHT
+    assert "the corrected model keeps it" in load_error(fit, setting, written=False)[0]
     names = [one.parameter for one in identifiability(search, fit, np.eye(len(c.free)))]
     assert "load_error_cosine" in names
     assert not any("unbalance" in name for name in names)

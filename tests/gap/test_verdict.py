@@ -182,6 +182,17 @@ def test_nothing_is_sure_where_nothing_explains():
     assert judged(weighed("stribeck", 500.0), [], allowed=("backlash",)).word == "unexplained"
 
 
+def test_a_gap_that_what_counts_as_right_closes_is_none():
+    """A known load off by 2 %: what bends besides has no share of the gap, and must not stand for it."""
+    chosen = weighed("position_dependent_friction", 500.0)
+    shares = {"position_dependent_friction": 0.001}
+    found = judged(chosen, [], before=0.5, shares=shares, numbers=0.1)
+    assert (found.word, found.causes) == ("no_gap", ())
+    # Where the numbers do not close it, the effects do together what none of them does alone.
+    assert judged(chosen, [], before=0.5, shares=shares, numbers=0.5).causes == ("position_dependent_friction",)
+    assert judged(chosen, [], before=0.5, numbers=0.1).causes == ("position_dependent_friction",)
+
+
 def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():
     chosen = weighed("stribeck", 500.0)
     beside = judged(chosen, [], readings=("velocity_quantisation",))

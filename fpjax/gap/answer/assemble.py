@@ -100,7 +100,10 @@ def assemble(
     # Over fitted and withheld windows, to notice a gap that the withheld ones do not show.
     everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
     said = [*at_bounds(chosen, search.setting.units), *beyond_torque(gap, torque), *warnings]
-    said += [*details(chosen, causes), *(load_error(chosen, search.setting) if written is chosen else [])]
+    said += [
+        *details(chosen, causes),
+        *load_error(decision.nominal.fit if gapless else chosen, search.setting, written=not gapless),
+    ]
     said += slight_rounding(step, rounded, search.setting.units) if step > 0.0 and ROUNDING not in wrong else []
     said += [] if found.word == "no_gap" else where_fitted_alone(gap, everywhere)
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)

@@ -21,8 +21,14 @@ def at_bounds(fit: Fit, units: Units) -> list[str]:
     ]
 
 
-def load_error(fit: Fit, setting: Setting) -> list[str]:
-    """What the corrected model changes in a known load that is no cause, or a warning where that is all it may."""
+def load_error(fit: Fit, setting: Setting, *, written: bool) -> list[str]:
+    """What a model changes in a known load that is no cause, or a warning where that is all it may.
+
+    Args:
+        fit: of the model.
+        setting: of the logs.
+        written: whether it is the corrected model; else the log is matched with it, but the model file stays.
+    """
     c = fit.candidate
     if not c.load_error:
         return []
@@ -36,6 +42,11 @@ def load_error(fit: Fit, setting: Setting) -> list[str]:
         ]
     if share < SPIKE:
         return []
+    if not written:
+        return [
+            f"The log is matched best with the known load of the model file off by {amount:.3g} {unit} "
+            f"({100 * share:.2g} % of its amplitude): that much counts as right, and the corrected model keeps it."
+        ]
     return [
         f"The corrected model changes the known load by {amount:.3g} {unit} ({100 * share:.2g} % of its amplitude): "
         "that much counts as right, and is no cause."

@@ -33,10 +33,8 @@ def motion(
         deviation = velocity.noise
     else:
         assert position is not None
-        half = smoothing_width(velocity, position)
-        speed = smoothed(position.values, half)[1] / dt
+        speed, deviation, half = encoder_rate(velocity, position, dt)
         slope = smoothed(speed, max(half, 5))[1]
-        deviation = slope_noise(position, half) / dt
     if position is not None:
         angle = smoothed(position.values, smoothing_width(velocity, position))[0]
     else:
@@ -44,6 +42,14 @@ def motion(
         # The exact integral of straight lines between the samples; no sensor measures where it starts, so at zero.
         angle = np.concatenate([[0.0], np.cumsum(0.5 * dt * (velocity.values[1:] + velocity.values[:-1]))])
     return speed, slope / dt, angle, deviation
+
+
+def encoder_rate(
+    velocity: Channel | None, position: Channel, dt: float
+) -> tuple[Float[Values, " samples"], float, int]:
+    """(rate [rad/s], its standard deviation [rad/s], samples on either side that it is smoothed over) of an encoder."""
+    half = smoothing_width(velocity, position)
+    return smoothed(position.values, half)[1] / dt, slope_noise(position, half) / dt, half
 
 
 def smoothed(

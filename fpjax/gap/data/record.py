@@ -13,7 +13,7 @@ from ...logs.arrays import Values
 from ...logs.checks.stamp_jitter import stamp_jitter
 from ...logs.noise import is_derived
 from .channel import Channel, common_noise, make_channel
-from .motion import motion
+from .motion import encoder_rate, motion
 from .split import every_fourth
 
 SECONDS = (0.5, 1.0)  # bounds of a window's length [s], within which it is the mean time between two reversals
@@ -47,6 +47,10 @@ class Record:
         acceleration: its rate of change [rad/s^2].
         angle: smoothed position [rad]: measured, or the integral of the rate.
         speed_noise: standard deviation of `speed` [rad/s].
+        followed: smoothed rate that simulations are held to [rad/s]: the encoder's own, which a rate reading may lag;
+            the reading's without an encoder.
+        followed_noise: standard deviation of `followed` [rad/s].
+        smoothing: samples on either side that an encoder's rate is smoothed over; 0 without an encoder.
         integrated: whether `angle` is an integral, whose zero no sensor measures.
         starts: first sample of each window, shape (windows,).
         samples: length of every window.
@@ -69,6 +73,9 @@ class Record:
     acceleration: Float[Values, " samples"]
     angle: Float[Values, " samples"]
     speed_noise: float
+    followed: Float[Values, " samples"]
+    followed_noise: float
+    smoothing: int
     integrated: bool
     starts: Int[Values, " windows"]
     samples: int
@@ -113,8 +120,8 @@ def make_records(logs: Sequence[Log], holdout: Sequence[Log], inertia: float) ->
     everything = [*logs, *holdout]
     columns = [_columns(log, inertia) for log in everything]
     _check_alike(everything, columns)
-    rates = common_noise([velocity for velocity, _, _ in columns])
-    angles = common_noise([position for _, position, _ in columns])
+    rates = common_noise([velocity for velocity, _ in columns])
+    angles = common_noise([position for _, position in columns])
     shortest = min(len(log.time) for log in everything)
     samples = max(
         _window(log, rate, angle, inertia, shortest) for log, rate, angle in zip(everything, rates, angles, strict=True)
@@ -122,13 +129,13 @@ def make_records(logs: Sequence[Log], holdout: Sequence[Log], inertia: float) ->
     count = sum(len(log.time) for log in everything)
     sides = ["none" if holdout else "blocks"] * len(logs) + ["all"] * len(holdout)
     return [
-        _record(log, rate, angle, summed, samples, side, count)
-        for log, rate, angle, (_, _, summed), side in zip(everything, rates, angles, columns, sides, strict=True)
+        _record(log, rate, angle, samples, side, count)
+        for log, rate, angle, side in zip(everything, rates, angles, sides, strict=True)
     ]
 
 
-def _columns(log: Log, inertia: float) -> tuple[Channel | None, Channel | None, bool]:
-    """(rate, position, whether the position is a sum of rates) of a log that are fitted.
+def _columns(log: Log, inertia: float) -> tuple[Channel | None, Channel | None]:
+    """(rate, position) of a log that are fitted.
 
     Where the encoder alone resolves the torques, the rate is not fitted but left to `fpjax.gap.select.readings`: most
     drives differentiate and filter the same encoder for it, and its lag and scale must not change the estimated torque.
@@ -155,12 +162,12 @@ def _columns(log: Log, inertia: float) -> tuple[Channel | None, Channel | None, 
         enough = _resolved(None, position, inertia, SECONDS[1], float(log.dt)) < RESOLVED * torque
         if enough or is_derived(velocity.values, position.values):
             velocity = None
-    return velocity, position, False
+    return velocity, position
 
 
-def _check_alike(logs: Sequence[Log], columns: Sequence[tuple[Channel | None, Channel | None, bool]]) -> None:
-    first, (velocity, position, _) = logs[0], columns[0]
-    for log, (rate, angle, _) in zip(logs[1:], columns[1:], strict=True):
+def _check_alike(logs: Sequence[Log], columns: Sequence[tuple[Channel | None, Channel | None]]) -> None:
+    first, (velocity, position) = logs[0], columns[0]
+    for log, (rate, angle) in zip(logs[1:], columns[1:], strict=True):
         if (rate is None) != (velocity is None) or (angle is None) != (position is None):
             raise InputError(
                 f"{log.name} and {first.name} do not have the same columns: give both velocity, or position, or both."
@@ -203,10 +210,13 @@ def _resolved(velocity: Channel | None, position: Channel | None, inertia: float
 
 
 def _record(
-    log: Log, velocity: Channel | None, position: Channel | None, summed: bool, samples: int, side: str, total: int
+    log: Log, velocity: Channel | None, position: Channel | None, samples: int, side: str, total: int
 ) -> Record:
     dt = float(log.dt)
     speed, acceleration, angle, speed_noise = motion(velocity, position, dt)
+    followed, followed_noise, smoothing = speed, speed_noise, 0
+    if position is not None:
+        followed, followed_noise, smoothing = encoder_rate(velocity, position, dt)
     starts = np.arange(0, len(log.time) - samples - EDGE + 1, samples)
     kept: Values | slice = slice(None)
     if total > MOST and len(log.time) > LONG * (LEAD + EDGE) + FEWEST * samples:
@@ -233,7 +243,10 @@ def _record(
         acceleration[kept],
         angle[kept],
         speed_noise,
-        position is None or summed,
+        followed[kept],
+        followed_noise,
+        smoothing,
+        position is None,
         starts,
         samples,
         withheld,
@@ -302,6 +315,7 @@ def in_one_piece(record: Record) -> Record:
         speed=record.speed[part],
         acceleration=record.acceleration[part],
         angle=record.angle[part],
+        followed=record.followed[part],
         starts=record.starts[inside],
         withheld=record.withheld[inside],
         runs=record.runs[inside],
@@ -325,9 +339,18 @@ def about_stretches(records: Sequence[Record]) -> list[str]:
 
 
 def with_noise(records: list[Record], scale: float) -> list[Record]:
-    """The records with every sensor's noise standard deviation multiplied by `scale`."""
+    """The records with every sensor's noise multiplied by `scale`, and with it that of the speeds taken from them."""
 
     def scaled(channel: Channel | None) -> Channel | None:
         return None if channel is None else replace(channel, noise=scale * channel.noise)
 
-    return [replace(r, velocity=scaled(r.velocity), position=scaled(r.position)) for r in records]
+    return [
+        replace(
+            r,
+            velocity=scaled(r.velocity),
+            position=scaled(r.position),
+            speed_noise=scale * r.speed_noise,
+            followed_noise=scale * r.followed_noise,
+        )
+        for r in records
+    ]

@@ -6,7 +6,6 @@ from jaxtyping import Bool, Float
 
 from ...logs.arrays import Values
 from .channel import Channel
-from .motion import slope_noise, smoothing_width
 from .record import TURNING, Record
 from .tables import TAPS, Guide, Tables
 
@@ -31,7 +30,7 @@ def tables_of(record: Record, bandwidth: float = 0.0, *, free: bool = False) -> 
     velocity, velocity_weight = _column(record.velocity, count, padded)
     position, position_weight = _column(record.position, count, padded)
     speed, angle = np.zeros(padded), np.zeros(padded)
-    speed[TAPS : TAPS + count] = _followed(record)[0]
+    speed[TAPS : TAPS + count] = record.followed
     angle[TAPS : TAPS + count] = record.angle
     moving = np.zeros(padded)
     if not free:
@@ -55,11 +54,9 @@ def surely_moving(record: Record) -> Bool[Values, " samples"]:
     That is in a run of one direction which no sample of the speed leaves in doubt, away from its ends. A run counts as
     motion where it reaches a share of the top speed: bristles that bend under a machine at rest do not.
     """
-    speed, noise = _followed(record)
+    speed, noise = record.followed, record.followed_noise
     least = TURNING * float(np.quantile(np.abs(speed), 0.95))
-    away = LATE
-    if not record.integrated and record.position is not None:
-        away = smoothing_width(record.velocity, record.position)
+    away = record.smoothing or LATE
     found = np.zeros(len(speed), bool)
     for way in (speed > SURE * noise, speed < -SURE * noise):
         edges = np.flatnonzero(np.diff(way.astype(np.int8), prepend=0, append=0))
@@ -67,16 +64,6 @@ def surely_moving(record: Record) -> Bool[Values, " samples"]:
             if np.max(np.abs(speed[first:last])) > least:
                 found[first + away : max(last - away, 0)] = True
     return found
-
-
-def _followed(record: Record) -> tuple[Float[Values, " samples"], float]:
-    """(speed that simulations are held to [rad/s], its standard deviation [rad/s])."""
-    if record.integrated:
-        return record.speed, record.speed_noise
-    # With an encoder, its rate: a rate reading may lag or have a bias.
-    assert record.position is not None
-    half = smoothing_width(record.velocity, record.position)
-    return np.gradient(record.angle, record.dt), slope_noise(record.position, half) / record.dt
 
 
 def guide_of(record: Record, bandwidth: float) -> tuple[float, float]:

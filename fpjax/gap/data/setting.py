@@ -10,6 +10,7 @@ from ...blocks.loads import AbstractLoad
 from ...blocks.signals import Motion
 from ...logs.arrays import Values
 from ...model_file import Model, Units
+from ...model_file.body import flat_loads
 from .record import Record
 
 SMALL_FRICTION = 0.02  # of the largest torque: a nominal Coulomb level below it (zero, say) is no scale for friction
@@ -101,12 +102,16 @@ def turns_with_position(load: AbstractLoad) -> bool:
 
 
 def once_a_turn(load: AbstractLoad) -> float:
-    """Amplitude of a known load's first harmonic over a turn [N m]."""
+    """Amplitude of a known load's first harmonic over a turn [N m], of the parts that repeat from turn to turn."""
     # 360 angles: exact for loads of fewer than 359 periods a turn.
     angle = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
-    torque = _at(load, angle)
+    parts = [(_at(part, angle), _at(part, angle + 2.0 * np.pi)) for part in flat_loads(load)]
+    largest = max((float(np.max(np.abs(torque))) for torque, _ in parts), default=0.0)
+    least = 1e-5 * largest  # rounding is no load
+    # A ripple of 6.5 periods a turn has no harmonic: over one turn it would have a false one.
+    torque = sum((torque for torque, later in parts if np.max(np.abs(later - torque)) <= least), np.zeros(len(angle)))
     amplitude = float(2.0 * np.abs(np.mean(torque * np.exp(-1j * angle))))
-    return amplitude if amplitude > 1e-5 * float(np.max(np.abs(torque))) else 0.0  # rounding is no load
+    return amplitude if amplitude > least else 0.0
 
 
 def _at(load: AbstractLoad, angle: Values) -> Values:

@@ -151,9 +151,15 @@ def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, .
         for n in _in_order(size, seen, t)
         if decision.shares[n] > t.matters or (shown and not _is_number(n) and weight[n] > t.beside)
     ]
-    names = names or list(decision.chosen.structural[:1])
+    if not names and not _counts_as_right(decision, t):
+        names = list(decision.chosen.structural[:1])
     names = [n for n in names if n == names[0] or n not in seen.unshown]
     return tuple(n for n in names if not seen.allowed or n in seen.allowed)
+
+
+def _counts_as_right(decision: Decision, t: Thresholds) -> bool:
+    """Whether what the nominal model may be off by closes the gap: no number and no effect is missing that matters."""
+    return decision.nominal.left < t.closes and max(decision.shares.values(), default=0.0) <= t.matters
 
 
 def _in_order(size: Mapping[str, float], seen: Seen, t: Thresholds) -> list[str]:
@@ -217,7 +223,7 @@ def _others(sets: Sequence[_Set], chosen: _Set, seen: Seen) -> list[_Set]:
 def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, t: Thresholds) -> Word:
     # A gap below the noise floor may still be explained: evidence sums over all windows, the rms does not.
     hidden = (seen.before < seen.floor or seen.share < t.slight) and decision.chosen.gain < t.chance
-    if seen.share < t.nothing or hidden:
+    if seen.share < t.nothing or hidden or _counts_as_right(decision, t):
         return "no_gap"
     if chosen.names and chosen.names[0] in seen.unshown:
         return "unexplained"

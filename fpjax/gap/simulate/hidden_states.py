@@ -202,9 +202,12 @@ def _driven(
             sign = jnp.where(on_load, 1.0, -1.0)
             twist = sign * (position - place)
             relative = sign * (velocity - moving)
-            shaft = mean_shaft(plant, twist, relative, plain / inertia, 1.0 / inertia, h)
+            # A known load acts on the load side: where that is measured, its motion holds it already.
+            held = plant.load.readout(Motion(velocity, position + machine.origin, jnp.zeros_like(position)))
+            held = jnp.where(on_load, 0.0, held)
+            shaft = mean_shaft(plant, twist, relative, (plain + held) / inertia, 1.0 / inertia, h)
             mean = mean + shaft / substeps
-            free = jnp.where(on_load, plain - shaft, shaft)
+            free = jnp.where(on_load, plain - shaft, shaft - held)
             velocity = turn(law, Motion(velocity, position, jnp.zeros_like(position), free), free, inertia, share, h)
             position = position + 0.5 * h * velocity
         return (position, velocity), keep(mean)

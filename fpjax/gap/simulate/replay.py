@@ -197,7 +197,7 @@ def advance(
     # rest under any torque below its friction, and none would seem to be missing.
     least = LEAST_SPEED * tables.moving[at]
     behind = jnp.where(jnp.sign(least) * (guided_rate - least) < 0.0, least - guided_rate, 0.0)
-    following = _moved(machine, state, applied, (behind, aside), jnp.sign(least), time, tables.dt, substeps)
+    following = _moved(machine, state, applied, (behind, aside), tables.moving[at], time, tables.dt, substeps)
     # The guide's acceleration [rad/s^2], constant over the period.
     turning = guide.stiffness * (guide.angle[at] - guided_angle)
     # Beside an encoder the guide follows its rate, which is the true one; without, the rate sensor's reading.
@@ -216,8 +216,8 @@ def advance(
 
 
 def _moved(
-    machine: Machine, state: PyTree, applied: Array, shift: tuple[Array, Array], side: Array, time: Array, dt: Array,
-    substeps: int,
+    machine: Machine, state: PyTree, applied: Array, shift: tuple[Array, Array], measured: Array, time: Array,
+    dt: Array, substeps: int,
 ) -> PyTree:  # fmt: skip
     """The plant's state a period later.
 
@@ -227,18 +227,20 @@ def _moved(
         applied: torque [N m].
         shift: (speed [rad/s], angle [rad]) from the simulated motion to the one in which friction and torques of the
             position act.
-        side: direction in which the machine surely moves [1]: there nothing stops within the period; 0 for unknown.
+        measured: speed [rad/s] at which the machine surely moves: there nothing stops within the period; 0 for unknown.
         time: start of the period [s].
         dt: control period [s].
         substeps: in a period.
     """
     behind, aside = shift
+    side = jnp.sign(measured)
     rigid = isinstance(state, OneMassState) and structure_of(machine) == "rigid"
     motion = _at(_turned(state, behind, aside), applied, time, 0.5 * dt)
     free = applied - machine.plant.load.readout(motion)
     if not rigid:
-        # As much faster as it takes not to stop.
+        # As much faster as it takes not to stop, but no faster than it was: friction at another speed is another one.
         most = 2.0 * dt * (jnp.abs(free) + machine.law.breakaway(motion)) / machine.plant.inertia
+        most = jnp.minimum(most, jnp.abs(measured))
         behind = behind + side * jnp.maximum(most - side * motion.velocity, 0.0) * jnp.abs(side)
         following = advance_exact(machine.plant, _turned(state, behind, aside), applied, time, dt, substeps)
         return _turned(following, -behind, -aside - dt * behind)
