@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..noise import rounding_step
+
 LEAST = 256  # [samples]
 CLASSES = 8  # of speed, each of as many samples as the others
 HEAVY = 3.0  # times the slowest class' standard deviation, by which the fastest must scatter more
@@ -15,6 +17,9 @@ def stamp_jitter(velocity: np.ndarray, position: np.ndarray, dt: float) -> float
     rate scatters around the velocity column by sqrt(2) v tau / dt. Three other errors look different: sensor noise does
     not grow with the speed, a lag of the velocity column follows the acceleration, and the error of an eccentric scale
     is smooth. So only the scatter from one sample to the next is used, and how it grows with the speed.
+
+    An encoder's steps hide below a step a sample: at rest the reading repeats and does not scatter at all. The error of
+    a step is uniform with variance step^2 / 12, so no class counts as quieter than this.
 
     Args:
         velocity: [rad/s], shape (samples,), on the uniform grid.
@@ -33,6 +38,7 @@ def stamp_jitter(velocity: np.ndarray, position: np.ndarray, dt: float) -> float
     # The variance in each class from the median of the squares, which ignores single jumps (a position that wraps at a
     # turn). The median of chi-squared with one degree of freedom is 0.455.
     scatter = np.array([np.median(rough[each] ** 2) / 0.455 for each in classes])
+    scatter = np.maximum(scatter, 20.0 * rounding_step(position) ** 2 / 12.0 / dt**2)
     square = np.array([np.mean(speed[each] ** 2) for each in classes])
     # straight line through (v^2, variance): its slope is the jitter's part, its value at v = 0 the sensor noise's
     centred = square - square.mean()

@@ -1,0 +1,35 @@
+"""The jitter of the stamps beside an encoder: its steps are no jitter, and rest does not make them one."""
+
+import numpy as np
+import pytest
+
+from fpjax.logs.checks.stamp_jitter import stamp_jitter
+
+DT = 1e-3  # control period [s]
+
+
+def _log(rest: float, counts: int, jitter: float) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity and encoder position of 10 s of reversals up to 10 rad/s after a share `rest` of standstill."""
+    rng = np.random.default_rng(0)
+    clock = np.maximum(DT * np.arange(10_000) - 10.0 * rest, 0.0)
+    moving = clock > 0.0
+    fast, slow = 2.0 * np.pi * 1.3, 2.0 * np.pi * 0.31
+    late = clock + jitter * moving * rng.normal(size=clock.size)
+    position = 10.0 / fast * (1.0 - np.cos(fast * late)) + 0.3 * np.sin(slow * late)
+    velocity = 10.0 * np.sin(fast * clock) + 0.3 * slow * np.cos(slow * clock) * moving
+    step = 2.0 * np.pi / counts
+    return velocity + 1e-3 * rng.normal(size=clock.size), step * np.round(position / step)
+
+
+@pytest.mark.parametrize("counts", [1000, 4096, 65536])
+@pytest.mark.parametrize("rest", [0.0, 0.1, 0.2, 0.5, 0.8])
+def test_exact_stamps_are_not_jittered_at_any_rest_and_resolution(rest: float, counts: int) -> None:
+    assert stamp_jitter(*_log(rest, counts, 0.0), DT) is None
+
+
+@pytest.mark.parametrize(("counts", "jitter"), [(1000, 1e-3), (4096, 5e-4), (65536, 1e-4)])
+@pytest.mark.parametrize("rest", [0.0, 0.2, 0.5])
+def test_a_jitter_above_the_encoders_steps_is_found_with_its_size(rest: float, counts: int, jitter: float) -> None:
+    found = stamp_jitter(*_log(rest, counts, jitter), DT)
+    assert found is not None
+    assert abs(found / jitter - 1.0) < 0.1
