@@ -107,7 +107,9 @@ def nominal_machine(
         raise InputError(
             f"{type(plant).__name__} cannot be the nominal model of a diagnosis: use one_mass or two_mass in [plant]."
         )
-    return Machine(body, _full_actuator(actuator), sensor if isinstance(sensor, ServoSensor) else ServoSensor())
+    if not isinstance(sensor, ServoSensor):
+        sensor = ServoSensor(load_side=0.0 if getattr(sensor, "side", "load") == "motor" else 1.0)
+    return Machine(body, _full_actuator(actuator), sensor)
 
 
 def with_structure(machine: Machine, structure: Structure, frequency: float, deflection: float) -> Machine:

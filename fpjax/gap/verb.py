@@ -7,6 +7,8 @@ from typing import Literal, overload
 
 import numpy as np
 
+from ..blocks.plants import TwoMass
+from ..blocks.plants.transmission import Transmission
 from ..compiled.threads import one_blas_thread
 from ..errors import InputError
 from ..logs import Log, LogSource
@@ -152,6 +154,9 @@ def make_search(
     if records[0].velocity is None:
         # Without a fitted rate reading its bias, scale, lag and delay change no residual.
         effects = tuple(effect for effect in effects if not on_rate_sensor(effect))
+    if isinstance(model.loop.plant, TwoMass | Transmission):
+        # Bristles between two masses would need a state on either: a rigid mass alone has them.
+        effects = tuple(effect for effect in effects if effect.structure != "bristles")
     nominal = Nominal(model.loop.plant, model.loop.actuator, model.loop.sensor)
     arguments = records, nominal, effects, make_setting(records, model)
     if keep is None:

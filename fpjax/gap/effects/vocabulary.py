@@ -11,6 +11,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from ...blocks.plants.transmission import Transmission
 from ..data.setting import Setting
 from ..machine import Feature, Machine
 from .effect import Effect, EffectParameter, Values, place
@@ -90,6 +91,19 @@ def stiffness_of(values: Values) -> Any:
     """
     share = values["load_share"]
     return values["inertia"] * share * (1.0 - share) * (2.0 * pi * values["frequency"]) ** 2
+
+
+def shaft_values(machine: Machine) -> dict[str, float]:
+    """What no leaf of a transmission holds, or no effect frees, by parameter name: resonance, damping ratio, side."""
+    plant = machine.plant
+    assert isinstance(plant, Transmission)
+    reduced = float(plant.motor_inertia * plant.load_inertia / plant.inertia)
+    ratio = float(plant.damping) / (2.0 * (float(plant.stiffness) * reduced) ** 0.5)
+    return {
+        FREQUENCY.name: float(plant.resonance()),
+        DAMPING_RATIO.name: ratio,
+        LOAD_SIDE.name: float(machine.sensor.load_side),
+    }
 
 
 def _two_mass_start(

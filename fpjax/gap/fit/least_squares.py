@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...blocks.plants.transmission import Transmission
 from ...logs.arrays import Values
 from ..data.setting import Setting
 from ..effects.vocabulary import stiffness_of
@@ -83,9 +84,9 @@ class Fitter(Response):
         if structure == "bristles":
             found.append(BRISTLE if hidden else 0.0)
         if structure == "transmission":
-            values = c.values()
-            twist = LOADED * self.setting.friction / float(stiffness_of(values))
-            found += [twist, twist * 2.0 * np.pi * values["frequency"]] if hidden else [0.0, 0.0]
+            stiffness, frequency = _shaft(c)
+            twist = LOADED * self.setting.friction / stiffness
+            found += [twist, twist * 2.0 * np.pi * frequency] if hidden else [0.0, 0.0]
         return np.array(found)
 
     # --- running
@@ -363,3 +364,12 @@ def _bounded(c: Candidate, matrix: Values, slope: Values, damping: float) -> Val
             break
         step[go] = np.linalg.lstsq(damped[np.ix_(go, go)], -slope[go], rcond=1e-13)[0]
     return step
+
+
+def _shaft(c: Candidate) -> tuple[float, float]:
+    """(stiffness [N m/rad], resonance [Hz]) of a candidate's shaft: its own, or that of two nominal masses."""
+    values, plant = c.values(), c.family.machine.plant
+    if "frequency" in values:
+        return float(stiffness_of(values)), values["frequency"]
+    assert isinstance(plant, Transmission)
+    return float(plant.stiffness), float(plant.resonance())

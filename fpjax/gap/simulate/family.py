@@ -12,7 +12,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...blocks.actuators import AbstractActuator
-from ...blocks.plants import AbstractPlant
+from ...blocks.plants import AbstractPlant, TwoMass
+from ...blocks.plants.transmission import Transmission
 from ...blocks.sensors import AbstractSensor
 from ...compiled.batch import cores
 from ...compiled.threads import on_threads, settings, under
@@ -23,6 +24,7 @@ from ..data.setting import Setting
 from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, EffectParameter, free, leaf
 from ..effects.parameters import NOMINAL, UNBALANCE
+from ..effects.vocabulary import shaft_values
 from ..machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
 from .replay import LANES, STATES, residual_kernel
 from .windows import as_rows
@@ -100,6 +102,8 @@ def make_family(key: Key, nominal: Nominal, effects: tuple[Effect, ...], setting
     known: dict[str, float] = {}
     for effect in fitting:
         known |= _known(effect, machine, setting)
+    if any(e.structure == "transmission" for e in fitting) and isinstance(nominal.plant, TwoMass | Transmission):
+        known |= shaft_values(machine)
     return Family((structure, features), machine, (*always, *fitting), tuple(named.values()), known)
 
 

@@ -241,7 +241,8 @@ def _moved(
         # As much faster as it takes not to stop, but no faster than it was: friction at another speed is another one.
         most = 2.0 * dt * (jnp.abs(free) + machine.law.breakaway(motion)) / machine.plant.inertia
         most = jnp.minimum(most, jnp.abs(measured))
-        behind = behind + side * jnp.maximum(most - side * motion.velocity, 0.0) * jnp.abs(side)
+        rate = machine.sensor.seen(output_of(state))[0] + behind  # of the mass that was measured: the other one swings
+        behind = behind + side * jnp.maximum(most - side * rate, 0.0) * jnp.abs(side)
         following = advance_exact(machine.plant, _turned(state, behind, aside), applied, time, dt, substeps)
         return _turned(following, -behind, -aside - dt * behind)
     following = advance_exact(machine.plant, _turned(state, behind, aside), applied, time, dt, substeps)
