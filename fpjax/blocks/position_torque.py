@@ -1,12 +1,14 @@
 """Torques that repeat with position (cogging, unbalance), and several loads at once."""
 
+import cmath
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from .block import as_parameter
 from .friction.general import fourier
-from .loads import AbstractLoad
+from .loads import AbstractLoad, Unbalance
 from .signals import Motion
 
 
@@ -29,6 +31,18 @@ class PositionTorque(AbstractLoad):
     def readout(self, motion: Motion) -> Array:
         """Load torque [N m]."""
         return fourier(self.cosine, self.sine, self.periods * motion.position)
+
+
+def first_harmonic(load: AbstractLoad) -> complex:
+    """A e^(i phase) [N m] of what a load holds of A sin(position + phase), once a turn, in the kinds of loads here."""
+    if isinstance(load, Loads):
+        return sum(map(first_harmonic, load.parts), 0j)
+    if isinstance(load, Unbalance):
+        return cmath.rect(float(load.amplitude), float(load.phase))
+    if isinstance(load, PositionTorque):
+        numbered = enumerate(zip(load.sine, load.cosine, strict=True), 1)
+        return sum((complex(sine, cosine) for i, (sine, cosine) in numbered if i * float(load.periods) == 1.0), 0j)
+    return 0j
 
 
 class ConstantTorque(AbstractLoad):

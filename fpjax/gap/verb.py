@@ -112,6 +112,10 @@ def _diagnose(
     logs, withheld = everything[: len(logs)], everything[len(logs) :]
     warnings = [sentence for one in everything for sentence in one.warnings]
     warnings += look_at(everything, model)
+    if untried := " and ".join(effect.name for effect in without_place(model, effects)):
+        warnings.append(
+            f"{untried} is not tried: the model file has two masses, and bristles are simulated on one alone."
+        )
     try:
         search = make_search(logs, withheld, model, effects, keep)
         warnings += about_stretches(search.records)
@@ -154,15 +158,20 @@ def make_search(
     if records[0].velocity is None:
         # Without a fitted rate reading its bias, scale, lag and delay change no residual.
         effects = tuple(effect for effect in effects if not on_rate_sensor(effect))
-    if isinstance(model.loop.plant, TwoMass | Transmission):
-        # Bristles between two masses would need a state on either: a rigid mass alone has them.
-        effects = tuple(effect for effect in effects if effect.structure != "bristles")
+    effects = tuple(effect for effect in effects if effect not in without_place(model, effects))
     nominal = Nominal(model.loop.plant, model.loop.actuator, model.loop.sensor)
     arguments = records, nominal, effects, make_setting(records, model)
     if keep is None:
         return Search(*arguments)
     keep.begin(key_of(logs, withheld, model, effects))
     return ResumingSearch(keep, *arguments)
+
+
+def without_place(model: Model, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
+    """Effects that the nominal model has no place for: bristles between two masses would need a state on either."""
+    if not isinstance(model.loop.plant, TwoMass | Transmission):
+        return ()
+    return tuple(effect for effect in effects if effect.structure == "bristles")
 
 
 def allowed_effects(effects: tuple[Effect, ...]) -> tuple[str, ...]:

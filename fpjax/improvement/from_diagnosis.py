@@ -6,6 +6,7 @@ import math
 import os
 import pathlib
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -76,8 +77,11 @@ def same_controller(known: Known, model: Model) -> bool:
             loop = load_model(known.model).loop
     except InputError:  # a text that names a file beside itself, the recorded reference
         return True
-    (old, before), (new, now) = (jax.tree.flatten((one.controller, one.observer)) for one in (loop, model.loop))
-    return before == now and all(np.allclose(a, b, rtol=1e-6, atol=0.0) for a, b in zip(old, new, strict=True))
+    # Both in double precision; a model that was read in single precision has gains rounded to 6e-8.
+    old, new = (
+        jax.tree.map(lambda gain: np.asarray(gain, float), (one.controller, one.observer)) for one in (loop, model.loop)
+    )
+    return bool(eqx.tree_equal(old, new, rtol=1e-6))
 
 
 def about_left(known: Known, torque: float, unit: str) -> str:

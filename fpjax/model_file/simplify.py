@@ -11,7 +11,7 @@ from ..blocks.friction.bristles import Bristles
 from ..blocks.friction.general import GeneralFriction
 from ..blocks.learned import LearnedTorque
 from ..blocks.loads import AbstractLoad, NoLoad, Unbalance
-from ..blocks.position_torque import ConstantTorque, Loads, PositionTorque
+from ..blocks.position_torque import ConstantTorque, Loads, PositionTorque, first_harmonic
 from ..blocks.sensors import AbstractSensor, IdealSensor
 from ..blocks.servo_sensor import ServoSensor
 from ..simulation.loop import ClosedLoop
@@ -123,22 +123,17 @@ def simple_load(load: AbstractLoad) -> AbstractLoad:
 
 def _one_unbalance(parts: list[AbstractLoad]) -> list[AbstractLoad]:
     """The parts with all that turn once a turn as one: a known unbalance and what a fit adds to it is one number."""
-    phasors = {at: phasor for at, part in enumerate(parts) if (phasor := _once_a_turn(part)) is not None}
-    if len(phasors) < 2:
+    turning = [part for part in parts if _is_unbalance(part)]
+    if len(turning) < 2:
         return parts
-    total = sum(phasors.values())
-    whole = Unbalance(abs(total), cmath.phase(total))
-    rest = [part for at, part in enumerate(parts) if at not in phasors]
-    return rest if _zero(whole.amplitude) else [whole, *rest]
+    amplitude, phase = cmath.polar(first_harmonic(Loads(tuple(turning))))
+    rest = [part for part in parts if not _is_unbalance(part)]
+    return rest if amplitude == 0.0 else [Unbalance(amplitude, phase), *rest]
 
 
-def _once_a_turn(part: AbstractLoad) -> complex | None:
-    """A e^(i phase) [N m] of a load A sin(position + phase); None for any other."""
-    if isinstance(part, Unbalance):
-        return cmath.rect(float(part.amplitude), float(part.phase))
-    if isinstance(part, PositionTorque) and len(part.cosine) == 1 and float(part.periods) == 1.0:
-        return complex(float(part.sine[0]), float(part.cosine[0]))
-    return None
+def _is_unbalance(part: AbstractLoad) -> bool:
+    one = isinstance(part, PositionTorque) and len(part.cosine) == 1 and float(part.periods) == 1.0
+    return one or isinstance(part, Unbalance)
 
 
 def simple_actuator(actuator: AbstractActuator) -> AbstractActuator:

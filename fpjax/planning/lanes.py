@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..gap.effects.vocabulary import stiffness_of
 from ..gap.simulate.family import Family
 from ..gap.simulate.replay import STATES
 from .machines import Shop, Variant
@@ -94,12 +95,8 @@ def _state_deviations(shop: Shop, family: Family, variant: Variant) -> list[floa
         found.append(SHARE_DEVIATION)
     if family.key[0] == "transmission":
         values = family.neutral_values(setting) | dict(variant.values)
-        stiffness = _stiffness(values)
-        found += [0.3 * (setting.friction + setting.torque) / stiffness + 0.3 * values["gap"], 0.02 * setting.speed]
+        found += [
+            0.3 * (setting.friction + setting.torque) / stiffness_of(values) + 0.3 * values["gap"],
+            0.02 * setting.speed,
+        ]
     return found
-
-
-def _stiffness(values: dict[str, float]) -> float:
-    """The shaft's stiffness [N m/rad] from its resonance (3.15): k = (2 pi f)^2 J_m J_l / J, J_l = s J."""
-    share = values["load_share"]
-    return values["inertia"] * share * (1.0 - share) * (2.0 * np.pi * values["frequency"]) ** 2

@@ -8,7 +8,8 @@ from math import isfinite, nan
 
 import numpy as np
 
-from ..gap.data.setting import SMALL_FRICTION, Setting, once_a_turn, turns_with_position
+from ..blocks.position_torque import first_harmonic
+from ..gap.data.setting import SMALL_FRICTION, Setting, turns_with_position
 from ..gap.effects.effect import Effect
 from ..gap.effects.estimate import Estimate
 from ..gap.effects.parameters import ORIGIN, UNBALANCE
@@ -155,7 +156,7 @@ def make_shop(model: Model, limits: Limits, torque: float, window: float) -> Sho
         effort=torque + nominal["inertia"] * limits.acceleration,
         nominal={name: nominal[name] for name in NOMINAL},
         unknown_origin=integrated and turns_with_position(load),
-        turning_load=0.0 if integrated else once_a_turn(load),
+        turning_load=0.0 if integrated else abs(first_harmonic(load)),
     )
     return Shop(model, setting, {})
 

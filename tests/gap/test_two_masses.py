@@ -77,4 +77,5 @@ def test_what_is_missing_beside_the_shaft_is_found_with_its_size(log, effects):
     found = fp.diagnose(log, without, effects=effects)
     assert found.causes == ("stribeck",)
     assert found.ranking[0].parameters["stribeck_torque"].value == pytest.approx(EXTRA, rel=0.03)
+    assert any("presliding is not tried" in warning for warning in found.warnings) == (effects is FEW)
     assert all(entry.effect != "presliding" for entry in found.ranking)

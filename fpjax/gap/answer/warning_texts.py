@@ -38,7 +38,7 @@ def load_error(fit: Fit, setting: Setting, *, written: bool) -> list[str]:
     if set(c.load_error) & set(c.at_bound()):
         return [
             f"The known load of the model file is off by {amount:.3g} {unit} ({100 * share:.2g} % of its amplitude), "
-            "the most that counts as right: an unbalance is likely. Check its amplitude and its angle."
+            "at the bound of what counts as right: an unbalance is likely. Check its amplitude and its angle."
         ]
     if share < SPIKE:
         return []

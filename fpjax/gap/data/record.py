@@ -51,7 +51,6 @@ class Record:
             the reading's without an encoder.
         followed_noise: standard deviation of `followed` [rad/s].
         smoothing: samples on either side that an encoder's rate is smoothed over; 0 without an encoder.
-        integrated: whether `angle` is an integral, whose zero no sensor measures.
         starts: first sample of each window, shape (windows,).
         samples: length of every window.
         withheld: whether a window is never fitted, shape (windows,), bool.
@@ -76,12 +75,16 @@ class Record:
     followed: Float[Values, " samples"]
     followed_noise: float
     smoothing: int
-    integrated: bool
     starts: Int[Values, " windows"]
     samples: int
     withheld: Bool[Values, " windows"]
     runs: Float[Values, " windows"]
     recorded: int
+
+    @property
+    def integrated(self) -> bool:
+        """Whether `angle` is an integral, whose zero no sensor measures."""
+        return self.position is None
 
     @property
     def channels(self) -> tuple[bool, bool]:
@@ -246,7 +249,6 @@ def _record(
         followed[kept],
         followed_noise,
         smoothing,
-        position is None,
         starts,
         samples,
         withheld,

@@ -7,10 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...blocks.loads import AbstractLoad
+from ...blocks.position_torque import first_harmonic
 from ...blocks.signals import Motion
-from ...logs.arrays import Values
 from ...model_file import Model, Units
-from ...model_file.body import flat_loads
 from .record import Record
 
 SMALL_FRICTION = 0.02  # of the largest torque: a nominal Coulomb level below it (zero, say) is no scale for friction
@@ -91,30 +90,12 @@ def make_setting(records: list[Record], model: Model) -> Setting:
         nominal={"inertia": values["inertia"], "coulomb": coulomb, "viscous": viscous},
         units=replace(model.units, motion="linear") if longest.linear else model.units,
         unknown_origin=longest.integrated and turns_with_position(load),
-        turning_load=0.0 if longest.integrated else once_a_turn(load),
+        turning_load=0.0 if longest.integrated else abs(first_harmonic(load)),
     )
 
 
 def turns_with_position(load: AbstractLoad) -> bool:
     """Whether a known load depends on the position."""
     # No load with a whole number of periods a revolution is equal at these three angles.
-    return float(np.ptp(_at(load, np.array([0.0, 0.7, 1.9])))) > 0.0
-
-
-def once_a_turn(load: AbstractLoad) -> float:
-    """Amplitude of a known load's first harmonic over a turn [N m], of the parts that repeat from turn to turn."""
-    # 360 angles: exact for loads of fewer than 359 periods a turn.
-    angle = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
-    parts = [(_at(part, angle), _at(part, angle + 2.0 * np.pi)) for part in flat_loads(load)]
-    largest = max((float(np.max(np.abs(torque))) for torque, _ in parts), default=0.0)
-    least = 1e-5 * largest  # rounding is no load
-    # A ripple of 6.5 periods a turn has no harmonic: over one turn it would have a false one.
-    torque = sum((torque for torque, later in parts if np.max(np.abs(later - torque)) <= least), np.zeros(len(angle)))
-    amplitude = float(2.0 * np.abs(np.mean(torque * np.exp(-1j * angle))))
-    return amplitude if amplitude > least else 0.0
-
-
-def _at(load: AbstractLoad, angle: Values) -> Values:
-    """Torque of a load at rest [N m] at angles [rad], shape (angles,)."""
-    rest = jnp.zeros(len(angle))
-    return np.asarray(load.readout(Motion(rest, jnp.asarray(angle), rest)))
+    angle, rest = jnp.array([0.0, 0.7, 1.9]), jnp.zeros(3)
+    return float(np.ptp(load.readout(Motion(rest, angle, rest)))) > 0.0

@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...blocks.actuators import AbstractActuator
-from ...blocks.plants import AbstractPlant, TwoMass
-from ...blocks.plants.transmission import Transmission
+from ...blocks.plants import AbstractPlant
 from ...blocks.sensors import AbstractSensor
 from ...compiled.batch import cores
 from ...compiled.threads import on_threads, settings, under
@@ -92,6 +91,7 @@ def make_family(key: Key, nominal: Nominal, effects: tuple[Effect, ...], setting
     machine = nominal_machine(nominal.plant, nominal.actuator, nominal.sensor, features)
     # The deflection is the neutral value of `bristle_deflection` (2 ms of travel at top speed), with which `_known`
     # compares it. The resonance, a tenth of the sampling frequency, is replaced by the value of every candidate.
+    has_shaft = structure_of(machine) == "transmission"
     machine = with_structure(machine, structure, 0.1 / setting.dt, 2e-3 * setting.speed)
     structure = structure_of(machine)
     fitting = tuple(e for e in effects if e.structure in ("rigid", structure) and set(e.features) <= set(features))
@@ -102,7 +102,7 @@ def make_family(key: Key, nominal: Nominal, effects: tuple[Effect, ...], setting
     known: dict[str, float] = {}
     for effect in fitting:
         known |= _known(effect, machine, setting)
-    if any(e.structure == "transmission" for e in fitting) and isinstance(nominal.plant, TwoMass | Transmission):
+    if has_shaft:
         known |= shaft_values(machine)
     return Family((structure, features), machine, (*always, *fitting), tuple(named.values()), known)
 
