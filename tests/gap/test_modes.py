@@ -125,8 +125,9 @@ def test_the_sensors_noise_is_told_from_a_torque():
 
 @pytest.mark.parametrize("white", [True, False])
 @pytest.mark.parametrize("rate_noise", [0.0, 2e-3])
-def test_the_cost_is_that_of_every_coefficient_with_its_tiles_burst_integrated_out(rate_noise, white):
-    modes = make_modes(SAMPLES, DT, INERTIA, rate_noise, ANGLE_NOISE)
+@pytest.mark.parametrize("most", [0, 16])  # of 16 modes every tile has four atoms
+def test_the_cost_is_that_of_every_coefficient_with_its_tiles_burst_integrated_out(most, rate_noise, white):
+    modes = make_modes(SAMPLES, DT, INERTIA, rate_noise, ANGLE_NOISE, most)
     rng = np.random.default_rng(7)
     level, noise = modes.levels[rng.integers(20, 40, modes.bands), np.arange(modes.bands)], np.array([1.0, 4.0, 1.0])
     c = rng.standard_normal((3, len(modes.flat))) * np.sqrt(noise[:, None] + level[modes.band] ** 2 * modes.flat)

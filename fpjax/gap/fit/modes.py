@@ -272,12 +272,11 @@ class Modes:
                     )
                 continue
             here, part = squares[rows], found[:, rows]
-            for tiles, own in atoms.by_order:
-                if len(tiles) == part.shape[2]:
-                    np.multiply(here[:, own], sharper[:, None, own], out=part)
-                    part += logs[:, None, own]
-                else:
-                    part[:, :, tiles] += here[:, own] * sharper[:, None, own] + logs[:, None, own]
+            (_, own), *more = atoms.by_order  # the first atom of every tile
+            np.multiply(here[:, own], sharper[:, None, own], out=part)
+            part += logs[:, None, own]
+            for tiles, own in more:
+                part[:, :, tiles] += here[:, own] * sharper[:, None, own] + logs[:, None, own]
         return found
 
     @functools.cached_property

@@ -203,7 +203,7 @@ def _driven(
             twist = sign * (position - place)
             relative = sign * (velocity - moving)
             # A known load acts on the load side: where that is measured, its motion holds it already.
-            held = plant.load.readout(Motion(velocity, position + machine.origin, jnp.zeros_like(position)))
+            held = plant.load.readout(Motion(velocity, position + machine.origin, jnp.zeros_like(position), plain))
             held = jnp.where(on_load, 0.0, held)
             shaft = mean_shaft(plant, twist, relative, (plain + held) / inertia, 1.0 / inertia, h)
             mean = mean + shaft / substeps
