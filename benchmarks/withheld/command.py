@@ -23,8 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--truth", default="1,2", help="generators, by commas (default 1,2)")
     parser.add_argument(
         "--seeds", type=int, nargs="+", default=[1], metavar="N",
-        help="one number: that many seeds of the half (default 1); several: these seeds",
+        help="one number: the first so many seeds of the half (default 1); several: these very seeds",
     )  # fmt: skip
+    parser.add_argument("--seed", type=int, nargs="+", metavar="N", help="these very seeds, one or several")
     parser.add_argument("--skip", type=int, default=0, help="first seeds of the half to leave out, once looked at")
     parser.add_argument("--half", default="reported", choices=("development", "reported"))
     parser.add_argument("--sets", default=",".join(SETS), help="sets of cases, by commas")
@@ -51,16 +52,19 @@ def seeds_wanted(args: argparse.Namespace) -> list[int]:
     """The seeds that are meant."""
     if args.skip < 0:
         raise InputError(f"--skip must not be negative, got {args.skip}.")
-    if len(args.seeds) == 1:
+    if args.seed is not None and (args.seeds != [1] or args.skip):
+        raise InputError("--seed names the seeds themselves; drop --seeds and --skip.")
+    if args.seed is None and len(args.seeds) == 1:
         if args.seeds[0] < 1:
             raise InputError(f"--seeds must be at least 1, got {args.seeds[0]}.")
         return seeds_of(args.half, args.seeds[0], args.skip)
-    for seed in args.seeds:
+    option, seeds = ("--seeds", args.seeds) if args.seed is None else ("--seed", args.seed)
+    for seed in seeds:
         if seed < 0 or split(seed) != args.half:
             raise InputError(
-                f"--seeds: {seed} is not of the {args.half} half; development seeds are even, reported ones odd."
+                f"{option}: {seed} is not of the {args.half} half; development seeds are even, reported ones odd."
             )
-    return args.seeds
+    return sorted(set(seeds))
 
 
 def cases_wanted(args: argparse.Namespace) -> list[Identity]:
@@ -91,6 +95,8 @@ def cases_wanted(args: argparse.Namespace) -> list[Identity]:
 def run(args: argparse.Namespace) -> int:
     """Generate what is missing, diagnose what is missing, score everything."""
     wanted = cases_wanted(args)
+    seeds = sorted({one.seed for one in wanted})
+    print(f"{len(wanted)} cases of {'seed' if len(seeds) == 1 else 'seeds'} {', '.join(map(str, seeds))}")
     periods = QUICK[1] if args.quick else PERIODS
     if args.write is not None:
         from .export import write_collection

@@ -29,6 +29,8 @@ class Thresholds:
         immaterial: missing torque left, of the nominal model's [1], below which no further cause is looked for.
         bases: effects, the most likely ones alone, beside which others are tried; up to twice as many where the next
             are within `sure` of them.
+        gross: missing torque of a window over that of the median one [1], above which models are not compared on it if
+            none of them takes half of its energy.
         most_causes: effects in a model, wrong nominal numbers not counted.
         nothing: missing torque of the nominal model, of the commanded torque's rms [1], below which there is no gap;
             of several logs, in each of them.
@@ -68,6 +70,7 @@ class Thresholds:
         twist: of the travel [1], by which friction alone may wind up a shaft.
         ripple: of the sampling frequency [1], above which a torque that repeats with the position mostly passes too
             fast to be told.
+        clearance: standard deviations of a backlash's gap [1], up to which it may be none.
         swallowed: of the largest commanded torque [1], the widest dead zone of an actuator.
         reading: error of the velocity reading, of the speed's rms [1], from which on it is told.
         wrong_number: log prior odds that one nominal number is wrong [1].
@@ -105,6 +108,7 @@ class Thresholds:
     adds: float = 0.2
     immaterial: float = 0.15
     bases: int = 2
+    gross: float = 4.0
     most_causes: int = 3
     nothing: float = 0.01
     slight: float = 0.03
@@ -133,6 +137,7 @@ class Thresholds:
     behind: float = 0.5
     twist: float = 0.2
     ripple: float = 0.3
+    clearance: float = 2.0
     swallowed: float = 0.5
     reading: float = 0.01
     wrong_number: float = -1.0

@@ -107,7 +107,7 @@ class Shop:
 
         def spread(name: str) -> float:
             if name in errors:
-                return SPIKE * self.setting.turning_load
+                return SPIKE * abs(self.setting.turning_load)
             parameter = family.parameters[family.index(name)]
             return WIDE * (parameter.high(self.setting) - parameter.low(self.setting))
 
@@ -156,7 +156,7 @@ def make_shop(model: Model, limits: Limits, torque: float, window: float) -> Sho
         effort=torque + nominal["inertia"] * limits.acceleration,
         nominal={name: nominal[name] for name in NOMINAL},
         unknown_origin=integrated and turns_with_position(load),
-        turning_load=0.0 if integrated else abs(first_harmonic(load)),
+        turning_load=0.0 if integrated else first_harmonic(load),
     )
     return Shop(model, setting, {})
 
@@ -220,7 +220,6 @@ RENAMED = {
     "quadratic_drag": {"coefficient": "drag_coefficient"},
     "position_dependent_friction": {"amplitude": "ripple_cosine_1", "periods": "ripple_periods"},
     "cogging": {"amplitude": "cogging_cosine_1", "periods": "cogging_periods"},
-    "unbalance": {"amplitude": "unbalance_cosine"},
     "actuator_lag": {"time_constant": "actuator_lag"},
     "velocity_lag": {"time_constant": "velocity_lag"},
     "actuator_delay": {"delay": "actuator_delay"},
@@ -241,6 +240,11 @@ def _values(effect: Effect, told: Mapping[str, float], shop: Shop) -> Values:
             up, down = (told.get(f"{number}_{side}", nominal[number]) for side in ("positive", "negative"))
             found |= {number: 0.5 * (up + down), f"{number}_difference": 0.5 * (up - down)}
         return found
+    if effect.name == "unbalance" and "amplitude" in told:
+        # The whole weight is reported, and added to a known one is the rest of it, at the same angle.
+        known = complex(shop.setting.turning_load)
+        rest = (told["amplitude"] - abs(known)) * (known / abs(known) if known else 1j)
+        return {"unbalance_sine": rest.real, "unbalance_cosine": rest.imag}
     names = {p.name for p in (*effect.parameters, *effect.fixed)}
     renamed = {RENAMED.get(effect.name, {}).get(name, name): value for name, value in told.items()}
     found = {name: value for name, value in renamed.items() if name in names}

@@ -74,6 +74,8 @@ def test_a_limit_of_three_is_not_three_errors_of_one_kind(tmp_path, capsys, monk
         (["--truth", "3"], "'3' is not one of 1, 2"),
         (["--seeds", "0"], "--seeds must be at least 1, got 0"),
         (["--seeds", "3", "4"], "4 is not of the reported half"),
+        (["--seed", "4"], "--seed: 4 is not of the reported half"),
+        (["--seed", "3", "--seeds", "2"], "drop --seeds and --skip"),
         (["--limit", "0"], "--limit must be at least 1, got 0"),
         (["--minutes", "0"], "--minutes must be positive, got 0"),
         (["--sets", "single", "--sensors", "encoder", "--systems", "hobby", "--truth", "1"], "no case has"),
@@ -85,6 +87,16 @@ def test_bad_options_are_one_sentence(tmp_path, capsys, words, said):
     printed = capsys.readouterr().err
     assert said in printed
     assert printed.count("\n") == 1
+
+
+def test_the_seeds_that_are_meant_are_printed(tmp_path, capsys, monkeypatch):
+    """A number of seeds was read as a seed: 40 cases of "seed 13" were those of thirteen seeds, many met before."""
+    monkeypatch.setattr("benchmarks.withheld.command.generate", lambda *_: 0)
+    monkeypatch.setattr("benchmarks.withheld.command.read_labels", lambda *_: [])
+    monkeypatch.setattr(judge, "score_all", lambda *_: None)
+    for words, said in ((["--seed", "13"], "of seed 13\n"), (["--seeds", "2"], "of seeds 1, 3\n")):
+        assert main(["withheld", "--out", str(tmp_path), "--score-only", *words]) == 0
+        assert said in capsys.readouterr().out
 
 
 def test_a_collection_keeps_the_reported_halfs_answers_apart(tmp_path, capsys):

@@ -8,14 +8,11 @@ import pytest
 from fpjax.gap import EFFECTS
 from fpjax.gap.answer import warning_texts
 from fpjax.gap.answer.insignificant import insignificant_causes
+from fpjax.gap.data.setting import Setting
 from fpjax.gap.select.detectability import resolved
-from fpjax.model_file import Units
 
 BY_NAME = {effect.name: effect for effect in EFFECTS}
-SETTING = SimpleNamespace(
-    inertia=4.8, coulomb=2.0, viscous=0.1, torque=10.0, travel=6.0, friction=2.0, speed=5.0, dt=1e-3,
-    units=Units(),
-)  # fmt: skip
+SETTING = Setting(4.8, 2.0, 0.1, friction=2.0, speed=5.0, torque=10.0, travel=6.0, duration=10.0, dt=1e-3)
 
 
 def fitted(values, *, effects=(), wide=(), bounds=()):
@@ -71,6 +68,15 @@ def test_large_torques_that_cancel_something_are_no_candidates():
     assert not resolved(search, fitted(friction | {"coulomb_difference": -2.5}, effects=("asymmetric_friction",)))
     # A friction of none is at its bound too, and is no torque that cancels another.
     assert resolved(search, fitted(values | {"stribeck_torque": 0.0}, effects=effects, bounds=("stribeck_torque",)))
+
+
+@pytest.mark.parametrize(("deviation", "shown"), [(0.003, True), (0.01, False)])
+def test_a_backlash_whose_gap_may_be_none_is_a_spring_of_stiff_faces(deviation, shown):
+    search = SimpleNamespace(setting=SETTING, records=[SimpleNamespace(speed=np.full(100, 3.0))])
+    fit = fitted({"gap": 0.012, "frequency": 20.0}, effects=("backlash",))
+    fit.candidate.normal = np.diag([deviation**-2, 1.0])
+    fit.candidate.spread = np.array([1.0, 1.0])
+    assert resolved(search, fit) == shown
 
 
 def gap(before):

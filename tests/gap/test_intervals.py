@@ -7,6 +7,7 @@ import pytest
 
 from fpjax.gap import Estimate
 from fpjax.gap.answer import insignificant, intervals
+from fpjax.gap.data.setting import Setting
 from fpjax.gap.fit.make_modes import make_modes
 
 
@@ -59,5 +60,6 @@ def test_a_size_that_may_be_nothing_is_not_shown(monkeypatch, low, value, high, 
     effects = [SimpleNamespace(name=name) for name in ("backlash", "asymmetric_friction")]
     family = SimpleNamespace(parameters=[])
     fit = SimpleNamespace(candidate=SimpleNamespace(effects=effects, family=family, free=(), wide=frozenset()))
-    found = insignificant.insignificant_causes(None, fit, np.zeros((1, 1)))
+    search = SimpleNamespace(setting=Setting(1.0, 0.1, 0.1, 0.1, 1.0, 1.0, 1.0, 1.0, 1e-3))
+    found = insignificant.insignificant_causes(search, fit, np.zeros((1, 1)))
     assert found == (frozenset({"backlash"}) if hidden else frozenset())

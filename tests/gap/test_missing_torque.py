@@ -83,14 +83,49 @@ def test_what_a_sluggish_model_leaves_is_read_as_the_larger_torque_that_it_is(ha
     # Mass and gain in proportion move alike, and are judged alike.
     assert scale(hanging, inertia=2.0 * own.inertia, viscous=2.0 * own.viscous, gain=2.0)[0] == pytest.approx(1.0)
     # The volume of torques counts where a torque is seen above the noise, and is not small beside the inertial torque.
-    count = len(fitter.modes.gain)
-    assert fitter.log_volume(c, np.zeros(count)) == 0.0
-    assert fitter.log_volume(c, np.where(fitter.modes.sensor, 0.0, 3.0)) > 0.0
-    few, many = (fitter.torques(replace(c, level=np.full(fitter.modes.bands, q)), hanging.train) for q in (1e-4, 1e3))
+    torques = np.where(fitter.modes.sensor, 0.0, 3.0)
+    nothing = np.zeros_like(torques)
+    light = scale(hanging, inertia=0.5 * own.inertia)[2]
+    assert fitter.log_volume(c, np.stack([nothing, nothing])) == 0.0
+    for made, imposed in ((torques, nothing), (nothing, torques)):
+        assert fitter.log_volume(c, np.stack([made, imposed])) > 0.0
+        # Where a motion is imposed, a light mass is not favoured for answering more.
+        assert (fitter.log_volume(light, np.stack([made, imposed])) < 0.0) == bool(np.any(made))
+    few, some = (fitter.torques(replace(c, level=np.full(fitter.modes.bands, q)), hanging.train) for q in (1e-9, 0.1))
     windows = sum(len(chosen) for chosen in hanging.train)
-    # A level far below the noise counts no torque, one far above it counts nearly every window.
-    assert few[0] < 0.01 * windows
-    assert many[0] > 0.9 * windows
+    # A level far below the noise counts no torque; where the torque makes the motion, half of the windows count.
+    assert np.max(few[:, 0]) < 0.01 * windows
+    assert 0.4 * windows < some[0, 0] <= 0.5 * windows
+    assert some[1, 0] < 0.1 * windows
+
+
+def chatter(seed, seconds=12.0):
+    """A torque of 1 N m rms that changes every 20 ms, by sample of 1 ms."""
+    return np.repeat(np.random.default_rng(seed).standard_normal(round(seconds * 50)), 20)
+
+
+def test_a_torque_error_is_as_likely_in_the_command_as_at_the_mass():
+    """It bends the fitted inertia by as much either way: up where the log alone holds it, down where it acts."""
+    error, time = 0.5 * chatter(6), 1e-3 * np.arange(12000)
+    machine = numpy_machine.Machine(kp=0.0, ki=0.0)
+    run = {
+        "seconds": 12.0,
+        "sensors": ("position",),
+        "feedforward": chatter(5) + 2.0 * np.sin(2.0 * np.pi * 1.3 * time),
+    }
+    log = numpy_machine.record(machine, **run)
+    logs = (
+        replace(log, torque=log.torque + error),
+        numpy_machine.record(machine, **run, extra=lambda time, speed, angle, command: error[int(1e3 * time + 1e-3)]),
+    )
+    heavier, lighter = (
+        search.base.values()["inertia"] / search.setting.inertia for search in map(gap_search.search_of, logs)
+    )
+    # A regression of one on the other would err by 12 % and more in one of the two: the error has a quarter of the
+    # chatter's energy.
+    assert 1.0 < heavier < 1.1
+    assert 0.9 < lighter < 1.0
+    assert heavier * lighter == pytest.approx(1.0, abs=0.02)
 
 
 def test_a_log_that_is_quiet_but_for_a_few_pushes_has_a_gap():

@@ -1,10 +1,12 @@
 """The likelihood of an unknown torque: levels are found, events stay events, and a weighted step lowers the cost."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fpjax.gap.fit.make_modes import make_modes
-from fpjax.gap.fit.modes import BURST_SCALE, BURSTS
+from fpjax.gap.fit.modes import COMPARED, FITTED, bursts
 
 SAMPLES, DT, INERTIA, ANGLE_NOISE, RATE_NOISE = 200, 1e-3, 0.05, 2e-5, 3e-3
 
@@ -123,19 +125,31 @@ def test_the_sensors_noise_is_told_from_a_torque():
     assert modes.best_noise(np.ones(40), noisy) == pytest.approx(3.0, rel=0.1)
 
 
+def test_light_tails_have_no_bursts_below_the_level():
+    for tails, least in ((COMPARED, -5.0), (FITTED, 0.0)):
+        factors, law = bursts(tails)
+        assert factors[0] == least
+        assert factors[-1] == 20.0
+        assert np.sum(law) == pytest.approx(1.0)
+        # Each factor of two costs log(2) / tails; the grid's spacing is one there.
+        assert law[factors == 2.0] == pytest.approx(law[factors == 1.0] * 2.0 ** (-1.0 / tails))
+
+
 @pytest.mark.parametrize("white", [True, False])
+@pytest.mark.parametrize("tails", [FITTED, COMPARED])
 @pytest.mark.parametrize("rate_noise", [0.0, 2e-3])
 @pytest.mark.parametrize("most", [0, 16])  # of 16 modes every tile has four atoms
-def test_the_cost_is_that_of_every_coefficient_with_its_tiles_burst_integrated_out(most, rate_noise, white):
+def test_the_cost_is_that_of_every_coefficient_with_its_tiles_burst_integrated_out(most, rate_noise, tails, white):
     modes = make_modes(SAMPLES, DT, INERTIA, rate_noise, ANGLE_NOISE, most)
+    modes = replace(modes, tails=tails, unanswered=np.where(np.arange(modes.bands) == 2, 0.3, 0.0))
     rng = np.random.default_rng(7)
     level, noise = modes.levels[rng.integers(20, 40, modes.bands), np.arange(modes.bands)], np.array([1.0, 4.0, 1.0])
-    c = rng.standard_normal((3, len(modes.flat))) * np.sqrt(noise[:, None] + level[modes.band] ** 2 * modes.flat)
+    still = noise[:, None] + modes.unanswered[modes.band] ** 2 * modes.flat
+    c = rng.standard_normal((3, len(modes.flat))) * np.sqrt(still + level[modes.band] ** 2 * modes.flat)
     group = modes.sensor.astype(int) if white else modes.tile
-    variance = noise[:, None, None] + (level[modes.band] ** 2 * modes.flat)[:, None] * 4.0 ** BURSTS.astype(float)
+    factors, law = bursts(tails)
+    variance = still[:, :, None] + (level[modes.band] ** 2 * modes.flat)[:, None] * 4.0**factors
     each = c[:, :, None] ** 2 / variance + np.log(variance)
-    law = np.exp(-np.abs(BURSTS) * np.log(2.0) / BURST_SCALE) * np.gradient(BURSTS.astype(float))
-    law /= np.sum(law)
     cost, precision = np.zeros(3), np.empty_like(c)
     for one in np.unique(group):
         own = group == one

@@ -166,7 +166,7 @@ def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_wha
         return SimpleNamespace(candidate=candidate, evidence=990.0, missing_rms=lambda windows: left)
 
     chosen = decision.Weighed(fit(("stribeck",), ("inertia", "coulomb"), [], 0.1), 1000.0, 1000.0, 0.1)
-    exact = decision.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows: 1.0))
+    exact = decision.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows: 1.0), ())
     monkeypatch.setattr(decision, "resolved", lambda search, fit: True)
     for bound, told in (([], ("stribeck", "torque_gain_error")), (["inertia"], ("stribeck",))):
         factor = fit(("stribeck", "torque_gain_error"), (), bound, 0.1)

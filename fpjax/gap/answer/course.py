@@ -49,23 +49,21 @@ def course_of(search: Search, fit: Fit, which: int) -> Course:
     windows = np.arange(len(record.starts))
     # Shapes: c (windows, modes), torque and variance (windows, samples). Modes that hold no torque, only a disagreement
     # of the two sensors, are left out.
-    share = np.where(modes.sensor, 0.0, search.band)
-    root = np.where(modes.sensor | (modes.gain <= 0.0), 0.0, share / np.sqrt(np.maximum(modes.gain, 1e-300)))
-    root = root * fitter.torque_scale(fit.candidate)
+    root = search.measure.root(fitter.noise[which][windows], fitter.torque_scale(fit.candidate))
     c = modes.plain(fitter.coefficients([fit.candidate], which, windows)[0])
-    noise = search.real_noise * fitter.noise[which][windows]
+    noise = modes.variance(search.real_noise * fitter.noise[which][windows])
     # The residual is simulated minus measured, so that the torque that the model lacks has the opposite sign.
     torque = -(c * root) @ modes.torque.T
-    variance = noise[:, None] * (modes.torque**2 @ root**2)
+    variance = (noise * root**2) @ (modes.torque**2).T
     place = record.starts[:, None] + np.arange(record.samples)
     found, spread = (np.full(len(record.time), np.nan) for _ in range(2))
     found[place], spread[place] = torque, variance
     torques = ~modes.sensor
-    weight = root[torques] ** 2 / record.samples
+    weight = root[:, torques] ** 2 / record.samples
     # Of white noise of variance s^2: E c^2 = s^2 is taken off, var(c^2) = 2 s^4.
-    power = weight * np.mean(c[:, torques] ** 2 - noise[:, None], axis=0)
-    deviation = weight * float(np.sqrt(2.0 * np.sum(noise**2))) / len(noise)
+    power = np.mean(weight * (c[:, torques] ** 2 - noise[:, torques]), axis=0)
+    deviation = np.sqrt(2.0 * np.sum((weight * noise[:, torques]) ** 2, axis=0)) / len(noise)
     # Degrees of freedom of the filtered noise, (sum of variances)^2 / sum of their squares (Satterthwaite), per sample.
-    whole = np.sum(root**2)
-    independent = float(whole**2 / max(np.sum(root**4), 1e-300)) / record.samples
+    usual = np.mean(root**2, axis=0)
+    independent = float(np.sum(usual) ** 2 / max(np.sum(usual**2), 1e-300)) / record.samples
     return Course(found, spread, modes.frequency[torques], power, deviation, min(max(independent, 1e-6), 1.0))

@@ -85,4 +85,5 @@ def _energy(search: Search, smoother: Smoother, fit: Smooth) -> float:
 
     Without this weight, noise of differentiation at high frequencies would decide which variable is dominant.
     """
-    return smoother.energy(fit, search.moves * search.band**2)
+    plain = np.ones(len(search.modes.gain))
+    return smoother.energy(fit, search.moves * search.measure.weight(smoother.windows.noise, plain))

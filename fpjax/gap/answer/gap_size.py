@@ -103,13 +103,12 @@ def noise_floor(search: Search, windows: Sequence[Values] | None = None) -> floa
 
     modes, windows = search.modes, search.withheld if windows is None else windows
     fitter = search.fitters[search.exact.family.key]
-    noise = search.real_noise * np.concatenate([n[w] for n, w in zip(fitter.noise, windows, strict=True)])
+    noise = np.concatenate([n[w] for n, w in zip(fitter.noise, windows, strict=True)])
     if not len(noise):
         return float("nan")
-    alive = ~modes.sensor & (modes.gain > 0.0)
-    weight = search.band[alive] ** 2 / modes.gain[alive] / search.records[0].samples / len(noise)
-    mean = np.sum(weight) * np.sum(noise)
-    square = np.sum(weight**2) * np.sum(noise**2)
+    weight = search.measure.weight(noise, np.ones(len(modes.gain)))
+    weight = weight * modes.variance(search.real_noise * noise) / len(noise)
+    mean, square = float(np.sum(weight)), float(np.sum(weight**2))
     if not square > 0.0:
         return 0.0
     # scale x chi-square of `degrees`: mean = scale x degrees, variance = 2 square = 2 scale^2 x degrees. chdtri inverts

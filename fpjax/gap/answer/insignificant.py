@@ -1,6 +1,7 @@
 """Effects of a model whose size cannot be distinguished from zero, so that they are not asserted."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -46,11 +47,12 @@ def insignificant_causes(search: Search, fit: Fit, spread: np.ndarray) -> frozen
         spread: covariance of its free parameters (`intervals.covariance`), shape (free, free).
     """
     c, found = fit.candidate, set()
+    added = replace(search.setting, turning_load=0.0)  # an unbalance by what it adds to a known one
     for effect in c.effects:
         neutral = 1.0 if effect.name in FACTORS else 0.0
         name = (FACTORS if effect.name in FACTORS else SIZES).get(effect.name)
         if name is not None:
-            size = estimates(search, fit, effect, spread)[name]
+            size = estimates(search, fit, effect, spread, added)[name]
             # A size that ended at its bound has no interval: it is neutral only if it is exactly the neutral value.
             known = math.isfinite(size.low) and math.isfinite(size.high)
             if (size.low <= neutral <= size.high) if known else size.value == neutral:

@@ -7,6 +7,7 @@ import numpy as np
 from ...analysis.verdicts import PARALLEL_POSTERIOR, traded_with
 from ...logs.arrays import Values
 from ...model_file import Units
+from ..data.setting import Setting
 from ..effects.effect import Effect
 from ..effects.estimate import NINETY, Estimate
 from ..fit.candidate import Candidate, Fit
@@ -60,7 +61,9 @@ def at_bound(c: Candidate) -> Values:
     return np.array([c.family.parameters[i].name in names for i in c.free], bool)
 
 
-def estimates(search: Search, fit: Fit, effect: Effect, spread: Values | None) -> dict[str, Estimate]:
+def estimates(
+    search: Search, fit: Fit, effect: Effect, spread: Values | None, setting: Setting | None = None
+) -> dict[str, Estimate]:
     """The reported parameters of one effect with 90 % intervals, by the delta method.
 
     Args:
@@ -68,17 +71,18 @@ def estimates(search: Search, fit: Fit, effect: Effect, spread: Values | None) -
         fit: with the effect in.
         effect: whose parameters are reported.
         spread: covariance of the free parameters; None for no intervals.
+        setting: what the parameters are reported for; None for that of the search.
     """
-    c = fit.candidate
-    values, units = c.values(), search.setting.units
-    center = effect.describe(values, search.setting)
+    c, setting = fit.candidate, setting or search.setting
+    values, units = c.values(), setting.units
+    center = effect.describe(values, setting)
     if spread is None:
         return {key: Estimate(value, unit=units.name(unit)) for key, (value, unit) in center.items()}
     names = [c.family.parameters[i].name for i in c.free]
     gradients = {name: np.zeros(len(names)) for name in center}
     for j, name in enumerate(names):
         h = 1e-4 * c.scale[j]  # forward difference; `describe` is smooth, and 1e-4 is far above rounding
-        moved = effect.describe(values | {name: values[name] + h}, search.setting)
+        moved = effect.describe(values | {name: values[name] + h}, setting)
         for key in center:
             gradients[key][j] = (moved[key][0] - center[key][0]) / h
     bounded = at_bound(c)

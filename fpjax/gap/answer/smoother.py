@@ -24,6 +24,7 @@ from ...simulation.precision import double_precision
 from ..effects.effect import Effect, EffectParameter
 from ..fit.candidate import Candidate
 from ..fit.least_squares import Fitter, Linear
+from ..fit.modes import Modes
 from ..fit.search import Search
 from ..machine import Machine
 from ..simulate.family import window_fields
@@ -50,6 +51,7 @@ class Windows:
 
     Attributes:
         fitter: of the fit.
+        modes: of a window, for the mass of the fit.
         which: (index of the record, indices of its windows), one for each record.
         c: coefficients at start states zero, shape (windows, modes).
         start: change of c by the start states in prior units, shape (windows, modes, states).
@@ -58,6 +60,7 @@ class Windows:
     """
 
     fitter: Fitter
+    modes: Modes
     which: tuple[tuple[int, Values], ...]
     c: Values
     start: Values
@@ -66,7 +69,7 @@ class Windows:
 
     def design(self, table: Table) -> Values:
         """Change of c by the torques at a table's points, shape (windows, modes, points)."""
-        modes, found = self.fitter.modes, []
+        modes, found = self.modes, []
         way = (modes.torque * np.sqrt(modes.gain)) @ modes.turn
         for which, windows in self.which:
             record = self.fitter.records[which]
@@ -82,9 +85,9 @@ def make_windows(search: Search, candidate: Candidate) -> Windows:
     c = replace(candidate, free=np.zeros(0, int), low=empty, high=empty, center=empty, spread=empty, scale=empty)
     fitter = search.fitters[c.family.key]
     which, coefficients, starts, noise, fold = [], [], [], [], []
-    heavier = (
-        c.values()["inertia"] / search.setting.inertia
-    )  # the modes are of the nominal mass, the residual of this one
+    # The modes are of the nominal mass, the residual of this one.
+    heavier = c.values()["inertia"] / search.setting.inertia
+    modes = replace(fitter.modes, unanswered=heavier * fitter.modes.unanswered)
     for part in fitter.linearise([c], search.train, hidden=False)[0]:
         deviation = fitter.deviations(c, part.which, hidden=False)
         live = np.flatnonzero(deviation > 0)
@@ -95,7 +98,7 @@ def make_windows(search: Search, candidate: Candidate) -> Windows:
         starts.append(heavier * part.slope * deviation[live])
         noise.append(heavier**2 * fitter.noise[part.which][part.windows])
         fold.append(np.arange(len(part.windows)) // BLOCK % FOLDS)
-    return Windows(fitter, tuple(which), *(np.concatenate(each) for each in (coefficients, starts, noise, fold)))
+    return Windows(fitter, modes, tuple(which), *(np.concatenate(each) for each in (coefficients, starts, noise, fold)))
 
 
 def _misread(search: Search, c: Candidate, part: Linear) -> Values:
@@ -221,7 +224,7 @@ class Smoother:
 
     def fit(self, tables: tuple[Table, ...], penalties: tuple[float, ...], weight: Values) -> Smooth:
         """Tables with their penalties, from weights that are iterated: the tables leave a lower level."""
-        x, prior, modes = self._design(tables), self._prior(tables, penalties), self.windows.fitter.modes
+        x, prior, modes = self._design(tables), self._prior(tables, penalties), self.windows.modes
         for _ in range(PASSES):
             left = self._left(x, _solve(np.sum(self._products(x, weight), axis=0), prior), weight)
             weight = self._weight(modes.best_level(self.windows.noise, left, white=False), left)
@@ -260,11 +263,11 @@ class Smoother:
 
         Args:
             fit: tables, or none.
-            weight: of each mode's torque [1], shape (modes,).
+            weight: of a squared coefficient [N^2 m^2], shape (windows, modes), as of `Measure.weight`.
         """
-        modes, w = self.windows.fitter.modes, self.windows
-        weight = np.where(modes.sensor, 0.0, weight / np.where(modes.sensor, 1.0, np.maximum(modes.gain, 1e-300)))
-        return float(np.mean((modes.plain(fit.left) ** 2 - w.noise[:, None]) @ weight)) / w.fitter.records[0].samples
+        modes, w = self.windows.modes, self.windows
+        each = (modes.plain(fit.left) ** 2 - modes.variance(w.noise)) * weight
+        return float(np.mean(np.sum(each, axis=1)))
 
     def _errors(self, parts: Sequence[Values], total: Values, prior: Values) -> Values:
         """Weighted squared prediction error of each fold, with the tables fitted to the others, shape (folds,)."""
@@ -294,7 +297,7 @@ class Smoother:
         return prior
 
     def _weight(self, level: Values, left: Values) -> Values:
-        return self.windows.fitter.modes.precision(level, self.windows.noise, left, white=False)
+        return self.windows.modes.precision(level, self.windows.noise, left, white=False)
 
     def _inner(self, weight: Values) -> Values:
         """Precision of the start states in prior units, shape (windows, states, states)."""

@@ -34,7 +34,7 @@ def load_error(fit: Fit, setting: Setting, *, written: bool) -> list[str]:
         return []
     values = c.values()
     amount = math.hypot(*(values[name] for name in c.load_error))
-    unit, share = setting.units.name("N m"), amount / setting.turning_load
+    unit, share = setting.units.name("N m"), amount / abs(setting.turning_load)
     if set(c.load_error) & set(c.at_bound()):
         return [
             f"The known load of the model file is off by {amount:.3g} {unit} ({100 * share:.2g} % of its amplitude), "

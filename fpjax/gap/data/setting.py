@@ -34,7 +34,8 @@ class Setting:
         nominal: parameters of the nominal model by name.
         units: of the model file: what its numbers, and those of an answer, are in.
         unknown_origin: whether a known load depends on a position whose zero no sensor measures.
-        turning_load: amplitude of what a known load holds of once a turn, where the position is measured [N m]; else 0.
+        turning_load: A e^(i phase) [N m] of what a known load holds of A sin(position + phase), where the position is
+            measured; else 0.
         periods: per revolution [1/rev], at which the missing "torque" and "friction" repeat with the position.
         weight: values by name of the unbalance that fits the missing torque best; empty where none was fitted.
         contacts: start values by name of backlashes, the most likely first; None where they were not searched for,
@@ -55,7 +56,7 @@ class Setting:
     nominal: Mapping[str, float] = field(default_factory=dict)
     units: Units = field(default_factory=Units)
     unknown_origin: bool = False
-    turning_load: float = 0.0
+    turning_load: complex = 0.0
     periods: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     weight: Mapping[str, float] = field(default_factory=dict)
     contacts: tuple[Mapping[str, float], ...] | None = None
@@ -90,7 +91,7 @@ def make_setting(records: list[Record], model: Model) -> Setting:
         nominal={"inertia": values["inertia"], "coulomb": coulomb, "viscous": viscous},
         units=replace(model.units, motion="linear") if longest.linear else model.units,
         unknown_origin=longest.integrated and turns_with_position(load),
-        turning_load=0.0 if longest.integrated else abs(first_harmonic(load)),
+        turning_load=0.0 if longest.integrated else first_harmonic(load),
     )
 
 

@@ -167,18 +167,23 @@ def _joined(*more: EffectParameter) -> Callable[[Machine, Values], Machine]:
 _JOINED, _JOINED_WITH_BACKLASH = _joined(), _joined(GAP)
 
 
-def _sines(names: tuple[str, ...], values: dict[str, float], periods: str | None) -> dict[str, tuple[float, str]]:
+def _sines(names: tuple[str, ...], values: dict[str, float], periods: str) -> dict[str, tuple[float, str]]:
     """Amplitude and periods of the largest harmonic.
 
     Args:
         names: of cosine and sine amplitude of each harmonic in turn.
         values: fitted, by name.
-        periods: name of the number of periods of the first harmonic; None for one period a turn, not reported.
+        periods: name of the number of periods of the first harmonic.
     """
     sizes = [float(np.hypot(values[a], values[b])) for a, b in zip(names[::2], names[1::2], strict=True)]
     largest = int(np.argmax(sizes))
-    result = {"amplitude": (sizes[largest], "N m")}
-    return result | ({"periods": ((largest + 1) * values[periods], "1/rev")} if periods else {})
+    return {"amplitude": (sizes[largest], "N m"), "periods": ((largest + 1) * values[periods], "1/rev")}
+
+
+def _unbalance(values: dict[str, float], setting: Setting) -> dict[str, tuple[float, str]]:
+    """Amplitude of the whole weight: a known one and what the fit adds to it."""
+    cosine, sine = (values[name] for name in _names(UNBALANCE))
+    return {"amplitude": (abs(complex(sine, cosine) + setting.turning_load), "N m")}
 
 
 def _periods(setting: Setting, kind: str, usual: float) -> tuple[float, ...]:
@@ -296,7 +301,7 @@ EFFECTS: tuple[Effect, ...] = (
         UNBALANCE,
         # From zero, and from the weight that fits the missing torque best: a large one is out of reach from zero.
         starts=lambda s: [{}, *([dict(s.weight)] if s.weight else [])],
-        report=lambda v, s: _sines(_names(UNBALANCE), v, None),
+        report=_unbalance,
     ),
     _effect(
         "cogging",

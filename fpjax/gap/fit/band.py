@@ -28,15 +28,36 @@ def level_with_bursts(modes: Modes, level: Values, coefficients: Coefficients) -
         coefficients: of a fit.
     """
     squares = np.sum([np.sum(c**2, axis=0) for _, c in coefficients], axis=0)
-    noise = sum(float(np.sum(own)) for own, _ in coefficients)
+    noise = np.sum([np.sum(modes.variance(own), axis=0) for own, _ in coefficients], axis=0)
     count, found = sum(len(own) for own, _ in coefficients), level.copy()
     for band in range(modes.bands):
         own = (modes.band == band) & ~modes.sensor
         if np.any(own):
             # A sum of n squares of variance s^2 has a standard deviation of s^2 sqrt(2 n); E[c^2] - s^2 = q^2 lambda.
-            energy = float(np.sum(squares[own] - noise))
-            if energy > THRESHOLDS.octave * noise * np.sqrt(2.0 * np.sum(own) / count):
+            energy = float(np.sum(squares[own] - noise[own]))
+            if energy > THRESHOLDS.octave * np.mean(noise[own]) * np.sqrt(2.0 * np.sum(own) / count):
                 found[band] = max(found[band], np.sqrt(energy / (count * np.sum(modes.gain[own]))))
+    return found
+
+
+def unanswered(modes: Modes, level: Values, there: Values) -> Values:
+    """What the readings hold beyond noise that is no torque, by octave, as a torque [N m], shape (bands,).
+
+    Where the command and the inertial torque together are far below the torque that seems to be missing, that is no
+    torque: a machine moves by what acts on it. It is rounding, jitter of the stamps or a vibration of the sensor, which
+    the inertia times their second derivative makes look like a torque. It counts as noise of the readings.
+
+    Args:
+        modes: of a window.
+        level: q of the nominal model, its numbers free, shape (bands,) [N m].
+        there: mean square of the command and of the inertial torque in each mode [N^2 m^2], shape (modes,).
+    """
+    found = np.zeros(modes.bands)
+    for band in range(modes.bands):
+        own = (modes.band == band) & ~modes.sensor
+        if np.any(own):
+            # A missing torque is a command less an inertial torque, and (a - b)^2 is at most 2 (a^2 + b^2).
+            found[band] = np.sqrt(max(level[band] ** 2 - 2.0 * float(np.mean(there[own])), 0.0))
     return found
 
 
@@ -48,8 +69,9 @@ def real_noise(modes: Modes, level: Values, coefficients: Coefficients) -> float
     """
     ratios = [np.zeros(0)]
     for noise, c in coefficients:
-        quiet = modes.wiener(level, noise) < QUIET
-        ratios.append((c**2 / noise[:, None])[quiet & ~modes.sensor])
+        variance = modes.variance(noise)
+        quiet = (modes.wiener(level, noise) < QUIET) & (variance < (1.0 + QUIET) * noise[:, None])
+        ratios.append((c**2 / variance)[quiet & ~modes.sensor])
     found = np.concatenate(ratios)
     # 0.4549 is the median of a chi-square of one degree of freedom. A median, so that a few modes with torque in them
     # change nothing.

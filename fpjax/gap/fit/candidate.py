@@ -155,7 +155,7 @@ def make_candidate(
     scale = np.array([p.scale(setting) for p in parameters])
     reach = np.array([p.reach(setting) for p in parameters])
     center, spread = np.clip(neutral[free], low, high), WIDE * (high - low)
-    sizes = nominal_sizes(setting) | dict.fromkeys(set(load) - set(own), setting.turning_load)
+    sizes = nominal_sizes(setting) | dict.fromkeys(set(load) - set(own), abs(setting.turning_load))
     for i, p in enumerate(parameters):
         if p.name not in sizes:
             continue

@@ -7,6 +7,8 @@ its most likely value before every iteration. Far from the solution it is large 
 of the torque, which has fewer local minima; it falls as the fit improves.
 """
 
+import copy
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,7 +20,7 @@ from ..data.setting import Setting
 from ..effects.vocabulary import stiffness_of
 from ..simulate.family import Runner, window_fields
 from .candidate import Candidate
-from .modes import Modes
+from .modes import COMPARED, Modes
 from .response import Response, Windows
 
 DAMPINGS = (1e-6, 1e-2, 1.0, 100.0)  # tried side by side, times the candidate's own damping
@@ -88,6 +90,13 @@ class Fitter(Response):
             twist = LOADED * self.setting.friction / stiffness
             found += [twist, twist * 2.0 * np.pi * frequency] if hidden else [0.0, 0.0]
         return np.array(found)
+
+    @functools.cached_property
+    def judging(self) -> "Fitter":
+        """The same windows, weighed with the heavy tails by which models are compared."""
+        other = copy.copy(self)
+        other.modes = replace(self.modes, tails=COMPARED)
+        return other
 
     # --- running
 

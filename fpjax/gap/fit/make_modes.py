@@ -68,7 +68,7 @@ def make_modes(samples: int, dt: float, inertia: float, rate_noise: float, angle
     turn, flat, tile = _turned(place[kept], alive[kept], gain[kept], torque[:, kept])
     return Modes(
         np.ascontiguousarray(basis[:, kept] @ turn), turn, flat, tile, gain[kept], torque[:, kept], band[kept],
-        frequency[kept], levels, (~alive)[kept], inertia,
+        frequency[kept], levels, (~alive)[kept], inertia, np.zeros(levels.shape[1]),
     )  # fmt: skip
 
 

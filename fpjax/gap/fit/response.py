@@ -17,7 +17,7 @@ from .candidate import Candidate
 from .modes import Modes
 
 # Parameters by which a model's frequency response, and so `torque_scale`, depends smoothly on the vector.
-RESPONSE = ("inertia", "viscous", "gain", "drag_coefficient", "load_coefficient")
+RESPONSE = ("inertia", "viscous", "gain", "scale", "drag_coefficient", "load_coefficient")
 LEAST_PASSED = 0.05  # least share of a torque that is taken to pass a limit, dead zone or loaded gear: never none [1]
 
 Windows = Sequence[Values]
@@ -40,7 +40,10 @@ class Response:
         self.speed, self.effort = float(np.sqrt(np.mean(speed**2))), np.sort(np.abs(torque))
         # Share of the log in which the torque drives, less that in which it brakes: a gear's losses then help it.
         self.driving = float(np.clip(np.mean(np.sign(torque) * np.sign(speed)), 0.0, 1.0))
-        self.inertial = self._inertial()
+        self.inertial = self._mean_squares([self.setting.inertia * record.acceleration for record in self.records])
+        self.commanded = self._mean_squares([record.torque for record in self.records])
+        # A reading's scale changes the response where the rate reading alone shows the motion.
+        self.rate_alone = self.records[0].position is None
         guide = runner.tables[0].guide
         self.guide = float(guide.stiffness), float(guide.damping)
         self._nominal = self._response(self.family.neutral(setting))
@@ -48,12 +51,12 @@ class Response:
         # windows share their weights.
         self.noise = [2.0 ** np.round(np.log2(record.runs)) for record in self.records]
 
-    def _inertial(self) -> Values:
-        """Mean square of the nominal inertial torque in each mode [N^2 m^2], averaged by octave, shape (modes,)."""
+    def _mean_squares(self, torques: Sequence[Values]) -> Values:
+        """Mean square in each mode [N^2 m^2], averaged by octave, of a torque along each record; shape (modes,)."""
         modes, squares = self.modes, []
-        for record in self.records:
+        for record, torque in zip(self.records, torques, strict=True):
             rows = record.starts[:, None] + np.arange(record.samples)
-            squares.append((self.setting.inertia * record.acceleration[rows] @ modes.torque) ** 2)
+            squares.append((torque[rows] @ modes.torque) ** 2)
         each = np.mean(np.concatenate(squares), axis=0)
         found = np.zeros(len(each))
         for band in np.unique(modes.band[~modes.sensor]):
@@ -62,18 +65,39 @@ class Response:
         return found
 
     def torques(self, c: Candidate, windows: Windows) -> Values:
-        """Effective number of coefficients of each mode that count as torques of an imposed motion, for `log_volume`.
+        """Effective number of coefficients of each mode that count as torques, for `log_volume`.
 
-        A coefficient counts by its share of missing torque against noise, times the share of missing against inertial
-        torque: where the inertial torque is the larger, the torque makes the motion and the motion is not imposed.
+        Where the torque makes the motion, the likelihood of motions regresses the acceleration on the torque, and that
+        of torques the torque on the acceleration. What is missing biases the first towards a heavy mass if it is in the
+        command (a current that was measured, chatter that the drive filtered) and the second towards a light one if it
+        acts on the mass. Which of both it does is not known: half of the coefficients count, and the mass is that of
+        the geometric mean regression (Ricker, "Linear regressions in fishery research", 1973). Where a loop imposes the
+        motion, all count. A coefficient counts by its share of missing torque against noise.
 
         Returns:
-            Shape (modes,) [1], at most the number of windows.
+            Shape (2, modes) [1]: of motions that the torque makes, and of those that are imposed.
         """
         noise = np.concatenate([self.noise[which][chosen] for which, chosen in enumerate(windows)])
         seen = np.sum(self.modes.wiener(c.level, noise), axis=0)
-        missing = c.level[self.modes.band] ** 2
-        return seen * missing / np.maximum(missing + self.inertial, 1e-300)
+        missing = np.maximum(c.level[self.modes.band] ** 2, 1e-300)
+        made = self.inertial / (self.inertial + missing) * self._answered(missing)
+        return seen * np.stack([0.5 * made, self.imposed(c.level)])
+
+    def imposed(self, level: Values) -> Values:
+        """Share of the motion that is imposed by a loop, which answers a missing torque with the command [1], (modes,).
+
+        Not where the inertial torque is the larger one: there the torque makes the motion. And not where the command
+        holds hardly any torque beside the missing one: it does not answer.
+
+        Args:
+            level: of the missing torque by octave [N m], shape (bands,).
+        """
+        missing = np.maximum(level[self.modes.band] ** 2, 1e-300)
+        return missing / (missing + self.inertial) * self._answered(missing)
+
+    def _answered(self, missing: Values) -> Values:
+        """Share of the command in what it and the missing torque hold together [1], shape (modes,)."""
+        return np.where(self.modes.sensor, 0.0, self.commanded / (self.commanded + missing))
 
     def torque_scale(self, c: Candidate, vector: Values | None = None) -> Values:
         """Factor of a candidate's missing torque at the command over that which `Modes` infers from its residual.
@@ -87,8 +111,12 @@ class Response:
         Returns:
             Shape (modes,) [1]; 1 for modes without torque.
         """
+        return np.maximum(self.lost_response(c, vector), 1.0)
+
+    def lost_response(self, c: Candidate, vector: Values | None = None) -> Values:
+        """Ratio of the nominal model's frequency response to a candidate's [1], shape (modes,)."""
         own = self._response(c.vector if vector is None else vector)
-        return np.where(self.modes.sensor, 1.0, np.maximum(self._nominal / own, 1.0))
+        return np.where(self.modes.sensor, 1.0, self._nominal / own)
 
     def _response(self, vector: Values) -> Values:
         """Relative frequency response (`Modes.response`) of a machine with a parameter vector, shape (modes,)."""
@@ -100,16 +128,20 @@ class Response:
         count = np.searchsorted(self.effort, within, "right") - np.searchsorted(self.effort, above, "left")
         passed = max(count, 0) / len(self.effort)
         gain = found.get("gain", 1.0) * max(1.0 - found.get("load_coefficient", 0.0) * self.driving, LEAST_PASSED)
+        if self.rate_alone:
+            gain *= found.get("scale", 1.0)
         return self.modes.response(found["inertia"], max(viscous, 0.0), gain * max(passed, LEAST_PASSED), self.guide)
 
     def log_volume(self, c: Candidate, torques: Values, vector: Values | None = None) -> float:
         """Twice the negative log of the Jacobian from torques to motion, over the `torques` counted in each mode.
 
-        A likelihood of torques instead of motions: without it, a model that responds less is favoured.
+        A likelihood of torques instead of motions: without it, a model that responds less is favoured. Where the motion
+        is imposed, one that responds more than the nominal model is not favoured either: that tells nothing of a mass.
         """
         if not np.any(torques > 0.0):
             return 0.0
-        return 2.0 * float(torques @ np.log(self.torque_scale(c, vector)))
+        lost = np.log(self.lost_response(c, vector))
+        return 2.0 * float(torques[0] @ lost + torques[1] @ np.maximum(lost, 0.0))
 
     def log_volume_slope(self, c: Candidate, torques: Values) -> Values:
         """Half the gradient of `log_volume` by the free parameters in units of their scale, shape (free,)."""

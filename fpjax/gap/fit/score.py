@@ -12,6 +12,7 @@ from ..simulate.family import Key
 from ..simulate.hidden_states import HiddenStates
 from .candidate import Candidate, Fit
 from .least_squares import Fitter, Linear
+from .measure import Measure
 from .modes import Modes
 
 # Steps for the start values of withheld windows, in two rounds, each after an estimate of the hidden states. (Three
@@ -29,7 +30,7 @@ class Scoring(Protocol):
     modes: Modes
     fitters: dict[Key, Fitter]
     hidden_states: dict[Key, HiddenStates]
-    band: Values
+    measure: Measure
     moves: Values
     real_noise: float
 
@@ -69,18 +70,20 @@ def _scores(search: Scoring, candidates: Sequence[Candidate]) -> list[Fit]:
             hidden=[h.copy() for h in c.hidden], converged=False, damping=1e-3,
         )  # fmt: skip
         still.append(fixed)
-    left_out, fits = _withheld_parts(search, still, fitter), []
+    left_out, fits, judge = _withheld_parts(search, still, fitter), [], fitter.judging
     for c, fixed, parts, withheld in zip(candidates, still, every, left_out, strict=True):
         # The level is not a parameter of the machine, so that all windows may determine it. If the fitted ones alone
         # set it to zero, a small missing torque in a withheld window would have to be sensor noise.
-        c.level = fitter.best_level([(p.which, p.windows, p.c) for p in (*parts, *withheld)], white=False)
-        fixed.level = c.level
-        evidence = _log_evidence(search, c, fitter, parts)
+        everywhere = [(p.which, p.windows, p.c) for p in (*parts, *withheld)]
+        c.level, level = fitter.best_level(everywhere, white=False), judge.best_level(everywhere, white=False)
+        evidence = _log_evidence(search, replace(c, level=level), judge, parts)
         if withheld:
-            evidence += _log_evidence(search, fixed, fitter, withheld, hidden=False)
+            evidence += _log_evidence(search, replace(fixed, level=level), judge, withheld, hidden=False)
+        c.normal = fitter.reduced(c, parts, np.zeros(1))[0][0]
         c.states, c.hidden = fixed.states, fixed.hidden
         missing, moving = _missing(search, c, [*parts, *withheld], fitter)
-        fits.append(Fit(c, evidence, missing, search.modes.mean_level(c.level, search.band), moving))
+        seen = search.measure.filter(np.ones(1))[0]
+        fits.append(Fit(c, evidence, missing, search.modes.mean_level(c.level, seen), moving))
     return fits
 
 
@@ -119,7 +122,6 @@ def _log_evidence(search: Scoring, c: Candidate, fitter: Fitter, parts: list[Lin
     matrix, _, _ = fitter.reduced(c, parts, np.zeros(1), hidden=hidden)
     # log det of the posterior precision over the prior's, in prior units: det(I + S J' W J S).
     unit = c.spread / c.scale if len(c.free) else np.zeros(0)
-    c.normal = matrix[0]
     precision = np.eye(len(unit)) + matrix[0] * unit[:, None] * unit
     return -0.5 * (cost + c.occam + float(np.linalg.slogdet(precision)[1]))
 
@@ -133,12 +135,12 @@ def _missing(
         (all of it, the same weighted by how far each frequency moves the machine).
     """
     found, moving = ([np.full(len(record.starts), np.nan) for record in search.records] for _ in range(2))
-    # d = V diag(1 / sqrt(lambda)) c, filtered by `band`; V is orthonormal, so that squares of coefficients add up.
-    weight = np.where(search.modes.sensor, 0.0, search.band**2 / np.where(search.modes.sensor, 1.0, search.modes.gain))
-    weight = weight * search.fitters[c.family.key].torque_scale(c) ** 2
+    # d = V diag(1 / sqrt(lambda)) c, filtered; V is orthonormal, so that squares of coefficients add up.
+    scale = fitter.torque_scale(c)
     for p in parts:
-        noise = search.real_noise * fitter.noise[p.which][p.windows]
-        each = (search.modes.plain(p.c) ** 2 - noise[:, None]) * weight / search.records[p.which].samples
+        noise = fitter.noise[p.which][p.windows]
+        each = search.modes.plain(p.c) ** 2 - search.modes.variance(search.real_noise * noise)
+        each *= search.measure.weight(noise, scale)
         found[p.which][p.windows] = np.sum(each, axis=1)
         moving[p.which][p.windows] = each @ search.moves
     return tuple(found), tuple(moving)

@@ -16,11 +16,12 @@ from ..effects.effect import Effect
 from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
 from ..simulate.hidden_states import HiddenStates
 from .backlash_starts import contact_starts
-from .band import highest_of_speed, level_with_bursts, real_noise
+from .band import highest_of_speed, level_with_bursts, real_noise, unanswered
 from .candidate import NOMINAL, Candidate, Fit, Start, make_candidate
 from .guide import guide_bandwidth
 from .least_squares import Fitter
 from .make_modes import make_modes
+from .measure import Measure
 from .modes import Modes
 from .period_starts import repeating_periods, turning_weight
 from .score import scores
@@ -65,18 +66,22 @@ class Search:
         if abs(np.log(scale)) > 0.1:  # more than one step of `NOISES`
             records = with_noise(records, scale)
         self._prepare(records, self._material_modes())
+        base = self._base(wide=NOMINAL)
+        if np.any(noisy := self._unanswered(base)):
+            self._begin(replace(self.modes, unanswered=noisy))
+            base = self._base(wide=NOMINAL)
         self.moves = 1.0 / (1.0 + (self.modes.frequency / highest_of_speed(records)) ** 2)
         """Weight of a torque's energy by its influence on the motion [1], shape (modes,): above the frequencies of the
         log's speed a torque moves the machine less and less, and noise looks like more and more torque."""
         self.exact = self._base(wide=None)
         """The nominal model as it was given."""
-        self.band = self._band()
-        """Wiener filter of the nominal model's missing torque, shape (modes,): weights of every model's missing torque,
-        so that all are measured in the same frequencies."""
+        self.measure = self._measure()
+        """How the missing torque of every model is weighed by frequency and window."""
         if self._split_fairly():
             self.exact = self._base(wide=None)
-            self.band = self._band()
-        self.base = self._base(wide=NOMINAL)
+            self.measure = self._measure()
+            base = self._base(wide=NOMINAL)
+        self.base = base
         """The nominal model with its values free."""
         self._look_for_starts()
         self.real_noise = real_noise(self.modes, self.base.level, self._coefficients(self.base))
@@ -89,7 +94,10 @@ class Search:
         first = records[0]
         rate = 0.0 if first.velocity is None else first.velocity.noise
         angle = 0.0 if first.position is None else first.position.noise
-        self.modes: Modes = make_modes(first.samples, first.dt, self.setting.inertia, rate, angle, most)
+        self._begin(make_modes(first.samples, first.dt, self.setting.inertia, rate, angle, most))
+
+    def _begin(self, modes: Modes) -> None:
+        self.modes = modes
         self.fitters: dict[Key, Fitter] = {}
         self.hidden_states: dict[Key, HiddenStates] = {}
 
@@ -98,10 +106,15 @@ class Search:
         self.withheld = [np.flatnonzero(record.withheld) for record in self.records]
         self._screen: list[Values] = []
 
-    def _band(self) -> Values:
-        """`band`: from the level with bursts, else a log with a few pushes would have no band."""
+    def _measure(self) -> Measure:
+        """From the nominal model's level with bursts, else a log with a few pushes would have none."""
         level = level_with_bursts(self.modes, self.exact.level, self._coefficients(self.exact))
-        return self.modes.wiener(level, np.ones(1))[0]
+        return Measure.of(self.fitters[self.exact.family.key], level)
+
+    def _unanswered(self, base: Candidate) -> Values:
+        """What the readings hold beyond noise that is no torque, by octave [N m], beside a fit of the nominal model."""
+        fitter = self.fitters[base.family.key]
+        return unanswered(self.modes, base.level, fitter.commanded + fitter.inertial)
 
     def _split_fairly(self) -> bool:
         """Withhold other windows where those that are withheld, or those that are not, hold hardly any of the gap.
@@ -316,7 +329,8 @@ class Search:
             few = max(2, SCREEN // len(self.train))
             index = np.unique(np.linspace(0, len(train) - 1, max(few - 3, 1)).round().astype(int))
             plain = self.modes.plain(fitter.coefficients([self.exact], which, train)[0])
-            worst = np.argsort(-np.sum((plain * self.band) ** 2, axis=1))
+            noise = fitter.noise[which][train]
+            worst = np.argsort(-np.sum((plain * self.measure.filter(noise)) ** 2, axis=1))
             extra = [i for i in worst if i not in index][: few - len(index)]
             self._screen.append(train[np.unique(np.concatenate([index, np.array(extra, int)]))])
         return self._screen

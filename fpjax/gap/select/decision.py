@@ -5,10 +5,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ...logs.arrays import Values
 from ..effects.effect import Effect
 from ..fit.candidate import NOMINAL, Fit, Start, nominal_sizes
 from ..fit.search import Search
-from ..thresholds import THRESHOLDS
+from ..thresholds import THRESHOLDS, Thresholds
 from .detectability import resolved
 from .dominant import Curve, believed
 from .nominal_errors import wrong_numbers
@@ -80,6 +81,7 @@ class Decision:
         path: the ladder from `exact` to `chosen`.
         shares: of the nominal model's missing energy, what would come back without each cause of `chosen` [1], the
             largest first.
+        judged: windows on which models were compared, one array of indices a record.
     """
 
     exact: Fit
@@ -89,6 +91,7 @@ class Decision:
     rivals: tuple[Weighed, ...]
     path: tuple[Fit, ...]
     shares: dict[str, float]
+    judged: tuple[Values, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -97,11 +100,37 @@ class Exact:
 
     Attributes:
         fit: the nominal model as given.
+        judged: windows on which models are compared, one array of indices a record.
         curves: what a table of each recorded variable holds.
     """
 
     fit: Fit
+    judged: tuple[Values, ...]
     curves: Mapping[str, Curve] = field(default_factory=dict)
+
+    def left(self, fit: Fit) -> float:
+        """Missing torque of a model [N m], rms over the judged windows."""
+        return fit.missing_rms(self.judged)
+
+
+def judged_windows(exact: Fit, fits: Sequence[Fit], t: Thresholds = THRESHOLDS) -> tuple[Values, ...]:
+    """All windows but the few that hold far more missing torque than the others, of which no model tried takes much.
+
+    A push that nobody recorded can hold most of a log's energy. What a model shrinks of the rest would not show in the
+    rms of all.
+
+    Args:
+        exact: the nominal model as given.
+        fits: models that were tried.
+        t: thresholds.
+    """
+    whole = [np.maximum(own, 0.0) for own in exact.missing]
+    least = [np.min([fit.missing[which] for fit in fits], axis=0) for which in range(len(whole))]
+    usual = float(np.median(np.concatenate(whole)))
+    return tuple(
+        np.flatnonzero((own <= t.gross**2 * usual) | (low < t.part**2 * own))
+        for own, low in zip(whole, least, strict=True)
+    )
 
 
 def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[str, Curve] | None = None) -> Decision:
@@ -118,12 +147,15 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
         stage(name, 0.0)
 
     begin("effects alone")
-    exact = Exact(search.finish([search.exact])[0], curves or {})
+    given = search.finish([search.exact])[0]
     fits = search.explore(_alone(search))
+    exact = Exact(given, judged_windows(given, fits), curves or {})
     weighed = _weigh(search, exact, fits)
     nominal = next(w for w in weighed if not w.structural)
     singles = [w for w in weighed if w.structural]
-    chosen = _first_settled(search, exact, weighed)
+    chosen, numbers = _first_settled(search, exact, weighed), _settled(search, exact, nominal)
+    if not _better(search, exact, numbers, chosen):
+        chosen = numbers  # an effect alone that hardly takes more torque than wrong numbers do is a detail beside them
     tried = list(weighed)
     rivals, path, likely = weighed, [exact.fit], [effect.name for effect in search.effects]
     for size in range(2, THRESHOLDS.most_causes + 1):
@@ -148,14 +180,16 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
     chosen = _simpler(search, exact, chosen)
     stage("what each cause takes", 0.0)
     shares = _shares(search, exact, chosen.fit, [w.fit for w in tried])
-    return Decision(exact.fit, nominal, tuple(singles), chosen, tuple(rivals), (*path, chosen.fit), shares)
+    path = (*path, chosen.fit)
+    return Decision(exact.fit, nominal, tuple(singles), chosen, tuple(rivals), path, shares, exact.judged)
 
 
 def by_numbers(search: Search, decision: Decision) -> Decision:
     """The same decision without an effect: what the nominal numbers alone are to blame for."""
-    numbers = _settled(search, Exact(decision.exact), decision.nominal)
+    exact = Exact(decision.exact, decision.judged)
+    numbers = _settled(search, exact, decision.nominal)
     known = [w.fit for w in (decision.nominal, *decision.singles)]
-    shares = _shares(search, Exact(decision.exact), numbers.fit, known)
+    shares = _shares(search, exact, numbers.fit, known)
     return replace(decision, chosen=numbers, rivals=decision.singles, path=(decision.exact, numbers.fit), shares=shares)
 
 
@@ -166,7 +200,7 @@ def _shares(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> dic
     numbers as they were given, or as it was found before.
     """
     # Energies, not rms values: of causes that act at different times or frequencies they add up.
-    whole, now = _left(search, exact.fit) ** 2, _left(search, fit) ** 2
+    whole, now = exact.left(exact.fit) ** 2, exact.left(fit) ** 2
     c, found = fit.candidate, {}
     starts, names = [], []
     for effect in c.effects:
@@ -191,7 +225,7 @@ def _shares(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> dic
             if name not in best or one.evidence > best[name].evidence:
                 best[name] = one
     for name, without in best.items():
-        found[name] = max(_left(search, without) ** 2 - now, 0.0) / max(whole, 1e-300)
+        found[name] = max(exact.left(without) ** 2 - now, 0.0) / max(whole, 1e-300)
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
@@ -268,7 +302,7 @@ def _weigh(search: Search, exact: Exact, fits: Sequence[Fit]) -> list[Weighed]:
 
 
 def _weighed(search: Search, exact: Exact, fit: Fit, evidence: float) -> Weighed:
-    left = _left(search, fit) / max(_left(search, exact.fit), 1e-300)
+    left = exact.left(fit) / max(exact.left(exact.fit), 1e-300)
     # Wrong numbers follow none: every model has them.
     follows = {variable for effect in fit.candidate.effects for variable in effect.follows}
     share = believed(exact.curves, follows) if fit.candidate.effects else 1.0
@@ -293,13 +327,8 @@ def _first_settled(search: Search, exact: Exact, ordered: Sequence[Weighed]) -> 
     return ordered[0]
 
 
-def _left(search: Search, fit: Fit) -> float:
-    """Missing torque on all windows [N m]."""
-    return fit.missing_rms([np.arange(len(record.starts)) for record in search.records])
-
-
 def _worth_more(search: Search, exact: Exact, fit: Fit) -> bool:
-    return _left(search, fit) > THRESHOLDS.immaterial * _left(search, exact.fit)
+    return exact.left(fit) > THRESHOLDS.immaterial * exact.left(exact.fit)
 
 
 def _better(search: Search, exact: Exact, chosen: Weighed, best: Weighed) -> bool:
@@ -307,7 +336,7 @@ def _better(search: Search, exact: Exact, chosen: Weighed, best: Weighed) -> boo
 
     One that leaves more torque than before follows details (a resonance, a sensor's timing) at the others' cost.
     """
-    before, after = _left(search, chosen.fit), _left(search, best.fit)
+    before, after = exact.left(chosen.fit), exact.left(best.fit)
     removed = 1.0 - (after / before) ** 2 if before > 0.0 else 0.0
     more = best.worth / max(chosen.worth, 1e-300) - 1.0
     return best.evidence - chosen.evidence > THRESHOLDS.decisive and (
@@ -337,13 +366,13 @@ def _simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
     A flexible cause takes some clutter along and so wins by evidence; what it is asked for here is torque.
     """
     by_name = {effect.name: effect for effect in search.effects}
-    whole = _left(search, exact.fit) ** 2
+    whole = exact.left(exact.fit) ** 2
     while True:
         starts = list(_instead(chosen.fit, by_name))
         if not starts:
             return chosen
-        now = _left(search, chosen.fit) ** 2
-        options = [(fit, _left(search, fit) ** 2 - now) for fit in search.fitted(starts)]
+        now = exact.left(chosen.fit) ** 2
+        options = [(fit, exact.left(fit) ** 2 - now) for fit in search.fitted(starts)]
         gained = max(chosen.fit.evidence - exact.fit.evidence, 0.0)
         near = []
         for fit, more in options:

@@ -16,7 +16,8 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
 
     A spring absorbs at the end of what the data can show, overdamped, or so soft that friction winds it up by a good
     part of the travel: it follows any slow torque, and is no machine's transmission. A backlash may be overdamped, its
-    contacts tell of it; without a gap it is such a spring. A ripple that passes faster than the samples can tell is one
+    contacts tell of it; with a gap that may be none it is such a spring. A ripple that passes faster than the samples
+    can tell is one
     of their own making. A torque amplitude that ends at its largest value, more than any torque of the log, is a
     difference of two large torques that cancel each other over a short travel. A dead zone that swallows half of the
     largest torque stands for a torque that is always there, and so does a friction that drives in one direction.
@@ -43,4 +44,12 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
         if {"frequency", "damping_ratio"} & ends:
             return False
         return float(stiffness_of(values)) * t.twist * setting.travel > setting.friction
-    return not ("backlash" in c.structural and "gap" in ends)
+    return not ("backlash" in c.structural and values["gap"] <= t.clearance * _deviation(fit, "gap"))
+
+
+def _deviation(fit: Fit, name: str) -> float:
+    """Standard deviation of a free parameter, by the curvature of the cost and its prior; in its own unit."""
+    c = fit.candidate
+    place = [c.family.parameters[index].name for index in c.free].index(name)
+    precision = c.normal + np.diag((c.scale / c.spread) ** 2)
+    return float(c.scale[place] * np.sqrt(max(np.linalg.pinv(precision, hermitian=True)[place, place], 0.0)))

@@ -1,0 +1,89 @@
+"""The one measure of the missing torque: what counts as noise, which windows count, where models are compared."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import gap_search
+import numpy as np
+import numpy_machine
+import pytest
+
+from fpjax import load_model
+from fpjax.gap import EFFECTS
+from fpjax.gap.data.setting import Setting
+from fpjax.gap.fit.candidate import Start
+from fpjax.gap.select.decision import judged_windows
+from fpjax.gap.verb import make_search
+
+
+@pytest.fixture(scope="module")
+def log():
+    return numpy_machine.record(seconds=6.0, dt=2e-3, sensors=("position",))
+
+
+def missing(search):
+    return search.finish([search.exact], 0)[0].missing_rms([np.arange(len(r.starts)) for r in search.records])
+
+
+def test_a_vibration_of_the_sensor_is_no_torque(log):
+    """1 mrad rms above 20 Hz would take some 0.05 kg m^2 (2 pi 50)^2 1e-3 rad = 5 N m; the loop commands none."""
+    count, dt = len(log.time), log.dt
+    spectrum = np.fft.rfft(np.random.default_rng(1).standard_normal(count))
+    spectrum[np.abs(np.fft.rfftfreq(count, dt) - 50.0) > 30.0] = 0.0
+    shaking = np.fft.irfft(spectrum, count)
+    shaken = replace(log, position=log.position + 1e-3 * shaking / np.std(shaking))
+    search, still = gap_search.search_of(shaken), gap_search.search_of(log)
+    octave = np.array([np.median(search.modes.frequency[search.modes.band == b]) for b in range(search.modes.bands)])
+    assert np.max(search.modes.unanswered[octave > 30.0]) > 1.0
+    assert np.all(search.modes.unanswered[octave < 15.0] == 0.0)
+    assert np.all(still.modes.unanswered == 0.0)
+    assert missing(search) < 0.2 * 5.0
+
+
+def test_a_torque_that_the_motion_shows_is_none_of_the_sensor(log):
+    """A push that nobody recorded, three times the command: the motion has it."""
+    pushed = numpy_machine.record(
+        seconds=6.0, dt=2e-3, sensors=("position",), extra=lambda time, speed, angle, command: 3.0 * np.sin(9.0 * time)
+    )
+    search = gap_search.search_of(pushed)
+    assert np.all(search.modes.unanswered == 0.0)
+    assert missing(search) > 1.5
+
+
+def test_a_window_of_equal_readings_counts_as_far_as_it_tells(log):
+    measure = gap_search.search_of(log).measure
+    usual, hardly = measure.weight(np.array([1.0, 100.0]), np.ones(len(measure.modes.gain)))
+    assert np.all(hardly <= usual)
+    # Where the noise of a single reading drowns the torque, a hundred times as much takes four orders off.
+    drowned = measure.filter(np.ones(1))[0] < 0.3
+    assert np.any(drowned & (usual > 0.0))
+    assert np.all(hardly[drowned] <= 1e-2 * usual[drowned])
+
+
+def test_models_are_not_compared_on_a_push_that_none_of_them_takes():
+    exact = SimpleNamespace(missing=(np.array([1.0, 1.2, 40.0, 0.8, 30.0]),))
+    # One model takes the last window, none the third.
+    fits = [SimpleNamespace(missing=(np.array(left),)) for left in ([0.1, 0.1, 39.0, 0.1, 29.0], [1, 1, 41.0, 1, 2.0])]
+    assert judged_windows(exact, fits)[0].tolist() == [0, 1, 3, 4]
+    even = SimpleNamespace(missing=(np.array([1.0, 1.2, 3.0, 0.8, 2.0]),))
+    assert judged_windows(even, [even])[0].tolist() == [0, 1, 2, 3, 4]
+
+
+def test_a_weight_beside_a_known_one_is_told_as_a_whole():
+    unbalance = next(effect for effect in EFFECTS if effect.name == "unbalance")
+    sizes = Setting(1.0, 0.1, 0.1, 0.1, 1.0, 1.0, 1.0, 1.0, 1e-3)
+    added = {"unbalance_sine": 0.3, "unbalance_cosine": 0.4}
+    assert unbalance.describe(added, sizes)["amplitude"][0] == pytest.approx(0.5)
+    # A sin(position + phase) has the sine A cos(phase) and the cosine A sin(phase).
+    known = replace(sizes, turning_load=1.7 + 0.1j)
+    assert unbalance.describe(added, known)["amplitude"][0] == pytest.approx(np.hypot(2.0, 0.5))
+
+
+def test_a_law_of_the_torque_stands_beside_a_shaft(log):
+    """A learned law in the nominal model, and a shaft's hidden states: it acts on the simulated mass."""
+    learned = '[[learned]]\nof = "torque"\nat = [-5.0, 5.0]\ntorque = [-0.5, 0.5]\n'
+    shaft = tuple(effect for effect in EFFECTS if effect.name == "compliance")
+    search = make_search([log], [], load_model(gap_search.MODEL + learned), shaft)
+    c = search.candidate(Start(shaft, (), shaft[0].starts(search.setting)[0]))
+    search.go_on([c], search.screening(), 1, white=True)
+    assert np.isfinite(c.cost)
