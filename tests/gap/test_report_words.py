@@ -1,6 +1,7 @@
 """What the report says and draws of a diagnosis: sentences, digits, units, the model with its changes, pictures."""
 
 import dataclasses
+import html
 import math
 import re
 
@@ -10,18 +11,21 @@ from matplotlib.figure import Figure
 from report_cases import CASES
 
 from fpjax import dump_model, load_model
-from fpjax.gap import EFFECTS, Estimate, FittedParameter, FreeReplay, Share, Where
+from fpjax.gap import EFFECTS, Estimate, FittedParameter, FreeReplay, Share, Step, Where
 from fpjax.gap.report import (
     derived_values,
     digits,
     gap_picture,
+    heading,
     markup,
     model_text,
     names,
     record_picture,
+    sections,
     sentences,
     where_picture,
 )
+from fpjax.gap.select.dominant import DominantVariable
 
 
 def test_verdicts_have_fitting_sentences():
@@ -59,7 +63,16 @@ def test_units_and_shares_are_spelled_for_people():
     assert digits.scale_for(3e-5, "rad") == (1e6, "µrad")
     assert digits.scale_for(3e-5, "kg m^2") == (1.0, "kg m^2")
     spaces = str.maketrans({"\u202f": " "})
-    shares = {0.9996: "99.9 %", 1.0: "100 %", 0.0: "0 %", 0.0004: "< 0.1 %", 0.004: "0.4 %", 0.5: "50 %", -0.04: "−4 %"}
+    shares = {
+        0.9996: "99.9 %",
+        1.0: "100 %",
+        0.0: "0 %",
+        0.0004: "< 0.1 %",
+        0.004: "0.4 %",
+        0.0096: "1 %",
+        0.5: "50 %",
+        -0.04: "−4 %",
+    }
     assert {share: digits.show_percent(share).translate(spaces) for share in shares} == shares
 
 
@@ -80,7 +93,8 @@ def test_confidence_is_that_of_the_diagnosis():
         (20.3871, 19.0, 22.0, "20.4", "19.0 to 22.0"),
         (2.0412e-4, 2.01e-4, 2.07e-4, "2.041×10⁻⁴", "2.010×10⁻⁴ to 2.070×10⁻⁴"),
         (-0.5, -3.0, 2.0, "−0.5", "−3.0 to 2.0"),
-        (1286.0, 950.0, 1610.0, "1286", "950 to 1610"),
+        (1286.0, 950.0, 1610.0, "1290", "950 to 1610"),
+        (87677.0, -299023.0, 474377.0, "90000", "−300000 to 470000"),
         (0.0, -1e-3, 1e-3, "0.0000", "−0.0010 to 0.0010"),
         (3.14159, math.nan, math.nan, "3.142", ""),
     ],
@@ -194,10 +208,132 @@ def test_what_is_traded_off_is_not_called_unknown_where_its_interval_is_narrow()
 def test_what_a_free_simulation_does_is_told_and_whether_fits_were_held():
     explained = CASES["explained"]()
     told = re.sub(r"\s", " ", sentences.replay_sentence(explained))
-    assert "departs over 0.5 s by 34 % of the motion, the corrected one by 1 % of the motion" in told
+    assert "departs over 0.5 s by 34 % of the motion, the corrected model by 1 % of the motion" in told
     assert "a bandwidth of 1.6 Hz" in told
     free = dataclasses.replace(explained, free_replay=FreeReplay(7.2, 0.0121, 0.5, 0.0))
     told = sentences.replay_sentence(free)
     assert "by 7.2 times the motion" in told
     assert "held" not in told
     assert sentences.replay_sentence(dataclasses.replace(explained, free_replay=None)) == ""
+
+
+def plain(told):
+    """Text of a page or a sentence, with common spaces."""
+    return html.unescape(re.sub(r"<[^>]*>", "", told)).replace("\u202f", " ")
+
+
+def test_the_first_screen_tells_cause_share_closed_share_left_and_where():
+    for name in ("explained", "partly_explained"):
+        told = CASES[name]()
+        head = plain(heading.header(told))
+        assert "Stribeck friction" in head
+        assert re.search(r"\d+ % is left", head), head
+        assert "of the energy of the nominal model's gap lies" in head
+        assert "perfect model" not in head
+
+
+def test_a_cause_at_the_start_of_the_sentence_is_as_bold_as_any_other():
+    head = heading.header(CASES["partly_explained"]())
+    assert "<h1><strong>Stribeck friction</strong> explains" in head
+
+
+def test_a_share_that_details_close_too_is_told_with_them():
+    told = CASES["partly_explained"]()
+    before, after = told.gap.before, told.gap.after
+    cause, nan2 = 0.5 * (before + after), (math.nan, math.nan)
+    steps = (Step("stribeck", cause, nan2), Step("presliding", after, nan2), Step("actuator_lag", after, nan2))
+    sentence = sentences.verdict_sentence(dataclasses.replace(told, steps=steps))
+    assert sentence.startswith("Stribeck friction, with presliding friction as a detail, explains")
+    assert "lag" not in sentence  # it takes nothing away
+
+
+def test_shares_of_what_moves_the_machine_are_told_apart_from_those_of_the_gap():
+    told = dataclasses.replace(
+        CASES["partly_explained"](), dominant_variable=DominantVariable("velocity", 0.94, 0.004, 0.81)
+    )
+    sentence = plain(sentences.dominant_sentence(told))
+    assert "a curve over velocity alone holds 94 % of that part's energy, and the cause holds 81 %." in sentence
+    assert "count vibration too" in sentence
+    assert sentences.dominant_sentence(CASES["explained"]()) == ""
+
+
+def test_a_best_attempt_is_no_corrected_model_and_without_a_gap_nothing_was_corrected():
+    free = FreeReplay(1.04, 0.2, 0.75, 2.4)
+    attempt = dataclasses.replace(CASES["unexplained"](), free_replay=free)
+    assert "the best attempt by 20 %" in plain(sentences.replay_sentence(attempt))
+    assert "The best attempt as a model" in sections.model(attempt)
+    assert "Closed by the best attempt" in heading.header(attempt)
+    none = dataclasses.replace(CASES["no_gap"](), free_replay=free, tracking=CASES["explained"]().tracking)
+    for sentence in (sentences.replay_sentence(none), sentences.tracking_sentence(none)):
+        assert "nominal model" in sentence
+        assert not re.search("correct|attempt", sentence)
+
+
+def test_of_a_gap_below_the_noise_floor_no_share_is_closed():
+    full = CASES["unexplained"]()
+    hidden = dataclasses.replace(full, gap=dataclasses.replace(full.gap, before=0.0, closed=0.0))
+    assert "is-closed" in heading.header(full)
+    assert "is-closed" not in heading.header(hidden)
+
+
+def test_gaps_of_a_log_in_amperes_are_in_amperes_everywhere():
+    full = CASES["explained"]()
+    told = dataclasses.replace(full, gap=dataclasses.replace(full.gap, unit="A", before=0.127, noise_floor=4.07e-4))
+    assert derived_values.gap_scale(told) == (1e3, "mA")
+    assert "0.407 mA" in plain(heading.header(told))
+    figure = Figure()
+    where_picture.draw_residual(figure, told, narrow=True)
+    assert figure.axes[0].get_ylabel() == "commanded minus needed [A]"
+
+
+def test_intervals_carry_their_unit():
+    told = CASES["explained"]()
+    assert re.search(r"90 % interval [\d.]+ to [\d.]+ mN·m", plain(heading.header(told)))
+    two = dataclasses.replace(told, steps=told.steps * 2)
+    assert re.search(r"[\d.]+ to [\d.]+ mN·m", plain(sections.shrink(two, {})))
+
+
+def test_a_short_log_has_wider_bins_and_no_empty_panel():
+    rng = np.random.default_rng(0)
+    centres, *quantiles = where_picture.binned(np.linspace(0.0, 5.0, 200), rng.normal(size=200))
+    assert len(centres) >= 8
+    assert all(np.isfinite(each).all() for each in quantiles)
+    assert len(where_picture.binned(np.linspace(0.0, 5.0, 6000), rng.normal(size=6000))[0]) >= 58
+
+
+def test_the_line_of_an_even_spread_is_not_cut_and_the_rest_has_the_corrected_models_colour():
+    edges = np.linspace(0.0, 1.0, 5)
+    bins = tuple(
+        Share(float(a), float(b), 0.1, expected)
+        for a, b, expected in zip(edges[:-1], edges[1:], (0.25, 0.25, 0.25, 0.25), strict=True)
+    )
+    told = dataclasses.replace(
+        CASES["bare"](), where=Where(maps={"velocity": bins}, velocity=bins[:1], regime={"reversal": 1.0})
+    )
+    colours = []
+    for draw in (where_picture.draw_where, where_picture.draw_rest):
+        figure = Figure()
+        draw(figure, told, narrow=True)
+        regime, velocity = figure.axes
+        assert velocity.get_ylim()[1] > 0.25
+        colours.append(tuple(regime.patches[0].get_facecolor()))
+    assert colours[0] != colours[1]
+
+
+def test_the_detection_level_of_the_gap_is_not_drawn_as_noise_of_the_samples():
+    figure = Figure()
+    record_picture.draw_record(figure, CASES["explained"](), narrow=True)
+    labels = [label for axes in figure.axes for label in axes.get_legend_handles_labels()[1]]
+    assert not any("noise" in label for label in labels)
+
+
+def test_what_is_pinned_within_an_interval_over_zero_is_said_to_be_perhaps_zero():
+    assert names.state_meaning("pinned", 0.8) == "this log determines it; it may be zero"
+
+
+def test_parameters_and_experiments_of_a_linear_axis_have_its_words():
+    assert names.parameter_name("inertia", "linear") == "mass"
+    assert names.parameter_name("torque", "linear") == "force"
+    full = CASES["unexplained"]()
+    asked = dataclasses.replace(full.next_experiment[0], do="A constant torque acts at rest.")
+    assert "A constant force acts at rest." in sections.apart(dataclasses.replace(full, next_experiment=(asked,)))

@@ -18,8 +18,13 @@ NEGLIGIBLE = 0.005  # probability below which an effect is shown on request only
 
 
 def gap_scale(diagnosis: Answer) -> tuple[float, str]:
-    """(factor, unit) in which all gaps are shown: those that suit the gap of the nominal model."""
-    return scale_for(diagnosis.gap.before, diagnosis.gap.unit)
+    """(factor, unit) in which all gaps are shown: those that suit the gap of the nominal model, and its noise floor."""
+    gap = diagnosis.gap
+    milli = scale_for(1e-3, gap.unit)
+    # 0.127 A over a floor of 4.07e-4 A reads better as 127 mA over 0.407 mA.
+    if 0.1 <= gap.before < 1.0 and 0.0 < gap.noise_floor < 1e-3:
+        return milli
+    return scale_for(gap.before, gap.unit)
 
 
 def shown_gap(diagnosis: Answer, gap: Estimate) -> Estimate:

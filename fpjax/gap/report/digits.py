@@ -7,7 +7,7 @@ from ..effects.estimate import Estimate as Estimate
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Units that take the prefixes milli and micro; the others (kg m^2, N m s/rad) are unusual with one.
-_PREFIXED = {"s", "m", "m/s", "rad", "rad/s", "N m"}
+_PREFIXED = {"s", "m", "m/s", "rad", "rad/s", "N m", "N", "A"}
 _NO_BREAK = "\u202f"  # narrow no-break space, between number and unit
 _MINUS = "−"
 
@@ -86,7 +86,7 @@ def show_percent(share: float) -> str:
         text = f"{min(percent, 99.9):.1f}"
     elif 0.0 < percent < 0.1:
         text = "< 0.1"
-    elif abs(percent) < 1.0 and percent != 0.0:
+    elif abs(percent) < 0.95 and percent != 0.0:
         text = f"{percent:.1f}"
     else:
         text = f"{percent:.0f}"
@@ -106,6 +106,7 @@ def _decimals(value: float, digits: int) -> int:
 
 
 def _show(value: float, decimals: int, power: int) -> str:
-    scaled = value / 10.0**power
-    text = f"{scaled:.{max(decimals + power, 0)}f}".replace("-", _MINUS)
+    decimals += power
+    # Rounded first: a format alone keeps every digit left of the point, 87677 for 90000.
+    text = f"{round(value / 10.0**power, decimals) + 0.0:.{max(decimals, 0)}f}".replace("-", _MINUS)
     return text if power == 0 else f"{text}×10{str(power).translate(_SUPERSCRIPTS)}"

@@ -29,7 +29,8 @@ def rows_of(diagnosis: Answer) -> list[tuple[str, Estimate]]:
     if not diagnosis.steps and diagnosis.verdict != "no_gap" and diagnosis.gap.estimate("after").known:
         rows.append(("Corrected model" if diagnosis.causes else "Best attempt", diagnosis.gap.estimate("after")))
     if diagnosis.learned:
-        rows.append((f"+ {learned_name(diagnosis)}", diagnosis.gap.estimate("learned")))
+        name = learned_name(diagnosis)
+        rows.append((f"+ {name[:1].upper() + name[1:]}", diagnosis.gap.estimate("learned")))
     return [(name, gap) for name, gap in rows if gap.known]
 
 

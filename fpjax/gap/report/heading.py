@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..answer.summary import dominant_sentence
 from .derived_values import at_bound, shown_gap, twins_of
-from .markup import (
-    gap_interval,
-    gap_number,
-    paragraph,
-    percent,
-    text,
-)
+from .digits import show_unit
+from .markup import gap_interval, gap_number, paragraph, percent, text
 from .names import effect_name, join, parameter_name
 from .sentences import (
     confidence_sentence,
+    dominant_sentence,
     learned_sentence,
     verdict_sentence,
     verdict_title,
+    where_sentence,
 )
 
 if TYPE_CHECKING:
@@ -30,7 +26,9 @@ def header(diagnosis: Answer) -> str:
     inputs = [str(entry.get("name", "")) for entry in diagnosis.provenance.get("inputs", ()) if isinstance(entry, dict)]
     origin = " · ".join(["Sim-to-real gap", *(name for name in inputs if name)])
     sure = confidence_sentence(diagnosis)
-    badge = f'<span class="badge">{text(verdict_title(diagnosis))}</span>'
+    # The badge of a partly explained gap is filled as far as the gap is closed.
+    closed = f' style="--closed:{diagnosis.gap.closed:.0%}"' if diagnosis.verdict == "partly_explained" else ""
+    badge = f'<span class="badge"{closed}>{text(verdict_title(diagnosis))}</span>'
     confidence = (
         f'<span class="confidence">Confidence: <b>{text(sure[:1].lower() + sure[1:].rstrip("."))}</b></span>'
         if sure
@@ -39,7 +37,8 @@ def header(diagnosis: Answer) -> str:
     return (
         f'<header class="{diagnosis.verdict}">\n<p class="origin">{text(origin)}</p>\n'
         f'<div class="verdict">{badge}{confidence}</div>\n<h1>{_sentence(diagnosis)}</h1>\n'
-        f"{_facts(diagnosis)}{_caution(diagnosis)}{_dominant(diagnosis)}{paragraph(learned_sentence(diagnosis))}\n</header>"
+        f"{_facts(diagnosis)}{_caution(diagnosis)}{paragraph(where_sentence(diagnosis))}"
+        f"{paragraph(dominant_sentence(diagnosis))}{paragraph(learned_sentence(diagnosis))}\n</header>"
     )
 
 
@@ -48,7 +47,9 @@ def _sentence(diagnosis: Answer) -> str:
     out = text(verdict_sentence(diagnosis))
     named = [effect for cause in diagnosis.causes for effect in (cause, *twins_of(diagnosis, cause))]
     # Longest first, and replaced by placeholders before markup: a name may be part of another one.
-    names = sorted({text(effect_name(effect, diagnosis.motion)) for effect in named}, key=len, reverse=True)
+    names = {text(effect_name(effect, diagnosis.motion)) for effect in named}
+    # The first word of the sentence has a capital.
+    names = sorted(names | {name[:1].upper() + name[1:] for name in names}, key=len, reverse=True)
     for i, name in enumerate(names):
         out = out.replace(name, f"\x00{i}\x01")
     for i, name in enumerate(names):
@@ -60,16 +61,11 @@ def _caution(diagnosis: Answer) -> str:
     """A caution about parameters of the causes that ended at a bound of the search; "" for none."""
     limited = [entry for entry in diagnosis.ranking if entry.effect in diagnosis.causes and at_bound(entry)]
     names = [
-        f"{parameter_name(name)} of {effect_name(e.effect, diagnosis.motion)}" for e in limited for name in at_bound(e)
+        f"{parameter_name(name, diagnosis.motion)} of {effect_name(e.effect, diagnosis.motion)}"
+        for e in limited
+        for name in at_bound(e)
     ]
     return paragraph(f"At a bound of the search, and so not measured: {join(names)}.") if names else ""
-
-
-def _dominant(diagnosis: Answer) -> str:
-    """The paragraph on the variable that the missing torque follows; "" for none."""
-    if diagnosis.dominant_variable is None:
-        return ""
-    return paragraph(dominant_sentence(diagnosis))
 
 
 def _facts(diagnosis: Answer) -> str:
@@ -86,13 +82,18 @@ def _facts(diagnosis: Answer) -> str:
     cells = []
     for kind, title, size in tiles:
         interval = gap_interval(size, shown_gap(diagnosis, size))
-        below = f"<small>90 % interval {interval}</small>" if interval else ""
+        unit = f" {text(show_unit(shown_gap(diagnosis, size).unit))}".rstrip()
+        below = f"<small>90 % interval <span>{interval}{unit}</span></small>" if interval else ""
         number = gap_number(size, shown_gap(diagnosis, size))
         cells.append(f'<div class="is-{kind}"><dt>{title}</dt><dd>{number}{below}</dd></div>')
     closed = diagnosis.gap.estimate("closed")
-    if closed.known and diagnosis.verdict != "no_gap":
+    # Of a gap below the floor there is no share to close.
+    if closed.known and diagnosis.verdict != "no_gap" and not diagnosis.gap.before <= diagnosis.gap.noise_floor:
         interval = (
-            f"<small>90 % interval {percent(closed.low)} to {percent(closed.high)}</small>" if closed.bounded else ""
+            f"<small>90 % interval <span>{percent(closed.low)} to {percent(closed.high)}</span></small>"
+            if closed.bounded
+            else ""
         )
-        cells.append(f'<div class="is-closed"><dt>Gap closed</dt><dd>{percent(closed.value)}{interval}</dd></div>')
+        title = "Gap closed" if diagnosis.causes else "Closed by the best attempt"
+        cells.append(f'<div class="is-closed"><dt>{title}</dt><dd>{percent(closed.value)}{interval}</dd></div>')
     return f'<dl class="facts">{"".join(cells)}</dl>'

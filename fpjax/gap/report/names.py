@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from ..answer.summary import PLACES
+from ..effects.estimate import NINETY
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def _spell(name: str) -> str:
 def effect_name(effect: str, motion: str = "rotary") -> str:
     """The name of an effect in a sentence; an effect of the user's own keeps its name."""
     words = EFFECTS.get(effect)
-    return _for_motion(words.name, motion) if words else _spell(effect)
+    return for_motion(words.name, motion) if words else _spell(effect)
 
 
 def effect_title(effect: str, motion: str = "rotary") -> str:
@@ -96,7 +97,7 @@ def effect_title(effect: str, motion: str = "rotary") -> str:
 def effect_meaning(effect: str, motion: str = "rotary") -> str:
     """One clause on what the effect does, "" where it is not of the vocabulary."""
     words = EFFECTS.get(effect)
-    return _for_motion(words.meaning, motion) if words else ""
+    return for_motion(words.meaning, motion) if words else ""
 
 
 def is_wrong_value(effect: str) -> bool:
@@ -107,23 +108,26 @@ def is_wrong_value(effect: str) -> bool:
 
 def regime_name(regime: str, motion: str = "rotary") -> str:
     """Where a regime lies, in words."""
-    return _for_motion(PLACES.get(regime, _spell(regime)), motion)
+    return for_motion(PLACES.get(regime, _spell(regime)), motion)
 
 
-def parameter_name(parameter: str) -> str:
-    """A parameter's name with spaces."""
-    return _spell(parameter)
+def parameter_name(parameter: str, motion: str = "rotary") -> str:
+    """A parameter's name with spaces; `inertia` of a linear axis is its mass."""
+    return for_motion(_spell(parameter), motion)
 
 
-def state_meaning(state: str, uncertainty: float = math.inf) -> str:
+def state_meaning(state: str, uncertainty: float = math.nan) -> str:
     """The meaning of an identifiability verdict; "" for an unknown one.
 
     Args:
         state: the verdict.
-        uncertainty: standard deviation over value [1]: a parameter that is traded off may still be known well enough.
+        uncertainty: standard deviation over value [1]: a parameter that is traded off may still be known well enough,
+            and the interval of one that is pinned may reach over zero; NaN where it is not known.
     """
     if state.startswith("traded") and uncertainty < KNOWN:
         return "its small error is correlated with the other's"
+    if state.startswith("pinned") and uncertainty > 1.0 / NINETY:
+        return "this log determines it; it may be zero"
     return next((meaning for start, meaning in STATE_MEANINGS.items() if state.startswith(start)), "")
 
 
@@ -163,7 +167,8 @@ _CONFIDENCE = (
 )
 
 
-def _for_motion(text: str, motion: str) -> str:
+def for_motion(text: str, motion: str) -> str:
+    """Words of a rotary axis as those of the given one."""
     if motion == "linear":
         for rotary, linear in _LINEAR:
             text = text.replace(rotary, linear)

@@ -15,7 +15,15 @@ from .learned_picture import draw_learned, laws_of
 from .record_picture import draw_record, has_record
 from .sentences import confidence_sentence, verdict_sentence, verdict_title, where_sentence
 from .theme import MUTED, report_style
-from .where_picture import axes_with_places, draw_residual, draw_where, has_regimes, has_where, residual_axes
+from .where_picture import (
+    axes_with_places,
+    draw_residual,
+    draw_rest,
+    draw_where,
+    has_regimes,
+    has_where,
+    residual_axes,
+)
 
 if TYPE_CHECKING:
     from ..answer.answer import Answer
@@ -52,12 +60,14 @@ def draw_pictures(diagnosis: Answer) -> list[Picture]:
         # Heights [inch] of the wide and of the narrow layout.
         found.append(_picture("record", _record_description(), draw_record, diagnosis, 4.6, 7.4))
     if has_where(diagnosis):
-        found.append(_where_picture("where", where_sentence(diagnosis) or "Shares of the gap's energy.", diagnosis))
+        found.append(
+            _where_picture("where", where_sentence(diagnosis) or "Shares of the gap's energy.", draw_where, diagnosis)
+        )
     if diagnosis.residual_where is not None:
         # The same picture, of what the causes leave.
         rest = replace(diagnosis, where=diagnosis.residual_where)
         if has_where(rest):
-            found.append(_where_picture("left", "Where the rest of the gap lies.", rest))
+            found.append(_where_picture("left", "Where the rest of the gap lies.", draw_rest, rest))
     panels = len(residual_axes(diagnosis))
     if panels:
         description = "What the nominal model cannot account for, against " + ", ".join(residual_axes(diagnosis)) + "."
@@ -107,10 +117,10 @@ def draw_overview(diagnosis: Answer) -> Figure:
     return figure
 
 
-def _where_picture(name: str, description: str, diagnosis: Answer) -> Picture:
+def _where_picture(name: str, description: str, draw: Callable[..., None], diagnosis: Answer) -> Picture:
     panels = len(axes_with_places(diagnosis)) + has_regimes(diagnosis)
     rows = 1 if panels < 3 else 2
-    return _picture(name, description, draw_where, diagnosis, 2.3 * rows + 0.2, 2.0 * panels + 0.2)
+    return _picture(name, description, draw, diagnosis, 2.3 * rows + 0.2, 2.0 * panels + 0.2)
 
 
 def _draw_nothing(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:

@@ -13,8 +13,8 @@ from ...output.plotting import thin
 from .derived_values import gap_scale
 from .digits import show_unit
 from .names import clip
-from .sentences import effort_of
-from .theme import AFTER, BAND, BEFORE, FLOOR, INK, MUTED, SOFT
+from .sentences import effort_of, model_names
+from .theme import AFTER, BAND, BEFORE, FLOOR, INK, MUTED, PAPER
 
 if TYPE_CHECKING:
     from matplotlib.figure import FigureBase
@@ -71,11 +71,6 @@ def has_record(diagnosis: Answer) -> bool:
     return any(series.before is not None for series in series_of(diagnosis))
 
 
-def model_names(diagnosis: Answer) -> tuple[str, str]:
-    """Names of the two models in the legend."""
-    return "nominal model", "corrected model" if diagnosis.causes else "best attempt"
-
-
 def draw_record(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
     """Draw on a figure or subfigure.
 
@@ -110,18 +105,6 @@ def draw_record(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
         if series is worst:
             for axes in (signal_axes, error_axes):
                 axes.axvspan(moved[first], moved[last], color=BAND, linewidth=0, zorder=0)
-    if np.isfinite(diagnosis.gap.noise_floor):
-        # Twice the rms: 95 % of noise lies within.
-        error_axes.axhspan(
-            -2 * factor * diagnosis.gap.noise_floor,
-            2 * factor * diagnosis.gap.noise_floor,
-            color=SOFT,
-            alpha=0.55,
-            linewidth=0,
-            zorder=0.5,
-            label="noise (±2 rms)",
-        )
-        error_axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.985), handlelength=1.2, borderaxespad=0.0)
     if len(shown) == 1:
         _name_holes(signal_axes, shown[0])
     moved_ends = len(shown) > 1 and any(_shifts(shown))
@@ -178,6 +161,7 @@ def _zoom(axes: Axes, series: Series, first: int, last: int, names: tuple[str, s
             textcoords="offset points",
             fontsize=7.5,
             color=MUTED,
+            bbox={"facecolor": PAPER, "alpha": 0.85, "linewidth": 0, "pad": 1.0},
         )
 
 

@@ -21,7 +21,7 @@ from .markup import (
     text,
 )
 from .model_text import count_changes, save_link, to_html, use_sentence
-from .names import effect_meaning, effect_name, effect_title, join, parameter_name, state_meaning
+from .names import effect_meaning, effect_name, effect_title, for_motion, join, parameter_name, state_meaning
 from .sentences import (
     effort_of,
     learned_name,
@@ -30,12 +30,12 @@ from .sentences import (
     tracking_sentence,
     twin_sentences,
     variable_name,
-    where_sentence,
 )
 
 if TYPE_CHECKING:
     from ..answer.answer import Answer
     from ..answer.findings import Ranked
+    from ..effects.estimate import Estimate
 
 
 def record(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
@@ -49,19 +49,20 @@ def record(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
         f"None of these samples was used for the fit. Each model gives the {effort} that the measured motion needed; "
         f"its difference to the commanded {effort} is the missing {effort} of that model."
     )
+    caption = "The curves hold the noise of the sensors too; in the size of the gap, the noise's share is taken out."
     return section(
         "record",
         title,
         paragraph(how),
         paragraph(tracking_sentence(diagnosis)),
         paragraph(replay_sentence(diagnosis)),
-        figure("record", *pictures["record"]),
+        figure("record", *pictures["record"], caption),
     )
 
 
 def where(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
     """Where the gap lies: maps over time, velocity, position and frequency."""
-    parts = [paragraph(where_sentence(diagnosis))]
+    parts = []  # the sentence on it is at the head of the page
     if "where" in pictures:
         caption = f"Shares of the energy of the missing {effort_of(diagnosis)}; in colour, what stands out."
         if diagnosis.verdict == "no_gap":
@@ -82,6 +83,8 @@ def where(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
     if not any(parts):
         nothing = "Nothing stands above the noise, so there is no place to show."
         parts.append(paragraph(nothing if diagnosis.verdict == "no_gap" else "No map was made for this log."))
+    elif diagnosis.gap.before <= diagnosis.gap.noise_floor and "where" not in pictures:
+        parts.insert(0, paragraph("Nothing stands above the noise on withheld data, so there is no map of it."))
     return section("where", "Where the gap lies", *parts)
 
 
@@ -127,7 +130,7 @@ def _ranking_table(diagnosis: Answer, candidates: list[Ranked], *, learned: bool
         cells = [_effect_cell(diagnosis, candidate), _probability_cell(candidate)]
         gap = entry_gap(diagnosis, candidate)
         cells.append(gap_number(gap, shown_gap(diagnosis, gap)))
-        items = "".join(_parameter_item(candidate, name) for name in candidate.parameters)
+        items = "".join(_parameter_item(candidate, name, diagnosis.motion) for name in candidate.parameters)
         cells.append(f'<ul class="found">{items}</ul>' if items else "")
         if len(headings) == 5:
             cells.append(text(join([effect_name(t, diagnosis.motion) for t in candidate.indistinguishable_from])))
@@ -165,9 +168,9 @@ def _effect_cell(diagnosis: Answer, candidate: Ranked) -> str:
     return f'<span class="name">{title}</span>{pill}<small>{meaning}</small>{code}'
 
 
-def _parameter_item(candidate: Ranked, name: str) -> str:
+def _parameter_item(candidate: Ranked, name: str, motion: str) -> str:
     note = "<small>at a bound of the search: not a measurement</small>" if name in at_bound(candidate) else ""
-    return f"<li>{text(parameter_name(name))}<br>{parameter(candidate.parameters[name])}{note}</li>"
+    return f"<li>{text(parameter_name(name, motion))}<br>{parameter(candidate.parameters[name])}{note}</li>"
 
 
 def _probability_cell(candidate: Ranked) -> str:
@@ -190,7 +193,8 @@ def shrink(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
     else:
         lead = "No cause is asserted; the best attempt is there for comparison."
     caption = (
-        "Lines over the bars are 90 % intervals; the dashed line is what a perfect model would leave."
+        "Lines over the bars are 90 % intervals; the dashed line is the noise floor, which noise alone exceeds in one "
+        "log of twenty."
         if diagnosis.gap.estimate("before").bounded
         else ""
     )
@@ -199,17 +203,25 @@ def shrink(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
     for step in diagnosis.steps:
         gap = step_gap(diagnosis, step)
         shown = shown_gap(diagnosis, gap)
-        interval = gap_interval(gap, shown)
         names = [effect_title(step.added, diagnosis.motion)]
         names += [effect_name(twin, diagnosis.motion) for twin in twins_of(diagnosis, step.added)]
         detail = "" if step.added in diagnosis.causes else " (a detail)"
-        rows.append(("", [f"+ {text(join(names, 'or'))}{detail}", gap_number(gap, shown), interval or "not known"]))
+        rows.append(
+            ("", [f"+ {text(join(names, 'or'))}{detail}", gap_number(gap, shown), _interval(gap, shown) or "not known"])
+        )
     if diagnosis.learned:
         gap = diagnosis.gap.estimate("learned")
         shown = shown_gap(diagnosis, gap)
-        rows.append(("", [f"+ {text(learned_name(diagnosis))}", gap_number(gap, shown), gap_interval(gap, shown)]))
+        name = learned_name(diagnosis)
+        rows.append(("", [f"+ {text(name[:1].upper() + name[1:])}", gap_number(gap, shown), _interval(gap, shown)]))
     steps = table(["Added", "Gap after", "90 % interval"], rows) if len(rows) > 1 else ""
     return section("shrink", "How far the gap shrinks", paragraph(lead), drawn, steps)
+
+
+def _interval(gap: Estimate, shown: Estimate) -> str:
+    """The interval with its unit, for a column of its own."""
+    interval = gap_interval(gap, shown)
+    return f"{interval} {text(show_unit(shown.unit))}".strip() if interval else ""
 
 
 def apart(diagnosis: Answer) -> str:
@@ -223,7 +235,8 @@ def apart(diagnosis: Answer) -> str:
         items = ""
         for experiment in diagnosis.next_experiment:
             names = join([effect_name(effect, diagnosis.motion) for effect in experiment.separates], "from")
-            items += f'<li>{text(experiment.do)}<br><span class="quiet">Distinguishes {text(names)}.</span></li>'
+            do = for_motion(experiment.do, diagnosis.motion)
+            items += f'<li>{text(do)}<br><span class="quiet">Distinguishes {text(names)}.</span></li>'
         parts.append(f'<ul class="todo">{items}</ul>')
     return section("apart", "What cannot be distinguished", *parts)
 
@@ -240,12 +253,13 @@ def identifiability(diagnosis: Answer) -> str:
     for fixing in diagnosis.identifiability:
         size = abs(fixing.value)
         meaning = state_meaning(fixing.verdict, fixing.standard_deviation / size if size > 0.0 else math.inf)
-        state = f"{text(parameter_name(fixing.verdict))}{f'<small>{text(meaning)}</small>' if meaning else ''}"
+        state = text(parameter_name(fixing.verdict, diagnosis.motion))
+        state += f"<small>{text(meaning)}</small>" if meaning else ""
         rows.append(
             (
                 "",
                 [
-                    f'<span class="name">{text(parameter_name(fixing.parameter))}</span>',
+                    f'<span class="name">{text(parameter_name(fixing.parameter, diagnosis.motion))}</span>',
                     parameter(fixed(fixing)),
                     state,
                 ],
@@ -262,10 +276,13 @@ def identifiability(diagnosis: Answer) -> str:
 
 def model(diagnosis: Answer) -> str:
     """The corrected model, with what changed marked."""
+    # Without a cause nothing was corrected.
+    attempt = diagnosis.verdict == "unexplained" and not diagnosis.causes
+    title = "The best attempt as a model" if attempt else "The corrected model"
     if not diagnosis.model.strip():
         return section(
             "model",
-            "The corrected model",
+            title,
             paragraph(diagnosis.model_missing or "The diagnosis holds no corrected model."),
         )
     use = use_sentence(diagnosis.model)
@@ -289,7 +306,7 @@ def model(diagnosis: Answer) -> str:
             f"without a named cause. It simulates better within the speeds and positions of the log."
         )
         parts += [paragraph(told), save_link(diagnosis.learned_model, "learned.toml")]
-    return section("model", "The corrected model", *parts)
+    return section("model", title, *parts)
 
 
 def warnings(diagnosis: Answer) -> str:
@@ -323,7 +340,7 @@ def provenance(diagnosis: Answer) -> str:
         pairs.append(("Seeds", text(", ".join(listed))))
     if known.get("windows"):
         windows = known["windows"]
-        told = f"{windows['fitted']} fitted, {windows['withheld']} withheld, of {windows['seconds']:g} s"
+        told = f"{windows['fitted']} fitted, {windows['withheld']} withheld, of {windows['seconds']:.4g} s"
         pairs.append(("Windows", text(told)))
     if diagnosis.allowed:
         pairs.append(("Effects tried", text(f"only {', '.join(diagnosis.allowed)}")))

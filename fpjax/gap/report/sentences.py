@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from ..answer.answer import Answer
     from ..answer.findings import Share
 
+DETAIL = 0.01  # share of the gap from which what a detail takes away is told in the verdict's sentence
+
 TITLES = {
     "no_gap": "No gap",
     "explained": "Explained",
@@ -45,7 +47,7 @@ def verdict_sentence(diagnosis: Answer) -> str:
         return f"{_lacks(diagnosis)}; beside it nothing is missing: {before} rms of {effort} on withheld data."
     if diagnosis.verdict == "explained":
         shrink = f"the missing {effort} on withheld data falls from {before} to {after} rms" + _of_closable(diagnosis)
-        return f"{_lacks(diagnosis)}; with {_it(diagnosis)} corrected, {shrink}."
+        return f"{_lacks(diagnosis)}; with {_it(diagnosis)} corrected{_details(diagnosis)}, {shrink}."
     if diagnosis.verdict == "partly_explained":
         share, regime = main_regime(diagnosis.residual_where)
         place = regime_name(regime, diagnosis.motion)
@@ -53,14 +55,15 @@ def verdict_sentence(diagnosis: Answer) -> str:
         asserted = _asserted(diagnosis)
         verb = "explains" if len(diagnosis.causes) == 1 else "explain"
         return (
-            f"{asserted[:1].upper()}{asserted[1:]} {verb} {show_percent(gap.closed)} of the missing {effort}; "
+            f"{asserted[:1].upper()}{asserted[1:]}{_details(diagnosis)}{',' if _details(diagnosis) else ''} {verb} "
+            f"{show_percent(gap.closed)} of the missing {effort}; "
             f"{show_percent(1.0 - gap.closed)} is left ({after} of {before} rms on withheld data){where}."
         )
     # Unexplained, from here on: without a gap on withheld data, with an asserted part, or with a best attempt only.
     if gap.before <= gap.noise_floor:
         return (
             f"On withheld data no missing {effort} stands above the noise floor of {floor}; the fitted windows show "
-            f"some, and {_nothing_closes(diagnosis, 'that')}."
+            f"some, and {_nothing_closes(diagnosis, 'it')}."
         )
     differs = f"The simulation misses {before} rms of {effort} on withheld data{over_floor}"
     if diagnosis.causes:
@@ -96,8 +99,25 @@ def learned_sentence(diagnosis: Answer) -> str:
     nothing = max(1.0 - sum(law.share for law in diagnosis.learned), 0.0)
     after = show_with_unit(shown_gap(diagnosis, diagnosis.gap.estimate("learned")))
     return (
-        f"Of the energy of what is left, {join([*parts, f'{show_percent(nothing)} nothing that was recorded'])}: "
+        f"Of the energy of what is left, {join([*parts, f'{show_percent(nothing)} follows no recorded signal'])}: "
         f"simulated with the {learned_name(diagnosis)}, {after} rms is missing on withheld data."
+    )
+
+
+def dominant_sentence(diagnosis: Answer) -> str:
+    """The variable that the missing torque mostly follows, and how its share is counted; "" where none stands out."""
+    found = diagnosis.dominant_variable
+    if found is None:
+        return ""
+    effort, name = effort_of(diagnosis), variable_name(found.of, diagnosis)
+    named = ""
+    if diagnosis.causes and diagnosis.verdict in ("explained", "partly_explained"):
+        what = "causes hold" if len(diagnosis.causes) > 1 else "cause holds"
+        named = f", and the {what} {show_percent(found.named)}"
+    return (
+        f"The part of the missing {effort} that moves the machine mostly follows the {name}: a curve over "
+        f"{'the ' if found.of == 'torque' else ''}{name} alone holds {show_percent(found.share)} of that part's "
+        f"energy{named}. The shares of the gap above count vibration too, which hardly moves the machine."
     )
 
 
@@ -115,14 +135,15 @@ def confidence_sentence(diagnosis: Answer) -> str:
 
 
 def where_sentence(diagnosis: Answer) -> str:
-    """Where most of the gap lies; "" where nothing stands out or there is no gap."""
+    """Where most of the nominal model's gap lies; "" where nothing stands out or there is no gap."""
     if diagnosis.verdict == "no_gap":
         return ""
     units = motion_units(diagnosis.motion)
     parts = []
     share, regime = main_regime(diagnosis.where)
     if regime:
-        parts.append(f"{show_percent(share)} of the gap's energy lies {regime_name(regime, diagnosis.motion)}")
+        place = regime_name(regime, diagnosis.motion)
+        parts.append(f"{show_percent(share)} of the energy of the nominal model's gap lies {place}")
     prepositions = {
         "time": "from",
         "velocity": "at velocities of",
@@ -133,11 +154,14 @@ def where_sentence(diagnosis: Answer) -> str:
         largest = max(places(diagnosis.where, axis), key=lambda place: place.share, default=None)
         # Less than a fifth is on the map, but too little for a sentence.
         if largest is not None and largest.share >= 0.2:
-            parts.append(f"{show_percent(largest.share)} {prepositions[axis]} {show_range(largest, units[axis])}")
+            spot = f"{prepositions[axis]} {show_range(largest, units[axis])}"
+            if axis == "frequency" and largest.start <= 0.0:
+                spot = f"below {show_range(largest, units[axis]).partition(' to ')[2]}"
+            parts.append(f"{show_percent(largest.share)} {spot}")
     if not parts:
         return ""
     text = join(parts)
-    return f"{text[:1].upper()}{text[1:]}." if regime else f"Of the gap's energy, {text}."
+    return f"{text[:1].upper()}{text[1:]}." if regime else f"Of the energy of the nominal model's gap, {text}."
 
 
 def show_range(place: Share, unit: str) -> str:
@@ -183,9 +207,11 @@ def tracking_sentence(diagnosis: Answer) -> str:
     known = {name: readable(estimate) for name, estimate in tracking(diagnosis).items() if estimate.known}
     if "measured" not in known or not ({"before", "after"} & set(known)):
         return ""
-    predicted = [
-        f"{show_with_unit(known[name])} {name} the correction" for name in ("before", "after") if name in known
-    ]
+    nominal, corrected = _models(diagnosis)
+    models = [("before", nominal), *([("after", corrected)] if corrected else [])]
+    predicted = [f"{show_with_unit(known[name])} with the {model}" for name, model in models if name in known]
+    if not predicted:
+        return ""
     measured = show_with_unit(known["measured"])
     return (
         f"Closed-loop tracking error on withheld data: {measured} rms measured; the simulator predicts "
@@ -208,10 +234,33 @@ def replay_sentence(diagnosis: Answer) -> str:
         if free.guide > 0.0
         else ""
     )
+    nominal, corrected = _models(diagnosis)
+    other = f", the {corrected} by {after}" if corrected else ""
     return (
-        f"Driven by the recorded {effort_of(diagnosis)} alone, the nominal model departs over "
-        f"{free.window:.3g}\u202fs by {before}, the corrected one by {after}.{held}"
+        f"Driven by the recorded {effort_of(diagnosis)} alone, the {nominal} departs over "
+        f"{free.window:.3g}\u202fs by {before}{other}.{held}"
     )
+
+
+def model_names(diagnosis: Answer) -> tuple[str, str]:
+    """Names of the nominal and of the other model, as sentences and legends have them."""
+    return "nominal model", "corrected model" if diagnosis.causes else "best attempt"
+
+
+def _models(diagnosis: Answer) -> tuple[str, str]:
+    """As `model_names`; the other one is "" where there is no gap: nothing was corrected."""
+    nominal, other = model_names(diagnosis)
+    return nominal, "" if diagnosis.verdict == "no_gap" else other
+
+
+def _details(diagnosis: Answer) -> str:
+    """The details beside the causes that take part in the share closed, as a clause; "" for none that matters."""
+    names, last = [], diagnosis.gap.before
+    for step in diagnosis.steps:
+        if step.added not in diagnosis.causes and last - step.gap_after > DETAIL * diagnosis.gap.before:
+            names.append(effect_name(step.added, diagnosis.motion))
+        last = step.gap_after
+    return f", with {join(names)} as {'a detail' if len(names) == 1 else 'details'}" if names else ""
 
 
 def _alternatives(diagnosis: Answer) -> list[str]:
@@ -260,4 +309,6 @@ def _of_closable(diagnosis: Answer) -> str:
     """The share of the gap that is closed, as the end of a sentence."""
     if not math.isfinite(diagnosis.gap.closed):
         return ""
-    return f", {show_percent(diagnosis.gap.closed)} of what a perfect model would close"
+    closed = diagnosis.gap.closed
+    left = "" if closed >= 1.0 else f", {show_percent(1.0 - closed)} is left"
+    return f": {show_percent(closed)} of the gap is closed{left}"

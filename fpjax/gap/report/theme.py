@@ -49,7 +49,11 @@ _STYLE: Any = {
     "ytick.labelcolor": MUTED,
     "xtick.labelsize": 8.0,
     "ytick.labelsize": 8.0,
-    "legend.frameon": False,
+    # on paper: a legend without free space of its own stays readable over the curves
+    "legend.frameon": True,
+    "legend.framealpha": 0.85,
+    "legend.facecolor": PAPER,
+    "legend.edgecolor": "none",
     "legend.fontsize": 8.5,
     "svg.fonttype": "none",
     # a log's name may hold a dollar sign

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from ..answer.findings import Share
 
 
+HIGHEST = 3.0  # expected share over the largest one up to which the picture makes room for it
+LEAST = 8  # values in a bin: fewer have no 10 % quantile
+
+
 def axes_with_places(diagnosis: Answer) -> list[str]:
     """The axes on which any bin holds a share of the gap."""
     found = []
@@ -44,19 +48,29 @@ def has_where(diagnosis: Answer) -> bool:
 
 
 def draw_where(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
-    """Draw the maps on a figure or subfigure: what stands out in colour, the rest in grey.
+    """Draw the maps of the nominal model's gap on a figure or subfigure: what stands out in colour, the rest in grey.
 
     Args:
         figure: to draw on.
         diagnosis: has a map or a regime.
         narrow: panels below one another, for a phone.
     """
+    _draw_maps(figure, diagnosis, narrow, BEFORE, "share of the gap")
+
+
+def draw_rest(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
+    """As `draw_where`, in the colour of the corrected model: `diagnosis.where` holds what the causes leave."""
+    _draw_maps(figure, diagnosis, narrow, AFTER, "share of the rest")
+
+
+def _draw_maps(figure: FigureBase, diagnosis: Answer, narrow: bool, colour: str, label: str) -> None:
     panels = axes_with_places(diagnosis)
     units = motion_units(diagnosis.motion)
     names = [*(["regime"] if has_regimes(diagnosis) else []), *panels]
-    spots = _stacked(figure, names) if narrow else _side_by_side(figure, names)
+    spots = _stacked(figure, names, label) if narrow else _side_by_side(figure, names, label)
     for axis in panels:
-        _bars(spots[axis], bins(diagnosis.where, axis), places(diagnosis.where, axis), with_even=axis != "frequency")
+        every, standing_out = bins(diagnosis.where, axis), places(diagnosis.where, axis)
+        _bars(spots[axis], every, standing_out, colour, with_even=axis != "frequency")
         spots[axis].set_title(f"By {axis}")
         spots[axis].set_xlabel(f"{axis} [{show_unit(units[axis])}]")
         if axis == "frequency":
@@ -66,19 +80,21 @@ def draw_where(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
             spots[axis].legend(loc="upper right", handlelength=1.8)
             break
     if has_regimes(diagnosis):
-        _regimes(spots["regime"], diagnosis)
+        _regimes(spots["regime"], diagnosis, colour)
         spots["regime"].set_title("By regime")
 
 
-def _stacked(figure: FigureBase, names: list[str]) -> dict[str, Axes]:
-    drawn = figure.subplots(len(names), 1, squeeze=False)[:, 0]
+def _stacked(figure: FigureBase, names: list[str], label: str) -> dict[str, Axes]:
+    # A subfigure each: the long names of the regimes do not shrink the other panels.
+    bands = np.atleast_1d(figure.subfigures(len(names), 1))
+    drawn = [band.subplots() for band in bands]
     for axes, name in zip(drawn, names, strict=True):
         if name != "regime":
-            axes.set_ylabel("share of the gap")
+            axes.set_ylabel(label)
     return dict(zip(names, drawn, strict=True))
 
 
-def _side_by_side(figure: FigureBase, names: list[str]) -> dict[str, Axes]:
+def _side_by_side(figure: FigureBase, names: list[str], label: str) -> dict[str, Axes]:
     """Time and regime above, the other axes below."""
     rows = [[n for n in ("time", "regime") if n in names], [n for n in names if n not in ("time", "regime")]]
     rows = [row for row in rows if row]
@@ -89,12 +105,14 @@ def _side_by_side(figure: FigureBase, names: list[str]) -> dict[str, Axes]:
         ratios = [1.9, 1.0] if row == ["time", "regime"] else [1.0] * len(row)
         drawn = band.subplots(1, len(row), squeeze=False, gridspec_kw={"width_ratios": ratios})[0]
         if row != ["regime"]:
-            drawn[0].set_ylabel("share of the gap")
+            drawn[0].set_ylabel(label)
         spots |= dict(zip(row, drawn, strict=True))
     return spots
 
 
-def _bars(axes: Axes, every: tuple[Share, ...], standing_out: tuple[Share, ...], *, with_even: bool) -> None:
+def _bars(
+    axes: Axes, every: tuple[Share, ...], standing_out: tuple[Share, ...], colour: str, *, with_even: bool
+) -> None:
     # Diagnoses made without maps have only the places that stand out.
     shown = every or standing_out
     out = [not every or any(_overlap(place, other) > 0.5 for other in standing_out) for place in shown]
@@ -103,7 +121,7 @@ def _bars(axes: Axes, every: tuple[Share, ...], standing_out: tuple[Share, ...],
         [(place.start, 0.0), (place.start, place.share), (place.stop, place.share), (place.stop, 0.0)]
         for place in shown
     ]
-    colours = [BEFORE if stands_out else SOFT for stands_out in out]
+    colours = [colour if stands_out else SOFT for stands_out in out]
     axes.add_collection(PolyCollection(corners, facecolors=colours, linewidths=0, zorder=2))
     axes.autoscale_view()
     if with_even and every and any(p.expected > 0.0 for p in every):
@@ -117,7 +135,10 @@ def _bars(axes: Axes, every: tuple[Share, ...], standing_out: tuple[Share, ...],
             linestyle=(0, (3, 2)),
             label="if spread evenly",
         )
-    top = 1.18 * max(p.share for p in every or standing_out) or 1.0
+    largest = max(p.share for p in every or standing_out)
+    even = max((p.expected for p in every), default=0.0) if with_even else 0.0
+    # The dashed line stays in the picture, unless a machine that mostly rests made the bars too small to read.
+    top = 1.18 * max(largest, even if even < HIGHEST * largest else 0.0) or 1.0
     axes.set_ylim(0.0, top)
     # Not 2.5: the labels have no decimals and would show 2 and 5 for 2.5 and 5.
     axes.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
@@ -141,13 +162,13 @@ def _frequency_scale(axes: Axes, every: tuple[Share, ...]) -> None:
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
 
 
-def _regimes(axes: Axes, diagnosis: Answer) -> None:
+def _regimes(axes: Axes, diagnosis: Answer, colour: str) -> None:
     names = [r for r, share in diagnosis.where.regime.items() if math.isfinite(share)]
     shares = [diagnosis.where.regime[name] for name in names]
     largest = max(shares, default=0.0)
     rows = np.arange(len(names))[::-1]
     stands_out = diagnosis.verdict != "no_gap"
-    colours = [BEFORE if s == largest and stands_out else SOFT for s in shares]
+    colours = [colour if s == largest and stands_out else SOFT for s in shares]
     axes.barh(rows, shares, height=0.62, color=colours, linewidth=0, zorder=2)
     for row, share in zip(rows, shares, strict=True):
         axes.annotate(
@@ -189,7 +210,6 @@ def draw_residual(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> Non
     panels = residual_axes(diagnosis)
     drawn = figure.subplots(*((len(panels), 1) if narrow else (1, len(panels))), squeeze=False, sharey=True).ravel()
     units = motion_units(diagnosis.motion)
-    effort = ("force", "N") if diagnosis.motion == "linear" else ("torque", "N·m")
     # The course is the torque to be added to the command; plotted is commanded minus needed, its negative.
     residual = -np.asarray(diagnosis.where.residual, float)
     left = diagnosis.residual_where if diagnosis.causes else None
@@ -205,7 +225,7 @@ def draw_residual(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> Non
         axes.set_xlabel(f"{axis} [{show_unit(units[axis])}]")
         axes.margins(x=0.01)
     for axes in drawn if narrow else drawn[:1]:
-        axes.set_ylabel(f"commanded minus needed [{effort[1]}]")
+        axes.set_ylabel(f"commanded minus needed [{clip(show_unit(diagnosis.gap.unit))}]")
     drawn[0].legend(loc="best")
 
 
@@ -215,10 +235,12 @@ def binned(axis: np.ndarray, values: np.ndarray, bins: int = 60) -> tuple[np.nda
     Args:
         axis: of the bins, shape (samples,).
         values: shape (samples,).
-        bins: their number.
+        bins: their number, of a short log fewer.
     """
     known = np.isfinite(axis) & np.isfinite(values)
     axis, values = axis[known], values[known]
+    # Twice as many values as a bin needs, on average: the motion does not spread them evenly.
+    bins = max(min(bins, len(axis) // (2 * LEAST)), 1)
     # The outermost half per cent on each side would stretch the axis for a handful of samples.
     first, last = np.quantile(axis, [0.005, 0.995])
     edges = np.linspace(first, last, bins + 1)
@@ -226,8 +248,7 @@ def binned(axis: np.ndarray, values: np.ndarray, bins: int = 60) -> tuple[np.nda
     quantiles = np.full((3, bins), np.nan)
     for i in range(bins):
         inside = values[index == i]
-        # Fewer values have no 10 % quantile.
-        if inside.size >= 8:
+        if inside.size >= LEAST:
             quantiles[:, i] = np.quantile(inside, [0.1, 0.5, 0.9])
     centres = 0.5 * (edges[1:] + edges[:-1])
     keep = np.isfinite(quantiles[1])
