@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
+from ..gap.report.digits import show_unit
 from ..gap.report.markup import page, text
+from ..gap.report.names import effect_name, for_motion
 from ..gap.report.svg import to_png, to_svg
 from ..gap.report.theme import css_variables
 from ..output.runfile import made_folder, write_whole
@@ -29,6 +31,8 @@ _STYLE = """
 .new{color:var(--after);font-weight:650}
 .old{color:var(--before)}
 """
+# Pure numbers that a reader may take for decibels.
+_FACTORS = {"gain margin": "gain margin, a factor"}
 WAY = (
     "Machines are drawn from the diagnosis: the parameters with their uncertainty, the learned laws, and the torque "
     "that nothing explains, with its size and spectrum. The gains were searched on {tuned} of them, for the smallest "
@@ -97,7 +101,15 @@ def _no_promise(found: Answer) -> str:
 
 def _diagnosed(found: Answer) -> str:
     words = found.verdict.replace("_", " ")
-    return f"{words} ({', '.join(cause.replace('_', ' ') for cause in found.causes)})" if found.causes else words
+    return (
+        f"{words} ({', '.join(effect_name(cause, _motion(found)) for cause in found.causes)})"
+        if found.causes
+        else words
+    )
+
+
+def _motion(found: Answer) -> str:
+    return "linear" if found.before.torque.unit == "N" else "rotary"
 
 
 def _facts(found: Answer) -> str:
@@ -110,8 +122,9 @@ def _facts(found: Answer) -> str:
             rows.append(("is-before", "at reversals now", found.before.reversal))
             rows.append(("is-after", "at reversals, new", found.after.reversal))
     cells = "".join(
-        f'<div class="{kind}"><dt>{text(name)}</dt><dd>{value.value:.3g} {text(value.unit)}'
-        f"<small>{value.low:.3g} to {value.high:.3g}</small></dd></div>"
+        f'<div class="{kind}"><dt>{text(name)}</dt><dd>{value.value:.3g} {text(show_unit(value.unit))}'
+        f"<small>90 % interval <span>{value.low:.3g} to {value.high:.3g} {text(show_unit(value.unit))}</span></small>"
+        "</dd></div>"
         for kind, name, value in rows
     )
     return f'<dl class="facts">{cells}</dl>'
@@ -136,11 +149,15 @@ def _predicted(found: Answer) -> str:
     after = dict(found.after.rows())
     changed = found.decision == "change"
     rows = [
-        [text(name), _number(value), *([_number(after[name]) if name in after else ""] if changed else [])]
+        [
+            text(for_motion(_FACTORS.get(name, name), _motion(found))),
+            _number(value),
+            *([_number(after[name]) if name in after else ""] if changed else []),
+        ]
         for name, value in found.before.rows()
     ]
     if found.measured is not None:
-        told = f'<span class="number">{found.measured:.4g} {text(found.before.error.unit)}</span>'
+        told = f'<span class="number">{found.measured:.4g} {text(show_unit(found.before.error.unit))}</span>'
         rows.append(["tracking error in the log, rms", told, *([""] if changed else [])])
     return _section(
         "Predicted" if found.promised else f"{UNPROMISED[found.decision].capitalize()}, not promised",
@@ -152,7 +169,9 @@ def _nominal(found: Answer) -> str:
     alone = found.nominal
     if alone is None:
         return ""
-    peak = "the drive's own limit" if alone.allowed_peak is None else f"{alone.allowed_peak:.4g} {alone.peak.unit}"
+    peak = "the drive's own limit"
+    if alone.allowed_peak is not None:
+        peak = f"{alone.allowed_peak:.4g} {show_unit(alone.peak.unit)}"
     left = "the proposed ones" if found.decision == "change" else "yours"
     rows = [
         [f"tracking error over that with {left}", _number(alone.ratio), ""],
@@ -168,7 +187,7 @@ def _nominal(found: Answer) -> str:
 
 
 def _number(value: Range) -> str:
-    unit = "" if value.unit == "1" else f" {text(value.unit)}"
+    unit = f" {text(show_unit(value.unit))}".rstrip()
     ends = f'<span class="interval">[{value.low:.4g} to {value.high:.4g}]</span>'
     return f'<span class="number">{value.value:.4g}{unit}</span> {ends}'
 
@@ -224,7 +243,8 @@ def _table(header: list[str], rows: list[list[str]]) -> str:
     head = "".join(f'<th scope="col">{text(each)}</th>' for each in header)
     body = "".join(
         "<tr>" + "".join(
-            f'<td{" class=first" if place == 0 else ""} data-label="{text(header[place])}"><div>{cell}</div></td>'
+            f'<td{" class=first" if place == 0 else ""} data-label="{text(header[place])}">'
+            f"{f'<div>{cell}</div>' if cell else ''}</td>"
             for place, cell in enumerate(row)
         ) + "</tr>"
         for row in rows

@@ -23,6 +23,7 @@ from fpjax.improvement.machines import (
 from fpjax.improvement.margins import NAMES
 from fpjax.improvement.nominal_gains import nominal_gains
 from fpjax.improvement.page import to_page
+from fpjax.improvement.pictures import draw_gains
 from fpjax.improvement.verb import followed, improve_known
 from fpjax.output.stages import StageClock
 
@@ -191,6 +192,32 @@ def test_the_page_needs_nothing_and_names_every_gain(found):
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
     for change in found.changes:
         assert change.gain in page
+
+
+def test_the_pages_numbers_have_units_and_its_words_are_an_engineers(found):
+    page = to_page(found)
+    facts = page[page.index('<dl class="facts">') : page.index("</dl>")]
+    assert facts.count("90 % interval <span>") == facts.count("<dt>")
+    assert all("rad/s</span>" in cell for cell in facts.split("<dt>")[1:])
+    assert " N m " not in page.partition("<pre>")[0].partition("Notes")[0]
+    assert "gain margin, a factor" in page
+    assert "<div></div>" not in page  # an empty cell has no place on a phone
+    told = to_page(dataclasses.replace(found, causes=("stribeck",)))
+    assert "(Stribeck friction)" in told
+
+
+@pytest.mark.parametrize("narrow", [False, True])
+def test_no_title_is_cut_and_no_bound_lies_on_a_dot(found, narrow):
+    figure = draw_gains(found, narrow=narrow)
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    title = axes.title if axes.title.get_text() else axes._left_title
+    assert title.get_window_extent().x1 <= figure.bbox.x1
+    dots = axes.transData.transform([(0.0, 0.0), (1.0, 0.0)])[:, 0]
+    radius = 0.5 * 30.0**0.5 * figure.dpi / 72.0  # of a dot, from its area [points^2]
+    for bound in axes.texts:
+        box = bound.get_window_extent()
+        assert box.x1 < dots[0] - radius or box.x0 > dots[1] + radius
 
 
 @pytest.mark.long
