@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..gap.report.digits import show
+from ..gap.report.names import effect_title
 from ..gap.thresholds import THRESHOLDS
 from ..output.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, RED, new_figure, style, thin
 
@@ -23,7 +25,8 @@ def draw(plan: Answer) -> Figure:
     """One page: speed, position and torque over time with their limits, and a bar for each effect or pair."""
     bars = _bars(plan)
     height = 5.0 + 0.19 * len(bars)
-    title = "Planned run: " + ("all effects visible" if plan.aim == "effects" else "rivals told apart")
+    # What the run is for: whether it is enough, each bar says.
+    title = "Planned run, " + ("to show every effect" if plan.aim == "effects" else "to tell rivals apart")
     figure, axes = new_figure(
         4, 1, size=(7.6, height), title=title, height_ratios=[1.4, 1.0, 1.0, 0.5 + 0.19 * len(bars)]
     )
@@ -56,10 +59,19 @@ def _course(axis: Axes, time: np.ndarray, values: np.ndarray, limit: float, labe
 
 def _bars(plan: Answer) -> list[tuple[str, float, bool]]:
     """(name, nats, or NaN for twins, and whether the run decides it), from above to below."""
+    motion = "linear" if plan.linear else "rotary"
     if plan.aim == "rivals":
-        pairs = plan.separations
-        return [(" / ".join(one.between), float("nan") if one.twins else one.nats, one.separated) for one in pairs]
-    return [(one.effect, float("nan") if one.twin else one.nats, one.shown) for one in plan.visible]
+        return [
+            (
+                " / ".join(effect_title(effect, motion) for effect in one.between),
+                float("nan") if one.twins else one.nats,
+                one.separated,
+            )
+            for one in plan.separations
+        ]
+    return [
+        (effect_title(one.effect, motion), float("nan") if one.twin else one.nats, one.shown) for one in plan.visible
+    ]
 
 
 def _evidence(axis: Axes, bars: list[tuple[str, float, bool]], twins: str) -> None:
@@ -68,13 +80,15 @@ def _evidence(axis: Axes, bars: list[tuple[str, float, bool]], twins: str) -> No
     colours = [GREY if not np.isfinite(nats) else BLUE if decided else RED for _, nats, decided in bars]
     axis.barh(place, sizes - LEAST, left=LEAST, color=colours, height=0.72)
     for at, size, (_, nats, decided) in zip(place, sizes, bars, strict=True):
-        told = twins if not np.isfinite(nats) else f"{nats:.3g}" if nats >= LEAST else f"below {LEAST:g}"
+        told = twins if not np.isfinite(nats) else show(nats) if nats >= LEAST else f"below {LEAST:g}"
         told += "" if decided or not np.isfinite(nats) else ", not enough"
-        axis.text(size * 1.15, at, told, va="center", fontsize=7.5, color=BLACK)
+        # On paper: the dashed line would run through the words.
+        paper = {"facecolor": "white", "linewidth": 0, "pad": 1.0}
+        axis.text(size * 1.15, at, told, va="center", fontsize=7.5, color=BLACK, bbox=paper)
     axis.axvline(THRESHOLDS.sure, color=BLACK, linestyle="--", linewidth=0.9)
     axis.set_xscale("log")
     axis.set_xlim(LEAST, 60.0 * max(float(np.max(sizes)), THRESHOLDS.sure))
     axis.set_ylim(-0.7, len(bars) - 0.3)
-    axis.set_yticks(place, [name.replace("_", " ") for name, *_ in bars])
+    axis.set_yticks(place, [name for name, *_ in bars])
     axis.grid(axis="y", visible=False)
     axis.set_xlabel(f"expected log evidence [nats]; dashed: the {THRESHOLDS.sure:g} that the diagnosis needs")

@@ -1,5 +1,6 @@
 """What a plan says and writes; bad input of its command."""
 
+import dataclasses
 import json
 import re
 
@@ -12,6 +13,7 @@ from fpjax import Plan, load_model
 from fpjax.cli.command_line import main
 from fpjax.planning import Separation, Visible
 from fpjax.planning.explain import not_visible, separations
+from fpjax.planning.picture import draw
 from fpjax.planning.trial import RunComparison
 
 
@@ -106,3 +108,19 @@ def test_bad_input_is_one_sentence_and_exit_code_2(words, sentence, tmp_path, ca
     said = capsys.readouterr().err
     assert sentence in said
     assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("aim", ["rivals", "effects"])
+def test_the_picture_says_what_the_run_is_for_in_names_and_plain_numbers(aim):
+    plan = example(aim)
+    figure = draw(plan)
+    said = figure.get_suptitle() + " ".join(text.get_text() for axes in figure.axes for text in axes.texts)
+    assert "told apart" not in said  # one pair is not: 2 nats are not enough
+    assert "all effects visible" not in said
+    assert "not enough" in said
+    names = [label.get_text() for label in figure.axes[-1].get_yticklabels()]
+    assert any("Stribeck friction" in name for name in names)
+    many = dataclasses.replace(plan.visible[0], nats=14400.0) if plan.visible else None
+    if many is not None:
+        told = draw(dataclasses.replace(plan, visible=(many,)))
+        assert "14400" in [text.get_text() for text in told.axes[-1].texts]
