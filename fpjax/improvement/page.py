@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from ..gap.report.markup import page, text
 from ..gap.report.names import effect_name, for_motion
 from ..gap.report.svg import to_png, to_svg
 from ..gap.report.theme import css_variables
+from ..model_file.keys import Units
 from ..output.runfile import made_folder, write_whole
 from .pictures import draw_error, draw_gains, draw_machines, draw_overview
 from .summary import UNPROMISED, WORDS, headline
@@ -31,6 +33,14 @@ _STYLE = """
 .new{color:var(--after);font-weight:650}
 .old{color:var(--before)}
 """
+# Units of the gains as the model file has them, of a rotary axis in SI. An observer's gains are pure numbers there.
+_FEEDFORWARD = {"inertia": "kg m^2", "coulomb": "N m", "viscous": "N m s/rad"}
+_CONTROLLERS = {
+    "pi": {"kp": "N m s/rad", "ki": "N m/rad"},
+    "p": {"kp": "N m s/rad"},
+    "lead": {"gain": "N m s/rad", "zero": "rad/s", "pole": "rad/s"},
+    "position_cascade": {"kp": "1/s", "kv": "N m s/rad", "ki": "N m/rad"},
+}
 # Pure numbers that a reader may take for decibels.
 _FACTORS = {"gain margin": "gain margin, a factor"}
 WAY = (
@@ -133,14 +143,30 @@ def _facts(found: Answer) -> str:
 def _changes(found: Answer) -> str:
     if not found.changes:
         return ""
-    rows = []
+    rows, units = [], _gain_units(found)
     for change in found.changes:
         moved = change.after != change.before
         at = f" <span class=pill>at the {change.at} end of its bounds</span>" if change.at else ""
-        after = f'<span class="new">{change.after:.5g}</span>{at}' if moved else "stays"
-        span = f"{change.low:.4g} to {change.high:.4g}"
-        rows.append([f'<span class="gain">{text(change.gain)}</span>', f"{change.before:.5g}", after, span])
+        unit = f" {text(show_unit(units.get(change.gain, '')))}".rstrip()
+        after = f'<span class="new">{change.after:.5g}{unit}</span>{at}' if moved else "stays"
+        span = f"{change.low:.4g} to {change.high:.4g}{unit}"
+        rows.append([f'<span class="gain">{text(change.gain)}</span>', f"{change.before:.5g}{unit}", after, span])
     return _section("Gains", _table(["gain", "now", "new", "bounds"], rows))
+
+
+def _gain_units(found: Answer) -> dict[str, str]:
+    """Units of the gains by name; a name without one is a pure number, or not known."""
+    # Where the gains are kept there is no tuned model; the corrected one has the same units.
+    model = found.model or (found.diagnosis.model if found.diagnosis is not None else "")
+    if not model.strip():
+        return {}
+    tables = tomllib.loads(model)
+    written = tables.get("units", {})
+    linear = written.get("motion") == "linear"
+    machine = Units(written.get("motion", "rotary"), written.get("torque", "N" if linear else "N m"))
+    own = _CONTROLLERS.get(tables.get("controller", {}).get("type", ""), {})
+    sections = {"feedforward": _FEEDFORWARD, "controller": own}
+    return {f"{name}.{key}": machine.name(unit) for name, keys in sections.items() for key, unit in keys.items()}
 
 
 def _predicted(found: Answer) -> str:

@@ -201,6 +201,12 @@ def test_the_pages_numbers_have_units_and_its_words_are_an_engineers(found):
     assert all("rad/s</span>" in cell for cell in facts.split("<dt>")[1:])
     assert " N m " not in page.partition("<pre>")[0].partition("Notes")[0]
     assert "gain margin, a factor" in page
+    change = next(each for each in found.changes if each.gain == "controller.kp")
+    assert f"{change.after:.5g} N·m·s/rad" in page
+    linear = dataclasses.replace(found, model='[units]\nmotion = "linear"\n[controller]\ntype = "pi"\n')
+    assert f"{change.after:.5g} N·s/m" in to_page(linear)
+    unknown = dataclasses.replace(found, model="", diagnosis=None)
+    assert f">{change.after:.5g}</span>" in to_page(unknown)
     assert "<div></div>" not in page  # an empty cell has no place on a phone
     told = to_page(dataclasses.replace(found, causes=("stribeck",)))
     assert "(Stribeck friction)" in told
