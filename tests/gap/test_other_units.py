@@ -9,10 +9,10 @@ from gap_search import MODEL
 from numpy_machine import Machine, record
 
 import fpjax as fp
-from fpjax.errors import InputError
 from fpjax.gap.answer.warning_texts import at_bounds
 from fpjax.gap.data.inputs import on_one_clock
 from fpjax.gap.fit.search import Search
+from fpjax.logs.mending.resample import at_period
 from fpjax.model_file import Units
 
 OFFSET = tuple(effect for effect in fp.gap.EFFECTS if effect.name == "constant_torque")
@@ -32,15 +32,21 @@ def test_a_run_on_a_slower_clock_is_resampled_onto_the_first_ones(log):
     np.testing.assert_allclose(other.position, np.interp(other.time, slow.time, slow.position), atol=2e-4)
     # The impulse stays: torque by its mean over each new period.
     assert np.sum(other.torque) * log.dt == pytest.approx(np.sum(slow.torque) * slow.dt, rel=1e-3, abs=1e-3)
-    assert "its period of 0.00102 s was resampled onto the 0.001 s of the first log" in other.warnings[-1]
+    assert "its period of 0.00102 s was resampled onto the 0.001 s of the others" in other.warnings[-1]
     assert on_one_clock([]) == []
 
 
-def test_a_clock_of_another_kind_is_refused(log):
-    fast = dataclasses.replace(log, name="fast", time=0.5 * log.time, dt=0.5 * log.dt)
-    assert on_one_clock([log, fast])[1] is fast
-    with pytest.raises(InputError, match="logs of one machine need one period"):
-        fp.diagnose([log, fast], MODEL, effects=OFFSET)
+def test_runs_at_other_rates_are_taken_at_the_slowest(log):
+    """Two controllers of one machine logged at 500 and 333 Hz: neither is refused, none gets readings it never had."""
+    slow = at_period(log, 3.0 * log.dt)
+    for logs in ([log, slow], [slow, log]):
+        found = on_one_clock(logs)
+        assert [one.dt for one in found] == [slow.dt] * 2
+        assert any(one is slow for one in found)
+    (entry,) = (
+        one for one in fp.diagnose(log, MODEL, holdout=slow, effects=OFFSET).ranking if one.effect == "constant_torque"
+    )
+    assert entry.parameters["torque"].value == pytest.approx(-0.1, abs=0.01)
 
 
 def test_a_torque_in_ampere_is_answered_in_ampere(log):

@@ -16,7 +16,7 @@ from ..thresholds import THRESHOLDS
 from .setting import turns_with_position
 
 SAME_PERIOD = 1e-3  # relative difference of control periods that counts as none
-SIMILAR_PERIOD = 0.1  # likewise, up to which a log is resampled onto the period of another
+SIMILAR_PERIOD = 0.1  # likewise, up to which logs are resampled onto the period of the first
 MOST_ROWS = 400_000  # samples that `_check_drive` reads, from the middle of the log: numerical derivatives take time
 
 
@@ -30,16 +30,15 @@ def read_logs(logs: LogSource | Sequence[LogSource] | None) -> list[Log]:
 
 
 def on_one_clock(logs: Sequence[Log]) -> list[Log]:
-    """The logs at the period of the first: drives of one kind, or a program's loop, differ by some per cent.
+    """The logs at one period: that of the first, from which drives of one kind differ by some per cent.
 
-    One that differs by more is left as it is, and refused when the logs are put together.
+    Of runs that were recorded at different rates it is the longest: none is told more often than it was recorded.
     """
     if not logs:
         return []
-    period = logs[0].dt
-    return [
-        at_period(log, period) if SAME_PERIOD < abs(log.dt / period - 1.0) < SIMILAR_PERIOD else log for log in logs
-    ]
+    periods = [log.dt for log in logs]
+    period = max(periods) if max(periods) > (1.0 + SIMILAR_PERIOD) * min(periods) else periods[0]
+    return [at_period(log, period) if abs(log.dt / period - 1.0) > SAME_PERIOD else log for log in logs]
 
 
 def read_model(model: ModelSource) -> Model:
