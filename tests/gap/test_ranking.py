@@ -11,7 +11,7 @@ from fpjax.gap import EFFECTS, Estimate, Ranked
 from fpjax.gap.answer.assemble import _instead
 from fpjax.gap.answer.confusable import indistinguishable
 from fpjax.gap.answer.gap_size import steps_of
-from fpjax.gap.answer.ranking import share_alike
+from fpjax.gap.answer.ranking import share_alike, told_apart
 from fpjax.gap.effects.twins import Twin, exact_twins
 from fpjax.gap.select import decision
 from fpjax.gap.select.readings import Reading
@@ -155,6 +155,16 @@ def test_the_last_step_is_the_whole_with_its_details():
     assert [(step.added, step.gap_after) for step in both] == ladder
     alone = SimpleNamespace(exact=nominal, path=(nominal, whole), chosen=SimpleNamespace(fit=whole))
     assert [(step.added, step.gap_after) for step in steps_of(search, alone, ("stribeck",))] == [("stribeck", 1.0)]
+
+
+def test_twins_by_wide_intervals_are_none_where_one_of_them_alone_is_far_behind():
+    twin = Twin(frozenset({"asymmetric_friction"}), ("constant_torque",))
+    for gain, apart in ((395.0, False), (100.0, True)):
+        singles = (weighed("asymmetric_friction", 400.0), weighed("constant_torque", gain))
+        assert told_apart(SimpleNamespace(singles=singles), twin) == apart
+    # What was not fitted alone is not told apart.
+    assert not told_apart(SimpleNamespace(singles=singles[:1]), twin)
+    assert not told_apart(SimpleNamespace(singles=singles), Twin(twin.causes, ("coulomb_error", "constant_torque")))
 
 
 def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_what_counts_as_right(monkeypatch):

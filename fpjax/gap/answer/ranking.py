@@ -64,7 +64,7 @@ def rank(
     if causes:
         spread = covariance(search, chosen.fit)
         values = {name: estimates(search, chosen.fit, effects[name], spread) for name in causes}
-        twins = exact_twins(causes, values, log_of(search))
+        twins = [twin for twin in exact_twins(causes, values, log_of(search)) if not told_apart(decision, twin)]
         left = {s.added: s.gap_after for s in steps}
         for name in causes:
             same = indistinguishable(decision, name, twins)
@@ -97,6 +97,23 @@ def rank(
     rest = [entry for entry in entries.values() if entry.effect not in asserted]
     rest.sort(key=lambda entry: (-entry.probability, -entry.evidence))
     return Ranking((*(entries[name] for name in asserted), *rest), tuple(twins))
+
+
+def told_apart(decision: Decision, twin: Twin) -> bool:
+    """Whether the fits tell two effects apart that are twins by their parameters.
+
+    Wide intervals hold what makes them one (slopes of both directions that may be equal) although one of the two alone
+    is far behind the other.
+
+    Args:
+        decision: on the fits.
+        twin: two sets of causes that make the same log.
+    """
+    alone = {w.structural[0]: w for w in decision.singles}
+    if len(twin.causes) > 1 or len(twin.instead) > 1 or not {*twin.causes, *twin.instead} <= set(alone):
+        return False
+    (own,), (other,) = twin.causes, twin.instead
+    return alone[other].behind(alone[own]) > THRESHOLDS.sure
 
 
 def share_alike(entries: dict[str, Ranked], twin: Twin) -> None:
