@@ -16,6 +16,7 @@ from catalogue_drive import CONTROLLERS, OBSERVERS
 import fpjax as fp
 from fpjax.blocks.block import as_parameter
 from fpjax.export.check import FLAGS
+from fpjax.export.rounding import Trace, run_bound
 from fpjax.export.vectors import ULPS
 
 pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
@@ -79,6 +80,33 @@ def test_single_precision_keeps_its_bound_over_ten_seconds(tmp_path):
     # The bound is the worst case of ten thousand roundings, and says something all the same.
     assert found.bounds["torque"] < 0.05 * 60.0
     assert found.checked.runs["torque"] < 1e-4 * 60.0
+
+
+@pytest.mark.parametrize("rounded_inputs", [False, True])
+def test_the_bound_is_the_sum_over_all_earlier_roundings(rounded_inputs, tmp_path):
+    loop = fp.ClosedLoop(
+        fp.OneMass(10.0, fp.CoulombViscous(20.0, 2.0, 500.0)),
+        fp.ProportionalIntegral(150.0, 200.0),
+        fp.ExtendedFriedlandPark(10.0, 100.0, 100.0, 500.0),
+    )
+    law = exported(loop, fp.Sine(1.0, 2.0), tmp_path, duration=1.5).law  # some intervals, the last one not full
+    many, shown, unit = len(law.inputs), len(law.outputs), 2.0**-53
+    columns = many + 3 * len(law.states) + 4 * shown
+    rows = np.fromfile(tmp_path / "servo_vectors.bin").reshape(1501, columns)
+    trace = Trace(law.program, rows[:, : many + len(law.states)])
+    own, slopes = trace.sensitivities(2.0 * unit)
+    if rounded_inputs:
+        own = own + unit * (np.abs(slopes[:, :, :many]) @ np.abs(rows[:, :many, None]))[:, :, 0]
+    moves, kicks = slopes[:, shown:, many:], own[:, shown:]
+    # |C_k A_k-1 ... A_j+1| kicks_j for every pair of steps: `ways` of all k at once, from j = k - 1 down to 0
+    exact, ways = own[:, :shown].copy(), slopes[:, :shown, many:].copy()
+    for j in reversed(range(len(rows) - 1)):
+        exact[j + 1 :] += np.abs(ways[j + 1 :]) @ kicks[j]
+        ways[j + 1 :] = ways[j + 1 :] @ moves[j]
+    ratio = run_bound(trace, many, (unit, unit), rounded_inputs)[exact > 0.0] / exact[exact > 0.0]
+    assert ratio.min() >= 1.0 - 1e-12
+    assert ratio.max() <= 1.2, "between two checkpoints the states' errors count as independent"
+    assert np.median(ratio) <= 1.05
 
 
 def test_the_check_fails_where_the_c_is_not_the_simulation(tmp_path):
