@@ -109,11 +109,9 @@ def told_apart(decision: Decision, twin: Twin) -> bool:
         decision: on the fits.
         twin: two sets of causes that make the same log.
     """
-    alone = {w.structural[0]: w for w in decision.singles}
-    if len(twin.causes) > 1 or len(twin.instead) > 1 or not {*twin.causes, *twin.instead} <= set(alone):
-        return False
-    (own,), (other,) = twin.causes, twin.instead
-    return alone[other].behind(alone[own]) > THRESHOLDS.sure
+    alone = {w.structural: w for w in decision.singles}
+    own, other = alone.get(tuple(twin.causes)), alone.get(twin.instead)
+    return own is not None and other is not None and other.behind(own) > THRESHOLDS.sure
 
 
 def share_alike(entries: dict[str, Ranked], twin: Twin) -> None:
