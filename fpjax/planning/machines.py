@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import cmath
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import isfinite, nan
+from math import isfinite, nan, pi
 
 import numpy as np
 
@@ -241,9 +242,9 @@ def _values(effect: Effect, told: Mapping[str, float], shop: Shop) -> Values:
             found |= {number: 0.5 * (up + down), f"{number}_difference": 0.5 * (up - down)}
         return found
     if effect.name == "unbalance" and "amplitude" in told:
-        # The whole weight is reported, and added to a known one is the rest of it, at the same angle.
+        # The whole weight is reported; its angle too beside a known one, to which the rest is added.
         known = complex(shop.setting.turning_load)
-        rest = (told["amplitude"] - abs(known)) * (known / abs(known) if known else 1j)
+        rest = cmath.rect(told["amplitude"], told.get("phase", 0.5 * pi)) - known
         return {"unbalance_sine": rest.real, "unbalance_cosine": rest.imag}
     names = {p.name for p in (*effect.parameters, *effect.fixed)}
     renamed = {RENAMED.get(effect.name, {}).get(name, name): value for name, value in told.items()}

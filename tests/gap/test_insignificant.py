@@ -77,6 +77,8 @@ def test_a_backlash_whose_gap_may_be_none_is_a_spring_of_stiff_faces(deviation, 
     fit.candidate.normal = np.diag([deviation**-2, 1.0])
     fit.candidate.spread = np.array([1.0, 1.0])
     assert resolved(search, fit) == shown
+    fit.candidate.at_bound = lambda: ["gap"]
+    assert not resolved(search, fit)
 
 
 def gap(before):

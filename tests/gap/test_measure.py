@@ -10,6 +10,7 @@ import pytest
 
 from fpjax import load_model
 from fpjax.gap import EFFECTS
+from fpjax.gap.answer.warning_texts import not_answered
 from fpjax.gap.data.setting import Setting
 from fpjax.gap.fit.candidate import Start
 from fpjax.gap.select.decision import judged_windows
@@ -50,6 +51,23 @@ def test_a_torque_that_the_motion_shows_is_none_of_the_sensor(log):
     assert missing(search) > 1.5
 
 
+@pytest.mark.parametrize("rate", [45.0, 60.0])
+def test_a_fast_vibration_of_the_machine_is_told_as_a_torque_or_as_what_counts_as_noise(rate):
+    """3 N m that really shake the mass: one encoder does not tell them from a shaking encoder, so both are said."""
+    shaken = numpy_machine.record(
+        seconds=6.0, dt=2e-3, sensors=("position",), substeps=40,
+        extra=lambda time, speed, angle, command: 3.0 * np.sin(2.0 * np.pi * rate * time),
+    )  # fmt: skip
+    search = gap_search.search_of(shaken)
+    held = np.sqrt(np.sum(search.modes.unanswered[search.modes.band] ** 2) / search.records[0].samples)
+    assert np.hypot(missing(search), held) > 0.5 * 3.0 / np.sqrt(2.0)
+    torque = float(np.sqrt(np.mean(shaken.torque**2)))
+    if held > missing(search):
+        (said,) = not_answered(search.modes, search.setting.units, torque)
+        assert "counts as noise and not as missing torque" in said
+        assert f"{held:.3g} N m rms" in said
+
+
 def test_a_window_of_equal_readings_counts_as_far_as_it_tells(log):
     measure = gap_search.search_of(log).measure
     usual, hardly = measure.weight(np.array([1.0, 100.0]), np.ones(len(measure.modes.gain)))
@@ -61,12 +79,25 @@ def test_a_window_of_equal_readings_counts_as_far_as_it_tells(log):
 
 
 def test_models_are_not_compared_on_a_push_that_none_of_them_takes():
-    exact = SimpleNamespace(missing=(np.array([1.0, 1.2, 40.0, 0.8, 30.0]),))
-    # One model takes the last window, none the third.
-    fits = [SimpleNamespace(missing=(np.array(left),)) for left in ([0.1, 0.1, 39.0, 0.1, 29.0], [1, 1, 41.0, 1, 2.0])]
-    assert judged_windows(exact, fits)[0].tolist() == [0, 1, 3, 4]
-    even = SimpleNamespace(missing=(np.array([1.0, 1.2, 3.0, 0.8, 2.0]),))
-    assert judged_windows(even, [even])[0].tolist() == [0, 1, 2, 3, 4]
+    rest = [1.0] * 15
+    exact = SimpleNamespace(missing=(np.array([1.0, 1.2, 40.0, 0.8, 30.0, *rest]),))
+    # One model takes the fifth window, none the third.
+    left = [0.1, 0.1, 39.0, 0.1, 29.0, *rest], [1, 1, 41.0, 1, 2.0, *rest]
+    fits = [SimpleNamespace(missing=(np.array(own),)) for own in left]
+    moving = [np.ones(20, bool)]
+    assert judged_windows(exact, fits, moving)[0].tolist() == [i for i in range(20) if i != 2]
+    even = SimpleNamespace(missing=(np.array([1.0, 1.2, 3.0, 0.8, 2.0] * 4),))
+    assert judged_windows(even, [even], moving)[0].tolist() == list(range(20))
+    # Three pushes among twenty windows are no few.
+    often = SimpleNamespace(missing=(np.array([1.0] * 17 + [40.0] * 3),))
+    assert len(judged_windows(often, [often], moving)[0]) == 20
+
+
+def test_motion_is_no_push_in_a_log_that_mostly_rests():
+    exact = SimpleNamespace(missing=(np.array([1e-4] * 28 + [1.0, 1.3]),))
+    fits = [SimpleNamespace(missing=(np.array([1e-4] * 28 + [0.6, 0.8]),))]
+    moving = [np.arange(30) >= 28]
+    assert len(judged_windows(exact, fits, moving)[0]) == 30
 
 
 def test_a_weight_beside_a_known_one_is_told_as_a_whole():
@@ -76,7 +107,10 @@ def test_a_weight_beside_a_known_one_is_told_as_a_whole():
     assert unbalance.describe(added, sizes)["amplitude"][0] == pytest.approx(0.5)
     # A sin(position + phase) has the sine A cos(phase) and the cosine A sin(phase).
     known = replace(sizes, turning_load=1.7 + 0.1j)
-    assert unbalance.describe(added, known)["amplitude"][0] == pytest.approx(np.hypot(2.0, 0.5))
+    told = unbalance.describe(added, known)
+    assert told["amplitude"][0] == pytest.approx(np.hypot(2.0, 0.5))
+    assert told["phase"][0] == pytest.approx(np.arctan2(0.5, 2.0))
+    assert "phase" not in unbalance.describe(added, sizes)
 
 
 def test_a_law_of_the_torque_stands_beside_a_shaft(log):

@@ -9,6 +9,7 @@ from gap_search import MODEL
 from numpy_machine import Machine, record
 
 import fpjax as fp
+from fpjax import InputError
 from fpjax.gap.answer.warning_texts import at_bounds
 from fpjax.gap.data.inputs import on_one_clock
 from fpjax.gap.fit.search import Search
@@ -32,7 +33,7 @@ def test_a_run_on_a_slower_clock_is_resampled_onto_the_first_ones(log):
     np.testing.assert_allclose(other.position, np.interp(other.time, slow.time, slow.position), atol=2e-4)
     # The impulse stays: torque by its mean over each new period.
     assert np.sum(other.torque) * log.dt == pytest.approx(np.sum(slow.torque) * slow.dt, rel=1e-3, abs=1e-3)
-    assert "its period of 0.00102 s was resampled onto the 0.001 s of the others" in other.warnings[-1]
+    assert "its period of 0.00102 s was resampled onto 0.001 s, the period in common" in other.warnings[-1]
     assert on_one_clock([]) == []
 
 
@@ -43,6 +44,8 @@ def test_runs_at_other_rates_are_taken_at_the_slowest(log):
         found = on_one_clock(logs)
         assert [one.dt for one in found] == [slow.dt] * 2
         assert any(one is slow for one in found)
+    with pytest.raises(InputError, match="logs of one machine need one period"):
+        fp.diagnose([log, at_period(log, 5.0 * log.dt)], MODEL, effects=OFFSET)
     (entry,) = (
         one for one in fp.diagnose(log, MODEL, holdout=slow, effects=OFFSET).ranking if one.effect == "constant_torque"
     )

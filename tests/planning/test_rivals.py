@@ -1,5 +1,8 @@
 """The machines that a plan tells apart: each effect at a size that shows, the rivals of a diagnosis, exact twins."""
 
+import cmath
+import dataclasses
+import math
 import re
 
 import pytest
@@ -40,6 +43,17 @@ def test_a_rival_has_the_parameters_that_the_diagnosis_reported():
         found = {name: one.value for name, one in reported(again, shop).items()}
         for name, value in told.items():
             assert abs(found[name]) == pytest.approx(abs(value), rel=1e-6, abs=1e-12), (effect.name, name)
+
+
+def test_a_weight_beside_a_known_one_is_planned_for_at_its_angle():
+    """1 N m in the model and 1 N m a sixth of a turn further on in the machine: 1 N m is missing, not none."""
+    shop = shop_of(servo("both"))
+    shop = dataclasses.replace(shop, setting=dataclasses.replace(shop.setting, turning_load=1.0))
+    found = rival(shop, "unbalance", {"amplitude": 1.0, "phase": math.pi / 3.0})
+    assert found is not None
+    added = complex(found.values["unbalance_sine"], found.values["unbalance_cosine"])
+    assert added == pytest.approx(cmath.exp(1j * math.pi / 3.0) - 1.0)
+    assert abs(added) == pytest.approx(1.0)
 
 
 def test_rivals_that_are_improbable_even_together_are_not_planned_for():

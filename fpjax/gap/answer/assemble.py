@@ -32,7 +32,16 @@ from .learned import learn
 from .posterior import left_open, make_posterior
 from .ranking import rank
 from .tracking import Side, tracking_error
-from .warning_texts import at_bounds, beyond_torque, details, load_error, slight_rounding, where_fitted_alone
+from .warning_texts import (
+    at_bounds,
+    beyond_torque,
+    details,
+    load_error,
+    not_answered,
+    pushes,
+    slight_rounding,
+    where_fitted_alone,
+)
 from .where import locate
 
 # A rate reading whose rounding step is above this many standard deviations of its noise is named as rounded. Rounding
@@ -100,6 +109,7 @@ def assemble(
     # Over fitted and withheld windows, to notice a gap that the withheld ones do not show.
     everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
     said = [*at_bounds(chosen, search.setting.units), *beyond_torque(gap, torque), *warnings]
+    said += [*pushes(decision, records), *not_answered(search.modes, search.setting.units, torque)]
     said += [
         *details(chosen, causes),
         *load_error(decision.nominal.fit if gapless else chosen, search.setting, written=not gapless),

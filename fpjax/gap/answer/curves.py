@@ -85,5 +85,4 @@ def _energy(search: Search, smoother: Smoother, fit: Smooth) -> float:
 
     Without this weight, noise of differentiation at high frequencies would decide which variable is dominant.
     """
-    plain = np.ones(len(search.modes.gain))
-    return smoother.energy(fit, search.moves * search.measure.weight(smoother.windows.noise, plain))
+    return smoother.energy(fit, search.moves)

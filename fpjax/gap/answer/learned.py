@@ -119,8 +119,7 @@ def proposed(search: Search, fit: Fit) -> tuple[Learned, ...]:
     """
     smoother, current = smoother_of(search, fit.candidate)
     tables = make_tables(search.records, search.setting.periods.get("torque", ())[:1])
-    weight = search.measure.weight(smoother.windows.noise, np.ones(len(search.modes.gain)))
-    energies = [smoother.energy(current, weight)]
+    energies = [smoother.energy(current)]
     while tables:
         tried = [(table, *smoother.gains(current, table)) for some in tables.values() for table in some]
         # One more table at a time, the one with the largest cross-validated gain; a variable is used once.
@@ -129,7 +128,7 @@ def proposed(search: Search, fit: Fit) -> tuple[Learned, ...]:
             break
         table, _, penalty = max(sure, key=lambda one: np.sum(one[1]))
         after = smoother.fit((*current.tables, table), (*current.penalties, penalty), current.weight)
-        energies.append(smoother.energy(after, weight))
+        energies.append(smoother.energy(after))
         if energies[-2] - energies[-1] < THRESHOLDS.learned_share * energies[0]:
             # A certain but negligible gain: not worth a table.
             energies.pop()

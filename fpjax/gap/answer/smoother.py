@@ -57,6 +57,8 @@ class Windows:
         start: change of c by the start states in prior units, shape (windows, modes, states).
         noise: s^2 [1], shape (windows,).
         fold: number of the fold of cross-validation, shape (windows,).
+        weight: of a squared coefficient in the missing torque [N^2 m^2], shape (windows, modes), as of `Measure`.
+        real_noise: measured over assumed variance of the noise [1].
     """
 
     fitter: Fitter
@@ -66,6 +68,8 @@ class Windows:
     start: Values
     noise: Values
     fold: Values
+    weight: Values
+    real_noise: float
 
     def design(self, table: Table) -> Values:
         """Change of c by the torques at a table's points, shape (windows, modes, points)."""
@@ -98,7 +102,10 @@ def make_windows(search: Search, candidate: Candidate) -> Windows:
         starts.append(heavier * part.slope * deviation[live])
         noise.append(heavier**2 * fitter.noise[part.which][part.windows])
         fold.append(np.arange(len(part.windows)) // BLOCK % FOLDS)
-    return Windows(fitter, modes, tuple(which), *(np.concatenate(each) for each in (coefficients, starts, noise, fold)))
+    recorded = np.concatenate([fitter.noise[record][windows] for record, windows in which])
+    weight = search.measure.weight(recorded, np.ones(len(modes.gain)))
+    joined = (np.concatenate(each) for each in (coefficients, starts, noise, fold))
+    return Windows(fitter, modes, tuple(which), *joined, weight, search.real_noise)
 
 
 def _misread(search: Search, c: Candidate, part: Linear) -> Values:
@@ -258,15 +265,15 @@ class Smoother:
         best = int(np.argmax([np.sum(gain) for gain in found]))
         return found[best], float(tried[best])
 
-    def energy(self, fit: Smooth, weight: Values) -> float:
+    def energy(self, fit: Smooth, moves: Values | float = 1.0) -> float:
         """Mean square of the missing torque that is left [N^2 m^2], noise's share taken out.
 
         Args:
             fit: tables, or none.
-            weight: of a squared coefficient [N^2 m^2], shape (windows, modes), as of `Measure.weight`.
+            moves: further weight of each mode [1], shape (modes,).
         """
         modes, w = self.windows.modes, self.windows
-        each = (modes.plain(fit.left) ** 2 - modes.variance(w.noise)) * weight
+        each = (modes.plain(fit.left) ** 2 - modes.variance(w.real_noise * w.noise)) * w.weight * moves
         return float(np.mean(np.sum(each, axis=1)))
 
     def _errors(self, parts: Sequence[Values], total: Values, prior: Values) -> Values:

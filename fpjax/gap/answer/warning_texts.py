@@ -3,9 +3,15 @@
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from ...model_file import Units
+from ..data.record import Record
 from ..data.setting import Setting
 from ..fit.candidate import SPIKE, Fit
+from ..fit.modes import Modes
+from ..select.decision import Decision
+from ..thresholds import THRESHOLDS
 from .gap import Gap
 
 
@@ -50,6 +56,43 @@ def load_error(fit: Fit, setting: Setting, *, written: bool) -> list[str]:
     return [
         f"The corrected model changes the known load by {amount:.3g} {unit} ({100 * share:.2g} % of its amplitude): "
         "that much counts as right, and is no cause."
+    ]
+
+
+def not_answered(modes: Modes, units: Units, torque: float) -> list[str]:
+    """What counts as noise of the readings although a machine that vibrates would show it too, with its number.
+
+    Args:
+        modes: of a window.
+        units: of the model file.
+        torque: rms of the commanded torque [N m].
+    """
+    held = np.where(modes.sensor, 0.0, modes.unanswered[modes.band])
+    size = float(np.sqrt(np.sum(held**2) / len(modes.torque)))
+    if not size > THRESHOLDS.slight * torque:
+        return []
+    lowest = float(np.min(modes.frequency[held > 0.0]))
+    return [
+        f"Above {lowest:.2g} Hz the readings hold more than the command and the smoothed motion account for, as a "
+        f"torque {size:.3g} {units.name('N m')} rms: rounding, jitter of the stamps, or a vibration of the sensor or "
+        "of the machine. It counts as noise and not as missing torque; a faster log or a second sensor tells which it is."
+    ]
+
+
+def pushes(decision: Decision, records: Sequence[Record]) -> list[str]:
+    """Which windows models were not compared on."""
+    times = [
+        float(record.time[start])
+        for record, judged in zip(records, decision.judged, strict=True)
+        for index, start in enumerate(record.starts)
+        if index not in set(judged.tolist())
+    ]
+    if not times:
+        return []
+    where = ", ".join(f"{time:.4g}" for time in times[:5]) + (" ..." if len(times) > 5 else "")
+    return [
+        f"From {where} s on, for one window each, far more torque is missing than elsewhere and no model takes much of "
+        "it, as of a push: models were compared on the other windows. The gap that is told holds them."
     ]
 
 

@@ -17,6 +17,7 @@ from .setting import turns_with_position
 
 SAME_PERIOD = 1e-3  # relative difference of control periods that counts as none
 SIMILAR_PERIOD = 0.1  # likewise, up to which logs are resampled onto the period of the first
+OTHER_PERIOD = 4.0  # likewise, ratio above which they are not put together: most of the faster one would be lost
 MOST_ROWS = 400_000  # samples that `_check_drive` reads, from the middle of the log: numerical derivatives take time
 
 
@@ -32,11 +33,14 @@ def read_logs(logs: LogSource | Sequence[LogSource] | None) -> list[Log]:
 def on_one_clock(logs: Sequence[Log]) -> list[Log]:
     """The logs at one period: that of the first, from which drives of one kind differ by some per cent.
 
-    Of runs that were recorded at different rates it is the longest: none is told more often than it was recorded.
+    Of runs that were recorded at different rates it is the longest: none is told more often than it was recorded. Those
+    that differ by far are left as they are, and refused when they are put together.
     """
     if not logs:
         return []
     periods = [log.dt for log in logs]
+    if max(periods) > OTHER_PERIOD * min(periods):
+        return list(logs)
     period = max(periods) if max(periods) > (1.0 + SIMILAR_PERIOD) * min(periods) else periods[0]
     return [at_period(log, period) if abs(log.dt / period - 1.0) > SAME_PERIOD else log for log in logs]
 

@@ -4,6 +4,7 @@ Start values matter: most effects are nonlinear in a parameter (a Stribeck veloc
 and a fit that starts a factor of two to four away ends in another minimum.
 """
 
+import cmath
 from collections.abc import Callable
 from math import pi
 from typing import Any
@@ -181,9 +182,12 @@ def _sines(names: tuple[str, ...], values: dict[str, float], periods: str) -> di
 
 
 def _unbalance(values: dict[str, float], setting: Setting) -> dict[str, tuple[float, str]]:
-    """Amplitude of the whole weight: a known one and what the fit adds to it."""
+    """Amplitude of the whole weight, a known one and what the fit adds to it; its angle beside a known one."""
     cosine, sine = (values[name] for name in _names(UNBALANCE))
-    return {"amplitude": (abs(complex(sine, cosine) + setting.turning_load), "N m")}
+    whole = complex(sine, cosine) + setting.turning_load
+    # Of a weight alone the angle says where the encoder's zero is; beside a known one it may be what is wrong.
+    angle = {"phase": (cmath.phase(whole), "rad")} if setting.turning_load else {}
+    return {"amplitude": (abs(whole), "N m")} | angle
 
 
 def _periods(setting: Setting, kind: str, usual: float) -> tuple[float, ...]:

@@ -199,7 +199,7 @@ class Fit:
         candidate: its parameters and start values.
         evidence: log evidence of the fitted windows plus log likelihood of the withheld ones [nats].
         missing: mean square of the missing torque in each window, noise's share taken out [N^2 m^2], one array
-            (windows,) a record, in the frequencies of `Search.band`. A window may be below zero by chance.
+            (windows,) a record, weighed by `Search.measure`. A window may be below zero by chance.
         level: q of all octaves together, rms over the modes in the same frequencies [N m].
         moving: as `missing`, each frequency weighted by how far it moves the machine (`Search.moves`).
     """

@@ -30,13 +30,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...logs.arrays import Values
+from ..thresholds import THRESHOLDS
 
 TILE = 4  # coefficients that share a burst
 PER_OCTAVE = 3  # levels q that are tried within a factor of two
 NOISES = np.geomspace(0.5, 32.0, 49)  # factors on the sensors' noise standard deviation that are tried
 BURSTS = np.array([*range(-5, 7), 8, 10, 13, 16, 20])  # log2 of the factors on a tile's q
-# Scales of the Laplace prior of a burst's natural logarithm [1]: tails as of Student's t with some 20 and 2 degrees.
-FITTED, COMPARED = 0.05, 0.5
+FITTED, COMPARED = THRESHOLDS.fitted_tails, THRESHOLDS.compared_tails
 
 
 @dataclass(frozen=True)
@@ -257,7 +257,7 @@ class Modes:
             coefficients: rotated, shape (windows, modes).
         """
         torque, squares = ~self.sensor, coefficients**2
-        signal = (self.levels[:, self.band[torque]] ** 2 + self.unanswered[self.band[torque]] ** 2) * self.flat[torque]
+        signal = self.levels[:, self.band[torque]] ** 2 * self.flat[torque]  # (levels, modes)
         costs = []
         for factor in NOISES:
             cost = np.zeros(len(signal))
@@ -366,7 +366,8 @@ _BELOW = -int(BURSTS[0])
 def bursts(tails: float) -> tuple[Values, Values]:
     """(log2 of the bursts, their prior [1]), each of shape (bursts,): a Laplace density on the grid, normalised."""
     law = np.exp(-np.abs(BURSTS) * math.log(2.0) / tails) * np.gradient(BURSTS.astype(float))
-    # A tile gains log 2 a coefficient at most from half the level: with light tails that is never worth its prior.
+    # A tile gains log 2 a coefficient at most from half the level: with light tails that is never worth its prior. (One
+    # burst for a whole side might be, while a fit looks for its valley with one level for all octaves.)
     some = slice(None) if math.log(2.0) / tails < TILE * math.log(2.0) else slice(_BELOW, None)
     return BURSTS[some].astype(float), law[some] / np.sum(law[some])
 

@@ -110,7 +110,11 @@ def _withheld_parts(search: Scoring, still: Sequence[Candidate], fitter: Fitter)
 
 
 def _log_evidence(search: Scoring, c: Candidate, fitter: Fitter, parts: list[Linear], *, hidden: bool = True) -> float:
-    """Log evidence of windows by Laplace's method: parameters and start values integrated out about the fit."""
+    """Log evidence of windows by Laplace's method: parameters and start values integrated out about the fit.
+
+    The fit is that under light tails, the cost that under heavy ones, whose least value is some nats lower. That is
+    left out for all models alike.
+    """
     cost = fitter.parameter_prior(c)
     chosen = [np.zeros(0, int) for _ in search.records]
     for p in parts:

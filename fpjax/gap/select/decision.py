@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...logs.arrays import Values
+from ..data.record import Record
 from ..effects.effect import Effect
 from ..fit.candidate import NOMINAL, Fit, Start, nominal_sizes
 from ..fit.search import Search
@@ -91,7 +92,7 @@ class Decision:
     rivals: tuple[Weighed, ...]
     path: tuple[Fit, ...]
     shares: dict[str, float]
-    judged: tuple[Values, ...] = ()
+    judged: tuple[Values, ...]
 
 
 @dataclass(frozen=True)
@@ -113,24 +114,39 @@ class Exact:
         return fit.missing_rms(self.judged)
 
 
-def judged_windows(exact: Fit, fits: Sequence[Fit], t: Thresholds = THRESHOLDS) -> tuple[Values, ...]:
+def judged_windows(
+    exact: Fit, fits: Sequence[Fit], moving: Sequence[Values], t: Thresholds = THRESHOLDS
+) -> tuple[Values, ...]:
     """All windows but the few that hold far more missing torque than the others, of which no model tried takes much.
 
     A push that nobody recorded can hold most of a log's energy. What a model shrinks of the rest would not show in the
-    rms of all.
+    rms of all. Where they are not few, they are what the log shows.
 
     Args:
         exact: the nominal model as given.
         fits: models that were tried.
+        moving: whether the machine moves in a window, one array (windows,) a record.
         t: thresholds.
     """
     whole = [np.maximum(own, 0.0) for own in exact.missing]
     least = [np.min([fit.missing[which] for fit in fits], axis=0) for which in range(len(whole))]
-    usual = float(np.median(np.concatenate(whole)))
-    return tuple(
-        np.flatnonzero((own <= t.gross**2 * usual) | (low < t.part**2 * own))
-        for own, low in zip(whole, least, strict=True)
-    )
+    # Of windows at rest the median would be next to nothing, and all motion a push.
+    usual = float(np.median(np.concatenate([own[some] for own, some in zip(whole, moving, strict=True)] or [[0.0]])))
+    kept = [(own <= t.gross**2 * usual) | (low < t.part**2 * own) for own, low in zip(whole, least, strict=True)]
+    left_out, count = sum(int(np.sum(~own)) for own in kept), sum(int(np.sum(some)) for some in moving)
+    if left_out > t.few * count:
+        kept = [np.ones(len(own), bool) for own in kept]
+    return tuple(np.flatnonzero(own) for own in kept)
+
+
+def moving_windows(records: Sequence[Record], t: Thresholds = THRESHOLDS) -> list[Values]:
+    """Whether the machine moves in each window, faster than a share of the fastest window's rms speed."""
+    speeds = [
+        np.sqrt(np.mean(record.speed[record.starts[:, None] + np.arange(record.samples)] ** 2, axis=1))
+        for record in records
+    ]
+    fastest = max((float(np.max(own)) for own in speeds if len(own)), default=0.0)
+    return [own >= t.moves * fastest for own in speeds]
 
 
 def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[str, Curve] | None = None) -> Decision:
@@ -149,7 +165,7 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
     begin("effects alone")
     given = search.finish([search.exact])[0]
     fits = search.explore(_alone(search))
-    exact = Exact(given, judged_windows(given, fits), curves or {})
+    exact = Exact(given, judged_windows(given, fits, moving_windows(search.records)), curves or {})
     weighed = _weigh(search, exact, fits)
     nominal = next(w for w in weighed if not w.structural)
     singles = [w for w in weighed if w.structural]

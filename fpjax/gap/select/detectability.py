@@ -16,11 +16,11 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
 
     A spring absorbs at the end of what the data can show, overdamped, or so soft that friction winds it up by a good
     part of the travel: it follows any slow torque, and is no machine's transmission. A backlash may be overdamped, its
-    contacts tell of it; with a gap that may be none it is such a spring. A ripple that passes faster than the samples
-    can tell is one
-    of their own making. A torque amplitude that ends at its largest value, more than any torque of the log, is a
-    difference of two large torques that cancel each other over a short travel. A dead zone that swallows half of the
-    largest torque stands for a torque that is always there, and so does a friction that drives in one direction.
+    contacts tell of it; with a gap that may be none it is such a spring, and at its largest one the load is loose. A
+    ripple that passes faster than the samples can tell is one of their own making. A torque amplitude that ends at its
+    largest value, more than any torque of the log, is a difference of two large torques that cancel each other over a
+    short travel. A dead zone that swallows half of the largest torque stands for a torque that is always there, and so
+    does a friction that drives in one direction.
 
     Args:
         search: of the logs.
@@ -44,7 +44,9 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
         if {"frequency", "damping_ratio"} & ends:
             return False
         return float(stiffness_of(values)) * t.twist * setting.travel > setting.friction
-    return not ("backlash" in c.structural and values["gap"] <= t.clearance * _deviation(fit, "gap"))
+    if "backlash" in c.structural:
+        return "gap" not in ends and values["gap"] > t.clearance * _deviation(fit, "gap")
+    return True
 
 
 def _deviation(fit: Fit, name: str) -> float:

@@ -170,7 +170,7 @@ def at_period(log: Log, dt: float) -> Log:
         for key, values in log.columns().items() if key != "time"
     }  # fmt: skip
     last = np.clip(np.searchsorted(log.time, grid, side="right") - 1, 0, log.time.size - 1)
-    note = f"{log.name}: its period of {log.dt:.6g} s was resampled onto the {dt:.6g} s of the others."
+    note = f"{log.name}: its period of {log.dt:.6g} s was resampled onto {dt:.6g} s, the period in common."
     return replace(
         log, time=grid, **found, extra={key: values[last] for key, values in log.extra.items()}, dt=dt,
         warnings=(*log.warnings, note), resampled=True,
