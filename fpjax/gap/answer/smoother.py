@@ -104,8 +104,8 @@ def make_windows(search: Search, candidate: Candidate) -> Windows:
         fold.append(np.arange(len(part.windows)) // BLOCK % FOLDS)
     recorded = np.concatenate([fitter.noise[record][windows] for record, windows in which])
     weight = search.measure.weight(recorded, np.ones(len(modes.gain)))
-    joined = (np.concatenate(each) for each in (coefficients, starts, noise, fold))
-    return Windows(fitter, modes, tuple(which), *joined, weight, search.real_noise)
+    every, start, noises, folds = (np.concatenate(each) for each in (coefficients, starts, noise, fold))
+    return Windows(fitter, modes, tuple(which), every, start, noises, folds, weight, search.real_noise)
 
 
 def _misread(search: Search, c: Candidate, part: Linear) -> Values:

@@ -75,7 +75,7 @@ def not_answered(modes: Modes, units: Units, torque: float) -> list[str]:
     return [
         f"Above {lowest:.2g} Hz the readings hold more than the command and the smoothed motion account for, as a "
         f"torque {size:.3g} {units.name('N m')} rms: rounding, jitter of the stamps, or a vibration of the sensor or "
-        "of the machine. It counts as noise and not as missing torque; a faster log or a second sensor tells which it is."
+        "of the machine. It counts as noise and not as missing torque; a faster log or a second sensor tells which."
     ]
 
 
