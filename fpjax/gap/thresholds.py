@@ -27,11 +27,12 @@ class Thresholds:
         decisive: evidence [nats] that a further cause must bring.
         removes: share [1] of the energy of the missing torque that is left, which a further cause must remove.
         adds: worth that a further cause adds, of that of the model without it [1], from which on it need not do that.
-        immaterial: missing torque left, of the nominal model's [1], below which no further cause is looked for.
+        immaterial: missing torque left, of the nominal model's [1], below which no further cause is looked for: the
+            root of `matters`, since none could be told.
         bases: effects, the most likely ones alone, beside which others are tried; up to twice as many where the next
             are within `sure` of them.
-        gross: missing torque of a window over that of the median one [1], above which models are not compared on it if
-            none of them takes half of its energy.
+        gross: missing torque that the best models leave in a window, over that in the median one [1], above which they
+            are not compared on it if none of them takes half of its energy.
         few: windows that are left out so, of those in which the machine moves [1], at most; else none is.
         most_causes: effects in a model, wrong nominal numbers not counted.
         nothing: missing torque of the nominal model, of the commanded torque's rms [1], below which there is no gap;
@@ -111,10 +112,10 @@ class Thresholds:
     decisive: float = 10.0
     removes: float = 0.15
     adds: float = 0.2
-    immaterial: float = 0.15
+    immaterial: float = 0.22
     bases: int = 2
     gross: float = 4.0
-    few: float = 0.1
+    few: float = 0.25
     most_causes: int = 3
     nothing: float = 0.01
     slight: float = 0.03

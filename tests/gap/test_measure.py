@@ -88,8 +88,12 @@ def test_models_are_not_compared_on_a_push_that_none_of_them_takes():
     assert judged_windows(exact, fits, moving)[0].tolist() == [i for i in range(20) if i != 2]
     even = SimpleNamespace(missing=(np.array([1.0, 1.2, 3.0, 0.8, 2.0] * 4),))
     assert judged_windows(even, [even], moving)[0].tolist() == list(range(20))
-    # Three pushes among twenty windows are no few.
-    often = SimpleNamespace(missing=(np.array([1.0] * 17 + [40.0] * 3),))
+    # Two causes of which none takes half alone: what each leaves is alike in all windows.
+    both = SimpleNamespace(missing=(np.array([1.0] * 12 + [40.0] * 8),))
+    alone = SimpleNamespace(missing=(np.array([0.6] * 12 + [25.0] * 8),))
+    assert len(judged_windows(both, [alone], [np.arange(20) >= 8])[0]) == 20
+    # Six pushes among twenty windows are no few.
+    often = SimpleNamespace(missing=(np.array([1.0] * 14 + [40.0] * 6),))
     assert len(judged_windows(often, [often], moving)[0]) == 20
 
 

@@ -111,7 +111,7 @@ def told_apart(decision: Decision, twin: Twin) -> bool:
     """
     alone = {w.structural: w for w in decision.singles}
     own, other = alone.get(tuple(twin.causes)), alone.get(twin.instead)
-    return own is not None and other is not None and other.behind(own) > THRESHOLDS.sure
+    return own is not None and other is not None and other.worth < (1.0 - THRESHOLDS.clear) * own.worth
 
 
 def share_alike(entries: dict[str, Ranked], twin: Twin) -> None:

@@ -117,7 +117,7 @@ class Exact:
 def judged_windows(
     exact: Fit, fits: Sequence[Fit], moving: Sequence[Values], t: Thresholds = THRESHOLDS
 ) -> tuple[Values, ...]:
-    """All windows but the few that hold far more missing torque than the others, of which no model tried takes much.
+    """All windows but the few in which every model leaves far more missing torque than elsewhere, and takes little.
 
     A push that nobody recorded can hold most of a log's energy. What a model shrinks of the rest would not show in the
     rms of all. Where they are not few, they are what the log shows.
@@ -130,9 +130,16 @@ def judged_windows(
     """
     whole = [np.maximum(own, 0.0) for own in exact.missing]
     least = [np.min([fit.missing[which] for fit in fits], axis=0) for which in range(len(whole))]
-    # Of windows at rest the median would be next to nothing, and all motion a push.
-    usual = float(np.median(np.concatenate([own[some] for own, some in zip(whole, moving, strict=True)] or [[0.0]])))
-    kept = [(own <= t.gross**2 * usual) | (low < t.part**2 * own) for own, low in zip(whole, least, strict=True)]
+
+    def in_motion(values: Sequence[Values]) -> Values:
+        # Of windows at rest the median would be next to nothing, and all motion a push.
+        return np.concatenate([own[some] for own, some in zip(values, moving, strict=True)])
+
+    usual, mean = float(np.median(in_motion(least))), float(np.mean(in_motion(whole)))
+    kept = [
+        (low <= t.gross**2 * max(usual, 0.0)) | (low < t.part**2 * own) | (own < mean)
+        for own, low in zip(whole, least, strict=True)
+    ]
     left_out, count = sum(int(np.sum(~own)) for own in kept), sum(int(np.sum(some)) for some in moving)
     if left_out > t.few * count:
         kept = [np.ones(len(own), bool) for own in kept]
