@@ -12,6 +12,7 @@ from report_cases import CASES
 
 from fpjax import dump_model, load_model
 from fpjax.gap import EFFECTS, Estimate, FittedParameter, FreeReplay, Share, Step, Where
+from fpjax.gap.answer.summary import dominant_sentence
 from fpjax.gap.report import (
     derived_values,
     digits,
@@ -25,6 +26,7 @@ from fpjax.gap.report import (
     sentences,
     where_picture,
 )
+from fpjax.gap.report.digits import show_percent
 from fpjax.gap.select.dominant import DominantVariable
 
 
@@ -251,10 +253,10 @@ def test_shares_of_what_moves_the_machine_are_told_apart_from_those_of_the_gap()
     told = dataclasses.replace(
         CASES["partly_explained"](), dominant_variable=DominantVariable("velocity", 0.94, 0.004, 0.81)
     )
-    sentence = plain(sentences.dominant_sentence(told))
+    sentence = plain(dominant_sentence(told, show_percent))
     assert "a curve over velocity alone holds 94 % of that part's energy, and the cause holds 81 %." in sentence
     assert "count vibration too" in sentence
-    assert sentences.dominant_sentence(CASES["explained"]()) == ""
+    assert dominant_sentence(CASES["explained"]()) == ""
 
 
 def test_a_best_attempt_is_no_corrected_model_and_without_a_gap_nothing_was_corrected():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -47,17 +47,26 @@ def verdict_line(diagnosis: Answer) -> str:
     return f"Unexplained: there is a gap{beside}, and {nothing_closes(diagnosis.allowed)}."
 
 
-def dominant_sentence(diagnosis: Answer) -> str:
-    """The variable that the missing torque is mostly a function of, with its share; "" where none stands out."""
+def dominant_sentence(diagnosis: Answer, percent: Callable[[float], str] = "{:.0%}".format) -> str:
+    """The variable that the missing torque mostly follows, and how its share is counted; "" where none stands out.
+
+    Args:
+        diagnosis: the answer.
+        percent: writes a share.
+    """
     found = diagnosis.dominant_variable
     if found is None:
         return ""
     effort = "force" if diagnosis.motion == "linear" else "torque"
-    variable = f"commanded {effort}" if found.of == "torque" else found.of
-    named = f"; the causes hold {found.named:.0%}" if diagnosis.verdict in ("explained", "partly_explained") else ""
+    name = f"the {effort}" if found.of == "torque" else found.of
+    named = ""
+    if diagnosis.causes and diagnosis.verdict in ("explained", "partly_explained"):
+        what = "causes hold" if len(diagnosis.causes) > 1 else "cause holds"
+        named = f", and the {what} {percent(found.named)}"
     return (
-        f"As far as it moves the machine, the missing {effort} is mostly a law of the {variable}: a curve of it "
-        f"alone holds {found.share:.0%} of the energy (any other variable at most {found.next:.0%}){named}."
+        f"The part of the missing {effort} that moves the machine mostly follows the "
+        f"{effort if found.of == 'torque' else name}: a curve over {name} alone holds {percent(found.share)} of that "
+        f"part's energy{named}. The shares of the gap count vibration too, which hardly moves the machine."
     )
 
 

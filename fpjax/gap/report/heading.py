@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..answer.summary import dominant_sentence
 from .derived_values import at_bound, shown_gap, twins_of
-from .digits import show_unit
+from .digits import show_percent, show_unit
 from .markup import gap_interval, gap_number, paragraph, percent, text
 from .names import effect_name, join, parameter_name
 from .sentences import (
     confidence_sentence,
-    dominant_sentence,
     learned_sentence,
     verdict_sentence,
     verdict_title,
@@ -38,7 +38,7 @@ def header(diagnosis: Answer) -> str:
         f'<header class="{diagnosis.verdict}">\n<p class="origin">{text(origin)}</p>\n'
         f'<div class="verdict">{badge}{confidence}</div>\n<h1>{_sentence(diagnosis)}</h1>\n'
         f"{_facts(diagnosis)}{_caution(diagnosis)}{paragraph(where_sentence(diagnosis))}"
-        f"{paragraph(dominant_sentence(diagnosis))}{paragraph(learned_sentence(diagnosis))}\n</header>"
+        f"{paragraph(dominant_sentence(diagnosis, show_percent))}{paragraph(learned_sentence(diagnosis))}\n</header>"
     )
 
 

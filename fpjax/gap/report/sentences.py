@@ -104,23 +104,6 @@ def learned_sentence(diagnosis: Answer) -> str:
     )
 
 
-def dominant_sentence(diagnosis: Answer) -> str:
-    """The variable that the missing torque mostly follows, and how its share is counted; "" where none stands out."""
-    found = diagnosis.dominant_variable
-    if found is None:
-        return ""
-    effort, name = effort_of(diagnosis), variable_name(found.of, diagnosis)
-    named = ""
-    if diagnosis.causes and diagnosis.verdict in ("explained", "partly_explained"):
-        what = "causes hold" if len(diagnosis.causes) > 1 else "cause holds"
-        named = f", and the {what} {show_percent(found.named)}"
-    return (
-        f"The part of the missing {effort} that moves the machine mostly follows the {name}: a curve over "
-        f"{'the ' if found.of == 'torque' else ''}{name} alone holds {show_percent(found.share)} of that part's "
-        f"energy{named}. The shares of the gap above count vibration too, which hardly moves the machine."
-    )
-
-
 def effort_of(diagnosis: Answer) -> str:
     """`torque`, or `force` of a linear axis."""
     return "force" if diagnosis.motion == "linear" else "torque"
