@@ -262,6 +262,8 @@ def _check_present(table: RawTable, found: set[str], require: tuple[str, ...], n
         raise InputError(
             f"{name} has no header, so its columns must be named by their places: {described(table.columns)}."
         )
+    if table.unread:
+        raise InputError(f"{name} has no column {' and no column '.join(lacking)} of numbers; {table.unread}.")
     sentence = missing_sentence(names, lacking, name)
     if len(names) == 2 and lacking != ["time"]:
         sentence = (

@@ -31,8 +31,9 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
         raise InputError(f"{path.name} cannot be read as a .mat file ({_first_line(error)}): save it again.") from error
     columns: dict[str, np.ndarray] = {}
     text: dict[str, str] = {}
-    _flatten(columns, text, "", content)
-    return RawTable(columns, first_row=1, text=text)
+    objects: dict[str, str] = {}
+    _flatten(columns, text, objects, "", content)
+    return RawTable(columns, first_row=1, text=text, unread=_unread(objects))
 
 
 def _read_hdf(path: pathlib.Path) -> Any:
@@ -47,18 +48,47 @@ def _read_hdf(path: pathlib.Path) -> Any:
         ) from error
 
 
-def _flatten(columns: dict[str, np.ndarray], text: dict[str, str], prefix: str, value: Any) -> None:
-    if isinstance(value, Mapping):
+def _flatten(
+    columns: dict[str, np.ndarray], text: dict[str, str], objects: dict[str, str], prefix: str, value: Any
+) -> None:
+    if class_name := _class_of(value):
+        objects[prefix] = class_name
+    elif isinstance(value, Mapping):
         if recorded := _recorded(value):
             value = recorded
         for name, inner in value.items():
             if not str(name).startswith("__"):
-                _flatten(columns, text, f"{prefix}.{name}" if prefix else str(name), inner)
+                _flatten(columns, text, objects, f"{prefix}.{name}" if prefix else str(name), inner)
     else:
         try:
             add_array(columns, text, prefix, value)
         except (ValueError, TypeError):
             text[prefix] = f"column {prefix} is not an array of numbers"
+
+
+def _class_of(value: Any) -> str:
+    """Class of an object of MATLAB (timeseries, timetable, Dataset); "" for any other value."""
+    from scipy.io.matlab import MatlabOpaque
+
+    if value is None:  # what pymatreader gives for one
+        return "object"
+    if not isinstance(value, MatlabOpaque):
+        return ""
+    # Its fields are the type system, the class and a reference; older versions of scipy have its name before them.
+    return str(value[list(value.dtype.names or ())[-2]].item())
+
+
+def _unread(objects: Mapping[str, str]) -> str:
+    """How an engineer gets the objects of a file out of MATLAB, for the end of a sentence; "" for none."""
+    if not objects:
+        return ""
+    # Older versions of scipy do not tell the name.
+    called = [f"{kind} {name!r}" if name != "None" else f"a {kind}" for name, kind in list(objects.items())[:4]]
+    called += [f"{len(objects) - 4} more"] if len(objects) > 4 else []
+    return (
+        f"it holds objects that only MATLAB can read ({', '.join(called)}): save their numbers there, of a timeseries "
+        "with time = x.Time; torque = x.Data; and so on, then save('log.mat', 'time', 'torque', 'velocity')"
+    )
 
 
 def _recorded(struct: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -25,6 +25,8 @@ class RawTable:
         warnings: what the reader left out, a sentence each.
         units: by column name, where the file gives them apart from the names (a row of units).
         headless: whether the file names no columns; they are "1", "2", ... then.
+        unread: what it holds that nobody can read but the program that wrote it, and what to do, for the end of a
+            sentence that names a missing column ("" for nothing).
     """
 
     columns: dict[str, np.ndarray]
@@ -33,6 +35,7 @@ class RawTable:
     warnings: list[str] = field(default_factory=list)
     units: dict[str, str] = field(default_factory=dict)
     headless: bool = False
+    unread: str = ""
 
 
 @dataclass(frozen=True)

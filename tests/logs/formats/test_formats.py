@@ -2,6 +2,7 @@
 
 import math
 import os
+import struct
 import sys
 
 import numpy as np
@@ -121,6 +122,33 @@ def test_matlab_7_3(tmp_path, columns):
     with (tmp_path / "log.mat").open("r+b") as file:
         file.write(header.ljust(124) + b"\x00\x02IM")
     assert_same(read_log(tmp_path / "log.mat"), columns)
+
+
+def matlab_object(name, kind):
+    """The bytes of an object of MATLAB in a file of version 7: its name, its class and a reference."""
+
+    def element(code, data):
+        return struct.pack("<II", code, len(data)) + data + b"\0" * (-len(data) % 8)
+
+    sizes = element(5, struct.pack("<ii", 6, 1))
+    reference = element(6, struct.pack("<6I", 0xDD000000, 2, 1, 1, 1, 1))
+    inner = element(14, element(6, struct.pack("<II", 13, 0)) + sizes + element(1, b"") + reference)
+    names = b"".join(element(1, text.encode()) for text in (name, "MCOS", kind))
+    return element(14, element(6, struct.pack("<II", 17, 0)) + names + inner)
+
+
+def test_objects_of_matlab_are_named_and_do_not_hide_a_log(tmp_path, columns):
+    from scipy import io
+
+    io.savemat(tmp_path / "log.mat", {"time": columns["time"]})
+    with (tmp_path / "log.mat").open("ab") as file:
+        file.write(matlab_object("torque", "timeseries") + matlab_object("velocity", "timeseries"))
+    with pytest.raises(InputError, match=r"no column torque and no column velocity.*only MATLAB can read \(timeseries 'torque'"):
+        read_log(tmp_path / "log.mat")
+    io.savemat(tmp_path / "whole.mat", dict(columns))
+    with (tmp_path / "whole.mat").open("ab") as file:
+        file.write(matlab_object("logsout", "Simulink.SimulationData.Dataset"))
+    assert_same(read_log(tmp_path / "whole.mat"), columns)
 
 
 @pytest.mark.parametrize(
