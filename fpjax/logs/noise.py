@@ -187,6 +187,8 @@ def noise_level(column: Values, step: float | None = None) -> float:
 LAGS, LEADS, OWN = 12, 12, 2  # [samples] of the position before and after, and of the velocity's own past
 WIDE_LAGS = 48  # [samples]
 EXACT = 1e-9  # of the velocity's steps: a smaller remainder is the rounding of the arithmetic
+FEWEST_MOVING = 200  # [samples] in which the velocity's reading changes, to know how much of a remainder is rounding
+SURE = 3.0  # standard deviations of the mean square of that rounding
 INDEPENDENT = 0.5  # of the position noise in the prediction: with less left, the velocity holds the same noise
 
 
@@ -216,10 +218,10 @@ def velocity_origin(velocity: Values, position: Values) -> VelocityOrigin:
 
     The velocity is regressed on its own last two values and on the position's differences around the sample. If the
     velocity came from a sensor of its own, the prediction would contain the position's noise and the velocity would
-    not, so the remainder could not be smaller than that noise. A remainder well below the position noise that the
-    fitted filter passes is therefore proof of a derivative, whatever the filter. It holds as long as the velocity is
-    rounded more finely than that noise: a velocity that was filtered until its noise is below its own rounding cannot
-    be recognised, and is not called derived.
+    not, so the remainder could not be smaller than that noise and the velocity's own rounding together. A remainder
+    that exceeds the rounding by well below the position noise that the fitted filter passes is therefore proof of a
+    derivative, whatever the filter. A velocity that was filtered until hardly any of that noise is left beside its own
+    rounding cannot be recognised, and is not called derived.
 
     Args:
         velocity: shape (samples,).
@@ -236,21 +238,27 @@ def velocity_origin(velocity: Values, position: Values) -> VelocityOrigin:
     # Only rounding is surely noise: without a rounding step, what is fast in a position may be motion. The noise is 0
     # then, and only an exact derivative is recognised.
     noise = rounding_step(angle) / np.sqrt(12.0)
-    tries = [_predict(rate, angle, noise, OWN, LAGS, LEADS)]
+    step = rounding_step(rate)
+    tries = [_predict(rate, angle, noise, step, OWN, LAGS, LEADS)]
     if count > 12 * WIDE_LAGS:
         # A coarsely rounded velocity spoils its own past as a regressor (errors in variables): a longer memory of the
         # position takes its place.
-        tries.append(_predict(rate, angle, noise, 0, WIDE_LAGS, LEADS))
+        tries.append(_predict(rate, angle, noise, step, 0, WIDE_LAGS, LEADS))
     origins = [
-        VelocityOrigin(bool(left < EXACT * steps or left < INDEPENDENT * passed), left / steps, passed / steps)
-        for left, passed in tries
+        VelocityOrigin(bool(left < EXACT * steps or unrounded < INDEPENDENT * passed), left / steps, passed / steps)
+        for left, unrounded, passed in tries
     ]
     derived = [origin for origin in origins if origin.derived]
     return derived[0] if derived else origins[0]
 
 
-def _predict(rate: Values, angle: Values, noise: float, own: int, lags: int, leads: int) -> tuple[float, float]:
-    """(rms of the remainder, rms of the position's noise in the prediction), both in the velocity's unit."""
+def _predict(
+    rate: Values, angle: Values, noise: float, step: float, own: int, lags: int, leads: int
+) -> tuple[float, float, float]:
+    """(rms of the remainder, what of it may be more than rounding, rms of the position's noise in the prediction).
+
+    All in the velocity's unit.
+    """
     moves = np.diff(angle)  # moves[k] = angle[k + 1] - angle[k]
     span = np.ptp(angle)
     # a wrap at a full turn is not motion
@@ -264,12 +272,34 @@ def _predict(rate: Values, angle: Values, noise: float, own: int, lags: int, lea
     target = rate[rows]
     solution, *_ = np.linalg.lstsq(table / scale, target, rcond=1e-13)
     left = target - (table / scale) @ solution
+    size = float(np.sqrt(np.mean(left**2)))
+    unrounded = min(size, _beyond_rounding(left, rate[first - 1 : last + 1], step))
     weights = (solution / scale)[: lags + leads]
     memory = (solution / scale)[lags + leads : lags + leads + own]
     if own and np.any(np.roots(np.concatenate([[1.0], -memory])).real < -0.8):
         # v[k] + v[k-1] = 2 (q[k] - q[k-1]) / dt is the motion's own identity (a pole at -1), and no drive's filter
-        return float(np.sqrt(np.mean(left**2))), 0.0
+        return size, unrounded, 0.0
     # the filter's weights are on differences of the position: by reading, they are the differences of these weights
     by_reading = np.diff(np.concatenate([[0.0], weights, [0.0]]))
     passed = noise * float(np.sqrt(by_reading @ by_reading))
-    return float(np.sqrt(np.mean(left**2))), passed
+    return size, unrounded, passed
+
+
+def _beyond_rounding(left: Values, readings: Values, step: float) -> float:
+    """Upper bound of the rms of a remainder without the rounding of the readings it belongs to, in their unit.
+
+    The rounding is uniform over a step where the reading moves on by a step at every sample; where the machine rests or
+    turns steadily it is whatever it happens to be.
+
+    Args:
+        left: shape (samples,).
+        readings: with one more at either end, shape (samples + 2,).
+        step: of the rounding; 0 for none.
+    """
+    moves = np.abs(np.diff(readings)) > 0.5 * step
+    rows = moves[:-1] & moves[1:]
+    if step == 0.0 or np.sum(rows) < FEWEST_MOVING:
+        return np.inf
+    # Mean square of a uniform error: step^2 / 12, its variance step^4 / 180.
+    doubt = SURE * step**2 / np.sqrt(180.0 * np.sum(rows))
+    return float(np.sqrt(max(np.mean(left[rows] ** 2) - step**2 / 12.0, 0.0) + doubt))

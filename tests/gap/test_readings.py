@@ -10,7 +10,7 @@ from fpjax.gap.data.record import make_records
 from fpjax.gap.select.readings import readings
 
 
-def turning(*, scale=1.0, bias=0.0, jitter=0.0, seconds=20.0, dt=1e-3, seed=0):
+def turning(*, scale=1.0, bias=0.0, jitter=0.0, noise=1e-5, seconds=20.0, dt=1e-3, seed=0):
     """A machine that turns one way at a varying speed, its velocity column, and an encoder read off its stamps."""
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, seconds, dt)
@@ -22,7 +22,7 @@ def turning(*, scale=1.0, bias=0.0, jitter=0.0, seconds=20.0, dt=1e-3, seed=0):
         slow, fast = 0.7 * 2.0 * np.pi, 9.0 * 2.0 * np.pi
         return 5.0 + 0.3 * slow * np.sin(slow * at) + 0.02 * fast * np.sin(fast * at)
 
-    position = angle(time + jitter * rng.standard_normal(time.size)) + 1e-5 * rng.standard_normal(time.size)
+    position = angle(time + jitter * rng.standard_normal(time.size)) + noise * rng.standard_normal(time.size)
     velocity = scale * speed(time) + bias + 1e-3 * rng.standard_normal(time.size)
     torque = 0.2 * np.sign(speed(time)) + 0.01 * np.gradient(speed(time), dt)
     return Log(time, torque, velocity, position, None, dt, "turning")
@@ -38,6 +38,18 @@ def test_a_bias_and_a_scale_are_found_where_the_machine_turns_one_way():
     # Scale and bias trade off where the speed hardly changes (5 +- 1.3 rad/s): 0.01 of scale is 0.05 rad/s of bias.
     assert found["velocity_scale_error"].values["scale"][0] == pytest.approx(0.93, abs=0.01)
     assert found["velocity_bias"].values["bias"][0] == pytest.approx(0.4, abs=0.06)
+
+
+def test_what_an_observer_would_take_a_late_velocity_for_is_told_as_far_as_it_moves_the_machine():
+    """J late d2v/dt2, the 9 Hz ripple of the speed among the frequencies that move this machine."""
+    log, late = turning(noise=1e-7), 3e-3
+    reading = np.interp(log.time - late, log.time, log.velocity)
+    one = told(dataclasses.replace(log, velocity=reading))["velocity_delay"]
+    assert one.values["delay"][0] == pytest.approx(late, abs=1e-4)
+    slow, fast = 2.0 * np.pi * 0.7, 2.0 * np.pi * 9.0
+    # Amplitudes of the speed are 0.3 slow and 0.02 fast; 9 Hz holds a third of the power and is the highest frequency.
+    jerk = np.hypot(0.3 * slow**3, 0.02 * fast**3 / np.sqrt(2.0)) / np.sqrt(2.0)
+    assert one.torque == pytest.approx(0.01 * late * jerk, rel=0.1)
 
 
 def test_noise_of_the_encoder_is_no_bias_of_the_velocity():

@@ -167,10 +167,12 @@ def test_a_wrong_reading_does_not_lead_where_a_torque_is_missing_that_nobody_exp
     assert lost.among["velocity_lag"] > 0.9
 
 
-def test_a_reading_leads_where_more_of_the_speed_is_wrong_than_of_the_torque_is_missing():
-    # 5 N m are commanded and 1 N m of it is missing: a fifth.
+def test_a_reading_leads_where_it_is_larger_than_what_the_leading_cause_makes():
+    # The leading cause makes half of the missing energy.
     chosen = weighed("stribeck", 1000.0)
-    less, more = (judged(chosen, (), readings=("velocity_lag",), misread=share) for share in (0.15, 0.25))
+    less, more = (
+        judged(chosen, (), readings=("velocity_lag",), misread={"velocity_lag": energy}) for energy in (0.4, 0.6)
+    )
     assert (less.causes, more.causes) == (("stribeck", "velocity_lag"), ("velocity_lag", "stribeck"))
     assert 0.9 < more.main["velocity_lag"] <= sum(more.main.values()) <= 1.0
 

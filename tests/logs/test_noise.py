@@ -134,6 +134,22 @@ def test_a_rate_sensor_is_not_a_derivative(moved, bits):
         assert not is_derived(reading, position), name
 
 
+@pytest.mark.parametrize(("bits", "step"), [(18, 0.003), (20, 0.001)])
+def test_a_derivative_whose_noise_is_below_its_own_rounding_is_known_by_what_it_lacks(moved, bits, step):
+    """Of a derivative nothing is left but its rounding; of a sensor as coarse, the encoder's noise too."""
+    from scipy.signal import lfilter
+
+    position, low = rounded(moved[1], 2 * np.pi / 2**bits), np.exp(-2 * np.pi * 50 * 1e-3)
+    derived, sensed = (
+        lfilter([1 - low], [1, -low], rate) for rate in (np.diff(position, prepend=position[0]) / 1e-3, moved[0])
+    )
+    step *= np.std(sensed)
+    origin = velocity_origin(rounded(derived, step), position)
+    assert origin.passed < 0.7 * origin.left
+    assert origin.derived
+    assert not is_derived(rounded(sensed, step), position)
+
+
 def test_columns_that_say_nothing_are_not_called_derived():
     assert not is_derived(np.zeros(1000), np.zeros(1000))
     assert not is_derived(np.ones(10), np.arange(10.0))

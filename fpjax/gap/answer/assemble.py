@@ -75,7 +75,7 @@ def assemble(
     # Of a rounding, the standard deviation of a uniform error one step wide.
     speed = float(np.sqrt(np.mean(np.concatenate([record.speed for record in records]) ** 2)))
     rounded = step / math.sqrt(12.0) / speed
-    known = Read(torque, wrong, read, allowed, max([rounded, *(one.size for one in read)]), rounded)
+    known = Read(torque, wrong, read, allowed, rounded)
     judged = judge(search, decision, known, curves, search.setting.units.name("N m"))
     decision, found, gap, spread = judged.decision, judged.verdict, judged.gap, judged.spread
     before, after, chosen = judged.before, judged.after, judged.decision.chosen.fit

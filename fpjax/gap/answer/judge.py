@@ -13,7 +13,7 @@ from ..fit.search import Search
 from ..select.decision import Decision, by_numbers
 from ..select.dominant import DominantVariable, dominant
 from ..select.readings import Reading
-from ..select.verdict import Seen, Verdict, verdict
+from ..select.verdict import ROUNDING, Seen, Verdict, beside_gap, verdict
 from ..thresholds import THRESHOLDS, Thresholds
 from .course import Course, course_of
 from .curves import Curves, named_share
@@ -33,15 +33,13 @@ class Read:
         wrong: errors of the velocity column, the most important first.
         readings: those of them that comparison with the encoder shows.
         allowed: effects that may be asserted; empty for all.
-        misread: rms of the largest of these errors, of the speed's rms [1].
-        rounded: rms of the rounding among them, likewise.
+        rounded: rms of the rounding among them, of the speed's rms [1].
     """
 
     torque: float
     wrong: tuple[str, ...]
     readings: Sequence[Reading]
     allowed: tuple[str, ...]
-    misread: float = 0.0
     rounded: float = 0.0
 
 
@@ -125,6 +123,14 @@ def _moved(before: Fit, after: Fit, windows: Sequence[Values]) -> float:
     return float(np.sqrt(max(then, 0.0) / first)) if first > 0.0 else 1.0
 
 
+def _beside_gap(search: Search, exact: Fit, read: Read, missing: float) -> dict[str, float]:
+    """How large each error of the velocity column is beside the missing torque of the nominal model."""
+    share = missing / max(read.torque, 1e-300)
+    moving = float(np.sqrt(max(np.mean(np.concatenate(exact.moving)), 0.0)))
+    sizes = {one.effect: (one.size, one.torque) for one in read.readings} | {ROUNDING: (read.rounded, 0.0)}
+    return {name: beside_gap(size, torque, share, moving) for name, (size, torque) in sizes.items()}
+
+
 def _alone(decision: Decision) -> list[Fit]:
     """The effects of the chosen model, each alone."""
     return [w.fit for w in decision.singles if w.structural[0] in decision.chosen.structural]
@@ -148,7 +154,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         share=max(map(_share, decision.exact.missing, search.records)),
         sizes=nominal_sizes(search.setting),
         readings=read.wrong,
-        misread=read.misread,
+        misread=_beside_gap(search, decision.exact, read, first),
         rounded=read.rounded,
         moved=max(_moved(decision.exact, chosen, windows), _moved(decision.exact, chosen, withheld)),
         allowed=frozenset(read.allowed),

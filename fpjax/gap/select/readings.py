@@ -13,6 +13,7 @@ from ...logs.arrays import Values
 from ...logs.dynamics.derivative import local_polynomial
 from ...logs.noise import is_derived
 from ..data.record import Record
+from ..fit.band import highest_of_speed
 
 HALF_WIDTHS = (4, 8, 16, 32, 64)  # samples on either side of the differentiator, narrowest first
 QUIET = 0.02  # noise of the encoder's rate, of its rms, that a wider differentiator is taken to get below
@@ -31,7 +32,8 @@ class Reading:
         effect: name of the vocabulary.
         values: {name: (value, standard deviation, unit)}.
         size: rms of what it changes in the reading, of the rate's rms [1].
-        torque: rms of the torque [N m] that would make the nominal mass move by what it changes.
+        torque: rms of the torque [N m] that would make the nominal mass move by what it changes, as far as it would
+            move the machine: each frequency weighed as in `fpjax.gap.fit.candidate.Fit.moving`.
         evidence: log likelihood that it brings [nats], independent samples only.
         rival: what the reading may have in its place; empty for nothing.
         sure: probability of the effect beside its rival [1].
@@ -75,6 +77,7 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     spread = float(np.sqrt(least / count))
     time = _refined(late, errors[name], place)
     shape = _lagged(true, time, dt) if name == "velocity_lag" else _delayed(true, time, dt)
+    moving = 1.0 / (2.0 * np.pi * highest_of_speed([record]))  # corner of a first-order lag with those weights [s]
     slope = float(np.sqrt(np.mean(np.gradient(true[inside], dt) ** 2)))
     found = []
     # Log likelihood ratio to a reading that is not late, for normal errors of unknown variance.
@@ -83,27 +86,22 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     key = "time_constant" if name == "velocity_lag" else "delay"
     # Read off a parabola through three values of the grid: no better known than its rounding, whatever the noise.
     deviation = float(np.hypot(spread / max(slope, 1e-300), (late[1] - late[0]) / np.sqrt(12.0)))
-    first = _reading(name, {key: (time, deviation, "s")}, change, inside, size, inertia, dt, gained)
+
+    def made(name: str, values: dict[str, tuple[float, float, str]], change: Values, gained: float) -> Reading:
+        rms = float(np.sqrt(np.mean(change[inside] ** 2)))
+        rate = _lagged(np.gradient(change[inside], dt), moving, dt)
+        return Reading(name, values, rms / size, inertia * float(np.sqrt(np.mean(rate**2))), float(gained))
+
+    first = made(name, {key: (time, deviation, "s")}, change, gained)
     found.append(replace(first, rival=other, sure=sure))
     deviation = spread / max(float(np.std(true[inside])), 1e-300)
     # What a scale of exactly 1 would cost: half of its squared distance in standard deviations.
     gained = 0.5 * ((scale - 1.0) / max(deviation, 1e-12)) ** 2
     change = (scale - 1.0) * shape
-    found.append(
-        _reading("velocity_scale_error", {"scale": (scale, deviation, "1")}, change, inside, size, inertia, dt, gained)
-    )
+    found.append(made("velocity_scale_error", {"scale": (scale, deviation, "1")}, change, gained))
     gained = 0.5 * (bias / max(spread, 1e-300)) ** 2
     found.append(Reading("velocity_bias", {"bias": (bias, spread, "rad/s")}, abs(bias) / size, 0.0, float(gained)))
     return sorted(found, key=lambda reading: -reading.size)
-
-
-def _reading(
-    name: str, values: dict[str, tuple[float, float, str]], change: Values, inside: slice, size: float, inertia: float,
-    dt: float, evidence: float,
-) -> Reading:  # fmt: skip
-    rms = float(np.sqrt(np.mean(change[inside] ** 2)))
-    torque = inertia * float(np.sqrt(np.mean(np.gradient(change[inside], dt) ** 2)))
-    return Reading(name, values, rms / size, torque, float(evidence))
 
 
 def _compared(record: Record, late: Values) -> tuple[Values, slice, float, dict[str, list]] | None:

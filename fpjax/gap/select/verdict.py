@@ -39,7 +39,7 @@ class Seen:
         named: what the chosen model, or one of its effects alone, holds of the missing torque in the measure of the
             curves [1].
         follows: by effect, the variables that its torque is a function of.
-        misread: rms of the largest error of the velocity column, of the speed's rms [1].
+        misread: by error of the velocity column, how large it is beside the gap (`beside_gap`) [1].
         rounded: rms of its rounding, likewise.
         moved: `after` over `before` [1], each frequency weighted by how far it moves the machine: vibration that hardly
             does, and that no cause of the vocabulary holds, is most of what many real machines leave.
@@ -59,7 +59,7 @@ class Seen:
     curves: Mapping[str, Curve] = field(default_factory=dict)
     named: float = 0.0
     follows: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    misread: float = 0.0
+    misread: Mapping[str, float] = field(default_factory=dict)
     rounded: float = np.inf
     moved: float = 1.0
 
@@ -115,7 +115,11 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     main, among = _by_effect(shares)
     found = Verdict(word, asserted, _right(asserted, shares, main), main, among, margin, lead)
     readings = _told(found, seen, thresholds)
-    return _with_readings(found, readings, seen, thresholds) if readings else found
+    if not readings:
+        return found
+    size, _, whole = _sizes(decision, seen, thresholds)
+    largest = size.get(found.causes[0], 1.0) if found.causes else 1.0
+    return _with_readings(found, readings, largest * whole, seen, thresholds)
 
 
 def material(readings: Sequence[Reading], torque: float, t: Thresholds = THRESHOLDS) -> tuple[Reading, ...]:
@@ -127,24 +131,45 @@ def material(readings: Sequence[Reading], torque: float, t: Thresholds = THRESHO
         t: thresholds.
     """
     sure = [one for one in readings if one.evidence > t.decisive and one.size > t.reading]
-    return tuple(one for one in sure if one.torque > t.slight * torque or one.size > t.slight)
+    return tuple(one for one in sure if one.torque > t.nothing * torque or one.size > t.slight)
 
 
-def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, ...]:
-    """The causes of the chosen model without which a share that matters would come back, the largest first.
+def beside_gap(size: float, torque: float, share: float, moving: float) -> float:
+    """How large an error of the velocity column is beside the gap: the ratio of two energies [1].
+
+    Its torque is what an observer that is fed the column takes for missing, as is all of it where there is no encoder
+    beside the column. A scale or a bias makes little: it counts as it shows in the speed.
+
+    Args:
+        size: rms of the error, of the speed's [1].
+        torque: `fpjax.gap.select.readings.Reading.torque` [N m].
+        share: rms of the missing torque, of the commanded one's [1].
+        moving: rms of the missing torque as far as it moves the machine [N m].
+    """
+    return max(size / max(share, 1e-300), torque / max(moving, 1e-300)) ** 2
+
+
+def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, float], dict[str, float], float]:
+    """(by cause of the chosen model: its size, and how much of what the numbers leave is its own; what sizes are of).
 
     A nominal number is measured by the whole gap, an effect by what no choice of the numbers would have closed: with
     numbers that are guesses, most of a gap is theirs, and what is sought stands beside them. One wrong number beside
     right ones is no guess: it comes where its share of the gap puts it. Of several effects, the one that follows the
     dominant variable comes before what mends its details.
     """
-    rest = float(np.clip(decision.nominal.left**2, 1e-12, 1.0))
+    left = float(np.clip(decision.nominal.left**2, 1e-12, 1.0))
     weight = {
-        n: s if _is_number(n) else s / rest * believed(seen.curves, seen.follows.get(n, ()), t)
+        n: s if _is_number(n) else s / left * believed(seen.curves, seen.follows.get(n, ()), t)
         for n, s in decision.shares.items()
     }
     guessed = sum(_is_number(n) for n in weight) > 1
-    size = {n: w if guessed or _is_number(n) else w * rest for n, w in weight.items()}
+    whole = left if guessed else 1.0
+    return {n: w if _is_number(n) else w * left / whole for n, w in weight.items()}, weight, whole
+
+
+def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, ...]:
+    """The causes of the chosen model without which a share that matters would come back, the largest first."""
+    size, weight, _ = _sizes(decision, seen, t)
     shown = decision.nominal.left * seen.share > t.nothing
     names = [
         n
@@ -326,11 +351,20 @@ def _told(found: Verdict, seen: Seen, t: Thresholds) -> tuple[str, ...]:
     """
     lacks = found.word == "unexplained" or not all(map(_is_number, found.causes))
     slight = {ROUNDING} if lacks and seen.rounded <= t.reading else set()
-    return tuple(name for name in seen.readings if name not in slight)
+    told = [name for name in seen.readings if name not in slight]
+    return tuple(sorted(told, key=lambda name: -seen.misread.get(name, 0.0)))
 
 
-def _with_readings(found: Verdict, readings: Sequence[str], seen: Seen, t: Thresholds) -> Verdict:
-    """A wrong reading makes no torque: it is a cause beside the others, or alone where there is no gap."""
+def _with_readings(found: Verdict, readings: Sequence[str], largest: float, seen: Seen, t: Thresholds) -> Verdict:
+    """A wrong reading makes no torque: it is a cause beside the others, or alone where there is no gap.
+
+    Args:
+        found: without the readings.
+        readings: errors of the velocity column that are told, the largest first.
+        largest: share of the gap's energy that the leading cause stands for [1]; 1 without one.
+        seen: sizes.
+        t: thresholds.
+    """
     word, main, asserted = found.word, dict(found.main), found.causes
     right = {name: t.right_read * seen.doubts.get(name, ("", 1.0))[1] for name in readings}
     among = dict(found.among) | right
@@ -338,9 +372,9 @@ def _with_readings(found: Verdict, readings: Sequence[str], seen: Seen, t: Thres
     among |= {other: max(share, among.get(other, 0.0)) for other, share in instead.items()}
     first, names = readings[0], (*asserted, *(name for name in readings if name not in asserted))
     numbers = bool(asserted) and all(_is_number(name) for name in asserted)
-    leads = word == "no_gap" or numbers or seen.misread * seen.torque > seen.before
+    leads = word == "no_gap" or numbers or seen.misread.get(first, 0.0) > largest
     if leads:
-        # More of the speed is misread than of the torque is missing, or what is missing is a guessed nominal model's.
+        # More is misread than the machine's own cause makes, or what is missing is a guessed nominal model's.
         word = "explained" if word == "no_gap" else word
         probability = right[first] if not asserted else min(right[first], found.probability)
         if word == "unexplained":
