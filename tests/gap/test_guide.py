@@ -116,3 +116,20 @@ def test_friction_that_holds_a_guided_machine_makes_no_torque_of_its_own():
     assert np.sqrt(np.mean(course[still & known] ** 2)) < 0.01
     moves = known & (np.abs(record.speed) > 0.5)
     np.testing.assert_allclose(np.sqrt(np.mean(course[moves] ** 2)), np.sqrt(np.mean(lacking[moves] ** 2)), rtol=0.05)
+
+
+def test_a_guide_is_as_firm_whatever_the_scale_of_the_rate_sensor():
+    """Twice the reading of half the motion of twice the mass: the same log, and the same residual under any guide."""
+    search = gap_search.search_of(numpy_machine.record(seconds=3.0, sensors=("velocity",)))
+    effect = next(one for one in EFFECTS if one.name == "velocity_scale_error")
+    wide, family = ("inertia", "viscous"), search.family((effect,))
+    with double_precision():
+        tables = [tables_of(record, 10.0) for record in search.records]
+    fitter = Fitter(Runner(family, search.records, tables), search.setting, search.modes)
+    one, two = (
+        search.candidate(Start((effect,), wide, {"scale": s, "inertia": 0.06 * s, "viscous": 0.04 * s}))
+        for s in (1.0, 2.0)
+    )
+    first, second = (fitter.coefficients([c], 0, search.train[0])[0] for c in (one, two))
+    assert np.max(np.abs(first)) > 10.0
+    np.testing.assert_allclose(second, first, atol=1e-3 * np.max(np.abs(first)))

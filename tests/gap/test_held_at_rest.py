@@ -1,5 +1,6 @@
 """A model whose friction holds the machine at rest while it moves."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import gap_search
@@ -8,11 +9,14 @@ import numpy as np
 import numpy_machine
 import pytest
 
+import fpjax as fp
 from fpjax import OneMass, Stribeck, load_model
 from fpjax.blocks.plants import OneMassState, TwoMassState
 from fpjax.gap.data.channel import make_channel
 from fpjax.gap.data.motion import encoder_rate, motion
+from fpjax.gap.data.record import make_records
 from fpjax.gap.data.replay_tables import LATE, surely_moving
+from fpjax.gap.data.setting import reading_at_rest
 from fpjax.gap.data.tables import TAPS, Guide, Tables
 from fpjax.gap.machine import lanes, nominal_machine, with_structure
 from fpjax.gap.simulate.replay import STATES, _moved, advance, begin, output_of
@@ -166,3 +170,38 @@ def test_what_a_machine_does_that_should_move_has_no_jumps(structure):
     steps = np.abs(np.diff(reached))
     assert np.ptp(reached) > 0.01
     assert np.max(steps) < 5.0 * np.median(steps) + 0.1 * np.max(np.diff(speeds))
+
+
+def stopping(time):
+    """A speed that rests for half of the time [rad/s]."""
+    return np.where(np.sin(np.pi * time) > 0.0, 2.0 * np.sign(np.sin(0.5 * np.pi * time + 0.1)), 0.0)
+
+
+BIAS = 0.15
+
+
+def rests(bias):
+    log = numpy_machine.record(reference=stopping(1e-3 * np.arange(8000)), sensors=("velocity",))
+    return dataclasses.replace(log, velocity=log.velocity + bias)
+
+
+@pytest.mark.parametrize("bias", [BIAS, -BIAS])
+def test_a_rate_sensor_says_at_rest_what_its_bias_is(bias):
+    (record,) = make_records([rests(bias)], [], 0.05)
+    assert reading_at_rest(record) == pytest.approx(bias, abs=2e-3)
+    (beside,) = make_records([numpy_machine.record(reference=stopping(1e-3 * np.arange(8000)))], [], 0.05)
+    assert reading_at_rest(beside) == 0.0
+
+
+def test_a_steady_speed_is_no_rest():
+    steady = numpy_machine.record(reference=np.full(8000, 3.0), sensors=("velocity",))
+    assert reading_at_rest(make_records([steady], [], 0.05)[0]) == 0.0
+
+
+@pytest.mark.long  # a diagnosis
+def test_a_machine_that_rests_under_a_biased_sensor_is_not_held_in_motion():
+    """Taken for a motion, its rest lacks twice the friction, under a bias as without."""
+    found = fp.diagnose(rests(BIAS), load_model(gap_search.MODEL))
+    assert found.causes == ("velocity_bias",)
+    assert found.ranking[0].parameters["bias"].value == pytest.approx(BIAS, abs=2e-3)
+    assert found.gap.after < 0.1 * COULOMB < found.gap.before

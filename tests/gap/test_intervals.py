@@ -17,13 +17,13 @@ def width(monkeypatch):
     monkeypatch.setattr(intervals, "_scores", lambda search, c: np.zeros((4, 2)))
     modes = make_modes(200, 1e-3, 0.05, 0.0, 2e-5)
 
-    def found(level, windows=20, blur=0.0):
+    def found(level, windows=20, blur=0.0, prior=1e4):
         search = SimpleNamespace(
             fitters={"key": SimpleNamespace(noise=[np.ones(windows)])}, modes=modes, train=[np.arange(windows)],
             setting=None,
         )  # fmt: skip
         c = SimpleNamespace(
-            free=np.arange(2), scale=np.ones(2), spread=np.full(2, 10.0), normal=np.diag([400.0, 100.0]),
+            free=np.arange(2), scale=np.ones(2), spread=np.full(2, prior), normal=np.diag([400.0, 100.0]),
             level=np.full(modes.bands, level), at_bound=list,
             family=SimpleNamespace(
                 key="key",
@@ -45,6 +45,13 @@ def test_a_torque_that_is_left_widens_them_and_more_windows_do_not_narrow_them(w
     assert np.all(much >= little)
     # Twice the windows hold twice the modes of one and the same unknown law.
     np.testing.assert_allclose(width(10.0, windows=40) / much, np.sqrt(2.0), rtol=1e-6)
+
+
+def test_what_a_prior_knows_it_knows_whatever_is_left(width):
+    """A gain beside nominal numbers that count as right is known as well as they are."""
+    alone, known = width(10.0), width(10.0, prior=0.02)
+    np.testing.assert_allclose(known, 1.0 / np.hypot(1.0 / alone, 1.0 / 0.02), rtol=1e-3)
+    assert np.all(known < 0.02)
 
 
 def test_what_the_sampling_blurs_is_never_known_better(width):

@@ -168,17 +168,18 @@ def test_twins_by_wide_intervals_are_none_where_one_of_them_alone_is_far_behind(
 
 
 def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_what_counts_as_right(monkeypatch):
-    def fit(names, wide, bound, left):
+    def fit(names, wide, bound, left, evidence=990.0):
         candidate = SimpleNamespace(
             structural=names, effects=tuple(effect for effect in EFFECTS if effect.name in names), wide=frozenset(wide),
             names=names, at_bound=lambda: bound, values=dict,
         )  # fmt: skip
-        return SimpleNamespace(candidate=candidate, evidence=990.0, missing_rms=lambda windows: left)
+        return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows: left)
 
     chosen = decision.Weighed(fit(("stribeck",), ("inertia", "coulomb"), [], 0.1), 1000.0, 1000.0, 0.1)
     exact = decision.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows: 1.0), ())
     monkeypatch.setattr(decision, "resolved", lambda search, fit: True)
-    for bound, told in (([], ("stribeck", "torque_gain_error")), (["inertia"], ("stribeck",))):
-        factor = fit(("stribeck", "torque_gain_error"), (), bound, 0.1)
+    both = ("stribeck", "torque_gain_error")
+    for bound, evidence, told in (([], 990.0, both), (["inertia"], 990.0, ("stribeck",)), (["inertia"], 1010.0, both)):
+        factor = fit(both, (), bound, 0.1, evidence)
         search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, factor=factor: [factor])
         assert decision._simpler(search, exact, chosen).structural == told

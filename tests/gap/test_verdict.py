@@ -195,6 +195,13 @@ def test_a_gap_that_what_counts_as_right_closes_is_none():
     assert judged(chosen, [], before=0.5, numbers=0.1).causes == ("position_dependent_friction",)
 
 
+def test_what_holds_a_cause_as_a_special_case_says_nothing_against_a_part_that_it_explains():
+    spring = weighed("compliance", 500.0)
+    found = judged(spring, [weighed("backlash", 498.0), weighed("stribeck", 100.0)], left=0.4)
+    assert (found.word, found.causes) == ("partly_explained", ("compliance",))
+    assert judged(weighed("backlash", 500.0), [weighed("compliance", 498.0)], left=0.4).word == "unexplained"
+
+
 def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():
     chosen = weighed("stribeck", 500.0)
     beside = judged(chosen, [], readings=("velocity_quantisation",))
@@ -205,7 +212,9 @@ def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():
     readings = ("velocity_quantisation",)
     unknown = judged(chosen, [], left=0.97, readings=readings, rounded=0.5 * THRESHOLDS.reading)
     assert (unknown.word, unknown.causes) == ("unexplained", ())
-    # A machine that lacks nothing, or whose numbers alone are wrong, reads as it is rounded.
+    number = judged(chosen, [], shares={"inertia_error": 0.9}, readings=readings, rounded=0.5 * THRESHOLDS.reading)
+    assert number.causes == ("inertia_error",)
+    # A machine that lacks nothing reads as it is rounded.
     machine = judged(chosen, [], before=0.01, readings=readings, rounded=0.5 * THRESHOLDS.reading)
     assert machine.causes == readings
     alone = judged(chosen, [], before=0.01, readings=("velocity_lag", "velocity_quantisation"))

@@ -24,7 +24,8 @@ def covariance(search: Search, fit: Fit) -> Values:
     estimator of White, "Maximum likelihood estimation of misspecified models", 1982): under a law of another form the
     windows disagree by more than noise. Moreover the missing torque that remains is not noise: it is a function of the
     same few states in every window and does not average out over a log. So the modes that hold missing torque count as
-    `THRESHOLDS.pieces` observations at most; without missing torque this changes nothing. The blur of a parameter by
+    `THRESHOLDS.pieces` observations at most; without missing torque this changes nothing. Priors keep their weight: a
+    gain whose only doubt is how well the nominal numbers are known is known as well as they. The blur of a parameter by
     sampling (its `blur`) is added.
     """
     c = fit.candidate
@@ -36,15 +37,17 @@ def covariance(search: Search, fit: Fit) -> Values:
     block = np.ix_(index, index)
     # In units of `scale`: normal is J^T W J of the cost, the prior has the standard deviation `spread`.
     unit = c.scale[index] / c.spread[index]
-    inverse = _inverse(c.normal[block] + np.diag(unit**2))
+    prior = np.diag(unit**2)
+    inverse = _inverse(c.normal[block] + prior)
     # Sandwich A^-1 B A^-1: A the curvature, B the sum of outer products of the windows' gradients.
     scores = _scores(search, c)[:, index]
     meat = scores.T @ scores
     sandwich = np.diag(inverse @ meat @ inverse)
     variance = np.maximum(np.diag(inverse), 1e-300)
-    # A factor on every standard deviation; correlations stay those of the curvature.
+    # A factor on every standard deviation that comes from the data; what the priors know they know all the same.
     wider = np.sqrt(np.maximum(np.maximum(sandwich / variance, 1.0), _observations(search, c) / THRESHOLDS.pieces))
-    found[block] = inverse * wider[:, None] * wider * c.scale[index][:, None] * c.scale[index]
+    inverse = _inverse(c.normal[block] / wider[:, None] / wider + prior)
+    found[block] = inverse * c.scale[index][:, None] * c.scale[index]
     found[index, index] += np.square([c.family.parameters[c.free[i]].blur(search.setting) for i in index])
     return found
 

@@ -12,6 +12,9 @@ from ...blocks.signals import Motion
 from ...model_file import Model, Units
 from .record import Record
 
+STRETCH = 40  # [samples] in which a machine may be seen to rest
+SLOW = 0.2  # of the top speed: the largest bias that is looked for so
+QUIET = 3.0  # standard deviations of the reading's noise within which a level is one
 SMALL_FRICTION = 0.02  # of the largest torque: a nominal Coulomb level below it (zero, say) is no scale for friction
 
 
@@ -36,6 +39,8 @@ class Setting:
         unknown_origin: whether a known load depends on a position whose zero no sensor measures.
         turning_load: A e^(i phase) [N m] of what a known load holds of A sin(position + phase), where the position is
             measured; else 0.
+        at_rest: what a velocity without an encoder beside it reads while the machine rests [rad/s]; 0 where that is not
+            told from zero.
         periods: per revolution [1/rev], at which the missing "torque" and "friction" repeat with the position.
         weight: values by name of the unbalance that fits the missing torque best; empty where none was fitted.
         contacts: start values by name of backlashes, the most likely first; None where they were not searched for,
@@ -57,6 +62,7 @@ class Setting:
     units: Units = field(default_factory=Units)
     unknown_origin: bool = False
     turning_load: complex = 0.0
+    at_rest: float = 0.0
     periods: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     weight: Mapping[str, float] = field(default_factory=dict)
     contacts: tuple[Mapping[str, float], ...] | None = None
@@ -92,7 +98,29 @@ def make_setting(records: list[Record], model: Model) -> Setting:
         units=replace(model.units, motion="linear") if longest.linear else model.units,
         unknown_origin=longest.integrated and turns_with_position(load),
         turning_load=0.0 if longest.integrated else first_harmonic(load),
+        at_rest=reading_at_rest(longest),
     )
+
+
+def reading_at_rest(record: Record) -> float:
+    """What a velocity without an encoder beside it reads while the machine rests [rad/s]; 0 where it is not known.
+
+    A machine that rests reads one small value again and again, whatever the torque does. Of the short stretches with
+    nothing but noise about a level below a share of the top speed it is the level that most of them have, two at least.
+    """
+    if record.velocity is None or not record.integrated:
+        return 0.0
+    values, noise = record.velocity.values, record.velocity.noise
+    pieces = np.lib.stride_tricks.sliding_window_view(values, STRETCH)[:: STRETCH // 4]
+    level = np.mean(pieces, axis=1)
+    slow = np.abs(level) < SLOW * np.quantile(np.abs(values), 0.95)
+    level = level[slow & (np.std(pieces, axis=1) < QUIET * noise)]
+    if len(level) < 2:
+        return 0.0
+    ordered = np.sort(level)
+    alike = np.searchsorted(ordered, level + QUIET * noise) - np.searchsorted(ordered, level - QUIET * noise)
+    found = float(level[int(np.argmax(alike))])
+    return found if np.max(alike) >= 2 and abs(found) > QUIET * noise else 0.0
 
 
 def turns_with_position(load: AbstractLoad) -> bool:

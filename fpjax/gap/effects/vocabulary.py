@@ -351,7 +351,7 @@ EFFECTS: tuple[Effect, ...] = (
         starts=lambda s: [{"dead_zone": 0.1 * s.friction}],
         report=lambda v, s: {"width": (v["dead_zone"], "N m")},
     ),
-    _effect("velocity_bias", (BIAS,)),
+    _effect("velocity_bias", (BIAS,), starts=lambda s: [{}, *([{"bias": s.at_rest}] if s.at_rest else [])]),
     _effect("velocity_scale_error", (SCALE,)),
 )
 """Every effect that changes the simulation; `velocity_quantisation` is read from the column itself."""

@@ -182,7 +182,7 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
     tried = list(weighed)
     rivals, path, likely = weighed, [exact.fit], [effect.name for effect in search.effects]
     for size in range(2, THRESHOLDS.most_causes + 1):
-        if not _worth_more(search, exact, chosen.fit):
+        if not _worth_more(search, exact, chosen.fit, nominal):
             break
         begin(f"effects together ({size})")
         bases = _bases(singles) if size == 2 else [chosen]
@@ -350,8 +350,17 @@ def _first_settled(search: Search, exact: Exact, ordered: Sequence[Weighed]) -> 
     return ordered[0]
 
 
-def _worth_more(search: Search, exact: Exact, fit: Fit) -> bool:
-    return exact.left(fit) > THRESHOLDS.immaterial * exact.left(exact.fit)
+def _worth_more(search: Search, exact: Exact, fit: Fit, nominal: Weighed) -> bool:
+    """Whether enough torque is missing for a further cause: of the whole gap, or of what guessed numbers leave of it.
+
+    With numbers that are guesses most of the gap is theirs, and what is sought stands beside them.
+    """
+    left, whole = exact.left(fit), exact.left(exact.fit)
+    if len(wrong_numbers(nominal.fit, nominal_sizes(search.setting))[1]) > 1:
+        torque = np.concatenate([record.torque for record in search.records])
+        if left > THRESHOLDS.nothing * float(np.sqrt(np.mean(torque**2))):
+            whole *= min(nominal.left, 1.0)
+    return left > THRESHOLDS.immaterial * whole
 
 
 def _better(search: Search, exact: Exact, chosen: Weighed, best: Weighed) -> bool:
@@ -401,8 +410,9 @@ def _simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
         for fit, more in options:
             lost = (chosen.fit.evidence - fit.evidence) / max(gained, 1e-300)
             one_factor = set(fit.candidate.structural) > set(chosen.structural)
-            # Numbers that end at the bounds of what counts as right are wrong themselves.
-            if one_factor and set(fit.candidate.at_bound()) & set(NOMINAL):
+            # Numbers that end at the bounds of what counts as right are wrong too, unless the factor is likelier.
+            ahead = fit.evidence - chosen.fit.evidence > THRESHOLDS.decisive
+            if one_factor and not ahead and set(fit.candidate.at_bound()) & set(NOMINAL):
                 continue
             if (
                 resolved(search, fit)

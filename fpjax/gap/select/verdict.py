@@ -8,7 +8,7 @@ import numpy as np
 
 from ..fit.candidate import NOMINAL
 from ..thresholds import THRESHOLDS, Thresholds
-from .decision import FACTORS, Decision, Weighed
+from .decision import FACTORS, SIMPLER, Decision, Weighed
 from .dominant import Curve, believed, dominant
 from .nominal_errors import wrong_numbers
 from .readings import Reading
@@ -238,10 +238,14 @@ def _names(w: Weighed, seen: Seen) -> tuple[str, ...]:
 
 
 def _others(sets: Sequence[_Set], chosen: _Set, seen: Seen) -> list[_Set]:
-    """Sets of causes without the leading one, nor what makes the same log in its place."""
+    """Sets of causes without the leading one, nor what makes the same log in its place.
+
+    What holds the leading cause as a special case makes the same log by being it.
+    """
     if not chosen.names:
         return []
-    alike = {chosen.names[0]} | seen.twins.get(chosen.names[0], frozenset())
+    lead = chosen.names[0]
+    alike = {lead, *seen.twins.get(lead, ()), *(name for name, simpler in SIMPLER.items() if lead in simpler)}
     return [s for s in sets if not alike & set(s.names)]
 
 
@@ -347,10 +351,10 @@ def _right(asserted: Sequence[str], shares: Sequence[tuple[_Set, float]], main: 
 def _told(found: Verdict, seen: Seen, t: Thresholds) -> tuple[str, ...]:
     """The readings' errors that are causes.
 
-    A rounding as slight as other errors that are not told is none where the machine itself lacks a law.
+    A rounding as slight as other errors that are not told is none where anything else is amiss.
     """
-    lacks = found.word == "unexplained" or not all(map(_is_number, found.causes))
-    slight = {ROUNDING} if lacks and seen.rounded <= t.reading else set()
+    amiss = found.word == "unexplained" or bool(found.causes) or set(seen.readings) > {ROUNDING}
+    slight = {ROUNDING} if amiss and seen.rounded <= t.reading else set()
     told = [name for name in seen.readings if name not in slight]
     return tuple(sorted(told, key=lambda name: -seen.misread.get(name, 0.0)))
 

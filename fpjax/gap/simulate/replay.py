@@ -19,6 +19,7 @@ from jaxtyping import Array, PyTree
 from ...blocks.actuators import ActuatorState
 from ...blocks.plants import OneMassState, TwoMassState
 from ...blocks.plants.sticking import advance_exact
+from ...blocks.servo_sensor import ServoSensor
 from ...blocks.signals import Motion, PlantOutput
 from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, EffectParameter
@@ -195,14 +196,16 @@ def advance(
     after, applied = actuator.step(ActuatorState(carry.torque, ()), command, motion, tables.dt)
     # A machine that surely moves has friction in that direction, and as at half its speed at least. Else a model could
     # rest under any torque below its friction, and none would seem to be missing.
-    least = LEAST_SPEED * tables.moving[at]
+    measured = _measured(sensor, tables.moving[at], windows.integrated)
+    least = LEAST_SPEED * measured
     behind = jnp.where(jnp.sign(least) * (guided_rate - least) < 0.0, least - guided_rate, 0.0)
-    following = _moved(machine, state, applied, (behind, aside), tables.moving[at], time, tables.dt, substeps)
+    following = _moved(machine, state, applied, (behind, aside), measured, time, tables.dt, substeps)
     # The guide's acceleration [rad/s^2], constant over the period.
     turning = guide.stiffness * (guide.angle[at] - guided_angle)
-    # Beside an encoder the guide follows its rate, which is the true one; without, the rate sensor's reading.
-    followed = guided_rate + windows.integrated * (sensor.reading(guided_rate) - guided_rate)
-    turning = turning + guide.damping * (guide.speed[at] - followed)
+    # Beside an encoder the guide follows its rate, which is the true one; without, what the rate sensor's reading says
+    # of it, so that the guide is as firm whatever the sensor's scale.
+    bias, scale = _error(sensor, windows.integrated)
+    turning = turning + guide.damping * ((guide.speed[at] - bias) / scale - guided_rate)
     faster, further = tables.dt * turning, half * tables.dt * turning
     # A mass that static friction holds has lost the last push to it: there is nothing of it to take off.
     remaining = carry.guided[0] - jnp.where(_resting(following), carry.push, 0.0)
@@ -213,6 +216,27 @@ def advance(
     lagged = sensor.follow(carry.lagged, rate, rate_after, tables.dt)
     torque = carry.torque if after.lagged is None else after.lagged
     return Carry(following, torque, lagged, carry.lagged, guided, faster), predicted
+
+
+def _measured(sensor: ServoSensor, reading: Array, alone: Array) -> Array:
+    """Speed at which the machine surely moves [rad/s], 0 for unknown.
+
+    Without an encoder it is what the reading says under the sensor's bias and scale; a reading of which the bias is
+    more than half may be a machine at rest.
+
+    Args:
+        sensor: of the lanes.
+        reading: where it is far from zero, else 0 [rad/s].
+        alone: 1 where there is no encoder beside it.
+    """
+    bias, scale = _error(sensor, alone)
+    told = jnp.abs(bias) < 0.5 * jnp.abs(reading)
+    return jnp.where(told, (reading - bias) / scale, 0.0)
+
+
+def _error(sensor: ServoSensor, alone: Array) -> tuple[Array, Array]:
+    """(bias [rad/s], scale [1]) of a rate sensor without an encoder beside it, as in `_measured`; else none."""
+    return alone * sensor.bias, 1.0 + alone * (sensor.scale - 1.0)
 
 
 def _moved(
