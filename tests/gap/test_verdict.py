@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from weighed_models import BOTH, NOMINAL, RATE_ONLY, weighed
 
+from fpjax.gap.answer import judge
 from fpjax.gap.answer.judge import _persist
 from fpjax.gap.effects.twins import single_twins
 from fpjax.gap.select.decision import _bases
@@ -200,6 +201,18 @@ def test_what_holds_a_cause_as_a_special_case_says_nothing_against_a_part_that_i
     found = judged(spring, [weighed("backlash", 498.0), weighed("stribeck", 100.0)], left=0.4)
     assert (found.word, found.causes) == ("partly_explained", ("compliance",))
     assert judged(weighed("backlash", 500.0), [weighed("compliance", 498.0)], left=0.4).word == "unexplained"
+
+
+def test_a_backlash_whose_gap_may_be_none_is_the_compliance_that_is_told(monkeypatch):
+    monkeypatch.setattr(judge, "covariance", lambda search, fit: None)
+    monkeypatch.setattr(judge, "insignificant_causes", lambda search, fit, spread: frozenset(fit.unshown))
+    spring, free = weighed("compliance", 500.0), weighed("backlash", 498.0)
+    for unshown, meaning in (({"backlash"}, {"backlash": "compliance"}), (set(), {})):
+        free.fit.unshown = unshown
+        decision = SimpleNamespace(chosen=spring, singles=(free,), rivals=())
+        assert judge._meaning(None, decision) == meaning
+        share = judged(spring, [free], meaning=meaning).main.get("backlash", 0.0)
+        assert (share == 0.0) == bool(meaning)
 
 
 def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():

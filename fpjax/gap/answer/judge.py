@@ -10,7 +10,7 @@ from ..data.record import Record
 from ..effects.twins import single_twins
 from ..fit.candidate import NOMINAL, Fit, nominal_sizes
 from ..fit.search import Search
-from ..select.decision import Decision, by_numbers
+from ..select.decision import SIMPLER, Decision, by_numbers
 from ..select.dominant import DominantVariable, dominant
 from ..select.readings import Reading
 from ..select.verdict import ROUNDING, Seen, Verdict, beside_gap, verdict
@@ -131,6 +131,20 @@ def _beside_gap(search: Search, exact: Fit, read: Read, missing: float) -> dict[
     return {name: beside_gap(size, torque, share, moving) for name, (size, torque) in sizes.items()}
 
 
+def _meaning(search: Search, decision: Decision) -> dict[str, str]:
+    """Rivals' effects that are the cause that they hold as a special case: a backlash whose gap may be none."""
+    told, found = decision.chosen.structural, {}
+    for general, special in SIMPLER.items():
+        rivals = [w for w in (*decision.singles, *decision.rivals) if general in w.structural]
+        meant = [name for name in special if name in told]
+        if not meant or general in told or not rivals:
+            continue
+        best = max(rivals, key=lambda w: w.gain).fit
+        if general in insignificant_causes(search, best, covariance(search, best)):
+            found[general] = meant[0]
+    return found
+
+
 def _alone(decision: Decision) -> list[Fit]:
     """The effects of the chosen model, each alone."""
     return [w.fit for w in decision.singles if w.structural[0] in decision.chosen.structural]
@@ -161,6 +175,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         doubts={one.effect: (one.rival, one.sure) for one in read.readings if one.rival},
         twins=single_twins(log_of(search)),
         unshown=insignificant_causes(search, chosen, spread),
+        meaning=_meaning(search, decision),
         follows={effect.name: effect.follows for effect in search.effects},
         curves=curves.by,
         named=max(named_share(search, fit, curves) for fit in (chosen, *_alone(decision))),

@@ -35,6 +35,8 @@ class Seen:
         doubts: of a reading's error, what it may be instead, and the probability that it is not [1].
         twins: by effect, what makes the same log in its place: no rival, since it is named beside it.
         unshown: effects of the chosen model whose size the log does not tell from nothing: they are not asserted.
+        meaning: by effect of a rival that holds a cause of the chosen model as a special case and is not told from it,
+            that cause.
         curves: by recorded variable, where they were looked at.
         named: what the chosen model, or one of its effects alone, holds of the missing torque in the measure of the
             curves [1].
@@ -56,6 +58,7 @@ class Seen:
     doubts: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     twins: Mapping[str, frozenset[str]] = field(default_factory=dict)
     unshown: frozenset[str] = frozenset()
+    meaning: Mapping[str, str] = field(default_factory=dict)
     curves: Mapping[str, Curve] = field(default_factory=dict)
     named: float = 0.0
     follows: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -208,7 +211,8 @@ def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
         # The chosen causes with more beside them are the chosen ones with details, which were not worth a cause.
         if set(w.structural) == told or (told and set(w.structural) > told) or _adds_to(w, chosen, seen, given):
             continue
-        own = _Set(_names(w, seen), decision.chosen.gain - max(w.behind(decision.chosen), 0.0))
+        names = tuple(dict.fromkeys(seen.meaning.get(name, name) for name in _names(w, seen)))
+        own = _Set(names, decision.chosen.gain - max(w.behind(decision.chosen), 0.0))
         if own.names and (own.names not in best or best[own.names].worth < own.worth):
             best[own.names] = own
     return ([chosen] if chosen.names else []) + list(best.values())
