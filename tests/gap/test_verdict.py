@@ -80,6 +80,7 @@ def test_a_share_of_a_sure_pair_is_the_main_cause_and_each_of_it_is_sure():
     assert found.probability == pytest.approx(found.main["unbalance"])
 
 
+SLIGHT = {"velocity_quantisation": 0.5 * THRESHOLDS.matters}
 VELOCITY = {"velocity": Curve(0.9, 200.0), "position": Curve(0.1, 20.0), "torque": Curve(0.2, -5.0)}
 FOLLOWS = {"asymmetric_friction": ("velocity",), "unbalance": ("position",), "load_dependent_friction": ("torque",)}
 
@@ -219,16 +220,16 @@ def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():
     chosen = weighed("stribeck", 500.0)
     beside = judged(chosen, [], readings=("velocity_quantisation",))
     assert beside.causes == ("stribeck", "velocity_quantisation")
-    slight = judged(chosen, [], readings=("velocity_lag", "velocity_quantisation"), rounded=0.5 * THRESHOLDS.reading)
+    slight = judged(chosen, [], readings=("velocity_lag", "velocity_quantisation"), misread=SLIGHT)
     assert slight.causes == ("stribeck", "velocity_lag")
     assert "velocity_quantisation" not in slight.among
     readings = ("velocity_quantisation",)
-    unknown = judged(chosen, [], left=0.97, readings=readings, rounded=0.5 * THRESHOLDS.reading)
+    unknown = judged(chosen, [], left=0.97, readings=readings, misread=SLIGHT)
     assert (unknown.word, unknown.causes) == ("unexplained", ())
-    number = judged(chosen, [], shares={"inertia_error": 0.9}, readings=readings, rounded=0.5 * THRESHOLDS.reading)
+    number = judged(chosen, [], shares={"inertia_error": 0.9}, readings=readings, misread=SLIGHT)
     assert number.causes == ("inertia_error",)
     # A machine that lacks nothing reads as it is rounded.
-    machine = judged(chosen, [], before=0.01, readings=readings, rounded=0.5 * THRESHOLDS.reading)
+    machine = judged(chosen, [], before=0.01, readings=readings, misread=SLIGHT)
     assert machine.causes == readings
     alone = judged(chosen, [], before=0.01, readings=("velocity_lag", "velocity_quantisation"))
     assert (alone.word, alone.causes) == ("explained", ("velocity_lag", "velocity_quantisation"))

@@ -74,8 +74,8 @@ def assemble(
     wrong = (*(one.effect for one in read), *([ROUNDING] if step > 0.0 else []))
     # Of a rounding, the standard deviation of a uniform error one step wide.
     speed = float(np.sqrt(np.mean(np.concatenate([record.speed for record in records]) ** 2)))
-    rounded = step / math.sqrt(12.0) / speed
-    known = Read(torque, wrong, read, allowed, rounded)
+    rounding = step / math.sqrt(12.0)
+    known = Read(torque, wrong, read, allowed, rounding)
     judged = judge(search, decision, known, curves, search.setting.units.name("N m"))
     decision, found, gap, spread = judged.decision, judged.verdict, judged.gap, judged.spread
     before, after, chosen = judged.before, judged.after, judged.decision.chosen.fit
@@ -114,7 +114,9 @@ def assemble(
         *details(chosen, causes),
         *load_error(decision.nominal.fit if gapless else chosen, search.setting, written=not gapless),
     ]
-    said += slight_rounding(step, rounded, search.setting.units) if step > 0.0 and ROUNDING not in wrong else []
+    said += (
+        slight_rounding(step, rounding / speed, search.setting.units) if step > 0.0 and ROUNDING not in wrong else []
+    )
     said += [] if found.word == "no_gap" else where_fitted_alone(gap, everywhere)
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
     tracking = tracking_error(model, [in_one_piece(record) for record in records], *sides, said)

@@ -8,6 +8,7 @@ import numpy as np
 from ...logs.arrays import Values
 from ..data.record import Record
 from ..effects.twins import single_twins
+from ..fit.band import highest_of_speed
 from ..fit.candidate import NOMINAL, Fit, nominal_sizes
 from ..fit.search import Search
 from ..select.decision import SIMPLER, Decision, by_numbers
@@ -33,14 +34,14 @@ class Read:
         wrong: errors of the velocity column, the most important first.
         readings: those of them that comparison with the encoder shows.
         allowed: effects that may be asserted; empty for all.
-        rounded: rms of the rounding among them, of the speed's rms [1].
+        rounding: standard deviation of the rounding among them [rad/s].
     """
 
     torque: float
     wrong: tuple[str, ...]
     readings: Sequence[Reading]
     allowed: tuple[str, ...]
-    rounded: float = 0.0
+    rounding: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,11 @@ def _beside_gap(search: Search, exact: Fit, read: Read, missing: float) -> dict[
     """How large each error of the velocity column is beside the missing torque of the nominal model."""
     share = missing / max(read.torque, 1e-300)
     moving = float(np.sqrt(max(np.mean(np.concatenate(exact.moving)), 0.0)))
-    sizes = {one.effect: (one.size, one.torque) for one in read.readings} | {ROUNDING: (read.rounded, 0.0)}
+    sizes = {one.effect: (one.size, one.torque) for one in read.readings}
+    speed = float(np.sqrt(np.mean(np.concatenate([record.speed for record in search.records]) ** 2)))
+    # White noise, differentiated and weighed as `Fit.moving` is: 2 pi times the highest frequency of the speed.
+    rate = 2.0 * np.pi * highest_of_speed(search.records) * read.rounding
+    sizes[ROUNDING] = (read.rounding / max(speed, 1e-300), search.setting.inertia * rate)
     return {name: beside_gap(size, torque, share, moving) for name, (size, torque) in sizes.items()}
 
 
@@ -169,7 +174,6 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         sizes=nominal_sizes(search.setting),
         readings=read.wrong,
         misread=_beside_gap(search, decision.exact, read, first),
-        rounded=read.rounded,
         moved=max(_moved(decision.exact, chosen, windows), _moved(decision.exact, chosen, withheld)),
         allowed=frozenset(read.allowed),
         doubts={one.effect: (one.rival, one.sure) for one in read.readings if one.rival},

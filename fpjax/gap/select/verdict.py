@@ -42,7 +42,6 @@ class Seen:
             curves [1].
         follows: by effect, the variables that its torque is a function of.
         misread: by error of the velocity column, how large it is beside the gap (`beside_gap`) [1].
-        rounded: rms of its rounding, likewise.
         moved: `after` over `before` [1], each frequency weighted by how far it moves the machine: vibration that hardly
             does, and that no cause of the vocabulary holds, is most of what many real machines leave.
     """
@@ -63,7 +62,6 @@ class Seen:
     named: float = 0.0
     follows: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     misread: Mapping[str, float] = field(default_factory=dict)
-    rounded: float = np.inf
     moved: float = 1.0
 
 
@@ -117,10 +115,10 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     shares = _shares(sets, top, thresholds.temper)
     main, among = _by_effect(shares)
     found = Verdict(word, asserted, _right(asserted, shares, main), main, among, margin, lead)
-    readings = _told(found, seen, thresholds)
+    size, _, whole = _sizes(decision, seen, thresholds)
+    readings = _told(found, whole, seen, thresholds)
     if not readings:
         return found
-    size, _, whole = _sizes(decision, seen, thresholds)
     largest = size.get(found.causes[0], 1.0) if found.causes else 1.0
     return _with_readings(found, readings, largest * whole, seen, thresholds)
 
@@ -352,13 +350,19 @@ def _right(asserted: Sequence[str], shares: Sequence[tuple[_Set, float]], main: 
     return max(1.0 - sum(main.values()), 0.0)
 
 
-def _told(found: Verdict, seen: Seen, t: Thresholds) -> tuple[str, ...]:
+def _told(found: Verdict, whole: float, seen: Seen, t: Thresholds) -> tuple[str, ...]:
     """The readings' errors that are causes.
 
-    A rounding as slight as other errors that are not told is none where anything else is amiss.
+    Every column is rounded. Where anything else is amiss a rounding is a cause if it matters as other causes do.
+
+    Args:
+        found: without the readings.
+        whole: share of the gap's energy that sizes are of [1].
+        seen: sizes.
+        t: thresholds.
     """
     amiss = found.word == "unexplained" or bool(found.causes) or set(seen.readings) > {ROUNDING}
-    slight = {ROUNDING} if amiss and seen.rounded <= t.reading else set()
+    slight = {ROUNDING} if amiss and seen.misread.get(ROUNDING, np.inf) <= t.matters * whole else set()
     told = [name for name in seen.readings if name not in slight]
     return tuple(sorted(told, key=lambda name: -seen.misread.get(name, 0.0)))
 
