@@ -1,13 +1,14 @@
 """Exact twins that depend on what loads the gear."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import gap_search
 import numpy_machine
 import pytest
 
 from fpjax.gap import Estimate
-from fpjax.gap.answer.ranking import log_of
+from fpjax.gap.answer.ranking import log_of, told_apart
 from fpjax.gap.effects.twins import LogFacts, exact_twins
 
 LIGHT = LogFacts(
@@ -47,3 +48,17 @@ def test_a_gear_that_accelerates_little_is_unloaded(inertia, unloaded):
     log = numpy_machine.record(numpy_machine.Machine(inertia=inertia), seconds=3.0, sensors=("position",))
     model = load_model(gap_search.MODEL.replace("inertia = 0.05", f"inertia = {inertia}"))
     assert log_of(make_search([log], [], model)).unloaded is unloaded
+
+
+def test_over_a_short_travel_an_unbalance_is_no_more_than_a_torque_of_the_position():
+    found = {"unbalance": {"amplitude": known(0.4)}}
+    short = dataclasses.replace(LIGHT, travel=0.3)
+    (twin,) = exact_twins(["unbalance"], found, short)
+    assert twin.instead == ("cogging",)
+    # The fits tried cogging that repeats within the travel, and so do not tell the two apart.
+    worse = SimpleNamespace(structural=("cogging",), worth=1.0)
+    better = SimpleNamespace(structural=("unbalance",), worth=100.0)
+    assert not told_apart(SimpleNamespace(singles=(better, worse)), twin)
+    for log in (LIGHT, dataclasses.replace(LIGHT, travel=3.0)):
+        assert exact_twins(["unbalance"], found, log) == []
+    assert exact_twins(["unbalance", "cogging"], found, short) == []

@@ -1,5 +1,6 @@
 """The ranking: every effect with its probability, the gap it leaves, its parameters, and its twins."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -109,6 +110,8 @@ def told_apart(decision: Decision, twin: Twin) -> bool:
         decision: on the fits.
         twin: two sets of causes that make the same log.
     """
+    if twin.untried:
+        return False
     alone = {w.structural: w for w in decision.singles}
     own, other = alone.get(tuple(twin.causes)), alone.get(twin.instead)
     return own is not None and other is not None and other.worth < (1.0 - THRESHOLDS.clear) * own.worth
@@ -158,8 +161,10 @@ def log_of(search: Search) -> LogFacts:
     # The load at rest at position zero: a constant torque that the model knows.
     still = Motion(jnp.zeros(1), jnp.zeros(1), jnp.zeros(1))
     known = turning or bool(load.readout(still)[0]) or bool(getattr(actuator, "offset", None))
+    # Without a position sensor the travel is that of the integrated readings, with their bias.
+    travel = search.setting.travel if search.records[0].position is not None else math.inf
     return LogFacts(
-        search.records[0].position is not None, known, turning, search.setting.nominal, _unloaded(search, known)
+        search.records[0].position is not None, known, turning, search.setting.nominal, _unloaded(search, known), travel
     )
 
 

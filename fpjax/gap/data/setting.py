@@ -29,7 +29,7 @@ class Setting:
         friction: typical friction torque [N m]: the largest of k, the fitted one, a share of the largest torque.
         speed: 95 % quantile of the speed [rad/s].
         torque: largest commanded torque [N m].
-        travel: range of the position [rad], of the longest log.
+        travel: range of the position [rad], of the log that goes furthest.
         duration: of the longest log [s].
         dt: control period [s].
         window: length of a window [s].
@@ -88,7 +88,7 @@ def make_setting(records: list[Record], model: Model) -> Setting:
         friction=max(coulomb, SMALL_FRICTION * torque),
         speed=max(speed, 1e-12),
         torque=torque,
-        travel=float(np.ptp(longest.angle)),
+        travel=max(float(np.ptp(record.angle)) for record in records),
         duration=float(longest.time[-1] - longest.time[0]),
         dt=longest.dt,
         window=longest.samples * longest.dt,

@@ -1,5 +1,6 @@
 """Exact twins: sets of causes that make exactly the same log, whatever the excitation (the table in docs/gap.md)."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -9,6 +10,7 @@ Parameters = Mapping[str, Mapping[str, Estimate]]
 # Effects that are tied to the position: a scaled velocity integrates to another position, which shows.
 LOCKED = frozenset({"unbalance", "cogging", "position_dependent_friction"})
 TOLERANCE = 0.04  # relative deviation from a nominal value within which it counts as right
+SHORT = 0.5  # rad: over less a sine once a turn and one of several periods a turn are the same arc
 DELAYS = ("actuator_delay", "velocity_delay")
 
 
@@ -23,6 +25,7 @@ class LogFacts:
         nominal: `inertia`, `coulomb` and `viscous` of the nominal model.
         unloaded: whether hardly anything but its own friction loads the gear: little is accelerated, and no load is
             known.
+        travel: range of the position [rad].
     """
 
     position: bool
@@ -30,6 +33,7 @@ class LogFacts:
     known_turning: bool
     nominal: Mapping[str, float]
     unloaded: bool = False
+    travel: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -40,11 +44,13 @@ class Twin:
         causes: some of those found.
         instead: causes that could replace them.
         how: values of the replacing causes, as a part of the sentence.
+        untried: whether the fits cannot tell: the replacing cause was not tried with such values.
     """
 
     causes: frozenset[str]
     instead: tuple[str, ...]
     how: str = ""
+    untried: bool = False
 
     def sentence(self) -> str:
         """The statement for a reader."""
@@ -68,6 +74,9 @@ def exact_twins(causes: Sequence[str], found: Parameters, log: LogFacts) -> list
         if delay in named and other not in named and not log.position and "friction_drift" not in named:
             twins.append(Twin(frozenset({delay}), (other,)))
     twins += _directions(named, found, log)
+    if "unbalance" in named and "cogging" not in named and log.travel < SHORT:
+        how = " (that repeats less than once within the travel)"
+        twins.append(Twin(frozenset({"unbalance"}), ("cogging",), how, untried=True))
     # A nominal value of zero stays zero when divided.
     wrong = [name for name in ("inertia", "coulomb", "viscous") if log.nominal.get(name, 0.0) > 0.0]
     if not log.known_torque:

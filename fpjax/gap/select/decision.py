@@ -414,10 +414,11 @@ def _simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
             ahead = fit.evidence - chosen.fit.evidence > THRESHOLDS.decisive
             if one_factor and not ahead and set(fit.candidate.at_bound()) & set(NOMINAL):
                 continue
-            if (
-                resolved(search, fit)
-                and more < THRESHOLDS.matters * whole
-                and lost < (THRESHOLDS.factor if one_factor else THRESHOLDS.simpler)
+            slight = more < THRESHOLDS.matters * whole
+            # A model that is less likely than one that it contains has not found its best: less torque left is chance.
+            contained = ahead and not one_factor
+            if resolved(search, fit) and (
+                contained or (slight and lost < (THRESHOLDS.factor if one_factor else THRESHOLDS.simpler))
             ):
                 near.append((fit, more))
         if not near:
