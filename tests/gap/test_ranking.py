@@ -183,3 +183,31 @@ def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_wha
         factor = fit(both, (), bound, 0.1, evidence)
         search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, factor=factor: [factor])
         assert decision._simpler(search, exact, chosen).structural == told
+
+
+def test_a_model_that_is_less_likely_than_one_it_contains_leaves_no_less_torque():
+    likelier, less = weighed("compliance+cogging", 500.0, left=0.5), weighed("backlash+cogging", 480.0, left=0.4)
+    other = weighed("backlash+stribeck", 400.0, left=0.3)
+    found = {w.structural: w for w in decision._no_better_than_contained([less, likelier, other])}
+    assert found[less.structural].left == 0.5
+    assert found[less.structural].worth < found[likelier.structural].worth
+    assert found[other.structural] is other  # its compliance was not tried
+    (kept, _) = decision._no_better_than_contained([dataclasses.replace(less, evidence=510.0, gain=510.0), likelier])
+    assert kept.left == 0.4
+
+
+def test_a_likelier_special_case_takes_the_place_of_what_contains_it(monkeypatch):
+    def fit(name, evidence, left):
+        candidate = SimpleNamespace(
+            structural=(name,), effects=tuple(effect for effect in EFFECTS if effect.name == name), wide=frozenset(),
+            names=(name,), at_bound=list, values=dict,
+        )  # fmt: skip
+        return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows: left)
+
+    monkeypatch.setattr(decision, "resolved", lambda search, fit: True)
+    chosen = decision.Weighed(fit("backlash", 1000.0, 0.4), 1000.0, 1000.0, 0.4)
+    exact = decision.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows: 1.0), ())
+    for evidence, told in ((1020.0, "compliance"), (1005.0, "backlash"), (990.0, "backlash")):
+        spring = fit("compliance", evidence, 0.6)  # leaves a fifth of the energy more
+        search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, spring=spring: [spring])
+        assert decision._simpler(search, exact, chosen).structural == (told,)

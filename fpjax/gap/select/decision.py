@@ -321,7 +321,26 @@ def _weigh(search: Search, exact: Exact, fits: Sequence[Fit]) -> list[Weighed]:
     best: dict[tuple[str, ...], Weighed] = {}  # of the same effects with more and with fewer wrong numbers
     for weighed in found:
         best.setdefault(weighed.structural, weighed)
-    return list(best.values())
+    return sorted(_no_better_than_contained(list(best.values())), key=lambda w: (-w.worth, -w.evidence))
+
+
+def _no_better_than_contained(found: Sequence[Weighed]) -> list[Weighed]:
+    """The models; one that is less likely than another that it contains leaves no less torque than that one.
+
+    It has not found its best, and what it leaves less is chance: a backlash that is less likely than its compliance.
+    """
+    by_names = {frozenset(w.structural): w for w in found}
+    kept = []
+    for w in found:
+        for general, special in SIMPLER.items():
+            if general not in w.structural:
+                continue
+            rest = set(w.structural) - {general}
+            for other in (by_names.get(frozenset(rest | {name})) for name in special if name not in rest):
+                if other is not None and other.evidence > w.evidence:
+                    w = replace(w, left=max(w.left, other.left), gain=min(w.gain, other.gain))
+        kept.append(w)
+    return kept
 
 
 def _weighed(search: Search, exact: Exact, fit: Fit, evidence: float) -> Weighed:
@@ -412,7 +431,8 @@ def _simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
             one_factor = set(fit.candidate.structural) > set(chosen.structural)
             # Numbers that end at the bounds of what counts as right are wrong too, unless the factor is likelier.
             ahead = fit.evidence - chosen.fit.evidence > THRESHOLDS.decisive
-            if one_factor and not ahead and set(fit.candidate.at_bound()) & set(NOMINAL):
+            alone = len(chosen.fit.candidate.wide) == 1  # one number for another: the likelier one
+            if one_factor and not ahead and (alone or set(fit.candidate.at_bound()) & set(NOMINAL)):
                 continue
             slight = more < THRESHOLDS.matters * whole
             # A model that is less likely than one that it contains has not found its best: less torque left is chance.
@@ -437,7 +457,7 @@ def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[Start]:
                 wide = tuple(c.wide | {"coulomb", "viscous"}) if effect.name == "asymmetric_friction" else tuple(c.wide)
                 yield Start((*rest, by_name[name]), wide, _without(fit, effect, rest))
     for name in FACTORS:
-        if len(c.wide) > 1 and name in by_name and name not in c.structural:
+        if c.wide and name in by_name and name not in c.structural:
             values = {k: v for k, v in c.values().items() if k not in NOMINAL}
             yield Start((*c.effects, by_name[name]), (), values)
 
