@@ -141,3 +141,16 @@ def test_a_log_that_is_quiet_but_for_a_few_pushes_has_a_gap():
     # 3 N m for 0.15 s of every 4 s: 0.58 N m rms over the log.
     assert missing(search) > 0.1
     assert missing(quiet) < 0.1 * missing(search)
+
+
+def test_the_travel_of_several_logs_is_that_of_the_one_that_goes_furthest():
+    """A first run of one short stroke hides no ripple that the next one shows."""
+    short, wide = (
+        numpy_machine.record(
+            seconds=2.0, sensors=("position",), reference=speed * np.sin(np.pi * 1e-3 * np.arange(2000))
+        )
+        for speed in (0.3, 6.0)
+    )
+    search = make_search([short, wide], [], load_model(gap_search.MODEL))
+    assert search.setting.travel == pytest.approx(np.ptp(wide.position), rel=0.01)
+    assert search.setting.travel > 5.0 * np.ptp(short.position)
