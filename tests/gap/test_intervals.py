@@ -17,17 +17,17 @@ def width(monkeypatch):
     monkeypatch.setattr(intervals, "_scores", lambda search, c: np.zeros((4, 2)))
     modes = make_modes(200, 1e-3, 0.05, 0.0, 2e-5)
 
-    def found(level, windows=20, blur=0.0, prior=1e4):
+    def found(level, windows=20, blur=0.0, prior=1e4, names=("a", "b")):
         search = SimpleNamespace(
             fitters={"key": SimpleNamespace(noise=[np.ones(windows)])}, modes=modes, train=[np.arange(windows)],
             setting=None,
         )  # fmt: skip
         c = SimpleNamespace(
             free=np.arange(2), scale=np.ones(2), spread=np.full(2, prior), normal=np.diag([400.0, 100.0]),
-            level=np.full(modes.bands, level), at_bound=list,
+            level=np.full(modes.bands, level), at_bound=list, wide=frozenset(),
             family=SimpleNamespace(
                 key="key",
-                parameters=[SimpleNamespace(name=name, blur=lambda setting: blur) for name in ("a", "b")],
+                parameters=[SimpleNamespace(name=name, blur=lambda setting: blur) for name in names],
             ),
         )  # fmt: skip
         return np.sqrt(np.diag(intervals.covariance(search, SimpleNamespace(candidate=c))))
@@ -52,6 +52,12 @@ def test_what_a_prior_knows_it_knows_whatever_is_left(width):
     alone, known = width(10.0), width(10.0, prior=0.02)
     np.testing.assert_allclose(known, 1.0 / np.hypot(1.0 / alone, 1.0 / 0.02), rtol=1e-3)
     assert np.all(known < 0.02)
+
+
+def test_three_nominal_numbers_that_count_as_right_tell_as_much_as_one(width):
+    """What bends one of them may bend the others alike."""
+    numbers = width(10.0, prior=0.02, names=("coulomb", "viscous"))
+    np.testing.assert_allclose(numbers, width(10.0, prior=0.02 * np.sqrt(3.0)), rtol=1e-9)
 
 
 def test_what_the_sampling_blurs_is_never_known_better(width):

@@ -10,7 +10,7 @@ from ...model_file import Units
 from ..data.setting import Setting
 from ..effects.effect import Effect
 from ..effects.estimate import NINETY, Estimate
-from ..fit.candidate import Candidate, Fit
+from ..fit.candidate import NOMINAL, Candidate, Fit
 from ..fit.search import Search
 from ..select.readings import Reading
 from ..thresholds import THRESHOLDS
@@ -29,7 +29,9 @@ def covariance(search: Search, fit: Fit) -> Values:
     sampling (its `blur`) is added.
     """
     c = fit.candidate
-    inside = ~at_bound(c)
+    # A nominal number that counts as right ends at a bound of that, and is known no better for it.
+    right = np.array([c.family.parameters[i].name in set(NOMINAL) - c.wide for i in c.free], bool)
+    inside = ~at_bound(c) | right
     found = np.zeros((len(c.free), len(c.free)))
     index = np.flatnonzero(inside)
     if not len(index):
@@ -37,6 +39,8 @@ def covariance(search: Search, fit: Fit) -> Values:
     block = np.ix_(index, index)
     # In units of `scale`: normal is J^T W J of the cost, the prior has the standard deviation `spread`.
     unit = c.scale[index] / c.spread[index]
+    # What bends one nominal number that counts as right may bend the others alike: together they tell as much as one.
+    unit = np.where(right[index], unit / np.sqrt(len(NOMINAL)), unit)
     prior = np.diag(unit**2)
     inverse = _inverse(c.normal[block] + prior)
     # Sandwich A^-1 B A^-1: A the curvature, B the sum of outer products of the windows' gradients.
