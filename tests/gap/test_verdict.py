@@ -216,6 +216,15 @@ def test_a_backlash_whose_gap_may_be_none_is_the_compliance_that_is_told(monkeyp
         assert (share == 0.0) == bool(meaning)
 
 
+def test_one_wrong_number_comes_before_a_reading_that_makes_less_and_a_guessed_model_after_it():
+    slight, chosen = {"velocity_delay": 0.1}, weighed("", 500.0, wide=("inertia",))
+    one = judged(chosen, [], shares={"inertia_error": 0.9}, readings=("velocity_delay",), misread=slight)
+    assert one.causes == ("inertia_error", "velocity_delay")
+    shares = {"inertia_error": 0.9, "coulomb_error": 0.3}
+    guessed = judged(chosen, [], shares=shares, readings=("velocity_delay",), misread=slight)
+    assert guessed.causes == ("velocity_delay", "inertia_error", "coulomb_error")
+
+
 def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():
     chosen = weighed("stribeck", 500.0)
     beside = judged(chosen, [], readings=("velocity_quantisation",))

@@ -383,8 +383,9 @@ def _with_readings(found: Verdict, readings: Sequence[str], largest: float, seen
     instead = {other: t.right_read * (1.0 - sure) for other, sure in seen.doubts.values() if sure < 1.0}
     among |= {other: max(share, among.get(other, 0.0)) for other, share in instead.items()}
     first, names = readings[0], (*asserted, *(name for name in readings if name not in asserted))
-    numbers = bool(asserted) and all(_is_number(name) for name in asserted)
-    leads = word == "no_gap" or numbers or seen.misread.get(first, 0.0) > largest
+    # One wrong number beside right ones is a cause of the machine; several and nothing else are a guessed model.
+    guessed = len(asserted) > 1 and all(_is_number(name) for name in asserted)
+    leads = word == "no_gap" or guessed or seen.misread.get(first, 0.0) > largest
     if leads:
         # More is misread than the machine's own cause makes, or what is missing is a guessed nominal model's.
         word = "explained" if word == "no_gap" else word
