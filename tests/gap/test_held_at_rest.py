@@ -19,7 +19,7 @@ from fpjax.gap.data.replay_tables import LATE, surely_moving
 from fpjax.gap.data.setting import reading_at_rest
 from fpjax.gap.data.tables import TAPS, Guide, Tables
 from fpjax.gap.machine import lanes, nominal_machine, with_structure
-from fpjax.gap.simulate.replay import STATES, _moved, advance, begin, output_of
+from fpjax.gap.simulate.replay import STATES, _measured, _moved, advance, begin, output_of
 from fpjax.gap.simulate.windows import Windows
 from fpjax.gap.verb import make_search
 from fpjax.simulation.precision import double_precision
@@ -193,9 +193,25 @@ def test_a_rate_sensor_says_at_rest_what_its_bias_is(bias):
     assert reading_at_rest(beside) == 0.0
 
 
-def test_a_steady_speed_is_no_rest():
+def test_a_steady_speed_and_one_slow_moment_are_no_rest():
+    swinging = numpy_machine.record(
+        reference=5.0 * np.sin(2.0 * np.pi * 0.3e-3 * np.arange(8000)), sensors=("velocity",)
+    )
+    slow = swinging.velocity.copy()
+    slow[1000:1060] = 0.8
+    (record,) = make_records([dataclasses.replace(swinging, velocity=slow)], [], 0.05)
+    assert reading_at_rest(record) == 0.0
     steady = numpy_machine.record(reference=np.full(8000, 3.0), sensors=("velocity",))
     assert reading_at_rest(make_records([steady], [], 0.05)[0]) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("reading", "alone", "speed"),
+    [(0.7, 1.0, 0.4), (-0.5, 1.0, -0.8), (0.5, 1.0, 0.0), (0.2, 1.0, 0.0), (0.5, 0.0, 0.5), (0.0, 1.0, 0.0)],
+)
+def test_what_a_reading_says_of_the_motion_under_a_bias(reading, alone, speed):
+    sensor = SimpleNamespace(bias=jnp.asarray(0.3), scale=jnp.asarray(1.0))
+    assert float(_measured(sensor, jnp.asarray(reading), jnp.asarray(alone))) == pytest.approx(speed)
 
 
 @pytest.mark.long  # a diagnosis

@@ -24,7 +24,7 @@ def width(monkeypatch):
         )  # fmt: skip
         c = SimpleNamespace(
             free=np.arange(2), scale=np.ones(2), spread=np.full(2, prior), normal=np.diag([400.0, 100.0]),
-            level=np.full(modes.bands, level), at_bound=list, wide=frozenset(),
+            level=np.full(modes.bands, level), at_bound=list, wide=frozenset(), effects=(),
             family=SimpleNamespace(
                 key="key",
                 parameters=[SimpleNamespace(name=name, blur=lambda setting: blur) for name in names],
@@ -54,10 +54,12 @@ def test_what_a_prior_knows_it_knows_whatever_is_left(width):
     assert np.all(known < 0.02)
 
 
-def test_three_nominal_numbers_that_count_as_right_tell_as_much_as_one(width):
+def test_nominal_numbers_that_count_as_right_tell_together_as_much_as_one(width):
     """What bends one of them may bend the others alike."""
     numbers = width(10.0, prior=0.02, names=("coulomb", "viscous"))
-    np.testing.assert_allclose(numbers, width(10.0, prior=0.02 * np.sqrt(3.0)), rtol=1e-9)
+    np.testing.assert_allclose(numbers, width(10.0, prior=0.02 * np.sqrt(2.0)), rtol=1e-9)
+    one = width(10.0, prior=0.02, names=("coulomb", "b"))
+    np.testing.assert_allclose(one, width(10.0, prior=0.02), rtol=1e-9)
 
 
 def test_what_the_sampling_blurs_is_never_known_better(width):

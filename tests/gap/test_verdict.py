@@ -11,7 +11,7 @@ from fpjax.gap.answer.judge import _persist
 from fpjax.gap.effects.twins import single_twins
 from fpjax.gap.select.decision import _bases
 from fpjax.gap.select.dominant import Curve, believed, dominant
-from fpjax.gap.select.verdict import Seen, verdict
+from fpjax.gap.select.verdict import Seen, beside_gap, verdict
 from fpjax.gap.thresholds import THRESHOLDS
 
 
@@ -201,6 +201,8 @@ def test_what_holds_a_cause_as_a_special_case_says_nothing_against_a_part_that_i
     spring = weighed("compliance", 500.0)
     found = judged(spring, [weighed("backlash", 498.0), weighed("stribeck", 100.0)], left=0.4)
     assert (found.word, found.causes) == ("partly_explained", ("compliance",))
+    # Cogging over full turns is no unbalance: only what holds a cause exactly is it.
+    assert judged(weighed("unbalance", 500.0), [weighed("cogging", 498.0)], left=0.4).word == "unexplained"
     assert judged(weighed("backlash", 500.0), [weighed("compliance", 498.0)], left=0.4).word == "unexplained"
 
 
@@ -216,13 +218,28 @@ def test_a_backlash_whose_gap_may_be_none_is_the_compliance_that_is_told(monkeyp
         assert (share == 0.0) == bool(meaning)
 
 
+def test_where_nothing_is_missing_whatever_is_misread_is_all_there_is():
+    assert beside_gap(0.1, 0.2, 0.0, 0.0) == np.inf
+    assert beside_gap(0.0, 0.0, 0.0, 0.0) == 0.0
+    assert beside_gap(0.1, 0.0, 0.2, 0.0) == pytest.approx(0.25)
+
+
 def test_one_wrong_number_comes_before_a_reading_that_makes_less_and_a_guessed_model_after_it():
     slight, chosen = {"velocity_delay": 0.1}, weighed("", 500.0, wide=("inertia",))
-    one = judged(chosen, [], shares={"inertia_error": 0.9}, readings=("velocity_delay",), misread=slight)
-    assert one.causes == ("inertia_error", "velocity_delay")
+    for numbers in (1.0, 0.3):  # what all numbers free leave
+        shares = {"inertia_error": 0.9}
+        one = judged(chosen, [], shares=shares, readings=("velocity_delay",), misread=slight, numbers=numbers)
+        assert one.causes == ("inertia_error", "velocity_delay")
     shares = {"inertia_error": 0.9, "coulomb_error": 0.3}
     guessed = judged(chosen, [], shares=shares, readings=("velocity_delay",), misread=slight)
     assert guessed.causes == ("velocity_delay", "inertia_error", "coulomb_error")
+    # Beside an effect too a reading counts as effects do: by what the wrong numbers leave, 0.09 of the energy here.
+    shares, both = shares | {"stribeck": 0.06}, weighed("stribeck", 500.0, wide=("inertia", "coulomb"))
+    for energy, first in ((0.1, "velocity_delay"), (0.05, "inertia_error")):
+        found = judged(
+            both, [], shares=shares, readings=("velocity_delay",), misread={"velocity_delay": energy}, numbers=0.3
+        )
+        assert found.causes[0] == first
 
 
 def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():

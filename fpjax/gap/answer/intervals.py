@@ -30,7 +30,8 @@ def covariance(search: Search, fit: Fit) -> Values:
     """
     c = fit.candidate
     # A nominal number that counts as right ends at a bound of that, and is known no better for it.
-    right = np.array([c.family.parameters[i].name in set(NOMINAL) - c.wide for i in c.free], bool)
+    own = {p.name for effect in c.effects for p in effect.parameters}
+    right = np.array([c.family.parameters[i].name in set(NOMINAL) - c.wide - own for i in c.free], bool)
     inside = ~at_bound(c) | right
     found = np.zeros((len(c.free), len(c.free)))
     index = np.flatnonzero(inside)
@@ -40,7 +41,7 @@ def covariance(search: Search, fit: Fit) -> Values:
     # In units of `scale`: normal is J^T W J of the cost, the prior has the standard deviation `spread`.
     unit = c.scale[index] / c.spread[index]
     # What bends one nominal number that counts as right may bend the others alike: together they tell as much as one.
-    unit = np.where(right[index], unit / np.sqrt(len(NOMINAL)), unit)
+    unit = np.where(right[index], unit / np.sqrt(max(np.sum(right), 1)), unit)
     prior = np.diag(unit**2)
     inverse = _inverse(c.normal[block] + prior)
     # Sandwich A^-1 B A^-1: A the curvature, B the sum of outer products of the windows' gradients.

@@ -11,7 +11,7 @@ from ..effects.twins import single_twins
 from ..fit.band import highest_of_speed
 from ..fit.candidate import NOMINAL, Fit, nominal_sizes
 from ..fit.search import Search
-from ..select.decision import SIMPLER, Decision, by_numbers
+from ..select.decision import CONTAINED, Decision, by_numbers
 from ..select.dominant import DominantVariable, dominant
 from ..select.readings import Reading
 from ..select.verdict import ROUNDING, Seen, Verdict, beside_gap, verdict
@@ -31,7 +31,7 @@ class Read:
 
     Attributes:
         torque: rms of the commanded torque [N m].
-        wrong: errors of the velocity column, the most important first.
+        wrong: errors of the velocity column, in any order.
         readings: those of them that comparison with the encoder shows.
         allowed: effects that may be asserted; empty for all.
         rounding: standard deviation of the rounding among them [rad/s].
@@ -139,14 +139,13 @@ def _beside_gap(search: Search, exact: Fit, read: Read, missing: float) -> dict[
 def _meaning(search: Search, decision: Decision) -> dict[str, str]:
     """Rivals' effects that are the cause that they hold as a special case: a backlash whose gap may be none."""
     told, found = decision.chosen.structural, {}
-    for general, special in SIMPLER.items():
+    for general, special in CONTAINED.items():
         rivals = [w for w in (*decision.singles, *decision.rivals) if general in w.structural]
-        meant = [name for name in special if name in told]
-        if not meant or general in told or not rivals:
+        if special not in told or general in told or not rivals:
             continue
         best = max(rivals, key=lambda w: w.gain).fit
         if general in insignificant_causes(search, best, covariance(search, best)):
-            found[general] = meant[0]
+            found[general] = special
     return found
 
 

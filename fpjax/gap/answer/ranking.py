@@ -161,8 +161,9 @@ def log_of(search: Search) -> LogFacts:
     # The load at rest at position zero: a constant torque that the model knows.
     still = Motion(jnp.zeros(1), jnp.zeros(1), jnp.zeros(1))
     known = turning or bool(load.readout(still)[0]) or bool(getattr(actuator, "offset", None))
-    # Without a position sensor the travel is that of the integrated readings, with their bias.
-    travel = search.setting.travel if search.records[0].position is not None else math.inf
+    # Without a position sensor the travel is that of the integrated readings, with their bias; an axis has no turn.
+    short = search.records[0].position is not None and not search.records[0].linear
+    travel = float(np.ptp(np.concatenate([record.angle for record in search.records]))) if short else math.inf
     return LogFacts(
         search.records[0].position is not None, known, turning, search.setting.nominal, _unloaded(search, known), travel
     )

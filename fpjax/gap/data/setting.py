@@ -114,13 +114,18 @@ def reading_at_rest(record: Record) -> float:
     pieces = np.lib.stride_tricks.sliding_window_view(values, STRETCH)[:: STRETCH // 4]
     level = np.mean(pieces, axis=1)
     slow = np.abs(level) < SLOW * np.quantile(np.abs(values), 0.95)
-    level = level[slow & (np.std(pieces, axis=1) < QUIET * noise)]
-    if len(level) < 2:
+    place = np.flatnonzero(slow & (np.std(pieces, axis=1) < QUIET * noise))
+    if len(place) < 2:
         return 0.0
-    ordered = np.sort(level)
-    alike = np.searchsorted(ordered, level + QUIET * noise) - np.searchsorted(ordered, level - QUIET * noise)
-    found = float(level[int(np.argmax(alike))])
-    return found if np.max(alike) >= 2 and abs(found) > QUIET * noise else 0.0
+    ordered = np.sort(level[place])
+    alike = np.searchsorted(ordered, level[place] + QUIET * noise) - np.searchsorted(
+        ordered, level[place] - QUIET * noise
+    )
+    found = float(level[place[int(np.argmax(alike))]])
+    same = place[np.abs(level[place] - found) < QUIET * noise]
+    # The pieces overlap: the first and the last of them must not.
+    apart = (same[-1] - same[0]) * (STRETCH // 4) >= STRETCH
+    return found if apart and abs(found) > QUIET * noise else 0.0
 
 
 def turns_with_position(load: AbstractLoad) -> bool:

@@ -25,7 +25,7 @@ class LogFacts:
         nominal: `inertia`, `coulomb` and `viscous` of the nominal model.
         unloaded: whether hardly anything but its own friction loads the gear: little is accelerated, and no load is
             known.
-        travel: range of the position [rad].
+        travel: range of the position over all logs [rad]; infinite on a linear axis.
     """
 
     position: bool

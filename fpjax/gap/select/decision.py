@@ -25,6 +25,8 @@ SIMPLER = {
     "backlash": ("compliance",),
 }
 """What an effect holds as a special case, or is in a short travel, with fewer parameters."""
+CONTAINED = {"backlash": "compliance"}
+"""Effects that hold another one exactly, for one value of a parameter: a gap of zero."""
 FACTORS = ("torque_gain_error", "velocity_scale_error")
 """One factor that makes several nominal numbers wrong in proportion."""
 LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
@@ -332,13 +334,11 @@ def _no_better_than_contained(found: Sequence[Weighed]) -> list[Weighed]:
     by_names = {frozenset(w.structural): w for w in found}
     kept = []
     for w in found:
-        for general, special in SIMPLER.items():
-            if general not in w.structural:
-                continue
-            rest = set(w.structural) - {general}
-            for other in (by_names.get(frozenset(rest | {name})) for name in special if name not in rest):
-                if other is not None and other.evidence > w.evidence:
-                    w = replace(w, left=max(w.left, other.left), gain=min(w.gain, other.gain))
+        for general, special in CONTAINED.items():
+            names = frozenset(special if name == general else name for name in w.structural)
+            other = by_names.get(names) if general in w.structural else None
+            if other is not None and other.evidence > w.evidence:
+                w = replace(w, left=max(w.left, other.left), gain=min(w.gain, other.gain))
         kept.append(w)
     return kept
 
@@ -436,7 +436,10 @@ def _simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
                 continue
             slight = more < THRESHOLDS.matters * whole
             # A model that is less likely than one that it contains has not found its best: less torque left is chance.
-            contained = ahead and not one_factor
+            contained = ahead and any(
+                general in chosen.structural and special in fit.candidate.structural
+                for general, special in CONTAINED.items()
+            )
             if resolved(search, fit) and (
                 contained or (slight and lost < (THRESHOLDS.factor if one_factor else THRESHOLDS.simpler))
             ):

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..fit.candidate import NOMINAL
 from ..thresholds import THRESHOLDS, Thresholds
-from .decision import FACTORS, SIMPLER, Decision, Weighed
+from .decision import CONTAINED, FACTORS, Decision, Weighed
 from .dominant import Curve, believed, dominant
 from .nominal_errors import wrong_numbers
 from .readings import Reading
@@ -29,7 +29,7 @@ class Seen:
         share: `before` over the commanded torque [1], in the log where that is the largest: of a run in which a cause
             shows and one in which it does not, both together would show half of it.
         sizes: of the nominal numbers (`fpjax.gap.fit.candidate.nominal_sizes`).
-        readings: what is wrong with the velocity column beside any model of the machine, the most important first:
+        readings: what is wrong with the velocity column beside any model of the machine, in any order:
             its rounding (`velocity_quantisation`), and what the encoder tells (`fpjax.gap.select.readings`).
         allowed: effects that may be asserted; empty for all.
         doubts: of a reading's error, what it may be instead, and the probability that it is not [1].
@@ -116,11 +116,12 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     main, among = _by_effect(shares)
     found = Verdict(word, asserted, _right(asserted, shares, main), main, among, margin, lead)
     size, _, whole = _sizes(decision, seen, thresholds)
-    readings = _told(found, whole, seen, thresholds)
+    readings = _told(found, seen, thresholds)
     if not readings:
         return found
-    largest = size.get(found.causes[0], 1.0) if found.causes else 1.0
-    return _with_readings(found, readings, largest * whole, seen, thresholds)
+    lead = found.causes[0] if found.causes else ""
+    # As an effect is: beside several wrong numbers by what these leave of the gap.
+    return _with_readings(found, readings, size.get(lead, 1.0) * whole, seen, thresholds)
 
 
 def material(readings: Sequence[Reading], torque: float, t: Thresholds = THRESHOLDS) -> tuple[Reading, ...]:
@@ -147,7 +148,9 @@ def beside_gap(size: float, torque: float, share: float, moving: float) -> float
         share: rms of the missing torque, of the commanded one's [1].
         moving: rms of the missing torque as far as it moves the machine [N m].
     """
-    return max(size / max(share, 1e-300), torque / max(moving, 1e-300)) ** 2
+    # Where nothing is missing, whatever is misread is all there is.
+    ratios = [a / b if b > 1e-9 * a else np.inf for a, b in ((size, share), (torque, moving)) if a > 0.0]
+    return float(np.square(max(ratios, default=0.0)))
 
 
 def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, float], dict[str, float], float]:
@@ -242,12 +245,12 @@ def _names(w: Weighed, seen: Seen) -> tuple[str, ...]:
 def _others(sets: Sequence[_Set], chosen: _Set, seen: Seen) -> list[_Set]:
     """Sets of causes without the leading one, nor what makes the same log in its place.
 
-    What holds the leading cause as a special case makes the same log by being it.
+    A backlash holds a compliance as a special case, and makes the same log by being it.
     """
     if not chosen.names:
         return []
     lead = chosen.names[0]
-    alike = {lead, *seen.twins.get(lead, ()), *(name for name, simpler in SIMPLER.items() if lead in simpler)}
+    alike = {lead, *seen.twins.get(lead, ()), *(name for name, special in CONTAINED.items() if lead == special)}
     return [s for s in sets if not alike & set(s.names)]
 
 
@@ -350,19 +353,13 @@ def _right(asserted: Sequence[str], shares: Sequence[tuple[_Set, float]], main: 
     return max(1.0 - sum(main.values()), 0.0)
 
 
-def _told(found: Verdict, whole: float, seen: Seen, t: Thresholds) -> tuple[str, ...]:
+def _told(found: Verdict, seen: Seen, t: Thresholds) -> tuple[str, ...]:
     """The readings' errors that are causes.
 
     Every column is rounded. Where anything else is amiss a rounding is a cause if it matters as other causes do.
-
-    Args:
-        found: without the readings.
-        whole: share of the gap's energy that sizes are of [1].
-        seen: sizes.
-        t: thresholds.
     """
     amiss = found.word == "unexplained" or bool(found.causes) or set(seen.readings) > {ROUNDING}
-    slight = {ROUNDING} if amiss and seen.misread.get(ROUNDING, np.inf) <= t.matters * whole else set()
+    slight = {ROUNDING} if amiss and seen.misread.get(ROUNDING, np.inf) <= t.matters else set()
     told = [name for name in seen.readings if name not in slight]
     return tuple(sorted(told, key=lambda name: -seen.misread.get(name, 0.0)))
 
@@ -373,7 +370,7 @@ def _with_readings(found: Verdict, readings: Sequence[str], largest: float, seen
     Args:
         found: without the readings.
         readings: errors of the velocity column that are told, the largest first.
-        largest: share of the gap's energy that the leading cause stands for [1]; 1 without one.
+        largest: energy of the gap, as a share, from which on a reading's error comes before the leading cause [1].
         seen: sizes.
         t: thresholds.
     """

@@ -222,7 +222,7 @@ def _measured(sensor: ServoSensor, reading: Array, alone: Array) -> Array:
     """Speed at which the machine surely moves [rad/s], 0 for unknown.
 
     Without an encoder it is what the reading says under the sensor's bias and scale; a reading of which the bias is
-    more than half may be a machine at rest.
+    more than half may be a machine at rest; one of the other sign moves all the faster.
 
     Args:
         sensor: of the lanes.
@@ -230,7 +230,7 @@ def _measured(sensor: ServoSensor, reading: Array, alone: Array) -> Array:
         alone: 1 where there is no encoder beside it.
     """
     bias, scale = _error(sensor, alone)
-    told = jnp.abs(bias) < 0.5 * jnp.abs(reading)
+    told = bias * jnp.sign(reading) < 0.5 * jnp.abs(reading)
     return jnp.where(told, (reading - bias) / scale, 0.0)
 
 
