@@ -183,6 +183,12 @@ def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_wha
         factor = fit(both, (), bound, 0.1, evidence)
         search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, factor=factor: [factor])
         assert decision._simpler(search, exact, chosen).structural == told
+    # In the place of one wrong number it must be the likelier of the two.
+    chosen = decision.Weighed(fit(("stribeck",), ("inertia",), [], 0.1), 1000.0, 1000.0, 0.1)
+    for evidence, told in ((990.0, ("stribeck",)), (1010.0, both)):
+        factor = fit(both, (), [], 0.1, evidence)
+        search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, factor=factor: [factor])
+        assert decision._simpler(search, exact, chosen).structural == told
 
 
 def test_a_model_that_is_less_likely_than_one_it_contains_leaves_no_less_torque():
