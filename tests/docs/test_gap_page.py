@@ -50,6 +50,6 @@ def test_what_is_read_from_the_data(told):
 
 def test_the_twins_are_effects_of_the_table(told):
     twins = table("Exact twins")
-    assert len(twins) == 6
+    assert len(twins) == 7
     for name, cells in twins:
         assert {name, *re.findall(r"`(\w+)`", cells[0])} <= set(told)
