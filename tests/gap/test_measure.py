@@ -13,7 +13,7 @@ from fpjax.gap import EFFECTS
 from fpjax.gap.answer.warning_texts import not_answered
 from fpjax.gap.data.setting import Setting
 from fpjax.gap.fit.candidate import Start
-from fpjax.gap.select.decision import judged_windows
+from fpjax.gap.select.weighed import judged_windows
 from fpjax.gap.verb import make_search
 
 

@@ -14,6 +14,7 @@ from fpjax.gap.answer.gap_size import steps_of
 from fpjax.gap.answer.ranking import share_alike, told_apart
 from fpjax.gap.effects.twins import Twin, exact_twins
 from fpjax.gap.select import decision
+from fpjax.gap.select import weighed as weighing
 from fpjax.gap.select.readings import Reading
 
 
@@ -175,8 +176,8 @@ def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_wha
         )  # fmt: skip
         return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows: left)
 
-    chosen = decision.Weighed(fit(("stribeck",), ("inertia", "coulomb"), [], 0.1), 1000.0, 1000.0, 0.1)
-    exact = decision.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows: 1.0), ())
+    chosen = weighing.Weighed(fit(("stribeck",), ("inertia", "coulomb"), [], 0.1), 1000.0, 1000.0, 0.1)
+    exact = weighing.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows: 1.0), ())
     monkeypatch.setattr(decision, "resolved", lambda search, fit: True)
     both = ("stribeck", "torque_gain_error")
     for bound, evidence, told in (([], 990.0, both), (["inertia"], 990.0, ("stribeck",)), (["inertia"], 1010.0, both)):
@@ -184,7 +185,7 @@ def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_wha
         search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, factor=factor: [factor])
         assert decision._simpler(search, exact, chosen).structural == told
     # In the place of one wrong number it must be the likelier of the two.
-    chosen = decision.Weighed(fit(("stribeck",), ("inertia",), [], 0.1), 1000.0, 1000.0, 0.1)
+    chosen = weighing.Weighed(fit(("stribeck",), ("inertia",), [], 0.1), 1000.0, 1000.0, 0.1)
     for evidence, told in ((990.0, ("stribeck",)), (1010.0, both)):
         factor = fit(both, (), [], 0.1, evidence)
         search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, factor=factor: [factor])
@@ -194,11 +195,11 @@ def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_wha
 def test_a_model_that_is_less_likely_than_one_it_contains_leaves_no_less_torque():
     likelier, less = weighed("compliance+cogging", 500.0, left=0.5), weighed("backlash+cogging", 480.0, left=0.4)
     other = weighed("backlash+stribeck", 400.0, left=0.3)
-    found = {w.structural: w for w in decision._no_better_than_contained([less, likelier, other])}
+    found = {w.structural: w for w in weighing.no_better_than_contained([less, likelier, other])}
     assert found[less.structural].left == 0.5
     assert found[less.structural].worth < found[likelier.structural].worth
     assert found[other.structural] is other  # its compliance was not tried
-    (kept, _) = decision._no_better_than_contained([dataclasses.replace(less, evidence=510.0, gain=510.0), likelier])
+    (kept, _) = weighing.no_better_than_contained([dataclasses.replace(less, evidence=510.0, gain=510.0), likelier])
     assert kept.left == 0.4
 
 
@@ -211,8 +212,8 @@ def test_a_likelier_special_case_takes_the_place_of_what_contains_it(monkeypatch
         return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows: left)
 
     monkeypatch.setattr(decision, "resolved", lambda search, fit: True)
-    chosen = decision.Weighed(fit("backlash", 1000.0, 0.4), 1000.0, 1000.0, 0.4)
-    exact = decision.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows: 1.0), ())
+    chosen = weighing.Weighed(fit("backlash", 1000.0, 0.4), 1000.0, 1000.0, 0.4)
+    exact = weighing.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows: 1.0), ())
     for evidence, told in ((1020.0, "compliance"), (1005.0, "backlash"), (990.0, "backlash")):
         spring = fit("compliance", evidence, 0.6)  # leaves a fifth of the energy more
         search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, spring=spring: [spring])

@@ -4,44 +4,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from weighed_models import BOTH, NOMINAL, RATE_ONLY, weighed
+from weighed_models import BOTH, NOMINAL, RATE_ONLY, judged, weighed
 
 from fpjax.gap.answer import judge
 from fpjax.gap.answer.judge import _persist
 from fpjax.gap.effects.twins import single_twins
 from fpjax.gap.select.decision import _bases
 from fpjax.gap.select.dominant import Curve, believed, dominant
-from fpjax.gap.select.verdict import Seen, beside_gap, verdict
 from fpjax.gap.thresholds import THRESHOLDS
-
-
-def judged(
-    chosen,
-    rivals,
-    *,
-    left=0.02,
-    before=1.0,
-    shares=None,
-    readings=(),
-    exact=0.0,
-    allowed=(),
-    numbers=1.0,
-    floor=1e-3,
-    share=None,
-    **more,
-):
-    decision = SimpleNamespace(
-        exact=SimpleNamespace(evidence=exact, candidate=SimpleNamespace(values=lambda: NOMINAL)),
-        nominal=weighed("cogging", -1e9, left=numbers),
-        singles=(),
-        chosen=chosen,
-        rivals=tuple(rivals),
-        shares=shares or dict.fromkeys(chosen.structural, 0.5),
-    )
-    torque = 5.0
-    share = before / torque if share is None else share
-    sizes = (before, left * before, floor, torque, share, {})
-    return verdict(decision, Seen(*sizes, tuple(readings), frozenset(allowed), **more))
 
 
 def test_a_gap_in_one_of_several_logs_is_a_gap_however_much_torque_the_others_hold():
@@ -80,7 +50,6 @@ def test_a_share_of_a_sure_pair_is_the_main_cause_and_each_of_it_is_sure():
     assert found.probability == pytest.approx(found.main["unbalance"])
 
 
-SLIGHT = {"velocity_quantisation": 0.5 * THRESHOLDS.matters}
 VELOCITY = {"velocity": Curve(0.9, 200.0), "position": Curve(0.1, 20.0), "torque": Curve(0.2, -5.0)}
 FOLLOWS = {"asymmetric_friction": ("velocity",), "unbalance": ("position",), "load_dependent_friction": ("torque",)}
 
@@ -162,23 +131,6 @@ def test_a_name_keeps_of_its_worth_what_its_variable_holds_beside_the_dominant_o
     assert believed({}, ()) == 1.0
 
 
-def test_a_wrong_reading_does_not_lead_where_a_torque_is_missing_that_nobody_explains():
-    lost = judged(weighed("stribeck", 500.0), [weighed("presliding", 100.0)], left=0.97, readings=("velocity_lag",))
-    assert (lost.word, lost.causes) == ("unexplained", ("velocity_lag",))
-    assert lost.main["velocity_lag"] < lost.main["stribeck"]
-    assert lost.among["velocity_lag"] > 0.9
-
-
-def test_a_reading_leads_where_it_is_larger_than_what_the_leading_cause_makes():
-    # The leading cause makes half of the missing energy.
-    chosen = weighed("stribeck", 1000.0)
-    less, more = (
-        judged(chosen, (), readings=("velocity_lag",), misread={"velocity_lag": energy}) for energy in (0.4, 0.6)
-    )
-    assert (less.causes, more.causes) == (("stribeck", "velocity_lag"), ("velocity_lag", "stribeck"))
-    assert 0.9 < more.main["velocity_lag"] <= sum(more.main.values()) <= 1.0
-
-
 def test_nothing_is_sure_where_nothing_explains():
     found = judged(weighed("stribeck", 500.0), [weighed("presliding", 100.0)], left=0.97)
     assert max(found.main.values()) <= max(THRESHOLDS.right_unexplained) <= 0.5
@@ -216,54 +168,6 @@ def test_a_backlash_whose_gap_may_be_none_is_the_compliance_that_is_told(monkeyp
         assert judge._meaning(None, decision) == meaning
         share = judged(spring, [free], meaning=meaning).main.get("backlash", 0.0)
         assert (share == 0.0) == bool(meaning)
-
-
-def test_where_nothing_is_missing_whatever_is_misread_is_all_there_is():
-    assert beside_gap(0.1, 0.2, 0.0, 0.0) == np.inf
-    assert beside_gap(0.0, 0.0, 0.0, 0.0) == 0.0
-    assert beside_gap(0.1, 0.0, 0.2, 0.0) == pytest.approx(0.25)
-
-
-def test_one_wrong_number_comes_before_a_reading_that_makes_less_and_a_guessed_model_after_it():
-    slight, chosen = {"velocity_delay": 0.1}, weighed("", 500.0, wide=("inertia",))
-    for numbers in (1.0, 0.3):  # what all numbers free leave
-        shares = {"inertia_error": 0.9}
-        one = judged(chosen, [], shares=shares, readings=("velocity_delay",), misread=slight, numbers=numbers)
-        assert one.causes == ("inertia_error", "velocity_delay")
-    shares = {"inertia_error": 0.9, "coulomb_error": 0.3}
-    guessed = judged(chosen, [], shares=shares, readings=("velocity_delay",), misread=slight)
-    assert guessed.causes == ("velocity_delay", "inertia_error", "coulomb_error")
-    # Beside an effect too a reading counts as effects do: by what the wrong numbers leave, 0.09 of the energy here.
-    shares, both = shares | {"stribeck": 0.06}, weighed("stribeck", 500.0, wide=("inertia", "coulomb"))
-    for energy, first in ((0.1, "velocity_delay"), (0.05, "inertia_error")):
-        found = judged(
-            both, [], shares=shares, readings=("velocity_delay",), misread={"velocity_delay": energy}, numbers=0.3
-        )
-        assert found.causes[0] == first
-
-
-def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():
-    chosen = weighed("stribeck", 500.0)
-    beside = judged(chosen, [], readings=("velocity_quantisation",))
-    assert beside.causes == ("stribeck", "velocity_quantisation")
-    slight = judged(chosen, [], readings=("velocity_lag", "velocity_quantisation"), misread=SLIGHT)
-    assert slight.causes == ("stribeck", "velocity_lag")
-    assert "velocity_quantisation" not in slight.among
-    readings = ("velocity_quantisation",)
-    unknown = judged(chosen, [], left=0.97, readings=readings, misread=SLIGHT)
-    assert (unknown.word, unknown.causes) == ("unexplained", ())
-    number = judged(chosen, [], shares={"inertia_error": 0.9}, readings=readings, misread=SLIGHT)
-    assert number.causes == ("inertia_error",)
-    # A machine that lacks nothing reads as it is rounded.
-    machine = judged(chosen, [], before=0.01, readings=readings, misread=SLIGHT)
-    assert machine.causes == readings
-    alone = judged(chosen, [], before=0.01, readings=("velocity_lag", "velocity_quantisation"))
-    assert (alone.word, alone.causes) == ("explained", ("velocity_lag", "velocity_quantisation"))
-    lost = judged(chosen, [], left=0.97, readings=("velocity_lag",))
-    assert (lost.word, lost.causes) == ("unexplained", ("velocity_lag",))
-    for found in (beside, alone, lost):
-        assert sum(found.main.values()) <= 1.0 + 1e-12
-        assert found.among[found.causes[-1]] > 0.9
 
 
 def test_a_model_is_worth_its_evidence_times_how_far_it_shrinks_the_gap():
@@ -395,16 +299,6 @@ def test_an_exact_twin_is_no_rival_but_shares_the_probability():
     assert found.main["velocity_delay"] == pytest.approx(found.main["actuator_delay"], rel=0.1)
     # With an encoder beside the rate they differ.
     assert judged(chosen, [twin], twins=single_twins(BOTH)).ahead < THRESHOLDS.contested
-
-
-def test_a_reading_that_is_late_is_as_sure_of_its_lag_as_the_log_shows_lag_and_no_delay():
-    sure = judged(weighed("", 1.0), [], before=0.01, readings=("velocity_lag",), doubts={})
-    torn = judged(
-        weighed("", 1.0), [], before=0.01, readings=("velocity_lag",), doubts={"velocity_lag": ("velocity_delay", 0.7)}
-    )
-    assert sure.probability == pytest.approx(THRESHOLDS.right_read)
-    assert torn.probability == pytest.approx(0.7 * THRESHOLDS.right_read)
-    assert torn.main["velocity_delay"] == pytest.approx(0.3 * THRESHOLDS.right_read)
 
 
 def test_evidence_that_is_not_finite_is_no_rival():

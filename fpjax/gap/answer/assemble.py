@@ -10,12 +10,11 @@ from ...logs.noise import is_derived
 from ...model_file import Model
 from ...output.stages import StageClock
 from ..data.record import Record, in_one_piece
-from ..effects.estimate import Estimate
 from ..effects.experiments import Experiment, next_experiment
 from ..fit.search import Search
 from ..select.decision import Decision
-from ..select.readings import Reading, readings
-from ..select.verdict import ROUNDING, Verdict, material
+from ..select.readings import Reading, material, readings, rounding
+from ..select.verdict import Verdict
 from ..thresholds import THRESHOLDS
 from .answer import Answer
 from .corrected import corrected_model
@@ -71,24 +70,19 @@ def assemble(
     # Errors of the velocity column that the encoder shows by itself, before any model of the machine.
     read = material(readings(in_one_piece(records[0]), search.setting.inertia), torque)
     read = tuple(one for one in read if not allowed or one.effect in allowed)
-    wrong = (*(one.effect for one in read), *([ROUNDING] if step > 0.0 else []))
-    # Of a rounding, the standard deviation of a uniform error one step wide.
-    speed = float(np.sqrt(np.mean(np.concatenate([record.speed for record in records]) ** 2)))
-    rounding = step / math.sqrt(12.0)
-    known = Read(torque, wrong, read, allowed, rounding)
+    rounded = [rounding(records, step, search.setting.inertia)] if step > 0.0 else []
+    known = Read(torque, (*read, *rounded), allowed)
     judged = judge(search, decision, known, curves, search.setting.units.name("N m"))
     decision, found, gap, spread = judged.decision, judged.verdict, judged.gap, judged.spread
     before, after, chosen = judged.before, judged.after, judged.decision.chosen.fit
-    wrong = tuple(name for name in wrong if name in found.causes)
+    misread = {one.effect for one in known.readings}
+    wrong = tuple(name for name in found.causes if name in misread)
     # Causes of the machine; errors of the reading change no torque, so that the gap after them is the gap after these.
     causes = [name for name in found.causes if name not in wrong]
     steps = steps_of(search, decision, causes) if causes else ()
     # Errors of the reading close no torque gap: their step repeats the gap after the causes.
     steps = (*steps, *(Step(name, gap.after, gap.after_interval) for name in wrong))
-    seen = {one.effect: read_estimates(one, search.setting.units) for one in read}
-    if ROUNDING in wrong:
-        # The step is read off the column exactly: its interval is narrow but not empty.
-        seen[ROUNDING] = {"step": Estimate(step, 0.9999 * step, 1.0001 * step, search.setting.units.name("rad/s"))}
+    seen = {one.effect: read_estimates(one, search.setting.units) for one in known.readings if one.effect in wrong}
     ranking = rank(search, decision, found, gap, steps, seen, allowed, _instead(read, allowed))
     # The model to write: the nominal one where nothing of the machine is missing.
     gapless = found.word == "no_gap" or (found.word == "explained" and not causes)
@@ -114,9 +108,8 @@ def assemble(
         *details(chosen, causes),
         *load_error(decision.nominal.fit if gapless else chosen, search.setting, written=not gapless),
     ]
-    said += (
-        slight_rounding(step, rounding / speed, search.setting.units) if step > 0.0 and ROUNDING not in wrong else []
-    )
+    for one in rounded:
+        said += slight_rounding(step, one.size, search.setting.units) if one.effect not in wrong else []
     said += [] if found.word == "no_gap" else where_fitted_alone(gap, everywhere)
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
     tracking = tracking_error(model, [in_one_piece(record) for record in records], *sides, said)

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 from ..effects.twins import Twin
-from ..select.decision import Decision, Weighed
+from ..select.decision import Decision
+from ..select.weighed import Weighed
 from ..thresholds import THRESHOLDS
 
 

@@ -8,13 +8,13 @@ import numpy as np
 from ...logs.arrays import Values
 from ..data.record import Record
 from ..effects.twins import single_twins
-from ..fit.band import highest_of_speed
 from ..fit.candidate import NOMINAL, Fit, nominal_sizes
 from ..fit.search import Search
-from ..select.decision import CONTAINED, Decision, by_numbers
+from ..select.decision import Decision, by_numbers
 from ..select.dominant import DominantVariable, dominant
-from ..select.readings import Reading
-from ..select.verdict import ROUNDING, Seen, Verdict, beside_gap, verdict
+from ..select.readings import Reading, beside_gap
+from ..select.verdict import Seen, Verdict, verdict
+from ..select.weighed import CONTAINED
 from ..thresholds import THRESHOLDS, Thresholds
 from .course import Course, course_of
 from .curves import Curves, named_share
@@ -31,17 +31,13 @@ class Read:
 
     Attributes:
         torque: rms of the commanded torque [N m].
-        wrong: errors of the velocity column, in any order.
-        readings: those of them that comparison with the encoder shows.
+        readings: errors of the velocity column, in any order.
         allowed: effects that may be asserted; empty for all.
-        rounding: standard deviation of the rounding among them [rad/s].
     """
 
     torque: float
-    wrong: tuple[str, ...]
     readings: Sequence[Reading]
     allowed: tuple[str, ...]
-    rounding: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -128,12 +124,7 @@ def _beside_gap(search: Search, exact: Fit, read: Read, missing: float) -> dict[
     """How large each error of the velocity column is beside the missing torque of the nominal model."""
     share = missing / max(read.torque, 1e-300)
     moving = float(np.sqrt(max(np.mean(np.concatenate(exact.moving)), 0.0)))
-    sizes = {one.effect: (one.size, one.torque) for one in read.readings}
-    speed = float(np.sqrt(np.mean(np.concatenate([record.speed for record in search.records]) ** 2)))
-    # White noise, differentiated and weighed as `Fit.moving` is: 2 pi times the highest frequency of the speed.
-    rate = 2.0 * np.pi * highest_of_speed(search.records) * read.rounding
-    sizes[ROUNDING] = (read.rounding / max(speed, 1e-300), search.setting.inertia * rate)
-    return {name: beside_gap(size, torque, share, moving) for name, (size, torque) in sizes.items()}
+    return {one.effect: beside_gap(one, share, moving) for one in read.readings}
 
 
 def _meaning(search: Search, decision: Decision) -> dict[str, str]:
@@ -168,10 +159,9 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         before=first,
         after=max(then, (1.0 - gap.closed) * first),  # over all windows, but not below what the withheld ones show
         floor=noise_floor(search, windows),
-        torque=read.torque,
         share=max(map(_share, decision.exact.missing, search.records)),
         sizes=nominal_sizes(search.setting),
-        readings=read.wrong,
+        readings=tuple(one.effect for one in read.readings),
         misread=_beside_gap(search, decision.exact, read, first),
         moved=max(_moved(decision.exact, chosen, windows), _moved(decision.exact, chosen, withheld)),
         allowed=frozenset(read.allowed),

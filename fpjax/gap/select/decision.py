@@ -1,19 +1,29 @@
 """Decision: which causes, from fits that no longer change, and the order in which they were tried."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...logs.arrays import Values
-from ..data.record import Record
 from ..effects.effect import Effect
 from ..fit.candidate import NOMINAL, Fit, Start, nominal_sizes
 from ..fit.search import Search
-from ..thresholds import THRESHOLDS, Thresholds
+from ..thresholds import THRESHOLDS
 from .detectability import resolved
-from .dominant import Curve, believed
+from .dominant import Curve
 from .nominal_errors import wrong_numbers
+from .weighed import (
+    CONTAINED,
+    Exact,
+    Weighed,
+    first_settled,
+    judged_windows,
+    moving_windows,
+    settled,
+    weigh,
+    weighed_fit,
+)  # fmt: skip
 
 # Pairs that one machine cannot hold: bristles and a transmission are two structures of the plant, and a backlash brings
 # its own spring.
@@ -25,50 +35,10 @@ SIMPLER = {
     "backlash": ("compliance",),
 }
 """What an effect holds as a special case, or is in a short travel, with fewer parameters."""
-CONTAINED = {"backlash": "compliance"}
-"""Effects that hold another one exactly, for one value of a parameter: a gap of zero."""
 FACTORS = ("torque_gain_error", "velocity_scale_error")
 """One factor that makes several nominal numbers wrong in proportion."""
 LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
 PAIR_KEEP = (24, 10, 5, 4)  # sets of causes that go on to each stage where causes are added
-
-
-@dataclass(frozen=True)
-class Weighed:
-    """A fit with the nominal numbers that it takes for wrong.
-
-    Attributes:
-        fit: with those numbers wide.
-        evidence: with the prior odds of the numbers [1].
-        gain: evidence over the nominal model as given [1].
-        left: missing torque, of that of the nominal model as given [1].
-        believed: share of its worth that a dominant variable leaves it (`fpjax.gap.select.dominant`) [1].
-    """
-
-    fit: Fit
-    evidence: float
-    gain: float
-    left: float
-    believed: float = 1.0
-
-    @property
-    def worth(self) -> float:
-        """By which models are compared: what they gain, times how far they shrink the missing torque (a logarithm).
-
-        On a real machine no model is right. Evidence alone then goes to what follows the fast, small details best, and
-        the missing torque alone to what is most flexible; among models that leave next to nothing, evidence decides.
-        """
-        left = np.clip(self.left, THRESHOLDS.no_better, THRESHOLDS.no_less)
-        return self.believed * max(self.gain, 0.0) * float(np.log(1.0 / left))
-
-    def behind(self, chosen: "Weighed") -> float:
-        """By how much its worth is less than the chosen model's, in such nats as that one gains."""
-        return max(chosen.gain, 0.0) * (1.0 - self.worth / max(chosen.worth, 1e-300))
-
-    @property
-    def structural(self) -> tuple[str, ...]:
-        """The effects, without wrong nominal numbers."""
-        return self.fit.candidate.structural
 
 
 @dataclass(frozen=True)
@@ -97,67 +67,6 @@ class Decision:
     judged: tuple[Values, ...]
 
 
-@dataclass(frozen=True)
-class Exact:
-    """What every model is weighed against.
-
-    Attributes:
-        fit: the nominal model as given.
-        judged: windows on which models are compared, one array of indices a record.
-        curves: what a table of each recorded variable holds.
-    """
-
-    fit: Fit
-    judged: tuple[Values, ...]
-    curves: Mapping[str, Curve] = field(default_factory=dict)
-
-    def left(self, fit: Fit) -> float:
-        """Missing torque of a model [N m], rms over the judged windows."""
-        return fit.missing_rms(self.judged)
-
-
-def judged_windows(
-    exact: Fit, fits: Sequence[Fit], moving: Sequence[Values], t: Thresholds = THRESHOLDS
-) -> tuple[Values, ...]:
-    """All windows but the few in which every model leaves far more missing torque than elsewhere, and takes little.
-
-    A push that nobody recorded can hold most of a log's energy. What a model shrinks of the rest would not show in the
-    rms of all. Where they are not few, they are what the log shows.
-
-    Args:
-        exact: the nominal model as given.
-        fits: models that were tried.
-        moving: whether the machine moves in a window, one array (windows,) a record.
-        t: thresholds.
-    """
-    whole = [np.maximum(own, 0.0) for own in exact.missing]
-    least = [np.min([fit.missing[which] for fit in fits], axis=0) for which in range(len(whole))]
-
-    def in_motion(values: Sequence[Values]) -> Values:
-        # Of windows at rest the median would be next to nothing, and all motion a push.
-        return np.concatenate([own[some] for own, some in zip(values, moving, strict=True)])
-
-    usual, mean = float(np.median(in_motion(least))), float(np.mean(in_motion(whole)))
-    kept = [
-        (low <= t.gross**2 * max(usual, 0.0)) | (low < t.part**2 * own) | (own < mean)
-        for own, low in zip(whole, least, strict=True)
-    ]
-    left_out, count = sum(int(np.sum(~own)) for own in kept), sum(int(np.sum(some)) for some in moving)
-    if left_out > t.few * count:
-        kept = [np.ones(len(own), bool) for own in kept]
-    return tuple(np.flatnonzero(own) for own in kept)
-
-
-def moving_windows(records: Sequence[Record], t: Thresholds = THRESHOLDS) -> list[Values]:
-    """Whether the machine moves in each window, faster than a share of the fastest window's rms speed."""
-    speeds = [
-        np.sqrt(np.mean(record.speed[record.starts[:, None] + np.arange(record.samples)] ** 2, axis=1))
-        for record in records
-    ]
-    fastest = max((float(np.max(own)) for own in speeds if len(own)), default=0.0)
-    return [own >= t.moves * fastest for own in speeds]
-
-
 def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[str, Curve] | None = None) -> Decision:
     """Fit effects alone, then together while more than one is needed.
 
@@ -175,10 +84,10 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
     given = search.finish([search.exact])[0]
     fits = search.explore(_alone(search))
     exact = Exact(given, judged_windows(given, fits, moving_windows(search.records)), curves or {})
-    weighed = _weigh(search, exact, fits)
+    weighed = weigh(search, exact, fits)
     nominal = next(w for w in weighed if not w.structural)
     singles = [w for w in weighed if w.structural]
-    chosen, numbers = _first_settled(search, exact, weighed), _settled(search, exact, nominal)
+    chosen, numbers = first_settled(search, exact, weighed), settled(search, exact, nominal)
     if not _better(search, exact, numbers, chosen):
         chosen = numbers  # an effect alone that hardly takes more torque than wrong numbers do is a detail beside them
     tried = list(weighed)
@@ -188,11 +97,11 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
             break
         begin(f"effects together ({size})")
         bases = _bases(singles) if size == 2 else [chosen]
-        found = _weigh(search, exact, search.explore(_beside(search, bases, likely), PAIR_KEEP, white=False))
+        found = weigh(search, exact, search.explore(_beside(search, bases, likely), PAIR_KEEP, white=False))
         if not found:
             break
         tried += found
-        best = _first_settled(search, exact, found)
+        best = first_settled(search, exact, found)
         if not _better(search, exact, chosen, best):
             break
         path.append(chosen.fit)
@@ -212,7 +121,7 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
 def by_numbers(search: Search, decision: Decision) -> Decision:
     """The same decision without an effect: what the nominal numbers alone are to blame for."""
     exact = Exact(decision.exact, decision.judged)
-    numbers = _settled(search, exact, decision.nominal)
+    numbers = settled(search, exact, decision.nominal)
     known = [w.fit for w in (decision.nominal, *decision.singles)]
     shares = _shares(search, exact, numbers.fit, known)
     return replace(decision, chosen=numbers, rivals=decision.singles, path=(decision.exact, numbers.fit), shares=shares)
@@ -306,69 +215,6 @@ def _beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> 
     return starts
 
 
-def _weigh(search: Search, exact: Exact, fits: Sequence[Fit]) -> list[Weighed]:
-    """The fits by their worth, each with the nominal numbers that it needs."""
-    sizes = nominal_sizes(search.setting)
-    found = [_weighed(search, exact, fit, wrong_numbers(fit, sizes)[0]) for fit in fits]
-    # An effect that the log does not resolve goes behind the model of the nominal numbers alone, whatever it absorbs:
-    # one nat less of evidence, and at least as much missing torque.
-    plain = max((w.evidence for w in found if not w.structural), default=exact.fit.evidence)
-    most = max((w.left for w in found if not w.structural), default=1.0)
-    found = [
-        w if resolved(search, w.fit) else replace(w, evidence=min(w.evidence, plain - 1.0), left=max(w.left, most))
-        for w in found
-    ]
-    found = [w if resolved(search, w.fit) else replace(w, gain=w.evidence - exact.fit.evidence) for w in found]
-    found = sorted(found, key=lambda w: (-w.worth, -w.evidence))
-    best: dict[tuple[str, ...], Weighed] = {}  # of the same effects with more and with fewer wrong numbers
-    for weighed in found:
-        best.setdefault(weighed.structural, weighed)
-    return sorted(_no_better_than_contained(list(best.values())), key=lambda w: (-w.worth, -w.evidence))
-
-
-def _no_better_than_contained(found: Sequence[Weighed]) -> list[Weighed]:
-    """The models; one that is less likely than another that it contains leaves no less torque than that one.
-
-    It has not found its best, and what it leaves less is chance: a backlash that is less likely than its compliance.
-    """
-    by_names = {frozenset(w.structural): w for w in found}
-    kept = []
-    for w in found:
-        for general, special in CONTAINED.items():
-            names = frozenset(special if name == general else name for name in w.structural)
-            other = by_names.get(names) if general in w.structural else None
-            if other is not None and other.evidence > w.evidence:
-                w = replace(w, left=max(w.left, other.left), gain=min(w.gain, other.gain))
-        kept.append(w)
-    return kept
-
-
-def _weighed(search: Search, exact: Exact, fit: Fit, evidence: float) -> Weighed:
-    left = exact.left(fit) / max(exact.left(exact.fit), 1e-300)
-    # Wrong numbers follow none: every model has them.
-    follows = {variable for effect in fit.candidate.effects for variable in effect.follows}
-    share = believed(exact.curves, follows) if fit.candidate.effects else 1.0
-    return Weighed(fit, evidence, evidence - exact.fit.evidence, left, share)
-
-
-def _settled(search: Search, exact: Exact, weighed: Weighed) -> Weighed:
-    """The same effects fitted once more with only those nominal numbers wide that are wrong."""
-    evidence, wrong = wrong_numbers(weighed.fit, nominal_sizes(search.setting))
-    if set(wrong) == set(weighed.fit.candidate.wide):
-        return weighed
-    fit = search.refit(weighed.fit, wrong)
-    return _weighed(search, exact, fit, max(evidence, fit.evidence - len(wrong)))
-
-
-def _first_settled(search: Search, exact: Exact, ordered: Sequence[Weighed]) -> Weighed:
-    """The likeliest of some models that is still resolved once only its wrong numbers are wide."""
-    for weighed in ordered:
-        settled = _settled(search, exact, weighed)
-        if settled is weighed or resolved(search, settled.fit):
-            return settled
-    return ordered[0]
-
-
 def _worth_more(search: Search, exact: Exact, fit: Fit, nominal: Weighed) -> bool:
     """Whether enough torque is missing for a further cause: of the whole gap, or of what guessed numbers leave of it.
 
@@ -403,8 +249,8 @@ def _pruned(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
             rest = tuple(e for e in chosen.fit.candidate.effects if e is not effect)
             values = _without(chosen.fit, effect, rest)
             options.append(Start(rest, NOMINAL, values, chosen.fit.candidate))
-        found = _weigh(search, exact, search.explore(options, white=False))
-        best = _settled(search, exact, found[0])
+        found = weigh(search, exact, search.explore(options, white=False))
+        best = settled(search, exact, found[0])
         if _better(search, exact, best, chosen):
             return chosen
         chosen = best
@@ -417,37 +263,32 @@ def _simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
     A flexible cause takes some clutter along and so wins by evidence; what it is asked for here is torque.
     """
     by_name = {effect.name: effect for effect in search.effects}
-    whole = exact.left(exact.fit) ** 2
     while True:
         starts = list(_instead(chosen.fit, by_name))
         if not starts:
             return chosen
-        now = exact.left(chosen.fit) ** 2
-        options = [(fit, exact.left(fit) ** 2 - now) for fit in search.fitted(starts)]
-        gained = max(chosen.fit.evidence - exact.fit.evidence, 0.0)
-        near = []
-        for fit, more in options:
-            lost = (chosen.fit.evidence - fit.evidence) / max(gained, 1e-300)
-            one_factor = set(fit.candidate.structural) > set(chosen.structural)
-            # Numbers that end at the bounds of what counts as right are wrong too, unless the factor is likelier.
-            ahead = fit.evidence - chosen.fit.evidence > THRESHOLDS.decisive
-            alone = len(chosen.fit.candidate.wide) == 1  # one number for another: the likelier one
-            if one_factor and not ahead and (alone or set(fit.candidate.at_bound()) & set(NOMINAL)):
-                continue
-            slight = more < THRESHOLDS.matters * whole
-            # A model that is less likely than one that it contains has not found its best: less torque left is chance.
-            contained = ahead and any(
-                general in chosen.structural and special in fit.candidate.structural
-                for general, special in CONTAINED.items()
-            )
-            if resolved(search, fit) and (
-                contained or (slight and lost < (THRESHOLDS.factor if one_factor else THRESHOLDS.simpler))
-            ):
-                near.append((fit, more))
+        near = [fit for fit in search.fitted(starts) if resolved(search, fit) and _stands_for(exact, fit, chosen.fit)]
         if not near:
             return chosen
-        best = min(near, key=lambda pair: pair[1])[0]
-        chosen = _weighed(search, exact, best, best.evidence - len(best.candidate.wide))
+        best = min(near, key=exact.left)
+        chosen = weighed_fit(search, exact, best, best.evidence - len(best.candidate.wide))
+
+
+def _stands_for(exact: Exact, fit: Fit, chosen: Fit) -> bool:
+    """Whether a simpler fit may take the place of the chosen one: no torque that matters is missing, little is lost."""
+    gained = max(chosen.evidence - exact.fit.evidence, 1e-300)
+    lost = (chosen.evidence - fit.evidence) / gained
+    ahead = fit.evidence - chosen.evidence > THRESHOLDS.decisive
+    slight = exact.left(fit) ** 2 - exact.left(chosen) ** 2 < THRESHOLDS.matters * exact.left(exact.fit) ** 2
+    before, after = chosen.candidate, fit.candidate
+    if set(after.structural) > set(before.structural):
+        # One factor. Numbers that end at the bounds of what counts as right are wrong too, and one number is no more
+        # than one factor is: then it must be the likelier.
+        doubtful = len(before.wide) == 1 or bool(set(after.at_bound()) & set(NOMINAL))
+        return slight and lost < THRESHOLDS.factor and (ahead or not doubtful)
+    # A model that is less likely than one that it contains has not found its best: less torque left is chance.
+    contained = any(a in before.structural and b in after.structural for a, b in CONTAINED.items())
+    return (contained and ahead) or (slight and lost < THRESHOLDS.simpler)
 
 
 def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[Start]:

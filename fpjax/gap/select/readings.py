@@ -5,6 +5,7 @@ compared with the encoder's own rate: scale x rate(t - delay) through a lag, + b
 differentiator (the reading is summed to an angle first), so that its bandwidth does not count.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,9 @@ from ...logs.dynamics.derivative import local_polynomial
 from ...logs.noise import is_derived
 from ..data.record import Record
 from ..fit.band import highest_of_speed
+from ..thresholds import THRESHOLDS, Thresholds
 
+ROUNDING = "velocity_quantisation"
 HALF_WIDTHS = (4, 8, 16, 32, 64)  # samples on either side of the differentiator, narrowest first
 QUIET = 0.02  # noise of the encoder's rate, of its rms, that a wider differentiator is taken to get below
 BESIDE = 0.1  # of the least mean square that a lag or a delay leaves, likewise
@@ -102,6 +105,50 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     gained = 0.5 * (bias / max(spread, 1e-300)) ** 2
     found.append(Reading("velocity_bias", {"bias": (bias, spread, "rad/s")}, abs(bias) / size, 0.0, float(gained)))
     return sorted(found, key=lambda reading: -reading.size)
+
+
+def rounding(records: Sequence[Record], step: float, inertia: float) -> Reading:
+    """The error of a velocity that is rounded to steps: uniform over one, and white.
+
+    Args:
+        records: with that velocity.
+        step: [rad/s].
+        inertia: nominal J [kg m^2].
+    """
+    deviation = step / float(np.sqrt(12.0))
+    speed = float(np.sqrt(np.mean(np.concatenate([record.speed for record in records]) ** 2)))
+    # White noise, differentiated and weighed as `Fit.moving` is: 2 pi times the highest frequency of the speed.
+    rate = 2.0 * np.pi * highest_of_speed(records) * deviation
+    # The step is read off the column exactly: its interval is narrow but not empty.
+    return Reading(ROUNDING, {"step": (step, 6e-5 * step, "rad/s")}, deviation / speed, inertia * rate, np.inf)
+
+
+def material(readings: Sequence[Reading], torque: float, t: Thresholds = THRESHOLDS) -> tuple[Reading, ...]:
+    """The readings' errors that are sure and large enough to be causes.
+
+    Args:
+        readings: of a record, the largest first.
+        torque: rms of the commanded torque [N m].
+        t: thresholds.
+    """
+    sure = [one for one in readings if one.evidence > t.decisive and one.size > t.reading]
+    return tuple(one for one in sure if one.torque > t.nothing * torque or one.size > t.slight)
+
+
+def beside_gap(one: Reading, share: float, moving: float) -> float:
+    """How large an error of the velocity column is beside the gap: the ratio of two energies [1].
+
+    Its torque is what an observer that is fed the column takes for missing, as is all of it where there is no encoder
+    beside the column. A scale or a bias makes little: it counts as it shows in the speed.
+
+    Args:
+        one: the error.
+        share: rms of the missing torque, of the commanded one's [1].
+        moving: rms of the missing torque as far as it moves the machine [N m].
+    """
+    parts = [(size, gap) for size, gap in ((one.size, share), (one.torque, moving)) if size > 0.0]
+    with np.errstate(divide="ignore", over="ignore"):  # where nothing is missing, whatever is misread is all there is
+        return float(max((np.square(np.float64(size) / gap) for size, gap in parts), default=0.0))
 
 
 def _compared(record: Record, late: Values) -> tuple[Values, slice, float, dict[str, list]] | None:

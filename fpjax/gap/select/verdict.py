@@ -8,13 +8,13 @@ import numpy as np
 
 from ..fit.candidate import NOMINAL
 from ..thresholds import THRESHOLDS, Thresholds
-from .decision import CONTAINED, FACTORS, Decision, Weighed
+from .decision import FACTORS, Decision
 from .dominant import Curve, believed, dominant
 from .nominal_errors import wrong_numbers
-from .readings import Reading
+from .readings import ROUNDING
+from .weighed import CONTAINED, Weighed
 
 Word = Literal["no_gap", "explained", "partly_explained", "unexplained"]
-ROUNDING = "velocity_quantisation"
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,6 @@ class Seen:
         before: missing torque of the nominal model as given, rms over all windows [N m].
         after: likewise of the chosen model.
         floor: what noise alone would show of it [N m].
-        torque: rms of the commanded torque [N m].
         share: `before` over the commanded torque [1], in the log where that is the largest: of a run in which a cause
             shows and one in which it does not, both together would show half of it.
         sizes: of the nominal numbers (`fpjax.gap.fit.candidate.nominal_sizes`).
@@ -49,7 +48,6 @@ class Seen:
     before: float
     after: float
     floor: float
-    torque: float
     share: float
     sizes: dict[str, float]
     readings: tuple[str, ...] = ()
@@ -122,35 +120,6 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     lead = found.causes[0] if found.causes else ""
     # As an effect is: beside several wrong numbers by what these leave of the gap.
     return _with_readings(found, readings, size.get(lead, 1.0) * whole, seen, thresholds)
-
-
-def material(readings: Sequence[Reading], torque: float, t: Thresholds = THRESHOLDS) -> tuple[Reading, ...]:
-    """The readings' errors that are sure and large enough to be causes.
-
-    Args:
-        readings: of a record, the largest first.
-        torque: rms of the commanded torque [N m].
-        t: thresholds.
-    """
-    sure = [one for one in readings if one.evidence > t.decisive and one.size > t.reading]
-    return tuple(one for one in sure if one.torque > t.nothing * torque or one.size > t.slight)
-
-
-def beside_gap(size: float, torque: float, share: float, moving: float) -> float:
-    """How large an error of the velocity column is beside the gap: the ratio of two energies [1].
-
-    Its torque is what an observer that is fed the column takes for missing, as is all of it where there is no encoder
-    beside the column. A scale or a bias makes little: it counts as it shows in the speed.
-
-    Args:
-        size: rms of the error, of the speed's [1].
-        torque: `fpjax.gap.select.readings.Reading.torque` [N m].
-        share: rms of the missing torque, of the commanded one's [1].
-        moving: rms of the missing torque as far as it moves the machine [N m].
-    """
-    # Where nothing is missing, whatever is misread is all there is.
-    ratios = [a / b if b > 1e-9 * a else np.inf for a, b in ((size, share), (torque, moving)) if a > 0.0]
-    return float(np.square(max(ratios, default=0.0)))
 
 
 def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, float], dict[str, float], float]:
