@@ -15,7 +15,7 @@ BY_NAME = {effect.name: effect for effect in EFFECTS}
 SETTING = Setting(4.8, 2.0, 0.1, friction=2.0, speed=5.0, torque=10.0, travel=6.0, duration=10.0, dt=1e-3)
 
 
-def fitted(values, *, effects=(), wide=(), bounds=()):
+def fitted(values, *, effects=(), wide=(), bounds=(), load_error=()):
     """A fit whose free parameters are `values`, with those of `bounds` at an end of what is allowed."""
     candidate = SimpleNamespace(
         effects=tuple(BY_NAME[name] for name in effects),
@@ -26,6 +26,7 @@ def fitted(values, *, effects=(), wide=(), bounds=()):
         scale=np.ones(len(values)),
         values=lambda: dict(values),
         at_bound=lambda: list(bounds),
+        load_error=load_error,
     )
     return SimpleNamespace(candidate=candidate)
 
@@ -68,6 +69,14 @@ def test_large_torques_that_cancel_something_are_no_candidates():
     assert not resolved(search, fitted(friction | {"coulomb_difference": -2.5}, effects=("asymmetric_friction",)))
     # A friction of none is at its bound too, and is no torque that cancels another.
     assert resolved(search, fitted(values | {"stribeck_torque": 0.0}, effects=effects, bounds=("stribeck_torque",)))
+
+
+def test_a_known_load_that_is_as_far_off_as_it_may_be_hides_no_other_effect():
+    search = SimpleNamespace(setting=SETTING, records=[SimpleNamespace(speed=np.full(100, 3.0))])
+    values = {"cogging_cosine_1": 0.3, "cogging_periods": 9.0, "unbalance_cosine": -0.3}
+    held = {"bounds": ("unbalance_cosine",), "load_error": ("unbalance_cosine", "unbalance_sine")}
+    assert resolved(search, fitted(values, effects=("cogging",), **held))
+    assert not resolved(search, fitted(values, effects=("cogging",), bounds=("cogging_cosine_1",)))
 
 
 @pytest.mark.parametrize(("deviation", "shown"), [(0.003, True), (0.01, False)])

@@ -267,6 +267,24 @@ def test_numbers_are_told_alone_where_the_likeliest_effects_leave_them_wrong(alo
     assert _persist(numbers, decision) is told
 
 
+def test_a_wrong_number_leads_by_its_share_of_what_all_causes_take():
+    chosen = weighed("velocity_lag", 100.0, wide=("viscous",), left=0.5)
+    shares = {"viscous_error": 0.35, "velocity_lag": 0.01}
+    found = judged(chosen, [], shares=shares, left=0.5)
+    assert (found.word, found.causes) == ("partly_explained", ("viscous_error",))
+    assert found.ahead == pytest.approx(0.35 / 0.75)
+    # The same share is little where the causes take nearly all.
+    assert judged(chosen, [], shares={"viscous_error": 0.25, "velocity_lag": 0.01}, left=0.5).word == "unexplained"
+
+
+def test_a_number_whose_error_is_immaterial_makes_the_others_no_guess():
+    chosen = weighed("position_dependent_friction", 100.0, wide=("coulomb", "viscous"))
+    shares = {"viscous_error": 0.44, "position_dependent_friction": 0.006, "coulomb_error": 0.003}
+    assert judged(chosen, [], shares=shares, numbers=0.1).causes[0] == "viscous_error"
+    shares = {"viscous_error": 0.44, "position_dependent_friction": 0.006, "coulomb_error": 0.06}
+    assert judged(chosen, [], shares=shares, numbers=0.1).causes[0] == "position_dependent_friction"
+
+
 def test_an_effect_whose_size_may_be_nothing_is_not_asserted():
     chosen, shares = weighed("backlash+stribeck", 500.0), {"backlash": 0.6, "stribeck": 0.3}
     assert judged(chosen, [], shares=shares).causes == ("backlash", "stribeck")

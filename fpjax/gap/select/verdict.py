@@ -135,7 +135,7 @@ def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, flo
         n: s if _is_number(n) else s / left * believed(seen.curves, seen.follows.get(n, ()), t)
         for n, s in decision.shares.items()
     }
-    guessed = sum(_is_number(n) for n in weight) > 1
+    guessed = sum(_is_number(n) and share > t.matters for n, share in decision.shares.items()) > 1
     whole = left if guessed else 1.0
     return {n: w if _is_number(n) else w * left / whole for n, w in weight.items()}, weight, whole
 
@@ -276,13 +276,14 @@ def _is_number(name: str) -> bool:
 def _lead(decision: Decision, chosen: _Set, margin: float) -> float:
     """How far the leading cause is beyond the others' reach [1].
 
-    Every model frees the nominal numbers, so that a wrong one is beside any effect: it leads by what would come back
-    without it.
+    Of what the chosen model is worth, what no model without the cause is. Every model frees the nominal numbers, so
+    that a wrong one is beside any effect: it leads by what would come back without it, of what all causes take.
     """
     if not chosen.names:
         return 0.0
     if _is_number(chosen.names[0]):
-        return float(np.clip(decision.shares.get(chosen.names[0], 0.0), 0.0, 1.0))
+        taken = 1.0 - min(decision.chosen.left, 1.0) ** 2
+        return float(np.clip(decision.shares.get(chosen.names[0], 0.0) / max(taken, 1e-12), 0.0, 1.0))
     return float(np.clip(margin / decision.chosen.gain, 0.0, 1.0)) if decision.chosen.gain > 0.0 else 0.0
 
 

@@ -1,0 +1,56 @@
+"""What each cause takes of the missing torque, of models whose energies are given."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from fpjax.gap.select.decision import _shares
+
+
+def shares(energies):
+    """Shares of the causes of the largest set, from the missing energy [1] of every set of causes."""
+    energies = {frozenset(names): energy for names, energy in energies.items()}
+    whole = max(energies, key=len)
+
+    def fit(names):
+        effects = tuple(SimpleNamespace(name=n, parameters=()) for n in sorted(names) if not n.endswith("_error"))
+        wide = frozenset(n.removesuffix("_error") for n in names if n.endswith("_error"))
+        structural = tuple(effect.name for effect in effects)
+        candidate = SimpleNamespace(effects=effects, wide=wide, structural=structural, values=dict)
+        return SimpleNamespace(names=frozenset(names), evidence=-energies[names], candidate=candidate)
+
+    def fitted(starts):
+        return [fit(frozenset({e.name for e in s.effects} | {f"{n}_error" for n in s.wide})) for s in starts]
+
+    exact = SimpleNamespace(fit=fit(frozenset()), left=lambda one: energies[one.names] ** 0.5)
+    return _shares(SimpleNamespace(fitted=fitted), exact, fit(whole), [])
+
+
+def test_a_cause_takes_what_comes_back_without_it():
+    found = shares({(): 1.0, ("unbalance",): 0.4, ("inertia_error",): 0.7, ("unbalance", "inertia_error"): 0.1})
+    assert found == pytest.approx({"unbalance": 0.6, "inertia_error": 0.3})
+    assert list(found) == ["unbalance", "inertia_error"]
+
+
+def test_of_causes_that_make_up_for_each_other_the_one_that_takes_more_alone_takes_what_both_do():
+    found = shares(
+        {(): 1.0, ("coulomb_error",): 0.33, ("viscous_error",): 0.34, ("coulomb_error", "viscous_error"): 0.3}
+    )
+    assert found == pytest.approx({"coulomb_error": 0.67, "viscous_error": 0.03})
+
+
+def test_causes_that_matter_little_even_together_are_details():
+    found = shares({
+        (): 1.0, ("cogging",): 0.12, ("cogging", "stribeck"): 0.1, ("cogging", "viscous_error"): 0.11,
+        ("stribeck", "viscous_error"): 0.9, ("cogging", "stribeck", "viscous_error"): 0.09,
+    })  # fmt: skip
+    assert found == pytest.approx({"cogging": 0.81, "stribeck": 0.02, "viscous_error": 0.01})
+
+
+def test_three_causes_are_taken_on_one_by_one_until_little_is_left():
+    a, b, c = "actuator_delay", "load_dependent_friction", "position_dependent_friction"
+    found = shares({
+        (): 1.0, (a,): 0.5, (b,): 0.4, (c,): 0.45, (a, b): 0.27, (b, c): 0.29, (a, c): 0.28, (a, b, c): 0.25,
+    })  # fmt: skip
+    # Without the third a detail is left; its share stays what comes back without it alone.
+    assert found == pytest.approx({b: 0.6, a: 0.13, c: 0.02})
