@@ -135,15 +135,23 @@ def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, flo
         n: s if _is_number(n) else s / left * believed(seen.curves, seen.follows.get(n, ()), t)
         for n, s in decision.shares.items()
     }
-    guessed = sum(_is_number(n) and share > t.matters for n, share in decision.shares.items()) > 1
-    whole = left if guessed else 1.0
+    whole = left if len(_wrong(decision, t)) > 1 else 1.0
     return {n: w if _is_number(n) else w * left / whole for n, w in weight.items()}, weight, whole
 
 
+def _wrong(decision: Decision, t: Thresholds) -> list[str]:
+    """The nominal numbers whose errors matter; several of them make the nominal model a guess."""
+    return [name for name, share in decision.shares.items() if _is_number(name) and share > t.matters]
+
+
 def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, ...]:
-    """The causes of the chosen model without which a share that matters would come back, the largest first."""
+    """The causes of the chosen model without which a share that matters would come back, the largest first.
+
+    An effect that takes less of the gap is told too if it takes most of what no choice of the numbers would have
+    closed; not beside one wrong number, which is no guess: then it is a detail.
+    """
     size, weight, _ = _sizes(decision, seen, t)
-    shown = decision.nominal.left * seen.share > t.nothing
+    shown = decision.nominal.left * seen.share > t.nothing and len(_wrong(decision, t)) != 1
     names = [
         n
         for n in _in_order(size, seen, t)
