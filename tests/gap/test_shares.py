@@ -39,6 +39,18 @@ def test_of_causes_that_make_up_for_each_other_the_one_that_takes_more_alone_tak
     assert found == pytest.approx({"coulomb_error": 0.67, "viscous_error": 0.03})
 
 
+def test_a_wrong_number_goes_before_an_effect_that_does_little_better():
+    number, effect, other = "coulomb_error", "stribeck", "friction_drift"
+    found = shares({(): 1.0, (number,): 0.34, (effect,): 0.32, (number, effect): 0.3})
+    assert found == pytest.approx({number: 0.66, effect: 0.04})
+    # Not before one that does much better, or all of several numbers would be guessed first.
+    found = shares({
+        (): 1.0, (number,): 0.5, (effect,): 0.4, (other,): 0.45,
+        (number, effect): 0.27, (effect, other): 0.29, (number, other): 0.28, (number, effect, other): 0.25,
+    })  # fmt: skip
+    assert found == pytest.approx({effect: 0.6, number: 0.13, other: 0.02})
+
+
 def test_causes_that_matter_little_even_together_are_details():
     found = shares({
         (): 1.0, ("cogging",): 0.12, ("cogging", "stribeck"): 0.1, ("cogging", "viscous_error"): 0.11,

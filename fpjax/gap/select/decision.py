@@ -153,14 +153,16 @@ def _interchangeable(
 
     Coulomb and viscous friction that both are missing: each makes up for the other. Without all of them much comes
     back; they are taken on again one by one, the one that takes most first, while without the rest too much is left.
+    A wrong number goes before an effect that does little better: it is the simpler statement.
     """
     whole, now = max(exact.left(exact.fit) ** 2, 1e-300), exact.left(fit) ** 2
+    matters = THRESHOLDS.matters * whole
     out, found = tuple(details), {}
     left = _left_without(search, exact, fit, [out], known)[out]
-    while len(out) > 1 and left - now > THRESHOLDS.matters * whole:
+    while len(out) > 1 and left - now > matters:
         fewer = {name: tuple(other for other in out if other != name) for name in out}
         after = _left_without(search, exact, fit, list(fewer.values()), known)
-        name = min(out, key=lambda one: after[fewer[one]])
+        name = min(out, key=lambda one: after[fewer[one]] + matters * (one in fit.candidate.structural))
         found[name] = max(left - after[fewer[name]], 0.0) / whole
         out, left = fewer[name], after[fewer[name]]
     return found
