@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from fpjax.gap.select.decision import _shares
+from fpjax.gap.select.shares import shares_of
 
 
 def shares(energies):
@@ -23,7 +23,7 @@ def shares(energies):
         return [fit(frozenset({e.name for e in s.effects} | {f"{n}_error" for n in s.wide})) for s in starts]
 
     exact = SimpleNamespace(fit=fit(frozenset()), left=lambda one: energies[one.names] ** 0.5)
-    return _shares(SimpleNamespace(fitted=fitted), exact, fit(whole), [])
+    return shares_of(SimpleNamespace(fitted=fitted), exact, fit(whole), [])
 
 
 def test_a_cause_takes_what_comes_back_without_it():
@@ -32,35 +32,23 @@ def test_a_cause_takes_what_comes_back_without_it():
     assert list(found) == ["unbalance", "inertia_error"]
 
 
-def test_of_causes_that_make_up_for_each_other_the_one_that_takes_more_alone_takes_what_both_do():
-    found = shares(
-        {(): 1.0, ("coulomb_error",): 0.33, ("viscous_error",): 0.34, ("coulomb_error", "viscous_error"): 0.3}
-    )
-    assert found == pytest.approx({"coulomb_error": 0.67, "viscous_error": 0.03})
+def test_of_numbers_that_make_up_for_each_other_the_one_that_takes_more_takes_what_both_do():
+    coulomb, viscous = "coulomb_error", "viscous_error"
+    found = shares({(): 1.0, (coulomb,): 0.33, (viscous,): 0.34, (coulomb, viscous): 0.3})
+    assert found == pytest.approx({coulomb: 0.67, viscous: 0.03})
 
 
-def test_a_wrong_number_goes_before_an_effect_that_does_little_better():
-    number, effect, other = "coulomb_error", "stribeck", "friction_drift"
-    found = shares({(): 1.0, (number,): 0.34, (effect,): 0.32, (number, effect): 0.3})
-    assert found == pytest.approx({number: 0.66, effect: 0.04})
-    # Not before one that does much better, or all of several numbers would be guessed first.
+def test_numbers_that_matter_little_even_together_are_details():
+    effect, coulomb, viscous = "cogging", "coulomb_error", "viscous_error"
     found = shares({
-        (): 1.0, (number,): 0.5, (effect,): 0.4, (other,): 0.45,
-        (number, effect): 0.27, (effect, other): 0.29, (number, other): 0.28, (number, effect, other): 0.25,
+        (): 1.0, (effect,): 0.12, (effect, coulomb): 0.1, (effect, viscous): 0.11, (coulomb, viscous): 0.9,
+        (effect, coulomb, viscous): 0.09,
     })  # fmt: skip
-    assert found == pytest.approx({effect: 0.6, number: 0.13, other: 0.02})
+    assert found == pytest.approx({effect: 0.81, coulomb: 0.02, viscous: 0.01})
 
 
-def test_causes_that_matter_little_even_together_are_details():
-    found = shares({
-        (): 1.0, ("cogging",): 0.12, ("cogging", "stribeck"): 0.1, ("cogging", "viscous_error"): 0.11,
-        ("stribeck", "viscous_error"): 0.9, ("cogging", "stribeck", "viscous_error"): 0.09,
-    })  # fmt: skip
-    assert found == pytest.approx({"cogging": 0.81, "stribeck": 0.02, "viscous_error": 0.01})
-
-
-def test_three_causes_are_taken_on_one_by_one_until_little_is_left():
-    a, b, c = "actuator_delay", "load_dependent_friction", "position_dependent_friction"
+def test_three_numbers_are_taken_on_one_by_one_until_little_is_left():
+    a, b, c = "inertia_error", "coulomb_error", "viscous_error"
     found = shares({
         (): 1.0, (a,): 0.5, (b,): 0.4, (c,): 0.45, (a, b): 0.27, (b, c): 0.29, (a, c): 0.28, (a, b, c): 0.25,
     })  # fmt: skip

@@ -13,6 +13,7 @@ from ..thresholds import THRESHOLDS
 from .detectability import resolved
 from .dominant import Curve
 from .nominal_errors import wrong_numbers
+from .shares import shares_of, without_effect
 from .weighed import (
     CONTAINED,
     Exact,
@@ -113,7 +114,7 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
     stage("simpler causes", 0.0)
     chosen = _simpler(search, exact, chosen)
     stage("what each cause takes", 0.0)
-    shares = _shares(search, exact, chosen.fit, [w.fit for w in tried])
+    shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
     path = (*path, chosen.fit)
     return Decision(exact.fit, nominal, tuple(singles), chosen, tuple(rivals), path, shares, exact.judged)
 
@@ -123,76 +124,8 @@ def by_numbers(search: Search, decision: Decision) -> Decision:
     exact = Exact(decision.exact, decision.judged)
     numbers = settled(search, exact, decision.nominal)
     known = [w.fit for w in (decision.nominal, *decision.singles)]
-    shares = _shares(search, exact, numbers.fit, known)
+    shares = shares_of(search, exact, numbers.fit, known)
     return replace(decision, chosen=numbers, rivals=decision.singles, path=(decision.exact, numbers.fit), shares=shares)
-
-
-def _shares(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> dict[str, float]:
-    """What would come back of the nominal model's missing energy without each cause [1], the largest first.
-
-    What is left without a cause is that of the most likely fit without it: from where the whole stands, from the
-    numbers as they were given, or as it was found before.
-    """
-    # Energies, not rms values: of causes that act at different times or frequencies they add up.
-    whole, now = max(exact.left(exact.fit) ** 2, 1e-300), exact.left(fit) ** 2
-    c = fit.candidate
-    singly = [(name,) for name in (*c.structural, *(f"{number}_error" for number in c.wide))]
-    left = _left_without(search, exact, fit, singly, known)
-    shares = {name: max(left[(name,)] - now, 0.0) / whole for (name,) in singly}
-    details = [name for name, share in shares.items() if share <= THRESHOLDS.matters]
-    taken = 1.0 - now / whole - sum(shares[name] for name in shares if name not in details)
-    if len(details) > 1 and taken > THRESHOLDS.matters:
-        shares |= _interchangeable(search, exact, fit, details, known)
-    return dict(sorted(shares.items(), key=lambda item: -item[1]))
-
-
-def _interchangeable(
-    search: Search, exact: Exact, fit: Fit, details: Sequence[str], known: Sequence[Fit]
-) -> dict[str, float]:
-    """Shares of the causes of which one does what another does, so that none alone would bring much back.
-
-    Coulomb and viscous friction that both are missing: each makes up for the other. Without all of them much comes
-    back; they are taken on again one by one, the one that takes most first, while without the rest too much is left.
-    A wrong number goes before an effect that does little better: it is the simpler statement.
-    """
-    whole, now = max(exact.left(exact.fit) ** 2, 1e-300), exact.left(fit) ** 2
-    matters = THRESHOLDS.matters * whole
-    out, found = tuple(details), {}
-    left = _left_without(search, exact, fit, [out], known)[out]
-    while len(out) > 1 and left - now > matters:
-        fewer = {name: tuple(other for other in out if other != name) for name in out}
-        after = _left_without(search, exact, fit, list(fewer.values()), known)
-        name = min(out, key=lambda one: after[fewer[one]] + matters * (one in fit.candidate.structural))
-        found[name] = max(left - after[fewer[name]], 0.0) / whole
-        out, left = fewer[name], after[fewer[name]]
-    return found
-
-
-def _left_without(
-    search: Search, exact: Exact, fit: Fit, sets: Sequence[tuple[str, ...]], known: Sequence[Fit]
-) -> dict[tuple[str, ...], float]:
-    """Missing energy that the most likely fit leaves without each of some sets of causes."""
-    c = fit.candidate
-    starts: list[Start] = []
-    for names in sets:
-        rest = tuple(effect for effect in c.effects if effect.name not in names)
-        values = c.values()
-        for effect in c.effects:
-            if effect.name in names:
-                values = _without(values, effect, rest)
-        numbers = {name.removesuffix("_error") for name in names} & c.wide
-        values = {name: value for name, value in values.items() if name not in numbers}
-        given = {name: value for name, value in values.items() if name not in NOMINAL}
-        wide = tuple(number for number in c.wide if number not in numbers)
-        starts += [Start(rest, wide, values, c), Start(rest, wide, given, c)]
-    best: dict[tuple[str, ...], Fit] = {}
-    for names, start, without in zip([n for n in sets for _ in range(2)], starts, search.fitted(starts), strict=True):
-        same = [
-            k for k in known
-            if set(k.candidate.effects) == set(start.effects) and k.candidate.wide <= set(start.wide)
-        ]  # fmt: skip
-        best[names] = max((without, *same, *([best[names]] if names in best else [])), key=lambda one: one.evidence)
-    return {names: exact.left(without) ** 2 for names, without in best.items()}
 
 
 def _alone(search: Search) -> list[Start]:
@@ -279,7 +212,7 @@ def _pruned(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
         options = []
         for effect in chosen.fit.candidate.effects:
             rest = tuple(e for e in chosen.fit.candidate.effects if e is not effect)
-            values = _without(chosen.fit.candidate.values(), effect, rest)
+            values = without_effect(chosen.fit.candidate.values(), effect, rest)
             options.append(Start(rest, NOMINAL, values, chosen.fit.candidate))
         found = weigh(search, exact, search.explore(options, white=False))
         best = settled(search, exact, found[0])
@@ -331,14 +264,8 @@ def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[Start]:
             if name in by_name and name not in c.structural:
                 # What the simpler one does not hold of friction may still be wrong in the nominal numbers.
                 wide = tuple(c.wide | {"coulomb", "viscous"}) if effect.name == "asymmetric_friction" else tuple(c.wide)
-                yield Start((*rest, by_name[name]), wide, _without(c.values(), effect, rest))
+                yield Start((*rest, by_name[name]), wide, without_effect(c.values(), effect, rest))
     for name in FACTORS:
         if c.wide and name in by_name and name not in c.structural:
             values = {k: v for k, v in c.values().items() if k not in NOMINAL}
             yield Start((*c.effects, by_name[name]), (), values)
-
-
-def _without(values: Mapping[str, float], effect: Effect, rest: Sequence[Effect]) -> dict[str, float]:
-    shared = {p.name for other in rest for p in other.parameters}
-    gone = {p.name for p in effect.parameters} - shared
-    return {name: value for name, value in values.items() if name not in gone}

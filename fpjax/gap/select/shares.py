@@ -1,0 +1,94 @@
+"""Shares: what each cause of a model takes of the missing torque."""
+
+from collections.abc import Mapping, Sequence
+
+from ..effects.effect import Effect
+from ..fit.candidate import NOMINAL, Fit, Start
+from ..fit.search import Search
+from ..thresholds import THRESHOLDS
+from .weighed import Exact
+
+
+def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> dict[str, float]:
+    """What would come back of the nominal model's missing energy without each cause [1], the largest first.
+
+    What is left without a cause is that of the most likely fit without it: from where the whole stands, from the
+    numbers as they were given, or as it was found before.
+
+    Args:
+        search: of the logs.
+        exact: what models are weighed against.
+        fit: of the model whose causes they are.
+        known: fits found before.
+    """
+    # Energies, not rms values: of causes that act at different times or frequencies they add up.
+    whole, now = max(exact.left(exact.fit) ** 2, 1e-300), exact.left(fit) ** 2
+    c = fit.candidate
+    singly = [(name,) for name in (*c.structural, *(f"{number}_error" for number in c.wide))]
+    without = _fits_without(search, fit, singly, known)
+    shares = {name: max(exact.left(without[(name,)]) ** 2 - now, 0.0) / whole for (name,) in singly}
+    details = [f"{number}_error" for number in c.wide if shares[f"{number}_error"] <= THRESHOLDS.matters]
+    if len(details) > 1:
+        shares |= _one_by_one(search, exact, fit, details, known)
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def _one_by_one(
+    search: Search, exact: Exact, fit: Fit, details: Sequence[str], known: Sequence[Fit]
+) -> dict[str, float]:
+    """Shares of wrong numbers of which one makes up for the other, so that none alone would bring much back.
+
+    Where Coulomb and viscous friction are both missing, either does. Without both much comes back: they are taken on
+    again one by one, the one that takes most first, while without the rest too much is left.
+    """
+    whole, now = max(exact.left(exact.fit) ** 2, 1e-300), exact.left(fit) ** 2
+    out, found = tuple(details), {}
+    left = exact.left(_fits_without(search, fit, [out], known)[out]) ** 2
+    while len(out) > 1 and left - now > THRESHOLDS.matters * whole:
+        fewer = {name: tuple(other for other in out if other != name) for name in out}
+        fits = _fits_without(search, fit, list(fewer.values()), known)
+        after = {name: exact.left(fits[rest]) ** 2 for name, rest in fewer.items()}
+        name = min(out, key=lambda one: after[one])
+        found[name] = max(left - after[name], 0.0) / whole
+        out, left = fewer[name], after[name]
+    return found
+
+
+def _fits_without(
+    search: Search, fit: Fit, sets: Sequence[tuple[str, ...]], known: Sequence[Fit]
+) -> dict[tuple[str, ...], Fit]:
+    """The most likely fit without each of some sets of causes."""
+    c = fit.candidate
+    starts: list[Start] = []
+    for names in sets:
+        rest = tuple(effect for effect in c.effects if effect.name not in names)
+        values = c.values()
+        for effect in c.effects:
+            if effect.name in names:
+                values = without_effect(values, effect, rest)
+        numbers = {name.removesuffix("_error") for name in names} & c.wide
+        values = {name: value for name, value in values.items() if name not in numbers}
+        given = {name: value for name, value in values.items() if name not in NOMINAL}
+        wide = tuple(number for number in c.wide if number not in numbers)
+        starts += [Start(rest, wide, values, c), Start(rest, wide, given, c)]
+    best: dict[tuple[str, ...], Fit] = {}
+    for names, start, without in zip([n for n in sets for _ in range(2)], starts, search.fitted(starts), strict=True):
+        same = [
+            k for k in known
+            if set(k.candidate.effects) == set(start.effects) and k.candidate.wide <= set(start.wide)
+        ]  # fmt: skip
+        best[names] = max((without, *same, *([best[names]] if names in best else [])), key=lambda one: one.evidence)
+    return best
+
+
+def without_effect(values: Mapping[str, float], effect: Effect, rest: Sequence[Effect]) -> dict[str, float]:
+    """Values without the parameters that an effect alone has.
+
+    Args:
+        values: by name.
+        effect: that is left out.
+        rest: effects that stay.
+    """
+    shared = {p.name for other in rest for p in other.parameters}
+    gone = {p.name for p in effect.parameters} - shared
+    return {name: value for name, value in values.items() if name not in gone}
