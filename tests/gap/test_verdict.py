@@ -281,6 +281,8 @@ def test_a_number_whose_error_is_immaterial_makes_the_others_no_guess():
     chosen = weighed("position_dependent_friction", 100.0, wide=("coulomb", "viscous"))
     shares = {"viscous_error": 0.44, "position_dependent_friction": 0.006, "coulomb_error": 0.003}
     assert judged(chosen, [], shares=shares, numbers=0.1).causes == ("viscous_error",)
+    explaining = shares | {"position_dependent_friction": 0.0098}  # of the 0.01 that the numbers leave
+    assert judged(chosen, [], shares=explaining, numbers=0.1).causes == ("viscous_error", "position_dependent_friction")
     more = shares | {"position_dependent_friction": 0.06}
     assert judged(chosen, [], shares=more, numbers=0.1).causes == ("viscous_error", "position_dependent_friction")
     shares = {"viscous_error": 0.44, "position_dependent_friction": 0.006, "coulomb_error": 0.06}

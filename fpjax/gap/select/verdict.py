@@ -147,15 +147,16 @@ def _wrong(decision: Decision, t: Thresholds) -> list[str]:
 def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, ...]:
     """The causes of the chosen model without which a share that matters would come back, the largest first.
 
-    An effect that takes less of the gap is told too if it takes most of what no choice of the numbers would have
-    closed; not beside one wrong number, which is no guess: then it is a detail.
+    An effect that takes less of the gap is told too if it takes half of what no choice of the numbers would have
+    closed; beside one wrong number, which is no guess, only if it explains what that leaves.
     """
     size, weight, _ = _sizes(decision, seen, t)
-    shown = decision.nominal.left * seen.share > t.nothing and len(_wrong(decision, t)) != 1
+    shown = decision.nominal.left * seen.share > t.nothing
+    enough = t.beside if len(_wrong(decision, t)) != 1 else 1.0 - t.closes**2
     names = [
         n
         for n in _in_order(size, seen, t)
-        if decision.shares[n] > t.matters or (shown and not _is_number(n) and weight[n] > t.beside)
+        if decision.shares[n] > t.matters or (shown and not _is_number(n) and weight[n] > enough)
     ]
     if not names and not _counts_as_right(decision, t):
         names = list(decision.chosen.structural[:1])
