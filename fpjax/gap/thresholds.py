@@ -47,8 +47,9 @@ class Thresholds:
         close: worth [nats] within which the data do not decide between two effects.
         temper: by which worth is divided before it becomes a probability [1]: windows of one log are not as
             independent as the likelihood takes them.
-        clear: share [1] of the worth that the best model without the leading cause lacks,
-            from which on the cause is beyond the other effects' reach; a part is asserted only then.
+        clear: share [1] of the worth that the best model without the leading cause lacks (of a nominal number: of the
+            energy that all causes take), from which on the cause is beyond the others' reach; a part is asserted only
+            then.
         contested: likewise, below which another effect does nearly as well.
         right_explained: probability [1] that the leading cause is right where the causes explain the gap: clear,
             between, contested.
@@ -61,7 +62,7 @@ class Thresholds:
         simpler: share [1] of the evidence over the nominal model that a simpler model may lose.
         factor: likewise, for one factor in the place of several wrong nominal numbers.
         beside: share [1] of what the nominal numbers alone leave of the missing energy, from which on an effect is told
-            as a cause however much of the gap the numbers make.
+            as a cause however much of the gap the numbers make; beside one wrong number, what explains (`closes`).
         curve: share [1] of the missing torque's energy, as far as it moves the machine, that a table of one variable
             must hold for that variable to be the dominant one.
         curve_ahead: by how much more [1] than a table of any other variable.
