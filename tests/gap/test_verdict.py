@@ -7,7 +7,7 @@ import pytest
 from weighed_models import BOTH, NOMINAL, RATE_ONLY, judged, weighed
 
 from fpjax.gap.answer import judge
-from fpjax.gap.answer.judge import _persist
+from fpjax.gap.answer.judge import _persist, _with_effects_behind
 from fpjax.gap.effects.twins import single_twins
 from fpjax.gap.select.decision import _bases
 from fpjax.gap.select.dominant import Curve, believed, dominant
@@ -279,14 +279,30 @@ def test_a_wrong_number_leads_by_its_share_of_what_all_causes_take():
 
 def test_a_number_whose_error_is_immaterial_makes_the_others_no_guess():
     chosen = weighed("position_dependent_friction", 100.0, wide=("coulomb", "viscous"))
+    both = ("viscous_error", "position_dependent_friction")
     shares = {"viscous_error": 0.44, "position_dependent_friction": 0.006, "coulomb_error": 0.003}
-    assert judged(chosen, [], shares=shares, numbers=0.1).causes == ("viscous_error",)
-    explaining = shares | {"position_dependent_friction": 0.0098}  # of the 0.01 that the numbers leave
-    assert judged(chosen, [], shares=explaining, numbers=0.1).causes == ("viscous_error", "position_dependent_friction")
-    more = shares | {"position_dependent_friction": 0.06}
-    assert judged(chosen, [], shares=more, numbers=0.1).causes == ("viscous_error", "position_dependent_friction")
+    assert judged(chosen, [], shares=shares, numbers=0.1).causes == both
     shares = {"viscous_error": 0.44, "position_dependent_friction": 0.006, "coulomb_error": 0.06}
     assert judged(chosen, [], shares=shares, numbers=0.1).causes[0] == "position_dependent_friction"
+
+
+def test_beside_one_wrong_number_an_effect_is_a_detail_unless_it_matters_or_explains_what_is_left():
+    chosen = weighed("cogging", 100.0, wide=("inertia",))
+    for share, told in ((0.006, ()), (0.0098, ("cogging",)), (0.06, ("cogging",))):  # the number leaves 0.01
+        found = judged(chosen, [], shares={"inertia_error": 0.57, "cogging": share}, numbers=0.1)
+        assert found.causes == ("inertia_error", *told)
+
+
+def test_behind_numbers_that_are_told_alone_stand_the_effects_that_stood_beside_them():
+    main = {"inertia_error": 0.8, "torque_gain_error": 0.05}
+    numbers = Verdict("partly_explained", ("inertia_error",), 0.8, main, main, 50.0, 0.5)
+    among = {"inertia_error": 0.2, "constant_torque": 0.2, "torque_gain_error": 0.01}
+    found = _with_effects_behind(numbers, Verdict("unexplained", (), 0.75, {"inertia_error": 0.2}, among, 5.0, 0.3))
+    assert found.main["inertia_error"] == 0.8
+    assert found.main["constant_torque"] == pytest.approx(0.2 * 0.15 / 0.21)
+    assert found.main["torque_gain_error"] == 0.05
+    assert sum(found.main.values()) <= 1.0
+    assert (found.word, found.causes) == (numbers.word, numbers.causes)
 
 
 def test_an_effect_whose_size_may_be_nothing_is_not_asserted():

@@ -82,8 +82,17 @@ def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: 
     if found.verdict.word != "unexplained" or not decision.chosen.structural or not wrong:
         return found
     numbers = _judge(search, by_numbers(search, decision), read, curves, unit)
-    told = numbers.verdict.word in ("explained", "partly_explained")
-    return numbers if told and _persist(numbers, decision) else found
+    if numbers.verdict.word not in ("explained", "partly_explained") or not _persist(numbers, decision):
+        return found
+    return replace(numbers, verdict=_with_effects_behind(numbers.verdict, found.verdict))
+
+
+def _with_effects_behind(numbers: Verdict, beside: Verdict) -> Verdict:
+    """The numbers' verdict; behind them, in the room that they leave, the effects that stood beside them."""
+    effects = {name: p for name, p in beside.among.items() if name.removesuffix("_error") not in NOMINAL}
+    room = max(1.0 - sum(numbers.main.values()), 0.0) / max(sum(effects.values()), 1e-300)
+    behind = {name: max(p * min(room, 1.0), numbers.main.get(name, 0.0)) for name, p in effects.items()}
+    return replace(numbers, main={**numbers.main, **behind})
 
 
 def _persist(numbers: Judged, decision: Decision, t: Thresholds = THRESHOLDS) -> bool:

@@ -126,8 +126,8 @@ def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, flo
     """(by cause of the chosen model: its size, and how much of what the numbers leave is its own; what sizes are of).
 
     A nominal number is measured by the whole gap, an effect by what no choice of the numbers would have closed: with
-    numbers that are guesses, most of a gap is theirs, and what is sought stands beside them. One wrong number beside
-    right ones is no guess: it comes where its share of the gap puts it. Of several effects, the one that follows the
+    numbers that are guesses, most of a gap is theirs, and what is sought stands beside them. One number whose error
+    matters is no guess: it comes where its share of the gap puts it. Of several effects, the one that follows the
     dominant variable comes before what mends its details.
     """
     left = float(np.clip(decision.nominal.left**2, 1e-12, 1.0))
@@ -135,24 +135,20 @@ def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, flo
         n: s if _is_number(n) else s / left * believed(seen.curves, seen.follows.get(n, ()), t)
         for n, s in decision.shares.items()
     }
-    whole = left if len(_wrong(decision, t)) > 1 else 1.0
+    guessed = sum(_is_number(n) and share > t.matters for n, share in decision.shares.items()) > 1
+    whole = left if guessed else 1.0
     return {n: w if _is_number(n) else w * left / whole for n, w in weight.items()}, weight, whole
-
-
-def _wrong(decision: Decision, t: Thresholds) -> list[str]:
-    """The nominal numbers whose errors matter; several of them make the nominal model a guess."""
-    return [name for name, share in decision.shares.items() if _is_number(name) and share > t.matters]
 
 
 def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, ...]:
     """The causes of the chosen model without which a share that matters would come back, the largest first.
 
     An effect that takes less of the gap is told too if it takes half of what no choice of the numbers would have
-    closed; beside one wrong number, which is no guess, only if it explains what that leaves.
+    closed; beside one wrong number and right ones, which is no guess, only if it explains what that leaves.
     """
     size, weight, _ = _sizes(decision, seen, t)
     shown = decision.nominal.left * seen.share > t.nothing
-    enough = t.beside if len(_wrong(decision, t)) != 1 else 1.0 - t.closes**2
+    enough = t.beside if sum(map(_is_number, decision.shares)) != 1 else 1.0 - t.closes**2
     names = [
         n
         for n in _in_order(size, seen, t)
