@@ -58,10 +58,7 @@ def _write_first(folder: Path, part: list[Identity], periods: int, report: Calla
 
 
 def _write_second(folder: Path, part: list[Identity], periods: int, report: Callable[[float], None]) -> None:
-    asked = [
-        second.Asked(one.seed, _words(one), one.set, one.sensors, one.system, one.effects, one.recording)
-        for one in part
-    ]
+    asked = [asked_of(one) for one in part]
     for i, (case, trace, size) in second.finished(asked, periods, report):
         identity = part[i]
         second_label.write(log_path(folder, identity), case, trace, identity.sensors)
@@ -69,9 +66,10 @@ def _write_second(folder: Path, part: list[Identity], periods: int, report: Call
         _finish(folder, identity, label)
 
 
-def _words(one: Identity) -> str:
-    """The words that a case of the second generator is drawn from, beside its seed."""
-    return f"{one.set}/{one.sensors}/{one.number}" + (f"/{one.recording}" if one.recording else "")
+def asked_of(one: Identity) -> second.Asked:
+    """What a case of the second generator is drawn from: its seed and its words."""
+    words = f"{one.set}/{one.sensors}/{one.number}" + (f"/{one.recording}" if one.recording else "")
+    return second.Asked(one.seed, words, one.set, one.sensors, one.system, one.effects, one.recording)
 
 
 def _finish(folder: Path, one: Identity, label: Label) -> None:

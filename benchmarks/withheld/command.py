@@ -8,6 +8,7 @@ from fpjax import InputError
 from .cases import PERIODS, generate, read_labels
 from .identity import SENSORS, SETS, SYSTEMS, Identity, identities, seeds_of, split, spread_over
 from .progress import Progress
+from .renew import renew_labels
 
 QUICK = (6, 4001)  # number of cases, and periods of their logs
 
@@ -105,6 +106,9 @@ def run(args: argparse.Namespace) -> int:
     if args.answers is not None:
         raise InputError("--answers goes with --write; with --out the answers are kept in OUT/labels.")
     folder = args.out / "quick" if args.quick else args.out
+    renewed = renew_labels(folder, wanted, periods)
+    if renewed:
+        print(f"{renewed} labels of an earlier version made anew, their logs kept")
     progress = Progress("truth")
     made = generate(folder, wanted, progress.share, periods)
     progress.end(f"{made} logs written, {len(wanted) - made} reused")

@@ -9,6 +9,7 @@ from fpjax import InputError
 from .cases import PERIODS, Label, generate, log_path, read_labels
 from .identity import Identity
 from .progress import Progress
+from .renew import renew_labels
 
 # Keys of a label that an answer holds.
 ANSWER = (
@@ -40,6 +41,7 @@ def write_collection(folder: Path, wanted: list[Identity], answers: Path | None,
             "give a file for them with --answers FILE."
         )
     scratch = folder / ".made"
+    renew_labels(scratch, wanted, periods)  # of an interrupted run
     progress = Progress("truth")
     made = generate(scratch, wanted, progress.share, periods)
     apart = {}

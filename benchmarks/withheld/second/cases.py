@@ -18,7 +18,10 @@ from .simulate import simulate
 from .world import Trace, World
 
 DT, PERIODS = USUAL, 10_001
-VERSION = 2  # of the laws and their draws; 1: the nominal models of "single_off" were exact
+# Of the laws, their draws and their labels. 1: the nominal models of "single_off" were exact; 2: the labels of
+# `equivalent.EFFECTS` held their laws' own numbers.
+VERSION = 3
+SAME_LOGS = 2  # the first version that made the logs and models of this one
 ATTEMPTS = 5  # draws of a case: an effect that is not visible is made larger, a loop that does not track is drawn again
 SHORTEST = 3000  # fewest periods on which both can be judged
 

@@ -4,7 +4,11 @@
 form than the contract's, `Plan.other_form` holds the effect, and the label says what its parameters mean:
 of a wave `amplitude` is that of the fundamental; of Maxwell elements `bristle_stiffness` is the initial one and
 `bristle_deflection` the level over it; of a tabulated curve `stribeck_velocity` is where 1/e of the extra is left; of
-two poles `time_constant` is their sum; of a knee `width` is what is lost far from it.
+two poles `time_constant` is their sum; of a knee `width` is what is lost far from it; of a transmission `stiffness` is
+that of the linear spring and damper that transmit most nearly its torque over the log's own motion, and `frequency` the
+free-free one with it; of friction that grows with the load `coefficient` is the slope of what it adds to the level on
+the size of the torque delivered beyond friction, in motion, over the log, beside a constant level. These two are
+computed after the simulation (`equivalent.py`); `Plan.parameters` and the label's `law` hold the law's own numbers.
 """
 
 from collections.abc import Callable

@@ -8,6 +8,7 @@ import numpy as np
 from ..contract import unit_of
 from .cases import VERSION, Case, generator
 from .effects import PERIODIC
+from .equivalent import equivalents
 from .recording import recorded
 from .world import Trace
 
@@ -51,28 +52,34 @@ def accepted(case: Case, sensors: str) -> list[list[str]]:
 
 
 def label_of(case: Case, trace: Trace, size: dict[str, float], sensors: str, set_: str) -> dict[str, object]:
-    """The label, but for the identity of the case."""
+    """The label, but for the identity of the case; `law` holds a law's own numbers where `parameters` are others."""
     plan, linear = case.plan, case.plan.drawn.kind.linear
     true = {"inertia": plan.drawn.inertia, "coulomb": plan.drawn.coulomb, "viscous": plan.drawn.viscous}
+    equivalent = equivalents(case, trace)
     return {
         "version": VERSION,
         "accepted": accepted(case, sensors),
         "also_true": also_true(case, sensors),
         "parameters": {
-            effect: {
-                name: {"value": float(value), "unit": unit_of(effect, name)}
-                for name, value in values.items()
-                # The number of periods of a linear axis has no agreed unit.
-                if not (linear and name == "periods")
-            }
+            effect: _with_units(effect, equivalent.get(effect, values), linear)
             for effect, values in plan.parameters.items()
         },
+        "law": {effect: _with_units(effect, plan.parameters[effect], linear) for effect in equivalent},
         "other_form": plan.other_form,
         "nominal_true": true,
         "nominal_error_percent": {name: 100 * (plan.nominal[name] / value - 1) for name, value in true.items()},
         "measured_torque": case.world.measured,
         "linear": linear,
         "sizes": size,
+    }
+
+
+def _with_units(effect: str, values: dict[str, float], linear: bool) -> dict[str, dict[str, object]]:
+    return {
+        name: {"value": float(value), "unit": unit_of(effect, name)}
+        for name, value in values.items()
+        # The number of periods of a linear axis has no agreed unit.
+        if not (linear and name == "periods")
     }
 
 

@@ -34,6 +34,7 @@ class Plant:
         self.velocity = np.zeros(self.position.shape)
         self.anchor = self.position[:, None, :] * np.ones((1, physics.ELEMENTS, 1))
         self.through = np.zeros(count)  # torque through the gear
+        self.delivered = np.zeros(count)  # torque beyond friction
         self.on = np.stack([np.where(self.split, 1 - p["friction_on_load"], 1.0), p["friction_on_load"] * self.split])
 
     def levels(self, side: int, time: float) -> tuple[np.ndarray, np.ndarray]:
@@ -99,11 +100,27 @@ class Plant:
             return whole[None]
         second = self.friction(1, position[1], velocity[1], levels[1])
         twist, rate = position[0] - position[1], velocity[0] - velocity[1]
-        transmitted = physics.contact(twist, rate, p["clearance"], p["contact_stiffness"], p["contact_loss"])
-        transmitted = transmitted + physics.spring(twist, rate, p["stiffness"], p["hardening"], p["damping"])
+        transmitted = self.transmitted(twist, rate)
         motor = (torque - first - transmitted) / self.motor
         load = (transmitted - second - hangs) / (self.load * change)
         return np.stack([np.where(self.split, motor, whole), np.where(self.split, load, whole)])
+
+    def transmitted(self, twist: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Torque that the motor's body gives to the load's."""
+        p = self.p
+        pressed = physics.contact(twist, rate, p["clearance"], p["contact_stiffness"], p["contact_loss"])
+        return pressed + physics.spring(twist, rate, p["stiffness"], p["hardening"], p["damping"])
+
+    def inside(self) -> dict[str, np.ndarray]:
+        """What no sensor shows and the label needs, by the names of `Trace`."""
+        found = {}
+        if self.two:
+            twist, rate = self.position[0] - self.position[1], self.velocity[0] - self.velocity[1]
+            found |= {"twist": twist, "twist_rate": rate, "transmitted": self.transmitted(twist, rate)}
+        if "load_friction" in self.has:
+            level = self.p["load_friction"] * np.abs(self.through)
+            found |= {"delivered": self.delivered, "load_level": level}
+        return found
 
     def step(self, torque: np.ndarray, time: float, step: float) -> None:
         """One step of Kutta's third-order rule, then the anchors follow."""
@@ -119,7 +136,9 @@ class Plant:
         self.velocity = v + step / 6 * (a1 + 4 * a2 + a3)
         if "load_friction" in self.has:
             # The torque through the gear: most of the inertia is behind it, and all loads.
-            self.through = 0.8 * self.p["inertia"] * a3[-1] + self.held(self.position[-1])
+            held = self.held(self.position[-1])
+            self.through = self.p["geared"] * self.p["inertia"] * a3[-1] + held
+            self.delivered = self.motor * a3[0] + np.where(self.split, self.load * a3[-1], 0.0) + held
         for side in sides:
             stretch = physics.slide(self.position[side] - self.anchor[side], *levels[side], self.p["element_stiffness"])
             self.anchor[side] = self.position[side] - stretch
@@ -214,6 +233,8 @@ def _simulate(worlds: list[World], substeps: int, progress: Callable[[float], No
     push = np.stack([np.zeros(periods) if w.push is None else w.push for w in worlds])
     lost = np.stack([np.zeros(periods, bool) if w.lost_commands is None else w.lost_commands for w in worlds])
     out = {name: np.zeros((periods, count)) for name in RECORDED}
+    inner = {name: np.zeros((periods, count)) for name in plant.inside()}
+    owners = {name: plant.split if name in OF_TWO else p["load_friction"] > 0 for name in inner}
     lanes = np.arange(count)
     history = np.zeros((HISTORY * substeps, count))
     seen = np.zeros(count)
@@ -251,6 +272,8 @@ def _simulate(worlds: list[World], substeps: int, progress: Callable[[float], No
         command = rounded(held, p["torque_step"])
         # A lost command is in the log as sent; the drive keeps the last one that arrived.
         commands[k % HISTORY] = np.where(lost[:, k], commands[(k - 1) % HISTORY], command)
+        for name, value in plant.inside().items():
+            inner[name][k] = value
         applied = np.zeros(count)
         for i in range(substeps):
             # The command that has arrived: period k minus the dead time, interpolated where it switches in the step.
@@ -284,9 +307,11 @@ def _simulate(worlds: list[World], substeps: int, progress: Callable[[float], No
             reference=reference[i],
             position_reference=wanted[i],
             **{name: np.ascontiguousarray(values[:, i]) for name, values in out.items()},
+            **{name: np.ascontiguousarray(values[:, i]) for name, values in inner.items() if owners[name][i]},
         )
         for i in range(count)
     ]
 
 
 RECORDED = ("torque", "command", "rate", "position", "derived", "true_velocity", "true_position")
+OF_TWO = ("twist", "twist_rate", "transmitted")

@@ -30,6 +30,7 @@ NEUTRAL: dict[str, float] = {
     "wave_phase": 0.0,
     "wave_steepness": 1.5,
     "load_friction": 0.0,
+    "geared": 0.8,  # share of the inertia that is behind the gear
     # torques that the motor has to hold
     "unbalance": 0.0,
     "unbalance_phase": 0.0,
@@ -136,6 +137,12 @@ class Trace:
     position_reference: np.ndarray
     true_velocity: np.ndarray
     true_position: np.ndarray
+    # For the label alone, at the start of each period; None where the machine has no such part.
+    twist: np.ndarray | None = None  # of the transmission, motor less load
+    twist_rate: np.ndarray | None = None
+    transmitted: np.ndarray | None = None  # torque through the transmission
+    delivered: np.ndarray | None = None  # torque that the motor's is beyond friction: of all inertia and all loads
+    load_level: np.ndarray | None = None  # what the load adds to the friction level, both sides together
 
 
 def stack(worlds: list[World]) -> dict[str, np.ndarray]:
