@@ -11,6 +11,7 @@ from fpjax.gap.answer.judge import _persist, _with_effects_behind
 from fpjax.gap.effects.twins import single_twins
 from fpjax.gap.select.decision import _bases
 from fpjax.gap.select.dominant import Curve, believed, dominant
+from fpjax.gap.select.verdict import Verdict
 from fpjax.gap.thresholds import THRESHOLDS
 
 
