@@ -62,7 +62,8 @@ class Thresholds:
         simpler: share [1] of the evidence over the nominal model that a simpler model may lose.
         factor: likewise, for one factor in the place of several wrong nominal numbers.
         beside: share [1] of what the nominal numbers alone leave of the missing energy, from which on an effect is told
-            as a cause however much of the gap the numbers make; beside one wrong number, what explains (`closes`).
+            as a cause however much of the gap the numbers make; beside exactly one wrong number it must take
+            1 - closes^2 of it.
         curve: share [1] of the missing torque's energy, as far as it moves the machine, that a table of one variable
             must hold for that variable to be the dominant one.
         curve_ahead: by how much more [1] than a table of any other variable.

@@ -111,8 +111,9 @@ def test_twins_share_and_the_simpler_statement_keeps_its_probability():
 # --- classes
 
 
-def classes(chosen, rivals, effect, twins=()):
-    return indistinguishable(SimpleNamespace(chosen=chosen, rivals=(chosen, *rivals)), effect, list(twins))
+def classes(chosen, rivals, effect, twins=(), alike=None):
+    decision = SimpleNamespace(chosen=chosen, rivals=(chosen, *rivals), alike=alike or {})
+    return indistinguishable(decision, effect, list(twins))
 
 
 def test_a_class_wants_close_evidence_in_the_same_place():
@@ -121,6 +122,14 @@ def test_a_class_wants_close_evidence_in_the_same_place():
     assert classes(chosen, rivals, "actuator_lag") == ("velocity_lag",)
     assert classes(chosen, rivals, "stribeck") == ()
     assert classes(chosen, [weighed("velocity_lag+stribeck", 95.0)], "actuator_lag") == ()
+
+
+def test_a_number_that_makes_up_for_a_wrong_one_is_named_with_it():
+    alike = {"coulomb_error": ("viscous_error",)}
+    assert classes(weighed("", 100.0, wide=("coulomb", "viscous")), [], "coulomb_error", (), alike) == (
+        "viscous_error",
+    )
+    assert classes(weighed("", 100.0, wide=("coulomb", "viscous")), [], "inertia_error", (), alike) == ()
 
 
 def test_a_class_holds_three_names_and_the_exact_twin_comes_first():

@@ -23,34 +23,39 @@ def shares(energies):
         return [fit(frozenset({e.name for e in s.effects} | {f"{n}_error" for n in s.wide})) for s in starts]
 
     exact = SimpleNamespace(fit=fit(frozenset()), left=lambda one: energies[one.names] ** 0.5)
-    return shares_of(SimpleNamespace(fitted=fitted), exact, fit(whole), [])
+    found, alike = shares_of(SimpleNamespace(fitted=fitted), exact, fit(whole), [])
+    return found, {name: others for name, others in alike.items() if others}
 
 
 def test_a_cause_takes_what_comes_back_without_it():
-    found = shares({(): 1.0, ("unbalance",): 0.4, ("inertia_error",): 0.7, ("unbalance", "inertia_error"): 0.1})
+    found, alike = shares({(): 1.0, ("unbalance",): 0.4, ("inertia_error",): 0.7, ("unbalance", "inertia_error"): 0.1})
     assert found == pytest.approx({"unbalance": 0.6, "inertia_error": 0.3})
     assert list(found) == ["unbalance", "inertia_error"]
+    assert not alike
 
 
-def test_of_numbers_that_make_up_for_each_other_the_one_that_takes_more_takes_what_both_do():
+def test_of_numbers_that_make_up_for_each_other_one_takes_what_both_do_and_names_the_other():
     coulomb, viscous = "coulomb_error", "viscous_error"
-    found = shares({(): 1.0, (coulomb,): 0.33, (viscous,): 0.34, (coulomb, viscous): 0.3})
+    found, alike = shares({(): 1.0, (coulomb,): 0.33, (viscous,): 0.34, (coulomb, viscous): 0.3})
     assert found == pytest.approx({coulomb: 0.67, viscous: 0.03})
+    assert alike == {coulomb: (viscous,)}
 
 
 def test_numbers_that_matter_little_even_together_are_details():
     effect, coulomb, viscous = "cogging", "coulomb_error", "viscous_error"
-    found = shares({
+    found, alike = shares({
         (): 1.0, (effect,): 0.12, (effect, coulomb): 0.1, (effect, viscous): 0.11, (coulomb, viscous): 0.9,
         (effect, coulomb, viscous): 0.09,
     })  # fmt: skip
+    assert not alike
     assert found == pytest.approx({effect: 0.81, coulomb: 0.02, viscous: 0.01})
 
 
 def test_three_numbers_are_taken_on_one_by_one_until_little_is_left():
     a, b, c = "inertia_error", "coulomb_error", "viscous_error"
-    found = shares({
-        (): 1.0, (a,): 0.5, (b,): 0.4, (c,): 0.45, (a, b): 0.27, (b, c): 0.29, (a, c): 0.28, (a, b, c): 0.25,
+    found, alike = shares({
+        (): 1.0, (a,): 0.5, (b,): 0.4, (c,): 0.46, (a, b): 0.27, (b, c): 0.29, (a, c): 0.28, (a, b, c): 0.25,
     })  # fmt: skip
     # Without the third a detail is left; its share stays what comes back without it alone.
     assert found == pytest.approx({b: 0.6, a: 0.13, c: 0.02})
+    assert alike == {a: (c,)}

@@ -1,5 +1,6 @@
 """The verdict as a pure function of fits that no longer change."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -298,12 +299,20 @@ def test_behind_numbers_that_are_told_alone_stand_the_effects_that_stood_beside_
     main = {"inertia_error": 0.8, "torque_gain_error": 0.05}
     numbers = Verdict("partly_explained", ("inertia_error",), 0.8, main, main, 50.0, 0.5)
     among = {"inertia_error": 0.2, "constant_torque": 0.2, "torque_gain_error": 0.01}
-    found = _with_effects_behind(numbers, Verdict("unexplained", (), 0.75, {"inertia_error": 0.2}, among, 5.0, 0.3))
-    assert found.main["inertia_error"] == 0.8
-    assert found.main["constant_torque"] == pytest.approx(0.2 * 0.15 / 0.21)
-    assert found.main["torque_gain_error"] == 0.05
-    assert sum(found.main.values()) <= 1.0
+    beside = Verdict("unexplained", (), 0.75, {"inertia_error": 0.2}, among | {"velocity_lag": 0.98}, 5.0, 0.3)
+    found = _with_effects_behind(numbers, beside, {"velocity_lag", "velocity_delay"})
+    assert found.main == pytest.approx({**main, "constant_torque": 0.2 * 0.15})
+    assert all(found.main[name] <= found.among[name] for name in found.main)
     assert (found.word, found.causes) == (numbers.word, numbers.causes)
+    # Many that stood beside them share the room.
+    many = replace(beside, among=dict.fromkeys(("cogging", "stribeck", "backlash"), 0.9))
+    assert sum(_with_effects_behind(numbers, many, ()).main.values()) == pytest.approx(1.0)
+
+
+def test_a_number_of_which_little_is_taken_leads_by_its_share_of_half_the_gap():
+    chosen = weighed("", 100.0, wide=("inertia",), left=1.0)
+    found = judged(chosen, [], shares={"inertia_error": 0.06}, left=1.0, moved=0.6)
+    assert (found.word, found.ahead) == ("unexplained", pytest.approx(0.06 / (1.0 - THRESHOLDS.part**2)))
 
 
 def test_an_effect_whose_size_may_be_nothing_is_not_asserted():

@@ -35,7 +35,8 @@ class Answer:
         probability: that the verdict is right [1], calibrated on simulated logs: the causes are exactly these (each
             itself or one that it cannot be distinguished from), or, with no causes stated, no effect tried is one.
         ahead: lead of the first cause [1]: share of the evidence that the best model without it lacks; for a wrong
-            nominal number, share of the gap that would come back without it. 0 where nothing leads.
+            nominal number, what would come back without it, of what all causes take of the gap (of half of it where
+            they take less). 0 where nothing leads.
         seconds: time of each stage [s], by its name.
         motion: "rotary" or "linear", as in the model's `[units]`.
         nominal: the model as given, `servo.toml` text, so that a report can show what changed; "" where unknown.

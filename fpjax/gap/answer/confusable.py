@@ -11,8 +11,9 @@ from ..thresholds import THRESHOLDS
 def indistinguishable(decision: Decision, effect: str, twins: Sequence[Twin]) -> tuple[str, ...]:
     """Effects that could replace one of the causes.
 
-    First a single effect that is its exact twin; then effects in whose place the model has nearly the same worth
-    (within `close` nats); last, if the class has room, several effects that together are an exact twin.
+    First a single effect that is its exact twin, and wrong numbers that make up for it; then effects in whose place the
+    model has nearly the same worth (within `close` nats); last, if the class has room, several effects that together
+    are an exact twin.
 
     Args:
         decision: of the fits.
@@ -24,7 +25,9 @@ def indistinguishable(decision: Decision, effect: str, twins: Sequence[Twin]) ->
     """
     # Each a tuple of effects that together give the same log.
     sets = [twin.instead for twin in twins if effect in twin.causes]
-    found = [instead[0] for instead in sets if len(instead) == 1][: THRESHOLDS.largest_class - 1]
+    found = [instead[0] for instead in sets if len(instead) == 1]
+    found = [*found, *(name for name in decision.alike.get(effect, ()) if name not in found)]
+    found = found[: THRESHOLDS.largest_class - 1]
     for rival, other in _in_place(decision.chosen, effect, decision.rivals):
         if len(found) >= THRESHOLDS.largest_class - 1 or rival.behind(decision.chosen) >= THRESHOLDS.close:
             break

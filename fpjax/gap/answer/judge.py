@@ -1,6 +1,6 @@
 """The verdict on a decision, with the sizes that it is based on: gap, covariance, courses, curves."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,15 +84,24 @@ def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: 
     numbers = _judge(search, by_numbers(search, decision), read, curves, unit)
     if numbers.verdict.word not in ("explained", "partly_explained") or not _persist(numbers, decision):
         return found
-    return replace(numbers, verdict=_with_effects_behind(numbers.verdict, found.verdict))
+    misread = {name for one in read.readings for name in (one.effect, one.rival)}
+    return replace(numbers, verdict=_with_effects_behind(numbers.verdict, found.verdict, misread))
 
 
-def _with_effects_behind(numbers: Verdict, beside: Verdict) -> Verdict:
-    """The numbers' verdict; behind them, in the room that they leave, the effects that stood beside them."""
-    effects = {name: p for name, p in beside.among.items() if name.removesuffix("_error") not in NOMINAL}
-    room = max(1.0 - sum(numbers.main.values()), 0.0) / max(sum(effects.values()), 1e-300)
-    behind = {name: max(p * min(room, 1.0), numbers.main.get(name, 0.0)) for name, p in effects.items()}
-    return replace(numbers, main={**numbers.main, **behind})
+def _with_effects_behind(numbers: Verdict, beside: Verdict, misread: Collection[str]) -> Verdict:
+    """The numbers' verdict; behind them, in the room that they leave, the effects that stood beside them.
+
+    Args:
+        numbers: what is told.
+        beside: the verdict that is not.
+        misread: errors of the velocity column and what they may be instead: both verdicts have them.
+    """
+    known = {*numbers.main, *misread, *(f"{name}_error" for name in NOMINAL)}
+    effects = {name: p for name, p in beside.among.items() if name not in known}
+    room = max(1.0 - sum(numbers.main.values()), 0.0) / max(sum(effects.values()), 1.0)
+    behind = {name: room * p for name, p in effects.items()}
+    among = {name: max(p, numbers.among.get(name, 0.0)) for name, p in behind.items()}
+    return replace(numbers, main={**numbers.main, **behind}, among={**numbers.among, **among})
 
 
 def _persist(numbers: Judged, decision: Decision, t: Thresholds = THRESHOLDS) -> bool:

@@ -1,7 +1,7 @@
 """Decision: which causes, from fits that no longer change, and the order in which they were tried."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -56,6 +56,7 @@ class Decision:
         shares: of the nominal model's missing energy, what would come back without each cause of `chosen` [1], the
             largest first.
         judged: windows on which models were compared, one array of indices a record.
+        alike: by wrong number, those that would do as well in its place.
     """
 
     exact: Fit
@@ -66,6 +67,7 @@ class Decision:
     path: tuple[Fit, ...]
     shares: dict[str, float]
     judged: tuple[Values, ...]
+    alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[str, Curve] | None = None) -> Decision:
@@ -114,9 +116,9 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
     stage("simpler causes", 0.0)
     chosen = _simpler(search, exact, chosen)
     stage("what each cause takes", 0.0)
-    shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
+    shares, alike = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
     path = (*path, chosen.fit)
-    return Decision(exact.fit, nominal, tuple(singles), chosen, tuple(rivals), path, shares, exact.judged)
+    return Decision(exact.fit, nominal, tuple(singles), chosen, tuple(rivals), path, shares, exact.judged, alike)
 
 
 def by_numbers(search: Search, decision: Decision) -> Decision:
@@ -124,8 +126,9 @@ def by_numbers(search: Search, decision: Decision) -> Decision:
     exact = Exact(decision.exact, decision.judged)
     numbers = settled(search, exact, decision.nominal)
     known = [w.fit for w in (decision.nominal, *decision.singles)]
-    shares = shares_of(search, exact, numbers.fit, known)
-    return replace(decision, chosen=numbers, rivals=decision.singles, path=(decision.exact, numbers.fit), shares=shares)
+    shares, alike = shares_of(search, exact, numbers.fit, known)
+    path = (decision.exact, numbers.fit)
+    return replace(decision, chosen=numbers, rivals=decision.singles, path=path, shares=shares, alike=alike)
 
 
 def _alone(search: Search) -> list[Start]:

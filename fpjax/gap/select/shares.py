@@ -8,8 +8,10 @@ from ..fit.search import Search
 from ..thresholds import THRESHOLDS
 from .weighed import Exact
 
+Alike = dict[str, tuple[str, ...]]  # by wrong number, those that would do as well in its place
 
-def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> dict[str, float]:
+
+def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> tuple[dict[str, float], Alike]:
     """What would come back of the nominal model's missing energy without each cause [1], the largest first.
 
     What is left without a cause is that of the most likely fit without it: from where the whole stands, from the
@@ -24,34 +26,41 @@ def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> d
     # Energies, not rms values: of causes that act at different times or frequencies they add up.
     whole, now = max(exact.left(exact.fit) ** 2, 1e-300), exact.left(fit) ** 2
     c = fit.candidate
-    singly = [(name,) for name in (*c.structural, *(f"{number}_error" for number in c.wide))]
+    numbers = [f"{number}_error" for number in NOMINAL if number in c.wide]
+    singly = [(name,) for name in (*c.structural, *numbers)]
     without = _fits_without(search, fit, singly, known)
     shares = {name: max(exact.left(without[(name,)]) ** 2 - now, 0.0) / whole for (name,) in singly}
-    details = [f"{number}_error" for number in c.wide if shares[f"{number}_error"] <= THRESHOLDS.matters]
+    details = [name for name in numbers if shares[name] <= THRESHOLDS.matters]
+    alike: Alike = {}
     if len(details) > 1:
-        shares |= _one_by_one(search, exact, fit, details, known)
-    return dict(sorted(shares.items(), key=lambda item: -item[1]))
+        found, alike = _one_by_one(search, exact, fit, details, known)
+        shares |= found
+    return dict(sorted(shares.items(), key=lambda item: -item[1])), alike
 
 
 def _one_by_one(
     search: Search, exact: Exact, fit: Fit, details: Sequence[str], known: Sequence[Fit]
-) -> dict[str, float]:
+) -> tuple[dict[str, float], Alike]:
     """Shares of wrong numbers of which one makes up for the other, so that none alone would bring much back.
 
     Where Coulomb and viscous friction are both missing, either does. Without both much comes back: they are taken on
-    again one by one, the one that takes most first, while without the rest too much is left.
+    again one by one, the one that takes most first, while without the rest too much is left; with each, those that
+    would have done as well.
     """
     whole, now = max(exact.left(exact.fit) ** 2, 1e-300), exact.left(fit) ** 2
-    out, found = tuple(details), {}
+    matters = THRESHOLDS.matters * whole
+    out, found, alike = tuple(details), {}, {}
     left = exact.left(_fits_without(search, fit, [out], known)[out]) ** 2
-    while len(out) > 1 and left - now > THRESHOLDS.matters * whole:
+    while len(out) > 1 and left - now > matters:
         fewer = {name: tuple(other for other in out if other != name) for name in out}
         fits = _fits_without(search, fit, list(fewer.values()), known)
         after = {name: exact.left(fits[rest]) ** 2 for name, rest in fewer.items()}
         name = min(out, key=lambda one: after[one])
         found[name] = max(left - after[name], 0.0) / whole
+        alike[name] = tuple(other for other in fewer[name] if after[other] <= after[name] + matters)
         out, left = fewer[name], after[name]
-    return found
+    # What is needed beside it does not stand in its place.
+    return found, {name: tuple(n for n in others if n not in found) for name, others in alike.items()}
 
 
 def _fits_without(

@@ -104,7 +104,7 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     sets = _sets(decision, chosen, seen)
     others = _others(sets, chosen, seen)
     margin = chosen.worth - max([0.0, *(s.worth for s in others)]) if chosen.names else 0.0
-    lead = _lead(decision, chosen, margin)
+    lead = _lead(decision, chosen, margin, thresholds)
     near = len({s.names[0] for s in others if chosen.worth - s.worth <= thresholds.sure})
     word = _word(decision, seen, chosen, near, lead, thresholds)
     asserted = chosen.names if word in ("explained", "partly_explained") else ()
@@ -144,7 +144,8 @@ def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, .
     """The causes of the chosen model without which a share that matters would come back, the largest first.
 
     An effect that takes less of the gap is told too if it takes half of what no choice of the numbers would have
-    closed; beside one wrong number and right ones, which is no guess, only if it explains what that leaves.
+    closed; where evidence takes one number alone for wrong (however little the errors of others matter), only if it
+    explains what that leaves.
     """
     size, weight, _ = _sizes(decision, seen, t)
     shown = decision.nominal.left * seen.share > t.nothing
@@ -278,17 +279,18 @@ def _is_number(name: str) -> bool:
     return name.endswith("_error") and name.removesuffix("_error") in NOMINAL
 
 
-def _lead(decision: Decision, chosen: _Set, margin: float) -> float:
+def _lead(decision: Decision, chosen: _Set, margin: float, t: Thresholds) -> float:
     """How far the leading cause is beyond the others' reach [1].
 
     Of what the chosen model is worth, what no model without the cause is. Every model frees the nominal numbers, so
-    that a wrong one is beside any effect: it leads by what would come back without it, of what all causes take.
+    that a wrong one is beside any effect: it leads by what would come back without it, of what all causes take, or of
+    half of the gap where they take less.
     """
     if not chosen.names:
         return 0.0
     if _is_number(chosen.names[0]):
-        taken = 1.0 - min(decision.chosen.left, 1.0) ** 2
-        return float(np.clip(decision.shares.get(chosen.names[0], 0.0) / max(taken, 1e-12), 0.0, 1.0))
+        taken = max(1.0 - min(decision.chosen.left, 1.0) ** 2, 1.0 - t.part**2)
+        return float(np.clip(decision.shares.get(chosen.names[0], 0.0) / taken, 0.0, 1.0))
     return float(np.clip(margin / decision.chosen.gain, 0.0, 1.0)) if decision.chosen.gain > 0.0 else 0.0
 
 
