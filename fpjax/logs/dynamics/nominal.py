@@ -51,10 +51,11 @@ LOOSE = 3.0
 EXPLAINED = 0.3  # share of the motion's (or the torque's) variance: with less explained, the numbers mean nothing
 NOISY = 1e-3  # share of noise in the motion's energy within a window, up to which windows serve to solve for the torque
 MATTERS = 0.02  # of the torque's rms: a smaller unbalance is not worth its two parameters
-# Of an unbalance's rms torque: where it and the offset leave less of each other, and the model leaves more than as much
-# of what it varies by, they are two large torques that follow something else over a short travel (a cogging, a friction
-# by position). Set on simulated machines (development logs, and reported ones that had been opened): of 28 fits that
-# cancel so, 27 had no unbalance, and 25 leave that much; a machine with a balancer leaves little.
+# Of an unbalance's rms torque: where it and the offset leave less than this of each other, and the model's residual is
+# more than this of what the unbalance varies by, they are two large torques that follow something else over a short
+# travel (a cogging, a friction by position). Set on simulated machines (development logs, and reported ones that had
+# been opened): of 28 fits that cancel so 27 had no unbalance, of which 24 hardly stand out and one is more than any
+# torque of its log; the one that had one stands out, as does a weight with a balancer.
 CANCELLED = 0.5
 PARAMETERS = ("inertia", "coulomb", "viscous", "offset", "sine", "cosine")
 
