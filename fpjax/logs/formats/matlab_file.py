@@ -74,8 +74,10 @@ def _class_of(value: Any) -> str:
         return "object"
     if not isinstance(value, MatlabOpaque):
         return ""
-    # Its fields are the type system, the class and a reference; older versions of scipy have its name before them.
-    return str(value[list(value.dtype.names or ())[-2]].item())
+    # Its fields are the type system, the class and a reference; older versions of scipy have its name before them, and
+    # the class in bytes.
+    kind = value[list(value.dtype.names or ())[-2]].item()
+    return kind.decode() if isinstance(kind, bytes) else str(kind)
 
 
 def _unread(objects: Mapping[str, str]) -> str:

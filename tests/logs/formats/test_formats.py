@@ -143,9 +143,9 @@ def test_objects_of_matlab_are_named_and_do_not_hide_a_log(tmp_path, columns):
     io.savemat(tmp_path / "log.mat", {"time": columns["time"]})
     with (tmp_path / "log.mat").open("ab") as file:
         file.write(matlab_object("torque", "timeseries") + matlab_object("velocity", "timeseries"))
-    with pytest.raises(
-        InputError, match=r"no column torque and no column velocity.*only MATLAB can read \(timeseries 'torque'"
-    ):
+    # Older versions of scipy do not tell the objects' names.
+    called = r"only MATLAB can read \((timeseries 'torque'|a timeseries\))"
+    with pytest.raises(InputError, match=rf"no column torque and no column velocity.*{called}"):
         read_log(tmp_path / "log.mat")
     io.savemat(tmp_path / "whole.mat", dict(columns))
     with (tmp_path / "whole.mat").open("ab") as file:
