@@ -275,6 +275,7 @@ def test_a_wrong_number_leads_by_its_share_of_what_all_causes_take():
     found = judged(chosen, [], shares=shares, left=0.5)
     assert (found.word, found.causes) == ("partly_explained", ("viscous_error",))
     assert found.ahead == pytest.approx(0.35 / 0.75)
+    assert found.probability == pytest.approx(THRESHOLDS.right_partly_number)
     # The same share is little where the causes take nearly all.
     assert judged(chosen, [], shares={"viscous_error": 0.25, "velocity_lag": 0.01}, left=0.5).word == "unexplained"
 

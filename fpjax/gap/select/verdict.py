@@ -108,8 +108,7 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     near = len({s.names[0] for s in others if chosen.worth - s.worth <= thresholds.sure})
     word = _word(decision, seen, chosen, near, lead, thresholds)
     asserted = chosen.names if word in ("explained", "partly_explained") else ()
-    little = word == "partly_explained" and seen.after >= thresholds.part * seen.before
-    top = thresholds.right_dominant if little else _top(word, lead, thresholds)
+    top = _top(word, chosen, lead, seen, thresholds)
     shares = _shares(sets, top, thresholds.temper)
     main, among = _by_effect(shares)
     found = Verdict(word, asserted, _right(asserted, shares, main), main, among, margin, lead)
@@ -294,10 +293,14 @@ def _lead(decision: Decision, chosen: _Set, margin: float, t: Thresholds) -> flo
     return float(np.clip(margin / decision.chosen.gain, 0.0, 1.0)) if decision.chosen.gain > 0.0 else 0.0
 
 
-def _top(word: Word, lead: float, t: Thresholds) -> float:
+def _top(word: Word, chosen: _Set, lead: float, seen: Seen, t: Thresholds) -> float:
     """Probability that any of the sets tried is right."""
     if word == "no_gap":
         return t.right_no_gap
+    if word == "partly_explained" and _is_number(chosen.names[0]):
+        return t.right_partly_number
+    if word == "partly_explained" and seen.after >= t.part * seen.before:
+        return t.right_dominant
     table = {
         "explained": t.right_explained, "partly_explained": t.right_partly, "unexplained": t.right_unexplained,
     }  # fmt: skip
