@@ -18,7 +18,7 @@ from ..simulation.precision import double_precision
 from .answer.assemble import assemble
 from .answer.curves import curves_of
 from .answer.provenance import provenance
-from .data.inputs import about_noise, look_at, on_one_clock, read_logs, read_model
+from .data.inputs import about_noise, contradictions, look_at, on_one_clock, read_logs, read_model
 from .data.record import about_stretches, make_records
 from .data.setting import make_setting
 from .diagnosis import Diagnosis
@@ -111,7 +111,9 @@ def _diagnose(
     everything = on_one_clock([*logs, *withheld])
     logs, withheld = everything[: len(logs)], everything[len(logs) :]
     warnings = [sentence for one in everything for sentence in one.warnings]
-    warnings += look_at(everything, model)
+    looked = look_at(everything, model)
+    warnings += looked
+    doubts = contradictions(everything, model)
     if untried := " and ".join(effect.name for effect in without_place(model, effects)):
         warnings.append(
             f"{untried} is not tried: the model file has two masses, and bristles are simulated on one alone."
@@ -120,14 +122,17 @@ def _diagnose(
         search = make_search(logs, withheld, model, effects, keep)
         warnings += about_stretches(search.records)
         curves = curves_of(search)
+        if doubts and search.records[0].velocity is None:
+            doubts = contradictions(everything, model, rate=False)
         decision = decide(search, clock, curves.by)
         clock("intervals and curves")
-        found = assemble(search, decision, curves, model, warnings, allowed, clock)
+        found = assemble(search, decision, curves, model, warnings, allowed, clock, "; ".join(doubts[:1]))
     except np.linalg.LinAlgError as error:
         names = ", ".join(log.name for log in everything[:3])
         raise InputError(
             f"{names}: no model can be fitted to what is recorded ({error}): the motion is too uniform, a column is "
             "not what it says, or the model is far off; look at it with fpjax inspect, and record a run with reversals."
+            + (f" Noticed: {' '.join(looked)}" if looked else "")
         ) from error
     made = provenance(everything, search.records, model, allowed, started)
     clock.done()

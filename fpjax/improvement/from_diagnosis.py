@@ -37,6 +37,7 @@ class Known:
         made: whether the model's controller is known to have made the log's torque.
         model: the corrected model with the learned laws, as servo.toml text; "" where there is none.
         model_missing: why there is none.
+        contradiction: what of the log cannot be so; "" for nothing.
     """
 
     posterior: Posterior
@@ -47,6 +48,7 @@ class Known:
     made: bool
     model: str
     model_missing: str
+    contradiction: str = ""
 
 
 def known_of(diagnosis: Diagnosis) -> Known:
@@ -60,6 +62,7 @@ def known_of(diagnosis: Diagnosis) -> Known:
     return Known(
         diagnosis.posterior, diagnosis.verdict, diagnosis.causes, diagnosis.gap.after, diagnosis.learned,
         diagnosis.tracking is not None, diagnosis.learned_model or diagnosis.model, diagnosis.model_missing,
+        diagnosis.contradiction,
     )  # fmt: skip
 
 
@@ -132,6 +135,7 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
             load_posterior(folder / FILE), content["verdict"], tuple(content["causes"]),
             float(after) if after is not None else math.nan, laws, content.get("tracking") is not None,
             content.get("learned_model") or content["model"], content.get("model_missing", ""),
+            content.get("contradiction", ""),
         )  # fmt: skip
     except FileNotFoundError:
         raise InputError(

@@ -117,6 +117,8 @@ def improve_known(
     keep: Keep | None, kept: Found | None,
 ) -> Improvement:  # fmt: skip
     """The improvement from a diagnosis that is already there."""
+    if known.contradiction:
+        raise InputError(f"{known.contradiction} No gains are tuned on this log until that is settled.")
     clock("machines")
     whole = record_of(log, nominal)
     whole_table = table

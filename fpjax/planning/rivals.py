@@ -71,6 +71,8 @@ def read_diagnosis(source: Any) -> JsonObject:
             raise InputError(f"{path} is not JSON ({error}): give the --out folder of fpjax diagnose.") from error
     if not isinstance(content, dict) or not isinstance(content.get("ranking"), list):
         raise InputError(f"{name} holds no ranking: give the --out folder of fpjax diagnose.")
+    if content.get("contradiction"):
+        raise InputError(f"{content['contradiction']} No run is planned from this diagnosis until that is settled.")
     return content
 
 

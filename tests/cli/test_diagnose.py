@@ -15,7 +15,7 @@ from model_files import LARGE_BODY
 from fpjax import load_model, read_log
 from fpjax.cli import main
 from fpjax.gap import Estimate
-from fpjax.gap.data.inputs import look_at
+from fpjax.gap.data.inputs import contradictions, look_at
 from fpjax.gap.report.digits import show_estimate
 from fpjax.output.folder_names import folder_names
 
@@ -100,7 +100,49 @@ def test_a_log_that_is_not_what_it_says_is_warned_of(made, change, match):
     time, torque, velocity = np.loadtxt(made / "log.csv", delimiter=",", skiprows=1).T
     torque, velocity = change(time, torque, velocity)
     log = read_log({"time": time, "torque": torque, "velocity": velocity})
-    assert any(match in sentence for sentence in look_at([log], load_model(made / "nominal.toml")))
+    model = load_model(made / "nominal.toml")
+    assert any(match in sentence for sentence in look_at([log], model))
+    assert any(match in sentence for sentence in contradictions([log], model))
+
+
+def test_a_column_that_is_not_fitted_contradicts_nothing():
+    time = np.arange(0.0, 4.0, 1e-3)
+    position = np.sin(3.0 * time) + 0.2 * np.sin(17.0 * time)
+    velocity, acceleration = np.gradient(position, 1e-3), np.gradient(np.gradient(position, 1e-3), 1e-3)
+    torque = 10.0 * acceleration + 5.0 * np.sign(velocity)
+    model = load_model(NOMINAL)
+    log = read_log({"time": time, "torque": torque, "velocity": 57.3 * velocity, "position": position})
+    assert contradictions([log], model)
+    assert not contradictions([log], model, rate=False)
+    turns = dataclasses.replace(log, velocity=velocity, position=position / (2.0 * np.pi))
+    assert contradictions([turns], model, rate=False)
+
+
+def test_of_a_torque_in_another_unit_no_cause_is_told_and_no_gains_are_tuned(made, tmp_path, capsys):
+    log = np.loadtxt(made / "log.csv", delimiter=",", skiprows=1) * [1.0, 1e3, 1.0]
+    np.savetxt(tmp_path / "milli.csv", log, delimiter=",", header="time,torque,velocity", comments="")
+    out, model = tmp_path / "why", made / "nominal.toml"
+    words = ["diagnose", tmp_path / "milli.csv", "--model", model, "--out", out, "--no-cache"]
+    assert main([*map(str, words)]) == 0
+    answer, page = json.loads((out / "diagnosis.json").read_text()), (out / "report.html").read_text()
+    assert (answer["verdict"], answer["causes"]) == ("unexplained", [])
+    assert "may not belong to this log" in answer["contradiction"]
+    assert answer["contradiction"] in capsys.readouterr().out
+    assert "no cause is told, since a unit, a sign or the model cannot be right" in page
+    for verb in ("improve", "plan"):
+        given = [tmp_path / "milli.csv", "--reference", "model", "--free", "controller"] if verb == "improve" else []
+        words = [verb, *given, "--model", model, "--diagnosis", out, "--out", tmp_path / verb]
+        refuse(capsys, *words, match="until that is settled")
+
+
+def test_what_was_noticed_is_told_where_no_model_can_be_fitted(made, tmp_path, capsys):
+    """A time in milliseconds."""
+    log = np.loadtxt(made / "log.csv", delimiter=",", skiprows=1) * [1e3, 1.0, 1.0]
+    np.savetxt(tmp_path / "slow.csv", log, delimiter=",", header="time,torque,velocity", comments="")
+    words = ["diagnose", tmp_path / "slow.csv", "--model", made / "nominal.toml", "--out", tmp_path / "why"]
+    code = main([*map(str, words), "--no-cache"])
+    told = capsys.readouterr()
+    assert "is its time in ms?" in (told.err if code else told.out)
 
 
 def test_a_log_in_which_nothing_moves_is_refused(made, tmp_path, capsys):

@@ -78,3 +78,18 @@ def test_an_encoder_that_is_read_off_its_stamps_knows_its_place_no_better_than_t
     assert noise[0] < 5e-5
     # Position error = speed x jitter of the stamps.
     assert noise[1] == pytest.approx(2e-4 * np.sqrt(np.mean(speed**2)), rel=0.4)
+
+
+@pytest.mark.parametrize("factor", [-1.0, 1.0 / 6.33, 57.3])
+def test_a_column_in_another_unit_is_not_fitted_and_its_factor_is_told(factor):
+    """However short the log, and also where the drive derived the column from the encoder."""
+    short = turning(noise=1e-3, seconds=1.5, dt=2e-3)
+    for velocity in (short.velocity, np.gradient(short.position, short.dt)):
+        log = dataclasses.replace(short, velocity=factor * velocity)
+        (one,) = make_records([log], [], 0.01)
+        assert one.velocity is None
+        (found,) = readings(one, 0.01)
+        scale, deviation, _ = found.values["scale"]
+        assert found.effect == "velocity_scale_error"
+        assert scale == pytest.approx(factor, rel=0.05)
+        assert abs(scale - factor) < 4.0 * deviation + 0.02 * abs(factor)

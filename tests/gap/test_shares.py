@@ -1,5 +1,6 @@
 """What each cause takes of the missing torque, of models whose energies are given."""
 
+import itertools
 from types import SimpleNamespace
 
 import pytest
@@ -59,3 +60,20 @@ def test_three_numbers_are_taken_on_one_by_one_until_little_is_left():
     # Without the third a detail is left; its share stays what comes back without it alone.
     assert found == pytest.approx({b: 0.6, a: 0.13, c: 0.02})
     assert alike == {a: (c,)}
+
+
+def test_of_an_effect_and_a_number_that_make_up_for_each_other_the_effect_is_told():
+    """A weight on a winch that mostly lowers it is a Coulomb level too."""
+    weight, coulomb = "constant_torque", "coulomb_error"
+    found, alike = shares({(): 1.0, (weight,): 0.022, (coulomb,): 0.018, (weight, coulomb): 0.004})
+    assert found == pytest.approx({weight: 0.978, coulomb: 0.018})
+    assert alike == {weight: (coulomb,)}
+
+
+def test_details_that_add_up_stay_details():
+    """Three of 3 % each that have nothing to do with each other: together they matter, but none of them does."""
+    names = ("cogging", "constant_torque", "viscous_error")
+    energies = {some: 1.0 - 0.03 * len(some) for size in range(4) for some in itertools.combinations(names, size)}
+    found, alike = shares(energies)
+    assert found == pytest.approx(dict.fromkeys(names, 0.03))
+    assert not alike

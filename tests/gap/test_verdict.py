@@ -353,3 +353,13 @@ def test_an_exact_twin_is_no_rival_but_shares_the_probability():
 def test_evidence_that_is_not_finite_is_no_rival():
     found = judged(weighed("stribeck", 500.0), [weighed("backlash", -np.inf)])
     assert found.main["backlash"] < 1e-50
+
+
+@pytest.mark.parametrize("left", [0.02, 0.5])
+def test_nothing_is_asserted_of_a_log_that_cannot_be_what_it_says(left):
+    chosen = weighed("cogging", 100.0, left=left)
+    assert judged(chosen, [], left=left).causes == ("cogging",)
+    found = judged(chosen, [], left=left, contradicted=True, readings=("velocity_scale_error",))
+    assert (found.word, found.causes) == ("unexplained", ("velocity_scale_error",))
+    assert found.main["cogging"] <= THRESHOLDS.right_unexplained[0]
+    assert judged(chosen, [], share=1e-3, left=left, contradicted=True).word == "no_gap"

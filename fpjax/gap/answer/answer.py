@@ -51,6 +51,8 @@ class Answer:
         learned_model: the corrected model with the learned laws beside the causes, as `servo.toml` text; "" without.
         posterior: distribution of the fitted parameters, from which machines can be drawn; None where unknown.
         free_replay: how far free simulations leave the motion, before and after; None where unknown.
+        contradiction: of an unexplained gap, what of the logs cannot be so (a unit, a sign, a column, the model of
+            another machine), so that no cause is asserted; "" for nothing.
     """
 
     verdict: Word
@@ -80,10 +82,11 @@ class Answer:
     ahead: float = 0.0
     posterior: Posterior | None = None
     free_replay: FreeReplay | None = None
+    contradiction: str = ""
 
     def to_dict(self) -> JsonObject:
         """The contract's `diagnosis.json` (numbers, strings, lists and dictionaries only), and beside it `ahead`,
-        `tracking`, `free_replay`, `seconds`, `provenance`, `allowed_effects` and `model_missing`.
+        `tracking`, `free_replay`, `contradiction`, `seconds`, `provenance`, `allowed_effects` and `model_missing`.
         """
         return {
             "verdict": self.verdict,
@@ -104,6 +107,7 @@ class Answer:
             "model_missing": self.model_missing,
             "tracking": None if self.tracking is None else self.tracking.to_dict(),
             "free_replay": None if self.free_replay is None else self.free_replay.to_dict(),
+            "contradiction": self.contradiction,
             "allowed_effects": list(self.allowed) if self.allowed else "all",
             "seconds": {stage: round(spent, 3) for stage, spent in self.seconds.items()},
             "provenance": self.provenance,

@@ -50,7 +50,7 @@ ROUNDED = 1.5
 
 def assemble(
     search: Search, decision: Decision, curves: Curves, model: Model, warnings: Sequence[str], allowed: tuple[str, ...],
-    clock: StageClock,
+    clock: StageClock, contradiction: str = "",
 ) -> Answer:  # fmt: skip
     """The diagnosis, from the decision on the fits.
 
@@ -62,6 +62,7 @@ def assemble(
         warnings: about the logs.
         allowed: names of the effects that were tried; () for the whole vocabulary.
         clock: of the stages, called when each one begins.
+        contradiction: what of the logs cannot be so (`fpjax.gap.data.inputs.contradictions`); "" for nothing.
     """
     records = search.records
     linear = records[0].linear
@@ -71,7 +72,7 @@ def assemble(
     read = material(readings(in_one_piece(records[0]), search.setting.inertia), torque)
     read = tuple(one for one in read if not allowed or one.effect in allowed)
     rounded = [rounding(records, step, search.setting.inertia)] if step > 0.0 else []
-    known = Read(torque, (*read, *rounded), allowed)
+    known = Read(torque, (*read, *rounded), allowed, contradicted=bool(contradiction))
     judged = judge(search, decision, known, curves, search.setting.units.name("N m"))
     decision, found, gap, spread = judged.decision, judged.verdict, judged.gap, judged.spread
     before, after, chosen = judged.before, judged.after, judged.decision.chosen.fit
@@ -134,6 +135,7 @@ def assemble(
         nominal=model.text,
         tracking=tracking,
         free_replay=free_replay(search, decision.exact, chosen),
+        contradiction=contradiction if found.word == "unexplained" else "",
         same_as=tuple(twin.sentence() for twin in ranking.twins),
         allowed=allowed,
         learned=() if laws is None else laws.laws,

@@ -33,11 +33,13 @@ class Read:
         torque: rms of the commanded torque [N m].
         readings: errors of the velocity column, in any order.
         allowed: effects that may be asserted; empty for all.
+        contradicted: whether the logs contradict themselves or the model by more than any effect could.
     """
 
     torque: float
     readings: Sequence[Reading]
     allowed: tuple[str, ...]
+    contradicted: bool = False
 
 
 @dataclass(frozen=True)
@@ -190,6 +192,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         follows={effect.name: effect.follows for effect in search.effects},
         curves=curves.by,
         named=max(named_share(search, fit, curves) for fit in (chosen, *_alone(decision))),
+        contradicted=read.contradicted,
     )
     variable = dominant(curves.by)
     if variable is not None:

@@ -19,6 +19,7 @@ PLACES = {
     "limit": "near the torque limit",
 }
 SHOWN = 5  # entries of the ranking that are printed
+CANNOT_BE = "no cause is told, since a unit, a sign or the model cannot be right"
 MUCH = 0.4  # share of the energy in one regime from which that regime is named
 
 
@@ -38,6 +39,8 @@ def verdict_line(diagnosis: Answer) -> str:
             f"Partly explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data, "
             f"{1.0 - gap.closed:.1%} is left{_place(diagnosis)}."
         )
+    if diagnosis.contradiction:
+        return f"Unexplained: {CANNOT_BE}. {diagnosis.contradiction}"
     beside = f" beside {causes}" if diagnosis.causes else ""
     if gap.before <= gap.noise_floor:
         return (

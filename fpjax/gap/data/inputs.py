@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...logs import Log, LogSource, read_log
-from ...logs.checks.suspicions import Numbers, suspicions
+from ...logs.checks.suspicions import Numbers, Suspicion, suspicions
 from ...logs.dynamics.nominal import speed_of
 from ...logs.mending.resample import at_period
 from ...model_file import Model, ModelSource, load_model
@@ -18,6 +18,7 @@ from .setting import turns_with_position
 SAME_PERIOD = 1e-3  # relative difference of control periods that counts as none
 SIMILAR_PERIOD = 0.1  # likewise, up to which logs are resampled onto the period of the first
 OTHER_PERIOD = 4.0  # likewise, ratio above which they are not put together: most of the faster one would be lost
+CONTRADICTIONS = {"unit", "sign", "swapped", "inconsistent", "machine"}  # kinds of suspicions that no effect explains
 MOST_ROWS = 400_000  # samples that `_check_drive` reads, from the middle of the log: numerical derivatives take time
 
 
@@ -56,13 +57,7 @@ def look_at(logs: Sequence[Log], model: Model) -> list[str]:
     Raises:
         InputError: for a log that cannot be diagnosed.
     """
-    # The check of the model's numbers is a regression on acceleration, direction and speed. A load that turns with the
-    # position would look like an inertia to it, so such a model is not checked.
-    numbers = None
-    if not turns_with_position(model.loop.plant.load):
-        inertia, coulomb, viscous = (model.nominal.get(name, 0.0) for name in ("inertia", "coulomb", "viscous"))
-        numbers = Numbers(inertia, coulomb, viscous)
-    found = [one for log in logs for one in suspicions(log, numbers)]
+    found = _suspicions(logs, model)
     for one in found:
         if one.severity == "stop":
             raise InputError(one.sentence)
@@ -75,6 +70,30 @@ def look_at(logs: Sequence[Log], model: Model) -> list[str]:
         if abs(log.dt / model.dt - 1.0) > SAME_PERIOD
     ]
     return [*(one.sentence for one in found), *late]
+
+
+def contradictions(logs: Sequence[Log], model: Model, *, rate: bool = True) -> list[str]:
+    """What of the logs cannot be so, in the light of their other columns or of the model: a unit, a sign, a column.
+
+    No effect of the vocabulary is as large, and whatever is fitted to such a log bends after it.
+
+    Args:
+        logs: fitted and withheld.
+        model: the nominal one.
+        rate: whether a velocity column is fitted beside a position; one that is not does no harm.
+    """
+    used = [log if rate or log.position is None else dataclasses.replace(log, velocity=None) for log in logs]
+    return [one.sentence for one in _suspicions(used, model) if one.kind in CONTRADICTIONS]
+
+
+def _suspicions(logs: Sequence[Log], model: Model) -> list[Suspicion]:
+    # The check of the model's numbers is a regression on acceleration, direction and speed. A load that turns with the
+    # position would look like an inertia to it, so such a model is not checked.
+    numbers = None
+    if not turns_with_position(model.loop.plant.load):
+        inertia, coulomb, viscous = (model.nominal.get(name, 0.0) for name in ("inertia", "coulomb", "viscous"))
+        numbers = Numbers(inertia, coulomb, viscous)
+    return [one for log in logs for one in suspicions(log, numbers)]
 
 
 def _check_drive(log: Log, unit: str) -> None:

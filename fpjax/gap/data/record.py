@@ -11,6 +11,7 @@ from ...errors import InputError
 from ...logs import Log
 from ...logs.arrays import Values
 from ...logs.checks.stamp_jitter import stamp_jitter
+from ...logs.checks.suspicions import travelled
 from ...logs.noise import is_derived
 from .channel import Channel, common_noise, make_channel
 from .motion import encoder_rate, motion
@@ -18,6 +19,7 @@ from .split import every_fourth
 
 SECONDS = (0.5, 1.0)  # bounds of a window's length [s], within which it is the mean time between two reversals
 RESOLVED = 0.02  # of the torque's rms: standard deviation with which a window should resolve a constant torque
+ANOTHER = 0.5  # times the position's rate, below which (and above whose inverse) a velocity is in another unit
 TURNING = 0.05  # of the top speed: below it a sign of the speed is noise and counts as no direction
 SHORTEST, LONGEST = 64, (512, 1024)  # samples of a window; the most with and without a rate sensor
 FEWEST = 8  # windows that a log is cut into at least
@@ -137,6 +139,15 @@ def make_records(logs: Sequence[Log], holdout: Sequence[Log], inertia: float) ->
     ]
 
 
+def in_another_unit(velocity: Channel, position: Channel, dt: float) -> bool:
+    """Whether the velocity is a multiple of the position's rate that no scale error is: no motion has both.
+
+    `fpjax.gap.select.readings` tells its scale then.
+    """
+    ratio, together = travelled(velocity.values, position.values, dt)
+    return together > 0.5 and not ANOTHER < ratio < 1.0 / ANOTHER
+
+
 def _columns(log: Log, inertia: float) -> tuple[Channel | None, Channel | None]:
     """(rate, position) of a log that are fitted.
 
@@ -163,7 +174,7 @@ def _columns(log: Log, inertia: float) -> tuple[Channel | None, Channel | None]:
         position = replace(position, noise=float(np.hypot(position.noise, moved)))
         torque = float(np.sqrt(np.mean(np.square(log.torque))))
         enough = _resolved(None, position, inertia, SECONDS[1], float(log.dt)) < RESOLVED * torque
-        if enough or is_derived(velocity.values, position.values):
+        if enough or is_derived(velocity.values, position.values) or in_another_unit(velocity, position, float(log.dt)):
             velocity = None
     return velocity, position
 

@@ -6,7 +6,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from ..answer.summary import MUCH, nothing_closes
+from ..answer.summary import CANNOT_BE, MUCH, nothing_closes
 from .derived_values import AXES, classes, main_regime, places, shown_gap, tracking, twins_of
 from .digits import readable, show_percent, show_unit, show_with_unit
 from .names import EFFECTS, effect_name, is_wrong_value, join, motion_units, regime_name, sure
@@ -66,6 +66,8 @@ def verdict_sentence(diagnosis: Answer) -> str:
             f"some, and {_nothing_closes(diagnosis, 'it')}."
         )
     differs = f"The simulation misses {before} rms of {effort} on withheld data{over_floor}"
+    if diagnosis.contradiction:
+        return f"{differs}; {CANNOT_BE}. {diagnosis.contradiction}"
     if diagnosis.causes:
         return (
             f"{differs}; {_asserted(diagnosis)} is part of it, and {_nothing_closes(diagnosis, f'the {after} left')}."

@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...logs.arrays import Values
+from ...logs.checks.suspicions import BLOCKS, travelled
 from ...logs.dynamics.derivative import local_polynomial
 from ...logs.noise import is_derived
-from ..data.record import Record
+from ..data.record import Record, in_another_unit
 from ..fit.band import highest_of_speed
 from ..thresholds import THRESHOLDS, Thresholds
 
@@ -60,6 +61,8 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     """
     if record.reading is None or record.position is None or record.velocity is not None:
         return []
+    if in_another_unit(record.reading, record.position, record.dt):
+        return [_rescaled(record, inertia)]  # what else is wrong with it shows once that is mended
     if is_derived(record.reading.values, record.position.values):
         return []  # its filter is how it was made, and not a fault of a sensor
     dt = record.dt
@@ -80,7 +83,6 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     spread = float(np.sqrt(least / count))
     time = _refined(late, errors[name], place)
     shape = _lagged(true, time, dt) if name == "velocity_lag" else _delayed(true, time, dt)
-    moving = 1.0 / (2.0 * np.pi * highest_of_speed([record]))  # corner of a first-order lag with those weights [s]
     slope = float(np.sqrt(np.mean(np.gradient(true[inside], dt) ** 2)))
     found = []
     # Log likelihood ratio to a reading that is not late, for normal errors of unknown variance.
@@ -92,8 +94,7 @@ def readings(record: Record, inertia: float) -> list[Reading]:
 
     def made(name: str, values: dict[str, tuple[float, float, str]], change: Values, gained: float) -> Reading:
         rms = float(np.sqrt(np.mean(change[inside] ** 2)))
-        rate = _lagged(np.gradient(change[inside], dt), moving, dt)
-        return Reading(name, values, rms / size, inertia * float(np.sqrt(np.mean(rate**2))), float(gained))
+        return Reading(name, values, rms / size, inertia * _moving(record, change[inside]), float(gained))
 
     first = made(name, {key: (time, deviation, "s")}, change, gained)
     found.append(replace(first, rival=other, sure=sure))
@@ -105,6 +106,22 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     gained = 0.5 * (bias / max(spread, 1e-300)) ** 2
     found.append(Reading("velocity_bias", {"bias": (bias, spread, "rad/s")}, abs(bias) / size, 0.0, float(gained)))
     return sorted(found, key=lambda reading: -reading.size)
+
+
+def _rescaled(record: Record, inertia: float) -> Reading:
+    """A velocity column that is a multiple of the position's rate: its scale, from the distance travelled."""
+    assert record.position is not None
+    assert record.reading is not None
+    scale, together = travelled(record.reading.values, record.position.values, record.dt)
+    deviation = abs(scale) * float(np.sqrt(max(1.0 - together**2, 0.0) / BLOCKS))
+    values, size = {"scale": (scale, deviation, "1")}, abs(scale - 1.0)
+    return Reading("velocity_scale_error", values, size, inertia * size * _moving(record, record.speed), np.inf)
+
+
+def _moving(record: Record, change: Values) -> float:
+    """Rms of the rate of a change of the speed [rad/s^2], each frequency weighed by how far it moves the machine."""
+    corner = 1.0 / (2.0 * np.pi * highest_of_speed([record]))  # of a first-order lag with those weights [s]
+    return float(np.sqrt(np.mean(_lagged(np.gradient(change, record.dt), corner, record.dt) ** 2)))
 
 
 def rounding(records: Sequence[Record], step: float, inertia: float) -> Reading:

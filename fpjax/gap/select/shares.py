@@ -8,7 +8,7 @@ from ..fit.search import Search
 from ..thresholds import THRESHOLDS
 from .weighed import Exact
 
-Alike = dict[str, tuple[str, ...]]  # by wrong number, those that would do as well in its place
+Alike = dict[str, tuple[str, ...]]  # by cause, those that would do as well in its place
 
 
 def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> tuple[dict[str, float], Alike]:
@@ -30,22 +30,23 @@ def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> t
     singly = [(name,) for name in (*c.structural, *numbers)]
     without = _fits_without(search, fit, singly, known)
     shares = {name: max(exact.left(without[(name,)]) ** 2 - now, 0.0) / whole for (name,) in singly}
-    details = [name for name in numbers if shares[name] <= THRESHOLDS.matters]
     alike: Alike = {}
-    if len(details) > 1:
-        found, alike = _one_by_one(search, exact, fit, details, known)
-        shares |= found
+    for some in (numbers, [*c.structural, *numbers]):
+        details = [name for name in some if shares[name] <= THRESHOLDS.matters]
+        if len(details) > 1:
+            found, others = _one_by_one(search, exact, fit, details, known)
+            shares, alike = shares | found, alike | others
     return dict(sorted(shares.items(), key=lambda item: -item[1])), alike
 
 
 def _one_by_one(
     search: Search, exact: Exact, fit: Fit, details: Sequence[str], known: Sequence[Fit]
 ) -> tuple[dict[str, float], Alike]:
-    """Shares of wrong numbers of which one makes up for the other, so that none alone would bring much back.
+    """Shares of causes of which one makes up for the other, so that none alone would bring much back.
 
-    Where Coulomb and viscous friction are both missing, either does. Without both much comes back: they are taken on
-    again one by one, the one that takes most first, while without the rest too much is left; with each, those that
-    would have done as well.
+    Where Coulomb and viscous friction are both missing, either does; so does a Coulomb level for a weight that hangs on
+    a winch. Without both much comes back: they are taken on again one by one, the one that takes most first, while
+    without the rest too much is left; with each, those that would have done as well.
     """
     whole, now = max(exact.left(exact.fit) ** 2, 1e-300), exact.left(fit) ** 2
     matters = THRESHOLDS.matters * whole
@@ -55,9 +56,15 @@ def _one_by_one(
         fewer = {name: tuple(other for other in out if other != name) for name in out}
         fits = _fits_without(search, fit, list(fewer.values()), known)
         after = {name: exact.left(fits[rest]) ** 2 for name, rest in fewer.items()}
-        name = min(out, key=lambda one: after[one])
+        near = [
+            name for name in sorted(out, key=lambda one: after[one]) if after[name] <= min(after.values()) + matters
+        ]
+        # Of those that do as well, an effect stands in the model because its evidence is beyond that of the numbers.
+        name = next((one for one in near if one in fit.candidate.structural), near[0])
+        if left - after[name] <= matters:
+            break  # they only add up
         found[name] = max(left - after[name], 0.0) / whole
-        alike[name] = tuple(other for other in fewer[name] if after[other] <= after[name] + matters)
+        alike[name] = tuple(other for other in near if other != name)
         out, left = fewer[name], after[name]
     # What is needed beside it does not stand in its place.
     return found, {name: tuple(n for n in others if n not in found) for name, others in alike.items()}

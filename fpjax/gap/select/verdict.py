@@ -43,6 +43,7 @@ class Seen:
         misread: by error of the velocity column, how large it is beside the gap (`beside_gap`) [1].
         moved: `after` over `before` [1], each frequency weighted by how far it moves the machine: vibration that hardly
             does, and that no cause of the vocabulary holds, is most of what many real machines leave.
+        contradicted: whether a unit, a sign or a column of the logs cannot be what it says: no cause is asserted then.
     """
 
     before: float
@@ -61,6 +62,7 @@ class Seen:
     follows: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     misread: Mapping[str, float] = field(default_factory=dict)
     moved: float = 1.0
+    contradicted: bool = False
 
 
 @dataclass(frozen=True)
@@ -233,7 +235,7 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
     hidden = (seen.before < seen.floor or seen.share < t.slight) and decision.chosen.gain < t.chance
     if seen.share < t.nothing or hidden or _counts_as_right(decision, t):
         return "no_gap"
-    if chosen.names and chosen.names[0] in seen.unshown:
+    if seen.contradicted or (chosen.names and chosen.names[0] in seen.unshown):
         return "unexplained"
     left = seen.after / seen.before if seen.before > 0.0 else 1.0
     # A cause is reported with what this log cannot distinguish from it; a class of everything says nothing.

@@ -29,6 +29,7 @@ CLIPPED = 0.005  # share of the samples at an extreme
 FEW_LEVELS = 8  # different values: with so few the column is a relay's or a staircase command, not limited
 REPEATED = 0.002  # share of the samples that repeat the one before
 LATE = 0.02  # of a period: the stamps of drives and buses with clocks of their own jitter by less
+BLOCKS = 100  # of a log, over which velocity and position are compared
 MOST_ROWS = 400_000  # [samples]: a longer log is judged by its middle
 
 
@@ -327,7 +328,7 @@ def travelled(velocity: Values, position: Values, dt: float) -> tuple[float, flo
         position: [rad], shape (samples,).
         dt: control period [s].
     """
-    size = int(np.clip(len(velocity) // 100, 4, 200))
+    size = int(np.clip(len(velocity) // BLOCKS, 4, 200))
     ends = np.arange(0, len(velocity), size)
     walked = travel(velocity, dt)
     by_rate, by_angle = np.diff(walked[ends]), np.diff(position[ends])

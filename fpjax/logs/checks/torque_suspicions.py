@@ -104,7 +104,7 @@ def _nominal(
                 f"the model may not belong to this log: {seen}, {max(ratio, 1 / ratio):.3g} x "
                 f"off; check the unit of the {what} and the scale of the torque.",
                 "warn",
-                "nominal",
+                "machine",
             )
         return
     # fast = viscous friction is compared as a torque, at the speed that 5 % of the samples exceed

@@ -123,12 +123,10 @@ def find_sources(
         if name not in taken and plain in CANONICAL and plain not in found:
             found[plain] = Source(name, unit or units.get(name))
             taken.add(name)
-    notes = _guessed(found, taken, names, units, mapping.get("axis"), where, travel)
     # A torque column that the user mapped by the name of a measured one (`Iq`, `effort`) counts as measured too.
-    if "torque" in found and not found["torque"].measured:
-        known = guess([found["torque"].column], units)
-        if "torque_measured" in known and "torque" in mapping:
-            found["torque"] = found["torque"]._replace(measured=True)
+    if "torque" in mapping and "torque_measured" in guess([found["torque"].column], units):
+        found["torque"] = found["torque"]._replace(measured=True)
+    notes = _guessed(found, taken, names, units, mapping.get("axis"), where, travel)
     if "torque" not in found and "torque_measured" in found:
         found["torque"] = found.pop("torque_measured")._replace(measured=True)
     return found, notes
@@ -156,7 +154,8 @@ def _guessed(
     of_axis = {name: [one for one in each if one.axis in (None, chosen)] for name, each in guesses.items()}
     owner, owners = choose_owner(of_axis, mapped, travel)
     for canonical in CANONICAL:
-        if canonical in found:
+        # Where the user takes a measured torque for the command, another measured one is none of it.
+        if canonical in found or (canonical == "torque_measured" and "torque" in found and found["torque"].measured):
             continue
         fitting = of_owner(of_axis.get(canonical, []), owner if canonical != "time" else "")
         if canonical == "time":
@@ -332,7 +331,10 @@ def missing_sentence(names: list[str], lacking: list[str], where: str) -> str:
         for word in canonical.split(" or "):
             # word by word: of the whole name, "pi_time" would have enough letters in common with "position"
             likeness = {
-                name: max(difflib.SequenceMatcher(None, word, part).ratio() for part in re.split(r"[^a-z]+", name))
+                name: max(
+                    (difflib.SequenceMatcher(None, word, p).ratio() for p in re.split(r"[^a-z]+", name) if len(p) > 2),
+                    default=0.0,
+                )
                 for name in lower
             }
             near = max(likeness, key=lambda name: likeness[name], default="")

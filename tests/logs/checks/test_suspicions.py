@@ -110,7 +110,7 @@ def test_torque_and_velocity_swapped(log, with_position):
 def test_a_model_ten_times_off(log, factor):
     body = Numbers(factor * 0.05, factor * 0.4, factor * 0.03)
     found = suspicions(log, body)
-    assert (found[0].severity, found[0].kind) == ("warn", "nominal")
+    assert (found[0].severity, found[0].kind) == ("warn", "machine")
     assert "10" in found[0].sentence or "9.9" in found[0].sentence
 
 
@@ -226,7 +226,7 @@ def test_a_real_axis(name):
     assert suspicions(log, body) == []
     assert "mm" in suspicions(dataclasses.replace(log, position=1e3 * log.position), body)[0].sentence
     assert kinds(dataclasses.replace(log, torque=-log.torque), body) == [("warn", "sign")]
-    assert kinds(dataclasses.replace(log, torque=data["vir"]), body) == [("warn", "nominal")]
+    assert kinds(dataclasses.replace(log, torque=data["vir"]), body) == [("warn", "machine")]
 
 
 def test_a_velocity_is_held_against_its_reference_where_there_is_no_position(log):

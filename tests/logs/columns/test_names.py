@@ -370,3 +370,21 @@ def test_a_torque_that_was_computed_from_the_current_was_not_commanded(columns):
     assert log.torque_unit == "N m"
     data["current"] = data["current"] + 1e-3 * np.random.default_rng(1).standard_normal(data["current"].size)
     assert not read_log(data).torque_measured
+
+
+def test_a_measured_torque_that_stands_for_the_command_has_none_beside_it(columns):
+    data = {
+        "time": columns["time"], "tau_measured": columns["torque"], "velocity": columns["velocity"],
+        "tau_feedback": 0.5 * columns["torque"],
+    }  # fmt: skip
+    log = read_log(data, columns="torque=tau_measured")
+    assert log.torque_measured
+    assert "torque_measured" not in log.extra
+    assert not any("tau_feedback" in sentence for sentence in log.warnings)
+
+
+def test_two_letters_are_like_no_word(columns):
+    data = {"Im1": columns["torque"], "Iz1": columns["time"], "velocity": columns["velocity"]}
+    with pytest.raises(InputError, match="no column time") as told:
+        read_log(data)
+    assert "time=Im1" not in str(told.value)
