@@ -13,7 +13,7 @@ from ..data.record import Record, in_one_piece
 from ..effects.experiments import Experiment, next_experiment
 from ..fit.search import Search
 from ..select.decision import Decision
-from ..select.readings import Reading, material, readings, rounding
+from ..select.readings import Reading, material, rounding, sure_readings
 from ..select.verdict import Verdict
 from ..thresholds import THRESHOLDS
 from .answer import Answer
@@ -38,6 +38,7 @@ from .warning_texts import (
     load_error,
     not_answered,
     pushes,
+    slight_readings,
     slight_rounding,
     where_fitted_alone,
 )
@@ -69,8 +70,9 @@ def assemble(
     step = unknown_step(search)
     torque = float(np.sqrt(np.mean(np.concatenate([record.torque for record in records]) ** 2)))
     # Errors of the velocity column that the encoder shows by itself, before any model of the machine.
-    read = material(readings(in_one_piece(records[0]), search.setting.inertia), torque)
-    read = tuple(one for one in read if not allowed or one.effect in allowed)
+    sure = sure_readings(in_one_piece(records[0]), search.setting.inertia)
+    sure = tuple(one for one in sure if not allowed or one.effect in allowed)
+    read = material(sure, torque)
     rounded = [rounding(records, step, search.setting.inertia)] if step > 0.0 else []
     known = Read(torque, (*read, *rounded), allowed, contradicted=bool(contradiction))
     judged = judge(search, decision, known, curves, search.setting.units.name("N m"))
@@ -88,7 +90,8 @@ def assemble(
     # The model to write: the nominal one where nothing of the machine is missing.
     gapless = found.word == "no_gap" or (found.word == "explained" and not causes)
     written = decision.exact if gapless else chosen
-    read_values = {name: value for one in read for name, value in one.values.items()}
+    # The corrected model has whatever is sure of its sensor: to a closed loop it matters more than to the gap.
+    read_values = {name: value for one in sure for name, value in one.values.items()}
     machine = with_reading(machine_of(written.candidate), read_values)
     text, missing = corrected_model(model, machine, step)
     # Only where the causes leave something: a learned law, and where the rest of the missing torque lies.
@@ -111,6 +114,7 @@ def assemble(
     ]
     for one in rounded:
         said += slight_rounding(step, one.size, search.setting.units) if one.effect not in wrong else []
+    said += slight_readings([one for one in sure if one.effect not in wrong], search.setting.units)
     said += [] if found.word == "no_gap" else where_fitted_alone(gap, everywhere)
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
     tracking = tracking_error(model, [in_one_piece(record) for record in records], *sides, said)
@@ -145,7 +149,7 @@ def assemble(
             search,
             chosen,
             spread,
-            read,
+            sure,
             step,
             [course.torque for course in after],
             left_open(decision, found.causes, {one.effect: one.cause_probability for one in ranking.entries}),

@@ -257,7 +257,7 @@ def make_posterior(
         search: of the logs.
         fit: whose posterior is made.
         spread: covariance of its free parameters.
-        readings: errors of the rate sensor that the encoder shows, where they are causes.
+        readings: errors of the rate sensor that the encoder shows.
         step: rounding step of the rate reading [rad/s], where it is seen; else 0.
         missing: course of the missing torque along each log [N m].
         rivals: other fits that the log leaves open, with their probability.

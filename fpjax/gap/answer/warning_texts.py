@@ -11,8 +11,10 @@ from ..data.setting import Setting
 from ..fit.candidate import SPIKE, Fit
 from ..fit.modes import Modes
 from ..select.decision import Decision
+from ..select.readings import Reading
 from ..thresholds import THRESHOLDS
 from .gap import Gap
+from .intervals import read_estimates
 
 
 def at_bounds(fit: Fit, units: Units) -> list[str]:
@@ -125,6 +127,18 @@ def slight_rounding(step: float, share: float, units: Units) -> list[str]:
         f"The velocity column is rounded to steps of {step:.4g} {units.name('rad/s')}, an error of "
         f"{100 * share:.2g} % of the speed: the corrected model has it, but it is no cause of what is missing."
     ]
+
+
+def slight_readings(readings: Sequence[Reading], units: Units) -> list[str]:
+    """Warnings about errors of the velocity column that are sure and no causes."""
+    found = []
+    for one in readings:
+        ((name, estimate),) = read_estimates(one, units).items()
+        found.append(
+            f"The velocity column has a {one.effect} ({name} {estimate.value:.3g} {estimate.unit}), an error of "
+            f"{100 * one.size:.2g} % of the speed: the corrected model has it, but it is no cause of what is missing."
+        )
+    return found
 
 
 def where_fitted_alone(gap: Gap, everywhere: float) -> list[str]:

@@ -124,6 +124,19 @@ def _moving(record: Record, change: Values) -> float:
     return float(np.sqrt(np.mean(_lagged(np.gradient(change, record.dt), corner, record.dt) ** 2)))
 
 
+def sure_readings(record: Record, inertia: float, t: Thresholds = THRESHOLDS) -> tuple[Reading, ...]:
+    """What is wrong with a record's velocity column for certain, however little it is.
+
+    A lag of a period is hardly a thousandth of the speed, but may be all of a good loop's tracking error.
+
+    Args:
+        record: with `reading` and `position`.
+        inertia: nominal J [kg m^2].
+        t: thresholds.
+    """
+    return tuple(one for one in readings(record, inertia) if one.evidence > t.decisive)
+
+
 def rounding(records: Sequence[Record], step: float, inertia: float) -> Reading:
     """The error of a velocity that is rounded to steps: uniform over one, and white.
 
@@ -141,15 +154,16 @@ def rounding(records: Sequence[Record], step: float, inertia: float) -> Reading:
 
 
 def material(readings: Sequence[Reading], torque: float, t: Thresholds = THRESHOLDS) -> tuple[Reading, ...]:
-    """The readings' errors that are sure and large enough to be causes.
+    """The readings' errors that are large enough to be causes.
 
     Args:
-        readings: of a record, the largest first.
+        readings: that are sure, the largest first.
         torque: rms of the commanded torque [N m].
         t: thresholds.
     """
-    sure = [one for one in readings if one.evidence > t.decisive and one.size > t.reading]
-    return tuple(one for one in sure if one.torque > t.nothing * torque or one.size > t.slight)
+    return tuple(
+        one for one in readings if one.size > t.reading and (one.torque > t.nothing * torque or one.size > t.slight)
+    )
 
 
 def beside_gap(one: Reading, share: float, moving: float) -> float:
