@@ -287,6 +287,11 @@ def _notes(known: Known, gains: Gains, record: Record, table: Values, settled: f
         notes.append(f"The log is long: {length:.3g} s of it were used, from {begin:.3g} s on.")
     elif len(table) == LONGEST:
         notes.append(f"The first {LONGEST * record.dt:.3g} s of the reference were simulated.")
+    if known.posterior.noise[1] == 0.0:
+        notes.append(
+            "The log has no position, so that little in it shows what the velocity sensor itself misreads (a scale, a "
+            "lag): what it misreads without being found adds to these errors."
+        )
     if known.posterior.rivals:
         names = [f"{', '.join(rival.causes) or 'nothing'} ({share:.0%})" for share, rival in known.posterior.rivals]
         notes.append(f"The log leaves other explanations open: {'; '.join(names)}. They are among the machines.")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import fpjax as fp
+from fpjax.gap import EFFECTS
 from fpjax.gap.answer.posterior import left_open, load_posterior
 from fpjax.improvement.from_diagnosis import known_in
 from fpjax.improvement.machines import record_of
@@ -110,7 +111,9 @@ def test_the_diagnosis_of_another_log_is_refused(tmp_path):
 
 def weighed(*names, worth=1.0, wide=()):
     """A fit as `left_open` sees it."""
-    candidate = SimpleNamespace(names=(*names, *(f"{one}_error" for one in wide)), wide=frozenset(wide))
+    effects = tuple(effect for effect in EFFECTS if effect.name in names)
+    every = (*names, *(f"{one}_error" for one in wide))
+    candidate = SimpleNamespace(names=every, wide=frozenset(wide), effects=effects)
     return SimpleNamespace(fit=SimpleNamespace(candidate=candidate), structural=names, worth=worth)
 
 
@@ -126,3 +129,12 @@ def test_what_the_log_leaves_open_is_drawn_from_and_an_exact_twin_is():
     }  # fmt: skip
     found = left_open(decision, ("unbalance", "velocity_delay", "velocity_quantisation"), likely)
     assert [(share, fit) for share, fit in found] == [(0.4, twin.fit), (0.06, nominal.fit)]
+
+
+def test_a_slight_error_of_the_rate_reading_is_left_open():
+    """To the gap a scale is nearly a wrong inertia, to the tracking it is an error of its own."""
+    chosen = weighed("stribeck", "velocity_scale_error", worth=9.0)
+    alone, other = weighed("stribeck", worth=7.0), weighed("cogging", worth=8.0)
+    decision = SimpleNamespace(chosen=chosen, rivals=(chosen,), singles=(other, alone), nominal=weighed())
+    assert left_open(decision, ("stribeck",), {"stribeck": 0.9}) == [(0.5, alone.fit)]
+    assert left_open(decision, ("stribeck", "velocity_scale_error"), {"stribeck": 0.9}) == []
