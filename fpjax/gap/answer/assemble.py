@@ -71,7 +71,7 @@ def assemble(
     torque = float(np.sqrt(np.mean(np.concatenate([record.torque for record in records]) ** 2)))
     # Errors of the velocity column that the encoder shows by itself, before any model of the machine.
     sure = sure_readings(in_one_piece(records[0]), search.setting.inertia)
-    sure = tuple(one for one in sure if not allowed or one.effect in allowed)
+    sure = tuple(one for one in sure if not contradiction and (not allowed or one.effect in allowed))
     read = material(sure, torque)
     rounded = [rounding(records, step, search.setting.inertia)] if step > 0.0 else []
     known = Read(torque, (*read, *rounded), allowed, contradicted=bool(contradiction))

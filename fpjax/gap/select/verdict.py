@@ -116,7 +116,8 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     found = Verdict(word, asserted, _right(asserted, shares, main), main, among, margin, lead)
     size, _, whole = _sizes(decision, seen, thresholds)
     readings = _told(found, seen, thresholds)
-    if not readings:
+    # Beside a position that cannot be right nothing is known of the velocity column.
+    if not readings or (seen.contradicted and found.word == "unexplained"):
         return found
     lead = found.causes[0] if found.causes else ""
     # As an effect is: beside several wrong numbers by what these leave of the gap.
