@@ -259,10 +259,10 @@ def _tell(folder: Path, rows: list[Row], wanted: int, arguments: argparse.Namesp
         print(f"  {goal:<52} {want:>12}   {have:>10}   {word}")
     for name, some in groups.items():
         print(
-            f"\n  by {name}: machines, share of what is possible (median), worse than nominal, promises held, changes"
+            f"\n  by {name}: machines, share of what is possible (median), worse than nominal, intervals held, changes"
         )
         for row in some:
-            won, kept = (row[key] for key in ("won, median", "promises held"))
+            won, kept = (row[key] for key in ("won, median", "intervals held"))
             print(
                 f"    {row['group']:<44} {row['machines']:>3}  {'-' if won is None else f'{won:.0%}':>6}  "
                 f"{row['worse by over 2 %']:>3}  {'-' if kept is None else f'{kept:.0%}':>6}  {row['changes']:>3}"

@@ -62,7 +62,7 @@ def held(row: Row) -> bool | None:
 
 
 def table(rows: Sequence[Row], group: Callable[[Row], str]) -> list[Row]:
-    """One row for each group: machines, median share won, number worse, promises held, changes proposed."""
+    """One row for each group: machines, median share won, number worse, intervals that hold, changes proposed."""
     found = []
     for name in sorted({group(row) for row in rows}):
         some = [row for row in rows if group(row) == name]
@@ -77,7 +77,7 @@ def table(rows: Sequence[Row], group: Callable[[Row], str]) -> list[Row]:
                 "won, least": float(np.min(won)) if won else None,
                 "worse by over 2 %": sum(worse(row) for row in some),
                 "promises": len(promises),
-                "promises held": float(np.mean(promises)) if promises else None,
+                "intervals held": float(np.mean(promises)) if promises else None,
                 "changes": sum(row["decision"] == "change" for row in some),
             }
         )

@@ -126,7 +126,7 @@ def _diagnose(
             doubts = contradictions(everything, model, rate=False)
         decision = decide(search, clock, curves.by)
         clock("intervals and curves")
-        found = assemble(search, decision, curves, model, warnings, allowed, clock, "; ".join(doubts[:1]))
+        found = assemble(search, decision, curves, model, warnings, allowed, clock, doubts[0] if doubts else "")
     except np.linalg.LinAlgError as error:
         names = ", ".join(log.name for log in everything[:3])
         raise InputError(

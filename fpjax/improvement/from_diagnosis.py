@@ -5,6 +5,7 @@ import json
 import math
 import os
 import pathlib
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax
@@ -14,7 +15,7 @@ from ..errors import InputError
 from ..gap import Diagnosis
 from ..gap.answer.findings import Learned
 from ..gap.answer.posterior import FILE, Posterior, load_posterior
-from ..gap.data.record import MOST
+from ..gap.data.record import ANOTHER, MOST
 from ..logs import Log
 from ..model_file import Model, load_model
 from ..output.json_object import JsonObject
@@ -22,6 +23,7 @@ from ..output.runfile import refuse_unfinished
 from ..simulation.precision import double_precision
 
 RESULT = "diagnosis.json"
+SCALED = "velocity_scale_error"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,11 +61,26 @@ def known_of(diagnosis: Diagnosis) -> Known:
     """
     if diagnosis.posterior is None:
         raise InputError("This diagnosis has no posterior to draw machines from: diagnose the log again.")
+    scales = [one.parameters["scale"].value for one in diagnosis.ranking if one.effect == SCALED]
     return Known(
         diagnosis.posterior, diagnosis.verdict, diagnosis.causes, diagnosis.gap.after, diagnosis.learned,
         diagnosis.tracking is not None, diagnosis.learned_model or diagnosis.model, diagnosis.model_missing,
-        diagnosis.contradiction,
+        diagnosis.contradiction or _in_another_unit(diagnosis.posterior, diagnosis.causes, scales),
     )  # fmt: skip
+
+
+def _in_another_unit(posterior: Posterior, causes: Sequence[str], scales: Sequence[float]) -> str:
+    """What is wrong with a velocity column that is a multiple of the position's rate; "" for one that is not.
+
+    The drive's loop did not see it, but what is measured and predicted here are errors of that column.
+    """
+    beside = SCALED in causes and posterior.noise[1] > 0.0
+    if not beside or all(ANOTHER < scale < 1.0 / ANOTHER for scale in scales):
+        return ""
+    return (
+        f"the velocity column is {scales[0]:.4g} times the position's rate; give its unit or turn its sign, such as "
+        "--columns velocity=velocity:deg/s."
+    )
 
 
 def same_controller(known: Known, model: Model) -> bool:
@@ -131,11 +148,15 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
         laws = tuple(_law(law) for law in content.get("learned", []))
         # JSON has no NaN: an unknown gap is null in the file
         after = content["gap"]["after"]
+        scales = [
+            one["parameters"]["scale"]["value"] or 1.0 for one in content.get("ranking", []) if one["effect"] == SCALED
+        ]
+        posterior = load_posterior(folder / FILE)
         found = Known(
-            load_posterior(folder / FILE), content["verdict"], tuple(content["causes"]),
+            posterior, content["verdict"], tuple(content["causes"]),
             float(after) if after is not None else math.nan, laws, content.get("tracking") is not None,
             content.get("learned_model") or content["model"], content.get("model_missing", ""),
-            content.get("contradiction", ""),
+            content.get("contradiction") or _in_another_unit(posterior, content["causes"], scales),
         )  # fmt: skip
     except FileNotFoundError:
         raise InputError(

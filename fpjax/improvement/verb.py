@@ -118,7 +118,7 @@ def improve_known(
 ) -> Improvement:  # fmt: skip
     """The improvement from a diagnosis that is already there."""
     if known.contradiction:
-        raise InputError(f"{known.contradiction} No gains are tuned on this log until that is settled.")
+        raise InputError(f"No gains are tuned on this log until this is settled: {known.contradiction}")
     clock("machines")
     whole = record_of(log, nominal)
     whole_table = table

@@ -72,7 +72,7 @@ def read_diagnosis(source: Any) -> JsonObject:
     if not isinstance(content, dict) or not isinstance(content.get("ranking"), list):
         raise InputError(f"{name} holds no ranking: give the --out folder of fpjax diagnose.")
     if content.get("contradiction"):
-        raise InputError(f"{content['contradiction']} No run is planned from this diagnosis until that is settled.")
+        raise InputError(f"No run is planned from this diagnosis until this is settled: {content['contradiction']}")
     return content
 
 

@@ -168,3 +168,11 @@ def test_torque_is_allowed_up_to_the_drives_rating_where_the_file_tells_it():
     assert shares_of_allowed(more, now, 8.0)["peak"] == pytest.approx(0.25, rel=1e-3)
     more.torque[5] = np.nan
     assert shares_of_allowed(more, now, 8.0)["roughness"] == math.inf
+
+
+def test_what_is_expected_of_unexplained_logs_is_no_promise():
+    rows = [row(promised=(0.4, 0.6)) for _ in range(9)] + [row(promised=(0.6, 0.7))]
+    rows += [row(promised=(0.6, 0.7), verdict="unexplained") for _ in range(5)]
+    found = {goal: (have, met) for goal, _, have, met in goals(rows)}
+    assert found["truth within the promised 90 % interval"] == ("90%", "met")
+    assert found["... within what is expected of unexplained logs, not promised"] == ("0%", "no goal")

@@ -40,6 +40,9 @@ substeps = 10
 )
 
 
+TWO = 'type = "two_mass"\nmotor_inertia = 1.0\nload_inertia = 9.0\nstiffness = 1000.0\ndamping = 1.0'
+
+
 @pytest.fixture(autouse=True)
 def heard():
     """Interrupts are heard, also by a run in the background of a shell, which ignores them."""
@@ -116,6 +119,24 @@ def test_a_column_that_is_not_fitted_contradicts_nothing():
     assert not contradictions([log], model, rate=False)
     turns = dataclasses.replace(log, velocity=velocity, position=position / (2.0 * np.pi))
     assert contradictions([turns], model, rate=False)
+    # Off by less than a model may be, but the velocity fits the model and the position does not.
+    geared = dataclasses.replace(log, velocity=velocity, position=position / 3.0)
+    assert contradictions([geared], model, rate=False)
+    other = np.cumsum(np.random.default_rng(0).standard_normal(time.size)) * 1e-3
+    assert contradictions([dataclasses.replace(log, velocity=velocity, position=other)], model, rate=False)
+
+
+def test_what_the_model_knows_of_its_gain_and_of_two_masses_is_no_contradiction():
+    time = np.arange(0.0, 4.0, 1e-3)
+    velocity = 3.0 * np.cos(3.0 * time) + 3.4 * np.cos(17.0 * time)
+    torque = 10.0 * np.gradient(velocity, 1e-3) + 5.0 * np.sign(velocity)
+    model, geared = load_model(NOMINAL), load_model(NOMINAL + "[actuator]\ngain = 0.1\n")
+    amperes = read_log({"time": time, "torque": torque / 0.1, "velocity": velocity})
+    assert contradictions([amperes], model)
+    assert not contradictions([amperes], geared)
+    two = NOMINAL.replace('type = "one_mass"\ninertia = 10.0', TWO)
+    fast = read_log({"time": time, "torque": 0.1 * torque, "velocity": velocity})
+    assert not contradictions([fast], load_model(two))
 
 
 def test_of_a_torque_in_another_unit_no_cause_is_told_and_no_gains_are_tuned(made, tmp_path, capsys):
@@ -128,11 +149,11 @@ def test_of_a_torque_in_another_unit_no_cause_is_told_and_no_gains_are_tuned(mad
     assert (answer["verdict"], answer["causes"]) == ("unexplained", [])
     assert "may not belong to this log" in answer["contradiction"]
     assert answer["contradiction"] in capsys.readouterr().out
-    assert "no cause is told, since a unit, a sign or the model cannot be right" in page
+    assert "no cause is told, since a unit, a sign, a column or the model cannot be right" in page
     for verb in ("improve", "plan"):
         given = [tmp_path / "milli.csv", "--reference", "model", "--free", "controller"] if verb == "improve" else []
         words = [verb, *given, "--model", model, "--diagnosis", out, "--out", tmp_path / verb]
-        refuse(capsys, *words, match="until that is settled")
+        refuse(capsys, *words, match="until this is settled")
 
 
 def test_what_was_noticed_is_told_where_no_model_can_be_fitted(made, tmp_path, capsys):

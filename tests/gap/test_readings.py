@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from fpjax import Log
+from fpjax.gap.answer.assemble import _sure_readings
 from fpjax.gap.data.record import make_records
-from fpjax.gap.select.readings import readings
+from fpjax.gap.select.readings import readings, sure_readings
+from fpjax.gap.thresholds import THRESHOLDS
 
 
 def turning(*, scale=1.0, bias=0.0, jitter=0.0, noise=1e-5, seconds=20.0, dt=1e-3, seed=0):
@@ -91,5 +93,21 @@ def test_a_column_in_another_unit_is_not_fitted_and_its_factor_is_told(factor):
         (found,) = readings(one, 0.01)
         scale, deviation, _ = found.values["scale"]
         assert found.effect == "velocity_scale_error"
+        assert not found.of_sensor  # the drive's loop did not see the logger's unit
         assert scale == pytest.approx(factor, rel=0.05)
-        assert abs(scale - factor) < 4.0 * deviation + 0.02 * abs(factor)
+        assert abs(scale - factor) < 4.0 * deviation
+
+
+def test_of_several_logs_the_velocity_of_none_is_fitted_where_that_of_one_is_turned_round():
+    right = turning(noise=1e-3, seconds=4.0, dt=2e-3)
+    turned = dataclasses.replace(right, velocity=-right.velocity)
+    for logs in ([right, turned], [turned, right]):
+        assert [one.velocity for one in make_records(logs, [], 0.01)] == [None, None]
+        (found,) = _sure_readings(make_records(logs, [], 0.01), 0.01)
+        assert found.values["scale"][0] == pytest.approx(-1.0, rel=0.05)
+
+
+def test_what_is_below_a_thousandth_of_the_speed_is_the_differentiators():
+    (one,) = make_records([turning(scale=1.0 + 2e-4, noise=1e-7)], [], 0.01)
+    assert any(found.evidence > THRESHOLDS.decisive for found in readings(one, 0.01))
+    assert sure_readings(one, 0.01) == ()

@@ -11,7 +11,7 @@ import pytest
 import fpjax as fp
 from fpjax.gap import EFFECTS
 from fpjax.gap.answer.posterior import left_open, load_posterior
-from fpjax.improvement.from_diagnosis import known_in
+from fpjax.improvement.from_diagnosis import _in_another_unit, known_in
 from fpjax.improvement.machines import record_of
 
 
@@ -114,7 +114,8 @@ def weighed(*names, worth=1.0, wide=()):
     effects = tuple(effect for effect in EFFECTS if effect.name in names)
     every = (*names, *(f"{one}_error" for one in wide))
     candidate = SimpleNamespace(names=every, wide=frozenset(wide), effects=effects)
-    return SimpleNamespace(fit=SimpleNamespace(candidate=candidate), structural=names, worth=worth)
+    fit = SimpleNamespace(candidate=candidate)
+    return SimpleNamespace(fit=fit, structural=names, worth=worth, behind=lambda best: best.worth - worth)
 
 
 def test_what_the_log_leaves_open_is_drawn_from_and_an_exact_twin_is():
@@ -138,3 +139,31 @@ def test_a_slight_error_of_the_rate_reading_is_left_open():
     decision = SimpleNamespace(chosen=chosen, rivals=(chosen,), singles=(other, alone), nominal=weighed())
     assert left_open(decision, ("stribeck",), {"stribeck": 0.9}) == [(0.5, alone.fit)]
     assert left_open(decision, ("stribeck", "velocity_scale_error"), {"stribeck": 0.9}) == []
+
+
+def test_what_does_as_well_in_the_place_of_a_detail_is_left_open():
+    """A lag of the sensor for a delay of the actuator, without a position: the loop is another one."""
+    chosen = weighed("constant_torque", "actuator_delay", worth=99.0)
+    lag, far = weighed("constant_torque", "velocity_lag", worth=98.0), weighed("constant_torque", "cogging", worth=60.0)
+    alone = weighed("constant_torque", worth=50.0)
+    decision = SimpleNamespace(chosen=chosen, rivals=(far, chosen, lag), singles=(alone,), nominal=weighed())
+    assert left_open(decision, ("constant_torque",), {}) == [(0.5, lag.fit)]
+    assert left_open(decision, ("constant_torque", "actuator_delay"), {}) == []
+    assert left_open(decision, (), {}) == []  # of a log that nothing explains no part is a detail
+
+
+def test_nothing_is_improved_where_the_velocity_is_in_another_unit_than_the_position():
+    known = case.known()
+    assert _in_another_unit(known.posterior, ("velocity_scale_error",), [57.3])
+    assert _in_another_unit(known.posterior, ("velocity_scale_error",), [-1.0])
+    assert not _in_another_unit(known.posterior, ("velocity_scale_error",), [0.93])
+    assert not _in_another_unit(known.posterior, ("stribeck",), [57.3])
+    alone = dataclasses.replace(known.posterior, noise=(known.posterior.noise[0], 0.0))
+    assert not _in_another_unit(alone, ("velocity_scale_error",), [3.0])  # a fitted scale, beside no position
+    with pytest.raises(fp.InputError, match="until this is settled: x is not y"):
+        fp.improve(
+            case.log(),
+            case.model(),
+            free=("controller",),
+            diagnosis=dataclasses.replace(known, contradiction="x is not y"),
+        )

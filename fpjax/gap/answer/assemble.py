@@ -70,9 +70,9 @@ def assemble(
     step = unknown_step(search)
     torque = float(np.sqrt(np.mean(np.concatenate([record.torque for record in records]) ** 2)))
     # Errors of the velocity column that the encoder shows by itself, before any model of the machine.
-    sure = sure_readings(in_one_piece(records[0]), search.setting.inertia)
-    sure = tuple(one for one in sure if not contradiction and (not allowed or one.effect in allowed))
-    read = material(sure, torque)
+    sure = () if contradiction else _sure_readings(records, search.setting.inertia)
+    sure = tuple(one for one in sure if not allowed or one.effect in allowed)
+    read, sure = material(sure, torque), tuple(one for one in sure if one.of_sensor)
     rounded = [rounding(records, step, search.setting.inertia)] if step > 0.0 else []
     known = Read(torque, (*read, *rounded), allowed, contradicted=bool(contradiction))
     judged = judge(search, decision, known, curves, search.setting.units.name("N m"))
@@ -155,6 +155,12 @@ def assemble(
             left_open(decision, found.causes, {one.effect: one.cause_probability for one in ranking.entries}),
         ),
     )
+
+
+def _sure_readings(records: Sequence[Record], inertia: float) -> tuple[Reading, ...]:
+    """Of the first log, or of the first whose velocity is in another unit."""
+    found = [sure_readings(in_one_piece(record), inertia) for record in records]
+    return next((some for some in found if any(not one.of_sensor for one in some)), found[0])
 
 
 def _instead(read: Sequence[Reading], allowed: tuple[str, ...]) -> dict[str, tuple[str, ...]]:

@@ -23,12 +23,14 @@ from ...output.runfile import write_whole
 from ...simulation.precision import double_precision
 from ..data.record import Record
 from ..data.setting import make_setting
+from ..effects.effect import Effect
 from ..effects.vocabulary import EFFECTS, on_rate_sensor
 from ..fit.candidate import Fit
 from ..fit.search import Search
 from ..machine import Machine
 from ..select.decision import Decision
 from ..select.readings import Reading
+from ..select.weighed import Weighed
 from ..simulate.family import Key, Nominal, make_family
 from ..simulate.replay import assembled
 from ..thresholds import THRESHOLDS
@@ -226,8 +228,9 @@ def left_open(decision: Decision, causes: Sequence[str], likely: Mapping[str, fl
     """Other explanations that the log leaves open: (probability [1], fit), the likeliest first.
 
     An exact twin of a cause is among them: it makes the same log, but may behave differently under other gains. So is
-    the machine whose sensor is right, where the chosen model holds an error of the rate reading as a detail: to the gap
-    a scale is nearly a wrong inertia, to the tracking it is an error of its own.
+    what does as well in the place of a detail of the chosen model (a lag of the sensor for a delay of the actuator),
+    and the machine whose sensor is right, where that detail is an error of the rate reading: to the gap a scale is
+    nearly a wrong inertia, to the tracking it is an error of its own.
 
     Args:
         decision: on the fits.
@@ -237,10 +240,10 @@ def left_open(decision: Decision, causes: Sequence[str], likely: Mapping[str, fl
     included = {*decision.chosen.fit.candidate.names, *causes}
     tried = sorted((*decision.rivals, *decision.singles), key=lambda one: -one.worth)
     found: list[tuple[float, Fit]] = []
-    effects = decision.chosen.fit.candidate.effects
-    slight = {effect.name for effect in effects if on_rate_sensor(effect) and effect.name not in causes}
-    rest = set(decision.chosen.structural) - slight
-    found += [(0.5, one.fit) for one in tried if slight and rest and set(one.structural) == rest][:1]
+    for effect in decision.chosen.fit.candidate.effects:
+        if causes and effect.name not in causes:
+            same = _in_its_place(decision, effect, tried)
+            found += [(1.0 / (1.0 + len(same)), fit) for fit in same]
     for name, share in sorted(likely.items(), key=lambda one: -one[1]):
         if name in included or not share >= THRESHOLDS.open:
             continue
@@ -250,7 +253,18 @@ def left_open(decision: Decision, causes: Sequence[str], likely: Mapping[str, fl
             fits.append(decision.nominal.fit)
         if fits and all(fits[0] is not other for _, other in found):
             found.append((share, fits[0]))
-    return found[:MOST]
+    return sorted(found, key=lambda one: -one[0])[:MOST]
+
+
+def _in_its_place(decision: Decision, detail: Effect, tried: Sequence[Weighed]) -> list[Fit]:
+    """What the log leaves open of a detail of the chosen model, that model not included."""
+    rest = set(decision.chosen.structural) - {detail.name}
+    same = [
+        one.fit for one in tried
+        if rest < set(one.structural) and len(one.structural) == len(rest) + 1 and detail.name not in one.structural
+        and one.behind(decision.chosen) < THRESHOLDS.close
+    ]  # fmt: skip
+    return same + [one.fit for one in tried if rest and on_rate_sensor(detail) and set(one.structural) == rest][:1]
 
 
 def make_posterior(

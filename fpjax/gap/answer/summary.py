@@ -19,7 +19,7 @@ PLACES = {
     "limit": "near the torque limit",
 }
 SHOWN = 5  # entries of the ranking that are printed
-CANNOT_BE = "no cause is told, since a unit, a sign or the model cannot be right"
+CANNOT_BE = "no cause is told, since a unit, a sign, a column or the model cannot be right"
 MUCH = 0.4  # share of the energy in one regime from which that regime is named
 
 

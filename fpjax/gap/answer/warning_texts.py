@@ -134,9 +134,10 @@ def slight_readings(readings: Sequence[Reading], units: Units) -> list[str]:
     found = []
     for one in readings:
         ((name, estimate),) = read_estimates(one, units).items()
+        size = f"{estimate.value:.4g}{'' if estimate.unit == '1' else f' {estimate.unit}'}"
         found.append(
-            f"The velocity column has a {one.effect} ({name} {estimate.value:.3g} {estimate.unit}), an error of "
-            f"{100 * one.size:.2g} % of the speed: the corrected model has it, but it is no cause of what is missing."
+            f"The velocity column has a {one.effect} ({name} {size}), an error of {100 * one.size:.2g} % of the speed: "
+            "the corrected model has it, but it is no cause of what is missing."
         )
     return found
 

@@ -1,15 +1,18 @@
 """Inputs: logs and model are read and checked before anything is fitted."""
 
 import dataclasses
+import math
 import os
 from collections.abc import Sequence
 
 import numpy as np
 
+from ...blocks.plants import TwoMass
+from ...blocks.plants.transmission import Transmission
 from ...errors import InputError
 from ...logs import Log, LogSource, read_log
-from ...logs.checks.suspicions import Numbers, Suspicion, suspicions
-from ...logs.dynamics.nominal import speed_of
+from ...logs.checks.suspicions import Numbers, suspicions
+from ...logs.dynamics.nominal import fit_rigid, speed_of
 from ...logs.mending.resample import at_period
 from ...model_file import Model, ModelSource, load_model
 from ..thresholds import THRESHOLDS
@@ -57,7 +60,7 @@ def look_at(logs: Sequence[Log], model: Model) -> list[str]:
     Raises:
         InputError: for a log that cannot be diagnosed.
     """
-    found = _suspicions(logs, model)
+    found = [one for log in logs for one in suspicions(log, _numbers(model))]
     for one in found:
         if one.severity == "stop":
             raise InputError(one.sentence)
@@ -80,20 +83,48 @@ def contradictions(logs: Sequence[Log], model: Model, *, rate: bool = True) -> l
     Args:
         logs: fitted and withheld.
         model: the nominal one.
-        rate: whether a velocity column is fitted beside a position; one that is not does no harm.
+        rate: whether a velocity column is fitted beside a position; the unit and the sign of one that is not do no
+            harm, if it is that column and not the position that has the wrong one.
     """
-    used = [log if rate or log.position is None else dataclasses.replace(log, velocity=None) for log in logs]
-    return [one.sentence for one in _suspicions(used, model) if one.kind in CONTRADICTIONS]
+    # A rigid machine of all the mass is no measure of a model of two: above the anti-resonance one of them moves alone.
+    numbers = None if isinstance(model.loop.plant, TwoMass | Transmission) else _numbers(model)
+    found = []
+    for log in logs:
+        seen = [one for one in suspicions(log, numbers) if one.kind in CONTRADICTIONS]
+        if seen and not rate and log.position is not None and seen[0].kind in ("unit", "sign"):
+            alone = suspicions(dataclasses.replace(log, velocity=None), numbers)
+            left = [one for one in alone if one.kind in CONTRADICTIONS]
+            seen = left if left or numbers is None or not _position_is_wrong(log, numbers.inertia) else seen
+        found += [one.sentence for one in seen]
+    return found
 
 
-def _suspicions(logs: Sequence[Log], model: Model) -> list[Suspicion]:
-    # The check of the model's numbers is a regression on acceleration, direction and speed. A load that turns with the
-    # position would look like an inertia to it, so such a model is not checked.
-    numbers = None
-    if not turns_with_position(model.loop.plant.load):
-        inertia, coulomb, viscous = (model.nominal.get(name, 0.0) for name in ("inertia", "coulomb", "viscous"))
-        numbers = Numbers(inertia, coulomb, viscous)
-    return [one for log in logs for one in suspicions(log, numbers)]
+def _position_is_wrong(log: Log, inertia: float) -> bool:
+    """Whether the velocity column moves as the model's inertia does, and the position's rate does not."""
+    if log.velocity is None:
+        return False
+    alone = (
+        fit_rigid(log.torque, velocity, position, log.dt, gravity=not log.linear)
+        for velocity, position in ((log.velocity, None), (None, log.position))
+    )
+    by_velocity, by_position = (
+        abs(math.log(one.inertia / inertia)) if one is not None and one.inertia > 0.0 else math.inf for one in alone
+    )
+    return by_velocity < by_position
+
+
+def _numbers(model: Model) -> Numbers | None:
+    """What a log's torque and motion are compared with, as the log has them; None where they cannot be compared.
+
+    The check is a regression on acceleration, direction and speed. A load that turns with the position would look like
+    an inertia to it.
+    """
+    if turns_with_position(model.loop.plant.load):
+        return None
+    scales = (getattr(model.loop.actuator, "gain", None), getattr(model.loop.sensor, "scale", None))
+    gain, scale = (1.0 if one is None else float(one) for one in scales)
+    inertia, coulomb, viscous = (model.nominal.get(name, 0.0) for name in ("inertia", "coulomb", "viscous"))
+    return Numbers(inertia / (gain * scale), coulomb / gain, viscous / (gain * scale))
 
 
 def _check_drive(log: Log, unit: str) -> None:

@@ -124,6 +124,8 @@ def make_records(logs: Sequence[Log], holdout: Sequence[Log], inertia: float) ->
     """
     everything = [*logs, *holdout]
     columns = [_columns(log, inertia) for log in everything]
+    if any(_in_another_unit(log) for log in everything):  # that of one log is that of the machine's drive
+        columns = [(None if position is not None else velocity, position) for velocity, position in columns]
     _check_alike(everything, columns)
     rates = common_noise([velocity for velocity, _ in columns])
     angles = common_noise([position for _, position in columns])
@@ -139,13 +141,18 @@ def make_records(logs: Sequence[Log], holdout: Sequence[Log], inertia: float) ->
     ]
 
 
-def in_another_unit(velocity: Channel, position: Channel, dt: float) -> bool:
-    """Whether the velocity is a multiple of the position's rate that no scale error is: no motion has both.
+def in_another_unit(velocity: Values, position: Values, dt: float) -> bool:
+    """Whether a velocity is a multiple of the position's rate that no scale error is: no motion has both.
 
-    `fpjax.gap.select.readings` tells its scale then.
+    It is not fitted then, and `fpjax.gap.select.readings` tells its scale.
     """
-    ratio, together = travelled(velocity.values, position.values, dt)
+    ratio, together = travelled(velocity, position, dt)
     return together > 0.5 and not ANOTHER < ratio < 1.0 / ANOTHER
+
+
+def _in_another_unit(log: Log) -> bool:
+    both = log.velocity is not None and log.position is not None
+    return both and in_another_unit(np.asarray(log.velocity, float), np.asarray(log.position, float), float(log.dt))
 
 
 def _columns(log: Log, inertia: float) -> tuple[Channel | None, Channel | None]:
@@ -174,7 +181,7 @@ def _columns(log: Log, inertia: float) -> tuple[Channel | None, Channel | None]:
         position = replace(position, noise=float(np.hypot(position.noise, moved)))
         torque = float(np.sqrt(np.mean(np.square(log.torque))))
         enough = _resolved(None, position, inertia, SECONDS[1], float(log.dt)) < RESOLVED * torque
-        if enough or is_derived(velocity.values, position.values) or in_another_unit(velocity, position, float(log.dt)):
+        if enough or is_derived(velocity.values, position.values):
             velocity = None
     return velocity, position
 

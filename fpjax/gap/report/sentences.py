@@ -59,15 +59,15 @@ def verdict_sentence(diagnosis: Answer) -> str:
             f"{show_percent(gap.closed)} of the missing {effort}; "
             f"{show_percent(1.0 - gap.closed)} is left ({after} of {before} rms on withheld data){where}."
         )
+    differs = f"The simulation misses {before} rms of {effort} on withheld data{over_floor}"
+    if diagnosis.contradiction:
+        return f"{differs}; {CANNOT_BE}. {diagnosis.contradiction}"
     # Unexplained, from here on: without a gap on withheld data, with an asserted part, or with a best attempt only.
     if gap.before <= gap.noise_floor:
         return (
             f"On withheld data no missing {effort} stands above the noise floor of {floor}; the fitted windows show "
             f"some, and {_nothing_closes(diagnosis, 'it')}."
         )
-    differs = f"The simulation misses {before} rms of {effort} on withheld data{over_floor}"
-    if diagnosis.contradiction:
-        return f"{differs}; {CANNOT_BE}. {diagnosis.contradiction}"
     if diagnosis.causes:
         return (
             f"{differs}; {_asserted(diagnosis)} is part of it, and {_nothing_closes(diagnosis, f'the {after} left')}."

@@ -24,6 +24,8 @@ QUIET = 0.02  # noise of the encoder's rate, of its rms, that a wider differenti
 BESIDE = 0.1  # of the least mean square that a lag or a delay leaves, likewise
 FEWEST = 60  # independent samples that a comparison needs
 FEW = 10  # observations that what both models leave counts as
+FAINT = 1e-3  # of the speed's rms: below it an error of the reading is the differentiators', whatever its evidence
+NEARLY = 1e-2  # 1 - correlation^2 that two readings of one motion have at least, by their stamps [1]
 LATEST = 30.0  # periods: the longest lag or delay that is tried
 GRID = 121  # lags and delays that are tried
 
@@ -41,6 +43,7 @@ class Reading:
         evidence: log likelihood that it brings [nats], independent samples only.
         rival: what the reading may have in its place; empty for nothing.
         sure: probability of the effect beside its rival [1].
+        of_sensor: whether the drive's loop has it too: a column in another unit is the logger's doing.
     """
 
     effect: str
@@ -50,6 +53,7 @@ class Reading:
     evidence: float
     rival: str = ""
     sure: float = 1.0
+    of_sensor: bool = True
 
 
 def readings(record: Record, inertia: float) -> list[Reading]:
@@ -61,7 +65,7 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     """
     if record.reading is None or record.position is None or record.velocity is not None:
         return []
-    if in_another_unit(record.reading, record.position, record.dt):
+    if in_another_unit(record.reading.values, record.position.values, record.dt):
         return [_rescaled(record, inertia)]  # what else is wrong with it shows once that is mended
     if is_derived(record.reading.values, record.position.values):
         return []  # its filter is how it was made, and not a fault of a sensor
@@ -113,9 +117,10 @@ def _rescaled(record: Record, inertia: float) -> Reading:
     assert record.position is not None
     assert record.reading is not None
     scale, together = travelled(record.reading.values, record.position.values, record.dt)
-    deviation = abs(scale) * float(np.sqrt(max(1.0 - together**2, 0.0) / BLOCKS))
+    deviation = abs(scale) * float(np.sqrt(max(1.0 - together**2, NEARLY) / BLOCKS))
     values, size = {"scale": (scale, deviation, "1")}, abs(scale - 1.0)
-    return Reading("velocity_scale_error", values, size, inertia * size * _moving(record, record.speed), np.inf)
+    torque = inertia * size * _moving(record, record.speed)
+    return Reading("velocity_scale_error", values, size, torque, np.inf, of_sensor=False)
 
 
 def _moving(record: Record, change: Values) -> float:
@@ -134,7 +139,7 @@ def sure_readings(record: Record, inertia: float, t: Thresholds = THRESHOLDS) ->
         inertia: nominal J [kg m^2].
         t: thresholds.
     """
-    return tuple(one for one in readings(record, inertia) if one.evidence > t.decisive)
+    return tuple(one for one in readings(record, inertia) if one.evidence > t.decisive and one.size > FAINT)
 
 
 def rounding(records: Sequence[Record], step: float, inertia: float) -> Reading:
