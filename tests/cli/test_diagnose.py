@@ -139,6 +139,7 @@ def test_what_the_model_knows_of_its_gain_and_of_two_masses_is_no_contradiction(
     assert not contradictions([fast], load_model(two))
 
 
+@pytest.mark.long
 def test_of_a_torque_in_another_unit_no_cause_is_told_and_no_gains_are_tuned(made, tmp_path, capsys):
     log = np.loadtxt(made / "log.csv", delimiter=",", skiprows=1) * [1.0, 1e3, 1.0]
     np.savetxt(tmp_path / "milli.csv", log, delimiter=",", header="time,torque,velocity", comments="")

@@ -34,7 +34,7 @@ def diagnosed():
     return types.SimpleNamespace(
         posterior=known.posterior, verdict=known.verdict, causes=known.causes, gap=types.SimpleNamespace(after=0.0),
         learned=(), tracking=object(), model=known.model, learned_model="", model_missing="",
-        to_dict=lambda: content,
+        ranking=(), contradiction="", to_dict=lambda: content,
     )  # fmt: skip
 
 
