@@ -11,7 +11,7 @@ from ...errors import InputError
 from ...logs import Log
 from ...logs.arrays import Values
 from ...logs.checks.stamp_jitter import stamp_jitter
-from ...logs.checks.suspicions import travelled
+from ...logs.dynamics.derivative import travelled
 from ...logs.noise import is_derived
 from .channel import Channel, common_noise, make_channel
 from .motion import encoder_rate, motion

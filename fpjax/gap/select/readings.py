@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...logs.arrays import Values
-from ...logs.checks.suspicions import BLOCKS, travelled
-from ...logs.dynamics.derivative import local_polynomial
+from ...logs.dynamics.derivative import BLOCKS, local_polynomial, travelled
 from ...logs.noise import is_derived
 from ..data.record import Record, in_another_unit
 from ..fit.band import highest_of_speed

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Values
-from ..dynamics.derivative import local_polynomial, smooth_motion, travel
+from ..dynamics.derivative import local_polynomial, smooth_motion, travelled
 from ..log import Log
 from ..mending.clock import TIME_UNITS, likely_unit
 from ..noise import noise_level, rounding_step
@@ -29,7 +29,6 @@ CLIPPED = 0.005  # share of the samples at an extreme
 FEW_LEVELS = 8  # different values: with so few the column is a relay's or a staircase command, not limited
 REPEATED = 0.002  # share of the samples that repeat the one before
 LATE = 0.02  # of a period: the stamps of drives and buses with clocks of their own jitter by less
-BLOCKS = 100  # of a log, over which velocity and position are compared
 MOST_ROWS = 400_000  # [samples]: a longer log is judged by its middle
 
 
@@ -316,28 +315,6 @@ def _velocity_against_reference(log: Log, columns: dict[str, Values]) -> Iterato
             "warn",
             "unit",
         )
-
-
-def travelled(velocity: Values, position: Values, dt: float) -> tuple[float, float]:
-    """(integral of the velocity over the change of the position, their correlation), by blocks of many periods.
-
-    Over a block the noise of the two sensors is small beside the travel, and no reading is differentiated.
-
-    Args:
-        velocity: [rad/s], shape (samples,).
-        position: [rad], shape (samples,).
-        dt: control period [s].
-    """
-    size = int(np.clip(len(velocity) // BLOCKS, 4, 200))
-    ends = np.arange(0, len(velocity), size)
-    walked = travel(velocity, dt)
-    by_rate, by_angle = np.diff(walked[ends]), np.diff(position[ends])
-    power, rate_power = float(by_angle @ by_angle), float(by_rate @ by_rate)
-    if power == 0.0 or rate_power == 0.0:
-        return float("nan"), 0.0
-    across = float(by_rate @ by_angle)
-    # Both are noisy, so a regression either way is biased: the ratio of their rms is not, with the correlation's sign.
-    return float(np.sign(across) * np.sqrt(rate_power / power)), abs(across) / np.sqrt(power * rate_power)
 
 
 def _middle(values: Values) -> Values:

@@ -5,13 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..arrays import Values
-from ..dynamics.derivative import smooth_motion
+from ..dynamics.derivative import smooth_motion, travelled
 from ..dynamics.nominal import SIGNIFICANT, Nominal, fit_rigid
 from ..log import Log
 from .suspicion import Expected, Suspicion, unit_of
 
 BEYOND = 4.0  # factor: an inertia that is further off means another unit or another machine, not a cause of a gap
 EXPLAINED = 0.5  # share of the motion's variance within windows: with less explained, the fit means nothing
+TOGETHER = 0.5  # correlation of velocity and position over blocks, from which on one is the other's rate
 SURE = 8.0  # [standard deviations] of the inertia: a wrong warning about a sign costs more than a missed one
 
 
@@ -19,8 +20,12 @@ def swapped(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     """Torque and velocity exchanged: a rigid machine explains far more with the columns exchanged."""
     if "velocity" not in columns:
         return
-    torque, velocity = columns["torque"], columns["velocity"]
-    straight, turned = (fit_rigid(u, v, None, log.dt) for u, v in ((torque, velocity), (velocity, torque)))
+    torque, velocity, position = columns["torque"], columns["velocity"], columns.get("position")
+    if position is not None and travelled(velocity, position, log.dt)[1] > TOGETHER:
+        return  # it is the rate of the position
+    # A weight explains much of what looks like a torque that follows the speed.
+    straight = fit_rigid(torque, velocity, None, log.dt, gravity=not log.linear)
+    turned = fit_rigid(velocity, torque, None, log.dt)
     if turned is None or not turned.plausible or turned.share < 0.9:
         return
     explained = max(straight.share, 0.0) if straight is not None else 0.0

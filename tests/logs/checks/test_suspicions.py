@@ -263,3 +263,16 @@ def test_two_levels_of_torque_are_no_limit(log):
     assert not [one for one in suspicions(bang) if one.kind == "clipped"]
     clipped = dataclasses.replace(log, torque=np.clip(log.torque, -0.3, 0.3))
     assert [one.kind for one in suspicions(clipped)].count("clipped") == 2
+
+
+def test_a_weight_makes_no_exchange_of_columns(log):
+    """A heavy arm moved slowly: its torque follows the angle, and the speed follows the torque's rate."""
+    time = np.arange(0.0, 20.0, 0.01)
+    position = 0.2 * np.sin(0.8 * time) + 0.05 * np.sin(2.1 * time)
+    velocity = np.gradient(position, 0.01)
+    torque = 0.03 * np.gradient(velocity, 0.01) + 2.0 * np.sin(position) + 0.02 * np.sign(velocity)
+    heavy = dataclasses.replace(
+        log, time=time, dt=0.01, torque=torque, velocity=velocity, position=position, reference=None
+    )
+    for one in (heavy, without_position(heavy)):
+        assert "swapped" not in [kind for _, kind in kinds(one, None)]
