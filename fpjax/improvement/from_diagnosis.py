@@ -15,8 +15,9 @@ from ..errors import InputError
 from ..gap import Diagnosis
 from ..gap.answer.findings import Learned
 from ..gap.answer.posterior import FILE, Posterior, load_posterior
-from ..gap.data.record import ANOTHER, MOST
+from ..gap.data.record import MOST
 from ..logs import Log
+from ..logs.checks.agreement import one_unit
 from ..model_file import Model, load_model
 from ..output.json_object import JsonObject
 from ..output.runfile import refuse_unfinished
@@ -75,7 +76,7 @@ def _in_another_unit(posterior: Posterior, causes: Sequence[str], scales: Sequen
     The drive's loop did not see it, but what is measured and predicted here are errors of that column.
     """
     beside = SCALED in causes and posterior.noise[1] > 0.0
-    if not beside or all(ANOTHER < scale < 1.0 / ANOTHER for scale in scales):
+    if not beside or all(map(one_unit, scales)):
         return ""
     return (
         f"the velocity column is {scales[0]:.4g} times the position's rate; give its unit or turn its sign, such as "

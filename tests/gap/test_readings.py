@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fpjax import Log
-from fpjax.gap.answer.assemble import _sure_readings
 from fpjax.gap.data.record import make_records
 from fpjax.gap.select.readings import readings, sure_readings
 from fpjax.gap.thresholds import THRESHOLDS
@@ -103,11 +102,11 @@ def test_of_several_logs_the_velocity_of_none_is_fitted_where_that_of_one_is_tur
     turned = dataclasses.replace(right, velocity=-right.velocity)
     for logs in ([right, turned], [turned, right]):
         assert [one.velocity for one in make_records(logs, [], 0.01)] == [None, None]
-        (found,) = _sure_readings(make_records(logs, [], 0.01), 0.01)
+        (found,) = sure_readings(make_records(logs, [], 0.01), 0.01)
         assert found.values["scale"][0] == pytest.approx(-1.0, rel=0.05)
 
 
 def test_what_is_below_a_thousandth_of_the_speed_is_the_differentiators():
     (one,) = make_records([turning(scale=1.0 + 2e-4, noise=1e-7)], [], 0.01)
     assert any(found.evidence > THRESHOLDS.decisive for found in readings(one, 0.01))
-    assert sure_readings(one, 0.01) == ()
+    assert sure_readings([one], 0.01) == ()

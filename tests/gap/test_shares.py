@@ -35,11 +35,25 @@ def test_a_cause_takes_what_comes_back_without_it():
     assert not alike
 
 
-def test_of_numbers_that_make_up_for_each_other_one_takes_what_both_do_and_names_the_other():
-    coulomb, viscous = "coulomb_error", "viscous_error"
-    found, alike = shares({(): 1.0, (coulomb,): 0.33, (viscous,): 0.34, (coulomb, viscous): 0.3})
-    assert found == pytest.approx({coulomb: 0.67, viscous: 0.03})
-    assert alike == {coulomb: (viscous,)}
+@pytest.mark.parametrize(
+    ("told", "second", "left", "expected"),
+    [
+        # Numbers: the one that takes most, though by little.
+        (("coulomb_error", 0.33), ("viscous_error", 0.34), 0.3, {"coulomb_error": 0.67, "viscous_error": 0.03}),
+        # A weight on a winch that mostly lowers it is a Coulomb level too: the effect, though a number takes as much.
+        (
+            ("constant_torque", 0.022),
+            ("coulomb_error", 0.018),
+            0.004,
+            {"constant_torque": 0.978, "coulomb_error": 0.018},
+        ),
+    ],
+)
+def test_of_causes_that_make_up_for_each_other_one_takes_what_both_do_and_names_the_other(told, second, left, expected):
+    (name, with_it), (other, with_other) = told, second
+    found, alike = shares({(): 1.0, (name,): with_it, (other,): with_other, (name, other): left})
+    assert found == pytest.approx(expected)
+    assert alike == {name: (other,)}
 
 
 def test_numbers_that_matter_little_even_together_are_details():
@@ -60,14 +74,6 @@ def test_three_numbers_are_taken_on_one_by_one_until_little_is_left():
     # Without the third a detail is left; its share stays what comes back without it alone.
     assert found == pytest.approx({b: 0.6, a: 0.13, c: 0.02})
     assert alike == {a: (c,)}
-
-
-def test_of_an_effect_and_a_number_that_make_up_for_each_other_the_effect_is_told():
-    """A weight on a winch that mostly lowers it is a Coulomb level too."""
-    weight, coulomb = "constant_torque", "coulomb_error"
-    found, alike = shares({(): 1.0, (weight,): 0.022, (coulomb,): 0.018, (weight, coulomb): 0.004})
-    assert found == pytest.approx({weight: 0.978, coulomb: 0.018})
-    assert alike == {weight: (coulomb,)}
 
 
 def test_details_that_add_up_stay_details():

@@ -70,7 +70,8 @@ def assemble(
     step = unknown_step(search)
     torque = float(np.sqrt(np.mean(np.concatenate([record.torque for record in records]) ** 2)))
     # Errors of the velocity column that the encoder shows by itself, before any model of the machine.
-    sure = () if contradiction else _sure_readings(records, search.setting.inertia)
+    pieces = [in_one_piece(record) for record in records]
+    sure = () if contradiction else sure_readings(pieces, search.setting.inertia)
     sure = tuple(one for one in sure if not allowed or one.effect in allowed)
     read, sure = material(sure, torque), tuple(one for one in sure if one.of_sensor)
     rounded = [rounding(records, step, search.setting.inertia)] if step > 0.0 else []
@@ -117,7 +118,7 @@ def assemble(
     said += slight_readings([one for one in sure if one.effect not in wrong], search.setting.units)
     said += [] if found.word == "no_gap" else where_fitted_alone(gap, everywhere)
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
-    tracking = tracking_error(model, [in_one_piece(record) for record in records], *sides, said)
+    tracking = tracking_error(model, pieces, *sides, said)
     clock("where")
     return Answer(
         verdict=found.word,
@@ -155,12 +156,6 @@ def assemble(
             left_open(decision, found.causes, {one.effect: one.cause_probability for one in ranking.entries}),
         ),
     )
-
-
-def _sure_readings(records: Sequence[Record], inertia: float) -> tuple[Reading, ...]:
-    """Of the first log, or of the first whose velocity is in another unit."""
-    found = [sure_readings(in_one_piece(record), inertia) for record in records]
-    return next((some for some in found if any(not one.of_sensor for one in some)), found[0])
 
 
 def _instead(read: Sequence[Reading], allowed: tuple[str, ...]) -> dict[str, tuple[str, ...]]:

@@ -22,7 +22,7 @@ SAME_PERIOD = 1e-3  # relative difference of control periods that counts as none
 SIMILAR_PERIOD = 0.1  # likewise, up to which logs are resampled onto the period of the first
 OTHER_PERIOD = 4.0  # likewise, ratio above which they are not put together: most of the faster one would be lost
 CONTRADICTIONS = {"unit", "sign", "swapped", "inconsistent", "machine"}  # kinds of suspicions that no effect explains
-MOST_ROWS = 400_000  # samples that `_check_drive` reads, from the middle of the log: numerical derivatives take time
+MOST_ROWS = 400_000  # samples that checks read, from the middle of the log: numerical derivatives take time
 
 
 def read_logs(logs: LogSource | Sequence[LogSource] | None) -> list[Log]:
@@ -101,11 +101,12 @@ def contradictions(logs: Sequence[Log], model: Model, *, rate: bool = True) -> l
 
 def _position_is_wrong(log: Log, inertia: float) -> bool:
     """Whether the velocity column moves as the model's inertia does, and the position's rate does not."""
-    if log.velocity is None:
+    if log.velocity is None or log.position is None:
         return False
+    part = _middle(log)
     alone = (
-        fit_rigid(log.torque, velocity, position, log.dt, gravity=not log.linear)
-        for velocity, position in ((log.velocity, None), (None, log.position))
+        fit_rigid(log.torque[part], velocity, position, log.dt, gravity=not log.linear)
+        for velocity, position in ((log.velocity[part], None), (None, log.position[part]))
     )
     by_velocity, by_position = (
         abs(math.log(one.inertia / inertia)) if one is not None and one.inertia > 0.0 else math.inf for one in alone
@@ -127,6 +128,11 @@ def _numbers(model: Model) -> Numbers | None:
     return Numbers(inertia / (gain * scale), coulomb / gain, viscous / (gain * scale))
 
 
+def _middle(log: Log) -> slice:
+    first = max(0, (log.samples - MOST_ROWS) // 2)
+    return slice(first, first + MOST_ROWS)
+
+
 def _check_drive(log: Log, unit: str) -> None:
     """Refuse a log without torque, or with one speed throughout.
 
@@ -138,8 +144,7 @@ def _check_drive(log: Log, unit: str) -> None:
             f"{log.name}: its torque is zero throughout, and the torque is what a diagnosis simulates from: was the "
             "right column mapped?"
         )
-    first = max(0, (log.samples - MOST_ROWS) // 2)
-    part = slice(first, first + MOST_ROWS)
+    part = _middle(log)
     columns = (None if column is None else column[part] for column in (log.velocity, log.position))
     speed = speed_of(dataclasses.replace(log, **dict(zip(("velocity", "position"), columns, strict=True))))
     size, spread = float(np.sqrt(np.mean(speed**2))), float(np.std(speed))

@@ -10,8 +10,8 @@ from jaxtyping import Bool, Float, Int
 from ...errors import InputError
 from ...logs import Log
 from ...logs.arrays import Values
+from ...logs.checks.agreement import in_another_unit
 from ...logs.checks.stamp_jitter import stamp_jitter
-from ...logs.dynamics.derivative import travelled
 from ...logs.noise import is_derived
 from .channel import Channel, common_noise, make_channel
 from .motion import encoder_rate, motion
@@ -19,7 +19,6 @@ from .split import every_fourth
 
 SECONDS = (0.5, 1.0)  # bounds of a window's length [s], within which it is the mean time between two reversals
 RESOLVED = 0.02  # of the torque's rms: standard deviation with which a window should resolve a constant torque
-ANOTHER = 0.5  # times the position's rate, below which (and above whose inverse) a velocity is in another unit
 TURNING = 0.05  # of the top speed: below it a sign of the speed is noise and counts as no direction
 SHORTEST, LONGEST = 64, (512, 1024)  # samples of a window; the most with and without a rate sensor
 FEWEST = 8  # windows that a log is cut into at least
@@ -139,15 +138,6 @@ def make_records(logs: Sequence[Log], holdout: Sequence[Log], inertia: float) ->
         _record(log, rate, angle, samples, side, count)
         for log, rate, angle, side in zip(everything, rates, angles, sides, strict=True)
     ]
-
-
-def in_another_unit(velocity: Values, position: Values, dt: float) -> bool:
-    """Whether a velocity is a multiple of the position's rate that no scale error is: no motion has both.
-
-    It is not fitted then, and `fpjax.gap.select.readings` tells its scale.
-    """
-    ratio, together = travelled(velocity, position, dt)
-    return together > 0.5 and not ANOTHER < ratio < 1.0 / ANOTHER
 
 
 def _in_another_unit(log: Log) -> bool:

@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...logs.arrays import Values
-from ...logs.dynamics.derivative import BLOCKS, local_polynomial, travelled
+from ...logs.checks.agreement import BLOCKS, in_another_unit, travelled
+from ...logs.dynamics.derivative import local_polynomial
 from ...logs.noise import is_derived
-from ..data.record import Record, in_another_unit
+from ..data.record import Record
 from ..fit.band import highest_of_speed
 from ..thresholds import THRESHOLDS, Thresholds
 
@@ -64,7 +65,7 @@ def readings(record: Record, inertia: float) -> list[Reading]:
     """
     if record.reading is None or record.position is None or record.velocity is not None:
         return []
-    if in_another_unit(record.reading.values, record.position.values, record.dt):
+    if _in_another_unit(record):
         return [_rescaled(record, inertia)]  # what else is wrong with it shows once that is mended
     if is_derived(record.reading.values, record.position.values):
         return []  # its filter is how it was made, and not a fault of a sensor
@@ -128,17 +129,25 @@ def _moving(record: Record, change: Values) -> float:
     return float(np.sqrt(np.mean(_lagged(np.gradient(change, record.dt), corner, record.dt) ** 2)))
 
 
-def sure_readings(record: Record, inertia: float, t: Thresholds = THRESHOLDS) -> tuple[Reading, ...]:
-    """What is wrong with a record's velocity column for certain, however little it is.
+def sure_readings(records: Sequence[Record], inertia: float, t: Thresholds = THRESHOLDS) -> tuple[Reading, ...]:
+    """What is wrong with the velocity column for certain, however little: of the first log, or of the first log whose
+    velocity is in another unit than its position.
 
-    A lag of a period is hardly a thousandth of the speed, but may be all of a good loop's tracking error.
+    A lag of a period is hardly a hundredth of the speed, but may be all of a good loop's tracking error.
 
     Args:
-        record: with `reading` and `position`.
+        records: with `reading` and `position`, each in one piece.
         inertia: nominal J [kg m^2].
         t: thresholds.
     """
+    record = next((one for one in records if _in_another_unit(one)), records[0])
     return tuple(one for one in readings(record, inertia) if one.evidence > t.decisive and one.size > FAINT)
+
+
+def _in_another_unit(record: Record) -> bool:
+    if record.reading is None or record.position is None:
+        return False
+    return in_another_unit(record.reading.values, record.position.values, record.dt)
 
 
 def rounding(records: Sequence[Record], step: float, inertia: float) -> Reading:

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Values
-from ..dynamics.derivative import local_polynomial, smooth_motion, travelled
+from ..dynamics.derivative import local_polynomial, smooth_motion
 from ..log import Log
 from ..mending.clock import TIME_UNITS, likely_unit
 from ..noise import noise_level, rounding_step
+from .agreement import TOGETHER, one_unit, travelled
 from .stamp_jitter import stamp_jitter
 from .suspicion import LIKE, unit_of
 from .suspicion import Expected as Expected
@@ -220,10 +221,10 @@ def _unit_of_time(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
     velocity, position = columns.get("velocity"), columns.get("position")
     if velocity is not None and position is not None:
         ratio, together = travelled(velocity, position, log.dt)
-        if together > 0.5 and 0.5 < abs(ratio) < 2.0:
+        if together > TOGETHER and one_unit(abs(ratio)):
             return  # the velocity is the rate of the position in these seconds: the unit is right
         named = [name for name, size in TIME_UNITS.items() if abs(abs(ratio) * size - 1.0) < LIKE]
-        unit = named[0] if named and together > 0.5 else unit
+        unit = named[0] if named and together > TOGETHER else unit
     yield Suspicion(
         f"its rows are {log.dt:.4g} s apart, which is slow for a control period: is its time in {unit}? "
         f"Then say so with --columns time=time:{unit}.",
@@ -238,7 +239,7 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
         return
     ratio, together = travelled(velocity, position, log.dt)
     unit = "m" if getattr(log, "linear", False) else "rad"
-    if not np.isfinite(ratio) or together < 0.5:
+    if not np.isfinite(ratio) or together < TOGETHER:
         yield Suspicion(
             f"velocity is not the rate of change of position (correlation {together:.2f}): one of them "
             f"belongs to another axis, or has another time.",
@@ -270,7 +271,7 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
             "warn",
             "sign",
         )
-    elif not 0.5 < ratio < 2.0:
+    elif not one_unit(ratio):
         yield Suspicion(
             f"velocity is {ratio:.3g} x the rate of change of position: check the units of both.",
             "warn",

@@ -5,14 +5,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..arrays import Values
-from ..dynamics.derivative import smooth_motion, travelled
+from ..dynamics.derivative import smooth_motion
 from ..dynamics.nominal import SIGNIFICANT, Nominal, fit_rigid
 from ..log import Log
+from .agreement import TOGETHER, travelled
 from .suspicion import Expected, Suspicion, unit_of
 
 BEYOND = 4.0  # factor: an inertia that is further off means another unit or another machine, not a cause of a gap
 EXPLAINED = 0.5  # share of the motion's variance within windows: with less explained, the fit means nothing
-TOGETHER = 0.5  # correlation of velocity and position over blocks, from which on one is the other's rate
 SURE = 8.0  # [standard deviations] of the inertia: a wrong warning about a sign costs more than a missed one
 
 

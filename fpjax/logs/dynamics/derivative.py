@@ -21,7 +21,6 @@ from ..noise import even_pieces, noise_level
 
 Differentiator = Literal["zero_phase", "causal"]
 
-BLOCKS = 100  # of a log, over which velocity and position are compared
 CUTOFF = 0.1  # of the control rate: the low-pass of `measured_velocity`, where none is given
 
 
@@ -186,25 +185,3 @@ def _noise_gain(half: int, degree: int, derivative: int) -> float:
     powers = (np.arange(-half, half + 1) / half)[:, None] ** np.arange(degree + 1)
     weights = np.linalg.pinv(powers)[derivative] * np.prod(np.arange(1.0, derivative + 1)) / half**derivative
     return float(np.sqrt(weights @ weights))
-
-
-def travelled(velocity: Values, position: Values, dt: float) -> tuple[float, float]:
-    """(integral of the velocity over the change of the position, their correlation), by blocks of many periods.
-
-    Over a block the noise of the two sensors is small beside the travel, and no reading is differentiated.
-
-    Args:
-        velocity: [rad/s], shape (samples,).
-        position: [rad], shape (samples,).
-        dt: control period [s].
-    """
-    size = int(np.clip(len(velocity) // BLOCKS, 4, 200))
-    ends = np.arange(0, len(velocity), size)
-    walked = travel(velocity, dt)
-    by_rate, by_angle = np.diff(walked[ends]), np.diff(position[ends])
-    power, rate_power = float(by_angle @ by_angle), float(by_rate @ by_rate)
-    if power == 0.0 or rate_power == 0.0:
-        return float("nan"), 0.0
-    across = float(by_rate @ by_angle)
-    # Both are noisy, so a regression either way is biased: the ratio of their rms is not, with the correlation's sign.
-    return float(np.sign(across) * np.sqrt(rate_power / power)), abs(across) / np.sqrt(power * rate_power)
