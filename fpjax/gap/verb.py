@@ -2,6 +2,7 @@
 
 import dataclasses
 import datetime
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Literal, overload
 
@@ -61,7 +62,8 @@ def diagnose(
     """Where the simulation is wrong, which effect causes it, how far the gap shrinks.
 
     Args:
-        log: a `fpjax.logs.Log`, a path, a mapping of arrays, or several of them (runs of one machine).
+        log: a `fpjax.logs.Log`, a path, a mapping of arrays, or several of them (runs of one machine). The further
+            stretches of a log (`Log.further`) are further runs.
         model: the nominal model: a `fpjax.model_file.Model`, or the path or text of a servo.toml.
         holdout: further logs, on which models are scored but never fitted.
         each: one diagnosis for each log, as for separate machines.
@@ -80,17 +82,17 @@ def diagnose(
     allowed = allowed_effects(effects)
     clock = StageClock(progress, COSTS)
     clock("reading")
-    logs, withheld = read_logs(log), read_logs(holdout)
-    if not logs:
+    groups, withheld = read_logs(log), list(itertools.chain(*read_logs(holdout)))
+    if not groups:
         raise InputError("No log was given: pass a path, a Log or a mapping of arrays.")
-    if keep is not None and each and len(logs) > 1:
+    if keep is not None and each and len(groups) > 1:
         raise InputError("keep holds one diagnosis: diagnose each log with a file of its own.")
     found = []
     try:
         # Reading the model too: rounded to single precision, its values would differ.
         with double_precision(), one_blas_thread():
             nominal = read_model(model)
-            for group in [[one] for one in logs] if each else [logs]:
+            for group in groups if each else [list(itertools.chain(*groups))]:
                 found.append(_diagnose(group, withheld, nominal, effects, allowed, clock, keep))
                 clock = StageClock(progress, COSTS)
     finally:

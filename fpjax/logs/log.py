@@ -41,6 +41,9 @@ class Log(Drawable):
         torque_measured: the torque was measured by the drive, not commanded.
         torque_lag: delay of the measured torque (in `extra`) behind the commanded one [s]; None without both.
         resampled: values were interpolated or filled to get a uniform clock.
+        further: other stretches of the same recording, each a log of its own, where time starts anew or was
+            interrupted; this one is the longest.
+        since: from the start of the recording's first stretch to this one's [s]; 0 where time starts anew.
     """
 
     time: Values
@@ -60,6 +63,8 @@ class Log(Drawable):
     torque_measured: bool = False
     torque_lag: float | None = None
     resampled: bool = False
+    further: tuple["Log", ...] = ()
+    since: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time)

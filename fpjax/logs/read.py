@@ -5,6 +5,7 @@ import os
 import pathlib
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,13 +26,12 @@ from .columns.mapping import (
 from .columns.units import find_unit
 from .formats.table import RawTable, Request, from_arrays, read_table
 from .log import Log, NamedArrays
-from .mending.clock import SHORTEST, in_order, longest_stretch, read_clock
-from .mending.invalid_values import filled, unread_rows, without_absurd
+from .mending.clock import SHORTEST
 from .mending.measured_torque import constant_ratio, following, related
-from .mending.resample import HELD, Uniform, every, to_grid
+from .mending.resample import Uniform, every
+from .mending.stretches import Stretch, stretches
 from .mending.unsigned import signed
-from .mending.wrapping import find_wrapping
-from .noise import noise_level, rounding_step
+from .noise import noise_level
 
 MOST_EXTRA = 64  # unmapped columns that are kept
 # quantiles: an axis that only moved to its place before the run counts as standing still
@@ -119,22 +119,32 @@ def read_log(
         extra = dict(list(extra.items())[:MOST_EXTRA])
     first_row = table.first_row
     del table
-    # notes so far are on how the file was understood; those from here on are changes, which `strict` refuses
-    done = len(notes)
-    uniform, jitter, period, step = _uniform(found, extra, name, first_row, (begin, end), dt, bool(kind), notes)
-    if strict and len(notes) > done:
-        raise InputError(f"{notes[done]} (strict: the log is refused for it.)")
-    if take_every > 1:
-        if uniform.time.size // take_every < SHORTEST:
-            raise InputError(
-                f"--every {take_every} leaves {uniform.time.size // take_every} rows of {name}: at least {SHORTEST} "
-                f"are needed."
-            )
-        uniform, period = every(uniform, take_every, name, notes), period * take_every
+    # notes so far are on how the file was understood; those of a stretch are changes, which `strict` refuses
+    parts = stretches(found, extra, name, first_row, (begin, end), dt, bool(kind))
+    if strict and parts[0].notes:
+        raise InputError(f"{parts[0].notes[0]} (strict: the log is refused for it.)")
+    left = parts[0].uniform.time.size // take_every
+    if left < SHORTEST:
+        raise InputError(f"--every {take_every} leaves {left} rows of {name}: at least {SHORTEST} are needed.")
     measured = computed or ("torque" in sources and sources["torque"].measured)
-    lag = _about_torque(uniform, step, measured, period, name, notes)
-    for note in notes:
+    unit, digest = label or ("N" if kind else "N m"), "" if path is None else _file_hash(path)
+    longest, *further = (
+        replace(_as_log(each, take_every, measured), linear=bool(kind), torque_unit=unit, sha256=digest)
+        for each in parts
+        if each.uniform.time.size // take_every >= SHORTEST
+    )
+    log = replace(longest, warnings=(*notes, *longest.warnings), further=tuple(further))
+    for note in log.warnings:
         warnings.warn(note, FpjaxWarning, stacklevel=2)
+    return log
+
+
+def _as_log(stretch: Stretch, take_every: int, measured: bool) -> Log:
+    """A stretch as a log, with what is noticed of its torque."""
+    uniform, period, notes = stretch.uniform, stretch.dt, stretch.notes
+    if take_every > 1:
+        uniform, period = every(uniform, take_every, stretch.name, notes), period * take_every
+    lag = _about_torque(uniform, stretch.step, measured, period, stretch.name, notes)
     motion = uniform.columns
     return Log(
         time=uniform.time,
@@ -143,17 +153,15 @@ def read_log(
         position=motion.get("position"),
         reference=motion.get("reference"),
         dt=period,
-        name=name,
-        linear=bool(kind),
-        torque_unit=label or ("N" if kind else "N m"),
+        name=stretch.name,
         extra={**uniform.extra, **{key: motion[key] for key in ("torque_measured", "temperature") if key in motion}},
         warnings=tuple(notes),
-        jitter=jitter,
-        sha256="" if path is None else _file_hash(path),
-        torque_step=step,
+        jitter=stretch.jitter,
+        torque_step=stretch.step,
         torque_measured=measured,
         torque_lag=lag,
         resampled=uniform.resampled,
+        since=stretch.since,
     )
 
 
@@ -279,91 +287,6 @@ def _common_length(found: Mapping[str, np.ndarray], name: str) -> int:
         each = ", ".join(f"{key} {length}" for key, length in lengths.items())
         raise InputError(f"{name}: the columns have different lengths ({each}): export them from one run.")
     return next(iter(lengths.values()))
-
-
-def _uniform(
-    found: dict[str, np.ndarray],
-    extra: dict[str, np.ndarray],
-    name: str,
-    first_row: int,
-    window: tuple[float, float],
-    dt: float | None,
-    linear: bool,
-    notes: list[str],
-) -> tuple[Uniform, float, float, float]:
-    """Columns on the uniform grid, the jitter [s], the period [s], and the torque's rounding step as recorded."""
-    time = found.pop("time")
-    rows = np.arange(time.size)
-    if np.isfinite(window).any():
-        rows = np.flatnonzero((time >= window[0]) & (time <= window[1]))
-        if rows.size < SHORTEST:
-            # The reader of a large file skips the rows outside, so the length of the whole log is not known then.
-            whole = f": it runs from {np.nanmin(time):g} to {np.nanmax(time):g} s" if rows.size < time.size else ""
-            raise InputError(
-                f"{name}: --from and --to leave {rows.size} rows, where at least {SHORTEST} are needed{whole}."
-            )
-    _check_length(rows.size, name)
-    ordered = in_order(time[rows] if rows.size < time.size else time, name, first_row, notes)
-    time = ordered.time
-    if ordered.chosen is not None:
-        rows = rows[ordered.chosen]
-    _check_length(rows.size, name)
-    # a copy of every column of a large log is avoided where all rows are kept in their order
-    everything = rows.size == len(next(iter(found.values()), rows)) and (rows[0] == 0 and rows[-1] == rows.size - 1)
-    if not everything or (ordered.chosen is not None):
-        found = {key: values[rows] for key, values in found.items()}
-        extra = {key: values[rows] for key, values in extra.items()}
-    found = {key: without_absurd(values, key, name, first_row, notes) for key, values in found.items()}
-    found = _without_empty(found, name, notes)
-    begin, end = longest_stretch(time, unread_rows(found), name, first_row, notes)
-    _check_length(end - begin, name)
-    if end - begin < time.size:
-        time = time[begin:end]
-        found = {key: values[begin:end] for key, values in found.items()}
-        extra = {key: values[begin:end] for key, values in extra.items()}
-    row = first_row + begin
-    if not linear:
-        found = _unwrapped(found, time, name, row, notes)
-    found = {key: filled(v, time, key, key in HELD, name, row, notes) for key, v in found.items()}
-    clock = read_clock(time, name, dt)
-    uniform = to_grid(clock, time, found, extra, name, notes)
-    _check_length(uniform.time.size, name)
-    return uniform, clock.jitter, clock.dt, rounding_step(found["torque"]) if "torque" in found else 0.0
-
-
-def _check_length(rows: int, name: str) -> None:
-    if rows < SHORTEST:
-        raise InputError(f"{name} is too short: {rows} rows, where at least {SHORTEST} are needed; record for longer.")
-
-
-def _without_empty(found: dict[str, np.ndarray], name: str, notes: list[str]) -> dict[str, np.ndarray]:
-    """Drop columns without a single number where another can replace them; refuse the log where none can."""
-    empty = [key for key, values in found.items() if not np.isfinite(values).any()]
-    for key in empty:
-        other = {"velocity": "position", "position": "velocity"}.get(key)
-        if key == "torque" or (other is not None and (other not in found or other in empty)):
-            raise InputError(f"{name}: {key} holds no numbers at all: map another column with --columns {key}=NAME.")
-        notes.append(f"{name}: {key} holds no numbers at all and was left out.")
-    return {key: values for key, values in found.items() if key not in empty}
-
-
-def _unwrapped(
-    found: dict[str, np.ndarray], time: np.ndarray, name: str, first_row: int, notes: list[str]
-) -> dict[str, np.ndarray]:
-    """The columns with an angle, and its reference, that turn on where they jumped from one end to the other."""
-    wrapping = find_wrapping(found["position"], time, found.get("velocity")) if "position" in found else None
-    if wrapping is None:
-        return found
-    position = wrapping.removed(found["position"])
-    count = len(wrapping.after)
-    reference = wrapping.beside(position, found["reference"]) if "reference" in found else None
-    times = "once" if count == 1 else f"{count} times"
-    notes.append(
-        f"{name}: position jumps by {wrapping.period:.6g} rad {times} (first after row "
-        f"{wrapping.after[0] + first_row}) while the machine moves on: it wraps, and was made continuous"
-        f"{', its reference with it' if reference is not None else ''}."
-    )
-    return found | {"position": position} | ({} if reference is None else {"reference": reference})
 
 
 def _about_torque(

@@ -133,7 +133,7 @@ def _misread(search: Search, c: Candidate, part: Linear) -> Values:
     padded = 1024
     while padded < rows.size:
         padded *= 2  # powers of two: logs of similar length share one compiled function
-    times = record.time[rows] - record.time[0]
+    times = record.elapsed[rows]
     found = []
     with double_precision():
         for speed, position in ((simulated, angle + away), (measured, angle)):

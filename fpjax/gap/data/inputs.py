@@ -16,6 +16,7 @@ from ...logs.dynamics.nominal import fit_rigid, speed_of
 from ...logs.mending.resample import at_period
 from ...model_file import Model, ModelSource, load_model
 from ..thresholds import THRESHOLDS
+from .record import LEAST
 from .setting import turns_with_position
 
 SAME_PERIOD = 1e-3  # relative difference of control periods that counts as none
@@ -25,13 +26,41 @@ CONTRADICTIONS = {"unit", "sign", "swapped", "inconsistent", "machine"}  # kinds
 MOST_ROWS = 400_000  # samples that checks read, from the middle of the log: numerical derivatives take time
 
 
-def read_logs(logs: LogSource | Sequence[LogSource] | None) -> list[Log]:
-    """One log or several, each a `Log`, a path or a mapping of arrays."""
+def read_logs(logs: LogSource | Sequence[LogSource] | None) -> list[list[Log]]:
+    """For each log (a `Log`, a path or a mapping of arrays) its longest stretch and the further ones that tell more."""
     if logs is None:
         return []
     several = isinstance(logs, Sequence) and not isinstance(logs, str | os.PathLike)
     every: Sequence[LogSource] = logs if several else [logs]  # pyright: ignore[reportAssignmentType]
-    return [one if isinstance(one, Log) else read_log(one) for one in every]
+    read = [one if isinstance(one, Log) else read_log(one) for one in every]
+    return [[one, *_that_tell_more(one)] for one in read]
+
+
+def _that_tell_more(log: Log) -> list[Log]:
+    """Further stretches of a log that could be diagnosed by themselves and look like it.
+
+    One in which the machine rests is left out, or whose columns contradict each other where the log's own do not. So
+    are those without a position: how far the machine went in the pause is not known, and what depends on the position
+    would stand at another place there.
+    """
+    parts = [part for part in log.further if part.position is not None and part.samples >= LEAST]
+    if not parts:
+        return []
+    wrong = _wrong_kinds(log)
+    return [part for part in parts if _moves(part) and _wrong_kinds(part) <= wrong]
+
+
+def _wrong_kinds(log: Log) -> set[str]:
+    found = suspicions(log, None)
+    return {one.kind for one in found if one.severity == "stop" or one.kind in CONTRADICTIONS | {"still"}}
+
+
+def _moves(log: Log) -> bool:
+    try:
+        _check_drive(log, "")
+    except InputError:
+        return False
+    return True
 
 
 def on_one_clock(logs: Sequence[Log]) -> list[Log]:

@@ -38,7 +38,7 @@ class Record:
         name: the log's.
         time: of each sample [s], shape (samples,), as every array of the log below.
         torque: commanded [N m].
-        velocity: the rate sensor's column, fitted; None without one, or where the position is enough (`_columns`).
+        velocity: the rate sensor's column, fitted; None without one, or where the position is enough.
         position: the encoder's column, fitted; None without one.
         reading: the velocity column, fitted or not; None without one.
         reference: the commanded motion, or None.
@@ -56,6 +56,7 @@ class Record:
         samples: length of every window.
         withheld: whether a window is never fitted, shape (windows,), bool.
         runs: factor on the variance of the readings in a window, for repeated readings [1], shape (windows,).
+        since: from the start of the recording to the first sample [s]; above 0 for a stretch after a pause.
         recorded: number of samples of the whole log. Of a long one the arrays hold stretches only, and `time` jumps
             between them.
     """
@@ -80,12 +81,18 @@ class Record:
     samples: int
     withheld: Bool[Values, " windows"]
     runs: Float[Values, " windows"]
+    since: float
     recorded: int
 
     @property
     def integrated(self) -> bool:
         """Whether `angle` is an integral, whose zero no sensor measures."""
         return self.position is None
+
+    @property
+    def elapsed(self) -> Float[Values, " samples"]:
+        """Time since the recording began [s], of which a drift is a function, shape (samples,)."""
+        return self.time - self.time[0] + self.since
 
     @property
     def channels(self) -> tuple[bool, bool]:
@@ -122,8 +129,8 @@ def make_records(logs: Sequence[Log], holdout: Sequence[Log], inertia: float) ->
         InputError: for logs that are too short, or differ in period or columns.
     """
     everything = [*logs, *holdout]
-    columns = [_columns(log, inertia) for log in everything]
-    if any(_in_another_unit(log) for log in everything):  # that of one log is that of the machine's drive
+    columns = [_columns(log) for log in everything]
+    if _position_is_enough(everything, columns, inertia):
         columns = [(None if position is not None else velocity, position) for velocity, position in columns]
     _check_alike(everything, columns)
     rates = common_noise([velocity for velocity, _ in columns])
@@ -140,16 +147,8 @@ def make_records(logs: Sequence[Log], holdout: Sequence[Log], inertia: float) ->
     ]
 
 
-def _in_another_unit(log: Log) -> bool:
-    both = log.velocity is not None and log.position is not None
-    return both and in_another_unit(np.asarray(log.velocity, float), np.asarray(log.position, float), float(log.dt))
-
-
-def _columns(log: Log, inertia: float) -> tuple[Channel | None, Channel | None]:
-    """(rate, position) of a log that are fitted.
-
-    Where the encoder alone resolves the torques, the rate is not fitted but left to `fpjax.gap.select.readings`: most
-    drives differentiate and filter the same encoder for it, and its lag and scale must not change the estimated torque.
+def _columns(log: Log) -> tuple[Channel | None, Channel | None]:
+    """(rate, position) of a log.
 
     Raises:
         InputError: for a log without either, or with too few samples.
@@ -169,11 +168,29 @@ def _columns(log: Log, inertia: float) -> tuple[Channel | None, Channel | None]:
         late = stamp_jitter(velocity.values, position.values, float(log.dt)) or 0.0
         moved = late * float(np.sqrt(np.mean(velocity.values**2)))
         position = replace(position, noise=float(np.hypot(position.noise, moved)))
-        torque = float(np.sqrt(np.mean(np.square(log.torque))))
-        enough = _resolved(None, position, inertia, SECONDS[1], float(log.dt)) < RESOLVED * torque
-        if enough or is_derived(velocity.values, position.values):
-            velocity = None
     return velocity, position
+
+
+def _position_is_enough(
+    logs: Sequence[Log], columns: Sequence[tuple[Channel | None, Channel | None]], inertia: float
+) -> bool:
+    """Whether the rate beside a position is not fitted but left to `fpjax.gap.select.readings`.
+
+    So it is where the encoder alone resolves the torques of every log: most drives differentiate and filter the same
+    encoder for the rate, and its lag and scale must not change the estimated torque. That a rate was derived, or is in
+    another unit, one log shows for all.
+    """
+    both = [
+        (log, rate.values, angle)
+        for log, (rate, angle) in zip(logs, columns, strict=True)
+        if rate is not None and angle is not None
+    ]
+    if any(is_derived(rate, angle.values) or in_another_unit(rate, angle.values, log.dt) for log, rate, angle in both):
+        return True
+    return all(
+        _resolved(None, angle, inertia, SECONDS[1], log.dt) < RESOLVED * float(np.sqrt(np.mean(np.square(log.torque))))
+        for log, _, angle in both
+    )
 
 
 def _check_alike(logs: Sequence[Log], columns: Sequence[tuple[Channel | None, Channel | None]]) -> None:
@@ -261,6 +278,7 @@ def _record(
         samples,
         withheld,
         main.runs(starts, samples),
+        log.since,
         len(log.time),
     )
 

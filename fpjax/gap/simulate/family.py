@@ -224,7 +224,7 @@ def window_fields(
     starts = record.starts[windows]
     return {
         "start": (starts + TAPS).astype(np.int32),
-        "time": record.time[starts] - record.time[0],
+        "time": record.elapsed[starts],
         "velocity": record.speed[starts],
         "slope": record.acceleration[starts],
         "position": record.angle[starts],

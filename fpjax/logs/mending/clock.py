@@ -3,14 +3,15 @@
 A control period is a constant of the machine, and the stamps are noisy measurements of it. What is decided here:
 
 * Rows whose stamp repeats are dropped, and rows that were written a few places late are sorted. Where time runs
-  backwards or stops for long, or a needed column has no readings for long, the log is cut and its longest part is
-  taken.
+  backwards or stops for long, or a needed column has no readings for long, the log is cut there; its longest part
+  leads.
 * The period is fitted to the stamps of the whole part and rounded to the few digits in which a drive's period is
   configured.
 
 Every change is reported with its number; with `strict` the log is refused instead.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,10 +62,12 @@ class Rows:
     Attributes:
         chosen: rows of the file, in order; None for all of them as they are.
         time: their stamps [s], increasing.
+        left: rows of each other run, where several were joined together.
     """
 
     chosen: np.ndarray | None
     time: np.ndarray
+    left: list[np.ndarray]
 
 
 def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> Rows:
@@ -80,6 +83,7 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> R
         InputError: where too few stamps are numbers, or all of them are equal.
     """
     chosen: np.ndarray | None = None
+    left: list[np.ndarray] = []
     bad = ~np.isfinite(time)
     if bad.any():
         if bad.sum() > 0.5 * time.size:
@@ -101,14 +105,16 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> R
             time = time[order]
         else:
             ends = np.flatnonzero(steps < 0.0) + 1
-            begin, end = _longest(np.concatenate([[0], ends, [time.size]]))
+            runs = list(itertools.pairwise([0, *ends.tolist(), time.size]))
+            begin, end = max(runs, key=lambda run: run[1] - run[0])
             notes.append(
                 f"{name}: time runs backwards in {_rows(ends, first_row)} (from {time[ends[0] - 1]:g} s to "
                 f"{time[ends[0]]:g} s), as in several runs joined together: the longest, rows {begin + first_row} to "
                 f"{end - 1 + first_row}, was taken."
             )
-            chosen = np.arange(begin, end) if chosen is None else chosen[begin:end]
-            time = time[begin:end]
+            known = np.arange(time.size) if chosen is None else chosen
+            left = [known[slice(*run)] for run in runs if run != (begin, end)]
+            chosen, time = known[begin:end], time[begin:end]
         steps = np.diff(time)
     repeated = steps == 0.0
     if repeated.any() and time[-1] > time[0]:
@@ -128,7 +134,7 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> R
             time = time[keep]
     elif repeated.any():
         raise InputError(f"{name}: time is {time[0]:g} s in every row, so there is no clock: check the time column.")
-    return Rows(chosen, time)
+    return Rows(chosen, time, left)
 
 
 def likely_unit(period: float) -> str | None:
@@ -160,15 +166,15 @@ def _spread(time: np.ndarray) -> np.ndarray:
 
 def longest_stretch(
     time: np.ndarray, unread: np.ndarray | None, name: str, first_row: int, notes: list[str]
-) -> tuple[int, int]:
-    """(first, last + 1) of the longest part without a long pause and without long runs of empty rows.
+) -> tuple[slice, list[slice]]:
+    """(rows of the longest part without a long pause and without long runs of empty rows, those of the other parts).
 
     Args:
         time: increasing stamps [s].
         unread: rows in a long run without readings; None where there are none.
         name: of the log, for messages.
         first_row: the number that a user sees on the first row.
-        notes: gains a sentence where something was left out.
+        notes: gains a sentence where the log was cut.
     """
     steps = np.diff(time)
     period = float(np.median(steps))
@@ -180,26 +186,23 @@ def longest_stretch(
     if unread is not None and unread.any():
         ends = np.concatenate([ends, np.flatnonzero(np.diff(unread.astype(np.int8)) != 0) + 1])
     if not ends.size:
-        return 0, time.size
-    edges = np.unique(np.concatenate([[0], ends, [time.size]]))
-    sizes = np.diff(edges)
-    if unread is not None:
-        sizes = np.where(unread[edges[:-1]], 0, sizes)
-    best = int(np.argmax(sizes))
-    begin, end = int(edges[best]), int(edges[best + 1])
-    left = time.size - (end - begin)
+        return slice(0, time.size), []
+    edges = itertools.pairwise([0, *np.unique(ends).tolist(), time.size])
+    parts = [slice(begin, end) for begin, end in edges if unread is None or not unread[begin]]
+    best = max(parts, key=lambda part: part.stop - part.start)
     at = int(ends[np.argmax(steps[ends - 1])])
     cause = f"time jumps by {steps[at - 1]:.4g} s after row {at - 1 + first_row} (t = {time[at - 1]:g} s)"
     if unread is not None and unread.any() and not wide.any():
         cause = f"nothing was read in {_count(int(unread.sum()), 'row')} (first {np.argmax(unread) + first_row})"
+    left = time.size - (best.stop - best.start)
     others = (
         "" if left < early + 1 else f"; for another one use --from and --to ({time[0]:g} to {time[-1]:g} s are there)"
     )
     notes.append(
-        f"{name}: {cause}, so the log was cut there and its longest stretch taken, {time[begin]:g} to "
-        f"{time[end - 1]:g} s, without {_count(left, 'row')}{others}."
+        f"{name}: {cause}, so the log was cut there and its longest stretch taken, {time[best.start]:g} to "
+        f"{time[best.stop - 1]:g} s, without {_count(left, 'row')}{others}."
     )
-    return begin, end
+    return best, [part for part in parts if part is not best]
 
 
 def read_clock(time: np.ndarray, name: str, dt: float | None = None) -> Clock:
@@ -261,11 +264,6 @@ def _short_number(period: float, error: float) -> float:
             if abs(candidate - period) <= error:
                 return candidate
     return period
-
-
-def _longest(edges: np.ndarray) -> tuple[int, int]:
-    best = int(np.argmax(np.diff(edges)))
-    return int(edges[best]), int(edges[best + 1])
 
 
 def _count(number: int, word: str) -> str:
