@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..gap import Diagnosis
 from ..gap.answer.findings import Learned
 from ..gap.answer.posterior import FILE, Posterior, load_posterior
-from ..gap.data.record import MOST
+from ..gap.data.inputs import read_logs
 from ..logs import Log
 from ..logs.checks.agreement import one_unit
 from ..model_file import Model, load_model
@@ -168,15 +168,14 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
         raise InputError(f"{path} is not a diagnosis of this version of fpjax: diagnose the log again.") from None
     _check_same(folder, inputs, log)
     samples = [len(course) for course in found.posterior.missing]
-    if len(samples) != 1:
+    if len(samples) != len(read_logs(log)[0]):
         raise InputError(
             f"{folder} is a diagnosis of {len(samples)} logs, but improve judges gains on one: diagnose the one log "
             f"that is typical of the machine's work."
         )
-    # A log that is too long to be simulated as a whole is diagnosed in stretches; its whole length is in the
-    # provenance.
+    # A log that is too long to be simulated as a whole is diagnosed in parts; its whole length is in the provenance.
     whole = [entry["samples"] for entry in inputs if entry.get("role") == "fitted" and "samples" in entry]
-    diagnosed = whole[0] if len(log.time) > MOST and whole else samples[0]
+    diagnosed = whole[0] if whole else samples[0]
     if diagnosed != len(log.time):
         raise InputError(
             f"{log.name} has {len(log.time)} samples, but was diagnosed with {diagnosed}: use the same --from, --to "

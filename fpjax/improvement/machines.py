@@ -17,6 +17,7 @@ from ..gap.answer.findings import Learned
 from ..gap.answer.learned import blocks
 from ..gap.answer.posterior import Posterior
 from ..gap.answer.tracking import HISTORY
+from ..gap.data.inputs import read_logs
 from ..gap.data.record import Record, in_one_piece, make_records
 from ..gap.machine import FEATURES, Machine, has_bristles, nominal_machine, structure_of
 from ..gap.simulate.replay import SUBSTEPS
@@ -117,7 +118,7 @@ class Ground:
 
     Attributes:
         record: the log as the diagnosis read it, in one uninterrupted piece.
-        whole: all stretches of the log that were diagnosed.
+        records: all of the log that was diagnosed: it and its further stretches.
         courses: driving torque that the machines' laws do not explain [N m], shape (explanations x courses, samples).
         noise: noise standard deviation of a reading of (rate [rad/s], position [rad]).
         substeps: solver steps of the plant per control period.
@@ -125,16 +126,16 @@ class Ground:
     """
 
     record: Record
-    whole: Record
+    records: Sequence[Record]
     courses: Values
     noise: tuple[float, float]
     substeps: int
     laws: tuple[Learned, ...]
 
 
-def record_of(log: Log, model: Model) -> Record:
-    """The log as the diagnosis reads it; of a log that is too long, stretches of it."""
-    return make_records([log], [], model.nominal["inertia"])[0]
+def records_of(log: Log, model: Model) -> list[Record]:
+    """The log and its further stretches as the diagnosis reads them; of a log that is too long, parts of it."""
+    return make_records(read_logs(log)[0], [], model.nominal["inertia"])
 
 
 def one_piece(record: Record, log: Log, table: Values) -> tuple[Record, Values]:
@@ -152,21 +153,21 @@ def one_piece(record: Record, log: Log, table: Values) -> tuple[Record, Values]:
     return piece, table
 
 
-def make_ground(known: Known, whole: Record, seed: int) -> Ground:
+def make_ground(known: Known, records: Sequence[Record], seed: int) -> Ground:
     """The data that the machines of a log share.
 
     Args:
         known: from the diagnosis of the log.
-        whole: the log.
+        records: the log and its further stretches.
         seed: of the surrogates' phases.
     """
-    record = in_one_piece(whole)
+    record = in_one_piece(records[0])
     posterior, laws = known.posterior, known.learned
     rows = _courses(posterior.missing[0], known.gap_after, laws, record, seed)
     for place, (_, rival) in enumerate(posterior.rivals):
         rows += _courses(rival.missing[0], rival.gap, (), record, seed + COURSES * (place + 1))
     substeps = max(SUBSTEPS[one.key[0]] for one in (posterior, *(rival for _, rival in posterior.rivals)))
-    return Ground(record, whole, np.array(rows), posterior.noise, substeps, laws)
+    return Ground(record, records, np.array(rows), posterior.noise, substeps, laws)
 
 
 def _courses(recorded: Values, gap: float, laws: Sequence[Learned], record: Record, seed: int) -> list[Values]:
@@ -199,7 +200,7 @@ def draw_machines(posterior: Posterior, model: Model, ground: Ground, count: int
     for place, (kind, some) in enumerate(zip(kinds, many, strict=True)):
         own = seed + 100 * place
         if some:
-            machine = kind.machines(model, [ground.whole], some, own)
+            machine = kind.machines(model, ground.records, some, own)
             drawn.append(Machines(machine, _padded(draw_shares(some, own), ground, place)))
     with double_precision():
         machine = with_laws(drawn[0].machine, ground.laws, many[0])

@@ -13,7 +13,7 @@ from .answer import NominalGains
 from .decision import range_of, too_much
 from .gains import freed, guesses
 from .judge import Judge, Score
-from .machines import COURSES, Ground, nominal_machines, one_piece, ready, record_of
+from .machines import COURSES, Ground, nominal_machines, one_piece, ready, records_of
 from .reference import followed
 from .search import CANDIDATES, ROUGHEST, AllowedScore, allowed_roughness, limits_of, search
 
@@ -32,14 +32,14 @@ def nominal_gains(
         table: the reference, shape (samples,); None for the log's.
     """
     with double_precision():
-        whole = record_of(log, model)
-        record, table = one_piece(whole, log, followed(log, model, "log") if table is None else table)
+        records = records_of(log, model)
+        record, table = one_piece(records[0], log, followed(log, model, "log") if table is None else table)
         machine = {name: model.nominal[name] for name in ("inertia", "coulomb", "viscous")}
         gains = freed(model, machine, table, free)
         noise = tuple(0.0 if channel is None else float(channel.noise) for channel in (record.reading, record.position))
         machines = nominal_machines(model)
         silent = np.zeros((COURSES, len(record.time)))
-        ground = Ground(record, whole, silent, (noise[0], noise[1]), machines.substeps, ())
+        ground = Ground(record, records, silent, (noise[0], noise[1]), machines.substeps, ())
         machines = ready(machines, ground, machines.periods(record.dt))
         judge = Judge(gains.model, gains.names, ground, table, seed + 3, CANDIDATES)
         limits = limits_of(judge(gains.now[None], machines).of(0), record, model)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..gap import Diagnosis, diagnose
+from ..gap.data.inputs import refuse_contradicted
 from ..gap.data.record import Record
 from ..logs import Log, LogSource, read_log
 from ..logs.arrays import Values, rms
@@ -21,7 +22,7 @@ from .decision import KEEP, LEFT_OUT, LESS, UNHELD_LOOP, hopeless, objection, pl
 from .from_diagnosis import Known, about_left, known_in, known_of, same_controller
 from .gains import Gains, freed, guesses
 from .judge import Judge
-from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, record_of
+from .machines import Ground, Machines, draw_machines, make_ground, one_piece, ready, records_of
 from .nominal_gains import compare_nominal, nominal_gains
 from .predictions import Predictions
 from .reference import LONGEST, followed
@@ -35,6 +36,7 @@ from .traces import passed_on, run_traces, unlike
 TUNED_ON, JUDGED_ON, MARGINED = 16, 48, 12
 BLENDS = (1.0, 0.6, 0.3)  # shares of the way from the current gains to the best ones, on the search's scales
 AT_MOST = 0.95  # share of the allowed torque above which it is taken to have limited the gains
+UNDONE = "No gains are tuned on this log"
 
 Keep = Callable[[str, Diagnosis | Found], None]
 
@@ -95,6 +97,7 @@ def improve(
     freed(nominal, {"inertia": nominal.nominal["inertia"]}, table, free)
     done: Diagnosis | None = None
     if diagnosis is None:
+        refuse_contradicted(recorded, nominal, UNDONE)
         done = diagnose(recorded, nominal, progress=lambda stage, share: clock(f"diagnose: {stage}", share))
         if keep is not None:
             keep("diagnosis", done)
@@ -118,12 +121,12 @@ def improve_known(
 ) -> Improvement:  # fmt: skip
     """The improvement from a diagnosis that is already there."""
     if known.contradiction:
-        raise InputError(f"No gains are tuned on this log until this is settled: {known.contradiction}")
+        raise InputError(f"{UNDONE} until this is settled: {known.contradiction}")
     clock("machines")
-    whole = record_of(log, nominal)
+    records = records_of(log, nominal)
     whole_table = table
-    record, table = one_piece(whole, log, table)
-    ground = make_ground(known, whole, seed)
+    record, table = one_piece(records[0], log, table)
+    ground = make_ground(known, records, seed)
     tuned_on = draw_machines(known.posterior, nominal, ground, TUNED_ON, seed + 1)
     judged_on = draw_machines(known.posterior, nominal, ground, JUDGED_ON, seed + 2)
     one, two = tuned_on.periods(record.dt), judged_on.periods(record.dt)

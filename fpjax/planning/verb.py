@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..gap import diagnose
+from ..gap.data.inputs import refuse_contradicted
 from ..gap.diagnosis import Diagnosis
 from ..logs import Log, read_log
 from ..model_file import Model
@@ -113,6 +114,7 @@ def plan(
     record = log if isinstance(log, Log) or log is None else read_log(log, linear=known.linear)
     if record is not None and diagnosis is None:
         clock("diagnosing the log", 0.02)
+        refuse_contradicted(record, known, "No run is planned from this log")
         diagnosis = diagnose(record, known, progress=lambda stage, share: clock(stage, 0.02 + 0.38 * share))
         notes.append(f"the log: {diagnosis.sentence()}")
     told = None if diagnosis is None else read_diagnosis(diagnosis)

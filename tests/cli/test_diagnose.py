@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from model_files import LARGE_BODY
 
-from fpjax import load_model, read_log
+from fpjax import InputError, improve, load_model, plan, read_log
 from fpjax.cli import main
 from fpjax.gap import Estimate
 from fpjax.gap.data.inputs import contradictions, look_at
@@ -155,6 +155,18 @@ def test_of_a_torque_in_another_unit_no_cause_is_told_and_no_gains_are_tuned(mad
         given = [tmp_path / "milli.csv", "--reference", "model", "--free", "controller"] if verb == "improve" else []
         words = [verb, *given, "--model", model, "--diagnosis", out, "--out", tmp_path / verb]
         refuse(capsys, *words, match="until this is settled")
+
+
+def test_such_a_log_is_refused_before_it_is_diagnosed(made, monkeypatch):
+    log = np.loadtxt(made / "log.csv", delimiter=",", skiprows=1) * [1.0, 1e3, 1.0]
+    given = read_log(dict(zip(("time", "torque", "velocity"), log.T, strict=True)))
+    model = load_model(made / "nominal.toml")
+    for module in ("improvement", "planning"):
+        monkeypatch.setattr(f"fpjax.{module}.verb.diagnose", None)
+    with pytest.raises(InputError, match=r"No gains are tuned on this log until this is settled: .* may not belong"):
+        improve(given, model, reference="model", free=("controller",))
+    with pytest.raises(InputError, match=r"No run is planned from this log until this is settled: .* may not belong"):
+        plan(model, log=given)
 
 
 def test_what_was_noticed_is_told_where_no_model_can_be_fitted(made, tmp_path, capsys):

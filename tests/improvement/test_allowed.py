@@ -9,7 +9,7 @@ import pytest
 
 import fpjax as fp
 from fpjax.improvement.judge import Score
-from fpjax.improvement.machines import record_of
+from fpjax.improvement.machines import records_of
 from fpjax.improvement.nominal_gains import compare_nominal
 from fpjax.improvement.search import AllowedScore, limits_of, robust_costs
 from fpjax.improvement.torque_limit import allowed_torque, controller_limit
@@ -26,7 +26,7 @@ from fpjax.improvement.torque_limit import allowed_torque, controller_limit
 )
 def test_the_torque_that_is_allowed_is_the_files_and_only_else_a_guess(more, peak):
     score = Score(*(np.full((2, 3), value) for value in (0.5, 0.5, 1.0, 4.0, 0.1)))
-    quiet = dataclasses.replace(record_of(case.log(), case.model()), torque=np.full(1500, 3.0))
+    quiet = dataclasses.replace(records_of(case.log(), case.model())[0], torque=np.full(1500, 3.0))
     limits = limits_of(score.of(0), quiet, case.model(more))
     assert limits.peak == pytest.approx(peak)
     assert robust_costs(score, limits) == pytest.approx([1.0, 1.0])

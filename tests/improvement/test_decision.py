@@ -19,7 +19,7 @@ from fpjax.improvement.machines import (
     draw_shares,
     nominal_machines,
     opposing,
-    record_of,
+    records_of,
     surrogate,
     with_laws,
 )
@@ -145,6 +145,6 @@ def test_a_learned_law_is_in_the_machines_its_jump_as_coulomb_friction():
         np.array([-2.5, 2.5]), *np.zeros((3, 2))
     )
     assert opposing(law, record) == pytest.approx([-0.2, 0.2])
-    machine = case.known().posterior.machines(case.model(), [record_of(case.log(), case.model())], 3)
+    machine = case.known().posterior.machines(case.model(), records_of(case.log(), case.model()), 3)
     changed = with_laws(machine, (law,), 3)
     assert np.asarray(changed.law.coulomb) == pytest.approx(np.asarray(machine.law.coulomb) + 0.1)

@@ -18,7 +18,7 @@ from fpjax.improvement.machines import (
     make_ground,
     one_piece,
     ready,
-    record_of,
+    records_of,
 )
 from fpjax.improvement.margins import NAMES
 from fpjax.improvement.nominal_gains import nominal_gains
@@ -81,8 +81,8 @@ def test_rivals_are_among_the_machines_as_often_as_they_are_likely():
     heavy = case.known(values=(0.08, 0.4, 0.03), missing=0.1).posterior
     sticky = dataclasses.replace(case.known(values=(0.05, 0.6, 0.03)).posterior, key=("bristles", ()), gap=0.0)
     known = with_rivals(case.known(), (0.25, heavy), (0.25, sticky))
-    record = record_of(case.log(), case.model())
-    ground = make_ground(known, record, 0)
+    records = records_of(case.log(), case.model())
+    ground = make_ground(known, records, 0)
     machines = ready(draw_machines(known.posterior, case.model(), ground, 12, 1), ground, (4, 4))
     assert machines.count == 12
     assert [len(part.shares) for part in machines.parts] == [6, 3, 3]
@@ -308,7 +308,7 @@ def test_the_nominal_models_gains_are_those_that_a_tuning_without_the_diagnosis_
 def long_log():
     """(a log too long to be simulated as a whole, what is known; missing torque only where nothing is followed)."""
     log = case.log(60.0)
-    whole = record_of(log, case.model())
+    (whole,) = records_of(log, case.model())
     missing = np.full(len(whole.time), 100.0)
     missing[: len(in_one_piece(whole).time)] = 0.0
     posterior = dataclasses.replace(case.known().posterior, missing=(missing,))
@@ -317,12 +317,12 @@ def long_log():
 
 def test_of_a_long_log_one_stretch_is_followed_with_its_own_missing_torque():
     log, known = long_log()
-    whole = record_of(log, case.model())
+    (whole,) = records_of(log, case.model())
     piece, table = one_piece(whole, log, followed(log, case.model(), "log"))
     assert len(piece.time) < len(log.time) / 2
     at = np.searchsorted(log.time, piece.time - 5e-4)
     assert table == pytest.approx(log.reference[at][: len(table)])
-    ground = make_ground(known, whole, 0)
+    ground = make_ground(known, [whole], 0)
     assert ground.courses.shape == (3, len(piece.time))
     assert not ground.courses.any()
 

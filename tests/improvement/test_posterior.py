@@ -12,7 +12,7 @@ import fpjax as fp
 from fpjax.gap import EFFECTS
 from fpjax.gap.answer.posterior import left_open, load_posterior
 from fpjax.improvement.from_diagnosis import _in_another_unit, known_in
-from fpjax.improvement.machines import record_of
+from fpjax.improvement.machines import make_ground, records_of
 
 
 def test_draws_have_the_covariance_and_stay_within_the_bounds():
@@ -30,7 +30,7 @@ def test_draws_have_the_covariance_and_stay_within_the_bounds():
 
 def test_machines_have_the_drawn_values():
     posterior = dataclasses.replace(case.known().posterior, sensor={"lag": (1e-3, 5e-4)}, step=0.01)
-    machine = posterior.machines(case.model(), [record_of(case.log(), case.model())], 5, seed=4)
+    machine = posterior.machines(case.model(), records_of(case.log(), case.model()), 5, seed=4)
     vectors, sensor = posterior.draw(5, 4)
     assert np.asarray(machine.plant.inertia) == pytest.approx(vectors[0])
     assert np.asarray(machine.law.coulomb) == pytest.approx(vectors[1])
@@ -167,3 +167,15 @@ def test_nothing_is_improved_where_the_velocity_is_in_another_unit_than_the_posi
             free=("controller",),
             diagnosis=dataclasses.replace(known, contradiction="x is not y"),
         )
+
+
+def test_a_log_in_two_stretches_is_improved_on_its_longest_one():
+    """What was diagnosed of the other one sets the machines' sizes, and its missing torque is not added here."""
+    log = case.log()
+    both = dataclasses.replace(log, further=(dataclasses.replace(log, time=log.time + 9.0, name="later"),))
+    records = records_of(both, case.model())
+    assert [record.name for record in records] == [log.name, "later"]
+    posterior = dataclasses.replace(case.known().posterior, missing=(np.zeros(len(log)), np.full(len(log), 9.0)))
+    ground = make_ground(dataclasses.replace(case.known(), posterior=posterior), records, 0)
+    assert ground.record is records[0]
+    assert not ground.courses.any()

@@ -128,6 +128,22 @@ def contradictions(logs: Sequence[Log], model: Model, *, rate: bool = True) -> l
     return found
 
 
+def refuse_contradicted(log: Log, model: Model, undone: str) -> None:
+    """Refuse a log before it is diagnosed, if whatever is fitted to it has a contradiction.
+
+    Args:
+        log: that is to be diagnosed.
+        model: the nominal one.
+        undone: what is not done with it, the beginning of the sentence.
+
+    Raises:
+        InputError: for such a log.
+    """
+    found = contradictions([log], model, rate=log.position is None)
+    if found:
+        raise InputError(f"{undone} until this is settled: {found[0]}")
+
+
 def _position_is_wrong(log: Log, inertia: float) -> bool:
     """Whether the velocity column moves as the model's inertia does, and the position's rate does not."""
     if log.velocity is None or log.position is None:
