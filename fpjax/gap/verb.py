@@ -19,7 +19,8 @@ from ..simulation.precision import double_precision
 from .answer.assemble import assemble
 from .answer.curves import curves_of
 from .answer.provenance import provenance
-from .data.inputs import about_noise, contradictions, look_at, on_one_clock, read_logs, read_model
+from .data.checks import about_noise, check
+from .data.inputs import on_one_clock, read_logs, read_model
 from .data.record import about_stretches, make_records
 from .data.setting import make_setting
 from .diagnosis import Diagnosis
@@ -113,9 +114,9 @@ def _diagnose(
     everything = on_one_clock([*logs, *withheld])
     logs, withheld = everything[: len(logs)], everything[len(logs) :]
     warnings = [sentence for one in everything for sentence in one.warnings]
-    looked = look_at(everything, model)
+    checked = check(everything, model)
+    looked, doubts = checked.warnings(), checked.contradictions()
     warnings += looked
-    doubts = contradictions(everything, model)
     if untried := " and ".join(effect.name for effect in without_place(model, effects)):
         warnings.append(
             f"{untried} is not tried: the model file has two masses, and bristles are simulated on one alone."
@@ -125,7 +126,7 @@ def _diagnose(
         warnings += about_stretches(search.records)
         curves = curves_of(search)
         if doubts and search.records[0].velocity is None:
-            doubts = contradictions(everything, model, rate=False)
+            doubts = checked.contradictions(rate=False)
         decision = decide(search, clock, curves.by)
         clock("intervals and curves")
         found = assemble(search, decision, curves, model, warnings, allowed, clock, doubts[0] if doubts else "")

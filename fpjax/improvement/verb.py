@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..gap import Diagnosis, diagnose
-from ..gap.data.inputs import refuse_contradicted
+from ..gap.data.checks import refuse_contradicted
 from ..gap.data.record import Record
 from ..logs import Log, LogSource, read_log
 from ..logs.arrays import Values, rms

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..gap import diagnose
-from ..gap.data.inputs import refuse_contradicted
+from ..gap.data.checks import refuse_contradicted
 from ..gap.diagnosis import Diagnosis
 from ..logs import Log, read_log
 from ..model_file import Model

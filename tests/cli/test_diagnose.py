@@ -15,7 +15,7 @@ from model_files import LARGE_BODY
 from fpjax import InputError, improve, load_model, plan, read_log
 from fpjax.cli import main
 from fpjax.gap import Estimate
-from fpjax.gap.data.inputs import contradictions, look_at
+from fpjax.gap.data.checks import check
 from fpjax.gap.report.digits import show_estimate
 from fpjax.output.folder_names import folder_names
 
@@ -104,8 +104,8 @@ def test_a_log_that_is_not_what_it_says_is_warned_of(made, change, match):
     torque, velocity = change(time, torque, velocity)
     log = read_log({"time": time, "torque": torque, "velocity": velocity})
     model = load_model(made / "nominal.toml")
-    assert any(match in sentence for sentence in look_at([log], model))
-    assert any(match in sentence for sentence in contradictions([log], model))
+    assert any(match in sentence for sentence in check([log], model).warnings())
+    assert any(match in sentence for sentence in check([log], model).contradictions())
 
 
 def test_a_column_that_is_not_fitted_contradicts_nothing():
@@ -115,15 +115,15 @@ def test_a_column_that_is_not_fitted_contradicts_nothing():
     torque = 10.0 * acceleration + 5.0 * np.sign(velocity)
     model = load_model(NOMINAL)
     log = read_log({"time": time, "torque": torque, "velocity": 57.3 * velocity, "position": position})
-    assert contradictions([log], model)
-    assert not contradictions([log], model, rate=False)
+    assert check([log], model).contradictions()
+    assert not check([log], model).contradictions(rate=False)
     turns = dataclasses.replace(log, velocity=velocity, position=position / (2.0 * np.pi))
-    assert contradictions([turns], model, rate=False)
+    assert check([turns], model).contradictions(rate=False)
     # Off by less than a model may be, but the velocity fits the model and the position does not.
     geared = dataclasses.replace(log, velocity=velocity, position=position / 3.0)
-    assert contradictions([geared], model, rate=False)
+    assert check([geared], model).contradictions(rate=False)
     other = np.cumsum(np.random.default_rng(0).standard_normal(time.size)) * 1e-3
-    assert contradictions([dataclasses.replace(log, velocity=velocity, position=other)], model, rate=False)
+    assert check([dataclasses.replace(log, velocity=velocity, position=other)], model).contradictions(rate=False)
 
 
 def test_what_the_model_knows_of_its_gain_and_of_two_masses_is_no_contradiction():
@@ -132,11 +132,11 @@ def test_what_the_model_knows_of_its_gain_and_of_two_masses_is_no_contradiction(
     torque = 10.0 * np.gradient(velocity, 1e-3) + 5.0 * np.sign(velocity)
     model, geared = load_model(NOMINAL), load_model(NOMINAL + "[actuator]\ngain = 0.1\n")
     amperes = read_log({"time": time, "torque": torque / 0.1, "velocity": velocity})
-    assert contradictions([amperes], model)
-    assert not contradictions([amperes], geared)
+    assert check([amperes], model).contradictions()
+    assert not check([amperes], geared).contradictions()
     two = NOMINAL.replace('type = "one_mass"\ninertia = 10.0', TWO)
     fast = read_log({"time": time, "torque": 0.1 * torque, "velocity": velocity})
-    assert not contradictions([fast], load_model(two))
+    assert not check([fast], load_model(two)).contradictions()
 
 
 @pytest.mark.long
