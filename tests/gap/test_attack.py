@@ -7,7 +7,7 @@ from numpy_machine import swing
 from sentences import faults
 
 from fpjax import InputError, diagnose, read_log
-from fpjax.gap.data.inputs import about_noise
+from fpjax.gap.data.checks import about_noise
 
 MODEL = (
     LARGE_BODY

@@ -27,11 +27,11 @@ from .period_starts import repeating_periods, turning_weight
 from .score import scores
 
 # Successive halving: every start gets a few steps on a few windows, then ever fewer sets get ever more steps on all.
-SCREEN = 12  # windows on which starts are screened
-SCREEN_STEPS = 5
+SCREEN = 6  # windows on which starts are screened
+SCREEN_STEPS = 4
 STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # (steps on all fitted windows, number of sets that get them)
 # Share of the run time that is over after screening, and after each of `STAGES` [1]; for the progress display alone.
-SCREENED, AFTER = 0.58, (0.66, 0.7, 0.73, 0.82)
+SCREENED, AFTER = 0.5, (0.6, 0.65, 0.7, 0.8)
 HEAVY = 3.0  # run time of a candidate with a transmission over that of a rigid one
 COLOURED = 25  # most steps with a level of the missing torque for each octave (coloured, not white)
 BAND = 0.25  # of the Nyquist frequency: above it residuals show the drive's sampling and rounding, not a cause of a gap

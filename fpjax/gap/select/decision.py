@@ -39,7 +39,7 @@ SIMPLER = {
 FACTORS = ("torque_gain_error", "velocity_scale_error")
 """One factor that makes several nominal numbers wrong in proportion."""
 LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
-PAIR_KEEP = (24, 10, 5, 4)  # sets of causes that go on to each stage where causes are added
+PAIR_KEEP = (16, 8, 5, 4)  # sets of causes that go on to each stage where causes are added
 
 
 @dataclass(frozen=True)
