@@ -28,10 +28,10 @@ from .score import scores
 
 # Successive halving: every start gets a few steps on a few windows, then ever fewer sets get ever more steps on all.
 SCREEN = 6  # windows on which starts are screened
-SCREEN_STEPS = 4
+SCREEN_STEPS = 3
 STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # (steps on all fitted windows, number of sets that get them)
 # Share of the run time that is over after screening, and after each of `STAGES` [1]; for the progress display alone.
-SCREENED, AFTER = 0.5, (0.6, 0.65, 0.7, 0.8)
+SCREENED, AFTER = 0.45, (0.56, 0.62, 0.67, 0.78)
 HEAVY = 3.0  # run time of a candidate with a transmission over that of a rigid one
 COLOURED = 25  # most steps with a level of the missing torque for each octave (coloured, not white)
 BAND = 0.25  # of the Nyquist frequency: above it residuals show the drive's sampling and rounding, not a cause of a gap
