@@ -1,9 +1,15 @@
 """Errors of the velocity reading among the causes of a verdict."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from numpy_machine import swing
 from weighed_models import judged, weighed
 
+from fpjax import Log
+from fpjax.gap.answer.assemble import unknown_step
+from fpjax.gap.data.record import make_records
 from fpjax.gap.select.readings import Reading, beside_gap
 from fpjax.gap.thresholds import THRESHOLDS
 
@@ -87,3 +93,13 @@ def test_a_reading_that_is_late_is_as_sure_of_its_lag_as_the_log_shows_lag_and_n
     assert sure.probability == pytest.approx(THRESHOLDS.right_read)
     assert torn.probability == pytest.approx(0.7 * THRESHOLDS.right_read)
     assert torn.main["velocity_delay"] == pytest.approx(0.3 * THRESHOLDS.right_read)
+
+
+@pytest.mark.parametrize(("noise", "told"), [(0.2, 0.02), (0.5, 0.0)])
+def test_a_rounding_is_told_only_where_it_is_most_of_the_readings_noise(noise, told):
+    """Noise of half a step dithers it away: a machine without a gap was "explained" by a rounding that nobody sees."""
+    log, step = swing(4000, inertia=0.05, amplitude=3.0, rate=8.0, noise=noise * 0.02), 0.02
+    rounded = step * np.round(log["velocity"] / step)
+    (record,) = make_records([Log(log["time"], log["torque"], rounded, None, None, 1e-3)], [], 0.05)
+    search = SimpleNamespace(records=[record], nominal=SimpleNamespace(sensor=None))
+    assert unknown_step(search) == pytest.approx(told)

@@ -44,9 +44,9 @@ from .warning_texts import (
 )
 from .where import locate
 
-# A rate reading whose rounding step is above this many standard deviations of its noise is named as rounded. Rounding
-# alone gives a standard deviation of step / sqrt(12), and noise of more than step / 1.5 dithers it away.
-ROUNDED = 1.5
+# A rate reading whose rounding step is above this many standard deviations of its noise is named as rounded: rounding,
+# of standard deviation step / sqrt(12), is then half of the noise's energy. Below that the other half dithers it away.
+ROUNDED = math.sqrt(6.0)
 
 
 def assemble(
