@@ -15,7 +15,6 @@ from ..errors import InputError
 from ..gap import Diagnosis
 from ..gap.answer.findings import Learned
 from ..gap.answer.posterior import FILE, Posterior, load_posterior
-from ..gap.data.inputs import read_logs
 from ..logs import Log
 from ..logs.checks.agreement import one_unit
 from ..model_file import Model, load_model
@@ -168,10 +167,10 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
         raise InputError(f"{path} is not a diagnosis of this version of fpjax: diagnose the log again.") from None
     _check_same(folder, inputs, log)
     samples = [len(course) for course in found.posterior.missing]
-    if len(samples) != len(read_logs(log)[0]):
+    if len(samples) != 1:
         raise InputError(
-            f"{folder} is a diagnosis of {len(samples)} logs, but improve judges gains on one: diagnose the one log "
-            f"that is typical of the machine's work."
+            f"{folder} is a diagnosis of {len(samples)} logs or stretches of one, but improve judges gains on one: "
+            f"leave out --diagnosis, or diagnose the one log (or stretch, with --from and --to) that is typical."
         )
     # A log that is too long to be simulated as a whole is diagnosed in parts; its whole length is in the provenance.
     whole = [entry["samples"] for entry in inputs if entry.get("role") == "fitted" and "samples" in entry]

@@ -17,7 +17,6 @@ from ..gap.answer.findings import Learned
 from ..gap.answer.learned import blocks
 from ..gap.answer.posterior import Posterior
 from ..gap.answer.tracking import HISTORY
-from ..gap.data.inputs import read_logs
 from ..gap.data.record import Record, in_one_piece, make_records
 from ..gap.machine import FEATURES, Machine, has_bristles, nominal_machine, structure_of
 from ..gap.simulate.replay import SUBSTEPS
@@ -118,7 +117,7 @@ class Ground:
 
     Attributes:
         record: the log as the diagnosis read it, in one uninterrupted piece.
-        records: all of the log that was diagnosed: it and its further stretches.
+        records: all parts of the log that were diagnosed.
         courses: driving torque that the machines' laws do not explain [N m], shape (explanations x courses, samples).
         noise: noise standard deviation of a reading of (rate [rad/s], position [rad]).
         substeps: solver steps of the plant per control period.
@@ -134,8 +133,8 @@ class Ground:
 
 
 def records_of(log: Log, model: Model) -> list[Record]:
-    """The log and its further stretches as the diagnosis reads them; of a log that is too long, parts of it."""
-    return make_records(read_logs(log)[0], [], model.nominal["inertia"])
+    """The log as the diagnosis reads it, one record; of a log that is too long, parts of it."""
+    return make_records([log], [], model.nominal["inertia"])
 
 
 def one_piece(record: Record, log: Log, table: Values) -> tuple[Record, Values]:
@@ -158,7 +157,7 @@ def make_ground(known: Known, records: Sequence[Record], seed: int) -> Ground:
 
     Args:
         known: from the diagnosis of the log.
-        records: the log and its further stretches.
+        records: the log.
         seed: of the surrogates' phases.
     """
     record = in_one_piece(records[0])

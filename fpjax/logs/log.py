@@ -44,6 +44,7 @@ class Log(Drawable):
         further: other stretches of the same recording, each a log of its own, where time starts anew or was
             interrupted; this one is the longest.
         since: from the start of the recording's first stretch to this one's [s]; 0 where time starts anew.
+        read_beside: the columns that `further` was read beside; a log with other ones (`dataclasses.replace`) has none.
     """
 
     time: Values
@@ -65,9 +66,17 @@ class Log(Drawable):
     resampled: bool = False
     further: tuple["Log", ...] = ()
     since: float = 0.0
+    read_beside: tuple[Values | None, ...] = field(default=(), repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @property
+    def stretches(self) -> tuple["Log", ...]:
+        """`further`, where the columns of this log are still those that it was read with."""
+        own = (self.time, self.torque, self.velocity, self.position)
+        same = len(self.read_beside) == len(own) and all(a is b for a, b in zip(own, self.read_beside, strict=True))
+        return self.further if same else ()
 
     @property
     def samples(self) -> int:

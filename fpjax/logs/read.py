@@ -133,7 +133,10 @@ def read_log(
         for each in parts
         if each.uniform.time.size // take_every >= SHORTEST
     )
-    log = replace(longest, warnings=(*notes, *longest.warnings), further=tuple(further))
+    beside = (longest.time, longest.torque, longest.velocity, longest.position)
+    log = replace(
+        longest, warnings=(*notes, *longest.warnings), further=tuple(further), read_beside=beside if further else ()
+    )
     for note in log.warnings:
         warnings.warn(note, FpjaxWarning, stacklevel=2)
     return log

@@ -12,7 +12,7 @@ import fpjax as fp
 from fpjax.gap import EFFECTS
 from fpjax.gap.answer.posterior import left_open, load_posterior
 from fpjax.improvement.from_diagnosis import _in_another_unit, known_in
-from fpjax.improvement.machines import make_ground, records_of
+from fpjax.improvement.machines import records_of
 
 
 def test_draws_have_the_covariance_and_stay_within_the_bounds():
@@ -167,15 +167,3 @@ def test_nothing_is_improved_where_the_velocity_is_in_another_unit_than_the_posi
             free=("controller",),
             diagnosis=dataclasses.replace(known, contradiction="x is not y"),
         )
-
-
-def test_a_log_in_two_stretches_is_improved_on_its_longest_one():
-    """What was diagnosed of the other one sets the machines' sizes, and its missing torque is not added here."""
-    log = case.log()
-    both = dataclasses.replace(log, further=(dataclasses.replace(log, time=log.time + 9.0, name="later"),))
-    records = records_of(both, case.model())
-    assert [record.name for record in records] == [log.name, "later"]
-    posterior = dataclasses.replace(case.known().posterior, missing=(np.zeros(len(log)), np.full(len(log), 9.0)))
-    ground = make_ground(dataclasses.replace(case.known(), posterior=posterior), records, 0)
-    assert ground.record is records[0]
-    assert not ground.courses.any()

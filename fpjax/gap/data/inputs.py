@@ -1,5 +1,6 @@
 """Inputs: logs and model are read, the logs put on one clock."""
 
+import dataclasses
 import os
 from collections.abc import Sequence
 
@@ -7,9 +8,10 @@ from ...logs import Log, LogSource, read_log
 from ...logs.mending.resample import at_period
 from ...model_file import Model, ModelSource, load_model
 from .checks import SAME_PERIOD, can_drive, wrong_kinds
-from .record import LEAST
+from .record import FEWEST, LEAST, LONGEST, MOST, SECONDS
 
 SIMILAR_PERIOD = 0.1  # likewise, up to which logs are resampled onto the period of the first
+ENOUGH = 0.9  # of the longest stretch's windows: shorter ones see less of a slow torque
 OTHER_PERIOD = 4.0  # likewise, ratio above which they are not put together: most of the faster one would be lost
 
 
@@ -20,7 +22,8 @@ def read_logs(logs: LogSource | Sequence[LogSource] | None) -> list[list[Log]]:
     several = isinstance(logs, Sequence) and not isinstance(logs, str | os.PathLike)
     every: Sequence[LogSource] = logs if several else [logs]  # pyright: ignore[reportAssignmentType]
     read = [one if isinstance(one, Log) else read_log(one) for one in every]
-    return [[one, *_that_tell_more(one)] for one in read]
+    given = {id(one) for one in read}  # a stretch that was given by itself is not taken twice
+    return [_in_one_time([one, *(part for part in _that_tell_more(one) if id(part) not in given)]) for one in read]
 
 
 def _that_tell_more(log: Log) -> list[Log]:
@@ -30,11 +33,24 @@ def _that_tell_more(log: Log) -> list[Log]:
     are those without a position: how far the machine went in the pause is not known, and what depends on the position
     would stand at another place there.
     """
-    parts = [part for part in log.further if part.position is not None and part.samples >= LEAST]
+    longest = min(SECONDS[1] / log.dt, max(LONGEST), log.samples / FEWEST)  # window of the log by itself [samples]
+    parts, samples = [], log.samples
+    for part in log.stretches:
+        # Neither windows as short as a short stretch allows, nor parts of the log left out for another stretch.
+        if part.position is None or part.samples < max(LEAST, ENOUGH * FEWEST * longest) or samples + len(part) > MOST:
+            continue
+        parts.append(part)
+        samples += len(part)
     if not parts:
         return []
     wrong = wrong_kinds(log)
     return [part for part in parts if can_drive(part) and wrong_kinds(part) <= wrong]
+
+
+def _in_one_time(logs: list[Log]) -> list[Log]:
+    """Stretches whose time counts from the start of the first of them."""
+    begin = min(log.since for log in logs)
+    return [dataclasses.replace(log, since=log.since - begin) if begin else log for log in logs]
 
 
 def on_one_clock(logs: Sequence[Log]) -> list[Log]:

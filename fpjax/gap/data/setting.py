@@ -30,7 +30,7 @@ class Setting:
         speed: 95 % quantile of the speed [rad/s].
         torque: largest commanded torque [N m].
         travel: range of the position [rad], of the log that goes furthest.
-        duration: of the longest log [s].
+        duration: of the longest log, or from the start of a recording to its last stretch's end [s].
         dt: control period [s].
         window: length of a window [s].
         effort: largest torque that can have acted [N m]: the largest command plus the nominal inertial torque.
@@ -89,7 +89,7 @@ def make_setting(records: list[Record], model: Model) -> Setting:
         speed=max(speed, 1e-12),
         torque=torque,
         travel=max(float(np.ptp(record.angle)) for record in records),
-        duration=float(longest.time[-1] - longest.time[0]),
+        duration=max(float(record.elapsed[-1]) for record in records),
         dt=longest.dt,
         window=longest.samples * longest.dt,
         # Quantiles, not maxima: an outlier in a column would widen every bound.

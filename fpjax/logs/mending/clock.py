@@ -11,7 +11,6 @@ A control period is a constant of the machine, and the stamps are noisy measurem
 Every change is reported with its number; with `strict` the log is refused instead.
 """
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +22,7 @@ JITTER_WARNED, JITTER_ALLOWED = 0.01, 0.25  # of a period
 UNCLOCKED = 0.02  # share of steps below half the median, from which on the stamps do not come from a regular clock
 LONGEST_FILLED = 10  # [periods]
 FEW_AT_START = 0.002  # share of the rows: so many before a long first step are a start-up, and are dropped
+PARTS = 64  # of a log with breaks that are looked at: a wrong time column has millions
 LATE = 5  # [rows] by which a row may have been written late
 COARSE = 0.2  # share of repeated stamps, from which on the clock is coarse and the rows are not repeated
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-8, 1e4  # [s]
@@ -105,15 +105,15 @@ def in_order(time: np.ndarray, name: str, first_row: int, notes: list[str]) -> R
             time = time[order]
         else:
             ends = np.flatnonzero(steps < 0.0) + 1
-            runs = list(itertools.pairwise([0, *ends.tolist(), time.size]))
-            begin, end = max(runs, key=lambda run: run[1] - run[0])
+            runs = longest_first(np.concatenate([[0], ends, [time.size]]))
+            begin, end = runs[0].start, runs[0].stop
             notes.append(
                 f"{name}: time runs backwards in {_rows(ends, first_row)} (from {time[ends[0] - 1]:g} s to "
                 f"{time[ends[0]]:g} s), as in several runs joined together: the longest, rows {begin + first_row} to "
                 f"{end - 1 + first_row}, was taken."
             )
             known = np.arange(time.size) if chosen is None else chosen
-            left = [known[slice(*run)] for run in runs if run != (begin, end)]
+            left = [known[run] for run in runs[1:]]
             chosen, time = known[begin:end], time[begin:end]
         steps = np.diff(time)
     repeated = steps == 0.0
@@ -187,22 +187,34 @@ def longest_stretch(
         ends = np.concatenate([ends, np.flatnonzero(np.diff(unread.astype(np.int8)) != 0) + 1])
     if not ends.size:
         return slice(0, time.size), []
-    edges = itertools.pairwise([0, *np.unique(ends).tolist(), time.size])
-    parts = [slice(begin, end) for begin, end in edges if unread is None or not unread[begin]]
-    best = max(parts, key=lambda part: part.stop - part.start)
+    best, *others = longest_first(np.unique(np.concatenate([[0], ends, [time.size]])), unread)
     at = int(ends[np.argmax(steps[ends - 1])])
     cause = f"time jumps by {steps[at - 1]:.4g} s after row {at - 1 + first_row} (t = {time[at - 1]:g} s)"
     if unread is not None and unread.any() and not wide.any():
         cause = f"nothing was read in {_count(int(unread.sum()), 'row')} (first {np.argmax(unread) + first_row})"
     left = time.size - (best.stop - best.start)
-    others = (
+    rest = (
         "" if left < early + 1 else f"; for another one use --from and --to ({time[0]:g} to {time[-1]:g} s are there)"
     )
     notes.append(
         f"{name}: {cause}, so the log was cut there and its longest stretch taken, {time[best.start]:g} to "
-        f"{time[best.stop - 1]:g} s, without {_count(left, 'row')}{others}."
+        f"{time[best.stop - 1]:g} s, without {_count(left, 'row')}{rest}."
     )
-    return best, [part for part in parts if part is not best]
+    return best, others
+
+
+def longest_first(edges: np.ndarray, unread: np.ndarray | None = None) -> list[slice]:
+    """The parts between edges, the longest `PARTS` of them, the longest first.
+
+    Args:
+        edges: first row of each part and the end of the last, increasing.
+        unread: rows in a long run without readings, which are no part; None where there are none.
+    """
+    sizes = np.diff(edges)
+    if unread is not None:
+        sizes = np.where(unread[edges[:-1]], 0, sizes)
+    first = np.argsort(-sizes, kind="stable")[:PARTS]
+    return [slice(int(edges[one]), int(edges[one + 1])) for one in first if sizes[one] > 0]
 
 
 def read_clock(time: np.ndarray, name: str, dt: float | None = None) -> Clock:

@@ -19,6 +19,8 @@ from .wrapping import find_wrapping
 COMPARABLE = 0.5  # of the longest stretch's rows: a shorter one would bound the windows of all
 LONG_ENOUGH = 8192  # [rows]: eight of the longest windows of a diagnosis, so that a stretch of so many bounds none
 MOST = 16  # stretches: a log that is in more pieces is not worth the time of them all
+ATTEMPTS = 64  # stretches that are tried
+PAUSED = 2.0  # times all that was recorded: over so long a whole, time does not count from the first stretch on
 SIMILAR = 0.1  # relative difference of the periods of two stretches
 
 
@@ -31,7 +33,8 @@ class Stretch(NamedTuple):
         dt: control period [s].
         jitter: largest deviation of a stamp from the grid [s].
         step: rounding step of the torque as recorded; 0 where none is seen.
-        since: from the start of the first stretch [s]; 0 where time starts anew between them.
+        since: from the start of the first stretch [s]; 0 where time starts anew between them or a pause is long.
+        wrapped: a position that wraps was made continuous: how many turns lie in a break is not known.
         rows: numbers of its first and last row, as a user sees them.
         notes: what was changed in it, a sentence each.
     """
@@ -42,6 +45,7 @@ class Stretch(NamedTuple):
     jitter: float
     step: float
     since: float
+    wrapped: bool
     rows: tuple[int, int]
     notes: list[str]
 
@@ -75,17 +79,22 @@ def stretches(
                 f"{name}: --from and --to leave {rows.size} rows, where at least {SHORTEST} are needed{whole}."
             )
     first, left = _longest(columns, extra, rows, name, first_row, dt, linear)
+    if first.wrapped:
+        return [first]
     least = max(min(COMPARABLE * first.uniform.time.size, LONG_ENOUGH), SHORTEST)
-    parts = [first]
-    while left and len(parts) < MOST:
-        rows = left.pop()
+    parts, tried = [first], 0
+    while left and len(parts) < MOST and tried < ATTEMPTS:
+        left.sort(key=lambda rows: rows.size)
+        rows, tried = left.pop(), tried + 1
         if rows.size < least:
-            continue
+            break
         try:
             found, rest = _longest(columns, extra, rows, name, first_row, first.dt, linear)
         except InputError:
             continue  # a part of a log that can be read is no reason to refuse it
         left += rest
+        if found.wrapped:
+            return [first]
         if found.uniform.time.size >= least and _comparable(found, first, time[rows]):
             parts.append(found)
     if len(parts) == 1:
@@ -95,8 +104,8 @@ def stretches(
     count = f"{len(further)} further stretch{'es are' if len(further) > 1 else ' is'}"
     shown = ", ".join("{} to {}".format(*one.rows) for one in further[:3])
     said = (
-        f"{name}: {count} kept beside it (rows {shown}{', ...' if len(further) > 3 else ''}): a diagnosis takes them "
-        "as further runs of the machine."
+        f"{name}: {count} kept beside it (rows {shown}{', ...' if len(further) > 3 else ''}): a diagnosis takes those "
+        "that tell more as further runs of the machine, and lists them."
     )
     return [first._replace(notes=[*first.notes, said]), *further]
 
@@ -105,7 +114,10 @@ def _timed(parts: list[Stretch]) -> list[Stretch]:
     """The first stretch, then the others by their rows, with the time since the earliest where it goes on."""
     first, ordered = parts[0], sorted(parts, key=lambda one: one.rows)
     spans = [(float(one.uniform.time[0]), float(one.uniform.time[-1])) for one in ordered]
-    if all(end <= start for (_, end), (start, _) in itertools.pairwise(spans)):
+    recorded, whole = sum(end - start for start, end in spans), spans[-1][1] - spans[0][0]
+    # in a pause that is longer than all that was recorded the machine may have become another one: it cools down
+    goes_on = all(end <= start for (_, end), (start, _) in itertools.pairwise(spans))
+    if goes_on and whole < PAUSED * recorded:
         ordered = [one._replace(since=start - spans[0][0]) for one, (start, _) in zip(ordered, spans, strict=True)]
     return sorted(ordered, key=lambda one: one.rows != first.rows)
 
@@ -135,6 +147,7 @@ def _longest(
     time = ordered.time
     found = {key: values if everything else values[rows] for key, values in columns.items() if key != "time"}
     extra = {key: values if everything else values[rows] for key, values in extra.items()}
+    first = int(rows[0])
     found = {key: without_absurd(values, key, name, first_row + first, notes) for key, values in found.items()}
     found = _without_empty(found, name, notes)
     part, others = longest_stretch(time, unread_rows(found), name, first_row + first, notes)
@@ -144,16 +157,17 @@ def _longest(
         time, rows = time[part], rows[part]
         found = {key: values[part] for key, values in found.items()}
         extra = {key: values[part] for key, values in extra.items()}
-    row = first_row + first + part.start
+    row, mended = first_row + int(rows[0]), len(notes)
     if not linear:
         found = _unwrapped(found, time, name, row, notes)
+    wrapped = len(notes) > mended
     found = {key: filled(v, time, key, key in HELD, name, row, notes) for key, v in found.items()}
     clock = read_clock(time, name, dt)
     uniform = to_grid(clock, time, found, extra, name, notes)
     check_length(uniform.time.size, name)
     step = rounding_step(found["torque"]) if "torque" in found else 0.0
     seen = int(rows[0]) + first_row, int(rows[-1]) + first_row
-    return Stretch(name, uniform, clock.dt, clock.jitter, step, 0.0, seen, notes), left
+    return Stretch(name, uniform, clock.dt, clock.jitter, step, 0.0, wrapped, seen, notes), left
 
 
 def check_length(rows: int, name: str) -> None:

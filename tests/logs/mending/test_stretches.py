@@ -1,5 +1,7 @@
 """A log with breaks is several stretches of one recording: each is kept that is long enough and alike."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -20,7 +22,7 @@ def joined(*parts):
 
 
 def test_of_a_log_with_a_pause_the_longest_stretch_leads_and_the_other_is_a_log_of_its_own():
-    first, second = run(500), run(600, 3.0)
+    first, second = run(500), run(600, 1.2)
     with pytest.warns(FpjaxWarning, match=r"1 further stretch is kept beside it \(rows 0 to 499\)"):
         log = read_log(joined(first, second), name="run")
     (other,) = log.further
@@ -31,7 +33,7 @@ def test_of_a_log_with_a_pause_the_longest_stretch_leads_and_the_other_is_a_log_
     assert other.dt == log.dt == DT
     assert "rows 0 to 499" in other.name
     # a drift counts from the beginning of the recording
-    assert (log.since, other.since) == (pytest.approx(3.0), 0.0)
+    assert (log.since, other.since) == (pytest.approx(1.2), 0.0)
 
 
 def test_runs_whose_time_starts_anew_have_no_time_in_common():
@@ -84,3 +86,31 @@ def test_options_hold_for_every_stretch():
 def test_no_more_than_sixteen_stretches_are_kept(pieces):
     log = read_log(joined(*(run(100, 2.0 * index) for index in range(pieces))))
     assert len(log.further) == 15
+
+
+def test_after_a_pause_longer_than_all_that_was_recorded_time_starts_anew():
+    log = read_log(joined(run(500), run(600, 3.0)))
+    assert (log.since, log.further[0].since) == (0.0, 0.0)
+
+
+def test_a_position_that_wraps_leaves_no_further_stretch():
+    """How many turns of 25 rad, which are no whole revolutions, lie in the pause is not known."""
+    parts = [run(900), run(800, 1.5)]
+    for part in parts:
+        part["position"] = (40.0 * part["time"] + 12.5) % 25.0 - 12.5
+        part["velocity"] = np.full(len(part["time"]), 40.0)
+    assert read_log(joined(*parts)).further == ()
+
+
+def test_further_stretches_belong_to_the_columns_that_were_read():
+    log = read_log(joined(run(600), run(500, 1.0)))
+    assert len(log.stretches) == 1
+    assert len(dataclasses.replace(log, name="renamed").stretches) == 1
+    assert dataclasses.replace(log, torque=2.0 * log.torque).stretches == ()
+
+
+def test_a_log_of_a_hundred_thousand_short_runs_is_read_at_once():
+    part = run(40)
+    log = read_log({key: np.tile(values, 5000) for key, values in part.items()})
+    assert len(log) == 40
+    assert len(log.further) <= 15
