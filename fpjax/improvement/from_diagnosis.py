@@ -167,10 +167,12 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
         raise InputError(f"{path} is not a diagnosis of this version of fpjax: diagnose the log again.") from None
     _check_same(folder, inputs, log)
     samples = [len(course) for course in found.posterior.missing]
-    if len(samples) != 1:
+    # Stretches of one file are runs of the machine that `log`, the longest of them, is the first of.
+    files = {entry.get("sha256") for entry in inputs if entry.get("role") == "fitted"}
+    if len(samples) != 1 and (not log.sha256 or files != {log.sha256}):
         raise InputError(
-            f"{folder} is a diagnosis of {len(samples)} logs or stretches of one, but improve judges gains on one: "
-            f"leave out --diagnosis, or diagnose the one log (or stretch, with --from and --to) that is typical."
+            f"{folder} is a diagnosis of {len(samples)} logs, but improve judges gains on one: diagnose the one log "
+            f"that is typical of the machine's work."
         )
     # A log that is too long to be simulated as a whole is diagnosed in parts; its whole length is in the provenance.
     whole = [entry["samples"] for entry in inputs if entry.get("role") == "fitted" and "samples" in entry]

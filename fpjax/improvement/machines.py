@@ -289,8 +289,9 @@ def with_laws(machine: Machine, laws: Sequence[Learned], count: int) -> Machine:
 def opposing(law: Learned, record: Record) -> Values:
     """A learned law's torque along the log [N m], with the sign of friction, shape (samples,)."""
     at, torque = np.asarray(law.at, float), np.asarray(law.torque, float)
-    time = record.time - record.time[0]
-    x = {"velocity": record.speed, "position": record.angle, "torque": record.torque, "time": time}[law.of]
+    x = {
+        "velocity": record.speed, "position": record.angle, "torque": record.torque, "time": record.elapsed,
+    }[law.of]  # fmt: skip
     if law.period is not None:
         at, torque = np.append(at, at[0] + law.period), np.append(torque, torque[0])
         x = at[0] + np.mod(x - at[0], law.period)

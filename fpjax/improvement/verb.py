@@ -91,8 +91,8 @@ def improve(
         nominal = model if isinstance(model, Model) else load_model(model)
     nominal.needed_controller()
     recorded = log if isinstance(log, Log) else read_log(log, linear=nominal.linear or None)
-    # Of a log with breaks its longest stretch alone: gains are judged along it, and by what it shows.
-    recorded = dataclasses.replace(recorded, further=(), since=0.0)
+    # Of a log with breaks its longest stretch alone (a changed log has no further ones): gains are judged along it.
+    recorded = dataclasses.replace(recorded, since=0.0)
     table = followed(recorded, nominal, reference)
     # The choice of gains is checked before a diagnosis that takes half a minute. Their ranges need the corrected
     # machine, so the result is not used here.

@@ -1,7 +1,8 @@
 """Log: the recorded run of a machine, in SI units, on one uniform clock."""
 
 import os
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -41,10 +42,9 @@ class Log(Drawable):
         torque_measured: the torque was measured by the drive, not commanded.
         torque_lag: delay of the measured torque (in `extra`) behind the commanded one [s]; None without both.
         resampled: values were interpolated or filled to get a uniform clock.
-        further: other stretches of the same recording, each a log of its own, where time starts anew or was
-            interrupted; this one is the longest.
         since: from the start of the recording's first stretch to this one's [s]; 0 where time starts anew.
-        read_beside: the columns that `further` was read beside; a log with other ones (`dataclasses.replace`) has none.
+        further: other stretches of the same recording, each a log of its own, where time starts anew or was
+            interrupted; this one is the longest. A changed log (`dataclasses.replace`) has none.
     """
 
     time: Values
@@ -64,19 +64,11 @@ class Log(Drawable):
     torque_measured: bool = False
     torque_lag: float | None = None
     resampled: bool = False
-    further: tuple["Log", ...] = ()
     since: float = 0.0
-    read_beside: tuple[Values | None, ...] = field(default=(), repr=False, compare=False)
+    further: tuple["Log", ...] = field(default=(), init=False)
 
     def __len__(self) -> int:
         return len(self.time)
-
-    @property
-    def stretches(self) -> tuple["Log", ...]:
-        """`further`, where the columns of this log are still those that it was read with."""
-        own = (self.time, self.torque, self.velocity, self.position)
-        same = len(self.read_beside) == len(own) and all(a is b for a, b in zip(own, self.read_beside, strict=True))
-        return self.further if same else ()
 
     @property
     def samples(self) -> int:
@@ -102,6 +94,13 @@ class Log(Drawable):
         """The canonical columns that are there, by name, in the contract's order."""
         names = ("time", "torque", "velocity", "position", "reference")
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+    def with_further(self, further: Iterable["Log"]) -> "Log":
+        """The same log with other stretches of its recording beside it."""
+        log = replace(self)
+        # not a field that `replace` takes along: stretches of changed columns would be other data
+        object.__setattr__(log, "further", tuple(further))
+        return log
 
     def to_dataframe(self) -> Any:
         """The columns and what else was recorded as a `pandas.DataFrame`, the time [s] as its index.

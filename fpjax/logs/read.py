@@ -133,10 +133,7 @@ def read_log(
         for each in parts
         if each.uniform.time.size // take_every >= SHORTEST
     )
-    beside = (longest.time, longest.torque, longest.velocity, longest.position)
-    log = replace(
-        longest, warnings=(*notes, *longest.warnings), further=tuple(further), read_beside=beside if further else ()
-    )
+    log = replace(longest, warnings=(*notes, *longest.warnings)).with_further(further)
     for note in log.warnings:
         warnings.warn(note, FpjaxWarning, stacklevel=2)
     return log

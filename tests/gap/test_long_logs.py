@@ -87,3 +87,11 @@ def test_many_short_logs_lose_pairs_of_windows():
 def test_a_log_without_any_motion_still_has_windows():
     (record,) = make_records([log(100_000, lambda time: 0.0 * time)], [], 0.05)
     assert len(record.starts) * record.samples > 0.5 * MOST
+
+
+def test_of_a_short_log_beside_a_long_one_enough_windows_are_kept():
+    """It had none: a share of its few pairs of windows is less than one pair."""
+    long, short = make_records([log(300_000), log(4_000)], [], 0.05)
+    assert len(short.starts) >= 3
+    assert 0 < np.sum(short.withheld) < len(short.starts)
+    assert len(long.starts) * long.samples < 1.1 * MOST

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fpjax.gap.fit.bursts import bursts
 from fpjax.gap.fit.make_modes import make_modes
-from fpjax.gap.fit.modes import COMPARED, FITTED, bursts
+from fpjax.gap.fit.modes import COMPARED, FITTED
 
 SAMPLES, DT, INERTIA, ANGLE_NOISE, RATE_NOISE = 200, 1e-3, 0.05, 2e-5, 3e-3
 

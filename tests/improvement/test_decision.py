@@ -141,7 +141,7 @@ def test_a_samples_missing_torque_keeps_its_size_and_colour():
 
 def test_a_learned_law_is_in_the_machines_its_jump_as_coulomb_friction():
     law = Learned("velocity", 0.5, (-5.0, 0.0, 0.0, 5.0), (-0.3, -0.1, 0.1, 0.3), (0.0,) * 4, (0.0,) * 4)
-    record = dataclasses.make_dataclass("Record", ["speed", "time", "angle", "torque"])(
+    record = dataclasses.make_dataclass("Record", ["speed", "elapsed", "angle", "torque"])(
         np.array([-2.5, 2.5]), *np.zeros((3, 2))
     )
     assert opposing(law, record) == pytest.approx([-0.2, 0.2])

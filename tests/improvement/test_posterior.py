@@ -10,7 +10,7 @@ import pytest
 
 import fpjax as fp
 from fpjax.gap import EFFECTS
-from fpjax.gap.answer.posterior import left_open, load_posterior
+from fpjax.gap.answer.posterior import FILE, left_open, load_posterior
 from fpjax.improvement.from_diagnosis import _in_another_unit, known_in
 from fpjax.improvement.machines import records_of
 
@@ -167,3 +167,17 @@ def test_nothing_is_improved_where_the_velocity_is_in_another_unit_than_the_posi
             free=("controller",),
             diagnosis=dataclasses.replace(known, contradiction="x is not y"),
         )
+
+
+def test_a_diagnosis_of_several_stretches_of_one_file_is_one_of_that_log(tmp_path):
+    """And one of several files is not."""
+    log, known = dataclasses.replace(case.log(), sha256="a"), case.known().posterior
+    fitted = [{"role": "fitted", "name": "made.csv", "sha256": own, "samples": len(log)} for own in ("a", "a", "b")]
+    folder_of(tmp_path, provenance={"inputs": fitted[:2]})
+    dataclasses.replace(known, missing=(known.missing[0], np.zeros(700))).save(tmp_path / FILE)
+    assert len(known_in(tmp_path, log).posterior.missing) == 2
+    (tmp_path / "other").mkdir()
+    folder_of(tmp_path / "other", provenance={"inputs": [fitted[0], fitted[2]]})
+    dataclasses.replace(known, missing=(known.missing[0], np.zeros(700))).save(tmp_path / "other" / FILE)
+    with pytest.raises(fp.InputError, match="diagnosis of 2 logs"):
+        known_in(tmp_path / "other", log)

@@ -63,7 +63,7 @@ def assemble(
         warnings: about the logs.
         allowed: names of the effects that were tried; () for the whole vocabulary.
         clock: of the stages, called when each one begins.
-        contradiction: what of the logs cannot be so (`fpjax.gap.data.inputs.contradictions`); "" for nothing.
+        contradiction: what of the logs cannot be so (`fpjax.gap.data.checks.Checked.contradictions`); "" for nothing.
     """
     records = search.records
     linear = records[0].linear

@@ -89,7 +89,7 @@ def make_tables(records: Sequence[Record], periods: Sequence[float] = ()) -> dic
     torques = [r.torque for r in records]
     if (spread := _range(torques)) is not None:
         found["torque"] = [_table("torque", np.linspace(*spread, TORQUES), torques)]
-    times = [r.time - r.time[0] for r in records]
+    times = [r.elapsed for r in records]
     found["time"] = [_table("time", np.linspace(0.0, max(t[-1] for t in times), TIMES), times)]
     return found
 

@@ -10,9 +10,9 @@ from ...model_file import Model, ModelSource, load_model
 from .checks import SAME_PERIOD, can_drive, wrong_kinds
 from .record import FEWEST, LEAST, LONGEST, MOST, SECONDS
 
-SIMILAR_PERIOD = 0.1  # likewise, up to which logs are resampled onto the period of the first
+SIMILAR_PERIOD = 0.1  # relative difference of periods up to which logs are resampled onto that of the first
+OTHER_PERIOD = 4.0  # ratio of periods above which logs are not put together: most of the faster one would be lost
 ENOUGH = 0.9  # of the longest stretch's windows: shorter ones see less of a slow torque
-OTHER_PERIOD = 4.0  # likewise, ratio above which they are not put together: most of the faster one would be lost
 
 
 def read_logs(logs: LogSource | Sequence[LogSource] | None) -> list[list[Log]]:
@@ -35,7 +35,7 @@ def _that_tell_more(log: Log) -> list[Log]:
     """
     longest = min(SECONDS[1] / log.dt, max(LONGEST), log.samples / FEWEST)  # window of the log by itself [samples]
     parts, samples = [], log.samples
-    for part in log.stretches:
+    for part in log.further:
         # Neither windows as short as a short stretch allows, nor parts of the log left out for another stretch.
         if part.position is None or part.samples < max(LEAST, ENOUGH * FEWEST * longest) or samples + len(part) > MOST:
             continue

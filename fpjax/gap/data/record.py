@@ -26,6 +26,7 @@ MOST = 48_000  # samples of all logs that are simulated; of longer ones, stretch
 STRETCHES = 8  # of a longer log: six seconds each at 1 kHz, longer than friction's memory and a period of a loop
 LEAD = 512  # samples kept before the first window of a stretch: the past of lags (`TAPS`) and of hidden states
 LONG = 4  # times lead and edge, from which stretches pay; in a shorter log pairs of windows are left out instead
+KEPT = 4  # windows that each log keeps at least, one of them withheld: of a short one beside a long one it had none
 EDGE = 32  # samples kept after the last window, for the sensor's dead time
 LEAST = 3 * SHORTEST + EDGE  # samples of the shortest log that can be diagnosed: three windows, one of them withheld
 
@@ -250,8 +251,9 @@ def _record(
     if total > MOST and len(log.time) > LONG * (LEAD + EDGE) + FEWEST * samples:
         kept, starts = _stretches(speed, samples, MOST / total)
     elif total > MOST:  # whole pairs of windows, spread evenly
+        share = min(max(MOST / total, KEPT / max(len(starts), 1)), 1.0)
         pairs = np.arange(len(starts)) // 2
-        starts = starts[np.floor((pairs + 1) * MOST / total) > np.floor(pairs * MOST / total)]
+        starts = starts[np.floor((pairs + 1) * share) > np.floor(pairs * share)]
     withheld = every_fourth(len(starts)) if side == "blocks" else np.full(len(starts), side == "all")
     reading = velocity if velocity is not None or log.velocity is None else make_channel(log.velocity)
     velocity, position, reading = (_part(channel, kept) for channel in (velocity, position, reading))

@@ -6,7 +6,8 @@ import math
 import numpy as np
 
 from ...logs.arrays import Values
-from .modes import PER_OCTAVE, TILE, Modes
+from .bursts import TILE
+from .modes import PER_OCTAVE, Modes
 
 PLAIN = 8  # modes of the lowest octaves, which are not rotated: each is as long as the window
 FIRST_BAND = 4  # modes of the lowest octave: a window's start values take up two of them

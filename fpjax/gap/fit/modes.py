@@ -24,18 +24,16 @@ came out 12 % too small on two records, and intervals held the truth in 59 inste
 
 import functools
 import itertools
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...logs.arrays import Values
 from ..thresholds import THRESHOLDS
+from .bursts import BELOW, BURSTS, bursts, law_along, mixed_likelihood
 
-TILE = 4  # coefficients that share a burst
 PER_OCTAVE = 3  # levels q that are tried within a factor of two
 NOISES = np.geomspace(0.5, 32.0, 49)  # factors on the sensors' noise standard deviation that are tried
-BURSTS = np.array([*range(-5, 7), 8, 10, 13, 16, 20])  # log2 of the factors on a tile's q
 FITTED, COMPARED = THRESHOLDS.fitted_tails, THRESHOLDS.compared_tails
 
 
@@ -180,7 +178,7 @@ class Modes:
         order = np.argsort(noise, kind="stable")
         found = np.empty(len(noise))
         by_burst = self._by_burst(level, noise[order], coefficients[order], white)
-        found[order] = np.sum(_mixed(by_burst, bursts(self.tails)[1]), axis=1)
+        found[order] = np.sum(mixed_likelihood(by_burst, bursts(self.tails)[1]), axis=1)
         return found
 
     def precision(self, level: Values, noise: Values, coefficients: Values, *, white: bool) -> Values:
@@ -216,8 +214,8 @@ class Modes:
         also one level for all octaves.
         """
         # A burst is a power of two, as a step of the grid is: the costs of all levels with all bursts are those of one
-        # longer grid, of which `_law_along` takes weighted sums. Shape (values, bands).
-        coarse = np.concatenate([np.zeros((1 + _BELOW, self.bands)), self.levels[1::PER_OCTAVE]])
+        # longer grid, of which `law_along` takes weighted sums. Shape (values, bands).
+        coarse = np.concatenate([np.zeros((1 + BELOW, self.bands)), self.levels[1::PER_OCTAVE]])
         coarse = np.concatenate([coarse, coarse[-1] * 2.0 ** np.arange(1, BURSTS[-1] + 1)[:, None]])
         order = np.argsort(noise, kind="stable")
         noise, coefficients = noise[order], coefficients[order]
@@ -226,7 +224,7 @@ class Modes:
         costs -= least
         costs *= -0.5
         likely = np.exp(costs, out=costs).reshape(len(coarse), -1)
-        mixed = (_law_along(len(coarse), self.tails) @ likely).reshape(-1, *least.shape)
+        mixed = (law_along(len(coarse), self.tails) @ likely).reshape(-1, *least.shape)
         # The floor: a level under which one tile underflows costs 690 nats for that tile instead of infinity.
         best = self._best(-2.0 * np.log(np.maximum(mixed, 1e-300)) + least, white)
         middle = np.where(best > 0, (best - 1) * PER_OCTAVE + 1, 0)
@@ -235,7 +233,7 @@ class Modes:
         factors, law = bursts(self.tails)
         every = (tries[:, None] * 2.0 ** factors[:, None]).reshape(-1, self.bands)
         costs = self._at(every, noise, coefficients, white)
-        mixed = _mixed(costs.reshape(len(tries), len(factors), *costs.shape[1:]), law)
+        mixed = mixed_likelihood(costs.reshape(len(tries), len(factors), *costs.shape[1:]), law)
         best = self._best(mixed, white)
         return tries[best, np.arange(self.bands)]
 
@@ -357,39 +355,6 @@ class Modes:
         """q of all octaves together [N m], rms over the modes by a weight of shape (modes,)."""
         weight = np.where(self.sensor, 0.0, weight)
         return float(np.sqrt(np.sum(weight * level[self.band] ** 2) / np.sum(weight)))
-
-
-_BELOW = -int(BURSTS[0])
-
-
-@functools.lru_cache(maxsize=8)
-def bursts(tails: float) -> tuple[Values, Values]:
-    """(log2 of the bursts, their prior [1]), each of shape (bursts,): a Laplace density on the grid, normalised."""
-    law = np.exp(-np.abs(BURSTS) * math.log(2.0) / tails) * np.gradient(BURSTS.astype(float))
-    # A tile gains log 2 a coefficient at most from half the level: with light tails that is never worth its prior. (One
-    # burst for a whole side might be, while a fit looks for its valley with one level for all octaves.)
-    some = slice(None) if math.log(2.0) / tails < TILE * math.log(2.0) else slice(_BELOW, None)
-    return BURSTS[some].astype(float), law[some] / np.sum(law[some])
-
-
-@functools.lru_cache(maxsize=8)
-def _law_along(values: int, tails: float) -> Values:
-    """The bursts' prior about each of some levels a factor of two apart, shape (levels, values)."""
-    levels = values - _BELOW - BURSTS[-1]
-    out = np.zeros((levels, values))
-    for place in range(levels):
-        factors, law = bursts(tails)
-        out[place, _BELOW + place + factors.astype(int)] = law
-    return out
-
-
-def _mixed(by_burst: Values, law: Values) -> Values:
-    """-2 log of the mean likelihood over the bursts' law: (..., bursts, windows, tiles) to (..., windows, tiles)."""
-    least = np.min(by_burst, axis=-3)
-    likely = by_burst - least[..., None, :, :]
-    likely *= -0.5
-    mean = law @ np.exp(likely, out=likely).reshape(*likely.shape[:-2], -1)
-    return least - 2.0 * np.log(mean.reshape(least.shape))
 
 
 def _kinds(noise: Values) -> list[tuple[slice, float]]:

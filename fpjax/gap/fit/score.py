@@ -11,6 +11,7 @@ from ..data.record import Record
 from ..simulate.family import Key
 from ..simulate.hidden_states import HiddenStates
 from .candidate import Candidate, Fit
+from .hidden_starts import estimate_hidden_states
 from .least_squares import Fitter, Linear
 from .measure import Measure
 from .modes import Modes
@@ -33,10 +34,6 @@ class Scoring(Protocol):
     measure: Measure
     moves: Values
     real_noise: float
-
-    def estimate_hidden_states(self, candidates: Sequence[Candidate], windows: Sequence[Values]) -> None:
-        """Estimate the hidden states at the starts of windows."""
-        ...
 
 
 def scores(search: Scoring, candidates: Sequence[Candidate]) -> list[Fit]:
@@ -100,8 +97,8 @@ def _withheld_parts(search: Scoring, still: Sequence[Candidate], fitter: Fitter)
 
     rest(0)
     for steps in PROPER:
-        if still[0].family.key in search.hidden_states:
-            search.estimate_hidden_states(still, search.withheld)
+        if (own := search.hidden_states.get(still[0].family.key)) is not None:
+            estimate_hidden_states(fitter, own, search.records, still, search.withheld)
             rest(2)
         for fixed in still:
             fixed.converged = False

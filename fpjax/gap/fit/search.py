@@ -19,6 +19,7 @@ from .backlash_starts import contact_starts
 from .band import highest_of_speed, level_with_bursts, real_noise, unanswered
 from .candidate import NOMINAL, Candidate, Fit, Start, make_candidate
 from .guide import guide_bandwidth
+from .hidden_starts import estimate_hidden_states
 from .least_squares import Fitter
 from .make_modes import make_modes
 from .measure import Measure
@@ -261,61 +262,9 @@ class Search:
                 continue
             done = 0
             while done < steps and (active := [c for c in group if not c.converged]):
-                self.estimate_hidden_states(active, windows)
+                estimate_hidden_states(fitter, self.hidden_states[key], self.records, active, windows)
                 fitter.go_on(active, windows, min(3, steps - done), white=white)
                 done += 3
-
-    def estimate_hidden_states(self, candidates: Sequence[Candidate], windows: Sequence[Values]) -> None:
-        """Estimate the hidden states at the windows' starts, and keep in each window the estimate that fits best.
-
-        Tried are the present one, the estimate from the past, the end of the window before, and either face of a
-        backlash.
-        """
-        key = candidates[0].family.key
-        hidden_states, fitter = self.hidden_states[key], self.fitters[key]
-        backlash = any(p.name == "gap" for c in candidates for e in c.effects for p in e.parameters)
-        for which, chosen in enumerate(windows):
-            if not len(chosen):
-                continue
-            count = len(chosen)
-            vectors = np.concatenate([np.repeat(c.vector[:, None], count, 1) for c in candidates], 1)
-            centers = hidden_states.centers(vectors, which, np.tile(chosen, len(candidates)))
-            options = [[centers[:, i * count : (i + 1) * count] for i in range(len(candidates))]]
-            options.append([self._continued(c, which, chosen) for c in candidates])
-            if backlash:
-                halves = [0.5 * c.values()["gap"] for c in candidates]
-                for side in (1.0, -1.0):
-                    options.append([np.stack([np.full(count, side * h), np.zeros(count)]) for h in halves])
-            best = self._costs(fitter, candidates, which, chosen)
-            for option in options:
-                kept = [(c.hidden[which].copy(), c.states[which].copy()) for c in candidates]
-                for c, at in zip(candidates, option, strict=True):
-                    c.hidden[which][:, chosen] = at
-                    c.states[which][2:, chosen] = 0.0
-                after = self._costs(fitter, candidates, which, chosen)
-                for i, (c, (hidden, states)) in enumerate(zip(candidates, kept, strict=True)):
-                    worse = chosen[~(after[i] < best[i])]
-                    c.hidden[which][:, worse], c.states[which][:, worse] = hidden[:, worse], states[:, worse]
-                    best[i] = np.minimum(best[i], after[i])
-
-    def _continued(self, c: Candidate, which: int, chosen: Values) -> Values:
-        """Hidden states at the end of the window before, (2, windows); unchanged where no window is directly before."""
-        record, found = self.records[which], c.hidden[which][:, chosen].copy()
-        before = chosen - 1
-        follows = (before >= 0) & (record.starts[chosen] - record.starts[np.maximum(before, 0)] == record.samples)
-        if np.any(follows):
-            found[:, follows] = self.fitters[c.family.key].ends(c, which, before[follows])
-        return np.where(np.isfinite(found), found, 0.0)
-
-    def _costs(self, fitter: Fitter, candidates: Sequence[Candidate], which: int, chosen: Values) -> list[Values]:
-        """Costs of windows at the candidates' present values, (windows,) each; one without a level is given one."""
-        found = []
-        for c, out in zip(candidates, fitter.coefficients(candidates, which, chosen), strict=True):
-            if not len(c.level):
-                c.level, c.white = fitter.best_level([(which, chosen, out)], white=True), True
-            cost = fitter.window_costs(c, which, chosen, out) + fitter.state_prior(c, which, chosen, hidden=True)
-            found.append(np.where(np.isfinite(cost), cost, np.inf))
-        return found
 
     def screening(self) -> list[Values]:
         """A few fitted windows, one array a record: spread evenly, and those where the nominal model is worst."""

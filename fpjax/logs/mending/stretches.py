@@ -11,15 +11,12 @@ import numpy as np
 
 from ...errors import InputError
 from ..noise import rounding_step
-from .clock import SHORTEST, in_order, longest_stretch, read_clock
+from .clock import PARTS, SHORTEST, in_order, longest_stretch, read_clock
 from .invalid_values import filled, unread_rows, without_absurd
 from .resample import HELD, Uniform, to_grid
 from .wrapping import find_wrapping
 
-COMPARABLE = 0.5  # of the longest stretch's rows: a shorter one would bound the windows of all
-LONG_ENOUGH = 8192  # [rows]: eight of the longest windows of a diagnosis, so that a stretch of so many bounds none
 MOST = 16  # stretches: a log that is in more pieces is not worth the time of them all
-ATTEMPTS = 64  # stretches that are tried
 PAUSED = 2.0  # times all that was recorded: over so long a whole, time does not count from the first stretch on
 SIMILAR = 0.1  # relative difference of the periods of two stretches
 
@@ -54,7 +51,7 @@ def stretches(
     columns: dict[str, np.ndarray], extra: dict[str, np.ndarray], name: str, first_row: int,
     window: tuple[float, float], dt: float | None, linear: bool,
 ) -> list[Stretch]:  # fmt: skip
-    """The longest stretch of a log (of its longest run), then the others that are long enough, in their order.
+    """The longest stretch of a log (of its longest run), then the longest of the others, in their order.
 
     Args:
         columns: canonical columns with the time [s], in SI, shape (rows,) each.
@@ -81,13 +78,10 @@ def stretches(
     first, left = _longest(columns, extra, rows, name, first_row, dt, linear)
     if first.wrapped:
         return [first]
-    least = max(min(COMPARABLE * first.uniform.time.size, LONG_ENOUGH), SHORTEST)
     parts, tried = [first], 0
-    while left and len(parts) < MOST and tried < ATTEMPTS:
+    while left and len(parts) < MOST and tried < PARTS:
         left.sort(key=lambda rows: rows.size)
         rows, tried = left.pop(), tried + 1
-        if rows.size < least:
-            break
         try:
             found, rest = _longest(columns, extra, rows, name, first_row, first.dt, linear)
         except InputError:
@@ -95,7 +89,7 @@ def stretches(
         left += rest
         if found.wrapped:
             return [first]
-        if found.uniform.time.size >= least and _comparable(found, first, time[rows]):
+        if _comparable(found, first, time[rows]):
             parts.append(found)
     if len(parts) == 1:
         return parts

@@ -1,4 +1,4 @@
-"""A log with breaks is several stretches of one recording: each is kept that is long enough and alike."""
+"""A log with breaks is several stretches of one recording: the longest that are alike are kept."""
 
 import dataclasses
 
@@ -58,7 +58,7 @@ def test_readings_that_are_missing_for_long_part_two_stretches():
 @pytest.mark.parametrize(
     "other",
     [
-        pytest.param(run(200, 3.0), id="much shorter"),
+        pytest.param(run(15, 3.0), id="a few rows"),
         pytest.param(run(500, 3.0) | {"velocity": np.full(500, np.nan)}, id="without a column"),
         pytest.param(run(500, 3.0) | {"time": 3.0 + 5 * DT * np.arange(500)}, id="at another rate"),
     ],
@@ -104,12 +104,11 @@ def test_a_position_that_wraps_leaves_no_further_stretch():
 
 def test_further_stretches_belong_to_the_columns_that_were_read():
     log = read_log(joined(run(600), run(500, 1.0)))
-    assert len(log.stretches) == 1
-    assert len(dataclasses.replace(log, name="renamed").stretches) == 1
-    assert dataclasses.replace(log, torque=2.0 * log.torque).stretches == ()
+    assert len(log.further) == 1
+    assert dataclasses.replace(log, torque=2.0 * log.torque).further == ()
 
 
-def test_a_log_of_a_hundred_thousand_short_runs_is_read_at_once():
+def test_of_five_thousand_short_runs_a_few_are_looked_at():
     part = run(40)
     log = read_log({key: np.tile(values, 5000) for key, values in part.items()})
     assert len(log) == 40

@@ -1,0 +1,74 @@
+"""Hidden starts: what no sensor sees (bristles, the load behind a spring) at the start of each window."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...logs.arrays import Values
+from ..data.record import Record
+from ..simulate.hidden_states import HiddenStates
+from .candidate import Candidate
+from .least_squares import Fitter
+
+
+def estimate_hidden_states(
+    fitter: Fitter, hidden_states: HiddenStates, records: Sequence[Record], candidates: Sequence[Candidate],
+    windows: Sequence[Values],
+) -> None:  # fmt: skip
+    """Estimate the hidden states at the windows' starts, and keep in each window the estimate that fits best.
+
+    Tried are the present one, the estimate from the past, the end of the window before, and either face of a
+    backlash.
+
+    Args:
+        fitter: of the candidates' family.
+        hidden_states: likewise.
+        records: the logs.
+        candidates: of one family; their hidden states are changed.
+        windows: indices of the windows, one array a record.
+    """
+    backlash = any(p.name == "gap" for c in candidates for e in c.effects for p in e.parameters)
+    for which, chosen in enumerate(windows):
+        if not len(chosen):
+            continue
+        count = len(chosen)
+        vectors = np.concatenate([np.repeat(c.vector[:, None], count, 1) for c in candidates], 1)
+        centers = hidden_states.centers(vectors, which, np.tile(chosen, len(candidates)))
+        options = [[centers[:, i * count : (i + 1) * count] for i in range(len(candidates))]]
+        options.append([_continued(fitter, records[which], c, which, chosen) for c in candidates])
+        if backlash:
+            halves = [0.5 * c.values()["gap"] for c in candidates]
+            for side in (1.0, -1.0):
+                options.append([np.stack([np.full(count, side * h), np.zeros(count)]) for h in halves])
+        best = _costs(fitter, candidates, which, chosen)
+        for option in options:
+            kept = [(c.hidden[which].copy(), c.states[which].copy()) for c in candidates]
+            for c, at in zip(candidates, option, strict=True):
+                c.hidden[which][:, chosen] = at
+                c.states[which][2:, chosen] = 0.0
+            after = _costs(fitter, candidates, which, chosen)
+            for i, (c, (hidden, states)) in enumerate(zip(candidates, kept, strict=True)):
+                worse = chosen[~(after[i] < best[i])]
+                c.hidden[which][:, worse], c.states[which][:, worse] = hidden[:, worse], states[:, worse]
+                best[i] = np.minimum(best[i], after[i])
+
+
+def _continued(fitter: Fitter, record: Record, c: Candidate, which: int, chosen: Values) -> Values:
+    """Hidden states at the end of the window before, (2, windows); unchanged where no window is directly before."""
+    found = c.hidden[which][:, chosen].copy()
+    before = chosen - 1
+    follows = (before >= 0) & (record.starts[chosen] - record.starts[np.maximum(before, 0)] == record.samples)
+    if np.any(follows):
+        found[:, follows] = fitter.ends(c, which, before[follows])
+    return np.where(np.isfinite(found), found, 0.0)
+
+
+def _costs(fitter: Fitter, candidates: Sequence[Candidate], which: int, chosen: Values) -> list[Values]:
+    """Costs of windows at the candidates' present values, (windows,) each; one without a level is given one."""
+    found = []
+    for c, out in zip(candidates, fitter.coefficients(candidates, which, chosen), strict=True):
+        if not len(c.level):
+            c.level, c.white = fitter.best_level([(which, chosen, out)], white=True), True
+        cost = fitter.window_costs(c, which, chosen, out) + fitter.state_prior(c, which, chosen, hidden=True)
+        found.append(np.where(np.isfinite(cost), cost, np.inf))
+    return found
