@@ -81,6 +81,8 @@ class Thresholds:
         swallowed: of the largest commanded torque [1], the widest dead zone of an actuator.
         reading: error of the velocity reading, of the speed's rms [1], from which on it is told.
         wrong_number: log prior odds that one nominal number is wrong [1].
+        wild: error [1] of a nominal friction number, of its size, beyond which it is no guess, and may stand for an
+            effect. Set on opened logs: one of a third generator, two of seeds 70 to 74, one of seed 60.
         persists: share [1] of its deviation without an effect, that a nominal number must keep beside the likeliest
             effects to be told as wrong without them.
         no_better: missing torque left, of the nominal model's [1], below which less makes a model worth no more.
@@ -153,6 +155,7 @@ class Thresholds:
     swallowed: float = 0.5
     reading: float = 0.01
     wrong_number: float = -1.0
+    wild: float = 0.3
     persists: float = 0.5
     no_better: float = 0.05
     no_less: float = 0.999

@@ -90,8 +90,8 @@ def test_a_backlash_whose_gap_may_be_none_is_a_spring_of_stiff_faces(deviation, 
     assert not resolved(search, fit)
 
 
-def gap(before):
-    return SimpleNamespace(before=before, noise_floor=0.01, unit="N m")
+def gap(before, closed=0.0):
+    return SimpleNamespace(before=before, noise_floor=0.01, unit="N m", closed=closed)
 
 
 def test_a_gap_above_the_commanded_torque_is_said_to_be_no_friction():
@@ -113,3 +113,10 @@ def test_what_the_corrected_model_holds_beside_the_causes_is_said():
     assert "also holds actuator_lag:" in sentence
     assert warning_texts.details(chosen, ["stribeck", "actuator_lag"]) == []
     assert warning_texts.details(chosen, []) == []
+
+
+def test_what_is_left_of_a_machine_that_vibrates_is_said_to_hardly_move_it():
+    (sentence,) = warning_texts.vibrates(gap(0.16, closed=0.13), 0.46)
+    assert "54% is closed" in sentence
+    assert warning_texts.vibrates(gap(0.16, closed=0.13), 0.8) == []
+    assert warning_texts.vibrates(gap(0.16, closed=0.6), 0.46) == []

@@ -68,7 +68,12 @@ def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():
     slight = judged(chosen, [], readings=("velocity_lag", "velocity_quantisation"), misread=SLIGHT)
     assert slight.causes == ("stribeck", "velocity_lag")
     assert "velocity_quantisation" not in slight.among
+    # An error as large as another reading's must be to be told is told.
     readings = ("velocity_quantisation",)
+    large = judged(chosen, [], readings=readings, misread=SLIGHT, rounded=1.3 * THRESHOLDS.reading)
+    assert large.causes == ("stribeck", "velocity_quantisation")
+    small = judged(chosen, [], readings=readings, misread=SLIGHT, rounded=0.9 * THRESHOLDS.reading)
+    assert small.causes == ("stribeck",)
     unknown = judged(chosen, [], left=0.97, readings=readings, misread=SLIGHT)
     assert (unknown.word, unknown.causes) == ("unexplained", ())
     number = judged(chosen, [], shares={"inertia_error": 0.9}, readings=readings, misread=SLIGHT)

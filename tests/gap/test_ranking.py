@@ -183,10 +183,10 @@ def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_wha
             structural=names, effects=tuple(effect for effect in EFFECTS if effect.name in names), wide=frozenset(wide),
             names=names, at_bound=lambda: bound, values=dict,
         )  # fmt: skip
-        return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows: left)
+        return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows, moving=False: left)
 
     chosen = weighing.Weighed(fit(("stribeck",), ("inertia", "coulomb"), [], 0.1), 1000.0, 1000.0, 0.1)
-    exact = weighing.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows: 1.0), ())
+    exact = weighing.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows, moving=False: 1.0), ())
     monkeypatch.setattr(decision, "resolved", lambda search, fit: True)
     both = ("stribeck", "torque_gain_error")
     for bound, evidence, told in (([], 990.0, both), (["inertia"], 990.0, ("stribeck",)), (["inertia"], 1010.0, both)):
@@ -218,11 +218,11 @@ def test_a_likelier_special_case_takes_the_place_of_what_contains_it(monkeypatch
             structural=(name,), effects=tuple(effect for effect in EFFECTS if effect.name == name), wide=frozenset(),
             names=(name,), at_bound=list, values=dict,
         )  # fmt: skip
-        return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows: left)
+        return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows, moving=False: left)
 
     monkeypatch.setattr(decision, "resolved", lambda search, fit: True)
     chosen = weighing.Weighed(fit("backlash", 1000.0, 0.4), 1000.0, 1000.0, 0.4)
-    exact = weighing.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows: 1.0), ())
+    exact = weighing.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows, moving=False: 1.0), ())
     for evidence, told in ((1020.0, "compliance"), (1005.0, "backlash"), (990.0, "backlash")):
         spring = fit("compliance", evidence, 0.6)  # leaves a fifth of the energy more
         search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, spring=spring: [spring])

@@ -8,16 +8,27 @@ import pytest
 from fpjax.gap.select.shares import shares_of
 
 
-def shares(energies):
-    """Shares of the causes of the largest set, from the missing energy [1] of every set of causes."""
+def shares(energies, held=None, whole=None, given=None):
+    """Shares of the causes of a set, the largest if none is named, from the missing energy [1] of every set of causes.
+
+    Args:
+        energies: by set.
+        held: names of the nominal numbers that an effect holds, by effect.
+        whole: the set.
+        given: nominal numbers by name.
+    """
     energies = {frozenset(names): energy for names, energy in energies.items()}
-    whole = max(energies, key=len)
+    whole = frozenset(whole or max(energies, key=len))
 
     def fit(names):
-        effects = tuple(SimpleNamespace(name=n, parameters=()) for n in sorted(names) if not n.endswith("_error"))
+        effects = tuple(
+            SimpleNamespace(name=n, parameters=tuple(SimpleNamespace(name=p) for p in (held or {}).get(n, ())))
+            for n in sorted(names)
+            if not n.endswith("_error")
+        )
         wide = frozenset(n.removesuffix("_error") for n in names if n.endswith("_error"))
         structural = tuple(effect.name for effect in effects)
-        candidate = SimpleNamespace(effects=effects, wide=wide, structural=structural, values=dict)
+        candidate = SimpleNamespace(effects=effects, wide=wide, structural=structural, values=lambda: given or {})
         return SimpleNamespace(names=frozenset(names), evidence=-energies[names], candidate=candidate)
 
     def fitted(starts):
@@ -56,6 +67,17 @@ def test_of_causes_that_make_up_for_each_other_one_takes_what_both_do_and_names_
     assert alike == {name: (other,)}
 
 
+def test_friction_that_the_nominal_model_has_none_of_comes_before_what_would_vary_it():
+    """A motor simulated without Coulomb friction: a friction by position that passes through zero does as well."""
+    ripple, coulomb = "position_dependent_friction", "coulomb_error"
+    energies = {(): 1.0, (ripple,): 0.3, (coulomb,): 0.31, (ripple, coulomb): 0.28}
+    found, alike = shares(energies, given={"coulomb": 0.0})
+    assert found == pytest.approx({coulomb: 0.69, ripple: 0.03})
+    assert alike == {coulomb: (ripple,)}
+    found, _ = shares(energies, given={"coulomb": 0.5})
+    assert found == pytest.approx({ripple: 0.7, coulomb: 0.02})
+
+
 def test_numbers_that_matter_little_even_together_are_details():
     effect, coulomb, viscous = "cogging", "coulomb_error", "viscous_error"
     found, alike = shares({
@@ -83,3 +105,24 @@ def test_details_that_add_up_stay_details():
     found, alike = shares(energies)
     assert found == pytest.approx(dict.fromkeys(names, 0.03))
     assert not alike
+
+
+BY_DIRECTION = {"asymmetric_friction": ("coulomb", "viscous")}
+
+
+@pytest.mark.parametrize(
+    ("equal", "expected"),
+    [
+        # The direction takes 3 % beside numbers that are wrong in both directions: these are told.
+        (0.13, {"friction_drift": 0.3, "coulomb_error": 0.25, "viscous_error": 0.02, "asymmetric_friction": 0.03}),
+        # It takes 30 %: what it takes beyond them is its own, and the levels are told with it.
+        (0.4, {"friction_drift": 0.3, "asymmetric_friction": 0.3}),
+    ],
+)
+def test_a_friction_by_direction_takes_what_no_friction_equal_in_both_directions_does(equal, expected):
+    drift, sides, coulomb, viscous = "friction_drift", "asymmetric_friction", "coulomb_error", "viscous_error"
+    found, _ = shares({
+        (): 1.0, (sides,): 0.4, (drift, sides): 0.1, (drift, coulomb, viscous): equal, (coulomb, viscous): 0.95,
+        (drift, viscous): equal + 0.25, (drift, coulomb): equal + 0.02, (drift,): 0.9,
+    }, BY_DIRECTION, (drift, sides))  # fmt: skip
+    assert found == pytest.approx(expected)

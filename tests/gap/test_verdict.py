@@ -10,7 +10,7 @@ from weighed_models import BOTH, NOMINAL, RATE_ONLY, judged, weighed
 from fpjax.gap.answer import judge
 from fpjax.gap.answer.judge import _persist, _with_effects_behind
 from fpjax.gap.effects.twins import single_twins
-from fpjax.gap.select.decision import _bases
+from fpjax.gap.select.decision import _bases, _bases_beside
 from fpjax.gap.select.dominant import Curve, believed, dominant
 from fpjax.gap.select.verdict import Verdict
 from fpjax.gap.thresholds import THRESHOLDS
@@ -50,6 +50,20 @@ def test_a_share_of_a_sure_pair_is_the_main_cause_and_each_of_it_is_sure():
     assert found.among["stribeck"] == pytest.approx(found.among["unbalance"])
     assert sum(found.main.values()) <= 1.0
     assert found.probability == pytest.approx(found.main["unbalance"])
+
+
+def test_a_part_is_led_by_the_largest_cause_that_no_other_model_can_do_without():
+    """Stribeck friction takes most, but friction by direction does nearly as well; nothing does without the offset."""
+    chosen, shares = weighed("stribeck+constant_torque", 500.0), {"stribeck": 0.65, "constant_torque": 0.52}
+    rivals = [weighed("constant_torque", 480.0), weighed("stribeck", 40.0)]
+    found = judged(chosen, rivals, left=0.25, shares=shares)
+    assert found.word == "partly_explained"
+    assert found.causes == ("constant_torque", "stribeck")
+    # Not where that one makes no part of the gap by itself, nor where a size of the largest is not told from nothing.
+    assert judged(chosen, rivals, left=0.25, shares=shares | {"constant_torque": 0.4}).word == "unexplained"
+    assert judged(chosen, rivals, left=0.25, shares=shares, unshown=frozenset({"stribeck"})).word == "unexplained"
+    # Where the whole gap is closed the largest leads, though less surely.
+    assert judged(chosen, rivals, left=0.05, shares=shares).causes == ("stribeck", "constant_torque")
 
 
 VELOCITY = {"velocity": Curve(0.9, 200.0), "position": Curve(0.1, 20.0), "torque": Curve(0.2, -5.0)}
@@ -220,6 +234,15 @@ def test_effects_that_are_worth_as_much_as_the_second_are_bases_too():
     assert _bases(singles[:1]) == singles[:1]
     nothing = [weighed(name, 3.0) for name in ("stribeck", "cogging", "backlash")]
     assert _bases(nothing) == nothing[:2]
+
+
+def test_a_further_cause_is_tried_beside_what_does_nearly_as_well_as_the_chosen_ones():
+    chosen, near = weighed("cogging+stribeck", 500.0, left=0.2), weighed("cogging+quadratic_drag", 480.0, left=0.2)
+    far = weighed("cogging+friction_drift", 300.0, left=0.2)
+    assert _bases_beside(chosen, [near, chosen, far]) == [chosen, near]
+    assert _bases_beside(chosen, [chosen, far]) == [chosen]
+    # The same causes with other wrong numbers are no others.
+    assert _bases_beside(chosen, [weighed("stribeck+cogging", 499.0, wide=("inertia",), left=0.2)]) == [chosen]
 
 
 def test_an_effect_is_measured_by_what_no_choice_of_the_numbers_closes():

@@ -12,7 +12,7 @@ from ..fit.candidate import NOMINAL, Fit, nominal_sizes
 from ..fit.search import Search
 from ..select.decision import Decision, by_numbers
 from ..select.dominant import DominantVariable, dominant
-from ..select.readings import Reading, beside_gap
+from ..select.readings import ROUNDING, Reading, beside_gap
 from ..select.verdict import Seen, Verdict, verdict
 from ..select.weighed import CONTAINED
 from ..thresholds import THRESHOLDS, Thresholds
@@ -54,6 +54,7 @@ class Judged:
         dominant_variable: the variable that the missing torque is mostly a function of; None where none stands out.
         before: course of the missing torque of the nominal model, one for each log.
         after: likewise, of the chosen model.
+        moved: missing torque after over that before [1], as far as it moves the machine.
     """
 
     decision: Decision
@@ -63,6 +64,7 @@ class Judged:
     dominant_variable: DominantVariable | None
     before: tuple[Course, ...]
     after: tuple[Course, ...]
+    moved: float
 
 
 def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: str) -> Judged:
@@ -70,7 +72,8 @@ def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: 
 
     If effects beside wrong nominal numbers are not certain enough to assert, and the nominal numbers alone explain the
     gap or a part of it, the numbers are reported, unless an effect beside them makes them right: else they are wrong
-    whichever effect stands beside them.
+    whichever effect stands beside them. So is friction that the nominal model has none of, on a machine that vibrates,
+    if it explains what moves it.
 
     Args:
         search: of the logs.
@@ -81,13 +84,25 @@ def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: 
     """
     found = _judge(search, decision, read, curves, unit)
     wrong = decision.nominal.fit.candidate.wide
-    if found.verdict.word != "unexplained" or not decision.chosen.structural or not wrong:
-        return found
-    numbers = _judge(search, by_numbers(search, decision), read, curves, unit)
-    if numbers.verdict.word not in ("explained", "partly_explained") or not _persist(numbers, decision):
+    if found.verdict.word != "unexplained" or not wrong:
         return found
     misread = {name for one in read.readings for name in (one.effect, one.rival)}
-    return replace(numbers, verdict=_with_effects_behind(numbers.verdict, found.verdict, misread))
+    for moving in (False, True) if decision.chosen.structural else (True,):
+        numbers = _judge(search, by_numbers(search, decision, moving=moving), read, curves, unit)
+        if numbers.verdict.word not in ("explained", "partly_explained") or not _persist(numbers, decision):
+            continue
+        if not moving or _moves_without_friction(numbers, found):
+            return replace(numbers, verdict=_with_effects_behind(numbers.verdict, found.verdict, misread))
+    return found
+
+
+def _moves_without_friction(numbers: Judged, beside: Judged) -> bool:
+    """Whether the numbers that are asserted are friction that the nominal model has none of, as every machine has, and
+    the effects beside them take no more of what moves the machine.
+    """
+    given = numbers.decision.exact.candidate.values()
+    absent = all(given.get(name.removesuffix("_error")) == 0.0 for name in numbers.verdict.causes)
+    return absent and numbers.moved**2 - beside.moved**2 <= THRESHOLDS.matters
 
 
 def _with_effects_behind(numbers: Verdict, beside: Verdict, misread: Collection[str]) -> Verdict:
@@ -183,6 +198,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         sizes=nominal_sizes(search.setting),
         readings=tuple(one.effect for one in read.readings),
         misread=_beside_gap(search, decision.exact, read, first),
+        rounded=max((one.size for one in read.readings if one.effect == ROUNDING), default=0.0),
         moved=max(_moved(decision.exact, chosen, windows), _moved(decision.exact, chosen, withheld)),
         allowed=frozenset(read.allowed),
         doubts={one.effect: (one.rival, one.sure) for one in read.readings if one.rival},
@@ -197,4 +213,4 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
     variable = dominant(curves.by)
     if variable is not None:
         variable = replace(variable, named=float(np.clip(seen.named, 0.0, 1.0)))
-    return Judged(decision, verdict(decision, seen), gap, spread, variable, before, after)
+    return Judged(decision, verdict(decision, seen), gap, spread, variable, before, after, seen.moved)

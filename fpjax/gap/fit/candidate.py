@@ -215,7 +215,13 @@ class Fit:
         """Names of the causes."""
         return self.candidate.names
 
-    def missing_rms(self, windows: Sequence[Values]) -> float:
-        """Missing torque [N m], rms over windows given as one array of indices a record; not below zero."""
-        chosen = np.concatenate([m[w] for m, w in zip(self.missing, windows, strict=True)])
+    def missing_rms(self, windows: Sequence[Values], *, moving: bool = False) -> float:
+        """Missing torque [N m], rms over windows given as one array of indices a record; not below zero.
+
+        Args:
+            windows: indices.
+            moving: each frequency weighted by how far it moves the machine.
+        """
+        squares = self.moving if moving else self.missing
+        chosen = np.concatenate([m[w] for m, w in zip(squares, windows, strict=True)])
         return float(np.sqrt(max(np.mean(chosen), 0.0))) if len(chosen) else float("nan")

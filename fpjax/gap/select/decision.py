@@ -13,7 +13,7 @@ from ..thresholds import THRESHOLDS
 from .detectability import resolved
 from .dominant import Curve
 from .nominal_errors import wrong_numbers
-from .shares import shares_of, without_effect
+from .shares import numbers_of, shares_of, without_effect
 from .weighed import (
     CONTAINED,
     Exact,
@@ -99,7 +99,7 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
         if not _worth_more(search, exact, chosen.fit, nominal):
             break
         begin(f"effects together ({size})")
-        bases = _bases(singles) if size == 2 else [chosen]
+        bases = _bases(singles) if size == 2 else _bases_beside(chosen, rivals)
         found = weigh(search, exact, search.explore(_beside(search, bases, likely), PAIR_KEEP, white=False))
         if not found:
             break
@@ -113,6 +113,7 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
         likely = list(dict.fromkeys(name for w in found for name in w.structural))[: LIKELY + size]
     search.tick = lambda share: None  # what follows has no share of its own
     chosen = _pruned(search, exact, chosen)
+    chosen = _plausible(search, exact, chosen, singles)
     stage("simpler causes", 0.0)
     chosen = _simpler(search, exact, chosen)
     stage("what each cause takes", 0.0)
@@ -121,14 +122,23 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
     return Decision(exact.fit, nominal, tuple(singles), chosen, tuple(rivals), path, shares, exact.judged, alike)
 
 
-def by_numbers(search: Search, decision: Decision) -> Decision:
-    """The same decision without an effect: what the nominal numbers alone are to blame for."""
-    exact = Exact(decision.exact, decision.judged)
-    numbers = settled(search, exact, decision.nominal)
+def by_numbers(search: Search, decision: Decision, *, moving: bool = False) -> Decision:
+    """The same decision without an effect: what the nominal numbers alone are to blame for.
+
+    Args:
+        search: of the logs.
+        decision: with effects.
+        moving: whether missing torque counts as far as it moves the machine alone.
+    """
+    exact = Exact(decision.exact, decision.judged, moving=moving)
+    nominal = weighed_fit(search, exact, decision.nominal.fit, decision.nominal.evidence)
+    numbers = settled(search, exact, nominal)
     known = [w.fit for w in (decision.nominal, *decision.singles)]
     shares, alike = shares_of(search, exact, numbers.fit, known)
     path = (decision.exact, numbers.fit)
-    return replace(decision, chosen=numbers, rivals=decision.singles, path=path, shares=shares, alike=alike)
+    return replace(
+        decision, nominal=nominal, chosen=numbers, rivals=decision.singles, path=path, shares=shares, alike=alike
+    )
 
 
 def _alone(search: Search) -> list[Start]:
@@ -159,6 +169,15 @@ def _bases(singles: Sequence[Weighed]) -> list[Weighed]:
     if not first or not first[-1].gain > THRESHOLDS.decisive:
         return first
     return first + [w for w in more if w.behind(first[-1]) < THRESHOLDS.sure]
+
+
+def _bases_beside(chosen: Weighed, rivals: Sequence[Weighed]) -> list[Weighed]:
+    """The chosen causes, and the likeliest others that do nearly as well: beside them a further cause may decide."""
+    known = frozenset(chosen.structural)
+    near = [
+        w for w in rivals if frozenset(w.structural) != known and w.behind(chosen) < THRESHOLDS.contested * chosen.gain
+    ]
+    return [chosen, *near][: THRESHOLDS.bases]
 
 
 def _beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> list[Start]:
@@ -225,6 +244,29 @@ def _pruned(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
     return chosen
 
 
+def _plausible(search: Search, exact: Exact, chosen: Weighed, singles: Sequence[Weighed]) -> Weighed:
+    """An effect in the place of a friction number that is further off than a guess is, if it is likelier.
+
+    Where causes explain the gap no further one is looked for, and a viscous friction of five times the given one may
+    then stand for a drag, a Coulomb level for a dead zone: any law of a recorded variable.
+    """
+    given, sizes = exact.fit.candidate.values(), nominal_sizes(search.setting)
+    c = chosen.fit.candidate
+    off = {n for n in c.wide - {"inertia"} if abs(c.values()[n] - given[n]) > THRESHOLDS.wild * sizes[n]}
+    if not off or len(chosen.structural) >= THRESHOLDS.most_causes:
+        return chosen
+    found = [w for w in singles if w.fit.candidate.effects[0].follows]
+    if chosen.structural:
+        laws = [effect.name for effect in search.effects if effect.follows]
+        found = weigh(search, exact, search.explore(_beside(search, [chosen], laws), PAIR_KEEP, white=False))
+    if not found:
+        return chosen
+    instead = settled(search, exact, found[0])
+    likelier = instead.evidence - chosen.evidence > THRESHOLDS.decisive and instead.left < chosen.left
+    # As many causes as before: the number is right beside the effect.
+    return instead if likelier and not off & instead.fit.candidate.wide else chosen
+
+
 def _simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
     """Fewer or simpler causes in the place of others, where no torque that matters would be missing for it.
 
@@ -266,8 +308,8 @@ def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[Start]:
         for name in SIMPLER.get(effect.name, ()):
             if name in by_name and name not in c.structural:
                 # What the simpler one does not hold of friction may still be wrong in the nominal numbers.
-                wide = tuple(c.wide | {"coulomb", "viscous"}) if effect.name == "asymmetric_friction" else tuple(c.wide)
-                yield Start((*rest, by_name[name]), wide, without_effect(c.values(), effect, rest))
+                wide = c.wide | set(numbers_of(effect))
+                yield Start((*rest, by_name[name]), tuple(wide), without_effect(c.values(), effect, rest))
     for name in FACTORS:
         if c.wide and name in by_name and name not in c.structural:
             values = {k: v for k, v in c.values().items() if k not in NOMINAL}

@@ -15,7 +15,8 @@ def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> t
     """What would come back of the nominal model's missing energy without each cause [1], the largest first.
 
     What is left without a cause is that of the most likely fit without it: from where the whole stands, from the
-    numbers as they were given, or as it was found before.
+    numbers as they were given, or as it was found before. A friction by direction takes what no friction equal in both
+    directions does: without it the numbers that it holds stay free, and if it is a detail beside them, they are told.
 
     Args:
         search: of the logs.
@@ -30,6 +31,12 @@ def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> t
     singly = [(name,) for name in (*c.structural, *numbers)]
     without = _fits_without(search, fit, singly, known)
     shares = {name: max(exact.left(without[(name,)]) ** 2 - now, 0.0) / whole for (name,) in singly}
+    for effect in c.effects:
+        if shares[effect.name] <= THRESHOLDS.matters and (held := numbers_of(effect)):
+            rest = without[(effect.name,)]
+            wrong = [(f"{number}_error",) for number in held if number in rest.candidate.wide]
+            given, least = _fits_without(search, rest, wrong, known), exact.left(rest) ** 2
+            shares |= {name: max(exact.left(given[(name,)]) ** 2 - least, 0.0) / whole for (name,) in wrong}
     alike: Alike = {}
     for some in (numbers, [*c.structural, *numbers]):
         details = [name for name in some if shares[name] <= THRESHOLDS.matters]
@@ -59,8 +66,10 @@ def _one_by_one(
         near = [
             name for name in sorted(out, key=lambda one: after[one]) if after[name] <= min(after.values()) + matters
         ]
-        # Of those that do as well, an effect stands in the model because its evidence is beyond that of the numbers.
-        name = next((one for one in near if one in fit.candidate.structural), near[0])
+        # Of those that do as well, friction that the nominal model has none of comes before what would vary it; else an
+        # effect stands in the model because its evidence is beyond that of the numbers.
+        absent = [one for one in near if exact.fit.candidate.values().get(one.removesuffix("_error")) == 0.0]
+        name = next(iter([*absent, *(one for one in near if one in fit.candidate.structural)]), near[0])
         if left - after[name] <= matters:
             break  # they only add up
         found[name] = max(left - after[name], 0.0) / whole
@@ -85,7 +94,8 @@ def _fits_without(
         numbers = {name.removesuffix("_error") for name in names} & c.wide
         values = {name: value for name, value in values.items() if name not in numbers}
         given = {name: value for name, value in values.items() if name not in NOMINAL}
-        wide = tuple(number for number in c.wide if number not in numbers)
+        freed = {number for e in c.effects if e.name in names for number in numbers_of(e)}
+        wide = tuple(number for number in NOMINAL if number in (c.wide | freed) - numbers)
         starts += [Start(rest, wide, values, c), Start(rest, wide, given, c)]
     best: dict[tuple[str, ...], Fit] = {}
     for names, start, without in zip([n for n in sets for _ in range(2)], starts, search.fitted(starts), strict=True):
@@ -95,6 +105,15 @@ def _fits_without(
         ]  # fmt: skip
         best[names] = max((without, *same, *([best[names]] if names in best else [])), key=lambda one: one.evidence)
     return best
+
+
+def numbers_of(effect: Effect) -> tuple[str, ...]:
+    """The nominal numbers that an effect holds, as a friction by direction does.
+
+    Args:
+        effect: of the vocabulary or the user's own.
+    """
+    return tuple(p.name for p in effect.parameters if p.name in NOMINAL)
 
 
 def without_effect(values: Mapping[str, float], effect: Effect, rest: Sequence[Effect]) -> dict[str, float]:

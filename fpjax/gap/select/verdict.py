@@ -41,6 +41,7 @@ class Seen:
             curves [1].
         follows: by effect, the variables that its torque is a function of.
         misread: by error of the velocity column, how large it is beside the gap (`beside_gap`) [1].
+        rounded: error of a velocity that is rounded, of the speed's rms [1].
         moved: `after` over `before` [1], each frequency weighted by how far it moves the machine: vibration that hardly
             does, and that no cause of the vocabulary holds, is most of what many real machines leave.
         contradicted: whether a unit, a sign or a column of the logs cannot be what it says: no cause is asserted then.
@@ -61,6 +62,7 @@ class Seen:
     named: float = 0.0
     follows: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     misread: Mapping[str, float] = field(default_factory=dict)
+    rounded: float = 0.0
     moved: float = 1.0
     contradicted: bool = False
 
@@ -102,13 +104,13 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
         seen: sizes.
         thresholds: every number that decides.
     """
-    chosen = _Set(_chosen_names(decision, seen, thresholds), decision.chosen.gain)
-    sets = _sets(decision, chosen, seen)
-    others = _others(sets, chosen, seen)
-    margin = chosen.worth - max([0.0, *(s.worth for s in others)]) if chosen.names else 0.0
-    lead = _lead(decision, chosen, margin, thresholds)
-    near = len({s.names[0] for s in others if chosen.worth - s.worth <= thresholds.sure})
-    word = _word(decision, seen, chosen, near, lead, thresholds)
+    told = _chosen_names(decision, seen, thresholds)
+    # The largest cause leads; where others may take its place so that nothing is asserted, another one that makes a
+    # part of the gap by itself.
+    parts = [name for name in told[1:] if not _is_number(name) and decision.shares[name] > 1.0 - thresholds.part**2]
+    orders = [told, *((name, *(n for n in told if n != name)) for name in parts if told[0] not in seen.unshown)]
+    tried = [_weighed_order(decision, seen, names, thresholds) for names in orders]
+    chosen, sets, margin, lead, word = next((one for one in tried if one[-1] != "unexplained"), tried[0])
     asserted = chosen.names if word in ("explained", "partly_explained") else ()
     top = _top(word, chosen, lead, seen, thresholds)
     shares = _shares(sets, top, thresholds.temper)
@@ -122,6 +124,19 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     lead = found.causes[0] if found.causes else ""
     # As an effect is: beside several wrong numbers by what these leave of the gap.
     return _with_readings(found, readings, size.get(lead, 1.0) * whole, seen, thresholds)
+
+
+def _weighed_order(
+    decision: Decision, seen: Seen, names: tuple[str, ...], t: Thresholds
+) -> tuple[_Set, list[_Set], float, float, Word]:
+    """(causes, sets that were tried, margin, lead, word) if the first of the causes leads."""
+    chosen = _Set(names, decision.chosen.gain)
+    sets = _sets(decision, chosen, seen)
+    others = _others(sets, chosen, seen)
+    margin = chosen.worth - max([0.0, *(s.worth for s in others)]) if names else 0.0
+    lead = _lead(decision, chosen, margin, t)
+    near = len({s.names[0] for s in others if chosen.worth - s.worth <= t.sure})
+    return chosen, sets, margin, lead, _word(decision, seen, chosen, near, lead, t)
 
 
 def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, float], dict[str, float], float]:
@@ -339,10 +354,12 @@ def _right(asserted: Sequence[str], shares: Sequence[tuple[_Set, float]], main: 
 def _told(found: Verdict, seen: Seen, t: Thresholds) -> tuple[str, ...]:
     """The readings' errors that are causes.
 
-    Every column is rounded. Where anything else is amiss a rounding is a cause if it matters as other causes do.
+    Every column is rounded. Where anything else is amiss a rounding is a cause if it matters as other causes do, or as
+    another error of the reading must.
     """
     amiss = found.word == "unexplained" or bool(found.causes) or set(seen.readings) > {ROUNDING}
-    slight = {ROUNDING} if amiss and seen.misread.get(ROUNDING, np.inf) <= t.matters else set()
+    little = seen.misread.get(ROUNDING, np.inf) <= t.matters and seen.rounded <= t.reading
+    slight = {ROUNDING} if amiss and little else set()
     told = [name for name in seen.readings if name not in slight]
     return tuple(sorted(told, key=lambda name: -seen.misread.get(name, 0.0)))
 

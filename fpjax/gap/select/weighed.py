@@ -64,15 +64,17 @@ class Exact:
         fit: the nominal model as given.
         judged: windows on which models are compared, one array of indices a record.
         curves: what a table of each recorded variable holds.
+        moving: whether missing torque counts as far as it moves the machine alone.
     """
 
     fit: Fit
     judged: tuple[Values, ...]
     curves: Mapping[str, Curve] = field(default_factory=dict)
+    moving: bool = False
 
     def left(self, fit: Fit) -> float:
         """Missing torque of a model [N m], rms over the judged windows."""
-        return fit.missing_rms(self.judged)
+        return fit.missing_rms(self.judged, moving=self.moving)
 
 
 def judged_windows(
