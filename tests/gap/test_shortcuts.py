@@ -1,11 +1,13 @@
 """What is computed by a short way, against the long one."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from fpjax.gap.fit.backlash_starts import ORDER, _filters, _passed
-from fpjax.gap.fit.period_starts import _energies
+from fpjax.gap.fit.period_starts import _energies, repeating_values
 from fpjax.gap.select.readings import _lagged
 
 
@@ -43,3 +45,32 @@ def test_low_passes_are_butterworths_forwards_and_backwards(samples):
         np.testing.assert_allclose(found[inside], wanted[inside], atol=2e-2 * np.std(course))
         if samples > 1000:
             np.testing.assert_allclose(found[1000:-1000], wanted[1000:-1000], atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["torque", "friction"])
+def test_a_start_of_what_repeats_has_the_amplitudes_of_the_missing_torque(kind):
+    """Two harmonics beside an offset, a Coulomb and an inertial torque: a machine that cogging traps rests without."""
+    time = np.arange(0.0, 10.0, 2e-3)
+    record = SimpleNamespace(
+        angle=6.0 * np.sin(time), speed=6.0 * np.cos(time), acceleration=-6.0 * np.sin(time), time=time
+    )
+    side = np.sign(record.speed) if kind == "friction" else 1.0
+    wave = 0.4 * np.cos(7.0 * record.angle) - 0.2 * np.sin(14.0 * record.angle)
+    # What the simulation lacks drives the machine, a load and a friction brake it.
+    course = -side * wave + 0.1 + 0.3 * np.sign(record.speed) + 0.02 * record.acceleration
+    course[:100] = np.nan
+    (start,) = repeating_values(course, record, {kind: (7.0,)})[kind]
+    name = {"torque": "cogging", "friction": "ripple"}[kind]
+    assert start.pop(f"{name}_periods") == 7.0
+    assert start.pop(f"{name}_cosine_1") == pytest.approx(0.4, abs=1e-6)
+    assert start.pop(f"{name}_sine_2") == pytest.approx(-0.2, abs=1e-6)
+    assert all(abs(value) < 1e-6 for value in start.values())
+    assert len(start) == (2 if kind == "torque" else 4)
+
+
+def test_waves_over_a_small_part_of_their_period_have_no_huge_amplitudes():
+    time = np.arange(0.0, 10.0, 2e-3)
+    record = SimpleNamespace(angle=0.05 * np.sin(time), speed=0.05 * np.cos(time), acceleration=-0.05 * np.sin(time))
+    course = 0.3 * record.angle + 1e-3 * np.random.default_rng(3).standard_normal(len(time))
+    (start,) = repeating_values(course, record, {"friction": (2.0,)})["friction"]
+    assert max(abs(value) for name, value in start.items() if name != "ripple_periods") < 1.0

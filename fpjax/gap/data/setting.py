@@ -42,6 +42,7 @@ class Setting:
         at_rest: what a velocity without an encoder beside it reads while the machine rests [rad/s]; 0 where that is not
             told from zero.
         periods: per revolution [1/rev], at which the missing "torque" and "friction" repeat with the position.
+        waves: start values by name of such a "torque" and "friction", one for each of those numbers.
         weight: values by name of the unbalance that fits the missing torque best; empty where none was fitted.
         contacts: start values by name of backlashes, the most likely first; None where they were not searched for,
             empty where no stretch of the log could be used.
@@ -64,6 +65,7 @@ class Setting:
     turning_load: complex = 0.0
     at_rest: float = 0.0
     periods: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    waves: Mapping[str, tuple[Mapping[str, float], ...]] = field(default_factory=dict)
     weight: Mapping[str, float] = field(default_factory=dict)
     contacts: tuple[Mapping[str, float], ...] | None = None
 

@@ -190,10 +190,12 @@ def _unbalance(values: dict[str, float], setting: Setting) -> dict[str, tuple[fl
     return {"amplitude": (abs(whole), "N m")} | angle
 
 
-def _periods(setting: Setting, kind: str, usual: float) -> tuple[float, ...]:
-    """Start values of the number of periods [1/rev]: those with which the missing torque repeats, else two usual."""
+def _waves(setting: Setting, kind: str, name: str, usual: float) -> list[dict[str, float]]:
+    """Starts of what repeats with the position: as the missing torque repeats, else two usual numbers of periods."""
+    if kind in setting.waves:
+        return [dict(start) for start in setting.waves[kind]]
     fewest = fewest_periods(setting)
-    return setting.periods.get(kind, (max(usual, fewest), max(2.0 * usual, 2.0 * fewest)))
+    return [{name: max(usual, fewest)}, {name: max(2.0 * usual, 2.0 * fewest)}]
 
 
 def _names(parameters: tuple[EffectParameter, ...]) -> tuple[str, ...]:
@@ -267,7 +269,7 @@ EFFECTS: tuple[Effect, ...] = (
     _effect(
         "position_dependent_friction",
         (*RIPPLE, RIPPLE_PERIODS),
-        starts=lambda s: [{"ripple_periods": n} for n in _periods(s, "friction", 2.0)],
+        starts=lambda s: _waves(s, "friction", "ripple_periods", 2.0),
         report=lambda v, s: _sines(_names(RIPPLE), v, "ripple_periods"),
     ),
     _effect(
@@ -310,7 +312,7 @@ EFFECTS: tuple[Effect, ...] = (
     _effect(
         "cogging",
         (*COGGING, COGGING_PERIODS),
-        starts=lambda s: [{"cogging_periods": n} for n in _periods(s, "torque", 6.0)],
+        starts=lambda s: _waves(s, "torque", "cogging_periods", 6.0),
         report=lambda v, s: _sines(_names(COGGING), v, "cogging_periods"),
     ),
     _effect("constant_torque", (OFFSET,)),

@@ -1,15 +1,17 @@
-"""Start values of the number of periods per revolution: those at which the missing torque repeats.
+"""Start values of torques and frictions that repeat with the position: periods per revolution, and amplitudes there.
 
 A least-squares periodogram over the position (Lomb and Scargle's, with further columns beside the sine): the position
 is not evenly sampled, so that a Fourier transform does not serve.
 """
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ...logs.arrays import Values
 from ..data.record import Record
 from ..data.setting import Setting
-from ..effects.parameters import fewest_periods
+from ..effects.parameters import COGGING, COGGING_PERIODS, RIPPLE, RIPPLE_PERIODS, EffectParameter, fewest_periods
 
 MOST = 3  # peaks that are returned of each kind
 SAMPLES = 3000  # of the log that are used, evenly spread
@@ -53,6 +55,46 @@ def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[
         # Less than one and a half turns: the peak is as wide as its own value, so that starts on both sides are needed.
         around = {name: tuple(f * peaks[0] for f in (0.85, 1.2)) for name, peaks in found.items() if peaks}
         found = {name: (*peaks, *(p for p in around[name] if p > fewest)) for name, peaks in found.items() if peaks}
+    return found
+
+
+def repeating_values(
+    course: Values, record: Record, periods: Mapping[str, Sequence[float]]
+) -> dict[str, tuple[dict[str, float], ...]]:
+    """Values by name of the torques and frictions that fit a missing torque best at some numbers of periods each.
+
+    From an amplitude of zero a large one is out of reach: a machine that cogging traps does not move in a simulation
+    without it.
+
+    Args:
+        course: the missing torque [N m], NaN where unknown, shape (samples,).
+        record: the log.
+        periods: as `repeating_periods` gives them.
+
+    Returns:
+        {"torque": starts, "friction": starts}, one start for each number of periods.
+    """
+    keep = np.flatnonzero(np.isfinite(course))
+    keep = keep[:: max(1, len(keep) // SAMPLES)]
+    angle, common = record.angle[keep], _common(record, keep)
+    side = {"torque": np.ones(len(keep)), "friction": np.sign(record.speed[keep])}
+    kinds: dict[str, tuple[tuple[EffectParameter, ...], EffectParameter]] = {
+        "torque": (COGGING, COGGING_PERIODS), "friction": (RIPPLE, RIPPLE_PERIODS),
+    }  # fmt: skip
+    found: dict[str, tuple[dict[str, float], ...]] = {}
+    for kind, tried in periods.items():
+        (parts, number), starts = kinds[kind], []
+        for each in tried:
+            orders = each * np.arange(1, len(parts) // 2 + 1)
+            waves = np.stack([f(n * angle) for n in orders for f in (np.cos, np.sin)], 1) * side[kind][:, None]
+            columns = np.concatenate([waves, common], 1)
+            sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
+            # Waves over little travel are nearly parallel: small directions are left out.
+            values = np.linalg.lstsq(columns / sizes, course[keep], rcond=0.03)[0] / sizes
+            # A missing torque drives the machine, a load and a friction brake it: the signs are opposite.
+            amplitudes = {p.name: -float(v) for p, v in zip(parts, values[: len(parts)], strict=True)}
+            starts.append(amplitudes | {number.name: float(each)})
+        found[kind] = tuple(starts)
     return found
 
 
