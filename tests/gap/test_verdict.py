@@ -59,8 +59,10 @@ def test_a_part_is_led_by_the_largest_cause_that_no_other_model_can_do_without()
     found = judged(chosen, rivals, left=0.25, shares=shares)
     assert found.word == "partly_explained"
     assert found.causes == ("constant_torque", "stribeck")
-    # Not where that one makes no part of the gap by itself, nor where a size of the largest is not told from nothing.
-    assert judged(chosen, rivals, left=0.25, shares=shares | {"constant_torque": 0.4}).word == "unexplained"
+    # Not where that one takes less than half as much, where all together take no part of the whole gap, nor where the
+    # size of the largest is not told from nothing.
+    assert judged(chosen, rivals, left=0.25, shares=shares | {"constant_torque": 0.3}).word == "unexplained"
+    assert judged(chosen, rivals, left=0.8, moved=0.3, shares=shares).word == "unexplained"
     assert judged(chosen, rivals, left=0.25, shares=shares, unshown=frozenset({"stribeck"})).word == "unexplained"
     # Where the whole gap is closed the largest leads, though less surely.
     assert judged(chosen, rivals, left=0.05, shares=shares).causes == ("stribeck", "constant_torque")

@@ -105,10 +105,10 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
         thresholds: every number that decides.
     """
     told = _chosen_names(decision, seen, thresholds)
-    # The largest cause leads; where others may take its place so that nothing is asserted, another one that makes a
-    # part of the gap by itself.
-    parts = [name for name in told[1:] if not _is_number(name) and decision.shares[name] > 1.0 - thresholds.part**2]
-    orders = [told, *((name, *(n for n in told if n != name)) for name in parts if told[0] not in seen.unshown)]
+    orders = [
+        told,
+        *((name, *(n for n in told if n != name)) for name in _could_lead(decision, seen, told, thresholds)),
+    ]
     tried = [_weighed_order(decision, seen, names, thresholds) for names in orders]
     chosen, sets, margin, lead, word = next((one for one in tried if one[-1] != "unexplained"), tried[0])
     asserted = chosen.names if word in ("explained", "partly_explained") else ()
@@ -124,6 +124,17 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     lead = found.causes[0] if found.causes else ""
     # As an effect is: beside several wrong numbers by what these leave of the gap.
     return _with_readings(found, readings, size.get(lead, 1.0) * whole, seen, thresholds)
+
+
+def _could_lead(decision: Decision, seen: Seen, told: tuple[str, ...], t: Thresholds) -> list[str]:
+    """Effects that may lead a part where others may take the largest cause's place: those that take half as much.
+
+    Not where the causes together take no part of the whole gap, nor where the largest may be none.
+    """
+    if not told or told[0] in seen.unshown or not seen.after < t.part * seen.before:
+        return []
+    least = 0.5 * decision.shares[told[0]]
+    return [name for name in told[1:] if not _is_number(name) and decision.shares[name] > least]
 
 
 def _weighed_order(
