@@ -47,6 +47,8 @@ class Thresholds:
         close: worth [nats] within which the data do not decide between two effects.
         temper: by which worth is divided before it becomes a probability [1]: windows of one log are not as
             independent as the likelihood takes them.
+        leads: of the largest cause's share [1], from which on another cause may lead a part in its place: it must be
+            nearly as large.
         clear: share [1] of the worth that the best model without the leading cause lacks (of a nominal number: of the
             energy that all causes take), from which on the cause is beyond the others' reach; a part is asserted only
             then.
@@ -132,6 +134,7 @@ class Thresholds:
     alike: int = 2
     close: float = 4.0
     temper: float = 3.0
+    leads: float = 0.5
     clear: float = 0.4
     contested: float = 0.1
     right_explained: tuple[float, float, float] = (0.95, 0.91, 0.88)

@@ -10,54 +10,85 @@ from fpjax.gap.answer.judge import Judged
 from fpjax.gap.fit.candidate import Fit
 from fpjax.gap.select import decision
 from fpjax.gap.select.decision import _plausible
-from fpjax.gap.select.verdict import Verdict
+from fpjax.gap.select.statement import Verdict
 from fpjax.gap.select.weighed import Weighed
 from fpjax.gap.thresholds import THRESHOLDS
 
 GIVEN = {"inertia": 2.0, "coulomb": 0.5, "viscous": 0.1}
 
 
-def model(effects, evidence, left, numbers=None):
+def model(effects, evidence, left, numbers=None, given=None):
     """A weighed model with wrong nominal numbers by name."""
     numbers = numbers or {}
     candidate = SimpleNamespace(
-        effects=tuple(SimpleNamespace(name=name, follows=("velocity",), parameters=()) for name in effects),
-        structural=tuple(effects), wide=frozenset(numbers), values=lambda: GIVEN | numbers,
+        effects=tuple(law(name, ("position",) if name == "cogging" else ("velocity",)) for name in effects),
+        structural=tuple(effects), wide=frozenset(numbers), values=lambda: GIVEN | (given or {}) | numbers,
     )  # fmt: skip
     return Weighed(SimpleNamespace(candidate=candidate), evidence, evidence, left)
 
 
-def replaced(monkeypatch, chosen, found):
-    """What is told in place of a chosen model where the models beside it are `found`."""
+def replaced(monkeypatch, chosen, found, given=None):
+    """(what is told in place of a chosen model where the models beside it are `found`, what they stood beside)."""
     monkeypatch.setattr(decision, "nominal_sizes", lambda setting: GIVEN)
     monkeypatch.setattr(decision, "settled", lambda search, exact, weighed: weighed)
     monkeypatch.setattr(decision, "weigh", lambda search, exact, fits: fits)
-    monkeypatch.setattr(decision, "_beside", lambda search, bases, likely: [])
-    search = SimpleNamespace(setting=None, effects=(), explore=lambda starts, keep, white: found)
-    exact = SimpleNamespace(fit=model((), 0.0, 1.0).fit)
-    return _plausible(search, exact, chosen, found)
+    monkeypatch.setattr(decision, "_beside", lambda search, bases, likely: tried.append((bases, likely)) or [1])
+    monkeypatch.setattr(decision, "resolved", lambda search, fit: "unresolved" not in fit.candidate.structural)
+    tried = []
+    laws = [law(name) for name in ("quadratic_drag", "stribeck", "unresolved")] + [law("compliance", ())]
+    by_direction = law("asymmetric_friction", held=("coulomb", "viscous"))
+    search = SimpleNamespace(setting=None, effects=(*laws, by_direction), explore=lambda starts, keep, white: found)
+    exact = SimpleNamespace(fit=model((), 0.0, 1.0, given=given).fit)
+    got, beside = _plausible(search, exact, chosen, found)
+    assert bool(beside) == (got is not chosen)
+    for _, likely in tried:
+        # No structure of the machine, and none that holds the number itself.
+        assert likely == ["quadratic_drag", "stribeck", "unresolved"]
+    return got, [[base.structural for base in bases] for bases, _ in tried]
+
+
+def law(name, follows=("velocity",), held=()):
+    return SimpleNamespace(name=name, follows=follows, parameters=tuple(SimpleNamespace(name=n) for n in held))
 
 
 @pytest.mark.parametrize("effects", [("cogging",), ()])
 def test_a_viscous_friction_of_five_times_the_given_one_stands_for_a_likelier_drag(monkeypatch, effects):
     wild = model(effects, 1500.0, 0.13, {"viscous": 0.5})
     drag = model((*effects, "quadratic_drag"), 2100.0, 0.05)
-    assert replaced(monkeypatch, wild, [drag]) is drag
-    # Beside which the number must be right: else there is one cause more, which was not needed.
-    more = model((*effects, "stribeck"), 2100.0, 0.05, {"viscous": 0.12})
-    assert replaced(monkeypatch, wild, [more]) is wild
+
+    def told(found, chosen=wild):
+        return replaced(monkeypatch, chosen, found)[0]
+
+    assert told([drag]) is drag
+    # Beside which the number must be right; the next likely one may make it so. Other numbers may be wrong.
+    more = model((*effects, "stribeck"), 2200.0, 0.04, {"viscous": 0.12})
+    assert told([more]) is wild
+    assert told([more, drag]) is drag
     other = model((*effects, "quadratic_drag"), 2100.0, 0.05, {"inertia": 2.1})
-    assert replaced(monkeypatch, wild, [other]) is other
-    # It must be likelier for sure, and leave less.
+    assert told([other]) is other
+    # It must be likelier for sure, leave less, and be resolved by the log.
     for near in (
         model(drag.structural, 1500.0 + 0.5 * THRESHOLDS.decisive, 0.05),
         model(drag.structural, 2100.0, 0.14),
+        model((*effects, "unresolved"), 2100.0, 0.05),
     ):
-        assert replaced(monkeypatch, wild, [near]) is wild
-    # A number as far off as a guess is one.
-    guess = model(effects, 1500.0, 0.13, {"viscous": 0.1 * (1.0 + 0.9 * THRESHOLDS.wild)})
-    assert replaced(monkeypatch, guess, [drag]) is guess
-    assert replaced(monkeypatch, wild, []) is wild
+        assert told([near]) is wild
+    # A number as far off as a guess is one, and an inertia is no friction.
+    for numbers in ({"viscous": 0.1 * (1.0 + 0.9 * THRESHOLDS.wild)}, {"inertia": 9.0}):
+        guess = model(effects, 1500.0, 0.13, numbers)
+        assert told([drag], guess) is guess
+    assert told([]) is wild
+    # Friction that the nominal model has none of stands for itself.
+    assert replaced(monkeypatch, wild, [drag], given={"viscous": 0.0})[0] is wild
+
+
+@pytest.mark.parametrize(("count", "tried"), [(1, 1), (2, 1), (3, 0)])
+def test_no_more_causes_are_tried_than_there_may_be(monkeypatch, count, tried):
+    chosen = model(("cogging", "stribeck", "ripple")[:count], 1500.0, 0.13, {"viscous": 0.5})
+    drag = model((*chosen.structural, "quadratic_drag"), 2100.0, 0.05)
+    got, bases = replaced(monkeypatch, chosen, [drag])
+    assert bases == [[chosen.structural]] * tried
+    assert got is (drag if tried else chosen)
 
 
 def test_missing_torque_may_count_as_far_as_it_moves_the_machine():
@@ -80,10 +111,14 @@ def test_friction_that_the_model_has_none_of_is_told_by_what_moves_a_machine_tha
     monkeypatch, structural, persists, explains, given
 ):
     """A cart whose Coulomb friction is missing in the model, and whose belt vibrates at 60 Hz."""
-    exact = SimpleNamespace(candidate=SimpleNamespace(values=lambda: {"coulomb": given}))
+    exact = SimpleNamespace(candidate=SimpleNamespace(values=lambda: {"coulomb": given}), moving=(np.ones(4),))
+    less = 0.3 if explains == "what moves, an effect more of it" else 0.5
+    effect = SimpleNamespace(structural=("presliding",), fit=SimpleNamespace(moving=(less**2 * np.ones(4),)))
     told = SimpleNamespace(effects=structural, structural=structural, wide=frozenset({"coulomb"}))
     found = SimpleNamespace(
-        chosen=SimpleNamespace(fit=SimpleNamespace(candidate=told), structural=structural),
+        exact=exact,
+        chosen=SimpleNamespace(fit=SimpleNamespace(candidate=told, moving=(0.25 * np.ones(4),)), structural=structural),
+        singles=(effect,),
         nominal=SimpleNamespace(fit=SimpleNamespace(candidate=told)),
     )
 
@@ -93,9 +128,10 @@ def test_friction_that_the_model_has_none_of_is_told_by_what_moves_a_machine_tha
     def judged(search, decision, read, curves, unit):
         whole = decision is found
         closes = not whole and (explains == "all" or (explains.startswith("what moves") and decision.moving))
-        word = verdict("partly_explained", ("coulomb_error",)) if closes else verdict("unexplained")
-        less = whole and explains == "what moves, an effect more of it"
-        return Judged(decision, word, None, None, None, (), (), 0.3 if less else 0.5)
+        # A rounding that is told beside it is no friction.
+        word = verdict("partly_explained", ("coulomb_error", "velocity_quantisation") if closes else ())
+        word = word if closes else verdict("unexplained")
+        return Judged(decision, word, None, None, None, (), (), 0.5)
 
     monkeypatch.setattr(judge, "by_numbers", by_numbers)
     monkeypatch.setattr(judge, "_judge", judged)

@@ -12,7 +12,7 @@ from fpjax.gap.answer.judge import _persist, _with_effects_behind
 from fpjax.gap.effects.twins import single_twins
 from fpjax.gap.select.decision import _bases, _bases_beside
 from fpjax.gap.select.dominant import Curve, believed, dominant
-from fpjax.gap.select.verdict import Verdict
+from fpjax.gap.select.statement import Verdict
 from fpjax.gap.thresholds import THRESHOLDS
 
 
@@ -52,19 +52,29 @@ def test_a_share_of_a_sure_pair_is_the_main_cause_and_each_of_it_is_sure():
     assert found.probability == pytest.approx(found.main["unbalance"])
 
 
-def test_a_part_is_led_by_the_largest_cause_that_no_other_model_can_do_without():
-    """Stribeck friction takes most, but friction by direction does nearly as well; nothing does without the offset."""
-    chosen, shares = weighed("stribeck+constant_torque", 500.0), {"stribeck": 0.65, "constant_torque": 0.52}
-    rivals = [weighed("constant_torque", 480.0), weighed("stribeck", 40.0)]
+def test_a_part_is_led_by_a_cause_that_no_other_model_can_do_without():
+    """Stribeck friction takes most, but a drag does nearly as well; nothing does without the offset."""
+    chosen, shares = weighed("stribeck+constant_torque", 500.0), {"stribeck": 0.65, "constant_torque": 0.42}
+    rivals = [weighed("quadratic_drag+constant_torque", 480.0), weighed("stribeck", 40.0)]
     found = judged(chosen, rivals, left=0.25, shares=shares)
-    assert found.word == "partly_explained"
-    assert found.causes == ("constant_torque", "stribeck")
-    # Not where that one takes less than half as much, where all together take no part of the whole gap, nor where the
-    # size of the largest is not told from nothing.
+    assert (found.word, found.causes) == ("partly_explained", ("constant_torque",))
+    assert found.probability == pytest.approx(THRESHOLDS.right_partly[0])
+    assert found.main["constant_torque"] == pytest.approx(found.probability)
+    assert found.among["stribeck"] < found.among["constant_torque"]
+    # With what no set that holds it does without, whatever does as well as a twin of it.
+    twins = {"constant_torque": frozenset({"asymmetric_friction"})}
+    both = [weighed("stribeck+asymmetric_friction", 495.0), weighed("constant_torque", 300.0)]
+    asserted = judged(chosen, [*both, weighed("cogging+constant_torque", 300.0)], left=0.25, shares=shares, twins=twins)
+    assert asserted.causes == ("stribeck", "constant_torque")
+    near = [*rivals, weighed("stribeck+cogging", 470.0)]
+    assert judged(chosen, near, left=0.25, shares=shares).word == "unexplained"
+    # Not where it takes less than half as much, where all together take no part of the whole gap, where the size of the
+    # largest is not told from nothing; nor for the whole gap.
     assert judged(chosen, rivals, left=0.25, shares=shares | {"constant_torque": 0.3}).word == "unexplained"
     assert judged(chosen, rivals, left=0.8, moved=0.3, shares=shares).word == "unexplained"
     assert judged(chosen, rivals, left=0.25, shares=shares, unshown=frozenset({"stribeck"})).word == "unexplained"
-    # Where the whole gap is closed the largest leads, though less surely.
+    several = [weighed(f"{name}+constant_torque", 499.0) for name in ("quadratic_drag", "cogging", "presliding")]
+    assert judged(chosen, several, left=0.15, shares=shares).word != "explained"
     assert judged(chosen, rivals, left=0.05, shares=shares).causes == ("stribeck", "constant_torque")
 
 

@@ -4,7 +4,8 @@ import dataclasses
 from types import SimpleNamespace
 
 from fpjax.gap.effects.twins import LogFacts
-from fpjax.gap.select.verdict import Seen, verdict
+from fpjax.gap.select.statement import Seen
+from fpjax.gap.select.verdict import verdict
 from fpjax.gap.select.weighed import Weighed
 
 NOMINAL = {"inertia": 2.0, "coulomb": 0.5, "viscous": 0.1}

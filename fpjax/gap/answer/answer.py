@@ -8,7 +8,7 @@ from typing import Any, Literal
 from ...output.json_object import JsonObject
 from ..effects.experiments import Experiment
 from ..select.dominant import DominantVariable
-from ..select.verdict import Word
+from ..select.statement import Word
 from .findings import Comparison, FittedParameter, Learned, Ranked, TrackingError, Where
 from .free_replay import FreeReplay
 from .gap import Gap, Step

@@ -14,7 +14,7 @@ from ..effects.experiments import Experiment, next_experiment
 from ..fit.search import Search
 from ..select.decision import Decision
 from ..select.readings import Reading, material, rounding, sure_readings
-from ..select.verdict import Verdict
+from ..select.statement import Verdict
 from ..thresholds import THRESHOLDS
 from .answer import Answer
 from .corrected import corrected_model

@@ -13,7 +13,9 @@ from ..fit.search import Search
 from ..select.decision import Decision, by_numbers
 from ..select.dominant import DominantVariable, dominant
 from ..select.readings import ROUNDING, Reading, beside_gap
-from ..select.verdict import Seen, Verdict, verdict
+from ..select.shares import absent_friction
+from ..select.statement import Seen, Verdict
+from ..select.verdict import verdict
 from ..select.weighed import CONTAINED
 from ..thresholds import THRESHOLDS, Thresholds
 from .course import Course, course_of
@@ -87,22 +89,31 @@ def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: 
     if found.verdict.word != "unexplained" or not wrong:
         return found
     misread = {name for one in read.readings for name in (one.effect, one.rival)}
-    for moving in (False, True) if decision.chosen.structural else (True,):
+    absent = absent_friction(decision.exact)
+    measures = ([False] if decision.chosen.structural else []) + ([True] if absent else [])
+    for moving in measures:
         numbers = _judge(search, by_numbers(search, decision, moving=moving), read, curves, unit)
         if numbers.verdict.word not in ("explained", "partly_explained") or not _persist(numbers, decision):
             continue
-        if not moving or _moves_without_friction(numbers, found):
+        if not moving or _moves_without(absent, numbers, decision):
             return replace(numbers, verdict=_with_effects_behind(numbers.verdict, found.verdict, misread))
     return found
 
 
-def _moves_without_friction(numbers: Judged, beside: Judged) -> bool:
-    """Whether the numbers that are asserted are friction that the nominal model has none of, as every machine has, and
-    the effects beside them take no more of what moves the machine.
+def _moves_without(absent: Collection[str], numbers: Judged, decision: Decision) -> bool:
+    """Whether the numbers that are asserted are friction that the nominal model has none of, and no effect tried takes
+    more of what moves the machine.
+
+    Args:
+        absent: errors of such friction.
+        numbers: what is asserted.
+        decision: with the effects.
     """
-    given = numbers.decision.exact.candidate.values()
-    absent = all(given.get(name.removesuffix("_error")) == 0.0 for name in numbers.verdict.causes)
-    return absent and numbers.moved**2 - beside.moved**2 <= THRESHOLDS.matters
+    asserted = {name for name in numbers.verdict.causes if name.removesuffix("_error") in NOMINAL}
+    windows = [np.arange(len(own)) for own in decision.exact.moving]
+    effects = [w.fit for w in (decision.chosen, *decision.singles) if w.structural]
+    least = min((_moved(decision.exact, fit, windows) for fit in effects), default=1.0)
+    return asserted <= set(absent) and numbers.moved**2 - least**2 <= THRESHOLDS.matters
 
 
 def _with_effects_behind(numbers: Verdict, beside: Verdict, misread: Collection[str]) -> Verdict:

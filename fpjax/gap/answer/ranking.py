@@ -16,7 +16,7 @@ from ..effects.vocabulary import EFFECTS
 from ..fit.candidate import NOMINAL, Fit
 from ..fit.search import Search
 from ..select.decision import Decision
-from ..select.verdict import Verdict
+from ..select.statement import Verdict
 from ..thresholds import THRESHOLDS
 from .confusable import indistinguishable
 from .findings import Ranked

@@ -105,7 +105,7 @@ def vibrates(gap: Gap, moved: float) -> list[str]:
         gap: before and after.
         moved: missing torque after over that before [1], as far as it moves the machine.
     """
-    if not moved < THRESHOLDS.part < 1.0 - gap.closed:
+    if not moved < THRESHOLDS.part * (1.0 - gap.closed):
         return []
     return [
         "Most of what is left hardly moves the machine, as vibration does: of the part of the gap that moves it, "

@@ -42,7 +42,8 @@ class Setting:
         at_rest: what a velocity without an encoder beside it reads while the machine rests [rad/s]; 0 where that is not
             told from zero.
         periods: per revolution [1/rev], at which the missing "torque" and "friction" repeat with the position.
-        waves: start values by name of such a "torque" and "friction", one for each of those numbers.
+        waves: start values by name (amplitudes [N m] and periods [1/rev]) of a cogging ("torque") and of a friction by
+            position ("friction"), one for each of `periods`.
         weight: values by name of the unbalance that fits the missing torque best; empty where none was fitted.
         contacts: start values by name of backlashes, the most likely first; None where they were not searched for,
             empty where no stretch of the log could be used.

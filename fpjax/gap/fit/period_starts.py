@@ -17,6 +17,7 @@ MOST = 3  # peaks that are returned of each kind
 SAMPLES = 3000  # of the log that are used, evenly spread
 HIGHEST = 200.0  # periods per revolution that are tried at most, or as many within a shorter travel
 GRID = 1600  # values that are tried at most
+NEARLY = 0.03  # singular values, of the largest [1], below which amplitudes of waves are left out: nearly parallel ones
 BLOCK = 40  # values that are computed together, so that their sines stay in the cache
 MOVING = 0.05  # of the top speed: slower samples are left out, since their direction is uncertain
 
@@ -32,10 +33,9 @@ def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[
         setting: sizes.
     """
     travel = float(np.ptp(record.angle))
-    keep = np.flatnonzero(np.isfinite(course) & (np.abs(record.speed) > MOVING * setting.speed))
+    keep = _moving(course, record, setting)
     if travel <= 0.0 or len(keep) < 50:
         return {}
-    keep = keep[:: max(1, len(keep) // SAMPLES)]
     angle, speed, left = record.angle[keep], record.speed[keep], course[keep]
     fewest = fewest_periods(setting)
     highest = HIGHEST * max(1.0, fewest)
@@ -59,7 +59,7 @@ def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[
 
 
 def repeating_values(
-    course: Values, record: Record, periods: Mapping[str, Sequence[float]]
+    course: Values, record: Record, setting: Setting, periods: Mapping[str, Sequence[float]]
 ) -> dict[str, tuple[dict[str, float], ...]]:
     """Values by name of the torques and frictions that fit a missing torque best at some numbers of periods each.
 
@@ -69,13 +69,13 @@ def repeating_values(
     Args:
         course: the missing torque [N m], NaN where unknown, shape (samples,).
         record: the log.
+        setting: sizes.
         periods: as `repeating_periods` gives them.
 
     Returns:
         {"torque": starts, "friction": starts}, one start for each number of periods.
     """
-    keep = np.flatnonzero(np.isfinite(course))
-    keep = keep[:: max(1, len(keep) // SAMPLES)]
+    keep = _moving(course, record, setting)
     angle, common = record.angle[keep], _common(record, keep)
     side = {"torque": np.ones(len(keep)), "friction": np.sign(record.speed[keep])}
     kinds: dict[str, tuple[tuple[EffectParameter, ...], EffectParameter]] = {
@@ -89,13 +89,18 @@ def repeating_values(
             waves = np.stack([f(n * angle) for n in orders for f in (np.cos, np.sin)], 1) * side[kind][:, None]
             columns = np.concatenate([waves, common], 1)
             sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
-            # Waves over little travel are nearly parallel: small directions are left out.
-            values = np.linalg.lstsq(columns / sizes, course[keep], rcond=0.03)[0] / sizes
+            values = np.linalg.lstsq(columns / sizes, course[keep], rcond=NEARLY)[0] / sizes
             # A missing torque drives the machine, a load and a friction brake it: the signs are opposite.
             amplitudes = {p.name: -float(v) for p, v in zip(parts, values[: len(parts)], strict=True)}
             starts.append(amplitudes | {number.name: float(each)})
         found[kind] = tuple(starts)
     return found
+
+
+def _moving(course: Values, record: Record, setting: Setting) -> np.ndarray:
+    """Indices of samples in motion at which the missing torque is known, `SAMPLES` to twice as many at most."""
+    keep = np.flatnonzero(np.isfinite(course) & (np.abs(record.speed) > MOVING * setting.speed))
+    return keep[:: max(1, len(keep) // SAMPLES)]
 
 
 def _common(record: Record, keep: np.ndarray) -> Values:

@@ -189,7 +189,7 @@ class Search:
         periods = repeating_periods(free[widest], self.records[widest], self.setting)
         self.setting = replace(
             self.setting, contacts=contacts, periods=periods,
-            waves=repeating_values(free[widest], self.records[widest], periods),
+            waves=repeating_values(free[widest], self.records[widest], self.setting, periods),
             weight=turning_weight(given[widest], self.records[widest]),
             # A nominal model without friction is no scale for a Stribeck torque or a dead zone.
             friction=max(self.setting.friction, self.base.values()["coulomb"]),
@@ -203,7 +203,7 @@ class Search:
         which = self._widest()
         course, record = self.missing_course(c)[which], self.records[which]
         periods = repeating_periods(course, record, self.setting)
-        waves, weight = repeating_values(course, record, periods), turning_weight(course, record)
+        waves, weight = repeating_values(course, record, self.setting, periods), turning_weight(course, record)
         return replace(self.setting, periods=periods, waves=waves, weight=weight)
 
     def _longest(self) -> int:

@@ -13,7 +13,7 @@ from ..thresholds import THRESHOLDS
 from .detectability import resolved
 from .dominant import Curve
 from .nominal_errors import wrong_numbers
-from .shares import numbers_of, shares_of, without_effect
+from .shares import absent_friction, numbers_of, shares_of, without_effect
 from .weighed import (
     CONTAINED,
     Exact,
@@ -54,7 +54,7 @@ class Decision:
         rivals: models with as many effects as the chosen one, the most likely first.
         path: the ladder from `exact` to `chosen`.
         shares: of the nominal model's missing energy, what would come back without each cause of `chosen` [1], the
-            largest first.
+            largest first; of what moves the machine alone where `by_numbers` was asked so.
         judged: windows on which models were compared, one array of indices a record.
         alike: by wrong number, those that would do as well in its place.
     """
@@ -113,11 +113,18 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
         likely = list(dict.fromkeys(name for w in found for name in w.structural))[: LIKELY + size]
     search.tick = lambda share: None  # what follows has no share of its own
     chosen = _pruned(search, exact, chosen)
-    chosen = _plausible(search, exact, chosen, singles)
+    instead, found = _plausible(search, exact, chosen, singles)
+    if instead is not chosen:
+        path.append(chosen.fit)
+        chosen, rivals, tried = instead, found, [*tried, *found]
     stage("simpler causes", 0.0)
     chosen = _simpler(search, exact, chosen)
     stage("what each cause takes", 0.0)
     shares, alike = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
+    equal = _equal_in_both_directions(search, exact, chosen, shares)
+    if equal is not chosen:
+        chosen = equal
+        shares, alike = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
     path = (*path, chosen.fit)
     return Decision(exact.fit, nominal, tuple(singles), chosen, tuple(rivals), path, shares, exact.judged, alike)
 
@@ -244,27 +251,49 @@ def _pruned(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
     return chosen
 
 
-def _plausible(search: Search, exact: Exact, chosen: Weighed, singles: Sequence[Weighed]) -> Weighed:
-    """An effect in the place of a friction number that is further off than a guess is, if it is likelier.
+def _plausible(
+    search: Search, exact: Exact, chosen: Weighed, singles: Sequence[Weighed]
+) -> tuple[Weighed, Sequence[Weighed]]:
+    """(what is chosen; what was tried in its place): an effect for a friction number that is further off than a guess.
 
     Where causes explain the gap no further one is looked for, and a viscous friction of five times the given one may
-    then stand for a drag, a Coulomb level for a dead zone: any law of a recorded variable.
+    then stand for a drag, a Coulomb level for a dead zone: any law of a recorded variable. Friction that the nominal
+    model has none of stands for itself.
     """
-    given, sizes = exact.fit.candidate.values(), nominal_sizes(search.setting)
-    c = chosen.fit.candidate
+    c, given, sizes = chosen.fit.candidate, exact.fit.candidate.values(), nominal_sizes(search.setting)
     off = {n for n in c.wide - {"inertia"} if abs(c.values()[n] - given[n]) > THRESHOLDS.wild * sizes[n]}
+    off -= {name.removesuffix("_error") for name in absent_friction(exact.fit)}
     if not off or len(chosen.structural) >= THRESHOLDS.most_causes:
-        return chosen
-    found = [w for w in singles if w.fit.candidate.effects[0].follows]
+        return chosen, []
+    laws = {e.name for e in search.effects if e.follows and not off & set(numbers_of(e))}
+    found = [w for w in singles if set(w.structural) <= laws]
     if chosen.structural:
-        laws = [effect.name for effect in search.effects if effect.follows]
-        found = weigh(search, exact, search.explore(_beside(search, [chosen], laws), PAIR_KEEP, white=False))
-    if not found:
-        return chosen
-    instead = settled(search, exact, found[0])
-    likelier = instead.evidence - chosen.evidence > THRESHOLDS.decisive and instead.left < chosen.left
-    # As many causes as before: the number is right beside the effect.
-    return instead if likelier and not off & instead.fit.candidate.wide else chosen
+        starts = _beside(search, [chosen], sorted(laws))
+        found = weigh(search, exact, search.explore(starts, PAIR_KEEP, white=False)) if starts else []
+    for w in found:
+        instead = settled(search, exact, w)
+        likelier = instead.evidence - chosen.evidence > THRESHOLDS.decisive and instead.left < chosen.left
+        # Beside the effect the number is right.
+        if likelier and not off & instead.fit.candidate.wide and resolved(search, instead.fit):
+            return instead, found
+    return chosen, []
+
+
+def _without(search: Search, exact: Exact, chosen: Weighed, effect: Effect) -> Weighed:
+    """The chosen model without one of its effects, with the nominal numbers that are then wrong."""
+    c = chosen.fit.candidate
+    rest = tuple(e for e in c.effects if e is not effect)
+    values = without_effect(c.values(), effect, rest) | {name: c.values()[name] for name in numbers_of(effect)}
+    (fit,) = search.fitted([Start(rest, NOMINAL, values, c)])
+    return weighed_fit(search, exact, fit, wrong_numbers(fit, nominal_sizes(search.setting))[0])
+
+
+def _equal_in_both_directions(search: Search, exact: Exact, chosen: Weighed, shares: Mapping[str, float]) -> Weighed:
+    """The chosen model with wrong numbers in the place of a friction by direction that is a detail beside them."""
+    for effect in chosen.fit.candidate.effects:
+        if numbers_of(effect) and shares[effect.name] <= THRESHOLDS.matters:
+            return settled(search, exact, _without(search, exact, chosen, effect))
+    return chosen
 
 
 def _simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
@@ -308,8 +337,9 @@ def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[Start]:
         for name in SIMPLER.get(effect.name, ()):
             if name in by_name and name not in c.structural:
                 # What the simpler one does not hold of friction may still be wrong in the nominal numbers.
-                wide = c.wide | set(numbers_of(effect))
-                yield Start((*rest, by_name[name]), tuple(wide), without_effect(c.values(), effect, rest))
+                held = {number: c.values()[number] for number in numbers_of(effect)}
+                values = without_effect(c.values(), effect, rest) | held
+                yield Start((*rest, by_name[name]), tuple(c.wide | set(held)), values)
     for name in FACTORS:
         if c.wide and name in by_name and name not in c.structural:
             values = {k: v for k, v in c.values().items() if k not in NOMINAL}

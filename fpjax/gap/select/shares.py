@@ -16,7 +16,7 @@ def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> t
 
     What is left without a cause is that of the most likely fit without it: from where the whole stands, from the
     numbers as they were given, or as it was found before. A friction by direction takes what no friction equal in both
-    directions does: without it the numbers that it holds stay free, and if it is a detail beside them, they are told.
+    directions does: without it the numbers that it holds stay free.
 
     Args:
         search: of the logs.
@@ -31,12 +31,6 @@ def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> t
     singly = [(name,) for name in (*c.structural, *numbers)]
     without = _fits_without(search, fit, singly, known)
     shares = {name: max(exact.left(without[(name,)]) ** 2 - now, 0.0) / whole for (name,) in singly}
-    for effect in c.effects:
-        if shares[effect.name] <= THRESHOLDS.matters and (held := numbers_of(effect)):
-            rest = without[(effect.name,)]
-            wrong = [(f"{number}_error",) for number in held if number in rest.candidate.wide]
-            given, least = _fits_without(search, rest, wrong, known), exact.left(rest) ** 2
-            shares |= {name: max(exact.left(given[(name,)]) ** 2 - least, 0.0) / whole for (name,) in wrong}
     alike: Alike = {}
     for some in (numbers, [*c.structural, *numbers]):
         details = [name for name in some if shares[name] <= THRESHOLDS.matters]
@@ -68,7 +62,7 @@ def _one_by_one(
         ]
         # Of those that do as well, friction that the nominal model has none of comes before what would vary it; else an
         # effect stands in the model because its evidence is beyond that of the numbers.
-        absent = [one for one in near if exact.fit.candidate.values().get(one.removesuffix("_error")) == 0.0]
+        absent = [one for one in near if one in absent_friction(exact.fit)]
         name = next(iter([*absent, *(one for one in near if one in fit.candidate.structural)]), near[0])
         if left - after[name] <= matters:
             break  # they only add up
@@ -94,8 +88,9 @@ def _fits_without(
         numbers = {name.removesuffix("_error") for name in names} & c.wide
         values = {name: value for name, value in values.items() if name not in numbers}
         given = {name: value for name, value in values.items() if name not in NOMINAL}
-        freed = {number for e in c.effects if e.name in names for number in numbers_of(e)}
-        wide = tuple(number for number in NOMINAL if number in (c.wide | freed) - numbers)
+        freed = {number for e in c.effects if e.name in names for number in numbers_of(e)} - numbers
+        values |= {name: value for name, value in c.values().items() if name in freed}
+        wide = tuple(number for number in NOMINAL if number in (c.wide - numbers) | freed)
         starts += [Start(rest, wide, values, c), Start(rest, wide, given, c)]
     best: dict[tuple[str, ...], Fit] = {}
     for names, start, without in zip([n for n in sets for _ in range(2)], starts, search.fitted(starts), strict=True):
@@ -105,6 +100,16 @@ def _fits_without(
         ]  # fmt: skip
         best[names] = max((without, *same, *([best[names]] if names in best else [])), key=lambda one: one.evidence)
     return best
+
+
+def absent_friction(given: Fit) -> frozenset[str]:
+    """Errors of the friction numbers that the nominal model has none of, as every machine has.
+
+    Args:
+        given: the nominal model as given.
+    """
+    values = given.candidate.values()
+    return frozenset(f"{number}_error" for number in ("coulomb", "viscous") if values.get(number) == 0.0)
 
 
 def numbers_of(effect: Effect) -> tuple[str, ...]:

@@ -1,93 +1,17 @@
 """Verdict: what is asserted, and how probable it is; a pure function of a decision, of sizes and of thresholds."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..fit.candidate import NOMINAL
 from ..thresholds import THRESHOLDS, Thresholds
 from .decision import FACTORS, Decision
-from .dominant import Curve, believed, dominant
+from .dominant import believed, dominant
+from .misread import told_readings, with_readings
 from .nominal_errors import wrong_numbers
-from .readings import ROUNDING
+from .statement import Seen, Verdict, Word, is_number
 from .weighed import CONTAINED, Weighed
-
-Word = Literal["no_gap", "explained", "partly_explained", "unexplained"]
-
-
-@dataclass(frozen=True)
-class Seen:
-    """Sizes that a verdict hangs on.
-
-    Attributes:
-        before: missing torque of the nominal model as given, rms over all windows [N m].
-        after: likewise of the chosen model.
-        floor: what noise alone would show of it [N m].
-        share: `before` over the commanded torque [1], in the log where that is the largest: of a run in which a cause
-            shows and one in which it does not, both together would show half of it.
-        sizes: of the nominal numbers (`fpjax.gap.fit.candidate.nominal_sizes`).
-        readings: what is wrong with the velocity column beside any model of the machine, in any order:
-            its rounding (`velocity_quantisation`), and what the encoder tells (`fpjax.gap.select.readings`).
-        allowed: effects that may be asserted; empty for all.
-        doubts: of a reading's error, what it may be instead, and the probability that it is not [1].
-        twins: by effect, what makes the same log in its place: no rival, since it is named beside it.
-        unshown: effects of the chosen model whose size the log does not tell from nothing: they are not asserted.
-        meaning: by effect of a rival that holds a cause of the chosen model as a special case and is not told from it,
-            that cause.
-        curves: by recorded variable, where they were looked at.
-        named: what the chosen model, or one of its effects alone, holds of the missing torque in the measure of the
-            curves [1].
-        follows: by effect, the variables that its torque is a function of.
-        misread: by error of the velocity column, how large it is beside the gap (`beside_gap`) [1].
-        rounded: error of a velocity that is rounded, of the speed's rms [1].
-        moved: `after` over `before` [1], each frequency weighted by how far it moves the machine: vibration that hardly
-            does, and that no cause of the vocabulary holds, is most of what many real machines leave.
-        contradicted: whether a unit, a sign or a column of the logs cannot be what it says: no cause is asserted then.
-    """
-
-    before: float
-    after: float
-    floor: float
-    share: float
-    sizes: dict[str, float]
-    readings: tuple[str, ...] = ()
-    allowed: frozenset[str] = frozenset()
-    doubts: Mapping[str, tuple[str, float]] = field(default_factory=dict)
-    twins: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    unshown: frozenset[str] = frozenset()
-    meaning: Mapping[str, str] = field(default_factory=dict)
-    curves: Mapping[str, Curve] = field(default_factory=dict)
-    named: float = 0.0
-    follows: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    misread: Mapping[str, float] = field(default_factory=dict)
-    rounded: float = 0.0
-    moved: float = 1.0
-    contradicted: bool = False
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What is asserted.
-
-    Attributes:
-        word: of the contract.
-        causes: effects, the most important first.
-        probability: that the verdict is right [1].
-        main: probability by effect that it is the main cause [1]; sums to at most 1.
-        among: probability by effect that it is among the causes [1].
-        margin: worth of the chosen model over that of the best one without its leading cause [nats].
-        ahead: how far the leading cause is beyond the others' reach [1]; 0 where nothing leads.
-    """
-
-    word: Word
-    causes: tuple[str, ...]
-    probability: float
-    main: Mapping[str, float]
-    among: Mapping[str, float]
-    margin: float
-    ahead: float
 
 
 @dataclass(frozen=True)
@@ -105,49 +29,70 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
         thresholds: every number that decides.
     """
     told = _chosen_names(decision, seen, thresholds)
-    orders = [
-        told,
-        *((name, *(n for n in told if n != name)) for name in _could_lead(decision, seen, told, thresholds)),
-    ]
-    tried = [_weighed_order(decision, seen, names, thresholds) for names in orders]
-    chosen, sets, margin, lead, word = next((one for one in tried if one[-1] != "unexplained"), tried[0])
-    asserted = chosen.names if word in ("explained", "partly_explained") else ()
-    top = _top(word, chosen, lead, seen, thresholds)
-    shares = _shares(sets, top, thresholds.temper)
+    case = _case(decision, seen, told, thresholds)
+    if case.word == "unexplained":
+        case = _led_by_another(decision, seen, told, thresholds) or case
+    asserted = (case.sure or case.chosen.names) if case.word in ("explained", "partly_explained") else ()
+    top = _top(case.word, case.chosen, case.lead, seen, thresholds)
+    shares = _shares(case.sets, top, thresholds.temper)
     main, among = _by_effect(shares)
-    found = Verdict(word, asserted, _right(asserted, shares, main), main, among, margin, lead)
+    right = _right(asserted, shares, main, exactly=not case.sure)
+    found = Verdict(case.word, asserted, right, main, among, case.margin, case.lead)
     size, _, whole = _sizes(decision, seen, thresholds)
-    readings = _told(found, seen, thresholds)
+    readings = told_readings(found, seen, thresholds)
     # Beside a position that cannot be right nothing is known of the velocity column.
     if not readings or (seen.contradicted and found.word == "unexplained"):
         return found
     lead = found.causes[0] if found.causes else ""
     # As an effect is: beside several wrong numbers by what these leave of the gap.
-    return _with_readings(found, readings, size.get(lead, 1.0) * whole, seen, thresholds)
+    return with_readings(found, readings, size.get(lead, 1.0) * whole, seen, thresholds)
 
 
-def _could_lead(decision: Decision, seen: Seen, told: tuple[str, ...], t: Thresholds) -> list[str]:
-    """Effects that may lead a part where others may take the largest cause's place: those that take half as much.
+@dataclass(frozen=True)
+class _Case:
+    """What speaks for causes of which the first leads."""
 
-    Not where the causes together take no part of the whole gap, nor where the largest may be none.
-    """
-    if not told or told[0] in seen.unshown or not seen.after < t.part * seen.before:
-        return []
-    least = 0.5 * decision.shares[told[0]]
-    return [name for name in told[1:] if not _is_number(name) and decision.shares[name] > least]
+    chosen: _Set
+    sets: list[_Set]  # that were tried
+    margin: float  # as in `Verdict`
+    lead: float  # `Verdict.ahead`
+    word: Word
+    sure: tuple[str, ...] = ()  # of the causes, where not all of them can be asserted
 
 
-def _weighed_order(
-    decision: Decision, seen: Seen, names: tuple[str, ...], t: Thresholds
-) -> tuple[_Set, list[_Set], float, float, Word]:
-    """(causes, sets that were tried, margin, lead, word) if the first of the causes leads."""
+def _case(decision: Decision, seen: Seen, names: tuple[str, ...], t: Thresholds) -> _Case:
     chosen = _Set(names, decision.chosen.gain)
     sets = _sets(decision, chosen, seen)
     others = _others(sets, chosen, seen)
     margin = chosen.worth - max([0.0, *(s.worth for s in others)]) if names else 0.0
     lead = _lead(decision, chosen, margin, t)
     near = len({s.names[0] for s in others if chosen.worth - s.worth <= t.sure})
-    return chosen, sets, margin, lead, _word(decision, seen, chosen, near, lead, t)
+    return _Case(chosen, sets, margin, lead, _word(decision, seen, chosen, near, lead, t))
+
+
+def _led_by_another(decision: Decision, seen: Seen, told: tuple[str, ...], t: Thresholds) -> _Case | None:
+    """A part led by a cause that is nearly as large as the largest, in whose place others may stand; None for none.
+
+    Of the other causes those are asserted that no set which holds it and does nearly as well can do without. Not where
+    the causes together take no part of the whole gap, nor where the largest may be none.
+    """
+    if not told or told[0] in seen.unshown or not seen.after < t.part * seen.before:
+        return None
+    for name in told[1:]:
+        if is_number(name) or decision.shares[name] < t.leads * decision.shares[told[0]]:
+            continue
+        case = _case(decision, seen, (name, *(other for other in told if other != name)), t)
+        if case.word != "partly_explained":
+            continue
+        # It leads every set that holds it.
+        sets = [
+            _Set((name, *(n for n in one.names if n != name)), one.worth) if name in one.names else one
+            for one in case.sets
+        ]
+        near = [one for one in sets if one.names[0] == name and one.worth >= (1.0 - t.contested) * case.chosen.worth]
+        sure = tuple(n for n in case.chosen.names if all(n in one.names for one in near))
+        return replace(case, sets=sets, sure=sure)
+    return None
 
 
 def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, float], dict[str, float], float]:
@@ -160,12 +105,12 @@ def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, flo
     """
     left = float(np.clip(decision.nominal.left**2, 1e-12, 1.0))
     weight = {
-        n: s if _is_number(n) else s / left * believed(seen.curves, seen.follows.get(n, ()), t)
+        n: s if is_number(n) else s / left * believed(seen.curves, seen.follows.get(n, ()), t)
         for n, s in decision.shares.items()
     }
-    guessed = sum(_is_number(n) and share > t.matters for n, share in decision.shares.items()) > 1
+    guessed = sum(is_number(n) and share > t.matters for n, share in decision.shares.items()) > 1
     whole = left if guessed else 1.0
-    return {n: w if _is_number(n) else w * left / whole for n, w in weight.items()}, weight, whole
+    return {n: w if is_number(n) else w * left / whole for n, w in weight.items()}, weight, whole
 
 
 def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, ...]:
@@ -177,11 +122,11 @@ def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, .
     """
     size, weight, _ = _sizes(decision, seen, t)
     shown = decision.nominal.left * seen.share > t.nothing
-    enough = t.beside if sum(map(_is_number, decision.shares)) != 1 else 1.0 - t.closes**2
+    enough = t.beside if sum(map(is_number, decision.shares)) != 1 else 1.0 - t.closes**2
     names = [
         n
         for n in _in_order(size, seen, t)
-        if decision.shares[n] > t.matters or (shown and not _is_number(n) and weight[n] > enough)
+        if decision.shares[n] > t.matters or (shown and not is_number(n) and weight[n] > enough)
     ]
     if not names and not _counts_as_right(decision, t):
         names = list(decision.chosen.structural[:1])
@@ -200,11 +145,11 @@ def _in_order(size: Mapping[str, float], seen: Seen, t: Thresholds) -> list[str]
     What follows no recorded variable (bristles, a spring) mends details beside a law of the one that dominates.
     """
     variable, order = dominant(seen.curves, t), sorted(size, key=lambda n: -size[n])
-    effects = [n for n in order if not _is_number(n)]
+    effects = [n for n in order if not is_number(n)]
     if variable is not None:
         effects = sorted(effects, key=lambda n: variable.of not in seen.follows.get(n, ()))
     effect = iter(effects)
-    return [n if _is_number(n) else next(effect) for n in order]
+    return [n if is_number(n) else next(effect) for n in order]
 
 
 def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
@@ -236,7 +181,7 @@ def _adds_to(w: Weighed, chosen: _Set, seen: Seen, given: Mapping[str, float]) -
         values = w.fit.candidate.values()
         return len(wrong) > 1 and len({values[name] > given[name] for name in wrong}) == 1
     number = lead.removesuffix("_error")
-    return _is_number(lead) and number in w.fit.candidate.wide and number in wrong_numbers(w.fit, seen.sizes)[1]
+    return is_number(lead) and number in w.fit.candidate.wide and number in wrong_numbers(w.fit, seen.sizes)[1]
 
 
 def _names(w: Weighed, seen: Seen) -> tuple[str, ...]:
@@ -266,12 +211,12 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
         return "unexplained"
     left = seen.after / seen.before if seen.before > 0.0 else 1.0
     # A cause is reported with what this log cannot distinguish from it; a class of everything says nothing.
-    few = bool(chosen.names) and (near <= t.alike or _is_number(chosen.names[0]))
+    few = bool(chosen.names) and (near <= t.alike or is_number(chosen.names[0]))
     if few and (left < t.closes or left * seen.share < t.nothing):
         return "explained"
-    sure = few and (near == 0 or _is_number(chosen.names[0]))
+    sure = few and (near == 0 or is_number(chosen.names[0]))
     # Where much is left, a cause that is not far ahead may be the one that bends best: pushes pass for a soft spring.
-    if not (sure and lead >= t.clear) or (_bends(seen, chosen, t) and not _is_number(chosen.names[0])):
+    if not (sure and lead >= t.clear) or (_bends(seen, chosen, t) and not is_number(chosen.names[0])):
         return "unexplained"
     return (
         "partly_explained"
@@ -303,10 +248,6 @@ def _follows_dominant(seen: Seen, chosen: _Set, t: Thresholds) -> bool:
     return seen.named > t.curve_named * found.share
 
 
-def _is_number(name: str) -> bool:
-    return name.endswith("_error") and name.removesuffix("_error") in NOMINAL
-
-
 def _lead(decision: Decision, chosen: _Set, margin: float, t: Thresholds) -> float:
     """How far the leading cause is beyond the others' reach [1].
 
@@ -316,7 +257,7 @@ def _lead(decision: Decision, chosen: _Set, margin: float, t: Thresholds) -> flo
     """
     if not chosen.names:
         return 0.0
-    if _is_number(chosen.names[0]):
+    if is_number(chosen.names[0]):
         taken = max(1.0 - min(decision.chosen.left, 1.0) ** 2, 1.0 - t.part**2)
         return float(np.clip(decision.shares.get(chosen.names[0], 0.0) / taken, 0.0, 1.0))
     return float(np.clip(margin / decision.chosen.gain, 0.0, 1.0)) if decision.chosen.gain > 0.0 else 0.0
@@ -326,7 +267,7 @@ def _top(word: Word, chosen: _Set, lead: float, seen: Seen, t: Thresholds) -> fl
     """Probability that any of the sets tried is right."""
     if word == "no_gap":
         return t.right_no_gap
-    if word == "partly_explained" and _is_number(chosen.names[0]):
+    if word == "partly_explained" and is_number(chosen.names[0]):
         return t.right_partly_number
     if word == "partly_explained" and seen.after >= t.part * seen.before:
         return t.right_dominant
@@ -355,62 +296,11 @@ def _by_effect(shares: Sequence[tuple[_Set, float]]) -> tuple[dict[str, float], 
     return main, among
 
 
-def _right(asserted: Sequence[str], shares: Sequence[tuple[_Set, float]], main: Mapping[str, float]) -> float:
+def _right(
+    asserted: Sequence[str], shares: Sequence[tuple[_Set, float]], main: Mapping[str, float], *, exactly: bool
+) -> float:
     """Probability that the asserted causes are the right ones [1]; without any, that none of the sets tried is."""
-    if asserted:
-        return sum(share for found, share in shares if set(found.names) == set(asserted))
-    return max(1.0 - sum(main.values()), 0.0)
-
-
-def _told(found: Verdict, seen: Seen, t: Thresholds) -> tuple[str, ...]:
-    """The readings' errors that are causes.
-
-    Every column is rounded. Where anything else is amiss a rounding is a cause if it matters as other causes do, or as
-    another error of the reading must.
-    """
-    amiss = found.word == "unexplained" or bool(found.causes) or set(seen.readings) > {ROUNDING}
-    little = seen.misread.get(ROUNDING, np.inf) <= t.matters and seen.rounded <= t.reading
-    slight = {ROUNDING} if amiss and little else set()
-    told = [name for name in seen.readings if name not in slight]
-    return tuple(sorted(told, key=lambda name: -seen.misread.get(name, 0.0)))
-
-
-def _with_readings(found: Verdict, readings: Sequence[str], largest: float, seen: Seen, t: Thresholds) -> Verdict:
-    """A wrong reading makes no torque: it is a cause beside the others, or alone where there is no gap.
-
-    Args:
-        found: without the readings.
-        readings: errors of the velocity column that are told, the largest first.
-        largest: energy of the gap, as a share, from which on a reading's error comes before the leading cause [1].
-        seen: sizes.
-        t: thresholds.
-    """
-    word, main, asserted = found.word, dict(found.main), found.causes
-    right = {name: t.right_read * seen.doubts.get(name, ("", 1.0))[1] for name in readings}
-    among = dict(found.among) | right
-    instead = {other: t.right_read * (1.0 - sure) for other, sure in seen.doubts.values() if sure < 1.0}
-    among |= {other: max(share, among.get(other, 0.0)) for other, share in instead.items()}
-    first, names = readings[0], (*asserted, *(name for name in readings if name not in asserted))
-    # One wrong number beside right ones is a cause of the machine; several and nothing else are a guessed model.
-    guessed = len(asserted) > 1 and all(_is_number(name) for name in asserted)
-    leads = word == "no_gap" or guessed or seen.misread.get(first, 0.0) > largest
-    if leads:
-        # More is misread than the machine's own cause makes, or what is missing is a guessed nominal model's.
-        word = "explained" if word == "no_gap" else word
-        probability = right[first] if not asserted else min(right[first], found.probability)
-        if word == "unexplained":
-            probability = max(1.0 - sum(main.values()), 0.0)
-        names = (first, *(name for name in names if name != first))
-        room = (1.0 - t.right_read) / max(sum(main.values()), 1.0 - t.right_read)
-        main = {name: share * room for name, share in main.items()} | {first: right[first]}
-        other, sure = seen.doubts.get(first, ("", 1.0))
-        if other:
-            main[other] = t.right_read * (1.0 - sure)
-    else:
-        rest = max(right[first] - sum(main.values()), 0.0)
-        if word == "unexplained" and main:
-            # The reading is wrong, but it makes no torque: what is missing has another main cause.
-            rest = min(rest, t.behind * max(main.values()))
-        main = main | {first: rest}
-        probability = sum(main[name] for name in asserted[:1]) if asserted else max(1.0 - sum(main.values()), 0.0)
-    return replace(found, word=word, causes=names, probability=probability, main=main, among=among)
+    if not asserted:
+        return max(1.0 - sum(main.values()), 0.0)
+    told = set(asserted)
+    return sum(share for found, share in shares if (told == set(found.names) if exactly else told <= set(found.names)))

@@ -1,0 +1,42 @@
+"""Wrong numbers and effects that could stand for each other, on simulated logs."""
+
+import math
+
+import pytest
+from gap_search import RUN
+from model_files import body
+from numpy_machine import Machine, record
+
+from fpjax import load_model
+from fpjax.gap import EFFECTS, diagnose
+
+pytestmark = pytest.mark.long
+
+NUMBERS = ("inertia_error", "coulomb_error", "viscous_error")
+
+
+def causes(log, coulomb, *effects):
+    """Causes that are told of the small machine, of a nominal Coulomb friction [N m], among some effects."""
+    model = load_model(body(0.05, coulomb, 0.03) + RUN)
+    return diagnose(log, model, effects=tuple(e for e in EFFECTS if e.name in (*NUMBERS, *effects))).causes
+
+
+@pytest.mark.parametrize("ripple", [0.0, 0.15])
+def test_a_doubled_coulomb_friction_is_no_friction_by_direction(ripple):
+    """Beside a viscous friction that differs a little by direction; the fit without it ended in a wrong valley."""
+
+    def extra(time, velocity, position, command):
+        return -0.0015 * abs(velocity) + ripple * math.cos(7.0 * position)
+
+    told = causes(record(Machine(coulomb=0.6), extra=extra, substeps=4), 0.3, "asymmetric_friction", "cogging")
+    assert told == (("coulomb_error", "cogging") if ripple else ("coulomb_error",))
+
+
+def test_a_drag_beside_a_ripple_is_no_viscous_friction():
+    """The ripple and a viscous friction of several times the given one explain the gap, so that no more is looked for."""
+
+    def extra(time, velocity, position, command):
+        return 0.9 * math.cos(7.0 * position) - 0.012 * velocity * abs(velocity)
+
+    told = causes(record(Machine(), extra=extra, substeps=4), 0.4, "cogging", "quadratic_drag", "load_dependent_friction")
+    assert set(told) == {"cogging", "quadratic_drag"}
