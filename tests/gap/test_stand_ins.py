@@ -105,25 +105,32 @@ def verdict(word, causes=()):
 
 @pytest.mark.parametrize("structural", [("compliance",), ()])
 @pytest.mark.parametrize("persists", [True, False])
-@pytest.mark.parametrize("explains", ["all", "what moves", "what moves, an effect more of it", "nothing"])
+@pytest.mark.parametrize("explains", [
+    "all", "what moves", "what moves, an effect more of it", "what moves, an unlikely effect more of it", "nothing",
+])  # fmt: skip
 @pytest.mark.parametrize("given", [0.0, 0.5])
 def test_friction_that_the_model_has_none_of_is_told_by_what_moves_a_machine_that_vibrates(
     monkeypatch, structural, persists, explains, given
 ):
     """A cart whose Coulomb friction is missing in the model, and whose belt vibrates at 60 Hz."""
     exact = SimpleNamespace(candidate=SimpleNamespace(values=lambda: {"coulomb": given}), moving=(np.ones(4),))
-    less = 0.3 if explains == "what moves, an effect more of it" else 0.5
-    effect = SimpleNamespace(structural=("presliding",), fit=SimpleNamespace(moving=(less**2 * np.ones(4),)))
+    less = 0.3 if explains.endswith("more of it") else 0.5
+    effect = SimpleNamespace(
+        structural=("presliding",), fit=SimpleNamespace(moving=(less**2 * np.ones(4),)),
+        evidence=90.0 if "unlikely" in explains else 110.0,
+    )  # fmt: skip
     told = SimpleNamespace(effects=structural, structural=structural, wide=frozenset({"coulomb"}))
     found = SimpleNamespace(
         exact=exact,
-        chosen=SimpleNamespace(fit=SimpleNamespace(candidate=told, moving=(0.25 * np.ones(4),)), structural=structural),
+        chosen=SimpleNamespace(
+            fit=SimpleNamespace(candidate=told, moving=(0.25 * np.ones(4),)), structural=structural, evidence=120.0
+        ),
         singles=(effect,),
         nominal=SimpleNamespace(fit=SimpleNamespace(candidate=told)),
     )
 
     def by_numbers(search, decision, *, moving):
-        return SimpleNamespace(moving=moving, exact=exact)
+        return SimpleNamespace(moving=moving, exact=exact, chosen=SimpleNamespace(evidence=100.0))
 
     def judged(search, decision, read, curves, unit):
         whole = decision is found
@@ -138,7 +145,10 @@ def test_friction_that_the_model_has_none_of_is_told_by_what_moves_a_machine_tha
     monkeypatch.setattr(judge, "_persist", lambda numbers, decision: persists)
     answer = judge.judge(None, found, SimpleNamespace(readings=()), None, "N m")
     # Without an effect the numbers were judged by the whole gap already.
-    by_all, by_moving = explains == "all" and bool(structural), explains in ("all", "what moves") and given == 0.0
+    by_all, by_moving = (
+        explains == "all" and bool(structural),
+        explains not in ("what moves, an effect more of it", "nothing") and given == 0.0,
+    )
     asserted = persists and (by_all or by_moving)
     assert answer.verdict.word == ("partly_explained" if asserted else "unexplained")
     if asserted:

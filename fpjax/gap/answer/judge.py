@@ -101,8 +101,8 @@ def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: 
 
 
 def _moves_without(absent: Collection[str], numbers: Judged, decision: Decision) -> bool:
-    """Whether the numbers that are asserted are friction that the nominal model has none of, and no effect tried takes
-    more of what moves the machine.
+    """Whether the numbers that are asserted are friction that the nominal model has none of, and no effect that is
+    likelier takes more of what moves the machine.
 
     Args:
         absent: errors of such friction.
@@ -111,7 +111,8 @@ def _moves_without(absent: Collection[str], numbers: Judged, decision: Decision)
     """
     asserted = {name for name in numbers.verdict.causes if name.removesuffix("_error") in NOMINAL}
     windows = [np.arange(len(own)) for own in decision.exact.moving]
-    effects = [w.fit for w in (decision.chosen, *decision.singles) if w.structural]
+    likelier = numbers.decision.chosen.evidence
+    effects = [w.fit for w in (decision.chosen, *decision.singles) if w.structural and w.evidence > likelier]
     least = min((_moved(decision.exact, fit, windows) for fit in effects), default=1.0)
     return asserted <= set(absent) and numbers.moved**2 - least**2 <= THRESHOLDS.matters
 

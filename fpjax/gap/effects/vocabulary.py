@@ -193,9 +193,7 @@ def _unbalance(values: dict[str, float], setting: Setting) -> dict[str, tuple[fl
 def _waves(setting: Setting, kind: str, name: str, usual: float) -> list[dict[str, float]]:
     """Starts of what repeats with the position: as the missing torque repeats, else two usual numbers of periods."""
     if kind in setting.waves:
-        return [dict(start) for start in setting.waves[kind][:1]] + [
-            {name: start[name]} for start in setting.waves[kind]
-        ]
+        return [dict(start) for start in setting.waves[kind]]
     fewest = fewest_periods(setting)
     return [{name: max(usual, fewest)}, {name: max(2.0 * usual, 2.0 * fewest)}]
 
