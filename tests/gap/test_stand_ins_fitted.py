@@ -33,7 +33,7 @@ def test_a_doubled_coulomb_friction_is_no_friction_by_direction(ripple):
 
 
 def test_a_drag_beside_a_ripple_is_no_viscous_friction():
-    """The ripple and several times the given viscous friction explain the gap, so that no further cause is looked for."""
+    """The ripple and several times the given viscous friction explain the gap, so that nothing more is looked for."""
 
     def extra(time, velocity, position, command):
         return 0.9 * math.cos(7.0 * position) - 0.012 * velocity * abs(velocity)
