@@ -114,6 +114,9 @@ def test_a_cause_that_a_curve_outdoes_only_bends_after_it():
         shares={"inertia_error": 0.6, "asymmetric_friction": 0.01}, curves={"torque": Curve(0.44, 28.0)},
     )  # fmt: skip
     assert (numbers.word, numbers.causes) == ("partly_explained", ("inertia_error",))
+    # A simulation in which they take three quarters of what moves the machine says more than the curves' measure.
+    shown = judged(chosen, rivals, left=0.5, moved=0.5, named=-0.01, curves={"torque": Curve(0.44, 28.0)})
+    assert (shown.word, shown.causes) == ("partly_explained", ("torque_saturation",))
     by_chance = judged(chosen, rivals, left=0.5, named=0.3, curves={"torque": Curve(0.44, 5.0)})
     assert by_chance.word == "partly_explained"
 
