@@ -48,7 +48,7 @@ class Thresholds:
         temper: by which worth is divided before it becomes a probability [1]: windows of one log are not as
             independent as the likelihood takes them.
         leads: of the largest cause's share [1], from which on another cause may lead a part in its place: it must be
-            nearly as large.
+            nearly as large. Set on one opened log of seed 70.
         clear: share [1] of the worth that the best model without the leading cause lacks (of a nominal number: of the
             energy that all causes take), from which on the cause is beyond the others' reach; a part is asserted only
             then.

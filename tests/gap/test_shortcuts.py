@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from fpjax.gap.fit.backlash_starts import ORDER, _filters, _passed
-from fpjax.gap.fit.period_starts import _energies, repeating_values
+from fpjax.gap.fit.period_starts import _energies, _wave
 from fpjax.gap.select.readings import _lagged
 
 
@@ -60,7 +60,7 @@ def test_a_start_of_what_repeats_has_the_amplitudes_of_the_missing_torque(kind):
     course = -side * wave + 0.1 + 0.3 * np.sign(record.speed) + 0.02 * record.acceleration
     course[:100] = np.nan
     course[np.abs(record.speed) < 0.2] += 1.0  # at rest static friction takes what it will
-    (start,) = repeating_values(course, record, SimpleNamespace(speed=6.0), {kind: (7.0,)})[kind]
+    start = _wave(kind, 7.0, course, record, SimpleNamespace(speed=6.0))
     name = {"torque": "cogging", "friction": "ripple"}[kind]
     assert start.pop(f"{name}_periods") == 7.0
     assert start.pop(f"{name}_cosine_1") == pytest.approx(0.4, abs=1e-6)
@@ -73,5 +73,5 @@ def test_waves_over_a_small_part_of_their_period_have_no_huge_amplitudes():
     time = np.arange(0.0, 10.0, 2e-3)
     record = SimpleNamespace(angle=0.05 * np.sin(time), speed=0.05 * np.cos(time), acceleration=-0.05 * np.sin(time))
     course = 0.3 * record.angle + 1e-3 * np.random.default_rng(3).standard_normal(len(time))
-    (start,) = repeating_values(course, record, SimpleNamespace(speed=0.05), {"friction": (2.0,)})["friction"]
+    start = _wave("friction", 2.0, course, record, SimpleNamespace(speed=0.05))
     assert max(abs(value) for name, value in start.items() if name != "ripple_periods") < 1.0

@@ -10,7 +10,6 @@ from weighed_models import BOTH, NOMINAL, RATE_ONLY, judged, weighed
 from fpjax.gap.answer import judge
 from fpjax.gap.answer.judge import _persist, _with_effects_behind
 from fpjax.gap.effects.twins import single_twins
-from fpjax.gap.select.decision import _bases, _bases_beside
 from fpjax.gap.select.dominant import Curve, believed, dominant
 from fpjax.gap.select.statement import Verdict
 from fpjax.gap.thresholds import THRESHOLDS
@@ -117,6 +116,11 @@ def test_a_cause_that_a_curve_outdoes_only_bends_after_it():
     # A simulation in which they take three quarters of what moves the machine says more than the curves' measure.
     shown = judged(chosen, rivals, left=0.5, moved=0.5, named=-0.01, curves={"torque": Curve(0.44, 28.0)})
     assert (shown.word, shown.causes) == ("partly_explained", ("torque_saturation",))
+    # Unless wrong numbers take as much without them: a belt at 60 Hz beside Coulomb friction that is missing.
+    beside = judged(
+        chosen, rivals, left=0.5, moved=0.5, moved_by_numbers=0.51, named=-0.01, curves={"torque": Curve(0.44, 28.0)}
+    )
+    assert beside.word == "unexplained"
     by_chance = judged(chosen, rivals, left=0.5, named=0.3, curves={"torque": Curve(0.44, 5.0)})
     assert by_chance.word == "partly_explained"
 
@@ -239,25 +243,6 @@ def test_several_wrong_numbers_beside_a_detail_are_no_rival_of_the_factor_that_m
     # With one number wrong the effect itself does what the factor would: a rival.
     one = weighed("constant_torque", 499.0, wide=("coulomb",))
     assert judged(chosen, [one], shares=shares, left=0.4).word == "unexplained"
-
-
-def test_effects_that_are_worth_as_much_as_the_second_are_bases_too():
-    singles = [weighed(name, evidence) for name, evidence in (("stribeck", 900.0), ("cogging", 500.0))]
-    near = [weighed("backlash", 495.0), weighed("presliding", 492.0), weighed("compliance", 491.0)]
-    assert _bases([*singles, weighed("backlash", 400.0)]) == singles
-    assert _bases([*singles, *near]) == [*singles, *near[:2]]
-    assert _bases(singles[:1]) == singles[:1]
-    nothing = [weighed(name, 3.0) for name in ("stribeck", "cogging", "backlash")]
-    assert _bases(nothing) == nothing[:2]
-
-
-def test_a_further_cause_is_tried_beside_what_does_nearly_as_well_as_the_chosen_ones():
-    chosen, near = weighed("cogging+stribeck", 500.0, left=0.2), weighed("cogging+quadratic_drag", 480.0, left=0.2)
-    far = weighed("cogging+friction_drift", 300.0, left=0.2)
-    assert _bases_beside(chosen, [near, chosen, far]) == [chosen, near]
-    assert _bases_beside(chosen, [chosen, far]) == [chosen]
-    # The same causes with other wrong numbers are no others.
-    assert _bases_beside(chosen, [weighed("stribeck+cogging", 499.0, wide=("inertia",), left=0.2)]) == [chosen]
 
 
 def test_an_effect_is_measured_by_what_no_choice_of_the_numbers_closes():

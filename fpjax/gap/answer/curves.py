@@ -40,7 +40,7 @@ def curves_of(search: Search) -> Curves:
     # takes what a weight does to a machine that swings freely. So a table is tried beside either. Beside one of the
     # torque the inertia stays: with it free, what drives less what accelerates is the missing torque by definition.
     free = smoother.fit((inertia_table(search.records),), (0.0,), base.weight)
-    tried = make_tables(search.records, search.setting.periods.get("torque", ())[:1])
+    tried = make_tables(search.records, search.setting.periods[:1])
     if _unfelt(search) > THRESHOLDS.unfelt:
         tried.pop("torque", None)
     for variable, tables in tried.items():

@@ -212,6 +212,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         misread=_beside_gap(search, decision.exact, read, first),
         rounded=max((one.size for one in read.readings if one.effect == ROUNDING), default=0.0),
         moved=max(_moved(decision.exact, chosen, windows), _moved(decision.exact, chosen, withheld)),
+        moved_by_numbers=_moved(decision.exact, decision.nominal.fit, windows),
         allowed=frozenset(read.allowed),
         doubts={one.effect: (one.rival, one.sure) for one in read.readings if one.rival},
         twins=single_twins(log_of(search)),

@@ -118,7 +118,7 @@ def proposed(search: Search, fit: Fit) -> tuple[Learned, ...]:
     with the laws found before already in.
     """
     smoother, current = smoother_of(search, fit.candidate)
-    tables = make_tables(search.records, search.setting.periods.get("torque", ())[:1])
+    tables = make_tables(search.records, search.setting.periods[:1])
     energies = [smoother.energy(current)]
     while tables:
         tried = [(table, *smoother.gains(current, table)) for some in tables.values() for table in some]

@@ -41,9 +41,8 @@ class Setting:
             measured; else 0.
         at_rest: what a velocity without an encoder beside it reads while the machine rests [rad/s]; 0 where that is not
             told from zero.
-        periods: per revolution [1/rev], at which the missing "torque" and "friction" repeat with the position.
-        waves: start values by name (amplitudes [N m] and periods [1/rev]) of a cogging ("torque") and of a friction by
-            position ("friction"), one for each of `periods`.
+        waves: start values by name (amplitudes [N m] and periods per revolution [1/rev]) of a cogging ("torque") and of
+            a friction by position ("friction"): as the missing torque repeats with the position, the strongest first.
         weight: values by name of the unbalance that fits the missing torque best; empty where none was fitted.
         contacts: start values by name of backlashes, the most likely first; None where they were not searched for,
             empty where no stretch of the log could be used.
@@ -65,10 +64,14 @@ class Setting:
     unknown_origin: bool = False
     turning_load: complex = 0.0
     at_rest: float = 0.0
-    periods: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     waves: Mapping[str, tuple[Mapping[str, float], ...]] = field(default_factory=dict)
     weight: Mapping[str, float] = field(default_factory=dict)
     contacts: tuple[Mapping[str, float], ...] | None = None
+
+    @property
+    def periods(self) -> tuple[float, ...]:
+        """Periods per revolution [1/rev] of the missing torque that `waves` holds, the strongest first."""
+        return tuple(start["cogging_periods"] for start in self.waves.get("torque", ()))
 
     @property
     def given_friction(self) -> float:

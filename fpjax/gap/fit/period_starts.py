@@ -4,14 +4,12 @@ A least-squares periodogram over the position (Lomb and Scargle's, with further 
 is not evenly sampled, so that a Fourier transform does not serve.
 """
 
-from collections.abc import Mapping, Sequence
-
 import numpy as np
 
 from ...logs.arrays import Values
 from ..data.record import Record
 from ..data.setting import Setting
-from ..effects.parameters import COGGING, COGGING_PERIODS, RIPPLE, RIPPLE_PERIODS, EffectParameter, fewest_periods
+from ..effects.parameters import COGGING, COGGING_PERIODS, RIPPLE, RIPPLE_PERIODS, fewest_periods
 
 MOST = 3  # peaks that are returned of each kind
 SAMPLES = 3000  # of the log that are used, evenly spread
@@ -22,15 +20,42 @@ BLOCK = 40  # values that are computed together, so that their sines stay in the
 MOVING = 0.05  # of the top speed: slower samples are left out, since their direction is uncertain
 
 
-def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[str, tuple[float, ...]]:
-    """{"torque": periods, "friction": periods} [1/rev], the strongest first; {} where the machine turns too little.
+def repeating_waves(course: Values, record: Record, setting: Setting) -> dict[str, tuple[dict[str, float], ...]]:
+    """Start values by name of a cogging ("torque") and of a friction by position ("friction"), the strongest first.
 
-    "torque" is a sine of the position, "friction" one times the sign of the speed.
+    At each number of periods with which the missing torque repeats, the amplitudes that fit it best: from none a large
+    one is out of reach, since a machine that cogging traps does not move in a simulation without it.
 
     Args:
         course: the missing torque [N m], NaN where unknown, shape (samples,).
         record: the log.
         setting: sizes.
+
+    Returns:
+        {"torque": starts, "friction": starts}; {} where the machine turns too little.
+    """
+    periods = _repeating_periods(course, record, setting)
+    return {
+        kind: tuple(_wave(kind, each, course, record, setting) for each in tried) for kind, tried in periods.items()
+    }
+
+
+def _wave(kind: str, periods: float, course: Values, record: Record, setting: Setting) -> dict[str, float]:
+    """Amplitudes [N m] by name that fit the missing torque best at some periods per revolution, and these."""
+    parts, number = (RIPPLE, RIPPLE_PERIODS) if kind == "friction" else (COGGING, COGGING_PERIODS)
+    keep = _moving(course, record, setting)
+    angle, side = record.angle[keep], np.sign(record.speed[keep]) if kind == "friction" else 1.0
+    orders = periods * np.arange(1, len(parts) // 2 + 1)
+    waves = [side * f(n * angle) for n in orders for f in (np.cos, np.sin)]
+    found = _amplitudes(np.stack(waves, 1), course, record, keep, NEARLY)
+    amplitudes = {p.name: float(v) for p, v in zip(parts, found, strict=True)}
+    return amplitudes | {number.name: float(periods)}
+
+
+def _repeating_periods(course: Values, record: Record, setting: Setting) -> dict[str, tuple[float, ...]]:
+    """{"torque": periods, "friction": periods} [1/rev], the strongest first; {} where the machine turns too little.
+
+    "torque" is a sine of the position, "friction" one times the sign of the speed.
     """
     travel = float(np.ptp(record.angle))
     keep = _moving(course, record, setting)
@@ -58,45 +83,6 @@ def repeating_periods(course: Values, record: Record, setting: Setting) -> dict[
     return found
 
 
-def repeating_values(
-    course: Values, record: Record, setting: Setting, periods: Mapping[str, Sequence[float]]
-) -> dict[str, tuple[dict[str, float], ...]]:
-    """Values by name of the torques and frictions that fit a missing torque best at some numbers of periods each.
-
-    From an amplitude of zero a large one is out of reach: a machine that cogging traps does not move in a simulation
-    without it.
-
-    Args:
-        course: the missing torque [N m], NaN where unknown, shape (samples,).
-        record: the log.
-        setting: sizes.
-        periods: as `repeating_periods` gives them.
-
-    Returns:
-        {"torque": starts, "friction": starts}, one start for each number of periods.
-    """
-    keep = _moving(course, record, setting)
-    angle, common = record.angle[keep], _common(record, keep)
-    side = {"torque": np.ones(len(keep)), "friction": np.sign(record.speed[keep])}
-    kinds: dict[str, tuple[tuple[EffectParameter, ...], EffectParameter]] = {
-        "torque": (COGGING, COGGING_PERIODS), "friction": (RIPPLE, RIPPLE_PERIODS),
-    }  # fmt: skip
-    found: dict[str, tuple[dict[str, float], ...]] = {}
-    for kind, tried in periods.items():
-        (parts, number), starts = kinds[kind], []
-        for each in tried:
-            orders = each * np.arange(1, len(parts) // 2 + 1)
-            waves = np.stack([f(n * angle) for n in orders for f in (np.cos, np.sin)], 1) * side[kind][:, None]
-            columns = np.concatenate([waves, common], 1)
-            sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
-            values = np.linalg.lstsq(columns / sizes, course[keep], rcond=NEARLY)[0] / sizes
-            # A missing torque drives the machine, a load and a friction brake it: the signs are opposite.
-            amplitudes = {p.name: -float(v) for p, v in zip(parts, values[: len(parts)], strict=True)}
-            starts.append(amplitudes | {number.name: float(each)})
-        found[kind] = tuple(starts)
-    return found
-
-
 def _moving(course: Values, record: Record, setting: Setting) -> np.ndarray:
     """Indices of samples in motion at which the missing torque is known, `SAMPLES` to twice as many at most."""
     keep = np.flatnonzero(np.isfinite(course) & (np.abs(record.speed) > MOVING * setting.speed))
@@ -110,11 +96,6 @@ def _common(record: Record, keep: np.ndarray) -> Values:
     return columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
 
 
-def _rest(columns: Values, left: Values) -> float:
-    """Sum of squares that a linear combination of the columns leaves."""
-    return float(np.sum((left - columns @ np.linalg.lstsq(columns, left, rcond=1e-6)[0]) ** 2))
-
-
 def turning_weight(course: Values, record: Record) -> dict[str, float]:
     """Values of the unbalance that fits a missing torque best, by name [N m]; {} with fewer than 50 samples of it.
 
@@ -126,12 +107,25 @@ def turning_weight(course: Values, record: Record) -> dict[str, float]:
     if len(keep) < 50:
         return {}
     angle = record.angle[keep]
-    # Errors of the nominal values are fitted beside it; the columns are scaled, since their units differ.
-    columns = np.concatenate([np.stack([np.cos(angle), np.sin(angle)], 1), _common(record, keep)], 1)
-    sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)
-    found = np.linalg.lstsq(columns / sizes, course[keep], rcond=1e-6)[0] / sizes
-    # A missing torque drives the machine, a load brakes it: the signs are opposite.
-    return {"unbalance_cosine": -float(found[0]), "unbalance_sine": -float(found[1])}
+    cosine, sine = _amplitudes(np.stack([np.cos(angle), np.sin(angle)], 1), course, record, keep, 1e-6)
+    return {"unbalance_cosine": float(cosine), "unbalance_sine": float(sine)}
+
+
+def _amplitudes(waves: Values, course: Values, record: Record, keep: np.ndarray, least: float) -> Values:
+    """Amplitudes [N m] of loads or frictions that fit the missing torque best, beside errors of the nominal values.
+
+    Args:
+        waves: of amplitude 1, shape (kept samples, waves).
+        course: the missing torque [N m], shape (samples,).
+        record: the log.
+        keep: indices of samples.
+        least: singular values, of the largest [1], below which nothing is fitted.
+    """
+    columns = np.concatenate([waves, _common(record, keep)], 1)
+    sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-30)  # the columns' units differ
+    found = np.linalg.lstsq(columns / sizes, course[keep], rcond=least)[0] / sizes
+    # A missing torque drives the machine, a load and a friction brake it: the signs are opposite.
+    return -found[: waves.shape[1]]
 
 
 def _energies(left: Values, angle: Values, side: Values, periods: Values, basis: Values) -> tuple[Values, Values]:

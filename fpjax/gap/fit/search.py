@@ -24,7 +24,7 @@ from .least_squares import Fitter
 from .make_modes import make_modes
 from .measure import Measure
 from .modes import Modes
-from .period_starts import repeating_periods, repeating_values, turning_weight
+from .period_starts import repeating_waves, turning_weight
 from .score import scores
 
 # Successive halving: every start gets a few steps on a few windows, then ever fewer sets get ever more steps on all.
@@ -186,10 +186,9 @@ class Search:
             hidden_states = self.hidden_states[self.fitter(key_for(tuple(backlash), self.setting)).family.key]
             nominal = {name: self.base.values()[name] for name in NOMINAL}
             contacts = contact_starts(hidden_states, which, self.records[which], free[which], nominal, self.setting)
-        periods = repeating_periods(free[widest], self.records[widest], self.setting)
         self.setting = replace(
-            self.setting, contacts=contacts, periods=periods,
-            waves=repeating_values(free[widest], self.records[widest], self.setting, periods),
+            self.setting, contacts=contacts,
+            waves=repeating_waves(free[widest], self.records[widest], self.setting),
             weight=turning_weight(given[widest], self.records[widest]),
             # A nominal model without friction is no scale for a Stribeck torque or a dead zone.
             friction=max(self.setting.friction, self.base.values()["coulomb"]),
@@ -202,9 +201,8 @@ class Search:
         """
         which = self._widest()
         course, record = self.missing_course(c)[which], self.records[which]
-        periods = repeating_periods(course, record, self.setting)
-        waves, weight = repeating_values(course, record, self.setting, periods), turning_weight(course, record)
-        return replace(self.setting, periods=periods, waves=waves, weight=weight)
+        waves = repeating_waves(course, record, self.setting)
+        return replace(self.setting, waves=waves, weight=turning_weight(course, record))
 
     def _longest(self) -> int:
         """Index of the log with the most fitted windows."""

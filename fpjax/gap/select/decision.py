@@ -139,13 +139,16 @@ def by_numbers(search: Search, decision: Decision, *, moving: bool = False) -> D
     """
     exact = Exact(decision.exact, decision.judged, moving=moving)
     nominal = weighed_fit(search, exact, decision.nominal.fit, decision.nominal.evidence)
-    numbers = settled(search, exact, nominal)
-    known = [w.fit for w in (decision.nominal, *decision.singles)]
-    shares, alike = shares_of(search, exact, numbers.fit, known)
+    numbers, singles = settled(search, exact, nominal), decision.singles
+    if moving:  # what competes is weighed alike
+        found = [weighed_fit(search, exact, w.fit, w.evidence) for w in singles]
+        singles = tuple(sorted(found, key=lambda w: -w.worth))
+    shares, alike = shares_of(search, exact, numbers.fit, [w.fit for w in (nominal, *singles)])
     path = (decision.exact, numbers.fit)
     return replace(
-        decision, nominal=nominal, chosen=numbers, rivals=decision.singles, path=path, shares=shares, alike=alike
-    )
+        decision, nominal=nominal, singles=singles, chosen=numbers, rivals=singles, path=path, shares=shares,
+        alike=alike,
+    )  # fmt: skip
 
 
 def _alone(search: Search) -> list[Start]:
@@ -238,17 +241,20 @@ def _better(search: Search, exact: Exact, chosen: Weighed, best: Weighed) -> boo
 def _pruned(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
     """Without the effects that the rest of a larger model can do without."""
     while len(chosen.structural) > 1:
-        options = []
-        for effect in chosen.fit.candidate.effects:
-            rest = tuple(e for e in chosen.fit.candidate.effects if e is not effect)
-            values = without_effect(chosen.fit.candidate.values(), effect, rest)
-            options.append(Start(rest, NOMINAL, values, chosen.fit.candidate))
+        options = [_without(chosen.fit, effect) for effect in chosen.fit.candidate.effects]
         found = weigh(search, exact, search.explore(options, white=False))
         best = settled(search, exact, found[0])
         if _better(search, exact, best, chosen):
             return chosen
         chosen = best
     return chosen
+
+
+def _without(fit: Fit, effect: Effect) -> Start:
+    """A fitted model without one of its effects, all nominal numbers free."""
+    c = fit.candidate
+    rest = tuple(e for e in c.effects if e is not effect)
+    return Start(rest, NOMINAL, without_effect(c.values(), effect, rest), c)
 
 
 def _plausible(
@@ -279,20 +285,13 @@ def _plausible(
     return chosen, []
 
 
-def _without(search: Search, exact: Exact, chosen: Weighed, effect: Effect) -> Weighed:
-    """The chosen model without one of its effects, with the nominal numbers that are then wrong."""
-    c = chosen.fit.candidate
-    rest = tuple(e for e in c.effects if e is not effect)
-    values = without_effect(c.values(), effect, rest) | {name: c.values()[name] for name in numbers_of(effect)}
-    (fit,) = search.fitted([Start(rest, NOMINAL, values, c)])
-    return weighed_fit(search, exact, fit, wrong_numbers(fit, nominal_sizes(search.setting))[0])
-
-
 def _equal_in_both_directions(search: Search, exact: Exact, chosen: Weighed, shares: Mapping[str, float]) -> Weighed:
     """The chosen model with wrong numbers in the place of a friction by direction that is a detail beside them."""
     for effect in chosen.fit.candidate.effects:
         if numbers_of(effect) and shares[effect.name] <= THRESHOLDS.matters:
-            return settled(search, exact, _without(search, exact, chosen, effect))
+            (fit,) = search.fitted([_without(chosen.fit, effect)])
+            evidence = wrong_numbers(fit, nominal_sizes(search.setting))[0]
+            return settled(search, exact, weighed_fit(search, exact, fit, evidence))
     return chosen
 
 
@@ -337,9 +336,8 @@ def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[Start]:
         for name in SIMPLER.get(effect.name, ()):
             if name in by_name and name not in c.structural:
                 # What the simpler one does not hold of friction may still be wrong in the nominal numbers.
-                held = {number: c.values()[number] for number in numbers_of(effect)}
-                values = without_effect(c.values(), effect, rest) | held
-                yield Start((*rest, by_name[name]), tuple(c.wide | set(held)), values)
+                wide = tuple(c.wide | set(numbers_of(effect)))
+                yield Start((*rest, by_name[name]), wide, without_effect(c.values(), effect, rest))
     for name in FACTORS:
         if c.wide and name in by_name and name not in c.structural:
             values = {k: v for k, v in c.values().items() if k not in NOMINAL}

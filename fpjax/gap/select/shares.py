@@ -62,8 +62,8 @@ def _one_by_one(
         ]
         # Of those that do as well, friction that the nominal model has none of comes before what would vary it; else an
         # effect stands in the model because its evidence is beyond that of the numbers.
-        absent = [one for one in near if one in absent_friction(exact.fit)]
-        name = next(iter([*absent, *(one for one in near if one in fit.candidate.structural)]), near[0])
+        absent, effects = absent_friction(exact.fit), fit.candidate.structural
+        name = next(iter([*(n for n in near if n in absent), *(n for n in near if n in effects)]), near[0])
         if left - after[name] <= matters:
             break  # they only add up
         found[name] = max(left - after[name], 0.0) / whole
@@ -89,7 +89,6 @@ def _fits_without(
         values = {name: value for name, value in values.items() if name not in numbers}
         given = {name: value for name, value in values.items() if name not in NOMINAL}
         freed = {number for e in c.effects if e.name in names for number in numbers_of(e)} - numbers
-        values |= {name: value for name, value in c.values().items() if name in freed}
         wide = tuple(number for number in NOMINAL if number in (c.wide - numbers) | freed)
         starts += [Start(rest, wide, values, c), Start(rest, wide, given, c)]
     best: dict[tuple[str, ...], Fit] = {}
@@ -122,13 +121,13 @@ def numbers_of(effect: Effect) -> tuple[str, ...]:
 
 
 def without_effect(values: Mapping[str, float], effect: Effect, rest: Sequence[Effect]) -> dict[str, float]:
-    """Values without the parameters that an effect alone has.
+    """Values without the parameters that an effect alone has; the nominal numbers are the machine's.
 
     Args:
         values: by name.
         effect: that is left out.
         rest: effects that stay.
     """
-    shared = {p.name for other in rest for p in other.parameters}
+    shared = {*NOMINAL, *(p.name for other in rest for p in other.parameters)}
     gone = {p.name for p in effect.parameters} - shared
     return {name: value for name, value in values.items() if name not in gone}

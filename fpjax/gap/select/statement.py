@@ -37,6 +37,7 @@ class Seen:
         rounded: error of a velocity that is rounded, of the speed's rms [1].
         moved: `after` over `before` [1], each frequency weighted by how far it moves the machine: vibration that hardly
             does, and that no cause of the vocabulary holds, is most of what many real machines leave.
+        moved_by_numbers: likewise, of the model of the nominal numbers alone [1].
         contradicted: whether a unit, a sign or a column of the logs cannot be what it says: no cause is asserted then.
     """
 
@@ -57,6 +58,7 @@ class Seen:
     misread: Mapping[str, float] = field(default_factory=dict)
     rounded: float = 0.0
     moved: float = 1.0
+    moved_by_numbers: float = 1.0
     contradicted: bool = False
 
 

@@ -231,8 +231,9 @@ def _bends(seen: Seen, chosen: _Set, t: Thresholds) -> bool:
     A law with a name may hold a little less than the table of its own variable.
     """
     followed = {variable for name in chosen.names for variable in seen.follows.get(name, ())}
-    # Where a simulation shows that they hold more of what moves the machine than the curves' measure says, that counts.
-    held = max(seen.named, 1.0 - seen.moved**2)
+    # Where simulations show that the effects take more of what moves the machine than the curves' measure says, that
+    # counts: what they take beyond the nominal numbers, which no effect is to be credited with.
+    held = max(seen.named, seen.moved_by_numbers**2 - seen.moved**2)
     return any(
         curve.evidence > t.decisive and (t.curve_named if variable in followed else 1.0) * curve.share > held
         for variable, curve in seen.curves.items()
