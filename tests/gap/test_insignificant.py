@@ -113,11 +113,3 @@ def test_what_the_corrected_model_holds_beside_the_causes_is_said():
     assert "also holds actuator_lag:" in sentence
     assert warning_texts.details(chosen, ["stribeck", "actuator_lag"]) == []
     assert warning_texts.details(chosen, []) == []
-
-
-def test_what_is_left_of_a_machine_that_vibrates_is_said_to_hardly_move_it():
-    (sentence,) = warning_texts.vibrates(gap(0.16, closed=0.13), 0.46)
-    assert "54% is closed" in sentence
-    assert warning_texts.vibrates(gap(0.16, closed=0.13), 0.8) == []
-    assert warning_texts.vibrates(gap(0.16, closed=0.6), 0.38) == []
-    assert warning_texts.vibrates(gap(0.16, closed=0.285), 0.705) == []

@@ -12,7 +12,7 @@ from report_cases import CASES
 
 from fpjax import dump_model, load_model
 from fpjax.gap import EFFECTS, Estimate, FittedParameter, FreeReplay, Share, Step, Where
-from fpjax.gap.answer.summary import dominant_sentence
+from fpjax.gap.answer.summary import dominant_sentence, verdict_line
 from fpjax.gap.report import (
     derived_values,
     digits,
@@ -55,6 +55,22 @@ def test_verdicts_have_fitting_sentences():
     assert sentences.verdict_sentence(wrong).startswith("The simulation has a wrong inertia;")
     linear = dataclasses.replace(wrong, motion="linear")
     assert sentences.verdict_sentence(linear).startswith("The simulation has a wrong mass;")
+
+
+def test_what_moves_the_machine_is_told_where_far_more_of_it_is_closed():
+    told = CASES["partly_explained"]()
+
+    def said(closed, moving):
+        gap = dataclasses.replace(told.gap, closed=closed, closed_moving=moving)
+        found = dataclasses.replace(told, gap=gap)
+        return sentences.verdict_sentence(found).replace("\u202f", " "), verdict_line(found)
+
+    page, line = said(0.13, 0.54)
+    assert "13 % of the missing torque and 54 % of the part of it that moves the machine; 87 % is left" in page
+    assert "13.0% of the gap is closed on withheld data and 54.0% of the part of it that moves the machine" in line
+    assert told.gap.to_dict().keys() >= {"closed_moving"}
+    for closed, moving in ((0.13, 0.2), (0.6, 0.62), (0.285, 0.295), (0.13, math.nan)):
+        assert all("moves the machine" not in sentence for sentence in said(closed, moving))
 
 
 def test_units_and_shares_are_spelled_for_people():

@@ -138,7 +138,7 @@ def test_friction_that_the_model_has_none_of_is_told_by_what_moves_a_machine_tha
         # A rounding that is told beside it is no friction.
         word = verdict("partly_explained", ("coulomb_error", "velocity_quantisation") if closes else ())
         word = word if closes else verdict("unexplained")
-        return Judged(decision, word, None, None, None, (), (), 0.5)
+        return Judged(decision, word, SimpleNamespace(closed_moving=0.5), None, None, (), ())
 
     monkeypatch.setattr(judge, "by_numbers", by_numbers)
     monkeypatch.setattr(judge, "_judge", judged)

@@ -40,7 +40,6 @@ from .warning_texts import (
     pushes,
     slight_readings,
     slight_rounding,
-    vibrates,
     where_fitted_alone,
 )
 from .where import locate
@@ -109,7 +108,6 @@ def assemble(
     # Over fitted and withheld windows, to notice a gap that the withheld ones do not show.
     everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
     said = [*at_bounds(chosen, search.setting.units), *beyond_torque(gap, torque), *warnings]
-    said += vibrates(gap, judged.moved) if found.word == "partly_explained" else []
     said += [*pushes(decision, records), *not_answered(search.modes, search.setting.units, torque)]
     said += [
         *details(chosen, causes),

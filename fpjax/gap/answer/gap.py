@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from ...output.json_object import JsonObject
 from ..effects.estimate import Estimate
+from ..thresholds import THRESHOLDS
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,8 @@ class Gap:
         closed_interval: by the same bootstrap.
         learned: with the learned laws beside the causes; NaN where none was learned.
         learned_interval: by the same bootstrap.
+        closed_moving: share closed [1] of the part that moves the machine: each frequency of the missing torque weighed
+            by the speed that a torque there makes, so that vibration hardly counts; NaN where it is not known.
     """
 
     unit: str
@@ -39,6 +42,12 @@ class Gap:
     closed_interval: tuple[float, float]
     learned: float = math.nan
     learned_interval: tuple[float, float] = (math.nan, math.nan)
+    closed_moving: float = math.nan
+
+    @property
+    def rest_vibrates(self) -> bool:
+        """Whether most of what is left hardly moves the machine: far more is closed of the part that does."""
+        return 1.0 - self.closed_moving < THRESHOLDS.part * (1.0 - self.closed)
 
     def estimate(self, name: str) -> Estimate:
         """`before`, `after`, `learned`, `noise_floor` or `closed` with its interval."""
@@ -47,11 +56,12 @@ class Gap:
         return Estimate(getattr(self, name), low, high, unit)
 
     def to_dict(self) -> JsonObject:
-        """The contract's keys, `learned`, and the intervals."""
+        """The contract's keys, `learned`, `closed_moving`, and the intervals."""
         names = ("before", "after", "learned", "noise_floor", "closed")
         numbers = {name: getattr(self, name) for name in names}
         interval = {name: list(getattr(self, f"{name}_interval")) for name in names}
-        return {"signal": "torque", "unit": self.unit, **numbers, "interval": interval}
+        moving = {"closed_moving": self.closed_moving}
+        return {"signal": "torque", "unit": self.unit, **numbers, **moving, "interval": interval}
 
 
 @dataclass(frozen=True)

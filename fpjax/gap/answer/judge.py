@@ -56,7 +56,6 @@ class Judged:
         dominant_variable: the variable that the missing torque is mostly a function of; None where none stands out.
         before: course of the missing torque of the nominal model, one for each log.
         after: likewise, of the chosen model.
-        moved: missing torque after over that before [1], as far as it moves the machine.
     """
 
     decision: Decision
@@ -66,7 +65,6 @@ class Judged:
     dominant_variable: DominantVariable | None
     before: tuple[Course, ...]
     after: tuple[Course, ...]
-    moved: float
 
 
 def judge(search: Search, decision: Decision, read: Read, curves: Curves, unit: str) -> Judged:
@@ -114,7 +112,8 @@ def _moves_without(absent: Collection[str], numbers: Judged, decision: Decision)
     likelier = numbers.decision.chosen.evidence
     effects = [w.fit for w in (decision.chosen, *decision.singles) if w.structural and w.evidence > likelier]
     least = min((_moved(decision.exact, fit, windows) for fit in effects), default=1.0)
-    return asserted <= set(absent) and numbers.moved**2 - least**2 <= THRESHOLDS.matters
+    left = 1.0 - numbers.gap.closed_moving
+    return asserted <= set(absent) and left**2 - least**2 <= THRESHOLDS.matters
 
 
 def _with_effects_behind(numbers: Verdict, beside: Verdict, misread: Collection[str]) -> Verdict:
@@ -202,6 +201,8 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
     windows = [np.arange(len(record.starts)) for record in search.records]
     first, then = (fit.missing_rms(windows) for fit in (decision.exact, chosen))
     withheld = [np.flatnonzero(record.withheld) for record in search.records]
+    moved = max(_moved(decision.exact, chosen, windows), _moved(decision.exact, chosen, withheld))
+    gap = replace(gap, closed_moving=1.0 - moved)
     seen = Seen(
         before=first,
         after=max(then, (1.0 - gap.closed) * first),  # over all windows, but not below what the withheld ones show
@@ -211,7 +212,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         readings=tuple(one.effect for one in read.readings),
         misread=_beside_gap(search, decision.exact, read, first),
         rounded=max((one.size for one in read.readings if one.effect == ROUNDING), default=0.0),
-        moved=max(_moved(decision.exact, chosen, windows), _moved(decision.exact, chosen, withheld)),
+        moved=moved,
         moved_by_numbers=_moved(decision.exact, decision.nominal.fit, windows),
         allowed=frozenset(read.allowed),
         doubts={one.effect: (one.rival, one.sure) for one in read.readings if one.rival},
@@ -226,4 +227,4 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
     variable = dominant(curves.by)
     if variable is not None:
         variable = replace(variable, named=float(np.clip(seen.named, 0.0, 1.0)))
-    return Judged(decision, verdict(decision, seen), gap, spread, variable, before, after, seen.moved)
+    return Judged(decision, verdict(decision, seen), gap, spread, variable, before, after)

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from ..effects.estimate import Estimate
     from .answer import Answer
     from .findings import Ranked
+    from .gap import Gap
 
 PLACES = {
     "reversal": "at reversals",
@@ -36,8 +37,8 @@ def verdict_line(diagnosis: Answer) -> str:
         return f"Explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data."
     if diagnosis.verdict == "partly_explained":
         return (
-            f"Partly explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data, "
-            f"{1.0 - gap.closed:.1%} is left{_place(diagnosis)}."
+            f"Partly explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data"
+            f"{moving_clause(gap)}, {1.0 - gap.closed:.1%} is left{_place(diagnosis)}."
         )
     if diagnosis.contradiction:
         return f"Unexplained: {CANNOT_BE}. {diagnosis.contradiction}"
@@ -71,6 +72,16 @@ def dominant_sentence(diagnosis: Answer, percent: Callable[[float], str] = "{:.0
         f"{effort if found.of == 'torque' else name}: a curve over {name} alone holds {percent(found.share)} of that "
         f"part's energy{named}. The shares of the gap count vibration too, which hardly moves the machine."
     )
+
+
+def moving_clause(gap: Gap, percent: Callable[[float], str] = "{:.1%}".format) -> str:
+    """How much of the part that moves the machine is closed, as a clause; "" unless far more is than of the whole.
+
+    Args:
+        gap: before and after.
+        percent: writes a share.
+    """
+    return f" and {percent(gap.closed_moving)} of the part of it that moves the machine" if gap.rest_vibrates else ""
 
 
 def _place(diagnosis: Answer) -> str:

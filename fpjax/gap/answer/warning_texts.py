@@ -98,21 +98,6 @@ def pushes(decision: Decision, records: Sequence[Record]) -> list[str]:
     ]
 
 
-def vibrates(gap: Gap, moved: float) -> list[str]:
-    """How much more of what moves the machine is closed, where little of the whole gap is.
-
-    Args:
-        gap: before and after.
-        moved: missing torque after over that before [1], as far as it moves the machine.
-    """
-    if not moved < THRESHOLDS.part * (1.0 - gap.closed):
-        return []
-    return [
-        "Most of what is left hardly moves the machine, as vibration does: of the part of the gap that moves it, "
-        f"{1.0 - moved:.0%} is closed."
-    ]
-
-
 def beyond_torque(gap: Gap, torque: float) -> list[str]:
     """A warning where more torque is missing than was commanded."""
     if not gap.before > torque:

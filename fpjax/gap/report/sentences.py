@@ -6,7 +6,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from ..answer.summary import CANNOT_BE, MUCH, nothing_closes
+from ..answer.summary import CANNOT_BE, MUCH, moving_clause, nothing_closes
 from .derived_values import AXES, classes, main_regime, places, shown_gap, tracking, twins_of
 from .digits import readable, show_percent, show_unit, show_with_unit
 from .names import EFFECTS, effect_name, is_wrong_value, join, motion_units, regime_name, sure
@@ -56,7 +56,7 @@ def verdict_sentence(diagnosis: Answer) -> str:
         verb = "explains" if len(diagnosis.causes) == 1 else "explain"
         return (
             f"{asserted[:1].upper()}{asserted[1:]}{_details(diagnosis)}{',' if _details(diagnosis) else ''} {verb} "
-            f"{show_percent(gap.closed)} of the missing {effort}; "
+            f"{show_percent(gap.closed)} of the missing {effort}{moving_clause(gap, show_percent)}; "
             f"{show_percent(1.0 - gap.closed)} is left ({after} of {before} rms on withheld data){where}."
         )
     differs = f"The simulation misses {before} rms of {effort} on withheld data{over_floor}"

@@ -75,6 +75,8 @@ def _draw_maps(figure: FigureBase, diagnosis: Answer, narrow: bool, colour: str,
         spots[axis].set_xlabel(f"{axis} [{show_unit(units[axis])}]")
         if axis == "frequency":
             _frequency_scale(spots[axis], bins(diagnosis.where, axis) or places(diagnosis.where, axis))
+        else:
+            _few_ticks(spots[axis])
     for axis in panels:
         if spots[axis].get_legend_handles_labels()[1]:
             spots[axis].legend(loc="upper right", handlelength=1.8)
@@ -162,6 +164,11 @@ def _frequency_scale(axes: Axes, every: tuple[Share, ...]) -> None:
         axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
 
 
+def _few_ticks(axes: Axes) -> None:
+    """Five intervals at most: in one of three panels in a row, numbers of three decimals overlap from six on."""
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+
+
 def _regimes(axes: Axes, diagnosis: Answer, colour: str) -> None:
     names = [r for r, share in diagnosis.where.regime.items() if math.isfinite(share)]
     shares = [diagnosis.where.regime[name] for name in names]
@@ -224,6 +231,7 @@ def draw_residual(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> Non
         axes.set_title(f"Against {axis}")
         axes.set_xlabel(f"{axis} [{show_unit(units[axis])}]")
         axes.margins(x=0.01)
+        _few_ticks(axes)
     for axes in drawn if narrow else drawn[:1]:
         axes.set_ylabel(f"commanded minus needed [{clip(show_unit(diagnosis.gap.unit))}]")
     drawn[0].legend(loc="best")
