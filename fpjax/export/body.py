@@ -99,6 +99,8 @@ def body_of(loop: ClosedLoop, *, shaft: bool, lugre: bool) -> Body:
             # One joint with the total inertia: all friction acts on it, the motor's place (share 0).
             body, share = Body((sum(body.inertia), 0.0)), 0.0
             body.leftovers.append(Leftover("two masses: spring, damper and backlash", _as_one_mass))
+        elif isinstance(plant, Transmission) and _number(plant.hardening) != 0.0:
+            body.leftovers.append(Leftover("the hardening of the shaft", _with_even_spring))
     else:
         raise InputError(
             f"{type(plant).__name__} cannot be expressed in another simulator: export one mass, two masses or a "
@@ -225,6 +227,10 @@ def without_offset(loop: ClosedLoop) -> ClosedLoop:
 def _as_one_mass(loop: ClosedLoop) -> ClosedLoop:
     plant: Any = loop.plant
     return _replaced(loop, "plant", OneMass(plant.inertia, plant.friction, plant.load))
+
+
+def _with_even_spring(loop: ClosedLoop) -> ClosedLoop:
+    return _replaced(loop, "plant", _replaced(loop.plant, "hardening", jnp.zeros(())))
 
 
 def _plain(law: Any) -> Any:

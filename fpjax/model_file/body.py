@@ -37,6 +37,7 @@ TRANSMISSION = (
     Key("backlash", "rad", "not negative", 0.0, "gap"),
     Key("load_share", "1", "positive", 0.5),
     Key("friction_share", "1", "share", 1.0),
+    Key("hardening", "N m/rad^3", "not negative", 0.0),
 )
 ACTUATOR = (
     Key("gain", "1", "positive", None),

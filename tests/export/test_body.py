@@ -54,6 +54,8 @@ def test_what_the_target_cannot_hold_is_named_with_its_cost(tmp_path):
     assert (
         "two masses: spring, damper and backlash" in fp.export_urdf(fp.load_model(TWO + SIMPLE + REST), tmp_path).costs
     )
+    hard = fp.load_model(TWO + "hardening = 1e12\n" + SIMPLE + REST)
+    assert fp.export_mujoco(hard, tmp_path).costs["the hardening of the shaft"] > 0.0
     loaded = mujoco.MjModel.from_xml_path(str(tmp_path / "servo.urdf"))
     assert loaded.dof_frictionloss[0] == 20.0
     assert loaded.dof_damping[0] == 2.0

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.special import ellipk
 
 from fpjax import CoulombViscous, InputError, LuGre, Motion, OneMass, PlantOutput
 from fpjax.blocks.friction.bristles import Bristles
@@ -139,6 +140,35 @@ def test_a_transmission_without_play_and_friction_is_a_linear_spring():
         errors.append(np.max(np.abs(np.array(found) - exact)))
     assert errors[0] < 1e-3
     assert errors[1] < errors[0] / 12  # second order
+
+
+def test_a_shaft_that_hardens_swings_in_the_period_of_duffings_oscillator():
+    """x'' + a x + b x^3 = 0 from rest at A: 4 K(m) / sqrt(a + b A^2), m = b A^2 / (2 (a + b A^2))."""
+    plant = Transmission(1.0, 0.4, 900.0, 0.0, GeneralFriction(0.0, 0.0), hardening=4e6)
+    mobility, amplitude = 1.0 / 0.4 + 1.0 / 0.6, 0.03
+    a, b = 900.0 * mobility, 4e6 * mobility * amplitude**2
+    period = 4.0 * ellipk(b / (2.0 * (a + b))) / np.sqrt(a + b)
+    step = eqx.filter_jit(advance_exact)
+    state = TwoMassState(jnp.asarray(0.0), jnp.asarray(amplitude), jnp.asarray(0.0), jnp.asarray(0.0), ())
+    dt, twists = period / 200, []
+    for k in range(201):
+        twists.append(float(state.motor_position - state.load_position))
+        state = step(plant, state, jnp.asarray(0.0), jnp.asarray(k * dt), jnp.asarray(dt), 4)
+    assert twists[200] == pytest.approx(amplitude, rel=1e-3)
+    assert twists[100] == pytest.approx(-amplitude, rel=1e-3)
+    assert abs(twists[50]) < 0.01 * amplitude
+    # Twice as fast as the small swings: without the cubic the twist would be far from its start.
+    assert period < 0.6 * 2.0 * np.pi / np.sqrt(a)
+
+
+def test_a_shaft_that_hardens_is_a_plain_spring_at_small_twists_and_steeper_beyond():
+    plant = Transmission(1.0, 0.4, 900.0, 0.0, GeneralFriction(0.0, 0.0), gap=0.02, hardening=5e4)
+    torque = [
+        float(plant.shaft(TwoMassState(*map(jnp.asarray, (0.0, x, 0.0, 0.0)), ()))) for x in (0.005, 0.0101, -0.11)
+    ]
+    np.testing.assert_allclose(torque, [0.0, 900.0 * 1e-4, -(900.0 * 0.1 + 5e4 * 0.1**3)], rtol=1e-6)
+    with pytest.raises(InputError, match="hardening"):
+        Transmission(1.0, 0.4, 900.0, 0.0, GeneralFriction(0.0, 0.0), hardening=-1.0)
 
 
 def test_inside_the_play_nothing_is_transmitted():

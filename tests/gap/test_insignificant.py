@@ -1,5 +1,6 @@
 """What a log does not tell from nothing is not asserted, and what only cancels something else is no candidate."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -51,8 +52,8 @@ def test_a_gain_whose_interval_holds_one_is_no_error(value, told):
 
 @pytest.mark.parametrize(("deviation", "told"), [(2.6, False), (0.1, True)])
 def test_a_spring_of_unknown_frequency_is_not_asserted(deviation, told):
-    values = {"inertia": 4.8, "frequency": 1.4, "load_share": 0.5}
-    missing = shown(values, [1e-6, deviation, 1e-6], effects=("compliance",))
+    values = {"inertia": 4.8, "frequency": 1.4, "load_share": 0.5, "hardening": 0.0}
+    missing = shown(values, [1e-6, deviation, 1e-6, 1e-6], effects=("compliance",))
     assert missing == (frozenset() if told else {"compliance"})
 
 
@@ -77,6 +78,14 @@ def test_a_known_load_that_is_as_far_off_as_it_may_be_hides_no_other_effect():
     held = {"bounds": ("unbalance_cosine",), "load_error": ("unbalance_cosine", "unbalance_sine")}
     assert resolved(search, fitted(values, effects=("cogging",), **held))
     assert not resolved(search, fitted(values, effects=("cogging",), bounds=("cogging_cosine_1",)))
+
+
+def test_a_shaft_that_carries_nothing_until_it_is_wound_up_is_none():
+    setting = replace(SETTING, travel=20.0)
+    search = SimpleNamespace(setting=setting, records=[SimpleNamespace(speed=np.full(100, 3.0))])
+    values = {"inertia": 4.8, "frequency": 10.0, "load_share": 0.5, "hardening": 0.1}
+    assert resolved(search, fitted(values, effects=("compliance",)))
+    assert not resolved(search, fitted(values, effects=("compliance",), bounds=("hardening",)))
 
 
 @pytest.mark.parametrize(("deviation", "shown"), [(0.003, True), (0.01, False)])

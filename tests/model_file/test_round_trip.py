@@ -186,7 +186,10 @@ def test_round_trip_is_exact(sections):
 @QUIET
 @given(
     MODEL.filter(lambda m: m["plant"]["type"] == "one_mass" and not MEMORY & {*m["friction"], m["friction"]["type"]}),
-    table({"stiffness": SIZES}, {"backlash": STEPS, "damping": SIZES, "load_share": SHARES, "friction_share": SHARES}),
+    table(
+        {"stiffness": SIZES},
+        {"backlash": STEPS, "damping": SIZES, "load_share": SHARES, "friction_share": SHARES, "hardening": SIZES},
+    ),
 )
 def test_round_trip_with_a_transmission(sections, transmission):  # fmt: skip
     model = load_model(toml_text.write({**sections, "transmission": transmission}))

@@ -18,19 +18,23 @@ _SMALLEST = 1e-30  # [rad], in place of a zero divisor
 class Transmission(AbstractPlant):
     """Two masses (3.1)-(3.2) with backlash between them, and the friction law shared between motor and load.
 
-    Within the backlash the shaft carries no torque. In contact it carries stiffness x (twist beyond the backlash) +
-    damping x relative speed, and the contact never pulls (Nordin, Gutman, "Controlling mechanical systems with backlash
-    - a survey", 2002: contact ends as soon as the torque would change its sign). Without backlash it is a plain spring.
+    Within the backlash the shaft carries no torque. In contact it carries that of a spring at the twist beyond the
+    backlash + damping x relative speed, and the contact never pulls (Nordin, Gutman, "Controlling mechanical systems
+    with backlash - a survey", 2002: contact ends as soon as the torque would change its sign). Without backlash it is a
+    plain spring. Gears, couplings and above all strain wave gears get stiffer as they are wound up: the spring's torque
+    is a cubic of its twist (Kircanski, Goldenberg, "An experimental study of nonlinear stiffness, hysteresis, and
+    friction effects in robot joints with harmonic drives and torque sensors", 1997).
 
     Attributes:
         inertia: total inertia J [kg m^2].
         load_share: J_l / J [1], between 0 and 1.
-        stiffness: k_s [N m/rad].
+        stiffness: k_s [N m/rad], at small twists.
         damping: k_cv [N m s/rad].
         gap: total backlash width [rad]; neutral 0.
         friction_share: share of the friction that acts on the load [1]; the rest acts on the motor.
         friction: the law, of the whole friction.
         load: a known load on the load side.
+        hardening: c [N m/rad^3] of the spring's torque k_s twist + c twist^3; neutral 0.
     """
 
     inertia: Array = eqx.field(converter=as_parameter)
@@ -41,6 +45,7 @@ class Transmission(AbstractPlant):
     gap: Array = eqx.field(converter=as_parameter, default=0.0)
     friction_share: Array = eqx.field(converter=as_parameter, default=1.0)
     load: AbstractLoad = NoLoad()
+    hardening: Array = eqx.field(converter=as_parameter, default=0.0)
 
     def __check_init__(self) -> None:
         require_positive(self, "inertia", "kg m^2")
@@ -49,6 +54,7 @@ class Transmission(AbstractPlant):
         require_not_negative(self, "damping", "N m s/rad")
         require_not_negative(self, "gap", "rad")
         require_not_negative(self, "friction_share", "1")
+        require_not_negative(self, "hardening", "N m/rad^3")
         require_below(self, "load_share", 1.0)
         if jax.tree.leaves(self.friction.init()):
             raise InputError(
@@ -72,7 +78,7 @@ class Transmission(AbstractPlant):
         return jnp.minimum(self.load_inertia / share, self.motor_inertia / (1.0 - share))
 
     def resonance(self) -> Array:
-        """Free-free resonance [Hz] (3.15) in contact."""
+        """Free-free resonance [Hz] (3.15) in contact, of small twists."""
         return resonance_frequency(self.motor_inertia, self.load_inertia, self.stiffness)
 
     def init(self) -> TwoMassState:
@@ -80,13 +86,17 @@ class Transmission(AbstractPlant):
         zero = jnp.zeros_like(self.inertia)
         return TwoMassState(zero, zero, zero, zero, self.friction.init())
 
+    def spring(self, twist: Array) -> Array:
+        """Torque [N m] of the spring at a twist beyond the backlash [rad]."""
+        return (self.stiffness + self.hardening * twist * twist) * twist
+
     def shaft(self, state: TwoMassState) -> Array:
         """Torque [N m] that the motor puts on the load."""
         twist = state.motor_position - state.load_position
         half = 0.5 * self.gap
         beyond = twist - jnp.clip(twist, -half, half)
         relative = state.motor_velocity - state.load_velocity
-        spring, damper = self.stiffness * beyond, self.damping * relative
+        spring, damper = self.spring(beyond), self.damping * relative
         # The damper may take from the spring's torque, but not turn it around: the faces do not stick together.
         pressing = jnp.sign(beyond) * jnp.maximum(jnp.sign(beyond) * (spring + damper), 0.0)
         return jnp.where(self.gap > 0.0, pressing, spring + damper)
@@ -160,7 +170,8 @@ class Transmission(AbstractPlant):
             # The damper takes the relative speed in the middle of the step, speed + half (push - mobility x torque),
             # where torque is the result itself: solved for it, which keeps a stiff damper stable.
             damper = half * self.damping * share
-            return (self.stiffness * depth + self.damping * share * speed + damper * push) / (1.0 + damper * mobility)
+            given = self.spring(depth) + self.damping * share * speed
+            return (given + damper * push) / (1.0 + damper * mobility)
 
         def face(depth: Array, speed: Array, push: Array) -> Array:
             # The depth of penetration goes from depth - swing to depth + swing within the step, on a straight line. It

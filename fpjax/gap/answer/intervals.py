@@ -10,6 +10,7 @@ from ...model_file import Units
 from ..data.setting import Setting
 from ..effects.effect import Effect
 from ..effects.estimate import NINETY, Estimate
+from ..effects.parameters import HARDENING
 from ..fit.candidate import NOMINAL, Candidate, Fit
 from ..fit.search import Search
 from ..select.readings import Reading
@@ -29,10 +30,7 @@ def covariance(search: Search, fit: Fit) -> Values:
     sampling (its `blur`) is added.
     """
     c = fit.candidate
-    # A nominal number that counts as right ends at a bound of that, and is known no better for it.
-    own = {p.name for effect in c.effects for p in effect.parameters}
-    right = np.array([c.family.parameters[i].name in set(NOMINAL) - c.wide - own for i in c.free], bool)
-    inside = ~at_bound(c) | right
+    right, inside = _counts_as_right(c), ~at_bound(c)
     found = np.zeros((len(c.free), len(c.free)))
     index = np.flatnonzero(inside)
     if not len(index):
@@ -64,9 +62,18 @@ def _observations(search: Search, c: Candidate) -> float:
 
 
 def at_bound(c: Candidate) -> Values:
-    """Which free parameters ended at a bound, shape (free,)."""
+    """Which free parameters ended at a bound of the search, shape (free,).
+
+    A nominal number that counts as right ends at a bound of that, and is known no better for it.
+    """
     names = set(c.at_bound())
-    return np.array([c.family.parameters[i].name in names for i in c.free], bool)
+    return np.array([c.family.parameters[i].name in names for i in c.free], bool) & ~_counts_as_right(c)
+
+
+def _counts_as_right(c: Candidate) -> Values:
+    """Which free parameters are nominal numbers with a narrow prior, shape (free,)."""
+    own = {p.name for effect in c.effects for p in effect.parameters}
+    return np.array([c.family.parameters[i].name in set(NOMINAL) - c.wide - own for i in c.free], bool)
 
 
 def estimates(
@@ -82,6 +89,8 @@ def estimates(
         setting: what the parameters are reported for; None for that of the search.
     """
     c, setting = fit.candidate, setting or search.setting
+    if effect.structure == "transmission" and c.values().get(HARDENING.name, 0.0) > 0.0:
+        setting = replace(setting, shaft=search.shaft_torque(c))
     values, units = c.values(), setting.units
     center = effect.describe(values, setting)
     if spread is None:

@@ -9,6 +9,7 @@ import numpy as np
 from ...blocks.loads import AbstractLoad
 from ...blocks.position_torque import first_harmonic
 from ...blocks.signals import Motion
+from ...logs.arrays import Values
 from ...model_file import Model, Units
 from .record import Record
 
@@ -41,6 +42,7 @@ class Setting:
             measured; else 0.
         at_rest: what a velocity without an encoder beside it reads while the machine rests [rad/s]; 0 where that is not
             told from zero.
+        shaft: torque of a transmission's shaft [N m] along a log, shape (samples,), where its stiffness is reported.
         waves: start values by name (amplitudes [N m] and periods per revolution [1/rev]) of a cogging ("torque") and of
             a friction by position ("friction"): as the missing torque repeats with the position, the strongest first.
         weight: values by name of the unbalance that fits the missing torque best; empty where none was fitted.
@@ -64,6 +66,7 @@ class Setting:
     unknown_origin: bool = False
     turning_load: complex = 0.0
     at_rest: float = 0.0
+    shaft: Values = field(default_factory=lambda: np.zeros(1), compare=False, repr=False)
     waves: Mapping[str, tuple[Mapping[str, float], ...]] = field(default_factory=dict)
     weight: Mapping[str, float] = field(default_factory=dict)
     contacts: tuple[Mapping[str, float], ...] | None = None

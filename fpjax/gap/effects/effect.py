@@ -30,6 +30,7 @@ class EffectParameter:
             the effect's `apply` sets it.
         reach: longest change in one step of a fit, beyond which the linearisation of the step no longer holds.
         blur: standard deviation by the sampling of the log alone, however well the model fits; 0 for none.
+        plain: whether the lower bound is the law without this detail of its form, and no limit of the search.
     """
 
     name: str
@@ -41,6 +42,7 @@ class EffectParameter:
     path: str = ""
     reach: Size = lambda setting: float("inf")
     blur: Size = lambda setting: 0.0
+    plain: bool = False
 
 
 Report = Callable[[dict[str, float], Setting], dict[str, tuple[float, str]]]

@@ -293,5 +293,16 @@ LOAD_SHARE = EffectParameter(
 FRICTION_SHARE = EffectParameter(
     "friction_share", "1", _constant(0.5), _ZERO, _constant(1.0), _constant(0.2), "plant.friction_share"
 )
+# The secant stiffness of a shaft grows as 1 + h (k twist)^2: h = c / k^3 of k twist + c twist^3. Under the largest
+# command it is ten times that of small twists at most; a shaft that carries next to nothing before is a backlash.
+HARDENING = EffectParameter(
+    "hardening",
+    "1/(N m)^2",
+    _ZERO,
+    _ZERO,
+    lambda s: 1000.0 / s.torque**2,
+    lambda s: 3.0 / s.torque**2,
+    plain=True,
+)
 # Which side the sensors are on: 0 motor, 1 load; set by a start, not fitted.
 LOAD_SIDE = EffectParameter("load_side", "1", _ZERO, _ZERO, _constant(1.0), _constant(1.0), "sensor.load_side")

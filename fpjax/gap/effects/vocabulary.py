@@ -38,6 +38,7 @@ from .parameters import (
     FRICTION_SHARE,
     GAIN,
     GAP,
+    HARDENING,
     INERTIA,
     LIMIT,
     LOAD_COEFFICIENT,
@@ -82,7 +83,22 @@ def _presliding(values: dict[str, float], setting: Setting) -> dict[str, tuple[f
 
 
 def _compliance(values: dict[str, float], setting: Setting) -> dict[str, tuple[float, str]]:
-    return {"frequency": (values["frequency"], "Hz"), "stiffness": (float(stiffness_of(values)), "N m/rad")}
+    """Of a shaft that hardens, the stiffness of the line that is nearest to its torque over the log's twists."""
+    plain, hard = float(stiffness_of(values)), values["hardening"]
+    steeper = _steeper(hard, setting.shaft) if hard > 0.0 else 1.0
+    found = {
+        "frequency": (values["frequency"] * steeper**0.5, "Hz"),
+        "stiffness": (plain * steeper, "N m/rad"),
+    }
+    return found | ({"hardening": (hard * plain**3, "N m/rad^3")} if hard > 0.0 else {})
+
+
+def _steeper(hardening: float, torque: np.ndarray) -> float:
+    """Slope of the least-squares line through a hardening shaft's torque over that of small twists [1]."""
+    # The real root of x + h x^3 = torque for x = stiffness x twist (Cardano).
+    root = (3.0 * hardening) ** 0.5
+    twist = 2.0 / root * np.sinh(np.arcsinh(1.5 * root * torque) / 3.0)
+    return float(np.sum(torque * twist) / np.sum(twist**2)) if np.any(twist) else 1.0
 
 
 def stiffness_of(values: Values) -> Any:
@@ -95,7 +111,7 @@ def stiffness_of(values: Values) -> Any:
 
 
 def shaft_values(machine: Machine) -> dict[str, float]:
-    """What no leaf of a transmission holds, or no effect frees, by parameter name: resonance, damping ratio, side."""
+    """What no leaf of a transmission holds, or no effect frees, by parameter name."""
     plant = machine.plant
     assert isinstance(plant, Transmission)
     reduced = float(plant.motor_inertia * plant.load_inertia / plant.inertia)
@@ -104,6 +120,7 @@ def shaft_values(machine: Machine) -> dict[str, float]:
         FREQUENCY.name: float(plant.resonance()),
         DAMPING_RATIO.name: ratio,
         LOAD_SIDE.name: float(machine.sensor.load_side),
+        HARDENING.name: float(plant.hardening / plant.stiffness**3),
     }
 
 
@@ -159,6 +176,8 @@ def _joined(*more: EffectParameter) -> Callable[[Machine, Values], Machine]:
         reduced = values["inertia"] * share * (1.0 - share)
         damping = 2.0 * values["damping_ratio"] * jnp.sqrt(stiffness * reduced)
         found = {p.path: values[p.name] for p in parameters}
+        if HARDENING.name in values:  # not where a compliance is no effect that may be told
+            found["plant.hardening"] = values[HARDENING.name] * stiffness**3
         return place(machine, found | {"plant.stiffness": stiffness, "plant.damping": damping})
 
     return apply
@@ -286,7 +305,7 @@ EFFECTS: tuple[Effect, ...] = (
     _effect("quadratic_drag", (DRAG,), report=lambda v, s: {"coefficient": (v["drag_coefficient"], "N m s^2/rad^2")}),
     _effect(
         "backlash",
-        (GAP, FACE_FREQUENCY, FACE_RATIO, LOAD_SHARE, FRICTION_SHARE),
+        (GAP, FACE_FREQUENCY, FACE_RATIO, LOAD_SHARE, FRICTION_SHARE, HARDENING),
         apply=_JOINED_WITH_BACKLASH,
         starts=_backlash_starts,
         report=lambda v, s: {"gap": (v["gap"], "rad")},
@@ -295,7 +314,7 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     _effect(
         "compliance",
-        (FREQUENCY, DAMPING_RATIO, LOAD_SHARE, FRICTION_SHARE),
+        (FREQUENCY, DAMPING_RATIO, LOAD_SHARE, FRICTION_SHARE, HARDENING),
         apply=_JOINED,
         starts=_compliance_starts,
         report=_compliance,

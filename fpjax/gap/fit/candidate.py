@@ -97,9 +97,10 @@ class Candidate:
     def at_bound(self) -> list[str]:
         """Names of the free parameters that ended at a bound."""
         edge = 1e-6 * self.scale
-        value = self.vector[self.free]
-        out = (value <= self.low + edge) | (value >= self.high - edge)
-        return [self.family.parameters[i].name for i in self.free[out]]
+        value, parameters = self.vector[self.free], [self.family.parameters[i] for i in self.free]
+        plain = np.array([p.plain for p in parameters], bool)
+        out = ((value <= self.low + edge) & ~plain) | (value >= self.high - edge)
+        return [p.name for p, ended in zip(parameters, out, strict=True) if ended]
 
 
 def nominal_sizes(setting: Setting) -> dict[str, float]:

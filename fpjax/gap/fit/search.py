@@ -249,6 +249,19 @@ class Search:
             found.append(course)
         return found
 
+    def shaft_torque(self, c: Candidate) -> Values:
+        """Torque of a candidate's shaft [N m] along the log with the most windows, the measured motion imposed.
+
+        In the family of its transmission alone, whose loop is compiled: other effects act on the motion, which is
+        measured.
+        """
+        shaft = tuple(effect for effect in c.effects if effect.structure == "transmission")
+        family = self.fitter(key_for(shaft, self.setting)).family
+        known = c.values()
+        vector = np.array([known.get(p.name, p.neutral(self.setting)) for p in family.parameters])
+        torque = self.hidden_states[family.key].shafts(vector[:, None], self._longest())[:, 0]
+        return torque if np.all(np.isfinite(torque)) else np.zeros(1)
+
     # --- fitting
 
     def go_on(self, candidates: Sequence[Candidate], windows: Sequence[Values], steps: int, *, white: bool) -> None:
