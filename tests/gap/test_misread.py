@@ -90,6 +90,18 @@ def test_a_wrong_reading_is_a_cause_beside_the_others_or_alone():
         assert found.among[found.causes[-1]] > 0.9
 
 
+def test_what_is_sure_of_the_reading_is_told_however_little_where_nothing_else_is_amiss():
+    chosen, readings = weighed("stribeck", 500.0), ("velocity_delay", "velocity_quantisation")
+    slight = {"readings": readings, "slight": frozenset(readings[:1]), "misread": SLIGHT}
+    alone = judged(chosen, [], before=0.01, **slight)
+    assert (alone.word, set(alone.causes)) == ("explained", set(readings))
+    # A cause of the machine, a torque that nobody explains, or a reading that is wrong by more.
+    assert judged(chosen, [], **slight).causes == ("stribeck",)
+    assert judged(chosen, [], left=0.97, **slight).causes == ()
+    more = judged(chosen, [], before=0.01, **slight | {"readings": (*readings, "velocity_bias")})
+    assert more.causes == ("velocity_bias",)
+
+
 def test_a_reading_that_is_late_is_as_sure_of_its_lag_as_the_log_shows_lag_and_no_delay():
     sure = judged(weighed("", 1.0), [], before=0.01, readings=("velocity_lag",), doubts={})
     torn = judged(

@@ -73,6 +73,22 @@ def test_what_moves_the_machine_is_told_where_far_more_of_it_is_closed():
         assert all("moves the machine" not in sentence for sentence in said(closed, moving))
 
 
+def test_an_error_of_the_reading_alone_closes_no_gap_and_sounds_like_no_failure():
+    told = CASES["explained"]()
+    found = dataclasses.replace(told, causes=("velocity_delay",), gap=told.gap.unchanged())
+    assert found.gap.closed == 0.0
+    assert found.gap.after_interval == found.gap.before_interval
+    page, line = sentences.verdict_sentence(found), verdict_line(found)
+    assert line == (
+        "Explained by velocity_delay: beside that error of the reading, the simulation misses no torque that matters."
+    )
+    assert page.startswith("The simulation lacks a velocity sensor delay; beside it nothing is missing")
+    head = heading.header(found)
+    assert "Difference" in head
+    assert not re.search("Gap after|Gap closed", head)
+    assert re.search("Gap after.*Gap closed", heading.header(told), re.DOTALL)
+
+
 def test_units_and_shares_are_spelled_for_people():
     assert digits.show_unit("N m s^2/rad^2") == "N·m·s²/rad²"
     assert digits.show_unit("kg m^2") == "kg·m²"

@@ -75,7 +75,10 @@ def assemble(
     sure = tuple(one for one in sure if not allowed or one.effect in allowed)
     read, sure = material(sure, torque), tuple(one for one in sure if one.of_sensor)
     rounded = [rounding(records, step, search.setting.inertia)] if step > 0.0 else []
-    known = Read(torque, (*read, *rounded), allowed, contradicted=bool(contradiction))
+    slight = [one for one in sure if one not in read]
+    known = Read(
+        torque, (*read, *slight, *rounded), allowed, bool(contradiction), frozenset(one.effect for one in slight)
+    )
     judged = judge(search, decision, known, curves, search.setting.units.name("N m"))
     decision, found, gap, spread = judged.decision, judged.verdict, judged.gap, judged.spread
     before, after, chosen = judged.before, judged.after, judged.decision.chosen.fit
@@ -83,13 +86,14 @@ def assemble(
     wrong = tuple(name for name in found.causes if name in misread)
     # Causes of the machine; errors of the reading change no torque, so that the gap after them is the gap after these.
     causes = [name for name in found.causes if name not in wrong]
+    # The model to write: the nominal one where nothing of the machine is missing.
+    gapless = found.word == "no_gap" or (found.word == "explained" and not causes)
+    gap = gap.unchanged() if gapless and wrong else gap
     steps = steps_of(search, decision, causes) if causes else ()
     # Errors of the reading close no torque gap: their step repeats the gap after the causes.
     steps = (*steps, *(Step(name, gap.after, gap.after_interval) for name in wrong))
     seen = {one.effect: read_estimates(one, search.setting.units) for one in known.readings if one.effect in wrong}
-    ranking = rank(search, decision, found, gap, steps, seen, allowed, _instead(read, allowed))
-    # The model to write: the nominal one where nothing of the machine is missing.
-    gapless = found.word == "no_gap" or (found.word == "explained" and not causes)
+    ranking = rank(search, decision, found, gap, steps, seen, allowed, _instead((*read, *slight), allowed))
     written = decision.exact if gapless else chosen
     # The corrected model has whatever is sure of its sensor: to a closed loop it matters more than to the gap.
     read_values = {name: value for one in sure for name, value in one.values.items()}

@@ -1,7 +1,7 @@
 """The sim-to-real gap as numbers: the missing torque before and after, and after each cause, with intervals."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...output.json_object import JsonObject
 from ..effects.estimate import Estimate
@@ -48,6 +48,13 @@ class Gap:
     def rest_vibrates(self) -> bool:
         """Whether most of what is left hardly moves the machine: far more is closed of the part that does."""
         return 1.0 - self.closed_moving < THRESHOLDS.part * (1.0 - self.closed)
+
+    def unchanged(self) -> "Gap":
+        """The same before, with nothing of the machine changed: what is wrong makes no torque."""
+        return replace(
+            self, after=self.before, after_interval=self.before_interval, closed=0.0, closed_interval=(0.0, 0.0),
+            closed_moving=0.0,
+        )  # fmt: skip
 
     def estimate(self, name: str) -> Estimate:
         """`before`, `after`, `learned`, `noise_floor` or `closed` with its interval."""

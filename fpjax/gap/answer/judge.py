@@ -36,12 +36,14 @@ class Read:
         readings: errors of the velocity column, in any order.
         allowed: effects that may be asserted; empty for all.
         contradicted: whether the logs contradict themselves or the model by more than any effect could.
+        slight: of the readings, those that are no causes where anything else is amiss.
     """
 
     torque: float
     readings: Sequence[Reading]
     allowed: tuple[str, ...]
     contradicted: bool = False
+    slight: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -211,6 +213,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         sizes=nominal_sizes(search.setting),
         readings=tuple(one.effect for one in read.readings),
         misread=_beside_gap(search, decision.exact, read, first),
+        slight=read.slight,
         rounded=max((one.size for one in read.readings if one.effect == ROUNDING), default=0.0),
         moved=moved,
         moved_by_numbers=_moved(decision.exact, decision.nominal.fit, windows),

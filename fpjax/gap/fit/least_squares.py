@@ -184,9 +184,9 @@ class Fitter(Response):
         """Twice the negative log likelihood of windows, shape (windows,)."""
         return self.modes.cost(c.level, self.noise[which][windows], coefficients, white=c.white)
 
-    def state_prior(self, c: Candidate, which: int, windows: Values, *, hidden: bool) -> Values:
+    def state_prior(self, c: Candidate, which: int, windows: Values) -> Values:
         """Twice the negative log prior of the start states of windows, shape (windows,)."""
-        deviation = self.deviations(c, which, hidden=hidden)
+        deviation = self.deviations(c, which)
         live = deviation > 0
         return np.sum((c.states[which][live][:, windows] / deviation[live][:, None]) ** 2, axis=0)
 
@@ -197,8 +197,8 @@ class Fitter(Response):
     # --- the iteration
 
     def go_on(
-        self, candidates: Sequence[Candidate], windows: Windows, iterations: int, *, white: bool, hidden: bool = True,
-        adapt: bool = True,
+        self, candidates: Sequence[Candidate], windows: Windows, iterations: int, *, white: bool, adapt: bool = True,
+       
     ) -> None:  # fmt: skip
         """More steps for the candidates, which are changed in place.
 
@@ -207,7 +207,6 @@ class Fitter(Response):
             windows: indices, one array a record.
             iterations: at most.
             white: one level of the missing torque, and one burst, for all octaves.
-            hidden: whether the hidden states are free too.
             adapt: whether the level is estimated anew in each iteration.
         """
         known: Known = {}
@@ -215,17 +214,15 @@ class Fitter(Response):
             active = [c for c in candidates if not c.converged]
             if not active:
                 return
-            known = self._iterate(active, windows, known, white=white, hidden=hidden, adapt=adapt)
+            known = self._iterate(active, windows, known, white=white, adapt=adapt)
 
-    def _iterate(
-        self, active: list[Candidate], windows: Windows, known: Known, *, white: bool, hidden: bool, adapt: bool
-    ) -> Known:
+    def _iterate(self, active: list[Candidate], windows: Windows, known: Known, *, white: bool, adapt: bool) -> Known:
         """One iteration of each candidate: the best of its steps with all dampings, if that lowers the cost.
 
         Returns:
             The coefficients at the candidates' values after it; `known` are those before it.
         """
-        linear = self.linearise(active, windows, hidden=hidden, known=known)
+        linear = self.linearise(active, windows, known=known)
         trials: list[list[Candidate]] = []
         counted: list[Values] = []
         for c, parts in zip(active, linear, strict=True):
@@ -233,11 +230,11 @@ class Fitter(Response):
                 c.white = white
                 c.level = self.best_level([(p.which, p.windows, p.c) for p in parts], white=white)
             c.cost = sum(float(np.sum(self.window_costs(c, p.which, p.windows, p.c))) for p in parts)
-            c.cost += sum(float(np.sum(self.state_prior(c, p.which, p.windows, hidden=hidden))) for p in parts)
+            c.cost += sum(float(np.sum(self.state_prior(c, p.which, p.windows))) for p in parts)
             torques = self.torques(c, windows)
             counted.append(torques)
             c.cost += self.parameter_prior(c) + self.log_volume(c, torques)
-            trials.append(self._steps(c, parts, c.damping * np.array(DAMPINGS), torques, hidden=hidden))
+            trials.append(self._steps(c, parts, c.damping * np.array(DAMPINGS), torques))
         # The trials of all candidates run as one batch of lanes. Level and counted torques stay those of the candidate,
         # so that the costs of its trials are comparable.
         everything = [trial for group in trials for trial in group]
@@ -258,7 +255,7 @@ class Fitter(Response):
                     own = self.window_costs(c, which, np.tile(chosen, tries), np.concatenate(found[some]))
                     costs[some] += np.sum(own.reshape(tries, -1), axis=1)
                 for index, trial in enumerate(everything):
-                    costs[index] += np.sum(self.state_prior(trial, which, chosen, hidden=hidden))
+                    costs[index] += np.sum(self.state_prior(trial, which, chosen))
         costs = np.where(np.isfinite(costs), costs, np.inf).reshape(len(active), -1)
         after: Known = {}
         for place, (c, parts, group, cost) in enumerate(zip(active, linear, trials, costs, strict=True)):
@@ -276,12 +273,10 @@ class Fitter(Response):
             c.converged = bool(gain < GAINED)
         return after
 
-    def _steps(
-        self, c: Candidate, parts: list[Linear], dampings: Values, torques: Values, *, hidden: bool
-    ) -> list[Candidate]:
+    def _steps(self, c: Candidate, parts: list[Linear], dampings: Values, torques: Values) -> list[Candidate]:
         """Copies of the candidate after one step, one for each damping."""
         count = len(c.free)
-        matrix, slope, kept = self.reduced(c, parts, dampings, hidden=hidden)
+        matrix, slope, kept = self.reduced(c, parts, dampings)
         c.normal = matrix[-1]
         unit = c.scale / c.spread
         prior = np.diag(unit**2)
@@ -301,14 +296,13 @@ class Fitter(Response):
             stepped.append(replace(c, vector=vector, states=states, damping=float(damping)))
         return stepped
 
-    def reduced(self, c: Candidate, parts: list[Linear], dampings: Values, *, hidden: bool = True) -> tuple:
+    def reduced(self, c: Candidate, parts: list[Linear], dampings: Values) -> tuple:
         """Normal equations of the free parameters with the start values of the windows eliminated.
 
         Args:
             c: a candidate; its `occam` is set.
             parts: its linearisation.
             dampings: shape (dampings,).
-            hidden: whether the hidden states are free too.
 
         Returns:
             (normal matrices (dampings, free, free), gradients (dampings, free), both in units of `scale` and without
@@ -320,7 +314,7 @@ class Fitter(Response):
         kept = []
         c.occam = 0.0
         for part in parts:
-            products, pull, deviation, live = self._products(c, part, hidden=hidden)
+            products, pull, deviation, live = self._products(c, part)
             own = products[:, count:, count:]
             index = np.arange(len(live))
             own[:, index, index] += 1.0
@@ -337,12 +331,12 @@ class Fitter(Response):
             kept.append((part, live, solved, deviation))
         return matrix, gradient, kept
 
-    def _products(self, c: Candidate, part: Linear, *, hidden: bool) -> tuple[Values, Values, Values, Values]:
+    def _products(self, c: Candidate, part: Linear) -> tuple[Values, Values, Values, Values]:
         """(J' W J, J' W c plus the start values' prior, prior deviations, indices of the free ones), in scaled units.
 
         Of each window: shapes (windows, columns, columns) and (windows, columns), parameters first.
         """
-        deviation = self.deviations(c, part.which, hidden=hidden)
+        deviation = self.deviations(c, part.which)
         live = np.flatnonzero(deviation > 0)
         size = np.concatenate([c.scale, deviation[live]])
         weight = self.modes.precision(c.level, self.noise[part.which][part.windows], part.c, white=c.white)

@@ -75,7 +75,7 @@ def _scores(search: Scoring, candidates: Sequence[Candidate]) -> list[Fit]:
         c.level, level = fitter.best_level(everywhere, white=False), judge.best_level(everywhere, white=False)
         evidence = _log_evidence(search, replace(c, level=level), judge, parts)
         if withheld:
-            evidence += _log_evidence(search, replace(fixed, level=level), judge, withheld, hidden=False)
+            evidence += _log_evidence(search, replace(fixed, level=level), judge, withheld)
         c.normal = fitter.reduced(c, parts, np.zeros(1))[0][0]
         c.states, c.hidden = fixed.states, fixed.hidden
         missing, moving = _missing(search, c, [*parts, *withheld], fitter)
@@ -102,11 +102,11 @@ def _withheld_parts(search: Scoring, still: Sequence[Candidate], fitter: Fitter)
             rest(2)
         for fixed in still:
             fixed.converged = False
-        fitter.go_on(still, search.withheld, steps, white=False, hidden=False, adapt=False)
-    return fitter.linearise(still, search.withheld, hidden=False)
+        fitter.go_on(still, search.withheld, steps, white=False, adapt=False)
+    return fitter.linearise(still, search.withheld)
 
 
-def _log_evidence(search: Scoring, c: Candidate, fitter: Fitter, parts: list[Linear], *, hidden: bool = True) -> float:
+def _log_evidence(search: Scoring, c: Candidate, fitter: Fitter, parts: list[Linear]) -> float:
     """Log evidence of windows by Laplace's method: parameters and start values integrated out about the fit.
 
     The fit is that under light tails, the cost that under heavy ones, whose least value is some nats lower. That is
@@ -119,8 +119,8 @@ def _log_evidence(search: Scoring, c: Candidate, fitter: Fitter, parts: list[Lin
     cost += fitter.log_volume(c, fitter.torques(c, chosen))
     for p in parts:
         cost += float(np.sum(fitter.window_costs(c, p.which, p.windows, p.c)))
-        cost += float(np.sum(fitter.state_prior(c, p.which, p.windows, hidden=hidden)))
-    matrix, _, _ = fitter.reduced(c, parts, np.zeros(1), hidden=hidden)
+        cost += float(np.sum(fitter.state_prior(c, p.which, p.windows)))
+    matrix, _, _ = fitter.reduced(c, parts, np.zeros(1))
     # log det of the posterior precision over the prior's, in prior units: det(I + S J' W J S).
     unit = c.spread / c.scale if len(c.free) else np.zeros(0)
     precision = np.eye(len(unit)) + matrix[0] * unit[:, None] * unit

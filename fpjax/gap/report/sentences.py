@@ -6,7 +6,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from ..answer.summary import CANNOT_BE, MUCH, moving_clause, nothing_closes
+from ..answer.summary import CANNOT_BE, MUCH, moving_clause, nothing_closes, only_misread
 from .derived_values import AXES, classes, main_regime, places, shown_gap, tracking, twins_of
 from .digits import readable, show_percent, show_unit, show_with_unit
 from .names import EFFECTS, effect_name, is_wrong_value, join, motion_units, regime_name, sure
@@ -43,7 +43,7 @@ def verdict_sentence(diagnosis: Answer) -> str:
             f"The simulation agrees with the log: the {effort} that it misses on withheld data is {before} rms"
             f"{over_floor}, too little to matter."
         )
-    if diagnosis.verdict == "explained" and diagnosis.causes == ("velocity_quantisation",):
+    if only_misread(diagnosis):
         return f"{_lacks(diagnosis)}; beside it nothing is missing: {before} rms of {effort} on withheld data."
     if diagnosis.verdict == "explained":
         shrink = f"the missing {effort} on withheld data falls from {before} to {after} rms" + _of_closable(diagnosis)

@@ -13,18 +13,19 @@ from .statement import Seen, Verdict, is_number
 def told_readings(found: Verdict, seen: Seen, t: Thresholds) -> tuple[str, ...]:
     """The readings' errors that are causes.
 
-    Every column is rounded. Where anything else is amiss a rounding is a cause if it matters as other causes do, or as
-    another error of the reading must.
+    Every column is rounded, and every sensor reads a little wrong. Where nothing else is amiss that is all there is;
+    else a rounding is a cause if it matters as other causes do, or as another error of the reading must.
 
     Args:
         found: without the readings.
         seen: sizes.
         t: thresholds.
     """
-    amiss = found.word == "unexplained" or bool(found.causes) or set(seen.readings) > {ROUNDING}
     little = seen.misread.get(ROUNDING, np.inf) <= t.matters and seen.rounded <= t.reading
-    slight = {ROUNDING} if amiss and little else set()
-    told = [name for name in seen.readings if name not in slight]
+    slight = seen.slight | ({ROUNDING} if little else set())
+    others = set(seen.readings) - seen.slight - {ROUNDING}
+    amiss = found.word == "unexplained" or bool(found.causes) or bool(others)
+    told = [name for name in seen.readings if not amiss or name not in slight]
     return tuple(sorted(told, key=lambda name: -seen.misread.get(name, 0.0)))
 
 
