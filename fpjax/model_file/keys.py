@@ -48,12 +48,12 @@ class Units:
 # label (an inertia is torque over acceleration).
 _LINEAR = {
     "kg m^2": "kg", "N m": "N", "N m s/rad": "N s/m", "N m/rad": "N/m", "N m s^2/rad^2": "N s^2/m^2",
-    "N m/rad^3": "N/m^3",
+    "N m/rad^3": "N/m^3", "1/(N m)^2": "1/N^2",
     "rad": "m", "rad/s": "m/s", "rad/s^2": "m/s^2", "s/rad": "s/m", "1/rev": "rad/m", "rad/s/sqrt(s)": "m/s/sqrt(s)",
 }  # fmt: skip
 _LABELLED = {
     "kg m^2": "T s^2/rad", "N m": "T", "N m s/rad": "T s/rad", "N m/rad": "T/rad", "N m s^2/rad^2": "T s^2/rad^2",
-    "N m/rad^3": "T/rad^3",
+    "N m/rad^3": "T/rad^3", "1/(N m)^2": "1/T^2",
 }  # fmt: skip
 
 

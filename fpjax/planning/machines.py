@@ -249,6 +249,7 @@ def _values(effect: Effect, told: Mapping[str, float], shop: Shop) -> Values:
     names = {p.name for p in (*effect.parameters, *effect.fixed)}
     renamed = {RENAMED.get(effect.name, {}).get(name, name): value for name, value in told.items()}
     found = {name: value for name, value in renamed.items() if name in names}
+    # A shaft that hardens is planned for by its line, which is what its stiffness and frequency are of.
     if effect.name == "compliance" and "stiffness" in told:
         found |= _load_share(found, told["stiffness"], shop.setting.inertia)
     return found

@@ -67,9 +67,9 @@ def test_the_stiffness_that_is_told_is_that_of_the_line_over_the_twists():
     hard = 2.0  # 1/(N m)^2: x + 2 x^3 for x = stiffness x twist
     twist = np.array([root.real for t in torque for root in np.roots([hard, 0.0, 1.0, -t]) if abs(root.imag) < 1e-9])
     wanted = np.sum(torque * twist) / np.sum(twist**2)
-    values = {"inertia": TOTAL, "frequency": 16.0, "load_share": 0.5, "hardening": hard}
+    values = {"inertia": TOTAL, "frequency": 16.0, "load_share": 0.5, "relative_hardening": hard}
     setting = dataclasses.replace(some_setting(), shaft=torque)
-    found, plain = (compliance.describe(values | {"hardening": h}, setting) for h in (hard, 0.0))
+    found, plain = (compliance.describe(values | {"relative_hardening": h}, setting) for h in (hard, 0.0))
     assert set(plain) == {"frequency", "stiffness"}
     assert found["stiffness"][0] / plain["stiffness"][0] == pytest.approx(wanted, rel=1e-6)
     assert found["frequency"][0] / plain["frequency"][0] == pytest.approx(wanted**0.5, rel=1e-6)
@@ -111,7 +111,7 @@ def test_a_gap_is_no_shaft_that_hardens():
     assert found.ranking[0].effect == "backlash"
 
 
-@pytest.mark.parametrize(("value", "ended"), [(0.0, []), (1.0, []), (2.0, ["hardening"])])
+@pytest.mark.parametrize(("value", "ended"), [(0.0, []), (1.0, []), (2.0, ["relative_hardening"])])
 def test_a_plain_law_is_no_bound_of_the_search(value, ended):
     c = SimpleNamespace(
         family=SimpleNamespace(parameters=[HARDENING, FREQUENCY]), vector=np.array([value, 5.0]), free=np.array([0, 1]),

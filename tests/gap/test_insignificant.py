@@ -52,7 +52,7 @@ def test_a_gain_whose_interval_holds_one_is_no_error(value, told):
 
 @pytest.mark.parametrize(("deviation", "told"), [(2.6, False), (0.1, True)])
 def test_a_spring_of_unknown_frequency_is_not_asserted(deviation, told):
-    values = {"inertia": 4.8, "frequency": 1.4, "load_share": 0.5, "hardening": 0.0}
+    values = {"inertia": 4.8, "frequency": 1.4, "load_share": 0.5, "relative_hardening": 0.0}
     missing = shown(values, [1e-6, deviation, 1e-6, 1e-6], effects=("compliance",))
     assert missing == (frozenset() if told else {"compliance"})
 
@@ -83,9 +83,9 @@ def test_a_known_load_that_is_as_far_off_as_it_may_be_hides_no_other_effect():
 def test_a_shaft_that_carries_nothing_until_it_is_wound_up_is_none():
     setting = replace(SETTING, travel=20.0)
     search = SimpleNamespace(setting=setting, records=[SimpleNamespace(speed=np.full(100, 3.0))])
-    values = {"inertia": 4.8, "frequency": 10.0, "load_share": 0.5, "hardening": 0.1}
+    values = {"inertia": 4.8, "frequency": 10.0, "load_share": 0.5, "relative_hardening": 0.1}
     assert resolved(search, fitted(values, effects=("compliance",)))
-    assert not resolved(search, fitted(values, effects=("compliance",), bounds=("hardening",)))
+    assert not resolved(search, fitted(values, effects=("compliance",), bounds=("relative_hardening",)))
 
 
 @pytest.mark.parametrize(("deviation", "shown"), [(0.003, True), (0.01, False)])

@@ -9,6 +9,7 @@ import pytest
 from plan_case import LIMITS, ranking, servo
 
 from fpjax import InputError, plan
+from fpjax.gap.effects.parameters import HARDENING
 from fpjax.planning.machines import detectable, make_shop, reported, rival
 from fpjax.planning.rivals import (
     hidden_by_twin,
@@ -43,6 +44,14 @@ def test_a_rival_has_the_parameters_that_the_diagnosis_reported():
         found = {name: one.value for name, one in reported(again, shop).items()}
         for name, value in told.items():
             assert abs(found[name]) == pytest.approx(abs(value), rel=1e-6, abs=1e-12), (effect.name, name)
+
+
+def test_a_shaft_that_hardens_is_planned_for_by_its_line():
+    shop, told = shop_of(servo()), {"frequency": 12.0, "stiffness": 40.0}
+    line, hard = (rival(shop, "compliance", told | more) for more in ({}, {"hardening": 1e7}))
+    assert line is not None
+    assert line == hard
+    assert HARDENING.name not in line.values
 
 
 def test_a_weight_beside_a_known_one_is_planned_for_at_its_angle():

@@ -296,7 +296,7 @@ FRICTION_SHARE = EffectParameter(
 # The secant stiffness of a shaft grows as 1 + h (k twist)^2: h = c / k^3 of k twist + c twist^3. Under the largest
 # command it is ten times that of small twists at most; a shaft that carries next to nothing before is a backlash.
 HARDENING = EffectParameter(
-    "hardening",
+    "relative_hardening",
     "1/(N m)^2",
     _ZERO,
     _ZERO,

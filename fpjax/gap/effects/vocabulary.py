@@ -84,7 +84,7 @@ def _presliding(values: dict[str, float], setting: Setting) -> dict[str, tuple[f
 
 def _compliance(values: dict[str, float], setting: Setting) -> dict[str, tuple[float, str]]:
     """Of a shaft that hardens, the stiffness of the line that is nearest to its torque over the log's twists."""
-    plain, hard = float(stiffness_of(values)), values["hardening"]
+    plain, hard = float(stiffness_of(values)), values[HARDENING.name]
     steeper = _steeper(hard, setting.shaft) if hard > 0.0 else 1.0
     found = {
         "frequency": (values["frequency"] * steeper**0.5, "Hz"),

@@ -43,7 +43,7 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
         if effect in c.structural and values[periods] * usual / (2.0 * np.pi) > t.ripple / setting.dt:
             return False
     if "compliance" in c.structural:
-        if {"frequency", "damping_ratio", "hardening"} & ends:
+        if {"frequency", "damping_ratio", "relative_hardening"} & ends:
             return False
         return float(stiffness_of(values)) * t.twist * setting.travel > setting.friction
     if "backlash" in c.structural:
