@@ -177,6 +177,15 @@ def test_twins_by_wide_intervals_are_none_where_one_of_them_alone_is_far_behind(
     assert not told_apart(SimpleNamespace(singles=singles), Twin(twin.causes, ("coulomb_error", "constant_torque")))
 
 
+@pytest.mark.parametrize(("missing", "left"), [(2.0, 0.25), (0.0, 1.0)])
+def test_of_a_nominal_model_that_misses_nothing_nothing_is_taken(missing, left):
+    def fit(rms):
+        candidate = SimpleNamespace(effects=(), structural=())
+        return SimpleNamespace(candidate=candidate, evidence=0.0, missing_rms=lambda windows, moving=False: rms)
+
+    assert weighing.weighed_fit(None, weighing.Exact(fit(missing), ()), fit(0.5), 10.0).left == left
+
+
 def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_what_counts_as_right(monkeypatch):
     def fit(names, wide, bound, left, evidence=990.0):
         candidate = SimpleNamespace(

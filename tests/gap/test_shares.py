@@ -39,6 +39,12 @@ def shares(energies, held=None, whole=None, given=None):
     return found, {name: others for name, others in alike.items() if others}
 
 
+def test_of_a_nominal_model_that_misses_nothing_no_cause_takes_a_share():
+    found, alike = shares({(): 0.0, ("stribeck",): 0.0, ("stribeck", "viscous_error"): 0.01})
+    assert found == {"stribeck": 0.0, "viscous_error": 0.0}
+    assert alike == {}
+
+
 def test_a_cause_takes_what_comes_back_without_it():
     found, alike = shares({(): 1.0, ("unbalance",): 0.4, ("inertia_error",): 0.7, ("unbalance", "inertia_error"): 0.1})
     assert found == pytest.approx({"unbalance": 0.6, "inertia_error": 0.3})

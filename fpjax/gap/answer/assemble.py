@@ -112,7 +112,8 @@ def assemble(
     # Over fitted and withheld windows, to notice a gap that the withheld ones do not show.
     everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
     said = [*at_bounds(chosen, search.setting.units), *beyond_torque(gap, torque), *warnings]
-    said += [*pushes(decision, records), *not_answered(search.modes, search.setting.units, torque)]
+    said += pushes(decision, records) if found.word != "no_gap" else []
+    said += not_answered(search.modes, search.setting.units, torque)
     said += [
         *details(chosen, causes),
         *load_error(decision.nominal.fit if gapless else chosen, search.setting, written=not gapless),

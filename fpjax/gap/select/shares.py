@@ -25,9 +25,11 @@ def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> t
         known: fits found before.
     """
     # Energies, not rms values: of causes that act at different times or frequencies they add up.
-    whole, now = max(exact.left(exact.fit) ** 2, 1e-300), exact.left(fit) ** 2
+    whole, now = exact.left(exact.fit) ** 2, exact.left(fit) ** 2
     c = fit.candidate
     numbers = [f"{number}_error" for number in NOMINAL if number in c.wide]
+    if not whole > 0.0:
+        return dict.fromkeys((*c.structural, *numbers), 0.0), {}
     singly = [(name,) for name in (*c.structural, *numbers)]
     without = _fits_without(search, fit, singly, known)
     shares = {name: max(exact.left(without[(name,)]) ** 2 - now, 0.0) / whole for (name,) in singly}
@@ -49,7 +51,7 @@ def _one_by_one(
     a winch. Without both much comes back: they are taken on again one by one, the one that takes most first, while
     without the rest too much is left; with each, those that would have done as well.
     """
-    whole, now = max(exact.left(exact.fit) ** 2, 1e-300), exact.left(fit) ** 2
+    whole, now = exact.left(exact.fit) ** 2, exact.left(fit) ** 2
     matters = THRESHOLDS.matters * whole
     out, found, alike = tuple(details), {}, {}
     left = exact.left(_fits_without(search, fit, [out], known)[out]) ** 2

@@ -158,7 +158,8 @@ def no_better_than_contained(found: Sequence[Weighed]) -> list[Weighed]:
 
 def weighed_fit(search: Search, exact: Exact, fit: Fit, evidence: float) -> Weighed:
     """A fit with its evidence and prior odds of its wrong numbers [nats], and what it leaves of the missing torque."""
-    left = exact.left(fit) / max(exact.left(exact.fit), 1e-300)
+    whole = exact.left(exact.fit)
+    left = exact.left(fit) / whole if whole > 0.0 else 1.0  # where the nominal model misses nothing, nothing is taken
     # Wrong numbers follow none: every model has them.
     follows = {variable for effect in fit.candidate.effects for variable in effect.follows}
     share = believed(exact.curves, follows) if fit.candidate.effects else 1.0
