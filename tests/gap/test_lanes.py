@@ -1,6 +1,7 @@
 """Lanes of the replay: packed and taken apart again, the same on any number of threads, errors and settings kept."""
 
 import threading
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -108,3 +109,19 @@ def test_a_log_of_another_length_or_rate_compiles_nothing(search, runner):
         assert found.shape == (other.channels, others[0].samples, 3)
         assert other.kernel is runner.kernel
     assert runner.kernel._cache_size() == compiled
+
+
+def test_a_window_whose_simulation_diverges_has_no_say_in_the_step(search):
+    c = search.base
+    fitter = search.fitters[c.family.key]
+    (part,) = fitter.linearise([c], search.train)[0]
+    matrix, slope, _ = fitter.reduced(c, [part], np.zeros(1))
+    here, columns = part.c.copy(), part.slope.copy()
+    here[0], columns[0] = np.inf, np.nan
+    lost, steps, _ = fitter.reduced(c, [replace(part, c=here, slope=columns)], np.zeros(1))
+    rest = replace(part, windows=part.windows[1:], c=part.c[1:], slope=part.slope[1:])
+    without, alone, _ = fitter.reduced(c, [rest], np.zeros(1))
+    np.testing.assert_allclose(lost, without, rtol=1e-9)
+    np.testing.assert_allclose(steps, alone, rtol=1e-9)
+    assert not np.allclose(matrix, without)
+    assert not np.allclose(slope, alone)

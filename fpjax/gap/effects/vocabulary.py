@@ -305,7 +305,7 @@ EFFECTS: tuple[Effect, ...] = (
     _effect("quadratic_drag", (DRAG,), report=lambda v, s: {"coefficient": (v["drag_coefficient"], "N m s^2/rad^2")}),
     _effect(
         "backlash",
-        (GAP, FACE_FREQUENCY, FACE_RATIO, LOAD_SHARE, FRICTION_SHARE, HARDENING),
+        (GAP, FACE_FREQUENCY, FACE_RATIO, LOAD_SHARE, FRICTION_SHARE),
         apply=_JOINED_WITH_BACKLASH,
         starts=_backlash_starts,
         report=lambda v, s: {"gap": (v["gap"], "rad")},

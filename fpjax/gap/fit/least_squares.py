@@ -339,11 +339,13 @@ class Fitter(Response):
         deviation = self.deviations(c, part.which)
         live = np.flatnonzero(deviation > 0)
         size = np.concatenate([c.scale, deviation[live]])
-        weight = self.modes.precision(c.level, self.noise[part.which][part.windows], part.c, white=c.white)
-        slope = part.slope * size
-        weighted = slope * weight[:, :, None]
+        # A window whose simulation diverged, here or at a neighbour, has no say in the step (its cost is infinite).
+        known, found = np.isfinite(part.c), np.isfinite(part.slope)
+        here, slope = np.where(known, part.c, 0.0), np.where(found, part.slope, 0.0) * size
+        weight = self.modes.precision(c.level, self.noise[part.which][part.windows], here, white=c.white)
+        weighted = slope * np.where(known, weight, 0.0)[:, :, None]
         products = slope.transpose(0, 2, 1) @ weighted
-        pull = (weighted.transpose(0, 2, 1) @ part.c[:, :, None])[:, :, 0]
+        pull = (weighted.transpose(0, 2, 1) @ here[:, :, None])[:, :, 0]
         pull[:, len(c.free) :] += (c.states[part.which][live][:, part.windows] / deviation[live][:, None]).T
         return products, pull, deviation, live
 
