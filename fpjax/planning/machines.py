@@ -13,7 +13,7 @@ from ..blocks.position_torque import first_harmonic
 from ..gap.data.setting import SMALL_FRICTION, Setting, turns_with_position
 from ..gap.effects.effect import Effect
 from ..gap.effects.estimate import Estimate
-from ..gap.effects.parameters import ORIGIN, UNBALANCE
+from ..gap.effects.parameters import HARDENING, ORIGIN, UNBALANCE
 from ..gap.effects.twins import LogFacts
 from ..gap.effects.vocabulary import EFFECTS, on_rate_sensor
 from ..gap.fit.candidate import NOMINAL, SPIKE, WIDE
@@ -249,9 +249,9 @@ def _values(effect: Effect, told: Mapping[str, float], shop: Shop) -> Values:
     names = {p.name for p in (*effect.parameters, *effect.fixed)}
     renamed = {RENAMED.get(effect.name, {}).get(name, name): value for name, value in told.items()}
     found = {name: value for name, value in renamed.items() if name in names}
-    # A shaft that hardens is planned for by its line, which is what its stiffness and frequency are of.
     if effect.name == "compliance" and "stiffness" in told:
-        found |= _load_share(found, told["stiffness"], shop.setting.inertia)
+        # A shaft that hardens is planned for by its line, which is what its stiffness and frequency are of.
+        found |= _load_share(found, told["stiffness"], shop.setting.inertia) | {HARDENING.name: 0.0}
     return found
 
 

@@ -51,7 +51,7 @@ def test_a_shaft_that_hardens_is_planned_for_by_its_line():
     line, hard = (rival(shop, "compliance", told | more) for more in ({}, {"hardening": 1e7}))
     assert line is not None
     assert line == hard
-    assert HARDENING.name not in line.values
+    assert line.values[HARDENING.name] == 0.0
 
 
 def test_a_weight_beside_a_known_one_is_planned_for_at_its_angle():

@@ -13,7 +13,7 @@ from ..data.record import Record, in_one_piece
 from ..effects.experiments import Experiment, next_experiment
 from ..fit.search import Search
 from ..select.decision import Decision
-from ..select.readings import Reading, material, rounding, sure_readings
+from ..select.readings import LATE, Reading, material, rounding, sure_readings
 from ..select.statement import Verdict
 from ..thresholds import THRESHOLDS
 from .answer import Answer
@@ -75,7 +75,7 @@ def assemble(
     sure = tuple(one for one in sure if not allowed or one.effect in allowed)
     read, sure = material(sure, torque), tuple(one for one in sure if one.of_sensor)
     rounded = [rounding(records, step, search.setting.inertia)] if step > 0.0 else []
-    slight = [one for one in sure if one not in read]
+    slight = [one for one in sure if one not in read and one.effect in LATE]
     known = Read(
         torque, (*read, *slight, *rounded), allowed, bool(contradiction), frozenset(one.effect for one in slight)
     )
@@ -112,7 +112,7 @@ def assemble(
     # Over fitted and withheld windows, to notice a gap that the withheld ones do not show.
     everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
     said = [*at_bounds(chosen, search.setting.units), *beyond_torque(gap, torque), *warnings]
-    said += pushes(decision, records) if found.word != "no_gap" else []
+    said += [] if gapless else pushes(decision, records)
     said += not_answered(search.modes, search.setting.units, torque)
     said += [
         *details(chosen, causes),
@@ -121,7 +121,7 @@ def assemble(
     for one in rounded:
         said += slight_rounding(step, one.size, search.setting.units) if one.effect not in wrong else []
     said += slight_readings([one for one in sure if one.effect not in wrong], search.setting.units)
-    said += [] if found.word == "no_gap" else where_fitted_alone(gap, everywhere)
+    said += [] if gapless else where_fitted_alone(gap, everywhere)
     sides = Side(machine_of(decision.exact.candidate)), Side(machine, step)
     tracking = tracking_error(model, pieces, *sides, said)
     clock("where")

@@ -19,6 +19,7 @@ from ..fit.band import highest_of_speed
 from ..thresholds import THRESHOLDS, Thresholds
 
 ROUNDING = "velocity_quantisation"
+LATE = ("velocity_lag", "velocity_delay")  # what a closed loop notices, however little of the speed it is
 HALF_WIDTHS = (4, 8, 16, 32, 64)  # samples on either side of the differentiator, narrowest first
 QUIET = 0.02  # noise of the encoder's rate, of its rms, that a wider differentiator is taken to get below
 BESIDE = 0.1  # of the least mean square that a lag or a delay leaves, likewise

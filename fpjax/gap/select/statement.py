@@ -34,7 +34,7 @@ class Seen:
             curves [1].
         follows: by effect, the variables that its torque is a function of.
         misread: by error of the velocity column, how large it is beside the gap (`beside_gap`) [1].
-        slight: errors of the velocity column that are sure and no causes where anything else is amiss.
+        slight: readings that are late for sure, and no causes where anything else is amiss.
         rounded: error of a velocity that is rounded, of the speed's rms [1].
         moved: `after` over `before` [1], each frequency weighted by how far it moves the machine: vibration that hardly
             does, and that no cause of the vocabulary holds, is most of what many real machines leave.
