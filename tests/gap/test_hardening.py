@@ -6,6 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from gap_search import RUN
+from model_files import body
 
 import fpjax as fp
 from fpjax.gap.effects.parameters import FREQUENCY, HARDENING
@@ -14,19 +16,7 @@ from fpjax.gap.fit.candidate import Candidate
 
 TOTAL, DAMPING, COULOMB, VISCOUS = 0.012, 0.01, 0.12, 0.02  # kg m^2, N m s/rad, N m, N m s/rad
 STIFFNESS = 30.0  # N m/rad at small twists: a resonance of 16 Hz
-MODEL = f"""
-[plant]
-type = "one_mass"
-inertia = {TOTAL}
-[friction]
-type = "coulomb_viscous"
-coulomb = {COULOMB}
-viscous = {VISCOUS}
-[controller]
-type = "unknown"
-[simulation]
-dt = 1e-3
-"""
+MODEL = body(TOTAL, COULOMB, VISCOUS) + RUN
 
 
 def recorded(hardening, gap=0.0, seconds=8.0, dt=1e-3, fine=20):
@@ -102,6 +92,8 @@ def test_a_shaft_is_named_with_its_stiffness_and_how_far_it_hardens(hardening):
         # A plain spring ends at the bound of a plain one, which is no limit of the search.
         assert not any("hardening" in warning for warning in found.warnings)
         assert shaft.get("hardening", 0.0) * np.max(np.abs(twist)) ** 2 < 0.1 * STIFFNESS
+        (detail,) = (one for one in found.identifiability if one.parameter == HARDENING.name)
+        assert (detail.value, detail.standard_deviation, detail.verdict) == (0.0, 0.0, "absent")
 
 
 @pytest.mark.long
@@ -111,12 +103,17 @@ def test_a_gap_is_no_shaft_that_hardens():
     assert found.ranking[0].effect == "backlash"
 
 
-@pytest.mark.parametrize(("value", "ended"), [(0.0, []), (1.0, []), (2.0, ["relative_hardening"])])
-def test_a_plain_law_is_no_bound_of_the_search(value, ended):
-    c = SimpleNamespace(
-        family=SimpleNamespace(parameters=[HARDENING, FREQUENCY]), vector=np.array([value, 5.0]), free=np.array([0, 1]),
-        low=np.array([0.0, 1.0]), high=np.array([2.0, 50.0]), scale=np.array([0.1, 1.0]),
+@pytest.mark.parametrize(
+    ("value", "ended", "absent"),
+    [(0.0, [], ["relative_hardening"]), (1.0, [], []), (2.0, ["relative_hardening"], [])],
+)
+def test_a_plain_law_is_no_bound_of_the_search(value, ended, absent):
+    low, high, unknown = np.array([0.0, 1.0]), np.array([2.0, 50.0]), np.zeros(2)
+    family = SimpleNamespace(parameters=[HARDENING, FREQUENCY])
+    c = Candidate(
+        (), frozenset(), family, np.array([value, 5.0]), np.array([0, 1]), low, high, unknown, unknown,
+        np.array([0.1, 1.0]), unknown, [], [],
     )  # fmt: skip
-    assert Candidate.at_bound(c) == ended
+    assert (c.at_bound(), c.absent()) == (ended, absent)
     c.vector[1] = 1.0
-    assert Candidate.at_bound(c) == [*ended, "frequency"]
+    assert (c.at_bound(), c.absent()) == ([*ended, "frequency"], absent)

@@ -17,14 +17,15 @@ def width(monkeypatch):
     monkeypatch.setattr(intervals, "_scores", lambda search, c: np.zeros((4, 2)))
     modes = make_modes(200, 1e-3, 0.05, 0.0, 2e-5)
 
-    def found(level, windows=20, blur=0.0, prior=1e4, names=("a", "b")):
+    def found(level, windows=20, blur=0.0, prior=1e4, names=("a", "b"), absent=(), shared=0.0):
         search = SimpleNamespace(
             fitters={"key": SimpleNamespace(noise=[np.ones(windows)])}, modes=modes, train=[np.arange(windows)],
             setting=None,
         )  # fmt: skip
         c = SimpleNamespace(
-            free=np.arange(2), scale=np.ones(2), spread=np.full(2, prior), normal=np.diag([400.0, 100.0]),
-            level=np.full(modes.bands, level), at_bound=list, wide=frozenset(), effects=(),
+            free=np.arange(2), scale=np.ones(2), spread=np.full(2, prior),
+            normal=np.array([[400.0, shared], [shared, 100.0]]),
+            level=np.full(modes.bands, level), at_bound=list, absent=lambda: absent, wide=frozenset(), effects=(),
             family=SimpleNamespace(
                 key="key",
                 parameters=[SimpleNamespace(name=name, blur=lambda setting: blur) for name in names],
@@ -37,6 +38,12 @@ def width(monkeypatch):
 
 def test_a_fit_that_leaves_nothing_knows_what_its_curvature_says(width):
     np.testing.assert_allclose(width(0.0), [1 / 20, 1 / 10], rtol=1e-3)
+
+
+def test_a_detail_that_the_law_does_without_widens_nothing(width):
+    """Traded off with another parameter, it would: 1 / (400 - 160^2 / 100) in place of 1 / 400."""
+    np.testing.assert_allclose(width(0.0, shared=160.0)[0], (400.0 - 256.0) ** -0.5, rtol=1e-6)
+    np.testing.assert_allclose(width(0.0, shared=160.0, absent=("b",)), [0.05, 0.0], rtol=1e-6)
 
 
 def test_a_torque_that_is_left_widens_them_and_more_windows_do_not_narrow_them(width):

@@ -79,14 +79,18 @@ def test_an_error_of_the_reading_alone_closes_no_gap_and_sounds_like_no_failure(
     assert found.gap.closed == 0.0
     assert found.gap.after_interval == found.gap.before_interval
     page, line = sentences.verdict_sentence(found), verdict_line(found)
-    assert line == (
-        "Explained by velocity_delay: beside that error of the reading, the simulation misses no torque that matters."
-    )
+    assert line == "Explained by velocity_delay: apart from the reading, the simulation misses no torque that matters."
     assert page.startswith("The simulation lacks a velocity sensor delay; beside it nothing is missing")
     head = heading.header(found)
     assert "Difference" in head
     assert not re.search("Gap after|Gap closed", head)
     assert re.search("Gap after.*Gap closed", heading.header(told), re.DOTALL)
+    # No place, no corrected course of a torque that does not matter; what the loop does with the reading is told.
+    assert sentences.where_sentence(found) == ""
+    assert where_picture.residual_axes(found) == []
+    assert [name for name, _ in gap_picture.rows_of(dataclasses.replace(found, steps=()))] == ["Nominal model"]
+    assert "what the nominal model misses does not matter" in sections.shrink(found, {})
+    assert sentences.tracking_sentence(found) == sentences.tracking_sentence(told)
 
 
 def test_units_and_shares_are_spelled_for_people():

@@ -84,6 +84,16 @@ class Answer:
     free_replay: FreeReplay | None = None
     contradiction: str = ""
 
+    @property
+    def only_misread(self) -> bool:
+        """Whether errors of the velocity column are all there is: they leave of the gap what was there."""
+        return self.verdict == "explained" and self.gap.after == self.gap.before
+
+    @property
+    def nothing_missing(self) -> bool:
+        """Whether the simulation of the machine misses no torque that matters."""
+        return self.verdict == "no_gap" or self.only_misread
+
     def to_dict(self) -> JsonObject:
         """The contract's `diagnosis.json` (numbers, strings, lists and dictionaries only), and beside it `ahead`,
         `tracking`, `free_replay`, `contradiction`, `seconds`, `provenance`, `allowed_effects` and `model_missing`.

@@ -133,7 +133,7 @@ class FittedParameter:
         value: in `unit`.
         standard_deviation: in `unit`.
         unit: of both.
-        verdict: "pinned", "traded off with ...", "flat" or "at a bound".
+        verdict: "pinned", "traded off with ...", "flat", "absent" (the law does without it) or "at a bound".
     """
 
     parameter: str

@@ -28,7 +28,8 @@ class Gap:
         learned: with the learned laws beside the causes; NaN where none was learned.
         learned_interval: by the same bootstrap.
         closed_moving: share closed [1] of the part that moves the machine: each frequency of the missing torque weighed
-            by the speed that a torque there makes, so that vibration hardly counts; NaN where it is not known.
+            by the speed that a torque there makes, so that vibration hardly counts; the smaller of that on all and that
+            on withheld windows, noise not taken off; NaN where it is not known.
     """
 
     unit: str

@@ -1,5 +1,6 @@
 """Covariance of fitted parameters, and 90 % intervals of the reported ones."""
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -30,7 +31,9 @@ def covariance(search: Search, fit: Fit) -> Values:
     sampling (its `blur`) is added.
     """
     c = fit.candidate
-    right, inside = _counts_as_right(c), ~at_bound(c)
+    right = _counts_as_right(c)
+    # A detail that the law does without is taken as none: free, it would widen whatever it is traded off with.
+    inside = ~at_bound(c) & ~_are(c, c.absent())
     found = np.zeros((len(c.free), len(c.free)))
     index = np.flatnonzero(inside)
     if not len(index):
@@ -66,14 +69,17 @@ def at_bound(c: Candidate) -> Values:
 
     A nominal number that counts as right ends at a bound of that, and is known no better for it.
     """
-    names = set(c.at_bound())
-    return np.array([c.family.parameters[i].name in names for i in c.free], bool) & ~_counts_as_right(c)
+    return _are(c, c.at_bound()) & ~_counts_as_right(c)
 
 
 def _counts_as_right(c: Candidate) -> Values:
     """Which free parameters are nominal numbers with a narrow prior, shape (free,)."""
-    own = {p.name for effect in c.effects for p in effect.parameters}
-    return np.array([c.family.parameters[i].name in set(NOMINAL) - c.wide - own for i in c.free], bool)
+    return _are(c, set(NOMINAL) - c.wide - {p.name for effect in c.effects for p in effect.parameters})
+
+
+def _are(c: Candidate, names: Collection[str]) -> Values:
+    """Which free parameters have one of some names, shape (free,)."""
+    return np.array([c.family.parameters[i].name in names for i in c.free], bool)
 
 
 def estimates(
@@ -127,10 +133,12 @@ def identifiability(search: Search, fit: Fit, spread: Values) -> tuple[FittedPar
     deviation = np.sqrt(np.maximum(np.diag(spread), 0.0))
     safe = np.where(deviation > 0, deviation, 1.0)
     correlation = spread / safe[:, None] / safe
-    found = []
+    found, absent = [], c.absent()
     for j, index in enumerate(c.free):
         parameter = c.family.parameters[index]
-        if deviation[j] == 0.0:
+        if parameter.name in absent:
+            verdict = "absent"
+        elif deviation[j] == 0.0:
             verdict = "at a bound"
         elif deviation[j] > c.scale[j]:  # not known within a typical change of it
             verdict = "flat"

@@ -24,19 +24,14 @@ CANNOT_BE = "no cause is told, since a unit, a sign, a column or the model canno
 MUCH = 0.4  # share of the energy in one regime from which that regime is named
 
 
-def only_misread(diagnosis: Answer) -> bool:
-    """Whether errors of the velocity column are all there is: they leave of the gap what was there."""
-    return diagnosis.verdict == "explained" and diagnosis.gap.after == diagnosis.gap.before
-
-
 def verdict_line(diagnosis: Answer) -> str:
     """The verdict in one sentence."""
     gap = diagnosis.gap
     causes = " + ".join(diagnosis.causes)
     if diagnosis.verdict == "no_gap":
         return "No gap: the simulation misses no torque that matters."
-    if only_misread(diagnosis):
-        return f"Explained by {causes}: beside that error of the reading, the simulation misses no torque that matters."
+    if diagnosis.only_misread:
+        return f"Explained by {causes}: apart from the reading, the simulation misses no torque that matters."
     if diagnosis.verdict == "explained":
         return f"Explained by {causes}: {gap.closed:.1%} of the gap is closed on withheld data."
     if diagnosis.verdict == "partly_explained":

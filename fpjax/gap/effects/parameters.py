@@ -294,7 +294,8 @@ FRICTION_SHARE = EffectParameter(
     "friction_share", "1", _constant(0.5), _ZERO, _constant(1.0), _constant(0.2), "plant.friction_share"
 )
 # The secant stiffness of a shaft grows as 1 + h (k twist)^2: h = c / k^3 of k twist + c twist^3. Under the largest
-# command it is ten times that of small twists at most; a shaft that carries next to nothing before is a backlash.
+# command it is ten times that of small twists at most; a shaft that carries next to nothing before is a backlash. (Four
+# times was too little on one of five development logs.)
 HARDENING = EffectParameter(
     "relative_hardening",
     "1/(N m)^2",

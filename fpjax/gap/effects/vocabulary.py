@@ -120,7 +120,7 @@ def shaft_values(machine: Machine) -> dict[str, float]:
         FREQUENCY.name: float(plant.resonance()),
         DAMPING_RATIO.name: ratio,
         LOAD_SIDE.name: float(machine.sensor.load_side),
-        HARDENING.name: float(plant.hardening / plant.stiffness**3),
+        HARDENING.name: float(plant.hardening) / float(plant.stiffness) ** 3,
     }
 
 
@@ -176,7 +176,7 @@ def _joined(*more: EffectParameter) -> Callable[[Machine, Values], Machine]:
         reduced = values["inertia"] * share * (1.0 - share)
         damping = 2.0 * values["damping_ratio"] * jnp.sqrt(stiffness * reduced)
         found = {p.path: values[p.name] for p in parameters}
-        if HARDENING.name in values:  # not where a compliance is no effect that may be told
+        if HARDENING.name in values:  # else no compliance may be told, and the nominal shaft keeps its own
             found["plant.hardening"] = values[HARDENING.name] * stiffness**3
         return place(machine, found | {"plant.stiffness": stiffness, "plant.damping": damping})
 

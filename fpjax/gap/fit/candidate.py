@@ -95,12 +95,24 @@ class Candidate:
         return tuple(name for i in self.free if (name := self.family.parameters[i].name) in held)
 
     def at_bound(self) -> list[str]:
-        """Names of the free parameters that ended at a bound."""
-        edge = 1e-6 * self.scale
-        value, parameters = self.vector[self.free], [self.family.parameters[i] for i in self.free]
-        plain = np.array([p.plain for p in parameters], bool)
-        out = ((value <= self.low + edge) & ~plain) | (value >= self.high - edge)
-        return [p.name for p, ended in zip(parameters, out, strict=True) if ended]
+        """Names of the free parameters that ended at a bound of the search."""
+        least, most = self._ends()
+        return self._named((least & ~self._plain()) | most)
+
+    def absent(self) -> list[str]:
+        """Names of the free parameters that ended where the law is the plain one, without their detail."""
+        return self._named(self._ends()[0] & self._plain())
+
+    def _ends(self) -> tuple[Values, Values]:
+        """Which free parameters ended at their lower, and at their upper bound, each of shape (free,)."""
+        value, edge = self.vector[self.free], 1e-6 * self.scale
+        return value <= self.low + edge, value >= self.high - edge
+
+    def _plain(self) -> Values:
+        return np.array([self.family.parameters[i].plain for i in self.free], bool)
+
+    def _named(self, chosen: Values) -> list[str]:
+        return [self.family.parameters[i].name for i in self.free[chosen]]
 
 
 def nominal_sizes(setting: Setting) -> dict[str, float]:

@@ -197,9 +197,8 @@ class Fitter(Response):
     # --- the iteration
 
     def go_on(
-        self, candidates: Sequence[Candidate], windows: Windows, iterations: int, *, white: bool, adapt: bool = True,
-       
-    ) -> None:  # fmt: skip
+        self, candidates: Sequence[Candidate], windows: Windows, iterations: int, *, white: bool, adapt: bool = True
+    ) -> None:
         """More steps for the candidates, which are changed in place.
 
         Args:

@@ -250,16 +250,11 @@ class Search:
         return found
 
     def shaft_torque(self, c: Candidate) -> Values:
-        """Torque of a candidate's shaft [N m] along the log with the most windows, the measured motion imposed.
-
-        In the family of its transmission alone, whose loop is compiled: other effects act on the motion, which is
-        measured.
+        """Torque of a candidate's shaft [N m] along all logs, the measured motion imposed on the side that has the
+        sensor, shape (samples of all logs,); a zero where it diverges.
         """
-        shaft = tuple(effect for effect in c.effects if effect.structure == "transmission")
-        family = self.fitter(key_for(shaft, self.setting)).family
-        known = c.values()
-        vector = np.array([known.get(p.name, p.neutral(self.setting)) for p in family.parameters])
-        torque = self.hidden_states[family.key].shafts(vector[:, None], self._longest())[:, 0]
+        shafts = self.hidden_states[c.family.key].shafts
+        torque = np.concatenate([shafts(c.vector[:, None], which)[:, 0] for which in range(len(self.records))])
         return torque if np.all(np.isfinite(torque)) else np.zeros(1)
 
     # --- fitting

@@ -26,7 +26,7 @@ def rows_of(diagnosis: Answer) -> list[tuple[str, Estimate]]:
         twin = " (or twin)" if twins_of(diagnosis, step.added) else ""
         detail = "" if step.added in diagnosis.causes else " (a detail)"
         rows.append((f"+ {effect_title(step.added, diagnosis.motion)}{twin}{detail}", step_gap(diagnosis, step)))
-    if not diagnosis.steps and diagnosis.verdict != "no_gap" and diagnosis.gap.estimate("after").known:
+    if not diagnosis.steps and not diagnosis.nothing_missing and diagnosis.gap.estimate("after").known:
         rows.append(("Corrected model" if diagnosis.causes else "Best attempt", diagnosis.gap.estimate("after")))
     if diagnosis.learned:
         name = learned_name(diagnosis)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ..answer.summary import dominant_sentence, only_misread
+from ..answer.summary import dominant_sentence
 from .derived_values import at_bound, shown_gap, twins_of
 from .digits import show_percent, show_unit
 from .markup import gap_interval, gap_number, paragraph, percent, text
@@ -70,9 +70,8 @@ def _caution(diagnosis: Answer) -> str:
 
 def _facts(diagnosis: Answer) -> str:
     """The gap before and after, the noise floor and the share closed, as tiles with intervals."""
-    nothing = diagnosis.verdict == "no_gap" or only_misread(diagnosis)  # of the machine is missing
-    tiles = [("before", "Difference" if nothing else "Gap before", diagnosis.gap.estimate("before"))]
-    if not nothing:
+    tiles = [("before", "Difference" if diagnosis.nothing_missing else "Gap before", diagnosis.gap.estimate("before"))]
+    if not diagnosis.nothing_missing:
         title = "Gap after" if diagnosis.causes else "Gap after the best attempt"
         tiles.append(("after", title, diagnosis.gap.estimate("after")))
     if diagnosis.learned:
@@ -87,7 +86,7 @@ def _facts(diagnosis: Answer) -> str:
         cells.append(f'<div class="is-{kind}"><dt>{title}</dt><dd>{number}{below}</dd></div>')
     closed = diagnosis.gap.estimate("closed")
     # Of a gap below the floor there is no share to close.
-    if closed.known and not nothing and not diagnosis.gap.before <= diagnosis.gap.noise_floor:
+    if closed.known and not diagnosis.nothing_missing and not diagnosis.gap.before <= diagnosis.gap.noise_floor:
         interval = (
             f"<small>90 % interval <span>{percent(closed.low)} to {percent(closed.high)}</span></small>"
             if closed.bounded

@@ -62,6 +62,7 @@ STATE_MEANINGS = {
     "traded": "only their combination is determined",
     "flat": "this log hardly depends on it",
     "dead": "it changes nothing in this log",
+    "absent": "the law does without it",
     "at a bound": "the fit ended at a bound of the search: not a measurement",
 }
 

@@ -90,7 +90,7 @@ def draw_record(figure: FigureBase, diagnosis: Answer, *, narrow: bool) -> None:
     unit = clip(show_unit(diagnosis.gap.unit))
     factor, error_unit = gap_scale(diagnosis)
     shown = [s for s in series_of(diagnosis) if s.before is not None]
-    shown_after = diagnosis.verdict != "no_gap"
+    shown_after = not diagnosis.nothing_missing
     names = model_names(diagnosis)
     worst, first, last = worst_place(shown)
     for series, shift in zip(shown, _shifts(shown), strict=True):

@@ -65,8 +65,8 @@ def where(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
     parts = []  # the sentence on it is at the head of the page
     if "where" in pictures:
         caption = f"Shares of the energy of the missing {effort_of(diagnosis)}; in colour, what stands out."
-        if diagnosis.verdict == "no_gap":
-            caption = "Shares of the energy of the residual, which here is noise."
+        if diagnosis.nothing_missing:
+            caption = "Shares of the energy of the residual, which here does not matter."
         parts.append(figure("where", *pictures["where"], caption))
     if "residual" in pictures:
         effort = effort_of(diagnosis)
@@ -82,7 +82,7 @@ def where(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
         parts.append(figure("left", *pictures["left"], f"The same shares of what {leaves}."))
     if not any(parts):
         nothing = "Nothing stands above the noise, so there is no place to show."
-        parts.append(paragraph(nothing if diagnosis.verdict == "no_gap" else "No map was made for this log."))
+        parts.append(paragraph(nothing if diagnosis.nothing_missing else "No map was made for this log."))
     elif diagnosis.gap.before <= diagnosis.gap.noise_floor and "where" not in pictures:
         parts.insert(0, paragraph("Nothing stands above the noise on withheld data, so there is no map of it."))
     return section("where", "Where the gap lies", *parts)
@@ -186,8 +186,8 @@ def _probability_cell(candidate: Ranked) -> str:
 
 def shrink(diagnosis: Answer, pictures: dict[str, tuple[str, str]]) -> str:
     """How far the gap shrinks."""
-    if diagnosis.verdict == "no_gap":
-        lead = "There is no gap to close: the error of the nominal model is that of noise."
+    if diagnosis.nothing_missing:
+        lead = "There is no gap to close: what the nominal model misses does not matter."
     elif diagnosis.steps and diagnosis.causes:
         lead = "Causes are added one by one, most important first; pale is the part that each one removes."
     else:

@@ -6,7 +6,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from ..answer.summary import CANNOT_BE, MUCH, moving_clause, nothing_closes, only_misread
+from ..answer.summary import CANNOT_BE, MUCH, moving_clause, nothing_closes
 from .derived_values import AXES, classes, main_regime, places, shown_gap, tracking, twins_of
 from .digits import readable, show_percent, show_unit, show_with_unit
 from .names import EFFECTS, effect_name, is_wrong_value, join, motion_units, regime_name, sure
@@ -43,7 +43,7 @@ def verdict_sentence(diagnosis: Answer) -> str:
             f"The simulation agrees with the log: the {effort} that it misses on withheld data is {before} rms"
             f"{over_floor}, too little to matter."
         )
-    if only_misread(diagnosis):
+    if diagnosis.only_misread:
         return f"{_lacks(diagnosis)}; beside it nothing is missing: {before} rms of {effort} on withheld data."
     if diagnosis.verdict == "explained":
         shrink = f"the missing {effort} on withheld data falls from {before} to {after} rms" + _of_closable(diagnosis)
@@ -120,8 +120,8 @@ def confidence_sentence(diagnosis: Answer) -> str:
 
 
 def where_sentence(diagnosis: Answer) -> str:
-    """Where most of the nominal model's gap lies; "" where nothing stands out or there is no gap."""
-    if diagnosis.verdict == "no_gap":
+    """Where most of the nominal model's gap lies; "" where nothing stands out or nothing is missing."""
+    if diagnosis.nothing_missing:
         return ""
     units = motion_units(diagnosis.motion)
     parts = []

@@ -174,7 +174,7 @@ def _regimes(axes: Axes, diagnosis: Answer, colour: str) -> None:
     shares = [diagnosis.where.regime[name] for name in names]
     largest = max(shares, default=0.0)
     rows = np.arange(len(names))[::-1]
-    stands_out = diagnosis.verdict != "no_gap"
+    stands_out = not diagnosis.nothing_missing
     colours = [colour if s == largest and stands_out else SOFT for s in shares]
     axes.barh(rows, shares, height=0.62, color=colours, linewidth=0, zorder=2)
     for row, share in zip(rows, shares, strict=True):
@@ -191,7 +191,7 @@ def _regimes(axes: Axes, diagnosis: Answer, colour: str) -> None:
 
 def residual_axes(diagnosis: Answer) -> list[str]:
     """The axes against which the residual can be drawn."""
-    if diagnosis.where.residual is None or diagnosis.verdict == "no_gap":
+    if diagnosis.where.residual is None or diagnosis.nothing_missing:
         return []
     samples = len(diagnosis.where.residual)
     return [

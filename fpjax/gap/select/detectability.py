@@ -14,14 +14,14 @@ PERIODIC = {"cogging": "cogging_periods", "position_dependent_friction": "ripple
 def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     """Whether the effects of a fit are seen, and do not only absorb what is left.
 
-    A spring absorbs at the end of what the data can show, overdamped, or so soft that friction winds it up by a good
-    part of the travel: it follows any slow torque, and is no machine's transmission; one that carries next to nothing
-    until it is wound up is a backlash. A backlash may be overdamped, its
-    contacts tell of it; with a gap that may be none it is such a spring, and at its largest one the load is loose. A
-    ripple that passes faster than the samples can tell is one of their own making. A torque amplitude that ends at its
-    largest value, more than any torque of the log, is a difference of two large torques that cancel each other over a
-    short travel. A dead zone that swallows half of the largest torque stands for a torque that is always there, and so
-    does a friction that drives in one direction.
+    A spring absorbs at the end of what the data can show, overdamped, or so soft that friction winds it up by a
+    good part of the travel: it follows any slow torque, and is no machine's transmission; one that carries next to
+    nothing until it is wound up is a backlash. A backlash may be overdamped, its contacts tell of it; with a gap
+    that may be none it is such a spring, and at its largest one the load is loose. A ripple that passes faster than
+    the samples can tell is one of their own making. A torque amplitude that ends at its largest value, more than
+    any torque of the log, is a difference of two large torques that cancel each other over a short travel. A dead
+    zone that swallows half of the largest torque stands for a torque that is always there, and so does a friction
+    that drives in one direction.
 
     Args:
         search: of the logs.
