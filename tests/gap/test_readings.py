@@ -2,12 +2,14 @@
 
 import dataclasses
 
+import gap_search
 import numpy as np
+import numpy_machine
 import pytest
 
-from fpjax import Log
+from fpjax import Log, diagnose
 from fpjax.gap.data.record import make_records
-from fpjax.gap.select.readings import readings, sure_readings
+from fpjax.gap.select.readings import LATE, readings, sure_readings
 from fpjax.gap.thresholds import THRESHOLDS
 
 
@@ -110,3 +112,26 @@ def test_what_is_below_a_thousandth_of_the_speed_is_the_differentiators():
     (one,) = make_records([turning(scale=1.0 + 2e-4, noise=1e-7)], [], 0.01)
     assert any(found.evidence > THRESHOLDS.decisive for found in readings(one, 0.01))
     assert sure_readings([one], 0.01) == ()
+
+
+@pytest.mark.long  # a diagnosis each
+@pytest.mark.parametrize("late", [True, False])
+def test_a_slightly_late_velocity_is_told_with_its_twin_and_a_slight_scale_is_a_warning(late):
+    log = numpy_machine.record()
+    reading = np.interp(log.time - 8e-4, log.time, log.velocity) if late else 1.003 * log.velocity
+    found = diagnose(dataclasses.replace(log, velocity=reading), gap_search.MODEL)
+    assert not any("fitted windows alone" in warning for warning in found.warnings)
+    if not late:
+        assert (found.verdict, found.causes) == ("no_gap", ())
+        assert any("velocity_scale_error" in warning for warning in found.warnings)
+        return
+    one, other = found.ranking[:2]
+    assert found.verdict == "explained"
+    assert found.causes == (one.effect,)
+    assert {one.effect, other.effect} == set(LATE)
+    assert (one.indistinguishable_from, other.indistinguishable_from) == ((other.effect,), (one.effect,))
+    # Either of them is what is sure.
+    assert one.probability + other.probability == pytest.approx(found.probability)
+    assert found.probability == pytest.approx(THRESHOLDS.right_read)
+    assert found.only_misread
+    assert found.gap.closed == 0.0

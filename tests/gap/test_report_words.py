@@ -80,7 +80,9 @@ def test_an_error_of_the_reading_alone_closes_no_gap_and_sounds_like_no_failure(
     assert found.gap.after_interval == found.gap.before_interval
     page, line = sentences.verdict_sentence(found), verdict_line(found)
     assert line == "Explained by velocity_delay: apart from the reading, the simulation misses no torque that matters."
-    assert page.startswith("The simulation lacks a velocity sensor delay; beside it nothing is missing")
+    assert page.startswith(
+        "The simulation lacks a velocity sensor delay; the torque missing beside that is too little to matter ("
+    )
     head = heading.header(found)
     assert "Difference" in head
     assert not re.search("Gap after|Gap closed", head)

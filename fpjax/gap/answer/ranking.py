@@ -72,6 +72,8 @@ def rank(
             entries[name] = Ranked(name, 0.0, left.get(name, gap.after), values[name], same, chosen.evidence - exact)
     for name, known in read.items():
         entries[name] = Ranked(name, 0.0, gap.after, known, instead.get(name, ()))
+        for other in instead.get(name, ()):  # no fit holds it, and its share is not that of nothing
+            entries.setdefault(other, Ranked(other, 0.0, gap.after, {}))
     asserted = [name for name in found.causes if name in entries]
     tried = [(w.fit, w.fit.candidate.effects[0], w.evidence) for w in decision.singles]
     tried += [(decision.nominal.fit, effect, decision.nominal.evidence) for effect in ERRORS.values()]

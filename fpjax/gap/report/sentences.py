@@ -44,7 +44,8 @@ def verdict_sentence(diagnosis: Answer) -> str:
             f"{over_floor}, too little to matter."
         )
     if diagnosis.only_misread:
-        return f"{_lacks(diagnosis)}; beside it nothing is missing: {before} rms of {effort} on withheld data."
+        little = f"the {effort} missing beside that is too little to matter ({before} rms on withheld data)"
+        return f"{_lacks(diagnosis)}; {little}."
     if diagnosis.verdict == "explained":
         shrink = f"the missing {effort} on withheld data falls from {before} to {after} rms" + _of_closable(diagnosis)
         return f"{_lacks(diagnosis)}; with {_it(diagnosis)} corrected{_details(diagnosis)}, {shrink}."
