@@ -20,7 +20,7 @@ from .answer.assemble import assemble
 from .answer.curves import curves_of
 from .answer.provenance import provenance
 from .data.checks import about_noise, check
-from .data.inputs import on_one_clock, read_logs, read_model
+from .data.inputs import about_late_torque, on_one_clock, read_logs, read_model, with_earlier_torque
 from .data.record import about_stretches, make_records
 from .data.setting import make_setting
 from .diagnosis import Diagnosis
@@ -29,6 +29,7 @@ from .effects.vocabulary import EFFECTS, on_rate_sensor
 from .fit.saved_fits import ResumingSearch, SavedFits, key_of
 from .fit.search import Search
 from .select.decision import decide
+from .select.late_torque import lags, late_torque, likeliest
 from .simulate.family import Nominal
 from .stage_costs import COSTS
 
@@ -128,6 +129,18 @@ def _diagnose(
         if doubts and search.records[0].velocity is None:
             doubts = checked.contradictions(rate=False)
         decision = decide(search, clock, curves.by)
+        late = late_torque(search, decision)
+        if late > 0.0:
+            clock("looking")
+            searches = {
+                lag: make_search(*_earlier(logs, withheld, late, lag), model, effects, keep, again=True)
+                for lag in lags(late, search.setting.dt)
+            }
+            lag = likeliest(searches, decision)
+            warnings.append(about_late_torque(everything, late, lag))
+            search = searches[lag]
+            curves = curves_of(search)
+            decision = decide(search, clock, curves.by)
         clock("intervals and curves")
         found = assemble(search, decision, curves, model, warnings, allowed, clock, doubts[0] if doubts else "")
     except np.linalg.LinAlgError as error:
@@ -143,12 +156,21 @@ def _diagnose(
     return Diagnosis.of(found, seconds=clock.seconds, provenance=made, warnings=warned)
 
 
+def _earlier(
+    logs: Sequence[Log], withheld: Sequence[Log], late: float, lag: float
+) -> tuple[list[Log], list[Log]]:  # fmt: skip
+    fitted, kept_out = ([with_earlier_torque(one, late, lag) for one in some] for some in (logs, withheld))
+    return fitted, kept_out
+
+
 def make_search(
     logs: Sequence[Log],
     withheld: Sequence[Log],
     model: Model,
     effects: tuple[Effect, ...] = EFFECTS,
     keep: SavedFits | None = None,
+    *,
+    again: bool = False,
 ) -> Search:
     """The search over one machine's logs, with the nominal model fitted and no effect tried yet.
 
@@ -158,6 +180,7 @@ def make_search(
         model: the nominal model.
         effects: the vocabulary.
         keep: the file that stores fits; None to store none.
+        again: whether the file holds fits of the same logs already, before a column of them was moved.
 
     Raises:
         InputError: for logs that are too short, or differ in period or columns.
@@ -171,7 +194,8 @@ def make_search(
     arguments = records, nominal, effects, make_setting(records, model)
     if keep is None:
         return Search(*arguments)
-    keep.begin(key_of(logs, withheld, model, effects))
+    if not again:
+        keep.begin(key_of(logs, withheld, model, effects))
     return ResumingSearch(keep, *arguments)
 
 

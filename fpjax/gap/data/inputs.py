@@ -4,6 +4,8 @@ import dataclasses
 import os
 from collections.abc import Sequence
 
+import numpy as np
+
 from ...logs import Log, LogSource, read_log
 from ...logs.mending.resample import at_period
 from ...model_file import Model, ModelSource, load_model
@@ -66,6 +68,31 @@ def on_one_clock(logs: Sequence[Log]) -> list[Log]:
         return list(logs)
     period = max(periods) if max(periods) > (1.0 + SIMILAR_PERIOD) * min(periods) else periods[0]
     return [at_period(log, period) if abs(log.dt / period - 1.0) > SAME_PERIOD else log for log in logs]
+
+
+def with_earlier_torque(log: Log, late: float, lag: float) -> Log:
+    """The log with its torque as it acted, where it was recorded later.
+
+    Args:
+        log: as recorded.
+        late: by how much [s].
+        lag: the part of it that is the time constant of a first-order digital filter [s], which is taken back; the rest
+            is a dead time, after which the last value stands for what follows.
+    """
+    row = np.arange(len(log.torque))
+    torque = np.interp(row + (late - lag) / log.dt, row, log.torque)
+    # y[k] = y[k-1] + (x[k] - y[k-1]) / (1 + p) is p rows late.
+    torque = torque + lag / log.dt * np.diff(torque, prepend=torque[0])
+    return dataclasses.replace(log, torque=torque)
+
+
+def about_late_torque(logs: Sequence[Log], late: float, lag: float) -> str:
+    """What was noticed of a torque that was recorded later than it acted, and done; as `with_earlier_torque`."""
+    names = ", ".join(log.name for log in logs[:3])
+    said = f"{names}: the torque is recorded {1e3 * late:.3g} ms later than it acted"
+    if lag > 0.0:
+        said += f", as one that passed a filter of {1e3 * lag:.3g} ms"
+    return f"{said}; before the gap is told that was taken back."
 
 
 def read_model(model: ModelSource) -> Model:

@@ -236,6 +236,7 @@ def _time(name: str, path: str) -> EffectParameter:
 
 ACTUATOR_LAG = _time("actuator_lag", "actuator.lag")
 ACTUATOR_DELAY = _time("actuator_delay", "actuator.delay")
+TORQUE_LATE = replace(ACTUATOR_DELAY, low=_times("dt", -30), high=_ZERO)
 VELOCITY_LAG = _time("velocity_lag", "sensor.lag")
 VELOCITY_DELAY = _time("velocity_delay", "sensor.delay")
 # The bound of 0.999 of the largest command: a limit that clips nothing has no gradient.

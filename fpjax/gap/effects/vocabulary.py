@@ -51,6 +51,7 @@ from .parameters import (
     STRIBECK_EXPONENT,
     STRIBECK_TORQUE,
     STRIBECK_VELOCITY,
+    TORQUE_LATE,
     UNBALANCE,
     VELOCITY_DELAY,
     VELOCITY_LAG,
@@ -376,6 +377,14 @@ EFFECTS: tuple[Effect, ...] = (
     _effect("velocity_scale_error", (SCALE,)),
 )
 """Every effect that changes the simulation; `velocity_quantisation` is read from the column itself."""
+
+LATE_TORQUE = _effect(
+    "late_torque", (TORQUE_LATE,), starts=lambda s: [{"actuator_delay": -f * s.dt} for f in (0.8, 3.5)]
+)
+"""A torque recorded after it acted, as one that the drive measures and filters: a dead time below zero.
+
+It is an error of the log and no cause of a gap, so that it is not among `EFFECTS` (`fpjax.gap.select.late_torque`).
+"""
 
 
 def on_rate_sensor(effect: Effect) -> bool:

@@ -27,6 +27,7 @@ from ...logs import Log
 from ...model_file import Model
 from ...output.runfile import sync_folder, versions
 from ..effects.effect import Effect
+from ..effects.vocabulary import LATE_TORQUE
 from ..simulate.family import Family
 from .candidate import Candidate, Fit
 from .search import Search, Start
@@ -277,7 +278,7 @@ class _Writer(pickle.Pickler):
 
     def __init__(self, stream: io.BytesIO, search: Search):
         super().__init__(stream, protocol=4)
-        self._effects = {id(effect): effect.name for effect in search.effects}
+        self._effects = {id(effect): effect.name for effect in (*search.effects, LATE_TORQUE)}
         self._arrays: dict[int, int] = {}
 
     def persistent_id(self, obj: Any) -> Any:
@@ -317,7 +318,7 @@ class _Reader(_Plain):
     def __init__(self, stream: io.BytesIO, search: Search):
         super().__init__(stream)
         self._search = search
-        self._effects = {effect.name: effect for effect in search.effects}
+        self._effects = {effect.name: effect for effect in (*search.effects, LATE_TORQUE)}
         self._arrays: dict[int, np.ndarray] = {}
 
     def persistent_load(self, pid: Any) -> Any:

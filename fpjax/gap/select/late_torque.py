@@ -1,0 +1,71 @@
+"""Late torque: whether the torque column is recorded later than the torque acted."""
+
+from collections.abc import Mapping
+
+from ..effects.vocabulary import LATE_TORQUE
+from ..fit.candidate import NOMINAL, Start
+from ..fit.search import Search
+from ..thresholds import THRESHOLDS
+from .decision import Decision
+from .weighed import Exact
+
+(DELAY,) = (parameter.name for parameter in LATE_TORQUE.parameters)
+
+
+def late_torque(search: Search, decision: Decision) -> float:
+    """By how much the torque is recorded later than it acted [s]; 0 where no such delay is sure.
+
+    A current that the drive measures is filtered before it is logged, and of some logs each row holds the torque of the
+    row before. The machine then answers before it is asked to, which no cause of the vocabulary makes. Tried beside the
+    chosen ones, a dead time below zero must take more than half of what they leave: on a real machine, whose laws
+    nobody knows, it bends some of it. What is recorded late was no later on the machine, so that the column is mended
+    and the diagnosis made again (`fpjax.gap.verb`).
+
+    Args:
+        search: of the logs.
+        decision: on its fits.
+    """
+    c, given = decision.chosen.fit.candidate, decision.exact.candidate.values()
+    held = {parameter.name for effect in c.effects for parameter in effect.parameters}
+    # Beside a dead time of the actuator, of the nominal model or fitted, the two would be one number.
+    if given.get(DELAY) != 0.0 or DELAY in held:
+        return 0.0
+    # Also without the chosen causes, which may stand for it alone.
+    starts = [
+        Start((*effects, LATE_TORQUE), wide, like.values() | start, like)
+        for effects, wide, like in ((c.effects, tuple(c.wide), c), ((), NOMINAL, search.base))
+        for start in LATE_TORQUE.starts(search.setting)
+    ]
+    best = max(search.fitted(starts), key=lambda fit: fit.evidence)
+    exact = Exact(decision.exact, decision.judged)
+    # A nat for each nominal number that is free, as `settled` counts them.
+    gain = best.evidence - len(best.candidate.wide) - decision.chosen.evidence
+    taken = exact.left(best) < THRESHOLDS.part * exact.left(decision.chosen.fit)
+    if not taken or gain <= THRESHOLDS.decisive or DELAY in best.candidate.at_bound():
+        return 0.0
+    return -best.candidate.values()[DELAY]
+
+
+def lags(late: float, dt: float) -> list[float]:
+    """How much of the time by which a torque is recorded late [s] a filter may have made, and no dead time [s].
+
+    None, all of it, or all but a row: a drive that reads its filter before it commands logs it a row later.
+
+    Args:
+        late: as `late_torque` gives it.
+        dt: of the log [s].
+    """
+    return [0.0, late, *([late - dt] if late > dt else [])]
+
+
+def likeliest(searches: Mapping[float, Search], decision: Decision) -> float:
+    """The key of the search in whose logs the chosen causes, or none, are the most likely.
+
+    Args:
+        searches: of the same logs, with the torque as it may have acted.
+        decision: on fits of the logs as recorded.
+    """
+    c = decision.chosen.fit.candidate
+    starts = [Start(c.effects, tuple(c.wide), c.values()), Start((), NOMINAL, {})]
+    evidence = {key: max(fit.evidence for fit in search.fitted(starts)) for key, search in searches.items()}
+    return max(evidence, key=lambda key: evidence[key])

@@ -1,0 +1,118 @@
+"""A torque that is recorded later than it acted: noticed, taken back, and no cause of a gap."""
+
+import dataclasses
+
+import gap_search
+import numpy as np
+import numpy_machine
+import pytest
+
+from fpjax import diagnose, load_model
+from fpjax.gap import EFFECTS
+from fpjax.gap.data.inputs import about_late_torque, with_earlier_torque
+from fpjax.gap.fit.saved_fits import SavedFits
+from fpjax.gap.select.decision import decide
+from fpjax.gap.select.late_torque import lags, late_torque
+from fpjax.gap.verb import make_search
+from fpjax.simulation.precision import double_precision
+
+DT = 1e-3
+NAMES = ("constant_torque", "presliding", "actuator_lag", "actuator_delay", "velocity_lag")
+FEW = tuple(effect for effect in EFFECTS if effect.name in NAMES)
+LAG = 3e-3  # [s]
+
+
+def filtered(log, lag=LAG):
+    """The log with the torque as a drive reports it after a first-order digital filter with a lag [s]."""
+    torque, share = np.empty_like(log.torque), log.dt / (log.dt + lag)
+    torque[0] = log.torque[0]
+    for row in range(1, len(torque)):
+        torque[row] = torque[row - 1] + share * (log.torque[row] - torque[row - 1])
+    return dataclasses.replace(log, torque=torque)
+
+
+def filtered_and_read_before(log):
+    """The filter's state as each row begins, before the row's command acts."""
+    return a_row_late(filtered(log))
+
+
+def a_row_late(log):
+    """The log in which each row holds the torque of the row before."""
+    return dataclasses.replace(log, torque=np.concatenate([log.torque[:1], log.torque[:-1]]))
+
+
+def late_of(log, model=gap_search.MODEL):
+    with double_precision():
+        search = make_search([log], [], load_model(model), FEW)
+        return late_torque(search, decide(search, lambda *arguments: None))
+
+
+def test_a_torque_is_moved_as_far_as_it_is_late_and_a_filter_is_taken_back():
+    log = numpy_machine.record(seconds=4.0)
+    np.testing.assert_allclose(with_earlier_torque(filtered(log), LAG, LAG).torque, log.torque, atol=1e-12)
+    whole = with_earlier_torque(filtered_and_read_before(log), LAG + DT, LAG).torque
+    np.testing.assert_allclose(whole[1:-1], log.torque[1:-1], atol=1e-12)
+    # A dead time of a row and a half leaves the mean of two rows.
+    moved = with_earlier_torque(log, 1.5 * DT, 0.0)
+    np.testing.assert_allclose(moved.torque[:-2], 0.5 * (log.torque[1:-1] + log.torque[2:]), atol=1e-12)
+    assert moved.velocity is log.velocity
+
+
+def test_what_a_filter_may_have_made_is_never_less_than_nothing():
+    assert lags(0.4e-3, DT) == [0.0, 0.4e-3]
+    assert lags(3e-3, DT) == [0.0, 3e-3, pytest.approx(2e-3)]
+
+
+def test_the_warning_says_what_was_done_and_by_how_much():
+    log = numpy_machine.record(seconds=4.0)
+    assert "1.5 ms later than it acted; before" in about_late_torque([log], 1.5e-3, 0.0)
+    assert "1.5 ms later than it acted, as one that passed a filter of 0.5 ms" in about_late_torque([log], 1.5e-3, 5e-4)
+
+
+def test_a_torque_that_is_recorded_in_time_is_left_as_it_is():
+    log = numpy_machine.record(seconds=6.0)
+    assert late_of(log) == 0.0
+    # A torque that acts later than it is recorded is the actuator's matter.
+    assert late_of(numpy_machine.record(numpy_machine.Machine(delay=3), seconds=6.0)) == 0.0
+
+
+def test_a_nominal_model_with_a_dead_time_has_no_second_one():
+    log = a_row_late(numpy_machine.record(seconds=6.0))
+    assert late_of(log) == pytest.approx(DT, rel=0.1)
+    assert late_of(log, gap_search.MODEL + "[actuator]\ndelay = 0.002\n") == 0.0
+
+
+@pytest.mark.long
+def test_a_filtered_torque_is_no_gap():
+    log = filtered_and_read_before(numpy_machine.record(seconds=8.0))
+    found = diagnose(log, load_model(gap_search.MODEL), effects=FEW)
+    assert (found.verdict, found.causes) == ("no_gap", ())
+    (said,) = [warning for warning in found.warnings if "later than it acted" in warning]
+    assert float(said.split("recorded ")[1].split(" ms")[0]) == pytest.approx(1e3 * (LAG + DT), rel=0.1)
+    assert float(said.split("filter of ")[1].split(" ms")[0]) == pytest.approx(1e3 * LAG, rel=0.1)
+
+
+@pytest.mark.long
+def test_a_late_torque_hides_no_cause_and_an_interrupt_keeps_the_fits_of_both_searches(tmp_path):
+    log = a_row_late(numpy_machine.record(numpy_machine.Machine(constant=0.15), seconds=8.0))
+    model, begun, path = load_model(gap_search.MODEL), [], tmp_path / "kept"
+
+    def stop(stage, share):
+        begun.append(stage)
+        if stage == "intervals and curves":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(log, model, effects=FEW, progress=stop, keep=SavedFits(path))
+    assert begun.count("looking") > 1
+    again = SavedFits(path)
+    found = diagnose(log, model, effects=FEW, keep=again)
+    assert again.taken >= 8  # bases, nominal model and effects of both searches
+    assert not again.lost
+    assert (found.verdict, found.causes) == ("explained", ("constant_torque",))
+    assert found.ranking[0].parameters["torque"].value == pytest.approx(0.15, rel=0.03)
+    (said,) = [warning for warning in found.warnings if "later than it acted" in warning]
+    assert "filter" not in said
+    whole = diagnose(log, model, effects=FEW)
+    assert str(found) == str(whole)
+    assert repr(found.ranking) == repr(whole.ranking)
