@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from ..effects.vocabulary import LATE_TORQUE
 from ..fit.candidate import NOMINAL, Start
 from ..fit.search import Search
@@ -30,6 +32,10 @@ def late_torque(search: Search, decision: Decision) -> float:
     # Beside a dead time of the actuator, of the nominal model or fitted, the two would be one number.
     if given.get(DELAY) != 0.0 or DELAY in held:
         return 0.0
+    exact = Exact(decision.exact, decision.judged)
+    left, torque = exact.left(decision.chosen.fit), np.concatenate([record.torque for record in search.records])
+    if left < THRESHOLDS.nothing * float(np.sqrt(np.mean(torque**2))):
+        return 0.0
     # Also without the chosen causes, which may stand for it alone.
     starts = [
         Start((*effects, LATE_TORQUE), wide, like.values() | start, like)
@@ -37,10 +43,9 @@ def late_torque(search: Search, decision: Decision) -> float:
         for start in LATE_TORQUE.starts(search.setting)
     ]
     best = max(search.fitted(starts), key=lambda fit: fit.evidence)
-    exact = Exact(decision.exact, decision.judged)
     # A nat for each nominal number that is free, as `settled` counts them.
     gain = best.evidence - len(best.candidate.wide) - decision.chosen.evidence
-    taken = exact.left(best) < THRESHOLDS.part * exact.left(decision.chosen.fit)
+    taken = exact.left(best) < THRESHOLDS.part * left
     if not taken or gain <= THRESHOLDS.decisive or DELAY in best.candidate.at_bound():
         return 0.0
     return -best.candidate.values()[DELAY]
