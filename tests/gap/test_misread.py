@@ -33,6 +33,19 @@ def test_a_reading_leads_where_it_is_larger_than_what_the_leading_cause_makes():
     assert 0.9 < more.main["velocity_lag"] <= sum(more.main.values()) <= 1.0
 
 
+def test_a_reading_stands_among_the_causes_in_its_place_by_size():
+    chosen, shares = weighed("unbalance", 1000.0, wide=("coulomb",)), {"coulomb_error": 0.6, "unbalance": 0.2}
+    for energy, place in ((0.7, 0), (0.4, 1), (0.1, 2)):
+        misread = {"velocity_scale_error": energy}
+        found = judged(chosen, [], shares=shares, readings=("velocity_scale_error",), misread=misread)
+        assert [name for name in found.causes if name in shares] == ["coulomb_error", "unbalance"]
+        assert found.causes.index("velocity_scale_error") == place
+    # Of two, each by itself.
+    both = {"velocity_bias": 0.65, "velocity_scale_error": 0.3}
+    found = judged(chosen, [], shares=shares, readings=tuple(both), misread=both)
+    assert found.causes == ("velocity_bias", "coulomb_error", "velocity_scale_error", "unbalance")
+
+
 def test_where_nothing_is_missing_whatever_is_misread_is_all_there_is():
     def beside(size, torque, share, moving):
         return beside_gap(Reading("velocity_delay", {}, size, torque, 100.0), share, moving)

@@ -1,6 +1,6 @@
 """Misread: errors of the velocity column beside the causes of a verdict."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,13 +29,17 @@ def told_readings(found: Verdict, seen: Seen, t: Thresholds) -> tuple[str, ...]:
     return tuple(sorted(told, key=lambda name: -seen.misread.get(name, 0.0)))
 
 
-def with_readings(found: Verdict, readings: Sequence[str], largest: float, seen: Seen, t: Thresholds) -> Verdict:
-    """A wrong reading makes no torque: it is a cause beside the others, or alone where there is no gap.
+def with_readings(
+    found: Verdict, readings: Sequence[str], size: Mapping[str, float], whole: float, seen: Seen, t: Thresholds
+) -> Verdict:
+    """A wrong reading makes no torque: it is a cause beside the others, in its place by size, or alone without a gap.
 
     Args:
         found: without the readings.
         readings: errors of the velocity column that are told, the largest first.
-        largest: energy of the gap, as a share, from which on a reading's error comes before the leading cause [1].
+        size: by cause, the energy that it takes, as a share of `whole` [1].
+        whole: energy of which sizes are shares, of the gap's [1]: a reading's error that makes more comes before a
+            cause, and before what is not asserted where it makes more than the whole.
         seen: sizes.
         t: thresholds.
     """
@@ -44,10 +48,11 @@ def with_readings(found: Verdict, readings: Sequence[str], largest: float, seen:
     among = dict(found.among) | right
     instead = {other: t.right_read * (1.0 - sure) for other, sure in seen.doubts.values() if sure < 1.0}
     among |= {other: max(share, among.get(other, 0.0)) for other, share in instead.items()}
-    first, names = readings[0], (*asserted, *(name for name in readings if name not in asserted))
+    energy = {name: size.get(name, 1.0) * whole for name in asserted} | {n: seen.misread.get(n, 0.0) for n in readings}
+    first, names = readings[0], _in_place(asserted, [name for name in readings if name not in asserted], energy)
     # One wrong number beside right ones is a cause of the machine; several and nothing else are a guessed model.
     guessed = len(asserted) > 1 and all(is_number(name) for name in asserted)
-    leads = word == "no_gap" or guessed or seen.misread.get(first, 0.0) > largest
+    leads = word == "no_gap" or guessed or energy[first] > (energy[asserted[0]] if asserted else whole)
     if leads:
         # More is misread than the machine's own cause makes, or what is missing is a guessed nominal model's.
         word = "explained" if word == "no_gap" else word
@@ -68,3 +73,12 @@ def with_readings(found: Verdict, readings: Sequence[str], largest: float, seen:
         main = main | {first: rest}
         probability = sum(main[name] for name in asserted[:1]) if asserted else max(1.0 - sum(main.values()), 0.0)
     return replace(found, word=word, causes=names, probability=probability, main=main, among=among)
+
+
+def _in_place(asserted: Sequence[str], readings: Sequence[str], energy: Mapping[str, float]) -> tuple[str, ...]:
+    """The causes, which keep their order, with each reading's error behind the last that makes as much or more."""
+    names = list(asserted)
+    for reading in readings:
+        more = [place for place, name in enumerate(names) if name in readings or energy[name] >= energy[reading]]
+        names.insert(more[-1] + 1 if more else 0, reading)
+    return tuple(names)

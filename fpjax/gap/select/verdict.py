@@ -43,9 +43,8 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     # Beside a position that cannot be right nothing is known of the velocity column.
     if not readings or (seen.contradicted and found.word == "unexplained"):
         return found
-    lead = found.causes[0] if found.causes else ""
     # As an effect is: beside several wrong numbers by what these leave of the gap.
-    return with_readings(found, readings, size.get(lead, 1.0) * whole, seen, thresholds)
+    return with_readings(found, readings, size, whole, seen, thresholds)
 
 
 @dataclass(frozen=True)
