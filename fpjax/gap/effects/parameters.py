@@ -239,12 +239,13 @@ ACTUATOR_DELAY = _time("actuator_delay", "actuator.delay")
 TORQUE_LATE = replace(ACTUATOR_DELAY, low=_times("dt", -30), high=_ZERO)
 VELOCITY_LAG = _time("velocity_lag", "sensor.lag")
 VELOCITY_DELAY = _time("velocity_delay", "sensor.delay")
-# The bound of 0.999 of the largest command: a limit that clips nothing has no gradient.
+# The bound of 0.999 of the largest command: a limit that clips nothing has no gradient. A loop without anti-windup may
+# ask for fifty times what its drive gives.
 LIMIT = EffectParameter(
     "limit",
     "N m",
     _constant(NO_LIMIT),
-    _times("torque", 0.1),
+    _times("torque", 0.01),
     _times("torque", 0.999),
     _times("torque", 0.1),
     "actuator.limit",

@@ -365,7 +365,7 @@ EFFECTS: tuple[Effect, ...] = (
         "torque_saturation",
         (LIMIT,),
         # Many starts: the cost is flat where nothing is clipped, and has kinks where samples begin to be.
-        starts=lambda s: [{"limit": f * s.torque} for f in (0.97, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2)],
+        starts=lambda s: [{"limit": f * s.torque} for f in (0.97, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2, 0.1, 0.05, 0.025)],
     ),
     _effect(
         "torque_dead_zone",

@@ -16,6 +16,7 @@ from .nominal_errors import wrong_numbers
 from .shares import absent_friction, numbers_of, shares_of, without_effect
 from .weighed import (
     CONTAINED,
+    FACTORS,
     Exact,
     Weighed,
     first_settled,
@@ -36,8 +37,6 @@ SIMPLER = {
     "backlash": ("compliance",),
 }
 """What an effect holds as a special case, or is in a short travel, with fewer parameters."""
-FACTORS = ("torque_gain_error", "velocity_scale_error")
-"""One factor that makes several nominal numbers wrong in proportion."""
 LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
 PAIR_KEEP = (16, 8, 5, 4)  # sets of causes that go on to each stage where causes are added
 

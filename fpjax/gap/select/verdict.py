@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..thresholds import THRESHOLDS, Thresholds
-from .decision import FACTORS, Decision
+from .decision import Decision
 from .dominant import believed, dominant
 from .misread import told_readings, with_readings
 from .nominal_errors import wrong_numbers
 from .statement import Seen, Verdict, Word, is_number
-from .weighed import CONTAINED, Weighed
+from .weighed import CONTAINED, FACTORS, Weighed
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, flo
     """
     left = float(np.clip(decision.nominal.left**2, 1e-12, 1.0))
     weight = {
-        n: s if is_number(n) else s / left * believed(seen.curves, seen.follows.get(n, ()), t)
+        n: s if is_number(n) else s / left * believed(seen.curves, () if n in FACTORS else seen.follows.get(n, ()), t)
         for n, s in decision.shares.items()
     }
     guessed = sum(is_number(n) and share > t.matters for n, share in decision.shares.items()) > 1

@@ -14,6 +14,8 @@ from .detectability import resolved
 from .dominant import Curve, believed
 from .nominal_errors import wrong_numbers
 
+FACTORS = ("torque_gain_error", "velocity_scale_error")
+"""One factor that makes several nominal numbers wrong in proportion."""
 CONTAINED = {"backlash": "compliance"}
 """Effects that hold another one exactly, for one value of a parameter: a gap of zero."""
 
@@ -160,8 +162,9 @@ def weighed_fit(search: Search, exact: Exact, fit: Fit, evidence: float) -> Weig
     """A fit with its evidence and prior odds of its wrong numbers [nats], and what it leaves of the missing torque."""
     whole = exact.left(exact.fit)
     left = exact.left(fit) / whole if whole > 0.0 else 1.0  # where the nominal model misses nothing, nothing is taken
-    # Wrong numbers follow none: every model has them.
-    follows = {variable for effect in fit.candidate.effects for variable in effect.follows}
+    # Wrong numbers follow none: every model has them. Nor does one factor that stands for several of them.
+    effects = [effect for effect in fit.candidate.effects if effect.name not in FACTORS]
+    follows = {variable for effect in effects for variable in effect.follows}
     share = believed(exact.curves, follows) if fit.candidate.effects else 1.0
     return Weighed(fit, evidence, evidence - exact.fit.evidence, left, share)
 
