@@ -25,6 +25,7 @@ from .weighed import (
     settled,
     weigh,
     weighed_fit,
+    whole_gap,
 )  # fmt: skip
 
 # Pairs that one machine cannot hold: bristles and a transmission are two structures of the plant, and a backlash brings
@@ -216,7 +217,7 @@ def _worth_more(search: Search, exact: Exact, fit: Fit, nominal: Weighed) -> boo
 
     With numbers that are guesses most of the gap is theirs, and what is sought stands beside them.
     """
-    left, whole = exact.left(fit), exact.left(exact.fit)
+    left, whole = exact.left(fit), whole_gap(search, exact, fit)
     if len(wrong_numbers(nominal.fit, nominal_sizes(search.setting))[1]) > 1:
         torque = np.concatenate([record.torque for record in search.records])
         if left > THRESHOLDS.nothing * float(np.sqrt(np.mean(torque**2))):

@@ -6,7 +6,7 @@ from ..effects.effect import Effect
 from ..fit.candidate import NOMINAL, Fit, Start
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS
-from .weighed import Exact
+from .weighed import Exact, whole_gap
 
 Alike = dict[str, tuple[str, ...]]  # by cause, those that would do as well in its place
 
@@ -25,14 +25,14 @@ def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> t
         known: fits found before.
     """
     # Energies, not rms values: of causes that act at different times or frequencies they add up.
-    whole, now = exact.left(exact.fit) ** 2, exact.left(fit) ** 2
+    whole, now = whole_gap(search, exact, fit) ** 2, exact.left(fit) ** 2
     c = fit.candidate
     numbers = [f"{number}_error" for number in NOMINAL if number in c.wide]
     if not whole > 0.0:
         return dict.fromkeys((*c.structural, *numbers), 0.0), {}
     singly = [(name,) for name in (*c.structural, *numbers)]
     without = _fits_without(search, fit, singly, known)
-    shares = {name: max(exact.left(without[(name,)]) ** 2 - now, 0.0) / whole for (name,) in singly}
+    shares = {name: min(max(exact.left(without[(name,)]) ** 2 - now, 0.0) / whole, 1.0) for (name,) in singly}
     alike: Alike = {}
     for some in (numbers, [*c.structural, *numbers]):
         details = [name for name in some if shares[name] <= THRESHOLDS.matters]
@@ -51,7 +51,7 @@ def _one_by_one(
     a winch. Without both much comes back: they are taken on again one by one, the one that takes most first, while
     without the rest too much is left; with each, those that would have done as well.
     """
-    whole, now = exact.left(exact.fit) ** 2, exact.left(fit) ** 2
+    whole, now = whole_gap(search, exact, fit) ** 2, exact.left(fit) ** 2
     matters = THRESHOLDS.matters * whole
     out, found, alike = tuple(details), {}, {}
     left = exact.left(_fits_without(search, fit, [out], known)[out]) ** 2

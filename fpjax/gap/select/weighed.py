@@ -16,6 +16,7 @@ from .nominal_errors import wrong_numbers
 
 FACTORS = ("torque_gain_error", "velocity_scale_error")
 """One factor that makes several nominal numbers wrong in proportion."""
+LIMIT = "torque_saturation"
 CONTAINED = {"backlash": "compliance"}
 """Effects that hold another one exactly, for one value of a parameter: a gap of zero."""
 
@@ -167,6 +168,25 @@ def weighed_fit(search: Search, exact: Exact, fit: Fit, evidence: float) -> Weig
     follows = {variable for effect in effects for variable in effect.follows}
     share = believed(exact.curves, follows) if fit.candidate.effects else 1.0
     return Weighed(fit, evidence, evidence - exact.fit.evidence, left, share)
+
+
+def whole_gap(search: Search, exact: Exact, fit: Fit) -> float:
+    """The missing torque that a model's causes are shares of [N m]: all that the nominal model as given misses.
+
+    Where the model limits the torque, no more than what is left of the commanded one: what a drive is asked for and
+    cannot give is missing to a model without a limit, and would hide all that is missing beside it.
+
+    Args:
+        search: of the logs.
+        exact: what models are weighed against.
+        fit: of the model.
+    """
+    whole, values = exact.left(exact.fit), fit.candidate.values()
+    if LIMIT not in fit.candidate.structural:
+        return whole
+    commanded = np.concatenate([record.torque for record in search.records])
+    given = np.clip(values.get("gain", 1.0) * commanded, -values["limit"], values["limit"])
+    return min(whole, float(np.sqrt(np.mean(given**2))))
 
 
 def settled(search: Search, exact: Exact, weighed: Weighed) -> Weighed:
