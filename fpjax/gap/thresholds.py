@@ -27,8 +27,6 @@ class Thresholds:
         decisive: evidence [nats] that a further cause must bring.
         removes: share [1] of the energy of the missing torque that is left, which a further cause must remove.
         adds: worth that a further cause adds, of that of the model without it [1], from which on it need not do that.
-        immaterial: missing torque left, of the nominal model's [1], below which no further cause is looked for: the
-            root of `matters`, since none could be told.
         bases: effects, the most likely ones alone, beside which others are tried; up to twice as many where the next
             are within `sure` of them.
         gross: missing torque that the best models leave in a window, over that in the median one [1], above which they
@@ -39,7 +37,8 @@ class Thresholds:
             of several logs, in each of them.
         slight: likewise, below which there is no gap if no effect brings evidence either.
         chance: evidence [nats] that the best of all effects brings where there is nothing to find.
-        closes: missing torque that may be left, of the nominal model's [1], for causes to explain the gap.
+        closes: missing torque that may be left, of the nominal model's [1], for causes to explain the gap; below it no
+            further cause is looked for.
         part: missing torque that may be left, likewise or as far as it moves the machine, for causes to explain a part
             of it: half of its energy.
         sure: worth [nats] over the best model without its leading cause, for a cause to be asserted alone.
@@ -120,7 +119,6 @@ class Thresholds:
     decisive: float = 10.0
     removes: float = 0.15
     adds: float = 0.2
-    immaterial: float = 0.22
     bases: int = 2
     gross: float = 4.0
     few: float = 0.25

@@ -222,7 +222,7 @@ def _worth_more(search: Search, exact: Exact, fit: Fit, nominal: Weighed) -> boo
         torque = np.concatenate([record.torque for record in search.records])
         if left > THRESHOLDS.nothing * float(np.sqrt(np.mean(torque**2))):
             whole *= min(nominal.left, 1.0)
-    return left > THRESHOLDS.immaterial * whole
+    return left > THRESHOLDS.closes * whole
 
 
 def _better(search: Search, exact: Exact, chosen: Weighed, best: Weighed) -> bool:
