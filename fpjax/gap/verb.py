@@ -29,7 +29,7 @@ from .effects.vocabulary import EFFECTS, on_rate_sensor
 from .fit.saved_fits import ResumingSearch, SavedFits, key_of
 from .fit.search import Search
 from .select.decision import decide
-from .select.late_torque import lags, late_torque, likeliest
+from .select.late_torque import lags, late_torque, least_missing
 from .simulate.family import Nominal
 from .stage_costs import COSTS
 
@@ -129,14 +129,14 @@ def _diagnose(
         if doubts and search.records[0].velocity is None:
             doubts = checked.contradictions(rate=False)
         decision = decide(search, clock, curves.by)
-        late = late_torque(search, decision)
+        late = 0.0 if doubts else late_torque(search, decision)
         if late > 0.0:
             clock("looking")
             searches = {
                 lag: make_search(*_earlier(logs, withheld, late, lag), model, effects, keep, again=True)
                 for lag in lags(late, search.setting.dt)
             }
-            lag = likeliest(searches, decision)
+            lag = least_missing(searches, decision)
             warnings.append(about_late_torque(everything, late, lag))
             search = searches[lag]
             curves = curves_of(search)

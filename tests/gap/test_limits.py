@@ -17,6 +17,7 @@ PUSH = 0.3  # [N m]
 # A loop without anti-windup that asks for some twenty times the limit.
 GREEDY = numpy_machine.Machine(kp=6.0, ki=15.0)
 FEW = tuple(effect for effect in EFFECTS if effect.name in ("torque_saturation", "constant_torque", "quadratic_drag"))
+FEW = tuple(sorted(FEW, key=lambda effect: effect.name != "torque_saturation"))
 
 
 def limited(push):
@@ -36,6 +37,17 @@ def test_a_limit_far_below_the_command_hides_no_second_cause():
     by_name = {ranked.effect: ranked.parameters for ranked in found.ranking}
     assert by_name["torque_saturation"]["limit"].value == pytest.approx(LIMIT, rel=0.03)
     assert by_name["constant_torque"]["torque"].value == pytest.approx(PUSH, rel=0.1)
+
+
+@pytest.mark.long
+def test_a_limit_that_leaves_more_than_the_drive_gives_explains_nothing():
+    def beyond(time, velocity, position, command):
+        return 0.8 * np.sin(2.0 * np.pi * 1.1 * time) + np.clip(command, -LIMIT, LIMIT) - command
+
+    log = numpy_machine.record(GREEDY, seconds=6.0, extra=beyond)
+    found = diagnose(log, load_model(gap_search.MODEL), effects=FEW[:1])
+    assert FEW[0].name == "torque_saturation"
+    assert found.verdict != "explained"
 
 
 def test_no_more_than_what_the_drive_gives_counts_as_missing_beside_its_limit():

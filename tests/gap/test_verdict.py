@@ -387,3 +387,13 @@ def test_nothing_is_asserted_of_a_log_that_cannot_be_what_it_says(left):
     assert "velocity_scale_error" not in found.among
     assert found.main["cogging"] <= THRESHOLDS.right_unexplained[0]
     assert judged(chosen, [], share=1e-3, left=left, contradicted=True).word == "no_gap"
+
+
+def test_beside_a_limit_what_is_left_is_of_what_the_drive_gives():
+    chosen, rivals = weighed("torque_saturation", 500.0), [weighed("presliding", 100.0)]
+    for whole, word in ((1.0, "explained"), (0.3, "partly_explained"), (0.12, "unexplained")):
+        assert judged(chosen, rivals, left=0.1, whole=whole).word == word
+    # Shares are of that too; a reading's error is compared with them as of the whole gap.
+    shares, misread = {"torque_saturation": 1.0, "unbalance": 0.2}, {"velocity_scale_error": 0.1}
+    found = judged(chosen, rivals, shares=shares, whole=0.2, readings=tuple(misread), misread=misread, left=0.01)
+    assert found.causes == ("velocity_scale_error", "torque_saturation", "unbalance")

@@ -35,6 +35,7 @@ def judged(
     numbers=1.0,
     floor=1e-3,
     share=None,
+    whole=1.0,
     **more,
 ):
     """The verdict on a chosen model beside its rivals, of sizes [N m] and shares [1] as they are given."""
@@ -45,6 +46,7 @@ def judged(
         chosen=chosen,
         rivals=tuple(rivals),
         shares=shares or dict.fromkeys(chosen.structural, 0.5),
+        whole=whole,
     )
     torque = 5.0
     share = before / torque if share is None else share

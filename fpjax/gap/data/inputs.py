@@ -88,11 +88,11 @@ def with_earlier_torque(log: Log, late: float, lag: float) -> Log:
 
 def about_late_torque(logs: Sequence[Log], late: float, lag: float) -> str:
     """What was noticed of a torque that was recorded later than it acted, and done; as `with_earlier_torque`."""
-    names = ", ".join(log.name for log in logs[:3])
+    names = ", ".join(log.name for log in logs)
     said = f"{names}: the torque is recorded {1e3 * late:.3g} ms later than it acted"
     if lag > 0.0:
-        said += f", as one that passed a filter of {1e3 * lag:.3g} ms"
-    return f"{said}; before the gap is told that was taken back."
+        said += f", {1e3 * lag:.3g} ms of it as by a first-order filter"
+    return f"{said}: the column was corrected before the gap was measured."
 
 
 def read_model(model: ModelSource) -> Model:

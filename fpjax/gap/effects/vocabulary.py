@@ -237,7 +237,8 @@ def _effect(name: str, parameters: tuple[EffectParameter, ...], **words: Any) ->
 
 
 # Variables that the torque of an effect is a function of; friction always follows the sign of the velocity too. Lags,
-# delays, bristles and transmissions depend on the past, an inertia on the acceleration: they have no entry.
+# delays, bristles and transmissions depend on the past, an inertia on the acceleration: they have no entry. Nor has a
+# factor on the torque: it stands for several wrong numbers, which every model has.
 _FOLLOWS: dict[str, tuple[str, ...]] = {
     "coulomb_error": ("velocity",),
     "viscous_error": ("velocity",),
@@ -249,7 +250,6 @@ _FOLLOWS: dict[str, tuple[str, ...]] = {
     "load_dependent_friction": ("velocity", "torque"),
     "unbalance": ("position",),
     "cogging": ("position",),
-    "torque_gain_error": ("torque",),
     "torque_saturation": ("torque",),
     "torque_dead_zone": ("torque",),
 }

@@ -16,7 +16,6 @@ from .nominal_errors import wrong_numbers
 from .shares import absent_friction, numbers_of, shares_of, without_effect
 from .weighed import (
     CONTAINED,
-    FACTORS,
     Exact,
     Weighed,
     first_settled,
@@ -38,6 +37,9 @@ SIMPLER = {
     "backlash": ("compliance",),
 }
 """What an effect holds as a special case, or is in a short travel, with fewer parameters."""
+GAIN = "torque_gain_error"
+FACTORS = (GAIN, "velocity_scale_error")
+"""One factor that makes several nominal numbers wrong in proportion."""
 LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
 PAIR_KEEP = (16, 8, 5, 4)  # sets of causes that go on to each stage where causes are added
 
@@ -53,10 +55,11 @@ class Decision:
         chosen: the model that is reported.
         rivals: models with as many effects as the chosen one, the most likely first.
         path: the ladder from `exact` to `chosen`.
-        shares: of the nominal model's missing energy, what would come back without each cause of `chosen` [1], the
-            largest first; of what moves the machine alone where `by_numbers` was asked so.
+        shares: of the missing energy that counts as all (`whole`), what would come back without each cause of `chosen`
+            [1], the largest first; of what moves the machine alone where `by_numbers` was asked so.
         judged: windows on which models were compared, one array of indices a record.
         alike: by wrong number, those that would do as well in its place.
+        whole: missing torque that counts as all beside `chosen` (`whole_gap`), of the nominal model's [1].
     """
 
     exact: Fit
@@ -68,6 +71,7 @@ class Decision:
     shares: dict[str, float]
     judged: tuple[Values, ...]
     alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    whole: float = 1.0
 
 
 def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[str, Curve] | None = None) -> Decision:
@@ -126,7 +130,9 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
         chosen = equal
         shares, alike = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
     path = (*path, chosen.fit)
-    return Decision(exact.fit, nominal, tuple(singles), chosen, tuple(rivals), path, shares, exact.judged, alike)
+    all_of_it = exact.left(exact.fit)
+    whole = whole_gap(search, exact, chosen.fit) / all_of_it if all_of_it > 0.0 else 1.0
+    return Decision(exact.fit, nominal, tuple(singles), chosen, tuple(rivals), path, shares, exact.judged, alike, whole)
 
 
 def by_numbers(search: Search, decision: Decision, *, moving: bool = False) -> Decision:
@@ -147,7 +153,7 @@ def by_numbers(search: Search, decision: Decision, *, moving: bool = False) -> D
     path = (decision.exact, numbers.fit)
     return replace(
         decision, nominal=nominal, singles=singles, chosen=numbers, rivals=singles, path=path, shares=shares,
-        alike=alike,
+        alike=alike, whole=1.0,
     )  # fmt: skip
 
 
@@ -164,9 +170,17 @@ def _alone(search: Search) -> list[Start]:
     return starts
 
 
-def _nominal_for(effect: Effect) -> list[tuple[str, ...]]:
-    """Which nominal numbers are free beside an effect: all, and none where it is a twin of all of them together."""
-    return [NOMINAL, ()] if effect.name in FACTORS else [NOMINAL]
+def _nominal_for(*effects: Effect) -> list[tuple[str, ...]]:
+    """Which nominal numbers are free beside effects: all; none beside a factor that is a twin of all of them together.
+
+    A factor on the rate alone leaves the Coulomb friction as it is, so that the numbers may be free beside it too. All
+    three beside one on the torque are one number too many: it only scales what else of the nominal model is known, an
+    offset or a weight, against them.
+    """
+    names = {effect.name for effect in effects}
+    if GAIN in names:
+        return [()]
+    return [NOMINAL, ()] if names & set(FACTORS) else [NOMINAL]
 
 
 def _bases(singles: Sequence[Weighed]) -> list[Weighed]:
@@ -205,7 +219,7 @@ def _beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> 
             if any(pair <= names for pair in IMPOSSIBLE) or {p.name for p in effect.parameters} <= held:
                 continue
             for start in effect.starts(setting):
-                for wide in _nominal_for(effect):
+                for wide in _nominal_for(*base.fit.candidate.effects, effect):
                     # A twin of the nominal numbers starts from the numbers as they were given.
                     kept = values if wide else {k: v for k, v in values.items() if k not in NOMINAL}
                     starts.append(Start((*base.fit.candidate.effects, effect), wide, kept | start, base.fit.candidate))
@@ -254,7 +268,7 @@ def _without(fit: Fit, effect: Effect) -> Start:
     """A fitted model without one of its effects, all nominal numbers free."""
     c = fit.candidate
     rest = tuple(e for e in c.effects if e is not effect)
-    return Start(rest, NOMINAL, without_effect(c.values(), effect, rest), c)
+    return Start(rest, _nominal_for(*rest)[0], without_effect(c.values(), effect, rest), c)
 
 
 def _plausible(
@@ -305,19 +319,21 @@ def _simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
         starts = list(_instead(chosen.fit, by_name))
         if not starts:
             return chosen
-        near = [fit for fit in search.fitted(starts) if resolved(search, fit) and _stands_for(exact, fit, chosen.fit)]
+        whole = whole_gap(search, exact, chosen.fit)
+        fits = [fit for fit in search.fitted(starts) if resolved(search, fit)]
+        near = [fit for fit in fits if _stands_for(exact, fit, chosen.fit, whole)]
         if not near:
             return chosen
         best = min(near, key=exact.left)
         chosen = weighed_fit(search, exact, best, best.evidence - len(best.candidate.wide))
 
 
-def _stands_for(exact: Exact, fit: Fit, chosen: Fit) -> bool:
+def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float) -> bool:
     """Whether a simpler fit may take the place of the chosen one: no torque that matters is missing, little is lost."""
     gained = max(chosen.evidence - exact.fit.evidence, 1e-300)
     lost = (chosen.evidence - fit.evidence) / gained
     ahead = fit.evidence - chosen.evidence > THRESHOLDS.decisive
-    slight = exact.left(fit) ** 2 - exact.left(chosen) ** 2 < THRESHOLDS.matters * exact.left(exact.fit) ** 2
+    slight = exact.left(fit) ** 2 - exact.left(chosen) ** 2 < THRESHOLDS.matters * whole**2
     before, after = chosen.candidate, fit.candidate
     if set(after.structural) > set(before.structural):
         # One factor. Numbers that end at the bounds of what counts as right are wrong too, and one number is no more

@@ -21,7 +21,8 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     the samples can tell is one of their own making. A torque amplitude that ends at its largest value, more than
     any torque of the log, is a difference of two large torques that cancel each other over a short travel. A dead
     zone that swallows half of the largest torque stands for a torque that is always there, and so does a friction
-    that drives in one direction.
+    that drives in one direction. A limit that ends at the least that is looked for stands for a friction, one at the
+    largest command limits nothing.
 
     Args:
         search: of the logs.
@@ -32,6 +33,8 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     # How far a known load may be off is a bound of another kind: it says nothing of what stands beside it.
     ends, values = set(c.at_bound()) - set(c.load_error), c.values()
     if any(values[name] != 0.0 for name in AMPLITUDES & ends):
+        return False
+    if "torque_saturation" in c.structural and "limit" in ends:
         return False
     if "torque_dead_zone" in c.structural and values["dead_zone"] > t.swallowed * setting.torque:
         return False

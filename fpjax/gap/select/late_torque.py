@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..effects.vocabulary import LATE_TORQUE
-from ..fit.candidate import NOMINAL, Start
+from ..fit.candidate import NOMINAL, Fit, Start
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS
 from .decision import Decision
@@ -45,10 +45,15 @@ def late_torque(search: Search, decision: Decision) -> float:
     best = max(search.fitted(starts), key=lambda fit: fit.evidence)
     # A nat for each nominal number that is free, as `settled` counts them.
     gain = best.evidence - len(best.candidate.wide) - decision.chosen.evidence
-    taken = exact.left(best) < THRESHOLDS.part * left
+    taken = exact.left(best) < THRESHOLDS.part * left and _in_every_log(best, decision.chosen.fit)
     if not taken or gain <= THRESHOLDS.decisive or DELAY in best.candidate.at_bound():
         return 0.0
     return -best.candidate.values()[DELAY]
+
+
+def _in_every_log(best: Fit, chosen: Fit) -> bool:
+    """Whether no log has more torque missing for it: logs of which one alone is late are left as they are."""
+    return all(np.mean(late) <= np.mean(now) for late, now in zip(best.missing, chosen.missing, strict=True))
 
 
 def lags(late: float, dt: float) -> list[float]:
@@ -63,8 +68,8 @@ def lags(late: float, dt: float) -> list[float]:
     return [0.0, late, *([late - dt] if late > dt else [])]
 
 
-def likeliest(searches: Mapping[float, Search], decision: Decision) -> float:
-    """The key of the search in whose logs the chosen causes, or none, are the most likely.
+def least_missing(searches: Mapping[float, Search], decision: Decision) -> float:
+    """The key of the search in whose logs the chosen causes, or none, leave the least torque missing.
 
     Args:
         searches: of the same logs, with the torque as it may have acted.
@@ -72,5 +77,11 @@ def likeliest(searches: Mapping[float, Search], decision: Decision) -> float:
     """
     c = decision.chosen.fit.candidate
     starts = [Start(c.effects, tuple(c.wide), c.values()), Start((), NOMINAL, {})]
-    evidence = {key: max(fit.evidence for fit in search.fitted(starts)) for key, search in searches.items()}
-    return max(evidence, key=lambda key: evidence[key])
+
+    def left(search: Search) -> float:
+        # Not by evidence: each search has measured the noise anew.
+        windows = [np.arange(len(record.starts)) for record in search.records]
+        return min(fit.missing_rms(windows) for fit in search.fitted(starts))
+
+    missing = {key: left(search) for key, search in searches.items()}
+    return min(missing, key=lambda key: missing[key])

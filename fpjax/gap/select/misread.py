@@ -49,7 +49,7 @@ def with_readings(
     instead = {other: t.right_read * (1.0 - sure) for other, sure in seen.doubts.values() if sure < 1.0}
     among |= {other: max(share, among.get(other, 0.0)) for other, share in instead.items()}
     energy = {name: size.get(name, 1.0) * whole for name in asserted} | {n: seen.misread.get(n, 0.0) for n in readings}
-    first, names = readings[0], _in_place(asserted, [name for name in readings if name not in asserted], energy)
+    first, names = readings[0], _in_place(asserted, readings, energy)
     # One wrong number beside right ones is a cause of the machine; several and nothing else are a guessed model.
     guessed = len(asserted) > 1 and all(is_number(name) for name in asserted)
     leads = word == "no_gap" or guessed or energy[first] > (energy[asserted[0]] if asserted else whole)

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..thresholds import THRESHOLDS, Thresholds
-from .decision import Decision
+from .decision import FACTORS, Decision
 from .dominant import believed, dominant
 from .misread import told_readings, with_readings
 from .nominal_errors import wrong_numbers
 from .statement import Seen, Verdict, Word, is_number
-from .weighed import CONTAINED, FACTORS, Weighed
+from .weighed import CONTAINED, Weighed
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     right = _right(asserted, shares, main, exactly=not case.sure)
     found = Verdict(case.word, asserted, right, main, among, case.margin, case.lead)
     size, _, whole = _sizes(decision, seen, thresholds)
-    readings = told_readings(found, seen, thresholds)
+    readings = tuple(name for name in told_readings(found, seen, thresholds) if name not in found.causes)
     # Beside a position that cannot be right nothing is known of the velocity column.
     if not readings or (seen.contradicted and found.word == "unexplained"):
         return found
@@ -103,11 +103,12 @@ def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, flo
     dominant variable comes before what mends its details.
     """
     left = float(np.clip(decision.nominal.left**2, 1e-12, 1.0))
+    energy = {n: s * decision.whole**2 for n, s in decision.shares.items()}  # of the nominal model's
     weight = {
-        n: s if is_number(n) else s / left * believed(seen.curves, () if n in FACTORS else seen.follows.get(n, ()), t)
-        for n, s in decision.shares.items()
+        n: s if is_number(n) else s / left * believed(seen.curves, seen.follows.get(n, ()), t)
+        for n, s in energy.items()
     }
-    guessed = sum(is_number(n) and share > t.matters for n, share in decision.shares.items()) > 1
+    guessed = sum(is_number(n) and share > t.matters for n, share in energy.items()) > 1
     whole = left if guessed else 1.0
     return {n: w if is_number(n) else w * left / whole for n, w in weight.items()}, weight, whole
 
@@ -208,10 +209,12 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
         return "no_gap"
     if seen.contradicted or (chosen.names and chosen.names[0] in seen.unshown):
         return "unexplained"
-    left = seen.after / seen.before if seen.before > 0.0 else 1.0
+    # Beside a limit of the torque, of what the drive gives.
+    left = seen.after / (seen.before * decision.whole) if seen.before > 0.0 else 1.0
+    missing = seen.share * decision.whole * left  # of the commanded torque
     # A cause is reported with what this log cannot distinguish from it; a class of everything says nothing.
     few = bool(chosen.names) and (near <= t.alike or is_number(chosen.names[0]))
-    if few and (left < t.closes or left * seen.share < t.nothing):
+    if few and (left < t.closes or missing < t.nothing):
         return "explained"
     sure = few and (near == 0 or is_number(chosen.names[0]))
     # Where much is left, a cause that is not far ahead may be the one that bends best: pushes pass for a soft spring.
@@ -219,7 +222,7 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
         return "unexplained"
     return (
         "partly_explained"
-        if min(left, seen.moved) < t.part or (left < 1.0 and _follows_dominant(seen, chosen, t))
+        if min(left, seen.moved / decision.whole) < t.part or (left < 1.0 and _follows_dominant(seen, chosen, t))
         else "unexplained"
     )
 
@@ -261,7 +264,7 @@ def _lead(decision: Decision, chosen: _Set, margin: float, t: Thresholds) -> flo
         return 0.0
     if is_number(chosen.names[0]):
         taken = max(1.0 - min(decision.chosen.left, 1.0) ** 2, 1.0 - t.part**2)
-        return float(np.clip(decision.shares.get(chosen.names[0], 0.0) / taken, 0.0, 1.0))
+        return float(np.clip(decision.shares.get(chosen.names[0], 0.0) * decision.whole**2 / taken, 0.0, 1.0))
     return float(np.clip(margin / decision.chosen.gain, 0.0, 1.0)) if decision.chosen.gain > 0.0 else 0.0
 
 

@@ -14,8 +14,6 @@ from .detectability import resolved
 from .dominant import Curve, believed
 from .nominal_errors import wrong_numbers
 
-FACTORS = ("torque_gain_error", "velocity_scale_error")
-"""One factor that makes several nominal numbers wrong in proportion."""
 LIMIT = "torque_saturation"
 CONTAINED = {"backlash": "compliance"}
 """Effects that hold another one exactly, for one value of a parameter: a gap of zero."""
@@ -163,9 +161,8 @@ def weighed_fit(search: Search, exact: Exact, fit: Fit, evidence: float) -> Weig
     """A fit with its evidence and prior odds of its wrong numbers [nats], and what it leaves of the missing torque."""
     whole = exact.left(exact.fit)
     left = exact.left(fit) / whole if whole > 0.0 else 1.0  # where the nominal model misses nothing, nothing is taken
-    # Wrong numbers follow none: every model has them. Nor does one factor that stands for several of them.
-    effects = [effect for effect in fit.candidate.effects if effect.name not in FACTORS]
-    follows = {variable for effect in effects for variable in effect.follows}
+    # Wrong numbers follow none: every model has them.
+    follows = {variable for effect in fit.candidate.effects for variable in effect.follows}
     share = believed(exact.curves, follows) if fit.candidate.effects else 1.0
     return Weighed(fit, evidence, evidence - exact.fit.evidence, left, share)
 
@@ -173,20 +170,26 @@ def weighed_fit(search: Search, exact: Exact, fit: Fit, evidence: float) -> Weig
 def whole_gap(search: Search, exact: Exact, fit: Fit) -> float:
     """The missing torque that a model's causes are shares of [N m]: all that the nominal model as given misses.
 
-    Where the model limits the torque, no more than what is left of the commanded one: what a drive is asked for and
-    cannot give is missing to a model without a limit, and would hide all that is missing beside it.
+    Where the model limits the torque, no more than what that leaves of the commanded one: what a drive is asked for and
+    cannot give is missing to a model without a limit, and would hide all that is missing beside it. Not where more than
+    that is left: such a limit is no explanation.
 
     Args:
         search: of the logs.
         exact: what models are weighed against.
         fit: of the model.
     """
-    whole, values = exact.left(exact.fit), fit.candidate.values()
-    if LIMIT not in fit.candidate.structural:
+    c, whole = fit.candidate, exact.left(exact.fit)
+    if LIMIT not in c.structural:
         return whole
-    commanded = np.concatenate([record.torque for record in search.records])
-    given = np.clip(values.get("gain", 1.0) * commanded, -values["limit"], values["limit"])
-    return min(whole, float(np.sqrt(np.mean(given**2))))
+    values, commanded = c.values(), []
+    for record, windows in zip(search.records, exact.judged, strict=True):
+        rows = record.starts[windows][:, None] + np.arange(record.samples)
+        commanded.append(record.torque[rows.ravel()])
+    gain = values.get("gain", float(np.asarray(c.family.machine.actuator.gain)))
+    given = np.clip(gain * np.concatenate(commanded), -values["limit"], values["limit"])
+    most = float(np.sqrt(np.mean(given**2)))
+    return most if exact.left(fit) < most < whole else whole
 
 
 def settled(search: Search, exact: Exact, weighed: Weighed) -> Weighed:

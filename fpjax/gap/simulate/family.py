@@ -22,8 +22,8 @@ from ..data.record import LONGEST, Record
 from ..data.setting import Setting
 from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, EffectParameter, free, leaf
-from ..effects.parameters import NOMINAL, UNBALANCE
-from ..effects.vocabulary import shaft_values
+from ..effects.parameters import ACTUATOR_DELAY, NOMINAL, UNBALANCE
+from ..effects.vocabulary import LATE_TORQUE, shaft_values
 from ..machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
 from .replay import LANES, STATES, residual_kernel
 from .windows import as_rows
@@ -95,6 +95,8 @@ def make_family(key: Key, nominal: Nominal, effects: tuple[Effect, ...], setting
     machine = with_structure(machine, structure, 0.1 / setting.dt, 2e-3 * setting.speed)
     structure = structure_of(machine)
     fitting = tuple(e for e in effects if e.structure in ("rigid", structure) and set(e.features) <= set(features))
+    if not any(p in e.parameters for e in fitting for p in (ACTUATOR_DELAY, *LATE_TORQUE.parameters)):
+        fitting = (*fitting, LATE_TORQUE)  # an error of the log, whichever causes are asked for
     always = (_BASE, _LOAD_ERROR) if setting.turning_load and "torque" in features else (_BASE,)
     named: dict[str, EffectParameter] = {}
     for parameter in free((*always, *fitting)):
