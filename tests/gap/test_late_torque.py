@@ -19,7 +19,6 @@ from fpjax.simulation.precision import double_precision
 DT = 1e-3
 NAMES = ("constant_torque", "actuator_delay")
 FEW = tuple(effect for effect in EFFECTS if effect.name in NAMES)
-WITH_BRISTLES = tuple(effect for effect in EFFECTS if effect.name in (*NAMES, "presliding"))
 LAG = 3e-3  # [s]
 
 
@@ -95,8 +94,7 @@ def test_a_late_torque_is_noticed_whichever_causes_are_asked_for_and_in_every_lo
 @pytest.mark.long
 def test_a_filtered_torque_is_no_gap():
     log = filtered_and_read_before(numpy_machine.record(seconds=6.0))
-    # Bristles would stand for most of what the filter takes.
-    found = diagnose(log, load_model(gap_search.MODEL), effects=WITH_BRISTLES)
+    found = diagnose(log, load_model(gap_search.MODEL), effects=FEW)
     assert (found.verdict, found.causes) == ("no_gap", ())
     (said,) = [warning for warning in found.warnings if "later than it acted" in warning]
     assert float(said.split("recorded ")[1].split(" ms")[0]) == pytest.approx(1e3 * (LAG + DT), rel=0.1)

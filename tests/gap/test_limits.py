@@ -24,7 +24,7 @@ def limited(push):
     def beyond(time, velocity, position, command):
         return push + np.clip(command, -LIMIT, LIMIT) - command
 
-    return numpy_machine.record(GREEDY, seconds=8.0, extra=beyond)
+    return numpy_machine.record(GREEDY, seconds=6.0, extra=beyond)
 
 
 @pytest.mark.long

@@ -378,9 +378,7 @@ EFFECTS: tuple[Effect, ...] = (
 )
 """Every effect that changes the simulation; `velocity_quantisation` is read from the column itself."""
 
-LATE_TORQUE = _effect(
-    "late_torque", (TORQUE_LATE,), starts=lambda s: [{"actuator_delay": -f * s.dt} for f in (0.8, 3.5)]
-)
+LATE_TORQUE = _effect("late_torque", (TORQUE_LATE,), starts=lambda s: [{"actuator_delay": -0.8 * s.dt}])
 """A torque recorded after it acted, as one that the drive measures and filters: a dead time below zero.
 
 It is an error of the log and no cause of a gap, so that it is not among `EFFECTS` (`fpjax.gap.select.late_torque`).
