@@ -37,8 +37,7 @@ SIMPLER = {
     "backlash": ("compliance",),
 }
 """What an effect holds as a special case, or is in a short travel, with fewer parameters."""
-GAIN = "torque_gain_error"
-FACTORS = (GAIN, "velocity_scale_error")
+FACTORS = ("torque_gain_error", "velocity_scale_error")
 """One factor that makes several nominal numbers wrong in proportion."""
 LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
 PAIR_KEEP = (16, 8, 5, 4)  # sets of causes that go on to each stage where causes are added
@@ -170,17 +169,9 @@ def _alone(search: Search) -> list[Start]:
     return starts
 
 
-def _nominal_for(*effects: Effect) -> list[tuple[str, ...]]:
-    """Which nominal numbers are free beside effects: all; none beside a factor that is a twin of all of them together.
-
-    A factor on the rate alone leaves the Coulomb friction as it is, so that the numbers may be free beside it too. All
-    three beside one on the torque are one number too many: it only scales what else of the nominal model is known, an
-    offset or a weight, against them.
-    """
-    names = {effect.name for effect in effects}
-    if GAIN in names:
-        return [()]
-    return [NOMINAL, ()] if names & set(FACTORS) else [NOMINAL]
+def _nominal_for(effect: Effect) -> list[tuple[str, ...]]:
+    """Which nominal numbers are free beside an effect: all, and none where it is a twin of all of them together."""
+    return [NOMINAL, ()] if effect.name in FACTORS else [NOMINAL]
 
 
 def _bases(singles: Sequence[Weighed]) -> list[Weighed]:
@@ -219,7 +210,7 @@ def _beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> 
             if any(pair <= names for pair in IMPOSSIBLE) or {p.name for p in effect.parameters} <= held:
                 continue
             for start in effect.starts(setting):
-                for wide in _nominal_for(*base.fit.candidate.effects, effect):
+                for wide in _nominal_for(effect):
                     # A twin of the nominal numbers starts from the numbers as they were given.
                     kept = values if wide else {k: v for k, v in values.items() if k not in NOMINAL}
                     starts.append(Start((*base.fit.candidate.effects, effect), wide, kept | start, base.fit.candidate))
@@ -268,7 +259,7 @@ def _without(fit: Fit, effect: Effect) -> Start:
     """A fitted model without one of its effects, all nominal numbers free."""
     c = fit.candidate
     rest = tuple(e for e in c.effects if e is not effect)
-    return Start(rest, _nominal_for(*rest)[0], without_effect(c.values(), effect, rest), c)
+    return Start(rest, NOMINAL, without_effect(c.values(), effect, rest), c)
 
 
 def _plausible(
