@@ -38,7 +38,8 @@ class Thresholds:
         slight: likewise, below which there is no gap if no effect brings evidence either.
         chance: evidence [nats] that the best of all effects brings where there is nothing to find.
         closes: missing torque that may be left, of the nominal model's [1], for causes to explain the gap; below it no
-            further cause is looked for.
+            further cause is looked for. Beside a limit of the torque, of what the drive gives (`whole_gap`); so is
+            `matters`.
         part: missing torque that may be left, likewise or as far as it moves the machine, for causes to explain a part
             of it: half of its energy.
         sure: worth [nats] over the best model without its leading cause, for a cause to be asserted alone.

@@ -156,9 +156,7 @@ def _diagnose(
     return Diagnosis.of(found, seconds=clock.seconds, provenance=made, warnings=warned)
 
 
-def _earlier(
-    logs: Sequence[Log], withheld: Sequence[Log], late: float, lag: float
-) -> tuple[list[Log], list[Log]]:  # fmt: skip
+def _earlier(logs: Sequence[Log], withheld: Sequence[Log], late: float, lag: float) -> tuple[list[Log], list[Log]]:
     fitted, kept_out = ([with_earlier_torque(one, late, lag) for one in some] for some in (logs, withheld))
     return fitted, kept_out
 

@@ -6,6 +6,7 @@ import gap_search
 import numpy as np
 import numpy_machine
 import pytest
+from scipy.signal import lfilter
 
 from fpjax import diagnose, load_model
 from fpjax.gap import EFFECTS
@@ -24,10 +25,8 @@ LAG = 3e-3  # [s]
 
 def filtered(log, lag=LAG):
     """The log with the torque as a drive reports it after a first-order digital filter with a lag [s]."""
-    torque, share = np.empty_like(log.torque), log.dt / (log.dt + lag)
-    torque[0] = log.torque[0]
-    for row in range(1, len(torque)):
-        torque[row] = torque[row - 1] + share * (log.torque[row] - torque[row - 1])
+    share = log.dt / (log.dt + lag)
+    torque, _ = lfilter([share], [1.0, share - 1.0], log.torque, zi=[(1.0 - share) * log.torque[0]])
     return dataclasses.replace(log, torque=torque)
 
 

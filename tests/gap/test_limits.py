@@ -16,8 +16,9 @@ LIMIT = 1.3  # [N m]; the friction is 0.4
 PUSH = 0.3  # [N m]
 # A loop without anti-windup that asks for some twenty times the limit.
 GREEDY = numpy_machine.Machine(kp=6.0, ki=15.0)
-FEW = tuple(effect for effect in EFFECTS if effect.name in ("torque_saturation", "constant_torque", "quadratic_drag"))
-FEW = tuple(sorted(FEW, key=lambda effect: effect.name != "torque_saturation"))
+BY_NAME = {effect.name: effect for effect in EFFECTS}
+SATURATION = BY_NAME["torque_saturation"]
+FEW = (SATURATION, BY_NAME["constant_torque"], BY_NAME["quadratic_drag"])
 
 
 def limited(push):
@@ -45,16 +46,14 @@ def test_a_limit_that_leaves_more_than_the_drive_gives_explains_nothing():
         return 0.8 * np.sin(2.0 * np.pi * 1.1 * time) + np.clip(command, -LIMIT, LIMIT) - command
 
     log = numpy_machine.record(GREEDY, seconds=6.0, extra=beyond)
-    found = diagnose(log, load_model(gap_search.MODEL), effects=FEW[:1])
-    assert FEW[0].name == "torque_saturation"
+    found = diagnose(log, load_model(gap_search.MODEL), effects=(SATURATION,))
     assert found.verdict != "explained"
 
 
 def test_no_more_than_what_the_drive_gives_counts_as_missing_beside_its_limit():
     with double_precision():
         search = make_search([limited(0.0)], [], load_model(gap_search.MODEL), FEW)
-        (saturation,) = (effect for effect in FEW if effect.name == "torque_saturation")
-        starts = [Start((), NOMINAL, {}), Start((saturation,), NOMINAL, {"limit": LIMIT})]
+        starts = [Start((), NOMINAL, {}), Start((SATURATION,), NOMINAL, {"limit": LIMIT})]
         fits = search.explore(starts)
         given = search.finish([search.exact])[0]
         exact = Exact(given, moving_windows(search.records))

@@ -55,7 +55,7 @@ def course_of(search: Search, fit: Fit, which: int) -> Course:
     # The residual is simulated minus measured, so that the torque that the model lacks has the opposite sign.
     torque = -(c * root) @ modes.torque.T
     variance = (noise * root**2) @ (modes.torque**2).T
-    place = record.starts[:, None] + np.arange(record.samples)
+    place = record.rows()
     found, spread = (np.full(len(record.time), np.nan) for _ in range(2))
     found[place], spread[place] = torque, variance
     torques = ~modes.sensor

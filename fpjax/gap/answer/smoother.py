@@ -77,7 +77,7 @@ class Windows:
         way = (modes.torque * np.sqrt(modes.gain)) @ modes.turn
         for which, windows in self.which:
             record = self.fitter.records[which]
-            rows = record.starts[windows][:, None] + np.arange(record.samples)
+            rows = record.rows(windows)
             columns = table.columns[which][rows.T].reshape(record.samples, -1)  # one matrix product for all windows
             found.append((way.T @ columns).reshape(len(modes.gain), len(windows), -1).transpose(1, 0, 2))
         return np.concatenate(found)
@@ -119,7 +119,7 @@ def _misread(search: Search, c: Candidate, part: Linear) -> Values:
     vector = np.repeat(c.vector[:, None], len(part.windows), 1)
     fields = window_fields(record, part.windows, c.hidden[part.which])
     residual = fitter.runner.run(part.which, vector, c.states[part.which][:, part.windows], fields)[0][0].T
-    rows = record.starts[part.windows][:, None] + np.arange(record.samples)
+    rows = record.rows(part.windows)
     if record.velocity is not None:
         simulated = record.velocity.values[rows] + record.velocity.noise * residual
     else:

@@ -100,10 +100,13 @@ class Record:
         """Whether (velocity, position) is fitted."""
         return self.velocity is not None, self.position is not None
 
+    def rows(self, windows: Values | slice = slice(None)) -> Int[Values, "windows samples"]:
+        """Indices of the samples of some windows (of all), shape (windows, samples of a window)."""
+        return self.starts[windows][:, None] + np.arange(self.samples)
+
     def motion_squares(self) -> Float[Values, " windows"]:
         """Mean square of the motion in each window, in standard deviations of the sensors, shape (windows,)."""
-        rows = self.starts[:, None] + np.arange(self.samples)
-        found = []
+        rows, found = self.rows(), []
         if self.velocity is not None:
             found.append(np.mean((self.speed[rows] / self.velocity.noise) ** 2, axis=1))
         if self.position is not None:

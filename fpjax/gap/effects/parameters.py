@@ -8,6 +8,7 @@ from ..machine import NO_LIMIT
 from .effect import EffectParameter, Size
 
 HIGHEST_RATIO = 0.5  # highest damping ratio of a shaft [1]
+LATEST = 30  # samples by which a torque or a reading may be late
 HIGHEST_FACE_RATIO = 2.0  # highest damping ratio of the faces of a backlash [1]: contacts may hardly rebound
 
 
@@ -230,17 +231,17 @@ GAIN = EffectParameter("gain", "1", _constant(1.0), _constant(0.2), _constant(5.
 
 
 def _time(name: str, path: str) -> EffectParameter:
-    """A lag or dead time, up to 30 samples."""
-    return EffectParameter(name, "s", _ZERO, _ZERO, _times("dt", 30), _times("dt", 1), path)
+    """A lag or dead time, up to `LATEST` samples."""
+    return EffectParameter(name, "s", _ZERO, _ZERO, _times("dt", LATEST), _times("dt", 1), path)
 
 
 ACTUATOR_LAG = _time("actuator_lag", "actuator.lag")
 ACTUATOR_DELAY = _time("actuator_delay", "actuator.delay")
-TORQUE_LATE = replace(ACTUATOR_DELAY, low=_times("dt", -30), high=_ZERO)
+TORQUE_LATE = replace(ACTUATOR_DELAY, low=_times("dt", -LATEST), high=_ZERO)
 VELOCITY_LAG = _time("velocity_lag", "sensor.lag")
 VELOCITY_DELAY = _time("velocity_delay", "sensor.delay")
 # The bound of 0.999 of the largest command: a limit that clips nothing has no gradient. A loop without anti-windup may
-# ask for fifty times what its drive gives.
+# ask for a hundred times what its drive gives.
 LIMIT = EffectParameter(
     "limit",
     "N m",

@@ -55,8 +55,7 @@ class Response:
         """Mean square in each mode [N^2 m^2], averaged by octave, of a torque along each record; shape (modes,)."""
         modes, squares = self.modes, []
         for record, torque in zip(self.records, torques, strict=True):
-            rows = record.starts[:, None] + np.arange(record.samples)
-            squares.append((torque[rows] @ modes.torque) ** 2)
+            squares.append((torque[record.rows()] @ modes.torque) ** 2)
         each = np.mean(np.concatenate(squares), axis=0)
         found = np.zeros(len(each))
         for band in np.unique(modes.band[~modes.sensor]):

@@ -79,6 +79,6 @@ def _in_place(asserted: Sequence[str], readings: Sequence[str], energy: Mapping[
     """The causes, which keep their order, with each reading's error behind the last that makes as much or more."""
     names = list(asserted)
     for reading in readings:
-        more = [place for place, name in enumerate(names) if name in readings or energy[name] >= energy[reading]]
+        more = [place for place, name in enumerate(names) if energy[name] >= energy[reading]]
         names.insert(more[-1] + 1 if more else 0, reading)
     return tuple(names)

@@ -14,7 +14,7 @@ from .detectability import resolved
 from .dominant import Curve, believed
 from .nominal_errors import wrong_numbers
 
-LIMIT = "torque_saturation"
+SATURATION = "torque_saturation"
 CONTAINED = {"backlash": "compliance"}
 """Effects that hold another one exactly, for one value of a parameter: a gap of zero."""
 
@@ -112,10 +112,7 @@ def judged_windows(
 
 def moving_windows(records: Sequence[Record], t: Thresholds = THRESHOLDS) -> list[Values]:
     """Whether the machine moves in each window, faster than a share of the fastest window's rms speed."""
-    speeds = [
-        np.sqrt(np.mean(record.speed[record.starts[:, None] + np.arange(record.samples)] ** 2, axis=1))
-        for record in records
-    ]
+    speeds = [np.sqrt(np.mean(record.speed[record.rows()] ** 2, axis=1)) for record in records]
     fastest = max((float(np.max(own)) for own in speeds if len(own)), default=0.0)
     return [own >= t.moves * fastest for own in speeds]
 
@@ -180,14 +177,13 @@ def whole_gap(search: Search, exact: Exact, fit: Fit) -> float:
         fit: of the model.
     """
     c, whole = fit.candidate, exact.left(exact.fit)
-    if LIMIT not in c.structural:
+    if SATURATION not in c.structural:
         return whole
-    values, commanded = c.values(), []
-    for record, windows in zip(search.records, exact.judged, strict=True):
-        rows = record.starts[windows][:, None] + np.arange(record.samples)
-        commanded.append(record.torque[rows.ravel()])
+    judged = zip(search.records, exact.judged, strict=True)
+    commanded = np.concatenate([record.torque[record.rows(windows)] for record, windows in judged])
+    values = c.values()
     gain = values.get("gain", float(np.asarray(c.family.machine.actuator.gain)))
-    given = np.clip(gain * np.concatenate(commanded), -values["limit"], values["limit"])
+    given = np.clip(gain * commanded, -values["limit"], values["limit"])
     most = float(np.sqrt(np.mean(given**2)))
     return most if exact.left(fit) < most < whole else whole
 
