@@ -65,6 +65,7 @@ def test_what_a_filter_may_have_made_is_never_less_than_nothing():
 def test_the_warning_says_what_was_done_and_by_how_much():
     log = numpy_machine.record(seconds=4.0)
     assert "1.5 ms later than it acted: the column was corrected" in about_late_torque([log], 1.5e-3, 0.0)
+    assert "acted, as by a first-order filter: the column" in about_late_torque([log], 1.5e-3, 1.5e-3)
     assert "acted, 0.5 ms of it as by a first-order filter: the column" in about_late_torque([log], 1.5e-3, 5e-4)
 
 

@@ -91,7 +91,7 @@ def about_late_torque(logs: Sequence[Log], late: float, lag: float) -> str:
     names = ", ".join(log.name for log in logs)
     said = f"{names}: the torque is recorded {1e3 * late:.3g} ms later than it acted"
     if lag > 0.0:
-        said += f", {1e3 * lag:.3g} ms of it as by a first-order filter"
+        said += f", {'' if lag == late else f'{1e3 * lag:.3g} ms of it '}as by a first-order filter"
     return f"{said}: the column was corrected before the gap was measured."
 
 
