@@ -1,6 +1,7 @@
 """`fpjax diagnose` as its user meets it."""
 
 import dataclasses
+import functools
 import json
 import signal
 import sys
@@ -12,9 +13,9 @@ import numpy as np
 import pytest
 from model_files import LARGE_BODY
 
-from fpjax import InputError, improve, load_model, plan, read_log
+from fpjax import InputError, diagnose, improve, load_model, plan, read_log
 from fpjax.cli import main
-from fpjax.gap import Estimate
+from fpjax.gap import EFFECTS, Estimate
 from fpjax.gap.data.checks import check
 from fpjax.gap.report.digits import show_estimate
 from fpjax.output.folder_names import folder_names
@@ -84,6 +85,14 @@ def test_the_cause_is_found_and_its_model_runs(made, tmp_path, capsys):
     assert main(["simulate", str(out / "corrected.toml"), "--no-cache"]) == 0
 
 
+@pytest.fixture
+def few(monkeypatch):
+    """Two effects to fit: what is told does not depend on the vocabulary, and all of it compiles for 20 s."""
+    named = tuple(effect for effect in EFFECTS if effect.name in ("constant_torque", "stribeck"))
+    assert len(named) == 2
+    monkeypatch.setattr("fpjax.gap.diagnose", functools.partial(diagnose, effects=named))
+
+
 def refuse(capsys, *words, match):
     assert main([*map(str, words), "--no-cache"]) == 2
     error = capsys.readouterr().err
@@ -140,7 +149,7 @@ def test_what_the_model_knows_of_its_gain_and_of_two_masses_is_no_contradiction(
 
 
 @pytest.mark.long
-def test_of_a_torque_in_another_unit_no_cause_is_told_and_no_gains_are_tuned(made, tmp_path, capsys):
+def test_of_a_torque_in_another_unit_no_cause_is_told_and_no_gains_are_tuned(made, few, tmp_path, capsys):
     log = np.loadtxt(made / "log.csv", delimiter=",", skiprows=1) * [1.0, 1e3, 1.0]
     np.savetxt(tmp_path / "milli.csv", log, delimiter=",", header="time,torque,velocity", comments="")
     out, model = tmp_path / "why", made / "nominal.toml"
@@ -169,7 +178,7 @@ def test_such_a_log_is_refused_before_it_is_diagnosed(made, monkeypatch):
         plan(model, log=given)
 
 
-def test_what_was_noticed_is_told_where_no_model_can_be_fitted(made, tmp_path, capsys):
+def test_what_was_noticed_is_told_where_no_model_can_be_fitted(made, few, tmp_path, capsys):
     """A time in milliseconds."""
     log = np.loadtxt(made / "log.csv", delimiter=",", skiprows=1) * [1e3, 1.0, 1.0]
     np.savetxt(tmp_path / "slow.csv", log, delimiter=",", header="time,torque,velocity", comments="")

@@ -39,7 +39,7 @@ def test_exact_twins_bring_no_evidence_and_are_said_to_be():
 @pytest.mark.long
 def test_a_model_alone_makes_every_effect_visible_that_a_run_can_show(tmp_path, capsys):
     (tmp_path / "servo.toml").write_text(servo_text(sensors="both"))
-    words = [word for name, value in GIVEN.items() for word in (f"--{name}", str(value))]
+    words = [word for name, value in GIVEN.items() for word in (f"--{name}", str(value))] + ["--seconds", "6"]
     out = tmp_path / "next"
     assert main(["plan", "--model", str(tmp_path / "servo.toml"), "--out", str(out), *words]) == 0
     content = json.loads((out / "plan.json").read_text())
