@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from tuning_loops import CONSTANT, DEGREE, GAINS, SETUP, SHORT, SINE, THESIS, efp
+from tuning_loops import CONSTANT, DEGREE, GAINS, PLAIN, SETUP, SINE, THESIS, efp
 
 import fpjax
 import tuning
@@ -15,11 +15,12 @@ from tuning.lanes import Lanes, Stopwatch
 from tuning.problem import make_problem
 from tuning.search import SEARCHES
 
+pytestmark = pytest.mark.usefixtures("unoptimised")
 STEPS = (10.0, 50.0 * DEGREE)
 
 
 def lanes_of(objective, **settings):
-    problem, start, _ = make_problem(efp(150.0), [SINE, CONSTANT], GAINS, objective=objective, **SHORT, **settings)
+    problem, start, _ = make_problem(efp(150.0), [SINE, CONSTANT], GAINS, objective=objective, **PLAIN, **settings)
     return Lanes(problem, np.stack([np.asarray(start)] * 3) * np.array([[1.0], [2.0], [0.7]]), np.array([0, 1, 1]))
 
 
@@ -89,7 +90,7 @@ def test_starts_that_diverge_are_dropped_and_counted():
         tuning.Parameter("observer.gain_2", low=1e-6, high=1e9),
         tuning.Parameter("observer.gain_1", low=1e-6, high=1e9),
     ]
-    common = {"parameters": wide, "objective": THESIS, "starts": 8, "spread": 6.0, "seed": 1, **SHORT}
+    common = {"parameters": wide, "objective": THESIS, "starts": 8, "spread": 6.0, "seed": 1, **PLAIN}
     for method in (tuning.LevenbergMarquardt(8), tuning.LBFGS(8), tuning.Adam(iterations=8)):
         result = tuning.tune(loop, SINE, method=method, **common)
         assert 0 < result.diverged_starts < 8
@@ -101,7 +102,7 @@ def test_starts_that_diverge_are_dropped_and_counted():
 @pytest.mark.long  # tests/cli/test_bad_input.py has one such run
 def test_where_every_start_diverges_the_result_says_so():
     far = [tuning.Parameter("observer.gain_2", 1e9, 1e8, 1e10), tuning.Parameter("observer.gain_1", 1e9, 1e8, 1e10)]
-    result = tuning.tune(efp(150.0), SINE, parameters=far, objective=THESIS, starts=2, method="lbfgs", **SHORT)
+    result = tuning.tune(efp(150.0), SINE, parameters=far, objective=THESIS, starts=2, method="lbfgs", **PLAIN)
     assert result.diverged
     assert result.diverged_starts == 2
     assert result.message == "diverged"
@@ -131,7 +132,7 @@ def test_bounds_hold_and_are_reported(method):
 
 @pytest.mark.long
 def test_several_starts_and_references_side_by_side():
-    common = {"parameters": GAINS, "objective": THESIS, "method": "lbfgs", "max_simulations": 30, **SHORT}
+    common = {"parameters": GAINS, "objective": THESIS, "method": "lbfgs", "max_simulations": 30, **PLAIN}
     both = tuning.tune_each(efp(150.0), {"a": SINE, "b": CONSTANT}, starts=3, **common)
     alone = tuning.tune(efp(150.0), SINE, starts=3, **common)
     np.testing.assert_allclose(both["a"].cost, alone.cost, rtol=1e-6)
@@ -143,42 +144,42 @@ def test_several_starts_and_references_side_by_side():
 def test_joint_tuning_serves_all_and_reports_mean_and_worst():
     """One set of gains for both references and a population: never better than each reference's own."""
     plants = tuning.population(
-        efp(120.0), {"plant.friction.coulomb": 0.2, "plant.friction.viscous": 0.2, "plant.inertia": 0.2}
+        efp(100.0), {"plant.friction.coulomb": 0.2, "plant.friction.viscous": 0.2, "plant.inertia": 0.2}
     )
     common = {
         "parameters": GAINS,
         "plants": plants,
         "method": tuning.LBFGS(8),
         "starts": 1,
-        **{**SHORT, "duration": 0.03},
+        **{**PLAIN, "duration": 0.03},
     }
-    joint = tuning.tune(efp(120.0), {"a": SINE, "b": CONSTANT}, **common)
-    own = tuning.tune_each(efp(120.0), {"a": SINE, "b": CONSTANT}, **common)
+    joint = tuning.tune(efp(100.0), {"a": SINE, "b": CONSTANT}, **common)
+    own = tuning.tune_each(efp(100.0), {"a": SINE, "b": CONSTANT}, **common)
     cases = np.array(joint.cases)
     assert cases.shape == (2, 9, 1)
     np.testing.assert_allclose([joint.mean, joint.worst, joint.cost], [cases.mean(), cases.max(), cases.mean()])
     assert joint.cost < joint.start_cost
     assert joint.simulations == 3 * 18 * joint.iterations
     assert np.mean([result.cost for result in own.values()]) <= joint.cost * (1.0 + 1e-6)
-    worst = tuning.tune(efp(120.0), {"a": SINE, "b": CONSTANT}, aggregate="worst", **common)
+    worst = tuning.tune(efp(100.0), {"a": SINE, "b": CONSTANT}, aggregate="worst", **common)
     np.testing.assert_allclose(worst.cost, worst.worst, rtol=1e-12)
     assert worst.worst <= joint.worst * (1.0 + 1e-6)
 
 
 def test_sign_is_not_differentiated_and_what_is_not_known_is_said():
     with pytest.raises(InputError, match="CoulombViscous"):
-        tuning.tune(efp(), SINE, parameters=GAINS, objective=THESIS, method="lbfgs", **SHORT)
+        tuning.tune(efp(), SINE, parameters=GAINS, objective=THESIS, method="lbfgs", **PLAIN)
     rough = fpjax.ClosedLoop(
         efp(150.0).plant, efp().controller, fpjax.ClassicalFriedlandPark(0.17, fpjax.Absolute(1.0))
     )
     with pytest.raises(InputError, match="ClassicalFriedlandPark"):
-        tuning.tune(rough, SINE, parameters=["observer.nonlinearity.gain"], objective=THESIS, method="adam", **SHORT)
+        tuning.tune(rough, SINE, parameters=["observer.nonlinearity.gain"], objective=THESIS, method="adam", **PLAIN)
     with pytest.raises(InputError, match="method = 'newton'"):
-        tuning.tune(efp(150.0), SINE, parameters=GAINS, method="newton", **SHORT)
+        tuning.tune(efp(150.0), SINE, parameters=GAINS, method="newton", **PLAIN)
     with pytest.raises(InputError, match="starts must be at least 1, got 0"):
-        tuning.tune(efp(150.0), SINE, parameters=GAINS, starts=0, **SHORT)
+        tuning.tune(efp(150.0), SINE, parameters=GAINS, starts=0, **PLAIN)
     with pytest.raises(InputError, match="worst case"):
-        tuning.tune(efp(150.0), SINE, parameters=GAINS, aggregate="worst", **SHORT)
+        tuning.tune(efp(150.0), SINE, parameters=GAINS, aggregate="worst", **PLAIN)
 
 
 @pytest.mark.long
@@ -186,7 +187,7 @@ def test_float32_tunes_too():
     loop, reference = (fpjax.astype(tree, jnp.float32) for tree in (efp(150.0), SINE))
     for method in ("levenberg_marquardt", "lbfgs", "adam", "grid_repaired"):
         result = tuning.tune(
-            loop, reference, parameters=GAINS, objective=THESIS, method=method, max_simulations=30, **SHORT
+            loop, reference, parameters=GAINS, objective=THESIS, method=method, max_simulations=30, **PLAIN
         )
         assert result.cost < result.start_cost
 
@@ -218,7 +219,7 @@ def test_all_compiling_of_a_search_is_on_the_clock(method, monkeypatch):
     for kind, search in list(SEARCHES.items()):
         monkeypatch.setitem(SEARCHES, kind, inside("search", search))
     jax.monitoring.register_event_duration_secs_listener(heard)
-    common = {"parameters": GAINS, "objective": THESIS, "method": method, "max_simulations": 12, **SHORT}
+    common = {"parameters": GAINS, "objective": THESIS, "method": method, "max_simulations": 12, **PLAIN}
     first = tuning.tune(efp(150.0), SINE, **common)
     assert on_the_clock
     assert elsewhere == []
