@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, PyTree
 
-from fpjax.compiled.gradients import FORWARD_UP_TO, SCRATCH, value_and_gradient
+from fpjax.compiled.gradients import FORWARD_UP_TO, default_scratch, value_and_gradient
 from fpjax.compiled.native import native, native_enabled
 from fpjax.compiled.programs import Programs
 
@@ -225,7 +225,7 @@ def _gradient_function(mode: str, cases: int) -> Callable[..., PyTree]:
     def costs(at: Array, index: Array | None, problem: Problem) -> Array:
         return _costs(jax.vmap(problem.space.values)(at), index, problem)
 
-    return value_and_gradient(costs, mode=mode, batched=True, scratch=max(1, SCRATCH // cases))
+    return value_and_gradient(costs, mode=mode, batched=True, scratch=max(1, default_scratch() // cases))
 
 
 def _residuals(at: Array, index: Array | None, problem: Problem) -> Array:

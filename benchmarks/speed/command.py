@@ -11,7 +11,7 @@ from fpjax import InputError
 from fpjax.output.json_object import JsonObject
 from fpjax.output.runfile import write_whole
 
-PARTS = ("values", "flat", "gradients", "growth", "scaling", "memory", "functions", "first_call")
+PARTS = ("values", "flat", "gradients", "growth", "scaling", "memory", "functions", "first_call", "gpu")
 SIZES = (1, 5, 64, 1024, 16384, 131072)
 FLAT = (1024, 16384, 131072, 1_000_000)
 
@@ -42,6 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    jax.config.update("jax_platforms", "cpu")  # the rows are of the processor; the GPU has a process of its own
     import numpy as np
 
     from . import functions, goals, measure, picture, processes, timing
@@ -65,6 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         "scaling": [],
         "memory": [],
         "functions": [],
+        "gpu": {},
         "skipped": bench.skipped,
         "calls": [],
     }
@@ -73,6 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
     several = (256,) if arguments.quick else tuple(size for size in sizes if size >= 1024)
     for size in several if "scaling" in only else ():
         results["scaling"] += processes.scaling(size, bench.steps, bench.repeats)
+    if "gpu" in only:
+        results["gpu"] = processes.on_gpu(bench.steps, bench.repeats, arguments.sizes, arguments.quick)
     # Bound to one core, so that threads of XLA do not help one implementation and not another; scaling is apart.
     with timing.one_core() as results["on_one_core"]:
         for dtype in (np.float64, np.float32):

@@ -12,7 +12,7 @@ from typing import Any
 from fpjax.compiled.batch import cores
 from fpjax.output.json_object import JsonObject
 
-from . import cpp
+from . import cpp, gpu
 
 
 def first_calls(repeats: int) -> dict[str, float]:
@@ -41,6 +41,12 @@ def scaling(size: int, steps: int, repeats: int) -> list[JsonObject]:
     return rows
 
 
+def on_gpu(steps: int, repeats: int, sizes: list[int] | None, quick: bool) -> JsonObject:
+    """The GPU against all cores; {"why": a sentence} where there is none."""
+    chosen = sizes or ((1, 64) if quick else gpu.SIZES)
+    return _run("gpu", str(steps), str(repeats), *map(str, chosen), platforms=None) or {"why": "its process failed"}
+
+
 def memory(bench: Any, size: int) -> list[JsonObject]:
     """Rows of what one value of `size` candidates, 200 steps, adds to the resident memory of a fresh process."""
     if not os.path.exists("/proc/self/clear_refs"):
@@ -55,12 +61,19 @@ def memory(bench: Any, size: int) -> list[JsonObject]:
     ]
 
 
-def _run(module: str, *words: str, environment: dict[str, str] | None = None) -> Any:
-    """What `python -m benchmarks.speed.MODULE WORDS` prints last, as JSON; None where it fails."""
+def _run(module: str, *words: str, environment: dict[str, str] | None = None, platforms: str | None = "cpu") -> Any:
+    """What `python -m benchmarks.speed.MODULE WORDS` prints last, as JSON; None where it fails.
+
+    Its jax sees `platforms` alone; None for those of the surroundings, and what it says meanwhile is shown.
+    """
     command = [sys.executable, "-m", f"benchmarks.speed.{module}", *words]
     surroundings = os.environ | (environment or {})
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=surroundings)
+    if platforms is not None:
+        surroundings["JAX_PLATFORMS"] = platforms
+    errors = None if platforms is None else subprocess.PIPE
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=errors, text=True, check=False, env=surroundings)
     if done.returncode != 0:
-        print(f"{' '.join(command[2:])} failed: {(done.stderr.strip() or 'no word').splitlines()[-1]}", file=sys.stderr)
+        said = (done.stderr or "").strip() or "no word"
+        print(f"{' '.join(command[2:])} failed: {said.splitlines()[-1]}", file=sys.stderr)
         return None
     return json.loads(done.stdout.splitlines()[-1])

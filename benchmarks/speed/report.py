@@ -2,6 +2,8 @@
 
 from fpjax.output.json_object import JsonObject
 
+from .gpu import crossover
+
 
 def rows_table(results: JsonObject) -> str:
     """Throughput of the values, ratios of the gradients, scaling, and what was skipped, as text."""
@@ -36,6 +38,7 @@ def rows_table(results: JsonObject) -> str:
             f"B={row['candidates']:<8} {row['workers']} {row['by']:7}  {row['clock_steps_per_second']:.2e} steps/s  "
             f"{row['speedup']:.2f} times one core  differs by {row['relative_error']:.1e}"
         )
+    lines += on_gpu(results["gpu"])
     if results["memory"]:
         lines += ["", "memory that one value adds to a fresh process, its inputs and the compiler included [MB]"]
     for row in results["memory"]:
@@ -50,6 +53,28 @@ def rows_table(results: JsonObject) -> str:
     lines += ["", *(f"skipped {skip['implementation']}: {skip['why']}" for skip in results["skipped"])]
     lines.append(f"peak memory of the whole benchmark {results.get('peak_memory_megabytes', 0):.0f} MB")
     return "\n".join(lines)
+
+
+def on_gpu(found: JsonObject) -> list[str]:
+    """The GPU against all cores of its machine, and from which batch on it is faster."""
+    if not found:
+        return []
+    if "why" in found:
+        return ["", f"no row of a GPU: {found['why']}"]
+    lines = ["", f"{found['device']} ({found['platform']}) against all cores, by the clock, steps per second"]
+    kinds = dict.fromkeys((row["dtype"], row["what"]) for row in found["rows"])
+    for dtype, what in kinds:
+        mine = [row for row in found["rows"] if (row["dtype"], row["what"]) == (dtype, what)]
+        for row in mine:
+            word = "  (disagrees)" if row.get("disagrees") else ""
+            lines.append(
+                f"{dtype} {what:18} B={row['candidates']:<8} {row['steps_per_second']:.2e} "
+                f"{row['cpu_steps_per_second']:.2e}  {row['cpu_seconds'] / row['seconds']:.3g} times  "
+                f"{row['seconds'] * 1e3:.3g} ms  differs by {row['relative_error']:.1e}{word}"
+            )
+        least = crossover(mine)
+        lines.append(f"{dtype} {what:18} " + ("never faster" if least is None else f"faster from B={least} on"))
+    return lines
 
 
 def growth(results: JsonObject) -> list[str]:

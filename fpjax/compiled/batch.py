@@ -25,7 +25,7 @@ from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import PyTree
 
 from ..errors import InputError
-from .native import native, native_enabled
+from .native import GPUS, native, native_enabled, platform
 from .threads import on_threads, settings, under
 
 Device = Any  # jax.Device is a variable to a type checker
@@ -78,7 +78,7 @@ def map_chunks(
     size, width = _size_and_width(arguments)
     if _traced(arguments, shared):
         # Within a trace there are no values to give to threads: one loop, on the device of the outer program.
-        chunk = chunk or _chunk_for(size, width)
+        chunk = chunk or _chunk_on(platform(), size, width)
         count = -(-size // chunk)
         blocks = jax.tree.map(lambda leaf: _blocks(jnp, leaf, count, chunk), arguments)
         return _first(_chunked(fn, batched)(blocks, shared), size)
@@ -204,13 +204,13 @@ def _chunk_for(size: int, width: int) -> int:
     return next((to for start, to in PADDED[width] if start <= size <= to), size)
 
 
-def _chunk_on(platform: str, share: int, width: int) -> int:
-    """Candidates in one chunk, for a device that computes `share` candidates: the only place that knows of GPUs.
+def _chunk_on(kind: str, share: int, width: int) -> int:
+    """Candidates in one chunk, for a device that computes `share` candidates: the only place here that knows of GPUs.
 
-    On a GPU every step of the scan launches its kernels over the whole share: the more candidates in one chunk, the
-    fewer launches. Never measured: no GPU was at hand. A kernel that holds all steps would be chosen here.
+    On a GPU every turn of the scan launches its kernels over the whole chunk: the more candidates in one chunk, the
+    fewer launches (docs/performance.md). A kernel that holds all steps would be chosen here.
     """
-    return share if platform in ("gpu", "cuda") else _chunk_for(share, width)
+    return share if kind in GPUS else _chunk_for(share, width)
 
 
 def cores() -> int:

@@ -4,10 +4,11 @@ import json
 import subprocess
 import sys
 
+import jax
 import numpy as np
 import pytest
 
-from benchmarks.speed import cpp, goals, measure, report, servo
+from benchmarks.speed import cpp, goals, gpu, measure, report, servo
 from fpjax.compiled.batch import cores
 
 
@@ -80,6 +81,37 @@ def test_missing_compiler_is_said(monkeypatch):
 
 def row(name, size, seconds, dtype="float64"):
     return {"implementation": name, "dtype": dtype, "candidates": size, "processor_seconds": seconds, "steps": 10}
+
+
+@pytest.mark.parametrize("kind", gpu.KINDS)
+def test_rows_of_a_gpu(kind):
+    """The processor in its place: the same numbers, timed twice."""
+    cpu = jax.devices("cpu")[0]
+    found = gpu.row(cpu, cpu, *kind, np.float64, 3, 20, 1)
+    assert found["relative_error"] == 0.0
+    assert min(found["seconds"], found["cpu_seconds"]) > 0.0
+    (head, told, last) = report.on_gpu({"device": "a card", "platform": "cuda 13", "rows": [found]})[1:]
+    assert "a card" in head
+    assert "differs by 0.0e+00" in told
+    assert kind[0] in last
+
+
+def test_crossover_is_where_the_gpu_stays_faster():
+    rows = [
+        {"candidates": size, "seconds": 1.0, "cpu_seconds": cpu}
+        for size, cpu in ((1, 2.0), (64, 0.5), (9, 3.0), (99, 4.0))
+    ]
+    assert gpu.crossover(rows) == 99
+    assert gpu.crossover(rows[:2]) is None
+
+
+def test_missing_gpu_is_said(monkeypatch):
+    def none(kind):
+        raise RuntimeError(f"Unknown backend {kind}")
+
+    monkeypatch.setattr(jax, "devices", none)
+    found = gpu.main(10, 1, (1,))
+    assert report.on_gpu(found) == ["", "no row of a GPU: jax sees no GPU on this machine"]
 
 
 def test_growth_is_told():
