@@ -37,8 +37,8 @@ class Thresholds:
             of several logs, in each of them.
         slight: likewise, below which there is no gap if no effect brings evidence either.
         chance: evidence [nats] that the best of all effects brings where there is nothing to find.
-        closes: missing torque that may be left, of the nominal model's [1], for causes to explain the gap; below it no
-            further cause is looked for. Beside a limit of the torque, of what the drive gives (`whole_gap`); so is
+        closes: missing torque that may be left, of the nominal model's [1], for causes to explain the gap; below it
+            details alone are looked for. Beside a limit of the torque, of what the drive gives (`whole_gap`); so is
             `matters`.
         part: missing torque that may be left, likewise or as far as it moves the machine, for causes to explain a part
             of it: half of its energy.
@@ -87,7 +87,8 @@ class Thresholds:
             effect. Set on opened logs: one of a third generator, two of seeds 70 to 74, one of seed 60.
         persists: share [1] of its deviation without an effect, that a nominal number must keep beside the likeliest
             effects to be told as wrong without them.
-        no_better: missing torque left, of the nominal model's [1], below which less makes a model worth no more.
+        no_better: missing torque left, of the nominal model's [1], below which less makes a model worth no more, and no
+            further detail is looked for.
         no_less: likewise, above which nothing counts as gone.
         moves: speed, of the top speed [1], from which a machine moves.
         near: how far a simulation may be off within a window: share of the motion [1]. A firmer guide hides from a fit

@@ -41,6 +41,23 @@ def test_a_vibration_of_the_sensor_is_no_torque(log):
     assert missing(search) < 0.2 * 5.0
 
 
+def test_where_an_octave_is_noise_a_burst_of_it_is_none_of_the_machine_either(log):
+    """An encoder's steps that pass at nearly the sampling rate beat for a while: ten times the shaking of the rest."""
+    count, random = len(log.time), np.random.default_rng(1)
+    spectrum = np.fft.rfft(random.standard_normal(count))
+    spectrum[np.abs(np.fft.rfftfreq(count, log.dt) - 75.0) > 35.0] = 0.0
+    shaking = np.fft.irfft(spectrum, count)
+    beat = np.where(np.abs(log.time - 3.0) < 0.1, 10.0, 1.0)
+    search = gap_search.search_of(replace(log, position=log.position + 2e-4 * beat * shaking / np.std(shaking)))
+    noisy = search.modes.unanswered[search.modes.band] > search.measure.level[search.modes.band]
+    assert np.any(noisy)
+    told = search.measure.filter(np.ones(2))
+    assert np.all(told[:, noisy] == 0.0)
+    assert np.all(told[:, ~noisy & ~search.modes.sensor] > 0.0)
+    # 2 mrad at 75 Hz for a fifth of a second are 22 N m.
+    assert missing(search) < 0.1 * 22.0 * np.sqrt(0.2 / 6.0)
+
+
 def test_a_torque_that_the_motion_shows_is_none_of_the_sensor(log):
     """A push that nobody recorded, three times the command: the motion has it."""
     pushed = numpy_machine.record(

@@ -194,19 +194,27 @@ def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_wha
         )  # fmt: skip
         return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows, moving=False: left)
 
+    def of(factor, plain=0.0):
+        asked = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts: [factor])
+        asked.refit = lambda fit, wide: SimpleNamespace(evidence=plain)
+        return asked
+
     chosen = weighing.Weighed(fit(("stribeck",), ("inertia", "coulomb"), [], 0.1), 1000.0, 1000.0, 0.1)
     exact = weighing.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows, moving=False: 1.0), ())
     monkeypatch.setattr(decision, "resolved", lambda search, fit: True)
     both = ("stribeck", "torque_gain_error")
     for bound, evidence, told in (([], 990.0, both), (["inertia"], 990.0, ("stribeck",)), (["inertia"], 1010.0, both)):
         factor = fit(both, (), bound, 0.1, evidence)
-        search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, factor=factor: [factor])
+        search = of(factor)
         assert decision._simpler(search, exact, chosen).structural == told
+    # What it loses is of what the numbers bring: five of a thousand, not five of fifteen.
+    assert decision._simpler(of(fit(both, (), [], 0.1, 985.0)), exact, chosen).structural == both
+    assert decision._simpler(of(fit(both, (), [], 0.1, 985.0), 975.0), exact, chosen).structural == ("stribeck",)
     # In the place of one wrong number it must be the likelier of the two.
     chosen = weighing.Weighed(fit(("stribeck",), ("inertia",), [], 0.1), 1000.0, 1000.0, 0.1)
     for evidence, told in ((990.0, ("stribeck",)), (1010.0, both)):
         factor = fit(both, (), [], 0.1, evidence)
-        search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, factor=factor: [factor])
+        search = of(factor)
         assert decision._simpler(search, exact, chosen).structural == told
 
 

@@ -40,13 +40,23 @@ class Measure:
         modes = response.modes
         return Measure(modes, response.records[0].samples, level, response.imposed(level))
 
+    @property
+    def told(self) -> Values:
+        """Whether a mode can tell a torque, shape (modes,).
+
+        An octave of which the readings hold more noise than torque tells none: what stands out there for a while, as
+        the steps of an encoder that pass at nearly the sampling rate, is noise too. Where that is every octave, all do.
+        """
+        told = (self.modes.unanswered <= self.level)[self.modes.band]
+        return told if np.any(told & ~self.modes.sensor) else np.ones_like(told)
+
     def filter(self, noise: Values) -> Values:
         """Share of a coefficient that is told as missing torque [1], shape (windows, modes).
 
         Args:
             noise: s^2 of each window [1], shape (windows,).
         """
-        return self.modes.wiener(self.level, noise)
+        return np.where(self.told, self.modes.wiener(self.level, noise), 0.0)
 
     def root(self, noise: Values, scale: Values) -> Values:
         """Missing torque at the command of a coefficient [N m], shape (windows, modes).

@@ -10,7 +10,7 @@ from ..effects.effect import Effect
 from ..fit.candidate import NOMINAL, Fit, Start, nominal_sizes
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS
-from .detectability import resolved
+from .detectability import blurs, resolved
 from .dominant import Curve
 from .nominal_errors import wrong_numbers
 from .shares import absent_friction, numbers_of, shares_of, without_effect
@@ -37,7 +37,8 @@ SIMPLER = {
     "backlash": ("compliance",),
 }
 """What an effect holds as a special case, or is in a short travel, with fewer parameters."""
-FACTORS = ("torque_gain_error", "velocity_scale_error")
+GAIN = "torque_gain_error"
+FACTORS = (GAIN, "velocity_scale_error")
 """One factor that makes several nominal numbers wrong in proportion."""
 LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
 PAIR_KEEP = (16, 8, 5, 4)  # sets of causes that go on to each stage where causes are added
@@ -74,7 +75,7 @@ class Decision:
 
 
 def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[str, Curve] | None = None) -> Decision:
-    """Fit effects alone, then together while more than one is needed.
+    """Fit effects alone, then together while more than one is needed, then details beside them.
 
     Args:
         search: of the logs.
@@ -99,16 +100,18 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
     tried = list(weighed)
     rivals, path, likely = weighed, [exact.fit], [effect.name for effect in search.effects]
     for size in range(2, THRESHOLDS.most_causes + 1):
-        if not _worth_more(search, exact, chosen.fit, nominal):
+        missing = exact.left(chosen.fit) / _whole_left(search, exact, chosen.fit, nominal)
+        # Where the causes explain the gap, what more there is are details beside them; beside numbers alone every
+        # effect was tried already.
+        explained = missing <= THRESHOLDS.closes
+        if missing <= (THRESHOLDS.no_better if chosen.structural else THRESHOLDS.closes):
             break
         begin(f"effects together ({size})")
-        bases = _bases(singles) if size == 2 else _bases_beside(chosen, rivals)
+        bases = _bases(singles) if size == 2 and not explained else _bases_beside(chosen, rivals)
         found = weigh(search, exact, search.explore(_beside(search, bases, likely), PAIR_KEEP, white=False))
-        if not found:
-            break
         tried += found
-        best = first_settled(search, exact, found)
-        if not _better(search, exact, chosen, best):
+        best = _further(search, exact, chosen, found, nominal)
+        if best is None:
             break
         path.append(chosen.fit)
         chosen, rivals = best, found
@@ -124,9 +127,9 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
     chosen = _simpler(search, exact, chosen)
     stage("what each cause takes", 0.0)
     shares, alike = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
-    equal = _equal_in_both_directions(search, exact, chosen, shares)
-    if equal is not chosen:
-        chosen = equal
+    instead = _numbers_instead(search, exact, chosen, shares)
+    if instead is not chosen:
+        chosen = instead
         shares, alike = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
     path = (*path, chosen.fit)
     all_of_it = exact.left(exact.fit)
@@ -169,9 +172,17 @@ def _alone(search: Search) -> list[Start]:
     return starts
 
 
-def _nominal_for(effect: Effect) -> list[tuple[str, ...]]:
-    """Which nominal numbers are free beside an effect: all, and none where it is a twin of all of them together."""
-    return [NOMINAL, ()] if effect.name in FACTORS else [NOMINAL]
+def _nominal_for(*effects: Effect) -> list[tuple[str, ...]]:
+    """Which nominal numbers are free beside effects: all; none beside a factor that is a twin of all of them together.
+
+    A factor on the rate alone leaves the Coulomb friction as it is, so that the numbers may be free beside it too. All
+    three beside one on the torque are one number too many: it only scales what else of the nominal model is known, an
+    offset or a weight, against them.
+    """
+    names = {effect.name for effect in effects}
+    if GAIN in names:
+        return [()]
+    return [NOMINAL, ()] if names & set(FACTORS) else [NOMINAL]
 
 
 def _bases(singles: Sequence[Weighed]) -> list[Weighed]:
@@ -190,7 +201,9 @@ def _bases_beside(chosen: Weighed, rivals: Sequence[Weighed]) -> list[Weighed]:
     """The chosen causes, and the likeliest others that do nearly as well: beside them a further cause may decide."""
     known = frozenset(chosen.structural)
     near = [
-        w for w in rivals if frozenset(w.structural) != known and w.behind(chosen) < THRESHOLDS.contested * chosen.gain
+        w
+        for w in rivals
+        if w.structural and frozenset(w.structural) != known and w.behind(chosen) < THRESHOLDS.contested * chosen.gain
     ]
     return [chosen, *near][: THRESHOLDS.bases]
 
@@ -210,15 +223,15 @@ def _beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> 
             if any(pair <= names for pair in IMPOSSIBLE) or {p.name for p in effect.parameters} <= held:
                 continue
             for start in effect.starts(setting):
-                for wide in _nominal_for(effect):
+                for wide in _nominal_for(*base.fit.candidate.effects, effect):
                     # A twin of the nominal numbers starts from the numbers as they were given.
                     kept = values if wide else {k: v for k, v in values.items() if k not in NOMINAL}
                     starts.append(Start((*base.fit.candidate.effects, effect), wide, kept | start, base.fit.candidate))
     return starts
 
 
-def _worth_more(search: Search, exact: Exact, fit: Fit, nominal: Weighed) -> bool:
-    """Whether enough torque is missing for a further cause: of the whole gap, or of what guessed numbers leave of it.
+def _whole_left(search: Search, exact: Exact, fit: Fit, nominal: Weighed) -> float:
+    """What a further cause is a share of [N m]: the whole gap, or what guessed numbers leave of it.
 
     With numbers that are guesses most of the gap is theirs, and what is sought stands beside them.
     """
@@ -227,7 +240,7 @@ def _worth_more(search: Search, exact: Exact, fit: Fit, nominal: Weighed) -> boo
         torque = np.concatenate([record.torque for record in search.records])
         if left > THRESHOLDS.nothing * float(np.sqrt(np.mean(torque**2))):
             whole *= min(nominal.left, 1.0)
-    return left > THRESHOLDS.closes * whole
+    return max(whole, 1e-300)
 
 
 def _better(search: Search, exact: Exact, chosen: Weighed, best: Weighed) -> bool:
@@ -243,6 +256,38 @@ def _better(search: Search, exact: Exact, chosen: Weighed, best: Weighed) -> boo
     )
 
 
+def _further(
+    search: Search, exact: Exact, chosen: Weighed, found: Sequence[Weighed], nominal: Weighed
+) -> Weighed | None:
+    """The likeliest model with a further cause that is worth it, its numbers settled; None for none."""
+    for weighed in found:
+        best = settled(search, exact, weighed)
+        if best is not weighed and not resolved(search, best.fit):
+            continue
+        if not _better(search, exact, chosen, best):
+            return None
+        if not _only_blurs(exact, chosen, best, _whole_left(search, exact, best.fit, nominal)):
+            return best
+    return None
+
+
+def _only_blurs(exact: Exact, chosen: Weighed, best: Weighed, whole: float) -> bool:
+    """Whether a further cause is a detail beside which the parameters of those that are there are known less well.
+
+    One that brings more evidence than all of them together is no detail, however little torque it takes.
+
+    Args:
+        exact: what models are weighed against.
+        chosen: without the cause.
+        best: with it.
+        whole: what a cause is a share of [N m].
+    """
+    if not set(chosen.structural) < set(best.structural) or best.gain > 2.0 * chosen.gain:
+        return False
+    takes = exact.left(chosen.fit) ** 2 - exact.left(best.fit) ** 2
+    return takes < THRESHOLDS.matters * whole**2 and blurs(chosen.fit, best.fit)
+
+
 def _pruned(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
     """Without the effects that the rest of a larger model can do without."""
     while len(chosen.structural) > 1:
@@ -256,10 +301,10 @@ def _pruned(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
 
 
 def _without(fit: Fit, effect: Effect) -> Start:
-    """A fitted model without one of its effects, all nominal numbers free."""
+    """A fitted model without one of its effects, the nominal numbers free that are so beside the rest."""
     c = fit.candidate
     rest = tuple(e for e in c.effects if e is not effect)
-    return Start(rest, NOMINAL, without_effect(c.values(), effect, rest), c)
+    return Start(rest, _nominal_for(*rest)[0], without_effect(c.values(), effect, rest), c)
 
 
 def _plausible(
@@ -290,11 +335,19 @@ def _plausible(
     return chosen, []
 
 
-def _equal_in_both_directions(search: Search, exact: Exact, chosen: Weighed, shares: Mapping[str, float]) -> Weighed:
-    """The chosen model with wrong numbers in the place of a friction by direction that is a detail beside them."""
+def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Mapping[str, float]) -> Weighed:
+    """The chosen model with wrong numbers in the place of an effect that they make up for, and that is a detail.
+
+    A friction by direction holds numbers of its own, a factor makes several wrong in proportion. What is no cause is
+    first of all a number that was guessed: it then stands corrected in the model, which holds no effect for it.
+    """
+    whole = whole_gap(search, exact, chosen.fit)
     for effect in chosen.fit.candidate.effects:
-        if numbers_of(effect) and shares[effect.name] <= THRESHOLDS.matters:
-            (fit,) = search.fitted([_without(chosen.fit, effect)])
+        if shares[effect.name] > THRESHOLDS.matters or not (numbers_of(effect) or effect.name in FACTORS):
+            continue
+        (fit,) = search.fitted([_without(chosen.fit, effect)])
+        back = exact.left(fit) ** 2 - exact.left(chosen.fit) ** 2
+        if back < THRESHOLDS.matters * whole**2 and resolved(search, fit):
             evidence = wrong_numbers(fit, nominal_sizes(search.setting))[0]
             return settled(search, exact, weighed_fit(search, exact, fit, evidence))
     return chosen
@@ -312,17 +365,27 @@ def _simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
             return chosen
         whole = whole_gap(search, exact, chosen.fit)
         fits = [fit for fit in search.fitted(starts) if resolved(search, fit)]
-        near = [fit for fit in fits if _stands_for(exact, fit, chosen.fit, whole)]
+        c = chosen.fit.candidate
+        plain = exact.fit.evidence
+        if c.wide and c.effects and any(set(fit.candidate.structural) > set(c.structural) for fit in fits):
+            plain = search.refit(chosen.fit, ()).evidence
+        near = [fit for fit in fits if _stands_for(exact, fit, chosen.fit, whole, plain)]
         if not near:
             return chosen
         best = min(near, key=exact.left)
         chosen = weighed_fit(search, exact, best, best.evidence - len(best.candidate.wide))
 
 
-def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float) -> bool:
-    """Whether a simpler fit may take the place of the chosen one: no torque that matters is missing, little is lost."""
-    gained = max(chosen.evidence - exact.fit.evidence, 1e-300)
-    lost = (chosen.evidence - fit.evidence) / gained
+def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float, plain: float) -> bool:
+    """Whether a simpler fit may take the place of the chosen one: no torque that matters is missing, little is lost.
+
+    Args:
+        exact: what models are weighed against.
+        fit: the simpler one.
+        chosen: the one in whose place it would stand.
+        whole: what counts as all of the gap [N m].
+        plain: evidence of the chosen effects beside the numbers as they were given, where a factor may stand for these.
+    """
     ahead = fit.evidence - chosen.evidence > THRESHOLDS.decisive
     slight = exact.left(fit) ** 2 - exact.left(chosen) ** 2 < THRESHOLDS.matters * whole**2
     before, after = chosen.candidate, fit.candidate
@@ -330,10 +393,16 @@ def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float) -> bool:
         # One factor. Numbers that end at the bounds of what counts as right are wrong too, and one number is no more
         # than one factor is: then it must be the likelier.
         doubtful = len(before.wide) == 1 or bool(set(after.at_bound()) & set(NOMINAL))
-        return slight and lost < THRESHOLDS.factor and (ahead or not doubtful)
+        # Of what the numbers bring: beside a cause that brings thousands of nats a hundredth of all is no small loss.
+        return slight and _lost(fit, chosen, plain) < THRESHOLDS.factor and (ahead or not doubtful)
     # A model that is less likely than one that it contains has not found its best: less torque left is chance.
     contained = any(a in before.structural and b in after.structural for a, b in CONTAINED.items())
-    return (contained and ahead) or (slight and lost < THRESHOLDS.simpler)
+    return (contained and ahead) or (slight and _lost(fit, chosen, exact.fit.evidence) < THRESHOLDS.simpler)
+
+
+def _lost(fit: Fit, chosen: Fit, without: float) -> float:
+    """Share [1] of the evidence that a chosen fit has over `without`, which another fit lacks."""
+    return (chosen.evidence - fit.evidence) / max(chosen.evidence - without, 1e-300)
 
 
 def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[Start]:
@@ -343,7 +412,7 @@ def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[Start]:
         for name in SIMPLER.get(effect.name, ()):
             if name in by_name and name not in c.structural:
                 # What the simpler one does not hold of friction may still be wrong in the nominal numbers.
-                wide = tuple(c.wide | set(numbers_of(effect)))
+                wide = tuple(c.wide | set(() if GAIN in c.structural else numbers_of(effect)))
                 yield Start((*rest, by_name[name]), wide, without_effect(c.values(), effect, rest))
     for name in FACTORS:
         if c.wide and name in by_name and name not in c.structural:

@@ -54,9 +54,38 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     return True
 
 
+def blurs(fit: Fit, more: Fit) -> bool:
+    """Whether a parameter of a fit's effects is known less well beside a further effect than without it.
+
+    A detail that is there leaves less torque missing, so that all else is known better. One that only stands for
+    something else shares the causes' torque with them, and moves their parameters to where nothing is known.
+
+    Args:
+        fit: finished.
+        more: the same effects and a further one, finished.
+    """
+    own = {p.name for effect in fit.candidate.effects for p in effect.parameters}
+    before, after = _deviations(fit), _deviations(more)
+    pushed = own & before.keys() & set(more.candidate.at_bound())  # to where nothing is known of it
+    return bool(pushed) or any(after[name] > before[name] for name in own & before.keys() & after.keys())
+
+
 def _deviation(fit: Fit, name: str) -> float:
-    """Standard deviation of a free parameter, by the curvature of the cost and its prior; in its own unit."""
+    """Standard deviation of a free parameter, as in `_deviations`."""
+    return _deviations(fit, held=False)[name]
+
+
+def _deviations(fit: Fit, *, held: bool = True) -> dict[str, float]:
+    """Standard deviation of every free parameter, by the curvature of the cost and its prior; each in its own unit.
+
+    Args:
+        fit: finished.
+        held: whether a parameter at a bound counts as known, and is left out.
+    """
     c = fit.candidate
-    place = [c.family.parameters[index].name for index in c.free].index(name)
-    precision = c.normal + np.diag((c.scale / c.spread) ** 2)
-    return float(c.scale[place] * np.sqrt(max(np.linalg.pinv(precision, hermitian=True)[place, place], 0.0)))
+    ends = {*c.at_bound(), *c.absent()} if held else set()
+    named = [(place, name) for place, i in enumerate(c.free) if (name := c.family.parameters[i].name) not in ends]
+    places = [place for place, _ in named]
+    precision = c.normal[np.ix_(places, places)] + np.diag((c.scale[places] / c.spread[places]) ** 2)
+    variance = np.maximum(np.diag(np.linalg.pinv(precision, hermitian=True)), 0.0)
+    return {name: float(c.scale[place] * np.sqrt(v)) for (place, name), v in zip(named, variance, strict=True)}

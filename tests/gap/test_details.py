@@ -1,0 +1,144 @@
+"""Details: what is taken on beside causes that explain the gap, and what it may not do to them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fpjax.gap.fit.candidate import NOMINAL
+from fpjax.gap.select import decision
+from fpjax.gap.select.decision import _further, _lost, _nominal_for, _numbers_instead, _only_blurs
+from fpjax.gap.select.detectability import blurs
+from fpjax.gap.select.weighed import Weighed
+from fpjax.gap.thresholds import THRESHOLDS
+
+DETAIL = 0.9 * THRESHOLDS.matters
+
+
+def effect(name, *parameters):
+    return SimpleNamespace(name=name, parameters=tuple(SimpleNamespace(name=p) for p in parameters))
+
+
+WEIGHT, SPRING = effect("unbalance", "weight"), effect("compliance", "frequency", "share")
+
+
+def fit(effects, deviations, together=0.0, ends=(), wide=()):
+    """A fit whose free parameters have these standard deviations, each pair of them with one correlation."""
+    names, sizes = tuple(deviations), np.array(list(deviations.values()))
+    correlation = np.full((len(names), len(names)), together)
+    np.fill_diagonal(correlation, 1.0)
+    scale = np.full(len(names), 0.1)
+    normal = np.linalg.inv(correlation * sizes[:, None] * sizes) * scale[:, None] * scale
+    candidate = SimpleNamespace(
+        effects=tuple(effects), structural=tuple(e.name for e in effects), wide=frozenset(wide),
+        family=SimpleNamespace(parameters=[SimpleNamespace(name=name) for name in names]),
+        free=np.arange(len(names)), normal=normal, scale=scale, spread=np.full(len(names), 1e6),
+        at_bound=lambda: list(ends), absent=lambda: [],
+    )  # fmt: skip
+    return SimpleNamespace(candidate=candidate, evidence=0.0)
+
+
+def test_a_detail_that_shares_a_causes_torque_makes_it_less_known():
+    alone = fit([WEIGHT], {"inertia": 1.0, "weight": 0.5})
+    assert not blurs(alone, fit([WEIGHT, SPRING], {"inertia": 2.0, "weight": 0.4, "frequency": 9.0}))
+    assert blurs(alone, fit([WEIGHT, SPRING], {"inertia": 0.5, "weight": 0.6, "frequency": 9.0}))
+
+
+def test_a_parameter_at_a_bound_is_not_traded_with():
+    """One at a bound counts as known, as in the intervals: what it would trade off is no doubt of the others."""
+    alone = fit([WEIGHT], {"weight": 0.5})
+    parameters = {"weight": 0.6, "share": 1.0}
+    assert blurs(alone, fit([WEIGHT, SPRING], parameters, together=0.8))
+    assert not blurs(alone, fit([WEIGHT, SPRING], parameters, together=0.8, ends=("share",)))
+    # A cause's own that is pushed there is not known at all any more.
+    assert blurs(alone, fit([WEIGHT, SPRING], {"weight": 0.1, "share": 1.0}, ends=("weight",)))
+
+
+def energies(*fits):
+    """What fits leave: stands for what models are weighed against."""
+    by_fit = {id(fit): energy for fit, energy in fits}
+    return SimpleNamespace(left=lambda one: np.sqrt(by_fit[id(one)]))
+
+
+@pytest.mark.parametrize(
+    ("takes", "deviation", "gain", "refused"),
+    [(DETAIL, 0.6, 150.0, True), (DETAIL, 0.4, 150.0, False), (0.2, 0.6, 150.0, False), (DETAIL, 0.6, 250.0, False)],
+)
+def test_only_a_detail_is_refused_for_it(takes, deviation, gain, refused):
+    """A cause of its own, by torque or by evidence, is told whatever it does to the others."""
+    alone, both = fit([WEIGHT], {"weight": 0.5}), fit([WEIGHT, SPRING], {"weight": deviation, "frequency": 1.0})
+    chosen, best = (Weighed(one, 0.0, own, 0.0) for one, own in ((alone, 100.0), (both, gain)))
+    assert _only_blurs(energies((alone, 1.0), (both, 1.0 - takes * 2.0**2)), chosen, best, 2.0) == refused
+
+
+def test_other_causes_are_no_detail_of_the_chosen_ones():
+    """Two laws in the place of two others, of which one is the same, are another explanation."""
+    wave = effect("cogging", "wave")
+    chosen, best = fit([WEIGHT, wave], {"weight": 0.5, "wave": 1.0}), fit([WEIGHT, SPRING], {"weight": 0.6})
+    weighed = [Weighed(one, 0.0, 9.0, 0.0) for one in (chosen, best)]
+    assert not _only_blurs(energies((chosen, 1.0), (best, 0.99)), *weighed, 2.0)
+
+
+def test_where_the_best_detail_only_blurs_the_next_one_is_taken(monkeypatch):
+    wave = effect("cogging", "wave")
+    chosen, blurring, good = (
+        Weighed(one, 0.0, gain, 0.0)
+        for one, gain in (
+            (fit([WEIGHT], {"weight": 0.5}), 100.0), (fit([WEIGHT, SPRING], {"weight": 0.6}), 150.0),
+            (fit([WEIGHT, wave], {"weight": 0.4}), 140.0),
+        )
+    )  # fmt: skip
+    exact = energies((chosen.fit, 1.0), (blurring.fit, 0.99), (good.fit, 0.99))
+    for what, stand_in in {
+        "settled": lambda search, exact, weighed: weighed, "_whole_left": lambda search, exact, fit, nominal: 2.0,
+        "_better": lambda search, exact, chosen, best: best.gain > 130.0,
+    }.items():  # fmt: skip
+        monkeypatch.setattr(decision, what, stand_in)
+    assert _further(None, exact, chosen, [blurring, good], chosen) is good
+    assert _further(None, exact, chosen, [good, blurring], chosen) is good
+    poor = Weighed(good.fit, 0.0, 120.0, 0.0)
+    assert _further(None, exact, chosen, [blurring, poor, good], chosen) is None
+    assert _further(None, exact, chosen, [], chosen) is None
+
+
+def test_no_number_is_free_beside_a_factor_on_the_torque():
+    delay, gain, scale = (effect(name) for name in ("actuator_delay", "torque_gain_error", "velocity_scale_error"))
+    assert _nominal_for(delay) == [NOMINAL]
+    assert _nominal_for(delay, gain) == _nominal_for(gain) == [()]
+    # One on the rate leaves the Coulomb friction as it is.
+    assert _nominal_for(scale, delay) == [NOMINAL, ()]
+
+
+@pytest.mark.parametrize(
+    ("name", "share", "left", "replaced"),
+    [
+        ("torque_gain_error", DETAIL, 0.3, True),
+        ("torque_gain_error", 0.2, 0.3, False),  # a cause
+        ("torque_gain_error", DETAIL, 0.9, False),  # the numbers do not make up for it
+        ("constant_torque", DETAIL, 0.3, False),  # no number does
+    ],
+)
+def test_a_factor_that_is_a_detail_is_wrong_numbers(monkeypatch, name, share, left, replaced):
+    delay, factor = effect("actuator_delay", "delay"), effect(name, "gain")
+    both, without = fit([delay, factor], {"delay": 1.0}), fit([delay], {"delay": 1.0}, wide=("inertia",))
+    asked = []
+    search = SimpleNamespace(setting=None, fitted=lambda starts: asked.extend(starts) or [without])
+    exact = SimpleNamespace(left=lambda one: left if one is without else 0.25)
+    for what, stand_in in {
+        "whole_gap": lambda search, exact, fit: 2.0, "nominal_sizes": lambda setting: {},
+        "wrong_numbers": lambda fit, sizes: (7.0, ()), "settled": lambda search, exact, weighed: weighed,
+        "weighed_fit": lambda search, exact, fit, evidence: Weighed(fit, evidence, 0.0, 0.0),
+        "_without": lambda fit, left_out: (fit, left_out.name), "resolved": lambda search, fit: True,
+    }.items():  # fmt: skip
+        monkeypatch.setattr(decision, what, stand_in)
+    chosen = Weighed(both, 0.0, 0.0, 0.0)
+    found = _numbers_instead(search, exact, chosen, {"actuator_delay": 0.9, name: share})
+    assert (found.fit is without and found.evidence == 7.0) if replaced else found is chosen
+    assert all(one == (both, name) for one in asked)
+
+
+def test_what_a_factor_loses_is_of_what_the_numbers_bring():
+    """Beside a delay of 4,000 nats a loss of 13 is a third of a hundredth of all, and half of what numbers brought."""
+    chosen, factor = (SimpleNamespace(evidence=evidence) for evidence in (4026.0, 4013.0))
+    assert _lost(factor, chosen, 0.0) < THRESHOLDS.factor
+    assert _lost(factor, chosen, 4000.0) == 0.5
