@@ -119,6 +119,8 @@ def test_a_gap_that_no_withheld_window_holds_is_said_to_be_unconfirmed():
 def test_what_the_corrected_model_holds_beside_the_causes_is_said():
     chosen = fitted({}, effects=("stribeck", "actuator_lag"))
     (sentence,) = warning_texts.details(chosen, ["stribeck", "viscous_error"])
-    assert "also holds actuator_lag:" in sentence
+    assert "also holds actuator_lag: a detail, not a cause" in sentence
+    (sentence,) = warning_texts.details(chosen, ["viscous_error"])
+    assert "also holds stribeck and actuator_lag: details, not causes" in sentence
     assert warning_texts.details(chosen, ["stribeck", "actuator_lag"]) == []
     assert warning_texts.details(chosen, []) == []

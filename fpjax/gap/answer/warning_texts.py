@@ -114,9 +114,9 @@ def details(chosen: Fit, causes: Sequence[str]) -> list[str]:
     beside = [name for name in chosen.candidate.structural if name not in causes] if causes else []
     if not beside:
         return []
-    names = " and ".join(beside)
+    what = "a detail, not a cause" if len(beside) == 1 else "details, not causes"
     return [
-        f"The corrected model also holds {names}: a detail, not a cause, since hardly any of the gap would come back "
+        f"The corrected model also holds {' and '.join(beside)}: {what}, since hardly any of the gap would come back "
         "without it, or its size cannot be distinguished from zero in this log."
     ]
 
