@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from fpjax import InputError
-from fpjax.compiled import batch as batch_module
 from fpjax.compiled.batch import CHUNK_FLOAT32, CHUNK_FLOAT64, batch_size, chunk_for, iterate_chunks, map_chunks
 from fpjax.compiled.gradients import value_and_gradient
 from fpjax.compiled.native import native_enabled, native_mode, scan_loop
@@ -101,17 +100,6 @@ def test_within_a_transformation():
     agree(jax.jit(lambda b: map_chunks(both, b))(batch), jax.vmap(both)(batch), 1e-12)
     total = lambda b: jnp.sum(map_chunks(cost, b))  # noqa: E731
     agree(jax.grad(total)(batch), jax.vmap(jax.grad(cost))(batch), 1e-9)
-
-
-@pytest.mark.parametrize(("platform", "chunks"), [("cpu", 2), ("gpu", 1)])
-def test_a_gpu_takes_the_whole_batch_at_once(platform, chunks, monkeypatch):
-    monkeypatch.setattr(batch_module, "platform", lambda: platform)
-    batch = candidates(70)
-    mapped = lambda b: map_chunks(cost, b)  # noqa: E731
-    loops = [e for e in jax.make_jaxpr(mapped)(batch).eqns if e.primitive.name == "scan"]
-    assert len(loops) == chunks - 1  # around the chunks
-    agree(jax.jit(mapped)(batch), jax.vmap(cost)(batch), 1e-12)
-    assert batch_module._chunk_on(platform, 10**6, 8) == (64 if platform == "cpu" else 10**6)
 
 
 def test_same_shapes_compile_once():

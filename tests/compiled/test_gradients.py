@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fpjax import InputError
-from fpjax.compiled import gradients
 from fpjax.compiled.gradients import FORWARD_UP_TO, value_and_gradient
 from fpjax.compiled.native import native, scan_loop
 
@@ -69,10 +68,3 @@ def test_bad_input_is_refused():
         value_and_gradient(lambda p: p)(jnp.zeros(3))
     with pytest.raises(InputError, match="leading axis"):
         value_and_gradient(lambda p: p["a"], batched=True)({"a": jnp.zeros(3), "b": jnp.zeros(2)})
-
-
-def test_reverse_mode_may_keep_more_on_a_gpu(monkeypatch):
-    monkeypatch.setattr(gradients, "platform", lambda: "cpu")
-    assert gradients.default_scratch() == gradients.SCRATCH
-    monkeypatch.setattr(gradients, "platform", lambda: "gpu")
-    assert gradients.default_scratch() == gradients.SCRATCH_GPU

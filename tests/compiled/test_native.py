@@ -15,14 +15,12 @@ from jax.sharding import Mesh, PartitionSpec
 import fpjax
 from fpjax import InputError
 from fpjax.compiled import hyperbolic
-from fpjax.compiled import native as native_module
 from fpjax.compiled.elementary import sin
 from fpjax.compiled.native import (
     enable_compilation_cache,
     native,
     native_enabled,
     native_mode,
-    platform,
     reverse_pass,
     scan_loop,
 )
@@ -390,23 +388,3 @@ def test_without_jit_it_is_the_function():
     expected = run(start)
     with jax.disable_jit():
         np.testing.assert_allclose(run(start), expected, rtol=1e-14)
-
-
-@pytest.mark.parametrize("wanted", ["cpu", "gpu"])
-def test_a_loop_for_a_gpu_has_fewer_turns(wanted, monkeypatch):
-    monkeypatch.setattr(native_module, "platform", lambda: wanted)
-    step = lambda carry, x: (jnp.sin(carry) + x, None)  # noqa: E731
-    run = lambda xs: scan_loop(step, jnp.array(0.1), xs)[0]  # noqa: E731
-    (loop,) = (e for e in jax.make_jaxpr(run)(jnp.ones(9)).eqns if e.primitive.name == "scan")
-    barriers = [e for e in loop.params["jaxpr"].eqns if e.primitive.name == "optimization_barrier"]
-    assert (loop.params["unroll"], len(barriers)) == ((2, 1) if wanted == "cpu" else (4, 0))
-    expected = 0.1
-    for _ in range(9):
-        expected = np.sin(expected) + 1.0
-    np.testing.assert_allclose(run(jnp.ones(9)), expected, rtol=1e-14)
-
-
-def test_the_platform_is_that_of_the_default_device():
-    assert platform() == jax.default_backend()
-    with jax.default_device(jax.devices("cpu")[0]):
-        assert platform() == "cpu"

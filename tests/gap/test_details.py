@@ -7,7 +7,7 @@ import pytest
 
 from fpjax.gap.fit.candidate import NOMINAL
 from fpjax.gap.select import decision
-from fpjax.gap.select.decision import _further, _lost, _nominal_for, _numbers_instead, _only_blurs
+from fpjax.gap.select.decision import _further, _nominal_for, _numbers_instead, _only_blurs
 from fpjax.gap.select.detectability import blurs
 from fpjax.gap.select.weighed import Weighed
 from fpjax.gap.thresholds import THRESHOLDS
@@ -135,10 +135,3 @@ def test_a_factor_that_is_a_detail_is_wrong_numbers(monkeypatch, name, share, le
     found = _numbers_instead(search, exact, chosen, {"actuator_delay": 0.9, name: share})
     assert (found.fit is without and found.evidence == 7.0) if replaced else found is chosen
     assert all(one == (both, name) for one in asked)
-
-
-def test_what_a_factor_loses_is_of_what_the_numbers_bring():
-    """Beside a delay of 4,000 nats a loss of 13 is a third of a hundredth of all, and half of what numbers brought."""
-    chosen, factor = (SimpleNamespace(evidence=evidence) for evidence in (4026.0, 4013.0))
-    assert _lost(factor, chosen, 0.0) < THRESHOLDS.factor
-    assert _lost(factor, chosen, 4000.0) == 0.5

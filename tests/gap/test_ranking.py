@@ -13,7 +13,7 @@ from fpjax.gap.answer.confusable import indistinguishable
 from fpjax.gap.answer.gap_size import steps_of
 from fpjax.gap.answer.ranking import share_alike, told_apart
 from fpjax.gap.effects.twins import Twin, exact_twins
-from fpjax.gap.select import decision
+from fpjax.gap.select import simpler
 from fpjax.gap.select import weighed as weighing
 from fpjax.gap.select.readings import Reading
 
@@ -201,21 +201,19 @@ def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_wha
 
     chosen = weighing.Weighed(fit(("stribeck",), ("inertia", "coulomb"), [], 0.1), 1000.0, 1000.0, 0.1)
     exact = weighing.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows, moving=False: 1.0), ())
-    monkeypatch.setattr(decision, "resolved", lambda search, fit: True)
+    monkeypatch.setattr(simpler, "resolved", lambda search, fit: True)
     both = ("stribeck", "torque_gain_error")
     for bound, evidence, told in (([], 990.0, both), (["inertia"], 990.0, ("stribeck",)), (["inertia"], 1010.0, both)):
         factor = fit(both, (), bound, 0.1, evidence)
-        search = of(factor)
-        assert decision._simpler(search, exact, chosen).structural == told
+        assert simpler.simpler(of(factor), exact, chosen).structural == told
     # What it loses is of what the numbers bring: five of a thousand, not five of fifteen.
-    assert decision._simpler(of(fit(both, (), [], 0.1, 985.0)), exact, chosen).structural == both
-    assert decision._simpler(of(fit(both, (), [], 0.1, 985.0), 975.0), exact, chosen).structural == ("stribeck",)
+    assert simpler.simpler(of(fit(both, (), [], 0.1, 985.0)), exact, chosen).structural == both
+    assert simpler.simpler(of(fit(both, (), [], 0.1, 985.0), 975.0), exact, chosen).structural == ("stribeck",)
     # In the place of one wrong number it must be the likelier of the two.
     chosen = weighing.Weighed(fit(("stribeck",), ("inertia",), [], 0.1), 1000.0, 1000.0, 0.1)
     for evidence, told in ((990.0, ("stribeck",)), (1010.0, both)):
         factor = fit(both, (), [], 0.1, evidence)
-        search = of(factor)
-        assert decision._simpler(search, exact, chosen).structural == told
+        assert simpler.simpler(of(factor), exact, chosen).structural == told
 
 
 def test_a_model_that_is_less_likely_than_one_it_contains_leaves_no_less_torque():
@@ -237,10 +235,10 @@ def test_a_likelier_special_case_takes_the_place_of_what_contains_it(monkeypatch
         )  # fmt: skip
         return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows, moving=False: left)
 
-    monkeypatch.setattr(decision, "resolved", lambda search, fit: True)
+    monkeypatch.setattr(simpler, "resolved", lambda search, fit: True)
     chosen = weighing.Weighed(fit("backlash", 1000.0, 0.4), 1000.0, 1000.0, 0.4)
     exact = weighing.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows, moving=False: 1.0), ())
     for evidence, told in ((1020.0, "compliance"), (1005.0, "backlash"), (990.0, "backlash")):
         spring = fit("compliance", evidence, 0.6)  # leaves a fifth of the energy more
         search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, spring=spring: [spring])
-        assert decision._simpler(search, exact, chosen).structural == (told,)
+        assert simpler.simpler(search, exact, chosen).structural == (told,)

@@ -1,6 +1,6 @@
 """Decision: which causes, from fits that no longer change, and the order in which they were tried."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,8 +14,8 @@ from .detectability import blurs, resolved
 from .dominant import Curve
 from .nominal_errors import wrong_numbers
 from .shares import absent_friction, numbers_of, shares_of, without_effect
+from .simpler import FACTORS, GAIN, simpler
 from .weighed import (
-    CONTAINED,
     Exact,
     Weighed,
     first_settled,
@@ -30,16 +30,6 @@ from .weighed import (
 # Pairs that one machine cannot hold: bristles and a transmission are two structures of the plant, and a backlash brings
 # its own spring.
 IMPOSSIBLE = ({"presliding", "compliance"}, {"presliding", "backlash"}, {"compliance", "backlash"})
-SIMPLER = {
-    "asymmetric_friction": ("constant_torque",),
-    "unbalance": ("constant_torque",),
-    "cogging": ("unbalance",),
-    "backlash": ("compliance",),
-}
-"""What an effect holds as a special case, or is in a short travel, with fewer parameters."""
-GAIN = "torque_gain_error"
-FACTORS = (GAIN, "velocity_scale_error")
-"""One factor that makes several nominal numbers wrong in proportion."""
 LIKELY = 6  # effects that are tried as a third cause: those that did best as a second one
 PAIR_KEEP = (16, 8, 5, 4)  # sets of causes that go on to each stage where causes are added
 
@@ -124,7 +114,7 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
         path.append(chosen.fit)
         chosen, rivals, tried = instead, found, [*tried, *found]
     stage("simpler causes", 0.0)
-    chosen = _simpler(search, exact, chosen)
+    chosen = simpler(search, exact, chosen)
     stage("what each cause takes", 0.0)
     shares, alike = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
     instead = _numbers_instead(search, exact, chosen, shares)
@@ -282,7 +272,7 @@ def _only_blurs(exact: Exact, chosen: Weighed, best: Weighed, whole: float) -> b
         best: with it.
         whole: what a cause is a share of [N m].
     """
-    if not set(chosen.structural) < set(best.structural) or best.gain > 2.0 * chosen.gain:
+    if not set(chosen.structural) < set(best.structural) or best.gain - chosen.gain > chosen.gain:
         return False
     takes = exact.left(chosen.fit) ** 2 - exact.left(best.fit) ** 2
     return takes < THRESHOLDS.matters * whole**2 and blurs(chosen.fit, best.fit)
@@ -351,70 +341,3 @@ def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Mapp
             evidence = wrong_numbers(fit, nominal_sizes(search.setting))[0]
             return settled(search, exact, weighed_fit(search, exact, fit, evidence))
     return chosen
-
-
-def _simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
-    """Fewer or simpler causes in the place of others, where no torque that matters would be missing for it.
-
-    A flexible cause takes some clutter along and so wins by evidence; what it is asked for here is torque.
-    """
-    by_name = {effect.name: effect for effect in search.effects}
-    while True:
-        starts = list(_instead(chosen.fit, by_name))
-        if not starts:
-            return chosen
-        whole = whole_gap(search, exact, chosen.fit)
-        fits = [fit for fit in search.fitted(starts) if resolved(search, fit)]
-        c = chosen.fit.candidate
-        plain = exact.fit.evidence
-        if c.wide and c.effects and any(set(fit.candidate.structural) > set(c.structural) for fit in fits):
-            plain = search.refit(chosen.fit, ()).evidence
-        near = [fit for fit in fits if _stands_for(exact, fit, chosen.fit, whole, plain)]
-        if not near:
-            return chosen
-        best = min(near, key=exact.left)
-        chosen = weighed_fit(search, exact, best, best.evidence - len(best.candidate.wide))
-
-
-def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float, plain: float) -> bool:
-    """Whether a simpler fit may take the place of the chosen one: no torque that matters is missing, little is lost.
-
-    Args:
-        exact: what models are weighed against.
-        fit: the simpler one.
-        chosen: the one in whose place it would stand.
-        whole: what counts as all of the gap [N m].
-        plain: evidence of the chosen effects beside the numbers as they were given, where a factor may stand for these.
-    """
-    ahead = fit.evidence - chosen.evidence > THRESHOLDS.decisive
-    slight = exact.left(fit) ** 2 - exact.left(chosen) ** 2 < THRESHOLDS.matters * whole**2
-    before, after = chosen.candidate, fit.candidate
-    if set(after.structural) > set(before.structural):
-        # One factor. Numbers that end at the bounds of what counts as right are wrong too, and one number is no more
-        # than one factor is: then it must be the likelier.
-        doubtful = len(before.wide) == 1 or bool(set(after.at_bound()) & set(NOMINAL))
-        # Of what the numbers bring: beside a cause that brings thousands of nats a hundredth of all is no small loss.
-        return slight and _lost(fit, chosen, plain) < THRESHOLDS.factor and (ahead or not doubtful)
-    # A model that is less likely than one that it contains has not found its best: less torque left is chance.
-    contained = any(a in before.structural and b in after.structural for a, b in CONTAINED.items())
-    return (contained and ahead) or (slight and _lost(fit, chosen, exact.fit.evidence) < THRESHOLDS.simpler)
-
-
-def _lost(fit: Fit, chosen: Fit, without: float) -> float:
-    """Share [1] of the evidence that a chosen fit has over `without`, which another fit lacks."""
-    return (chosen.evidence - fit.evidence) / max(chosen.evidence - without, 1e-300)
-
-
-def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[Start]:
-    c = fit.candidate
-    for effect in c.effects:
-        rest = tuple(e for e in c.effects if e is not effect)
-        for name in SIMPLER.get(effect.name, ()):
-            if name in by_name and name not in c.structural:
-                # What the simpler one does not hold of friction may still be wrong in the nominal numbers.
-                wide = tuple(c.wide | set(() if GAIN in c.structural else numbers_of(effect)))
-                yield Start((*rest, by_name[name]), wide, without_effect(c.values(), effect, rest))
-    for name in FACTORS:
-        if c.wide and name in by_name and name not in c.structural:
-            values = {k: v for k, v in c.values().items() if k not in NOMINAL}
-            yield Start((*c.effects, by_name[name]), (), values)

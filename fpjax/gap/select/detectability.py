@@ -50,7 +50,7 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
             return False
         return float(stiffness_of(values)) * t.twist * setting.travel > setting.friction
     if "backlash" in c.structural:
-        return "gap" not in ends and values["gap"] > t.clearance * _deviation(fit, "gap")
+        return "gap" not in ends and values["gap"] > t.clearance * _deviations(fit, held=False)["gap"]
     return True
 
 
@@ -68,11 +68,6 @@ def blurs(fit: Fit, more: Fit) -> bool:
     before, after = _deviations(fit), _deviations(more)
     pushed = own & before.keys() & set(more.candidate.at_bound())  # to where nothing is known of it
     return bool(pushed) or any(after[name] > before[name] for name in own & before.keys() & after.keys())
-
-
-def _deviation(fit: Fit, name: str) -> float:
-    """Standard deviation of a free parameter, as in `_deviations`."""
-    return _deviations(fit, held=False)[name]
 
 
 def _deviations(fit: Fit, *, held: bool = True) -> dict[str, float]:

@@ -6,10 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..thresholds import THRESHOLDS, Thresholds
-from .decision import FACTORS, Decision
+from .decision import Decision
 from .dominant import believed, dominant
 from .misread import told_readings, with_readings
 from .nominal_errors import wrong_numbers
+from .simpler import FACTORS
 from .statement import Seen, Verdict, Word, is_number
 from .weighed import CONTAINED, Weighed
 
