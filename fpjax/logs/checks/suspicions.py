@@ -55,7 +55,7 @@ def _found(log: Log, model: Expected | None) -> list[Suspicion]:
         found = [*_still(present)]
     if not any(s.severity == "stop" for s in found):
         found += [*_clock(log, present), *_repeated(present), *_off_their_stamps(log, present)]
-        found += [*_clipped(present), *_one_way(log, present)]
+        found += [*_clipped(present), *_one_way(log, present), *_whole_torque(log, present)]
         # A wrong time unit makes wrong accelerations, exchanged columns make wrong signs: the first of these that is
         # found explains those after it, so the search ends there.
         for look in (
@@ -295,6 +295,20 @@ def _whole_numbers(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
             "unit",
         )
         return
+
+
+def _whole_torque(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
+    """A torque in steps of exactly one unit of SI: drives count per mille of the rated torque, milliamperes, PWM."""
+    torque, unit = columns["torque"], "N" if log.linear else "N m"
+    if log.torque_unit != unit or not np.array_equal(torque, np.round(torque)) or _few_levels(torque):
+        return
+    yield Suspicion(
+        f"torque holds whole numbers only, up to {np.max(np.abs(torque)):.4g} {unit}: drives record per mille of the "
+        f"rated torque, mA or counts so; give its unit, such as --columns torque=torque:‰ or torque=torque:‰*0.0024 "
+        f"with {unit} for one per cent.",
+        "warn",
+        "counts",
+    )
 
 
 def _velocity_against_reference(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:

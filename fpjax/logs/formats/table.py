@@ -27,6 +27,7 @@ class RawTable:
         headless: whether the file names no columns; they are "1", "2", ... then.
         unread: what it holds that nobody can read but the program that wrote it, and what to do, for the end of a
             sentence that names a missing column ("" for nothing).
+        period: between two rows [s], where the file tells it apart from its columns; None where it does not.
     """
 
     columns: dict[str, np.ndarray]
@@ -36,6 +37,7 @@ class RawTable:
     units: dict[str, str] = field(default_factory=dict)
     headless: bool = False
     unread: str = ""
+    period: float | None = None
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class Request:
 
 READERS = {
     ".csv": "csv_file", ".txt": "csv_file", ".tsv": "csv_file", ".dat": "csv_file", ".asc": "csv_file",
-    ".log": "csv_file", ".npz": "numpy_file", ".mat": "matlab_file", ".json": "json_file", ".jsonl": "json_file",
+    ".log": "csv_file", ".lvm": "csv_file", ".npz": "numpy_file", ".mat": "matlab_file", ".json": "json_file", ".jsonl": "json_file",
     ".ndjson": "json_file", ".wpilog": "wpilog_file", ".parquet": "parquet_file", ".pq": "parquet_file",
     ".mcap": "mcap_file", ".db3": "rosbag_file",
 }  # fmt: skip

@@ -116,7 +116,7 @@ def test_an_axis_that_stands_still_is_not_taken(columns):
     for axis in range(3):
         data[f"torque ({axis})"] = columns["torque"] + axis
         data[f"speed ({axis})"] = columns["velocity"] * (axis == 1)
-    with pytest.warns(FpjaxWarning, match="axis 1 was taken, since axis 0 stands still; choose with --columns axis=2"):
+    with pytest.warns(FpjaxWarning, match="axis 1 was taken, since axis 0 hardly moves; choose with --columns axis=2"):
         assert read_log(data).torque[0] == columns["torque"][0] + 1
     with pytest.warns(FpjaxWarning, match="by their names"):
         assert read_log(data, columns="axis=2").torque[0] == columns["torque"][0] + 2
