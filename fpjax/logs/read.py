@@ -318,7 +318,7 @@ def _about_torque(
     lag, size = None, float(np.sqrt(np.mean(torque**2)))
     if step > ROUNDED * size > 0.0:
         notes.append(f"{name}: the torque is rounded to steps of {step:.4g}, {100 * step / size:.2g} % of its rms.")
-    if measured:
+    if measured and np.ptp(torque) > 0.0:
         notes.append(
             f"{name}: the torque was measured by the drive, not commanded: it may lag, and has noise of about "
             f"{noise_level(torque, step):.2g}."

@@ -304,8 +304,8 @@ def _whole_torque(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
         return
     yield Suspicion(
         f"torque holds whole numbers only, up to {np.max(np.abs(torque)):.4g} {unit}: drives record per mille of the "
-        f"rated torque, mA or counts so; give its unit, such as --columns torque=torque:‰ or torque=torque:‰*0.0024 "
-        f"with {unit} for one per cent.",
+        f"rated torque, mA or counts so; give its unit, such as --columns torque=torque:‰, or torque=torque:‰*0.0024 "
+        f"with {unit} for one of them.",
         "warn",
         "counts",
     )

@@ -44,7 +44,7 @@ _TABLE: dict[str, dict[str, float]] = {
 # An effective current has a label of its own: its scale in N m is the square root of two times that of a peak value.
 _LABELS = {
     "V": ("V", 1.0), "mV": ("V", 1e-3), "A": ("A", 1.0), "mA": ("A", 1e-3), "Arms": ("Arms", 1.0), "PWM": ("PWM", 1.0),
-    "%": ("%", 1.0), "‰": ("%", 0.1),
+    "%": ("%", 1.0), "‰": ("‰", 1.0),
 }  # fmt: skip
 UNITS: dict[str, Unit] = {
     **{name: Unit(quantity, factor) for quantity, names in _TABLE.items() for name, factor in names.items()},

@@ -13,6 +13,8 @@ import numpy as np
 
 from ...errors import InputError
 from ..mending.clock import TIME_UNITS, since_1970
+from .csv_blocks import has_blocks
+from .csv_blocks import read as read_blocks
 from .csv_layout import Layout, find_layout, number, split, without_end
 from .table import RawTable, Request
 
@@ -32,6 +34,9 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
     encoding = _encoding(path)
     with path.open(encoding=encoding, errors="replace", newline=None) as stream:
         head = list(itertools.islice(stream, HEAD))
+        if has_blocks(head):
+            stream.seek(0)
+            return read_blocks(path, stream, head, request)
         layout = find_layout(head, path.name)
         stream.seek(0)
         for _ in range(layout.skipped):
