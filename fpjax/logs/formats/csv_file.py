@@ -7,7 +7,6 @@ import itertools
 import pathlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TextIO
 
 import numpy as np
 
@@ -15,13 +14,14 @@ from ...errors import InputError
 from ..mending.clock import TIME_UNITS, since_1970
 from .csv_blocks import has_blocks
 from .csv_blocks import read as read_blocks
-from .csv_layout import Layout, find_layout, number, split, without_end
+from .csv_layout import Layout, find_layout, headings_removed, number, split, without_end
 from .table import RawTable, Request
 
 PIECE = 50_000  # [lines]
 LARGE = 400 << 20  # [bytes]: of a larger file only the columns are kept that the log needs
 HEAD = 400  # [lines] from which the layout is found
 NOT_READ = ("null", "none", "n/a", "na", "-", "--", "---", "#n/a", "nan(ind)", "-nan(ind)", "no value")  # cells
+FEW_ROWS = 20  # fewer rows than this, and more columns: the table lies on its side
 MOST_BROKEN = 0.5  # share of the rows: with more, the file is not a table
 
 
@@ -33,15 +33,13 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
     """
     encoding = _encoding(path)
     with path.open(encoding=encoding, errors="replace", newline=None) as stream:
-        head = list(itertools.islice(stream, HEAD))
-        if has_blocks(head):
-            stream.seek(0)
-            return read_blocks(path, stream, head, request)
-        layout = find_layout(head, path.name)
+        head = list(itertools.islice(headings_removed(stream), HEAD))
         stream.seek(0)
-        for _ in range(layout.skipped):
-            stream.readline()
-        return _read(stream, path, layout, request)
+        lines = headings_removed(stream)
+        if has_blocks(head):
+            return read_blocks(path, lines, head, request)
+        layout = find_layout(head, path.name)
+        return _read(itertools.islice(lines, layout.skipped, None), path, layout, request)
 
 
 def _encoding(path: pathlib.Path) -> str:
@@ -74,7 +72,7 @@ class _Gathered:
     first_broken: str = ""
 
 
-def _read(stream: TextIO, path: pathlib.Path, layout: Layout, request: Request) -> RawTable:
+def _read(stream: Iterator[str], path: pathlib.Path, layout: Layout, request: Request) -> RawTable:
     warnings = list(layout.notes)
     names = layout.names
     chosen = list(range(len(names)))
@@ -100,6 +98,11 @@ def _read(stream: TextIO, path: pathlib.Path, layout: Layout, request: Request) 
             found.pieces.append(values)
     if found.rows == 0:
         raise InputError(f"{path.name} has a header and no rows: record it again, or name another file.")
+    if found.rows < FEW_ROWS < len(names):
+        raise InputError(
+            f"{path.name} has {len(names)} cells a line and {found.rows} line{'s' * (found.rows > 1)} of them: a log has "
+            f"a line for each sample; write it the other way round."
+        )
     if found.broken:
         total = found.rows + found.broken
         if found.broken > MOST_BROKEN * total:
@@ -124,7 +127,7 @@ def _read(stream: TextIO, path: pathlib.Path, layout: Layout, request: Request) 
     )
 
 
-def _pieces(stream: TextIO) -> Iterator[list[str]]:
+def _pieces(stream: Iterator[str]) -> Iterator[list[str]]:
     while lines := list(itertools.islice(stream, PIECE)):
         yield lines
 

@@ -3,7 +3,7 @@
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
@@ -161,6 +161,30 @@ def find_layout(lines: list[str], name: str) -> Layout:
 
 def _is_ended(line: str) -> bool:
     return line.rstrip().endswith(";") and line.count(";") == 1
+
+
+# "12:01:02.003 -> ", before every line that Arduino's serial monitor shows
+_RECEIVED = re.compile(r"^\s*\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?\s*->\s?")
+
+
+def headings_removed(lines: Iterable[str]) -> Iterator[str]:
+    """Lines without what recorders put between or before the rows of a table.
+
+    LabVIEW repeats the heading of its measurement files before every segment. Arduino's serial monitor writes before
+    each line when it came, which is later than the board's own stamps by what the line waited.
+    """
+    recorded, segments, heading = False, 0, False
+    for place, line in enumerate(lines):
+        recorded = line.startswith("LabVIEW Measurement") if place == 0 else recorded
+        if not recorded:
+            yield _RECEIVED.sub("", line) if "->" in line else line
+            continue
+        if line.startswith("Channels\t"):
+            segments += 1
+            heading = segments > 1
+        if not heading:
+            yield line
+        heading = heading and not line.startswith("X_Value")
 
 
 def without_end(line: str) -> str:

@@ -94,6 +94,8 @@ def read_table(path: pathlib.Path, request: Request) -> RawTable:
         if not _rows_of_numbers(path):
             raise InputError(f"{path.name} has an unknown format ({path.suffix or 'no suffix'}): use {kinds}.")
         module = "csv_file"
+    if module == "csv_file" and _is_json(path):
+        module = "json_file"
     # by name, so that a format's library is imported only where that format is read
     reader: Callable[..., RawTable] = importlib.import_module(f"fpjax.logs.formats.{module}").read
     try:
@@ -104,6 +106,16 @@ def read_table(path: pathlib.Path, request: Request) -> RawTable:
         raise InputError(f"{path} cannot be read ({error.strerror or error}): check its permissions.") from error
     except MemoryError as error:
         raise InputError(f"{path.name} does not fit into memory: read a part of it with --from and --to.") from error
+
+
+def _is_json(path: pathlib.Path) -> bool:
+    """Whether the first line of a file is an object of JSON: a log of rows is often saved as .txt."""
+    try:
+        with path.open("rb") as stream:
+            first = stream.read(1 << 16).lstrip(b"\xef\xbb\xbf \t\r\n").split(b"\n")[0].strip()
+    except OSError:
+        return False
+    return first.startswith(b'{"') and first.endswith(b"}")
 
 
 def _rows_of_numbers(path: pathlib.Path) -> bool:

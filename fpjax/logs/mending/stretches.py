@@ -5,6 +5,7 @@ lies between two stretches was not recorded and is not made up; they are runs of
 """
 
 import itertools
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,8 @@ from .wrapping import find_wrapping
 
 MOST = 16  # stretches: a log that is in more pieces is not worth the time of them all
 PAUSED = 2.0  # times all that was recorded: over so long a whole, time does not count from the first stretch on
+LIKE_A_TURN = 0.01  # relative deviation of a wrapping from 360 degrees, or from the counts of an encoder
+LEAST_COUNTS = 256
 SIMILAR = 0.1  # relative difference of the periods of two stretches
 
 
@@ -199,6 +202,16 @@ def _unwrapped(
     notes.append(
         f"{name}: position jumps by {wrapping.period:.6g} rad {times} (first after row "
         f"{wrapping.after[0] + first_row}) while the machine moves on: it wraps, and was made continuous"
-        f"{', its reference with it' if reference is not None else ''}."
+        f"{', its reference with it' if reference is not None else ''}{_like_a_turn(wrapping.period)}."
     )
     return found | {"position": position} | ({} if reference is None else {"reference": reference})
+
+
+def _like_a_turn(period: float) -> str:
+    """What a period of a position that was read in rad says of its unit, for the end of a sentence; "" for nothing."""
+    counts = 2 ** round(math.log2(period)) if period > 0.0 else 0
+    if abs(period - 360.0) < LIKE_A_TURN * 360.0:
+        return "; degrees wrap so: then say so with --columns position=NAME:deg"
+    if counts >= LEAST_COUNTS and abs(period - counts) < LIKE_A_TURN * counts:
+        return f"; counts wrap so: then say so with --columns position=NAME:counts/{counts}"
+    return ""
