@@ -23,7 +23,7 @@ desired_torque torque_desired tau_des tau_desired tau_ref torque_ref torque_refe
 drehmoment_soll soll_drehmoment moment_soll m_soll target_moment effort_command command_effort goal_torque torque_des
 motor_torque_command tau_command
 torque tau drehmoment moment couple par coppia force kraft u control control_torque joint_torque_command
-control_input controller_output control_output
+control_input controller_output control_output u_control
 iq_setpoint:A iq_ref:A iq_cmd:A iq_command:A iq_target:A iq_des:A current_setpoint:A target_current:A curr_cmd:A
 current_command:A commanded_current:A current_cmd:A goal_current:A strom_soll:A sollstrom:A i_soll:A current_ref:A
 vir:V voltage:V motor_voltage:V applied_volts:V applied_voltage:V volts:V spannung:V output_voltage:V voltage_cmd:V

@@ -253,13 +253,15 @@ def _with_header(lines: list[str], filled: list[int], separator: str | None, fir
     # from the first row of numbers upwards: an optional row of units, then the header
     for place in reversed(above[-3:]):
         line = lines[place].strip()
-        parts = [part.strip().strip('"').strip() for part in _cells(line.lstrip("#%").strip(), separator)]
+        line = line.lstrip("#%").strip()
+        parts = _cells(line, separator, all_of_them=True)
+        parts = [part.strip('"').strip() for part in (parts if len(parts) == width else _cells(line, separator))]
         if len(parts) > width and len(named := [part for part in parts if part]) == width:
             parts = named  # two separators between the names, one between the numbers
         if len(parts) == width + 1 and parts[-1].lower() in _REMARKS:
             parts = parts[:-1]
         if len(parts) != width and separator is None:
-            parts = [part.strip() for part in line.lstrip("#%").strip().split(",")]
+            parts = [part.strip() for part in line.split(",")]
         if len(parts) != width:
             break
         if not units and _are_units(parts) and place != above[0]:
