@@ -2,8 +2,9 @@
 
 A name from the table is a guess: the reader says which column it took for which quantity, and --columns overrides it.
 Sources of the names: ODrive (pos_estimate, Iq_setpoint), Universal Robots' RTDE (actual_q_0, target_moment_0),
-Dynamixel and Rhoban's bam (present_position, load), Kollmorgen (IL.CMD), WPILib and Phoenix (appliedVolts, rotorPosition), ROS joint
-states (effort), German, French, Spanish and Italian drive software, and the letters of textbooks.
+Dynamixel and Rhoban's bam (present_position, load), Kollmorgen (IL.CMD), WPILib and Phoenix (appliedVolts,
+rotorPosition), ROS joint states (effort), German, French, Spanish and Italian drive software, and the letters of
+textbooks.
 """
 
 import re
@@ -47,7 +48,7 @@ _TABLE = {
 time t zeit temps tiempo tempo time_s zeitstempel timestamp time_stamp stamp times seconds elapsed elapsed_time clock
 pc_ts robot_time controller_time time_since_start rel_time loop_time pi_time log_time sample_time t_now x_value
 ms:ms millis:ms milliseconds:ms us:us micros:us ms_today:ms
-received
+x_axis
 """,
     "velocity": """
 velocity velocity_actual actual_velocity velocity_measured measured_velocity vel angular_velocity joint_velocity
@@ -114,20 +115,18 @@ def _table() -> dict[str, KnownName]:
 KNOWN = _table()
 # Names made of one quantity, who says it (the command, the measurement) and words that change neither: "Actual Motor
 # Velocity", "Drehzahlistwert geglättet". One word that is none of these ("error", "limit", "max") and nothing is known.
-_QUANTITIES = {
-    "velocity": "velocity vel velo speed drehzahl:rpm geschwindigkeit rpm:rpm",
+_WORDS = {
+    "velocity": "velocity vel velo speed drehzahl geschwindigkeit rpm",
     "position": "position positions pos lage winkel",
     "torque": "torque tau trq drehmoment moment effort",
     "current": "current curr strom iq",
+    "measured": "actual act measured meas feedback fb fbk ist present estimated est monitor",
+    "commanded": "command commanded cmd target desired des demand setpoint set reference ref soll goal",
+    "": """motor servo drive axis joint rotor shaft encoder enc value wert filtered smoothed geglaettet glatt avg
+        average mean of now""",
 }
-_QUANTITY = {word: (kind, unit) for kind, text in _QUANTITIES.items() for word, _, unit in
-             (each.partition(":") for each in text.split())}  # fmt: skip
-_MEASURED_WORDS = set("actual act measured meas feedback fb fbk ist present estimated est monitor".split())
-_COMMAND_WORDS = set("command commanded cmd target desired des demand setpoint set reference ref soll goal".split())
-_PLAIN_WORDS = set(
-    "motor servo drive axis joint rotor shaft encoder enc value wert filtered smoothed geglaettet glatt avg average "
-    "mean of now".split()
-)
+_MEANS = {word: kind for kind, text in _WORDS.items() for word in text.split()}
+_QUANTITIES = ("velocity", "position", "torque", "current")
 _OBJECT = r"(?:0x)?(?=[0-9a-f]*\d)[0-9a-f]{4}h?(?:[:.](?:0x)?[0-9a-f]{1,2}h?)?"  # of CANopen: 6077h, 0x606C:00
 # the rank of the last line, with the ambiguous words
 WEAK = {
@@ -284,24 +283,23 @@ def _made(named: Named) -> KnownName | None:
     # "drehzahlistwert", "sollposition": German writes them as one word
     plain = re.sub(r"(ist|soll)(wert)?(?=_|$)", r"_\1", re.sub(r"(^|_)(ist|soll)(?=[a-z])", r"\1\2_", named.plain))
     words = [word for word in plain.split("_") if word and not re.fullmatch(_OBJECT, word)]
-    said = [word for word in words if word in _QUANTITY]
-    if len(said) == 2 and said[0] == "current":  # "current position" is the present one
-        said, words = said[1:], ["present", *words[1:]]
-    rest = set(words) - set(said)
-    if len(said) != 1 or rest - _MEASURED_WORDS - _COMMAND_WORDS - _PLAIN_WORDS:
+    means = [_MEANS.get(word) for word in words]
+    said = [each for each in means if each in _QUANTITIES]
+    if len(said) == 2 and said[0] == words[0] == "current":  # "current position" is the present one
+        said, means = said[1:], ["measured", *means[1:]]
+    if len(said) != 1 or None in means or {"measured", "commanded"} <= set(means):
         return None
-    quantity, unit = _QUANTITY[said[0]]
-    commanded, measured = bool(rest & _COMMAND_WORDS), bool(rest & _MEASURED_WORDS)
-    if commanded and measured:
-        return None
+    (quantity,) = said
     # as sure as a name of the table that says the same
     if quantity in MOTIONS:
-        like = "reference" if commanded else quantity
+        like = "reference" if "commanded" in means else quantity
     elif quantity == "torque":
-        like = "effort" if measured else "torque"
+        like = "effort" if "measured" in means else "torque"
     else:
-        like = "current_cmd" if commanded else "current"
-    return KNOWN[like]._replace(unit=unit or KNOWN[like].unit)
+        like = "current_cmd" if "commanded" in means else "current"
+    # a rotational speed by its word
+    unit = "rpm" if {"drehzahl", "rpm"} & set(words) else KNOWN[like].unit
+    return KNOWN[like]._replace(unit=unit)
 
 
 def _possible(unit: str, canonical: str) -> bool:

@@ -100,8 +100,8 @@ def _read(stream: Iterator[str], path: pathlib.Path, layout: Layout, request: Re
         raise InputError(f"{path.name} has a header and no rows: record it again, or name another file.")
     if found.rows < FEW_ROWS < len(names):
         raise InputError(
-            f"{path.name} has {len(names)} cells a line and {found.rows} line{'s' * (found.rows > 1)} of them: a log has "
-            f"a line for each sample; write it the other way round."
+            f"{path.name} has {len(names)} cells a line and {found.rows} line{'s' * (found.rows > 1)} of them: a log "
+            f"has a line for each sample; write it the other way round."
         )
     if found.broken:
         total = found.rows + found.broken
@@ -122,9 +122,7 @@ def _read(stream: Iterator[str], path: pathlib.Path, layout: Layout, request: Re
         column = np.concatenate([piece[:, place] for piece in found.pieces]) if found.pieces else np.zeros(0)
         if not column.size or not np.isnan(column).all():  # an empty column is none: LabVIEW leaves X_Value empty
             columns[name] = column
-    return RawTable(
-        columns, layout.first_row, text, warnings, layout.units, layout.headless, period=layout.period
-    )
+    return RawTable(columns, layout.first_row, text, warnings, layout.units, layout.headless, period=layout.period)
 
 
 def _pieces(stream: Iterator[str]) -> Iterator[list[str]]:
@@ -190,7 +188,9 @@ class _Cells:
             if len(parts) != width or (not self.layout.worded and self._heading(parts[0].strip())):
                 found.broken += 1
                 cells = "1 cell" if len(parts) == 1 else f"{len(parts)} cells"
-                what = f"{cells} where the header has {width}" if len(parts) != width else f"{parts[0][:30]!r} as a number"
+                what = (
+                    f"{cells} where the header has {width}" if len(parts) != width else f"{parts[0][:30]!r} as a number"
+                )
                 found.first_broken = found.first_broken or f"row {row + place} has {what}"
                 continue
             rows.append([self._cell(index, parts[index].strip(), row + place) for index in self.chosen])

@@ -65,9 +65,9 @@ class Request:
 
 READERS = {
     ".csv": "csv_file", ".txt": "csv_file", ".tsv": "csv_file", ".dat": "csv_file", ".asc": "csv_file",
-    ".log": "csv_file", ".lvm": "csv_file", ".npz": "numpy_file", ".mat": "matlab_file", ".json": "json_file", ".jsonl": "json_file",
-    ".ndjson": "json_file", ".wpilog": "wpilog_file", ".parquet": "parquet_file", ".pq": "parquet_file",
-    ".mcap": "mcap_file", ".db3": "rosbag_file",
+    ".log": "csv_file", ".lvm": "csv_file", ".npz": "numpy_file", ".mat": "matlab_file", ".json": "json_file",
+    ".jsonl": "json_file", ".ndjson": "json_file", ".wpilog": "wpilog_file", ".parquet": "parquet_file",
+    ".pq": "parquet_file", ".mcap": "mcap_file", ".db3": "rosbag_file",
 }  # fmt: skip
 
 
