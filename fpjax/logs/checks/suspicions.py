@@ -258,8 +258,8 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
             "warn",
             "unit",
         )
-    elif inverse:
-        angle = inverse.removesuffix("/s").replace("rpm", "rev/min")
+    elif inverse and inverse != "rpm":  # no angle is counted in rpm
+        angle = inverse.removesuffix("/s")
         yield Suspicion(
             f"position looks like {angle}: its rate of change is {1 / abs(ratio):.3g} x the "
             f"velocity; give its unit, such as --columns position=position:{angle}.",

@@ -121,12 +121,18 @@ _WORDS = {
     "torque": "torque tau trq drehmoment moment effort",
     "current": "current curr strom iq",
     "measured": "actual act measured meas feedback fb fbk ist present estimated est monitor",
-    "commanded": "command commanded cmd target desired des demand setpoint set reference ref soll goal",
+    "commanded": """command commands commanded cmd target desired des demand setpoint set reference ref soll goal
+        control controller""",
     "": """motor servo drive axis joint rotor shaft encoder enc value wert filtered smoothed geglaettet glatt avg
         average mean of now""",
 }
 _MEANS = {word: kind for kind, text in _WORDS.items() for word in text.split()}
 _QUANTITIES = ("velocity", "position", "torque", "current")
+# a part of a machine is not called so: these are other quantities of it
+_OTHER_WORDS = {
+    "max", "min", "limit", "error", "err", "rated", "nominal", "peak", "ff", "ffw", "feedforward", "offset", "bias",
+    "std", "delta", "diff",
+}  # fmt: skip
 _OBJECT = r"(?:0x)?(?=[0-9a-f]*\d)[0-9a-f]{4}h?(?:[:.](?:0x)?[0-9a-f]{1,2}h?)?"  # of CANopen: 6077h, 0x606C:00
 # the rank of the last line, with the ambiguous words
 WEAK = {
@@ -189,7 +195,9 @@ def taken_apart(column: str) -> list[Named]:
     found: list[Named] = []
     owner = _OWNER.search(text)
     # "axis0.encoder.pos_estimate", "/joint_states.velocity.0", "log/Torque"
-    whole = re.sub(r"[./:|](\d{1,2})$", r"_\1", text)
+    # the only field of ROS' std_msgs says nothing, but its topic does: "/effort_control/data.0"
+    whole = re.sub(r"(?<=\w)(?:[./](commands?))?[./]data(?=$|[.\[]\d)", r"_\1", text)
+    whole = re.sub(r"[./:|](\d{1,2})$", r"_\1", whole)
     tail = re.split(r"[./:|]", whole)[-1]
     for part in dict.fromkeys([text, tail]):
         start = len(found)
@@ -203,6 +211,8 @@ def taken_apart(column: str) -> list[Named]:
             if indexed:
                 stem = indexed["name"].rstrip("_")
                 found.append(Named(column, stem, unit or (ending[1] if ending else ""), int(indexed["index"])))
+                if (plainer := re.sub(r"_(?:m|j|motor|axis|joint|servo)$", "", stem)) != stem:  # "CURRENT_M1"
+                    found.append(found[-1]._replace(plain=plainer))
                 inner = None if unit or ending else suffix_unit(stem)
                 if inner:
                     found.append(Named(column, inner[0], inner[1], int(indexed["index"])))
@@ -266,6 +276,7 @@ def guess(names: Iterable[str], units: Mapping[str, str]) -> dict[str, list[Gues
         units: units from a row of units, by column name.
     """
     found: dict[str, list[Guess]] = {}
+    names = list(names)
     for column in names:
         parts = taken_apart(column)
         for named, known in [(each, KNOWN.get(each.plain)) for each in parts] + [(each, _made(each)) for each in parts]:
@@ -275,7 +286,29 @@ def guess(names: Iterable[str], units: Mapping[str, str]) -> dict[str, list[Gues
                     continue
                 found.setdefault(known.canonical, []).append(Guess(column, unit, known.rank, named.axis, named.owner))
                 break
+    if not set(found) & {*MOTIONS, *TORQUES}:
+        for canonical, each in _of_parts(names, units):
+            found.setdefault(canonical, []).append(each)
     return {canonical: sorted(guesses, key=lambda each: each.rank) for canonical, guesses in found.items()}
+
+
+def _of_parts(names: list[str], units: Mapping[str, str]) -> list[tuple[str, Guess]]:
+    """(quantity, column) of names such as "left_knee_torque": of parts that have a motion and a torque by that name."""
+    parts: dict[str, list[tuple[str, Guess]]] = {}
+    for column in names:
+        for named in taken_apart(column):
+            words = named.plain.split("_")
+            ends = [(cut, named._replace(plain="_".join(words[cut:]))) for cut in range(1, len(words))]
+            known = [(cut, KNOWN.get(end.plain) or _made(end)) for cut, end in ends]
+            cut, what = next(((cut, what) for cut, what in known if what is not None), (0, None))
+            if what is None or set(words[:cut]) & _OTHER_WORDS or what.rank >= WEAK.get(what.canonical, 99):
+                continue
+            unit, part = named.unit or units.get(column, "") or what.unit, "_".join(words[:cut])
+            if _possible(unit, what.canonical):
+                parts.setdefault(part, []).append((what.canonical, Guess(column, unit, what.rank, named.axis, part)))
+                break
+    whole = [each for each in parts.values() if all({c for c, _ in each} & set(need) for need in (MOTIONS, TORQUES))]
+    return [one for each in whole for one in each]
 
 
 def _made(named: Named) -> KnownName | None:

@@ -98,7 +98,7 @@ def _read(stream: Iterator[str], path: pathlib.Path, layout: Layout, request: Re
             found.pieces.append(values)
     if found.rows == 0:
         raise InputError(f"{path.name} has a header and no rows: record it again, or name another file.")
-    if found.rows < FEW_ROWS < len(names):
+    if layout.headless and found.rows < FEW_ROWS < len(names):
         raise InputError(
             f"{path.name} has {len(names)} cells a line and {found.rows} line{'s' * (found.rows > 1)} of them: a log "
             f"has a line for each sample; write it the other way round."

@@ -499,3 +499,22 @@ def test_an_axis_that_only_creeps_is_not_taken(columns):
         data |= {f"tau_{axis}": columns["torque"] + axis, f"q_{axis}": columns["position"] * (1.0 if axis else 0.02)}
     with pytest.warns(FpjaxWarning, match="axis 1 was taken, since axis 0 hardly moves"):
         read_log(data)
+
+
+def test_parts_of_a_machine_by_their_own_names(columns):
+    data = {"time": columns["time"], "max_torque": columns["torque"] + 9, "max_velocity": columns["velocity"] + 9}
+    for place, part in enumerate(("left_hip", "left_knee")):
+        data |= {f"{part}_torque": columns["torque"] + place, f"{part}_velocity": columns["velocity"] * (place + 1.0)}
+    with pytest.warns(FpjaxWarning, match="several machines: left_hip was taken, and not left_knee"):
+        log = read_log(data)
+    np.testing.assert_array_equal(log.velocity, columns["velocity"])
+    with pytest.raises(InputError, match="no column torque"):  # nothing says that the pitch is what the knee turns
+        read_log({"time": columns["time"], "knee_torque": columns["torque"], "pitch_velocity": columns["velocity"]})
+
+
+def test_the_topic_of_a_single_value_is_its_name(columns):
+    names = ("__time", "/effort_controller/commands/data[0]", "/joint_states/hinge/position", "/joint_states/hinge/effort")
+    parts = (columns["time"], columns["torque"], columns["position"], 0.0 * columns["torque"])
+    log = read_log(dict(zip(names, parts, strict=True)))
+    np.testing.assert_array_equal(log.torque, columns["torque"])
+    assert not log.torque_measured
