@@ -513,7 +513,12 @@ def test_parts_of_a_machine_by_their_own_names(columns):
 
 
 def test_the_topic_of_a_single_value_is_its_name(columns):
-    names = ("__time", "/effort_controller/commands/data[0]", "/joint_states/hinge/position", "/joint_states/hinge/effort")
+    names = (
+        "__time",
+        "/effort_controller/commands/data[0]",
+        "/joint_states/hinge/position",
+        "/joint_states/hinge/effort",
+    )
     parts = (columns["time"], columns["torque"], columns["position"], 0.0 * columns["torque"])
     log = read_log(dict(zip(names, parts, strict=True)))
     np.testing.assert_array_equal(log.torque, columns["torque"])
