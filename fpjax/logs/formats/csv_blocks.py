@@ -12,6 +12,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ...errors import InputError
 from ..columns.names import bracket_unit
 from ..columns.units import find_unit
 from .csv_layout import number, split
@@ -43,9 +44,14 @@ def read(path: pathlib.Path, lines: Iterable[str], head: list[str], request: Req
         lines: all of them.
         head: the first of them.
         request: what the log needs of it.
+
+    Raises:
+        InputError: for a file that holds no values.
     """
     header = _header(head)
     recorded, units = _below(lines) if header is None else _beside(lines, *header)
+    if not recorded:
+        raise InputError(f"{path.name} names signals and holds no values of them: record it again, or export it whole.")
     table = joined(_with_equal_stamps(recorded), request)
     table.units = units
     table.warnings.insert(0, f"{path.name} has a time for each of its {len(recorded)} signals.")
@@ -81,6 +87,8 @@ def _beside(lines: Iterable[str], separator: str, header: list[str]) -> tuple[Re
     rows: list[list[float]] = []
     for line in lines:
         parts = [part.strip() for part in split(line, separator)][:width]
+        if not parts:
+            continue
         if parts[0].lower() in _UNIT:
             units |= {
                 signals[place]: unit

@@ -14,7 +14,7 @@ from ...errors import InputError
 from ..mending.clock import TIME_UNITS, since_1970
 from .csv_blocks import has_blocks
 from .csv_blocks import read as read_blocks
-from .csv_layout import Layout, find_layout, headings_removed, number, split, without_end
+from .csv_layout import NAME_OF, Layout, find_layout, headings_removed, number, split, without_end
 from .table import RawTable, Request
 
 PIECE = 50_000  # [lines]
@@ -115,7 +115,8 @@ def _read(stream: Iterator[str], path: pathlib.Path, layout: Layout, request: Re
     for place, index in enumerate(chosen):
         name, example = names[index], cells.text.get(index)
         if example is not None and cells.words[index] > 0.5 * found.rows:
-            text[name] = f"column {name} holds {example}, which is not a number"
+            if not name.startswith(NAME_OF):
+                text[name] = f"column {name} holds {example}, which is not a number"
             continue
         if example is not None and cells.words[index]:
             warnings.append(f"{path.name}: {cells.words[index]} cells of column {name} are not numbers ({example}).")

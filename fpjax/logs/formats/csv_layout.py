@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from ...errors import InputError
 from ..columns.units import find_unit
 
+NAME_OF = "name of "  # begins the name of a column that only repeats another one's name
 _REMARKS = ("comment", "comments", "kommentar", "remark")  # a last column that most rows leave out
 _SAMPLING = re.compile(
     r"^\W*(?P<what>(?:(?:sampl|abtast)\w*[ _-]*(?:time|period|interval|step|rate|freq|zeit|takt)[a-z _-]*"
@@ -323,7 +324,7 @@ def _named_beside(rows: list[list[str]], width: int) -> list[str] | None:
         return None
     if any(row[::2] != whole[0][::2] for row in whole):
         return None
-    return [each for word in whole[0][::2] for each in (f"name of {word}", word)]
+    return [each for word in whole[0][::2] for each in (NAME_OF + word, word)]
 
 
 def _are_units(parts: list[str]) -> bool:

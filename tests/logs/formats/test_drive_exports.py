@@ -85,6 +85,21 @@ def test_signals_one_below_the_other(tmp_path, columns):
     holds(log, columns)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Name;velocity;Name;torque\nSampleTime[ms];1;SampleTime[ms];1\n\n",
+        "Name;velocity;Name;torque\n0;1;0;2\n",
+        "Name;velocity;Name;torque\n;;;\na;b;c;d\n",
+        "[key]; [value]\n0.Variable; a\n0.Data;\n1.Variable; b\n",
+    ],
+)
+def test_signals_without_values_are_one_sentence(tmp_path, text):
+    (tmp_path / "log.csv").write_text(text)
+    with pytest.raises(InputError, match="names signals and holds no values of them"):
+        read_log(tmp_path / "log.csv")
+
+
 def test_what_a_signal_did_not_record_is_not_made_up(tmp_path, columns):
     """A velocity that was switched on later is not constant before."""
     half = SAMPLES // 2
