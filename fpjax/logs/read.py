@@ -22,11 +22,13 @@ from .columns.mapping import (
     motion_of,
     parse_columns,
     scale_of,
+    torque_without_unit,
+    without_unknown_sizes,
 )
 from .columns.units import find_unit
 from .formats.table import RawTable, Request, from_arrays, read_table
 from .log import Log, NamedArrays
-from .mending.clock import SHORTEST
+from .mending.clock import SHORTEST, since_1970
 from .mending.measured_torque import constant_ratio, following, related
 from .mending.resample import Uniform, every
 from .mending.stretches import Stretch, stretches
@@ -97,11 +99,16 @@ def read_log(
     notes = list(table.warnings)
     sources, guessed = find_sources(_usable(table), mapping, name, table.units, _travel(table))
     notes += guessed + other_clocks(table.columns, sources, table.units, name) + _made_signed(table, sources, name)
+    if dt is None and "time" not in sources and table.period is not None:
+        dt = table.period
+        notes.append(f"{name} has no time column: its head tells a row every {dt:.6g} s; say otherwise with --rate.")
     if table.headless:
         notes.append(f"{name} has no header: its columns are {listed(list(table.columns))}, counted from the left.")
     # a guessed column that holds text was a wrong guess; one that the user mapped is an error that `_in_si` names
     readable = {key for key, each in sources.items() if not (each.guessed and each.column in table.text)}
     _check_present(table, readable | ({"time"} if dt is not None else set()), ("time", *require), name)
+    sources, unsized = without_unknown_sizes(sources, mapping, linear, name)
+    notes += unsized + torque_without_unit(sources, mapping, name) + _epoch(table, sources, name)
     told = motion_of(sources)
     kind = linear if linear is not None else told
     found, label = _in_si(table, sources, kind, name)
@@ -222,6 +229,18 @@ def _made_signed(table: RawTable, sources: Mapping[str, Source], name: str) -> l
     return said
 
 
+def _epoch(table: RawTable, sources: dict[str, Source], name: str) -> list[str]:
+    """Give stamps that count from 1970 their unit, in the sources; a sentence on it."""
+    time = sources.get("time")
+    if time is None or time.unit is not None or time.factor != 1.0 or time.column not in table.columns:
+        return []
+    unit = since_1970(table.columns[time.column])
+    if not unit:
+        return []
+    sources["time"] = time._replace(unit=unit)
+    return [f"{name}: the stamps in {time.column!r} count {unit} since 1970."]
+
+
 def _in_si(
     table: RawTable, sources: Mapping[str, Source], linear: bool | None, name: str
 ) -> tuple[dict[str, np.ndarray], str]:
@@ -299,7 +318,7 @@ def _about_torque(
     lag, size = None, float(np.sqrt(np.mean(torque**2)))
     if step > ROUNDED * size > 0.0:
         notes.append(f"{name}: the torque is rounded to steps of {step:.4g}, {100 * step / size:.2g} % of its rms.")
-    if measured:
+    if measured and np.ptp(torque) > 0.0:
         notes.append(
             f"{name}: the torque was measured by the drive, not commanded: it may lag, and has noise of about "
             f"{noise_level(torque, step):.2g}."

@@ -26,6 +26,7 @@ from .torque_suspicions import swapped, torque_against_motion
 
 SHORTEST = 64  # [samples]: with fewer, nothing is compared
 ONE_WAY = 0.01  # share of the samples in the other direction, below which the motion has one direction only
+BOTH_WAYS = 0.2  # share of the moving time in either direction
 CLIPPED = 0.005  # share of the samples at an extreme
 FEW_LEVELS = 8  # different values: with so few the column is a relay's or a staircase command, not limited
 REPEATED = 0.002  # share of the samples that repeat the one before
@@ -55,7 +56,8 @@ def _found(log: Log, model: Expected | None) -> list[Suspicion]:
         found = [*_still(present)]
     if not any(s.severity == "stop" for s in found):
         found += [*_clock(log, present), *_repeated(present), *_off_their_stamps(log, present)]
-        found += [*_clipped(present), *_one_way(log, present)]
+        found += [*_clipped(present), *_one_way(log, present), *_whole_torque(log, present)]
+        found += _magnitude(log, present)
         # A wrong time unit makes wrong accelerations, exchanged columns make wrong signs: the first of these that is
         # found explains those after it, so the search ends there.
         for look in (
@@ -256,8 +258,8 @@ def _position_against_velocity(log: Log, columns: dict[str, Values]) -> Iterator
             "warn",
             "unit",
         )
-    elif inverse:
-        angle = inverse.removesuffix("/s").replace("rpm", "rev/min")
+    elif inverse and inverse != "rpm":  # no angle is counted in rpm
+        angle = inverse.removesuffix("/s")
         yield Suspicion(
             f"position looks like {angle}: its rate of change is {1 / abs(ratio):.3g} x the "
             f"velocity; give its unit, such as --columns position=position:{angle}.",
@@ -295,6 +297,39 @@ def _whole_numbers(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
             "unit",
         )
         return
+
+
+def _whole_torque(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
+    """A torque in steps of exactly one unit: drives count per mille of the rated torque, milliamperes, PWM."""
+    torque, unit = columns["torque"], log.torque_unit
+    if unit not in ("N m", "N", "A", "Arms") or not np.array_equal(torque, np.round(torque)) or _few_levels(torque):
+        return
+    yield Suspicion(
+        f"torque holds whole numbers only, up to {np.max(np.abs(torque)):.4g} {unit}: drives record per mille of the "
+        f"rated torque, mA or counts so; give its unit, such as --columns torque=torque:‰, or torque=torque:‰*0.0024 "
+        f"with {'N' if log.linear else 'N m'} for one of them.",
+        "warn",
+        "counts",
+    )
+
+
+def _magnitude(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:
+    """A torque without signs, as from a current sensor that measures magnitudes, of a motion that goes both ways."""
+    torque = columns["torque"]
+    speed, _ = smooth_motion(columns.get("velocity"), columns.get("position"), log.dt)
+    moving = np.abs(speed) > 0.05 * np.quantile(np.abs(speed), 0.95)
+    forward = float(np.mean(speed[moving] > 0.0)) if np.any(moving) else 0.0
+    size = np.abs(torque)
+    # what holds a weight has one sign too, but does not come down to zero
+    down = np.quantile(size, 0.05) < 0.1 * np.quantile(size, 0.95)
+    if (torque.min() < 0.0 < torque.max()) or not down or not BOTH_WAYS < forward < 1.0 - BOTH_WAYS:
+        return
+    yield Suspicion(
+        f"torque is never {'negative' if torque.max() > 0.0 else 'positive'}, while the motion goes forward for "
+        f"{forward:.0%} of its time and comes back: is it recorded without its sign? Friction cannot be told then.",
+        "warn",
+        "magnitude",
+    )
 
 
 def _velocity_against_reference(log: Log, columns: dict[str, Values]) -> Iterator[Suspicion]:

@@ -2,10 +2,14 @@
 
 from collections.abc import Callable, Iterable, Mapping
 
+from .names import MOTIONS as MOTIONS
+from .names import TORQUES as TORQUES
 from .names import Guess, taken_apart
 
-MOTIONS, TORQUES = ("position", "velocity"), ("torque", "torque_measured")
-STILL = 1e-3  # of the travel of the axis that moves most: with less, an axis stands still
+STILL = 1e-3  # of the travel of the machine that moves most: with less, a machine stands still
+# The same of a robot's axes: they are of one controller, which holds those that are not moved; what it leaves of them,
+# creep over minutes and the shaking by the others, is some per cent of the one that the run is of.
+HELD = 0.05
 
 Guesses = Mapping[str, list[Guess]]
 
@@ -56,7 +60,7 @@ def choose_axis(
         moved = {one.axis: travel(one.column) for one in reversed(guesses.get(motion, [])) if one.axis in possible}
         if len(moved) > 1:
             most = max(moved, key=lambda axis: moved[axis])
-            return possible[0] if moved.get(possible[0], 0.0) > STILL * moved[most] else most
+            return possible[0] if moved.get(possible[0], 0.0) > HELD * moved[most] else most
     return possible[0]
 
 

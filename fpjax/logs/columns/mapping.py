@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from ...errors import InputError
-from .axes import TORQUES, axis_of, choose_axis, choose_owner, has, numbered, of_owner
+from .axes import MOTIONS, TORQUES, axis_of, choose_axis, choose_owner, has, numbered, of_owner
 from .names import WEAK, Guess, bracket_unit, guess
-from .units import QUANTITIES, find_unit, parse_unit
+from .units import QUANTITIES, Unit, find_unit, parse_unit
 
 CANONICAL = tuple(QUANTITIES)
 PRESETS = {
@@ -174,7 +174,7 @@ def _guessed(
         return []
     notes = [f"{where}: taken by their names: {', '.join(said)}; say otherwise with --columns."]
     if len(axes) > 1 and wanted_axis is None and any(axis_of(source.column) is not None for source in found.values()):
-        lacking = "stands still" if has(guesses, TORQUES, axes[0]) else "has no torque"
+        lacking = "hardly moves" if has(guesses, TORQUES, axes[0]) else "has no torque"
         why = "" if chosen == axes[0] or mapped else f", since axis {axes[0]} {lacking}"
         other = next(axis for axis in axes[1:] if axis != chosen) if len(axes) > 2 or chosen == axes[0] else axes[0]
         notes.append(
@@ -296,6 +296,51 @@ def scale_of(canonical: str, source: Source, linear: bool | None) -> tuple[float
             return source.factor * unit.factor * _per(source, spelt, linear), ""
         return source.factor * unit.factor, unit.label
     return source.factor * unit.factor * source.scale, ""
+
+
+def without_unknown_sizes(
+    sources: Mapping[str, Source], mapping: Mapping[str, str], linear: bool | None, where: str
+) -> tuple[dict[str, Source], list[str]]:
+    """The sources but those that nobody mapped, whose unit has no known size, and that a log can do without.
+
+    Args:
+        sources: where the canonical columns come from.
+        mapping: of the user: what is in it was meant, and is an error where it cannot be read.
+        linear: whether the axis is linear; None where that is not known.
+        where: the file's name, for messages.
+
+    Returns:
+        The sources that are left; a sentence for each other.
+    """
+    found, notes = dict(sources), []
+    for canonical in ("reference", "torque_measured", "temperature", "position", "velocity"):
+        other = {"position": "velocity", "velocity": "position"}.get(canonical)
+        if canonical in mapping or canonical not in found or (other is not None and other not in found):
+            continue
+        try:
+            scale_of(canonical, found[canonical], linear)
+        except InputError as error:
+            notes.append(f"{where}: {found.pop(canonical).column!r} was left out as {canonical}: {error}")
+    return found, notes
+
+
+def torque_without_unit(sources: Mapping[str, Source], mapping: Mapping[str, str], where: str) -> list[str]:
+    """A sentence where a torque without a unit stands beside a motion in units that only drives use."""
+    torque = sources.get("torque")
+    if torque is None or torque.unit is not None or {"torque", "torque_measured"} & set(mapping):
+        return []
+    motions = [sources[name] for name in MOTIONS if name in sources and sources[name].unit is not None]
+    drive = next((each for each in motions if (find_unit(each.unit or "") or _SI).factor != 1.0), None)
+    if drive is None:
+        return []
+    return [
+        f"{where}: {torque.column!r} has no unit and was read in N m, beside {drive.column!r} in {drive.unit}: many "
+        f"drives record per cent of their rated torque; then say so with --columns torque={torque.column}:%, or "
+        f"with N m for one of them, such as torque={torque.column}:%*0.024."
+    ]
+
+
+_SI = Unit("", 1.0)
 
 
 def _per(source: Source, spelt: str, linear: bool | None) -> float:

@@ -41,7 +41,11 @@ _TABLE: dict[str, dict[str, float]] = {
     "count rate": {"counts/s": 1.0},
 }  # fmt: skip
 # Not converted to N m: the model's inertia and friction then have the same label ([units] torque in its file).
-_LABELS = {"V": ("V", 1.0), "mV": ("V", 1e-3), "A": ("A", 1.0), "mA": ("A", 1e-3), "PWM": ("PWM", 1.0), "%": ("%", 1.0)}
+# An effective current has a label of its own: its scale in N m is the square root of two times that of a peak value.
+_LABELS = {
+    "V": ("V", 1.0), "mV": ("V", 1e-3), "A": ("A", 1.0), "mA": ("A", 1e-3), "Arms": ("Arms", 1.0), "PWM": ("PWM", 1.0),
+    "%": ("%", 1.0), "‰": ("‰", 1.0),
+}  # fmt: skip
 UNITS: dict[str, Unit] = {
     **{name: Unit(quantity, factor) for quantity, names in _TABLE.items() for name, factor in names.items()},
     **{name: Unit("label", factor, label) for name, (label, factor) in _LABELS.items()},
@@ -53,14 +57,20 @@ _SPELLINGS = {
     "volt": "V", "volts": "V", "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "percent": "%", "prozent": "%",
     "duty": "PWM", "rps": "rev/s", "1/min": "rpm", "min-1": "rpm", "min^-1": "rpm", "u/min": "rpm", "umin": "rpm",
     "tr/min": "rpm", "r/min": "rpm", "turn": "rev", "turns": "rev", "revolutions": "rev", "revs": "rev", "u": "rev",
-    "umdr": "rev", "turns/s": "rev/s", "turn/s": "rev/s", "turns/min": "rpm", "revolutions/s": "rev/s",
+    "umdr": "rev", "rotation": "rev", "rotations": "rev", "rot": "rev", "rotations/s": "rev/s", "rot/s": "rev/s",
+    "turns/s": "rev/s", "turn/s": "rev/s", "turns/min": "rpm", "revolutions/s": "rev/s",
     "degs": "deg/s", "degrees/s": "deg/s", "rads": "rad/s", "radians/s": "rad/s", "s-1": "rad/s", "1/s": "rad/s",
     "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sekunden": "s", "sek": "s", "msec": "ms",
     "millis": "ms", "milliseconds": "ms", "usec": "us", "micros": "us", "microseconds": "us", "nanoseconds": "ns",
     "nsec": "ns", "minutes": "min", "c": "degC", "°c": "degC", "celsius": "degC", "count": "counts", "cnt": "counts",
     "cts": "counts", "ticks": "counts", "tick": "counts", "inc": "counts", "incs": "counts", "inkremente": "counts",
-    "ink": "counts", "pulses": "counts", "lsb": "counts", "steps": "counts", "digit": "counts", "digits": "counts",
+    "ink": "counts", "pulses": "counts", "pulse": "counts", "pls": "counts", "puls": "counts", "impulse": "counts",
+    "lsb": "counts", "steps": "counts", "digit": "counts", "digits": "counts",
     "ticks/s": "counts/s", "inc/s": "counts/s", "count/s": "counts/s", "pulses/s": "counts/s",
+    "cnt/s": "counts/s", "cts/s": "counts/s", "pulse/s": "counts/s",
+    "ink/s": "counts/s", "lbin": "lbfin", "inlb": "lbfin", "inlbf": "lbfin", "lbft": "lbfft", "ftlb": "lbfft",
+    "ftlbf": "lbfft", "inoz": "ozin", "kgcm": "kgfcm", "min⁻¹": "rpm", "s⁻¹": "rad/s", "rad.s-1": "rad/s",
+    "aeff": "Arms", "apk": "A", "permille": "‰", "promille": "‰",
 }  # fmt: skip
 _CASED = ("mn", "mnm", "k", "a", "v", "mv", "ma")  # in another case they are another unit (MN) or a word
 
@@ -82,17 +92,32 @@ _SUFFIXES = {
     "ticks": "counts", "m": "m", "mm": "mm", "um": "um", "rad_s": "rad/s", "rads": "rad/s", "radps": "rad/s",
     "rad_per_s": "rad/s", "rad_per_sec": "rad/s", "deg_s": "deg/s", "degps": "deg/s", "deg_per_s": "deg/s",
     "dps": "deg/s", "rpm": "rpm", "rps": "rev/s", "rev_s": "rev/s", "turns_s": "rev/s", "m_s": "m/s", "mps": "m/s",
-    "mm_s": "mm/s", "c": "degC", "degc": "degC", "radians": "rad",
+    "mm_s": "mm/s", "c": "degC", "degc": "degC", "radians": "rad", "rotations": "rev", "rotations_per_sec": "rev/s",
+    "amps": "A", "arms": "Arms", "volts": "V", "percent": "%", "pct": "%", "permille": "‰", "deg_sec": "deg/s",
+    "rad_sec": "rad/s", "deg_per_sec": "deg/s", "inc": "counts", "cts": "counts", "pulses": "counts",
 }  # fmt: skip
 
 # a letter behind one of these is an index, not a unit: theta_m is the motor's angle, tau_a the actual torque
 _SYMBOLS = {"theta", "phi", "omega", "alpha", "tau", "q", "dq", "qd", "w", "v", "p", "u", "i", "t", "angle"}
 
 
+# "0.1 rpm", "0.1 %": a drive counts in steps of its last digit; but 1/min is no multiple of anything
+_MULTIPLE = re.compile(r"^(?P<number>\d*[.,]?\d+(?:e-?\d+)?)\s*(?P<unit>[^\d\s/^*.,].*)$", re.IGNORECASE)
+
+
 def find_unit(text: str) -> Unit | None:
-    """The unit that `text` spells ("deg/s", "N m", "N*m", "mm", "U/min"), or None."""
-    text = text.strip()
+    """The unit that `text` spells ("deg/s", "N m", "N*m", "oz-in", "U/min", "0.1 %", "V (Voltage)"), or None."""
+    text = re.sub(r"\s*\([^)]*\)$", "", text.strip())
+    found = _spelt(text)
+    if found is None and (multiple := _MULTIPLE.match(text)) and (whole := _spelt(multiple["unit"])):
+        number = float(multiple["number"].replace(",", "."))
+        found = whole._replace(factor=number * whole.factor) if number > 0.0 else None
+    return found
+
+
+def _spelt(text: str) -> Unit | None:
     plain = re.sub(r"[\s*·.⋅]", "", _SPELLINGS.get(text, text))
+    plain = re.sub(r"/(?:sec|second|sek)s?$", "/s", re.sub(r"/minutes?$", "/min", plain, flags=re.I), flags=re.I)
     plain = _SPELLINGS.get(plain, plain)
     if plain in UNITS:
         return UNITS[plain]
@@ -100,7 +125,8 @@ def find_unit(text: str) -> Unit | None:
     lower = plain.lower()
     if lower in _CASED and lower not in _SPELLINGS:
         return None
-    return UNITS.get(_SPELLINGS.get(lower, "")) or _LOWER.get(lower)
+    found = UNITS.get(_SPELLINGS.get(lower, "")) or _LOWER.get(lower)
+    return _spelt(plain.replace("-", "")) if found is None and "-" in plain else found
 
 
 _LOWER = {name.lower(): unit for name, unit in UNITS.items() if name.lower() not in _CASED}

@@ -7,17 +7,21 @@ import itertools
 import pathlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TextIO
 
 import numpy as np
 
 from ...errors import InputError
-from .csv_layout import Layout, find_layout, number, split, without_end
+from ..mending.clock import TIME_UNITS, since_1970
+from .csv_blocks import has_blocks
+from .csv_blocks import read as read_blocks
+from .csv_layout import NAME_OF, Layout, find_layout, headings_removed, number, split, without_end
 from .table import RawTable, Request
 
 PIECE = 50_000  # [lines]
 LARGE = 400 << 20  # [bytes]: of a larger file only the columns are kept that the log needs
 HEAD = 400  # [lines] from which the layout is found
+NOT_READ = ("null", "none", "n/a", "na", "-", "--", "---", "#n/a", "nan(ind)", "-nan(ind)", "no value")  # cells
+FEW_ROWS = 20  # fewer rows than this, and more columns: the table lies on its side
 MOST_BROKEN = 0.5  # share of the rows: with more, the file is not a table
 
 
@@ -29,12 +33,13 @@ def read(path: pathlib.Path, request: Request) -> RawTable:
     """
     encoding = _encoding(path)
     with path.open(encoding=encoding, errors="replace", newline=None) as stream:
-        head = list(itertools.islice(stream, HEAD))
-        layout = find_layout(head, path.name)
+        head = list(itertools.islice(headings_removed(stream), HEAD))
         stream.seek(0)
-        for _ in range(layout.skipped):
-            stream.readline()
-        return _read(stream, path, layout, request)
+        lines = headings_removed(stream)
+        if has_blocks(head):
+            return read_blocks(path, lines, head, request)
+        layout = find_layout(head, path.name)
+        return _read(itertools.islice(lines, layout.skipped, None), path, layout, request)
 
 
 def _encoding(path: pathlib.Path) -> str:
@@ -67,7 +72,7 @@ class _Gathered:
     first_broken: str = ""
 
 
-def _read(stream: TextIO, path: pathlib.Path, layout: Layout, request: Request) -> RawTable:
+def _read(stream: Iterator[str], path: pathlib.Path, layout: Layout, request: Request) -> RawTable:
     warnings = list(layout.notes)
     names = layout.names
     chosen = list(range(len(names)))
@@ -87,11 +92,17 @@ def _read(stream: TextIO, path: pathlib.Path, layout: Layout, request: Request) 
         found.rows += len(values)
         if request.cuts and time:
             stamps = values[:, chosen.index(names.index(time))] * factor
+            stamps = stamps * TIME_UNITS.get(since_1970(stamps), 1.0)
             values = values[(stamps >= request.start) & (stamps <= request.stop)]
         if values.size:
             found.pieces.append(values)
     if found.rows == 0:
         raise InputError(f"{path.name} has a header and no rows: record it again, or name another file.")
+    if layout.headless and found.rows < FEW_ROWS < len(names):
+        raise InputError(
+            f"{path.name} has {len(names)} cells a line and {found.rows} line{'s' * (found.rows > 1)} of them: a log "
+            f"has a line for each sample; write it the other way round."
+        )
     if found.broken:
         total = found.rows + found.broken
         if found.broken > MOST_BROKEN * total:
@@ -104,15 +115,18 @@ def _read(stream: TextIO, path: pathlib.Path, layout: Layout, request: Request) 
     for place, index in enumerate(chosen):
         name, example = names[index], cells.text.get(index)
         if example is not None and cells.words[index] > 0.5 * found.rows:
-            text[name] = f"column {name} holds {example}, which is not a number"
+            if not name.startswith(NAME_OF):
+                text[name] = f"column {name} holds {example}, which is not a number"
             continue
         if example is not None and cells.words[index]:
             warnings.append(f"{path.name}: {cells.words[index]} cells of column {name} are not numbers ({example}).")
-        columns[name] = np.concatenate([piece[:, place] for piece in found.pieces]) if found.pieces else np.zeros(0)
-    return RawTable(columns, layout.first_row, text, warnings, layout.units, layout.headless)
+        column = np.concatenate([piece[:, place] for piece in found.pieces]) if found.pieces else np.zeros(0)
+        if not column.size or not np.isnan(column).all():  # an empty column is none: LabVIEW leaves X_Value empty
+            columns[name] = column
+    return RawTable(columns, layout.first_row, text, warnings, layout.units, layout.headless, period=layout.period)
 
 
-def _pieces(stream: TextIO) -> Iterator[list[str]]:
+def _pieces(stream: Iterator[str]) -> Iterator[list[str]]:
     while lines := list(itertools.islice(stream, PIECE)):
         yield lines
 
@@ -148,6 +162,8 @@ class _Cells:
     def _fast(self, lines: list[str], columns: list[int]) -> np.ndarray | None:
         layout = self.layout
         every = len(columns) == len(layout.names)
+        if layout.decimal_comma and layout.separator == ",":
+            return None
         if layout.decimal_comma:
             lines = [line.replace(",", ".") for line in lines]
         if layout.trailing:
@@ -170,10 +186,13 @@ class _Cells:
             parts = split(line, self.layout.separator)
             if len(parts) == width + 1 and not parts[-1].strip():
                 parts = parts[:-1]
-            if len(parts) != width:
+            if len(parts) != width or (not self.layout.worded and self._heading(parts[0].strip())):
                 found.broken += 1
                 cells = "1 cell" if len(parts) == 1 else f"{len(parts)} cells"
-                found.first_broken = found.first_broken or f"row {row + place} has {cells} where the header has {width}"
+                what = (
+                    f"{cells} where the header has {width}" if len(parts) != width else f"{parts[0][:30]!r} as a number"
+                )
+                found.first_broken = found.first_broken or f"row {row + place} has {what}"
                 continue
             rows.append([self._cell(index, parts[index].strip(), row + place) for index in self.chosen])
         for index in self.chosen:
@@ -181,10 +200,14 @@ class _Cells:
                 self.known_text.add(index)
         return np.array(rows, dtype=np.float64).reshape(len(rows), len(self.chosen))
 
+    def _heading(self, cell: str) -> bool:
+        """Whether the first cell of a row is a word, as where another run's header follows."""
+        return bool(cell) and cell.lower() not in NOT_READ and number(cell, comma=self.layout.decimal_comma) is None
+
     def _cell(self, index: int, cell: str, row: int) -> float:
-        if not cell or cell.lower() in ("null", "none", "n/a", "na", "-"):
+        if not cell or cell.lower() in NOT_READ:
             return float("nan")
-        value = number(cell, comma=self.layout.separator != ",")
+        value = number(cell, comma=self.layout.decimal_comma)
         if value is None:
             self.words[index] += 1
             self.text.setdefault(index, f"{cell[:30]!r} in row {row}")

@@ -1,13 +1,24 @@
 """Layout of a text table: its separator, its header, a row of units, and the line where the numbers begin."""
 
 import csv
+import re
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
 from ...errors import InputError
 from ..columns.units import find_unit
 
+NAME_OF = "name of "  # begins the name of a column that only repeats another one's name
+_REMARKS = ("comment", "comments", "kommentar", "remark")  # a last column that most rows leave out
+_SAMPLING = re.compile(
+    r"^\W*(?P<what>(?:(?:sampl|abtast)\w*[ _-]*(?:time|period|interval|step|rate|freq|zeit|takt)[a-z _-]*"
+    r"|delta_?[xt]|interval|increment|x_?inc\w*|time[_ ]?step))\s*"
+    r"(?P<inner>[\[(][^\])]*[\])])?\s*(?:is|=|:)?\s*(?P<number>[-+]?\d[\d.,]*(?:[eE][-+]?\d+)?)"
+    r"\s*(?P<unit>[a-zA-Zµμ/]*)\W*$",
+    re.IGNORECASE,
+)
 SEPARATORS: tuple[str | None, ...] = ("\t", ";", "|", ",", None)  # None: any number of spaces
 
 
@@ -25,6 +36,8 @@ class Layout:
         headless: whether no line names the columns.
         notes: what was assumed, a sentence each.
         ended: whether rows end with ";" where that separates no cells, as those of a matrix in MATLAB.
+        period: between two rows [s], where the preamble tells it.
+        worded: whether the first column holds words; a row that begins with one in another table is a heading.
     """
 
     separator: str | None
@@ -36,11 +49,17 @@ class Layout:
     headless: bool = False
     notes: tuple[str, ...] = ()
     ended: bool = False
+    period: float | None = None
+    worded: bool = True
 
     @property
     def first_row(self) -> int:
         """The line number of the first row of numbers."""
         return self.skipped + 1
+
+
+# 1,234.5 and 1'234'567: in groups of three, of which the first begins with no zero
+_GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:[,'\u2019]\d{3})+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 
 
 def number(cell: str, *, comma: bool) -> float | None:
@@ -55,11 +74,31 @@ def number(cell: str, *, comma: bool) -> float | None:
     try:
         return float(cell)
     except ValueError:
-        if comma and cell.count(",") == 1:
+        # the later one of comma and point is the decimal one
+        if comma and cell.count(",") == 1 and cell.rfind(".") < cell.find(","):
             return number(cell.replace(".", "").replace(",", "."), comma=False)
+        if _GROUPED.fullmatch(cell):
+            return float(re.sub("[,'\u2019]", "", cell))
         if cell.count(":") >= 2:
             return _clock(cell)
+        # 12 345,6: a space or a narrow one between digits
+        joined = re.sub(r"(?<=\d)[ \u00a0\u202f](?=\d{3}(?!\d))", "", cell)
+        if joined != cell:
+            return number(joined, comma=comma)
         return {"true": 1.0, "false": 0.0}.get(cell.lower())
+
+
+def has_decimal_comma(cells: Iterable[str]) -> bool:
+    """Whether the commas within cells are decimal ones.
+
+    They are not where all of them stand in groups of three ("12,345") and cells without a comma have a decimal point.
+    """
+    numbers = [cell.strip() for cell in cells]
+    commas = [cell for cell in numbers if "," in cell and number(cell, comma=True) is not None]
+    if not all(_GROUPED.fullmatch(cell) for cell in commas):
+        return True
+    points = any("," not in cell and "." in cell and number(cell, comma=False) is not None for cell in numbers)
+    return bool(commas) and not points and all(cell.count(",") == 1 and "." not in cell for cell in commas)
 
 
 def _clock(cell: str) -> float | None:
@@ -125,6 +164,30 @@ def _is_ended(line: str) -> bool:
     return line.rstrip().endswith(";") and line.count(";") == 1
 
 
+# "12:01:02.003 -> ", before every line that Arduino's serial monitor shows
+_RECEIVED = re.compile(r"^\s*\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?\s*->\s?")
+
+
+def headings_removed(lines: Iterable[str]) -> Iterator[str]:
+    """Lines without what recorders put between or before the rows of a table.
+
+    LabVIEW repeats the heading of its measurement files before every segment. Arduino's serial monitor writes before
+    each line when it came, which is later than the board's own stamps by what the line waited.
+    """
+    recorded, segments, heading = False, 0, False
+    for place, line in enumerate(lines):
+        recorded = line.startswith("LabVIEW Measurement") if place == 0 else recorded
+        if not recorded:
+            yield _RECEIVED.sub("", line) if "->" in line else line
+            continue
+        if line.startswith("Channels\t"):
+            segments += 1
+            heading = segments > 1
+        if not heading:
+            yield line
+        heading = heading and not line.startswith("X_Value")
+
+
 def without_end(line: str) -> str:
     """A line without the ";" that ends it."""
     return line.rstrip().removesuffix(";") if _is_ended(line) else line
@@ -141,32 +204,44 @@ def _last_cells_count(lines: list[str], separator: str | None) -> bool:
     if separator is None:
         return False
     rows = [[part.strip() for part in split(line, separator)] for line in lines]
-    widths = {bool(parts[-1]): len(parts) for parts in rows if len(parts) > 1 and _numeric(parts, separator) >= 0.5}
+    widths = {bool(parts[-1]): len(parts) for parts in rows if len(parts) > 1 and _numeric(parts) >= 0.5}
     return len(widths) == 2 and widths[True] == widths[False]
 
 
-def _numeric(parts: list[str], separator: str | None) -> float:
+def _numeric(parts: list[str]) -> float:
     """Share of a row's filled cells that are numbers."""
     filled = [part for part in parts if part]
-    return sum(number(part, comma=separator != ",") is not None for part in filled) / max(len(filled), 1)
+    return sum(number(part, comma=True) is not None for part in filled) / max(len(filled), 1)
+
+
+def _word(part: str) -> bool:
+    return bool(part) and number(part, comma=True) is None
 
 
 def _first_numbers(lines: list[str], filled: list[int], separator: str | None) -> tuple[int, float] | None:
     """(line of the first row of numbers, share of numbers in the rows from there), or None."""
     count = _last_cells_count([lines[place] for place in filled], separator)
     rows = {place: _cells(lines[place], separator, all_of_them=count) for place in filled}
-    widths = Counter(len(parts) for place, parts in rows.items() if _numeric(parts, separator) >= 0.5)
+    widths = Counter(len(parts) for place, parts in rows.items() if _numeric(parts) >= 0.5)
     widths.pop(1, None)
     if not widths:
         return None
     width = max(widths, key=lambda each: (widths[each], each))
-    table = [place for place in filled if len(rows[place]) == width and _numeric(rows[place], separator) >= 0.5]
-    # a line of a preamble may hold numbers too: the table begins where two such lines follow each other
+    table = [place for place in filled if len(rows[place]) == width and _numeric(rows[place]) >= 0.5]
+    # A line of a preamble may hold numbers too ("Record Length,4000"), but has words where the table has none.
+    worded = [sum(_word(rows[place][at]) for place in table) > 0.5 * len(table) for at in range(width)]
+    whole = [
+        place
+        for place in table
+        if not any(_word(part) for part, usual in zip(rows[place], worded, strict=True) if not usual)
+    ]
+    table = whole if len(whole) > 1 else table
+    # and the table begins where two such lines follow each other
     first = next(
         (place for place, after in zip(table, [*table[1:], table[-1]], strict=True) if after - place <= 1), table[0]
     )
     kept = [place for place in filled if place >= first]
-    share = sum(_numeric(rows[place], separator) for place in kept if len(rows[place]) == width) / len(kept)
+    share = sum(_numeric(rows[place]) for place in kept if len(rows[place]) == width) / len(kept)
     return first, share
 
 
@@ -179,11 +254,15 @@ def _with_header(lines: list[str], filled: list[int], separator: str | None, fir
     # from the first row of numbers upwards: an optional row of units, then the header
     for place in reversed(above[-3:]):
         line = lines[place].strip()
-        parts = [part.strip().strip('"').strip() for part in _cells(line.lstrip("#%").strip(), separator)]
+        line = line.lstrip("#%").strip()
+        parts = _cells(line, separator, all_of_them=True)
+        parts = [part.strip('"').strip() for part in (parts if len(parts) == width else _cells(line, separator))]
         if len(parts) > width and len(named := [part for part in parts if part]) == width:
             parts = named  # two separators between the names, one between the numbers
+        if len(parts) == width + 1 and parts[-1].lower() in _REMARKS:
+            parts = parts[:-1]
         if len(parts) != width and separator is None:
-            parts = [part.strip() for part in line.lstrip("#%").strip().split(",")]
+            parts = [part.strip() for part in line.split(",")]
         if len(parts) != width:
             break
         if not units and _are_units(parts) and place != above[0]:
@@ -192,14 +271,60 @@ def _with_header(lines: list[str], filled: list[int], separator: str | None, fir
         header = parts
         break
     body = [lines[place] for place in filled if place >= first]
-    comma = separator != "," and any("," in line for line in body)
+    cells = [_cells(line, separator, all_of_them=count) for line in body]
+    comma = has_decimal_comma(cell for row in cells for cell in row)
     trailing = all(line.rstrip("\r\n").endswith(separator) for line in body) if separator else False
     notes: list[str] = []
+    period, labelled = _of_preamble([_cells(lines[place], separator) for place in above], width)
+    if header is None:
+        header = _named_beside(cells, width)
     names = [str(index + 1) for index in range(width)] if header is None else _unique(header, name, notes)
+    units = units or labelled
     return Layout(
         separator, names, {key: unit for key, unit in zip(names, units, strict=False) if unit}, first, comma, trailing,
-        header is None, tuple(notes),
+        header is None, tuple(notes), period=period, worded=_word(cells[0][0]),
     )  # fmt: skip
+
+
+def _of_preamble(rows: list[list[str]], width: int) -> tuple[float | None, list[str]]:
+    """(period between two rows [s], None where no line tells it; units by column from a line that begins with one)."""
+    period, units = None, []
+    for row in rows:
+        period = sampling_period(row) if period is None else period
+        if len(row) in (width, width + 1) and re.search(r"unit|einheit", row[0], re.IGNORECASE):
+            units = ["", *(part if find_unit(part) is not None else "" for part in row[1:width])]
+    return period, units
+
+
+def sampling_period(row: list[str]) -> float | None:
+    """Period [s] that a line of a preamble tells: "Sampling time interval(ms);0.667", "Sample rate: 1000 Hz"; or None.
+
+    Args:
+        row: the line's cells.
+    """
+    # the unit stands in brackets behind the words, or behind the number
+    found = _SAMPLING.match(" ".join(row[:2])) or _SAMPLING.match(" ".join(row))
+    value = number(found["number"], comma=True) if found else None
+    if found is None or value is None or value <= 0.0:
+        return None
+    unit = (found["inner"] or found["unit"] or "").strip("[]()")
+    if re.search(r"rate|freq", found["what"], re.IGNORECASE):
+        size = {"": 1.0, "hz": 1.0, "khz": 1e3, "s/s": 1.0}.get(unit.lower())
+        return None if size is None else 1.0 / (size * value)
+    scale = find_unit(unit) if unit else None
+    if unit and (scale is None or scale.quantity != "time"):
+        return None
+    return value * (scale.factor if scale is not None else 1.0)
+
+
+def _named_beside(rows: list[list[str]], width: int) -> list[str] | None:
+    """Names of columns whose name stands before the number in every row, as in LinuxCNC's halscope; None without."""
+    whole = [row for row in rows if len(row) == width]
+    if width < 4 or width % 2 or not all(_word(part) for part in whole[0][::2]):
+        return None
+    if any(row[::2] != whole[0][::2] for row in whole):
+        return None
+    return [each for word in whole[0][::2] for each in (NAME_OF + word, word)]
 
 
 def _are_units(parts: list[str]) -> bool:

@@ -39,12 +39,19 @@ def joined(topics: Topics, request: Request) -> RawTable:
                 last = np.searchsorted(own[sorted_], stamps, side="right") - 1
                 columns[name] = values[sorted_][np.maximum(last, 0)]
             else:
-                columns[name] = np.interp(stamps, own[sorted_], values[sorted_])
+                columns[name] = _between(stamps, own[sorted_], values[sorted_])
     warnings = []
     if others:
         shown = ", ".join(others[:6]) + (f" and {len(others) - 6} more" if len(others) > 6 else "")
         warnings.append(f"Topics {shown} were interpolated onto the stamps of {base} (commands held).")
     return RawTable(columns, first_row=1, warnings=warnings)
+
+
+def _between(stamps: np.ndarray, own: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """A measurement at other stamps; NaN more than a period before its first and after its last message."""
+    period = float(np.median(np.diff(own)))
+    outside = (stamps < own[0] - period) | (stamps > own[-1] + period)
+    return np.where(outside, np.nan, np.interp(stamps, own, values))
 
 
 def _base(topics: Topics, mapped: Mapping[str, str]) -> str:

@@ -11,6 +11,8 @@ from ...errors import InputError
 from .numpy_file import add_array
 from .table import RawTable, Request, need
 
+REFERENCE = 0xDD000000  # begins a reference to an object
+
 
 def read(path: pathlib.Path, request: Request) -> RawTable:
     """The vectors of a .mat file; structs are flattened with dots ("log.velocity"), single numbers are left out.
@@ -57,7 +59,7 @@ def _flatten(
         if recorded := _recorded(value):
             value = recorded
         for name, inner in value.items():
-            if not str(name).startswith("__"):
+            if not str(name).startswith(("__", "#")):  # "#subsystem#" of v7.3 holds the insides of the objects
                 _flatten(columns, text, objects, f"{prefix}.{name}" if prefix else str(name), inner)
     else:
         try:
@@ -70,7 +72,8 @@ def _class_of(value: Any) -> str:
     """Class of an object of MATLAB (timeseries, timetable, Dataset); "" for any other value."""
     from scipy.io.matlab import MatlabOpaque
 
-    if value is None:  # what pymatreader gives for one
+    # what pymatreader gives for one: nothing, or the words of a reference into v7.3's "#subsystem#"
+    if value is None or (getattr(value, "dtype", None) == np.uint32 and np.ravel(value)[:1].tolist() == [REFERENCE]):
         return "object"
     if not isinstance(value, MatlabOpaque):
         return ""

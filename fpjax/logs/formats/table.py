@@ -27,6 +27,7 @@ class RawTable:
         headless: whether the file names no columns; they are "1", "2", ... then.
         unread: what it holds that nobody can read but the program that wrote it, and what to do, for the end of a
             sentence that names a missing column ("" for nothing).
+        period: between two rows [s], where the file tells it apart from its columns; None where it does not.
     """
 
     columns: dict[str, np.ndarray]
@@ -36,6 +37,7 @@ class RawTable:
     units: dict[str, str] = field(default_factory=dict)
     headless: bool = False
     unread: str = ""
+    period: float | None = None
 
 
 @dataclass(frozen=True)
@@ -63,9 +65,9 @@ class Request:
 
 READERS = {
     ".csv": "csv_file", ".txt": "csv_file", ".tsv": "csv_file", ".dat": "csv_file", ".asc": "csv_file",
-    ".log": "csv_file", ".npz": "numpy_file", ".mat": "matlab_file", ".json": "json_file", ".jsonl": "json_file",
-    ".ndjson": "json_file", ".wpilog": "wpilog_file", ".parquet": "parquet_file", ".pq": "parquet_file",
-    ".mcap": "mcap_file", ".db3": "rosbag_file",
+    ".log": "csv_file", ".lvm": "csv_file", ".npz": "numpy_file", ".mat": "matlab_file", ".json": "json_file",
+    ".jsonl": "json_file", ".ndjson": "json_file", ".wpilog": "wpilog_file", ".parquet": "parquet_file",
+    ".pq": "parquet_file", ".mcap": "mcap_file", ".db3": "rosbag_file",
 }  # fmt: skip
 
 
@@ -92,6 +94,8 @@ def read_table(path: pathlib.Path, request: Request) -> RawTable:
         if not _rows_of_numbers(path):
             raise InputError(f"{path.name} has an unknown format ({path.suffix or 'no suffix'}): use {kinds}.")
         module = "csv_file"
+    if module == "csv_file" and _is_json(path):
+        module = "json_file"
     # by name, so that a format's library is imported only where that format is read
     reader: Callable[..., RawTable] = importlib.import_module(f"fpjax.logs.formats.{module}").read
     try:
@@ -102,6 +106,16 @@ def read_table(path: pathlib.Path, request: Request) -> RawTable:
         raise InputError(f"{path} cannot be read ({error.strerror or error}): check its permissions.") from error
     except MemoryError as error:
         raise InputError(f"{path.name} does not fit into memory: read a part of it with --from and --to.") from error
+
+
+def _is_json(path: pathlib.Path) -> bool:
+    """Whether the first line of a file is an object of JSON: a log of rows is often saved as .txt."""
+    try:
+        with path.open("rb") as stream:
+            first = stream.read(1 << 16).lstrip(b"\xef\xbb\xbf \t\r\n").split(b"\n")[0].strip()
+    except OSError:
+        return False
+    return first.startswith(b'{"') and first.endswith(b"}")
 
 
 def _rows_of_numbers(path: pathlib.Path) -> bool:

@@ -30,6 +30,8 @@ LATEST = 1e13  # [s]: beyond it a float64 does not resolve a millisecond
 MOST_FILLED = LONGEST_FILLED + 2  # [periods per row]: a finer grid would consist of invented samples
 USUAL = (1e-5, 0.05)  # [s]: control periods of drives and of their loggers
 SLOW = 0.2  # [s]: no servo has a control period this long, so the stamps are probably in another unit
+EPOCH = (1e9, 1e10)  # [s] since 1970: of the years 2001 to 2286
+SPARSE = 60.0  # [s]: rows of a log are not so far apart
 TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s]
 
 
@@ -148,6 +150,25 @@ def likely_unit(period: float) -> str | None:
     fitting = {unit: period * size for unit, size in TIME_UNITS.items() if USUAL[0] <= period * size <= USUAL[1]}
     # Of two that fit, the one nearest to 1 kHz, in which most drives and their logs run.
     return min(fitting, key=lambda unit: abs(np.log(fitting[unit] / 1e-3)), default=None)
+
+
+def since_1970(time: np.ndarray) -> str:
+    """The unit of stamps that count from 1970: "ms", "us", "ns"; "" for seconds and for stamps that do not.
+
+    Of the four units, the years 2001 to 2286 have numbers of their own, and rows come less than a minute apart in it:
+    nanoseconds since a computer was started can be as many as milliseconds since 1970.
+
+    Args:
+        time: stamps as recorded, in the unknown unit.
+    """
+    known = time[np.isfinite(time)]
+    if known.size < 2:
+        return ""
+    step = float(np.median(np.abs(np.diff(known))))
+    for unit, size in TIME_UNITS.items():
+        if EPOCH[0] <= known.min() * size and known.max() * size < EPOCH[1] and step * size < SPARSE:
+            return unit
+    return ""
 
 
 def _spread(time: np.ndarray) -> np.ndarray:

@@ -5,19 +5,23 @@ lies between two stretches was not recorded and is not made up; they are runs of
 """
 
 import itertools
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from ...errors import InputError
 from ..noise import rounding_step
-from .clock import PARTS, SHORTEST, in_order, longest_stretch, read_clock
+from .clock import LONGEST_FILLED, PARTS, SHORTEST, in_order, longest_stretch, read_clock
 from .invalid_values import filled, unread_rows, without_absurd
 from .resample import HELD, Uniform, to_grid
 from .wrapping import find_wrapping
 
 MOST = 16  # stretches: a log that is in more pieces is not worth the time of them all
 PAUSED = 2.0  # times all that was recorded: over so long a whole, time does not count from the first stretch on
+OTHER_ROWS = 0.2  # share of the rows that may be empty: samples that were lost are filled, rows of others are not
+LIKE_A_TURN = 0.01  # relative deviation of a wrapping from 360 degrees, or from the counts of an encoder
+LEAST_COUNTS = 256
 SIMILAR = 0.1  # relative difference of the periods of two stretches
 
 
@@ -141,9 +145,19 @@ def _longest(
     time = ordered.time
     found = {key: values if everything else values[rows] for key, values in columns.items() if key != "time"}
     extra = {key: values if everything else values[rows] for key, values in extra.items()}
+    empty = ~np.any([np.isfinite(values) for values in found.values()], axis=0) if found else np.zeros(rows.size, bool)
+    if empty.mean() > OTHER_ROWS:
+        notes.append(
+            f"{name}: {empty.sum()} of {rows.size} rows hold none of the columns that are needed, as those of other "
+            "topics do, and were dropped."
+        )
+        rows, time = rows[~empty], time[~empty]
+        found = {key: values[~empty] for key, values in found.items()}
+        extra = {key: values[~empty] for key, values in extra.items()}
+        check_length(rows.size, name)
     first = int(rows[0])
     found = {key: without_absurd(values, key, name, first_row + first, notes) for key, values in found.items()}
-    found = _without_empty(found, name, notes)
+    found = _held_between_messages(_without_empty(found, name, notes), name, notes)
     part, others = longest_stretch(time, unread_rows(found), name, first_row + first, notes)
     left += [rows[each] for each in others]
     check_length(part.stop - part.start, name)
@@ -185,6 +199,28 @@ def _without_empty(found: dict[str, np.ndarray], name: str, notes: list[str]) ->
     return {key: values for key, values in found.items() if key not in empty}
 
 
+def _held_between_messages(found: dict[str, np.ndarray], name: str, notes: list[str]) -> dict[str, np.ndarray]:
+    """The columns with a command held where it has rows of its own, as in a table made of several topics.
+
+    Such a command comes only when it changes: between two of its rows nothing is missing.
+    """
+    motion = [np.isfinite(found[key]) for key in ("velocity", "position") if key in found]
+    for key in HELD:
+        if key not in found or not motion:
+            continue
+        values, read = found[key], np.flatnonzero(np.isfinite(found[key]))
+        if read.size in (0, values.size) or any(each[read].any() for each in motion):
+            continue
+        if np.diff(read, append=values.size).max() <= LONGEST_FILLED:
+            continue
+        last = np.searchsorted(read, np.arange(values.size), side="right") - 1
+        found = found | {key: np.where(last < 0, np.nan, values[read[np.maximum(last, 0)]])}
+        notes.append(
+            f"{name}: {key} has {read.size} rows of its own, none with a motion: each value was held until the next."
+        )
+    return found
+
+
 def _unwrapped(
     found: dict[str, np.ndarray], time: np.ndarray, name: str, first_row: int, notes: list[str]
 ) -> dict[str, np.ndarray]:
@@ -199,6 +235,16 @@ def _unwrapped(
     notes.append(
         f"{name}: position jumps by {wrapping.period:.6g} rad {times} (first after row "
         f"{wrapping.after[0] + first_row}) while the machine moves on: it wraps, and was made continuous"
-        f"{', its reference with it' if reference is not None else ''}."
+        f"{', its reference with it' if reference is not None else ''}{_like_a_turn(wrapping.period)}."
     )
     return found | {"position": position} | ({} if reference is None else {"reference": reference})
+
+
+def _like_a_turn(period: float) -> str:
+    """What a period of a position that was read in rad says of its unit, for the end of a sentence; "" for nothing."""
+    counts = 2 ** round(math.log2(period)) if period > 0.0 else 0
+    if abs(period - 360.0) < LIKE_A_TURN * 360.0:
+        return "; degrees wrap so: then say so with --columns position=NAME:deg"
+    if counts >= LEAST_COUNTS and abs(period - counts) < LIKE_A_TURN * counts:
+        return f"; counts wrap so: then say so with --columns position=NAME:counts/{counts}"
+    return ""

@@ -276,3 +276,18 @@ def test_a_weight_makes_no_exchange_of_columns(log):
     )
     for one in (heavy, without_position(heavy)):
         assert "swapped" not in [kind for _, kind in kinds(one, None)]
+
+
+def test_a_torque_of_whole_numbers_and_one_without_its_sign_are_said():
+    log = record(seconds=4.0)
+    for name, torque, word in (
+        ("counts", np.round(400 * log.torque), "whole numbers only"),
+        ("magnitude", np.abs(log.torque), "recorded without its sign"),
+    ):
+        found = {each.kind: each.sentence for each in suspicions(dataclasses.replace(log, torque=torque))}
+        assert word in found[name]
+    # a label that holds counts, and a weight that is held, are no reason to ask
+    labelled = dataclasses.replace(log, torque=np.round(400 * log.torque), torque_unit="‰")
+    held = dataclasses.replace(log, torque=2.0 * np.ptp(log.torque) + log.torque)
+    for each in (labelled, held):
+        assert not {"counts", "magnitude"} & {one.kind for one in suspicions(each)}

@@ -116,7 +116,7 @@ def test_an_axis_that_stands_still_is_not_taken(columns):
     for axis in range(3):
         data[f"torque ({axis})"] = columns["torque"] + axis
         data[f"speed ({axis})"] = columns["velocity"] * (axis == 1)
-    with pytest.warns(FpjaxWarning, match="axis 1 was taken, since axis 0 stands still; choose with --columns axis=2"):
+    with pytest.warns(FpjaxWarning, match="axis 1 was taken, since axis 0 hardly moves; choose with --columns axis=2"):
         assert read_log(data).torque[0] == columns["torque"][0] + 1
     with pytest.warns(FpjaxWarning, match="by their names"):
         assert read_log(data, columns="axis=2").torque[0] == columns["torque"][0] + 2
@@ -388,3 +388,138 @@ def test_two_letters_are_like_no_word(columns):
     with pytest.raises(InputError, match="no column time") as told:
         read_log(data)
     assert "time=Im1" not in str(told.value)
+
+
+MADE_OF_WORDS = {
+    "Copley": ({"Time (sec)": 1, "Commanded Current (A)": 1, "Actual Motor Velocity (rpm)": 60 / TURN}, "A", {}),
+    "German drive": (
+        {"Zeit [ms]": 1e3, "Drehmomentsollwert [Nm]": 1, "Drehzahlistwert geglättet [1/min]": 60 / TURN},
+        "",
+        {"torque_measured": False},
+    ),
+    "CANopen": (
+        {"Time[ms]": 1e3, "Torque actual value (6077h)": 1, "0x606C Velocity actual value": 1},
+        "",
+        {"torque_measured": True},
+    ),
+    "Kollmorgen": ({"Time (ms)": 1e3, "IL.CMD (Arms)": 1, "VL.FB (rpm)": 60 / TURN}, "Arms", {}),
+    "milli in camel case": ({"t_us": 1e6, "tau_mNm": 1e3, "vel_rpm": 60 / TURN}, "", {}),
+    "per cent": ({"time_ms": 1e3, "torque_percent": 1, "speed_rpm": 60 / TURN}, "%", {}),
+    "axes of a Sinumerik": ({"time": 1, "TORQUE|1": 1, "VELOCITY|1": 1}, "", {}),
+    "AdvantageKit": (
+        {"Timestamp": 1, "Arm/CurrentAmps": 1, "Arm/VelocityRadPerSec": 1},
+        "A",
+        {"torque_measured": True},
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", MADE_OF_WORDS)
+def test_names_made_of_known_words(columns, kind):
+    names, label, fields = MADE_OF_WORDS[kind]
+    parts = [columns["time"], columns["torque"], columns["velocity"]]
+    data = {name: part * scale for (name, scale), part in zip(names.items(), parts, strict=True)}
+    log = read_log(data)
+    assert log.dt == pytest.approx(DT)
+    np.testing.assert_allclose(log.torque, columns["torque"], rtol=1e-9)
+    np.testing.assert_allclose(log.velocity, columns["velocity"], rtol=1e-9)
+    assert log.torque_unit == (label or "N m")
+    for name, value in fields.items():
+        assert getattr(log, name) == value
+
+
+@pytest.mark.parametrize(
+    "name", ["velocity_error", "max speed", "torque limit", "speed_scaling", "TORQUE_FFW", "wheel speed"]
+)
+def test_one_unknown_word_and_nothing_is_known(name):
+    from fpjax.logs.columns.names import guess
+
+    assert guess([name], {}) == {}
+
+
+def test_a_torque_without_a_unit_beside_rpm_is_said(columns):
+    data = {
+        "time": columns["time"],
+        "Torque": 40 * columns["torque"],
+        "Servo motor speed": columns["velocity"] * 60 / TURN,
+    }
+    with pytest.warns(
+        FpjaxWarning, match="'Torque' has no unit and was read in N m, beside 'Servo motor speed' in rpm"
+    ):
+        read_log(data)
+    log = read_log(data, columns="torque=Torque:%*0.025")
+    np.testing.assert_allclose(log.torque, columns["torque"])
+    assert not any("no unit" in warning for warning in log.warnings)
+
+
+def test_a_position_of_unknown_counts_is_left_out_where_there_is_a_velocity(columns):
+    data = {"time": columns["time"], "torque": columns["torque"], "velocity": columns["velocity"]}
+    with pytest.warns(FpjaxWarning, match="'position .pulse.' was left out as position: .*how large is a count"):
+        assert read_log({**data, "position (pulse)": columns["position"] * 1e4}).position is None
+    del data["velocity"]
+    with pytest.raises(InputError, match="how large is a count"):
+        read_log({**data, "position (pulse)": columns["position"] * 1e4})
+    with pytest.raises(InputError, match="how large is a count"):  # what the user maps is meant
+        read_log({**data, "velocity": columns["velocity"], "enc": columns["position"]}, columns="position=enc:counts")
+
+
+@pytest.mark.parametrize(
+    ("text", "factor", "label"),
+    [
+        ("0.1 rpm", 0.1 * TURN / 60, ""),
+        ("0,1 %", 0.1, "%"),
+        ("‰", 1.0, "‰"),
+        ("V (Voltage)", 1.0, "V"),
+        ("deg/sec", TURN / 360, ""),
+        ("N-m", 1.0, ""),
+        ("oz-in", 0.00706155181422604, ""),
+        ("1/min", TURN / 60, ""),
+        ("min-1", TURN / 60, ""),
+    ],
+)
+def test_units_as_drives_write_them(text, factor, label):
+    from fpjax.logs.columns.units import find_unit
+
+    unit = find_unit(text)
+    assert unit is not None
+    assert unit.factor == pytest.approx(factor)
+    assert unit.label == label
+
+
+@pytest.mark.parametrize("text", ["0 rpm", "10^-3 Nm", "m/s^2", "(None)", "2.5", "MN"])
+def test_what_is_no_unit(text):
+    from fpjax.logs.columns.units import find_unit
+
+    assert find_unit(text) is None
+
+
+def test_an_axis_that_only_creeps_is_not_taken(columns):
+    data = {"time": columns["time"]}
+    for axis in range(2):
+        data |= {f"tau_{axis}": columns["torque"] + axis, f"q_{axis}": columns["position"] * (1.0 if axis else 0.02)}
+    with pytest.warns(FpjaxWarning, match="axis 1 was taken, since axis 0 hardly moves"):
+        read_log(data)
+
+
+def test_parts_of_a_machine_by_their_own_names(columns):
+    data = {"time": columns["time"], "max_torque": columns["torque"] + 9, "max_velocity": columns["velocity"] + 9}
+    for place, part in enumerate(("left_hip", "left_knee")):
+        data |= {f"{part}_torque": columns["torque"] + place, f"{part}_velocity": columns["velocity"] * (place + 1.0)}
+    with pytest.warns(FpjaxWarning, match="several machines: left_hip was taken, and not left_knee"):
+        log = read_log(data)
+    np.testing.assert_array_equal(log.velocity, columns["velocity"])
+    with pytest.raises(InputError, match="no column torque"):  # nothing says that the pitch is what the knee turns
+        read_log({"time": columns["time"], "knee_torque": columns["torque"], "pitch_velocity": columns["velocity"]})
+
+
+def test_the_topic_of_a_single_value_is_its_name(columns):
+    names = (
+        "__time",
+        "/effort_controller/commands/data[0]",
+        "/joint_states/hinge/position",
+        "/joint_states/hinge/effort",
+    )
+    parts = (columns["time"], columns["torque"], columns["position"], 0.0 * columns["torque"])
+    log = read_log(dict(zip(names, parts, strict=True)))
+    np.testing.assert_array_equal(log.torque, columns["torque"])
+    assert not log.torque_measured

@@ -169,3 +169,34 @@ def test_stamps_of_a_polled_device_are_not_made_finer_than_they_came():
     log = read_log({"time": time, "torque": np.cos(time), "velocity": np.sin(time)})
     assert 0.9 * np.median(steps) < log.dt < 1.1 * np.median(steps)
     np.testing.assert_allclose(log.velocity, np.sin(log.time), atol=2e-3)
+
+
+def test_a_command_that_comes_only_when_it_changes_is_held():
+    """A table of several topics, as PlotJuggler exports them: no row holds both a command and a motion."""
+    time = 1e-3 * np.arange(3000)
+    command = np.where(time < 1.0, 0.5, np.where(time < 2.0, -0.5, 0.25))
+    alone = np.isin(np.arange(time.size), (0, 1000, 2000))
+    log = read_log(
+        {
+            "time": time,
+            "torque": np.where(alone, command, np.nan),
+            "velocity": np.where(alone, np.nan, np.sin(5.0 * time)),
+        }
+    )
+    assert any("torque has 3 rows of its own" in each for each in log.warnings)
+    assert log.samples > 2990
+    np.testing.assert_allclose(log.torque, command[np.round(log.time / log.dt).astype(int)], atol=1e-12)
+
+
+def test_rows_of_other_topics_are_no_lost_samples():
+    time = 1e-3 * np.arange(3000)
+    own = np.arange(time.size) % 2 == 0
+    log = read_log(
+        {
+            "time": time + np.where(own, 0.0, -3e-4),
+            "torque": np.where(own, np.cos(5.0 * time), np.nan),
+            "velocity": np.where(own, np.sin(5.0 * time), np.nan),
+        }
+    )
+    assert any("1500 of 3000 rows hold none of the columns" in each for each in log.warnings)
+    assert (log.samples, log.dt, log.resampled) == (1500, 2e-3, False)

@@ -109,3 +109,9 @@ def test_strict_refuses_a_position_that_wraps():
     columns = {"time": TIME, "torque": np.sin(3.0 * TIME), "position": within(turning(), 2 * np.pi, 0.0)}
     with pytest.raises(InputError, match=r"it wraps, and was made continuous\. \(strict"):
         read_log(columns, strict=True)
+
+
+@pytest.mark.parametrize(("period", "unit"), [(360.0, "deg"), (4096.0, "counts/4096")])
+def test_a_period_of_another_unit_is_said(period, unit):
+    log = log_of(within(turning() * period / (2 * np.pi), period, 0.0))
+    assert any(f"wrap so: then say so with --columns position=NAME:{unit}" in each for each in log.warnings)
