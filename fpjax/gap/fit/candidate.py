@@ -49,7 +49,8 @@ class Candidate:
             prior, shape (free, free).
         occam: log determinant of the start values' posterior precision over that of their prior, fitted windows.
         damping: of Levenberg-Marquardt, for the next iteration.
-        converged: whether no step lowers the cost any more.
+        converged: whether no step lowers the cost any more, by what counts.
+        beside: cost of the fit that it is compared with; infinite for none.
     """
 
     effects: tuple[Effect, ...]
@@ -72,6 +73,7 @@ class Candidate:
     occam: float = 0.0
     damping: float = 1.0
     converged: bool = False
+    beside: float = np.inf
 
     @property
     def names(self) -> tuple[str, ...]:

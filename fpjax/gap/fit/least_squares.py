@@ -28,7 +28,10 @@ DAMPINGS = (1e-6, 1e-2, 1.0, 100.0)  # tried side by side, times the candidate's
 LOADED = 0.05  # of the torque in a spring, over the friction [1]
 BRISTLE = 0.1  # of the bristles' deflection, over that at sliding [1]
 MOVED = 0.02  # of a speed from positions, over the top speed, beside its noise [1]
-GAINED = 0.02  # a fit has converged when a step lowers the cost, twice the negative log posterior, by less
+# A fit has converged when a step lowers the cost, twice the negative log posterior, by less than this, or by less than
+# a share of what it is behind the fit that it is compared with: what is 1,000 nats behind needs no last digit.
+GAINED = 0.02
+SLIGHT = 0.01  # [1]
 
 Known = dict[int, dict[int, Values]]
 """Coefficients of candidates (by `id`) on the chosen windows of each record (by its index), shape (windows, modes)."""
@@ -269,7 +272,7 @@ class Fitter(Response):
             after[id(c)] = {which: found[place * len(group) + best] for which, found in tried.items()}
             c.vector, c.states, c.cost = group[best].vector, group[best].states, float(cost[best])
             c.damping = float(np.clip(group[best].damping, 1e-5, 1e4))
-            c.converged = bool(gain < GAINED)
+            c.converged = bool(gain < max(GAINED, SLIGHT * (c.cost - c.beside)))
         return after
 
     def _steps(self, c: Candidate, parts: list[Linear], dampings: Values, torques: Values) -> list[Candidate]:

@@ -1,6 +1,6 @@
 """Search: fits every set of causes from all its starts: screened on a few windows, the best finished on all."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -328,11 +328,14 @@ class Search:
                 if c.names not in sets:
                     left.setdefault(c.names, c)
             going = [c for c in going if c.names in sets]
+            if stage > 0:  # until then costs are those of a few windows
+                _compared(going)
             self.go_on(going, self.train, steps, white=white)
             self.tick(AFTER[stage])
         finished: dict[tuple[str, ...], Candidate] = {}
         for c in sorted(going, key=lambda c: c.cost):
             finished.setdefault(c.names, c)
+        _compared(finished.values())
         found = self.finish(list(finished.values())) + self.finish(list(left.values()), 0)
         self.tick(1.0)
         return found
@@ -352,6 +355,8 @@ class Search:
     def fitted(self, starts: Sequence[Start]) -> list[Fit]:
         """Each start fitted on all windows with the same number of steps, in the order of `starts`."""
         candidates = [self.candidate(start) for start in starts]
+        for c, start in zip(candidates, starts, strict=True):
+            c.beside = np.inf if start.like is None else start.like.cost
         self.go_on(candidates, self.train, 12, white=all(start.like is None for start in starts))
         return self.finish(candidates)
 
@@ -367,3 +372,10 @@ class Search:
             c.converged, c.damping = False, min(c.damping, 1.0)
         self.go_on(candidates, self.train, steps, white=False)
         return scores(self, candidates)
+
+
+def _compared(candidates: Collection[Candidate]) -> None:
+    """Compares candidates with the likeliest of them."""
+    best = min((c.cost for c in candidates), default=np.inf)
+    for c in candidates:
+        c.beside = best
