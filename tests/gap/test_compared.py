@@ -1,4 +1,4 @@
-"""A fit far behind the one that it is compared with converges sooner; one that is near it, or alone, goes to its end."""
+"""A fit far behind the one that it is compared with converges sooner; one near it, or alone, goes to its end."""
 
 import gap_search
 import numpy as np
