@@ -236,7 +236,7 @@ def _proposed(own: Path, now: dict[str, float]) -> JsonObject:
         failed = {"decision": "failed", "verdict": "failed", "reason": content["failed"]}
         return {"gains": now, "promised": [None, None], "told": None, **failed}
     after = content["after"]
-    promised = [after["error"]["low"], after["error"]["high"]]
+    promised = [after["error"]["low"], _size(after["error"]["high"])]
     if content["decision"] not in ("change", "keep"):
         promised = [None, None]
     return {

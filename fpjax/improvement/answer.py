@@ -148,7 +148,7 @@ class NominalGains:
         """How they follow on these machines, and why they are not proposed."""
         told = "The gains that are best in the nominal model alone"
         if self.proposed:
-            return f"{told} are proposed: the search found none on these machines that are better."
+            return f"{told} are proposed: the search found none that are worth more on these machines."
         if not math.isfinite(self.ratio.value):
             return f"{told} make most of the machines unstable that the log leaves possible."
         ratio = self.ratio.value

@@ -30,6 +30,10 @@ UNHELD_LOOP = (
     "it: check [controller], or look at the log for a torque that swings from limit to limit."
 )
 KEEP = "Keep your gains: the best others {}."
+NOT_APART = (
+    "The best gains that the search found follow less than {:.0%} better on these machines than the gains that are "
+    "best in the nominal model, which are proposed instead."
+)
 LESS = "The best gains that the search found are not proposed, but {}: they {}."
 
 
@@ -37,18 +41,46 @@ def plausible(now: Score, measured: float | None) -> Values:
     """Whether each drawn machine may have made the log: it was stable with the gains that ran, and followed as well.
 
     The draws know the log's windows, each from its own initial state, but not that the loop as a whole was stable.
-    Where most of them are refuted, the posterior is what is wrong, and all are kept.
+    Where the error would refute most of them, it is not asked, and where being stable would, the posterior is what is
+    wrong, and all are kept.
 
     Args:
         now: scores with the gains that made the log, each of shape (machines,); the first machine is the fit itself.
         measured: rms of the tracking error in the log, in its unit; None where the log does not show it.
     """
     stable = np.isfinite(now.error)
-    kept = stable
+    tried = [stable]
     if measured is not None and abs(math.log(max(now.error[0], 1e-300) / measured)) < math.log(PLAUSIBLE):
         ratio = np.where(stable, now.error, np.inf) / measured
-        kept = stable & (np.abs(np.log(ratio)) < math.log(PLAUSIBLE))
-    return kept if kept[0] and np.mean(kept) >= LEFT else np.ones(len(kept), bool)
+        tried.insert(0, stable & (np.abs(np.log(ratio)) < math.log(PLAUSIBLE)))
+    fine = [kept for kept in tried if kept[0] and np.mean(kept) >= LEFT]
+    return fine[0] if fine else np.ones(len(stable), bool)
+
+
+def running(now: Score) -> Values:
+    """Whether each drawn machine runs with the current gains, where the log does not tell that they made it.
+
+    The user says that they run. A tenth of the machines may be left out for that; where more are unstable, too little
+    is known, which `hopeless` says, and all are kept.
+
+    Args:
+        now: scores with the current gains, each of shape (machines,); the first machine is the fit itself.
+    """
+    stable = np.isfinite(now.error)
+    return stable if stable[0] and np.mean(~stable) <= UNSTABLE else np.ones(len(stable), bool)
+
+
+def told_apart(error: Values, nominal: Values) -> bool:
+    """Whether gains follow better than those of the nominal model by what a change is worth.
+
+    A tuning without the log has these already. Where the log does not tell the two apart, what the search found
+    hangs on the drawn machines, and the nominal model's gains are the ones with a reason.
+
+    Args:
+        error: with the gains, shape (machines,).
+        nominal: with the nominal model's gains, in the same machines; finite.
+    """
+    return float(np.median(error / nominal)) < WORTH
 
 
 def hopeless(now: Score) -> tuple[Decision | None, str]:

@@ -5,7 +5,7 @@ import json
 import math
 import os
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax
@@ -40,6 +40,10 @@ class Known:
         model: the corrected model with the learned laws, as servo.toml text; "" where there is none.
         model_missing: why there is none.
         contradiction: what of the log cannot be so; "" for nothing.
+        gap_before: rms of the torque that the nominal model lacks [N m].
+        likely: probability that what `posterior` changes in the nominal model is so [1], asserted or not.
+        given: whether the nominal machine leads `posterior` (`lead_as_given`).
+        same_gains: whether the file's gains are those that the log was diagnosed with.
     """
 
     posterior: Posterior
@@ -51,6 +55,10 @@ class Known:
     model: str
     model_missing: str
     contradiction: str = ""
+    gap_before: float = math.nan
+    likely: float = 1.0
+    given: bool = False
+    same_gains: bool = True
 
 
 def known_of(diagnosis: Diagnosis) -> Known:
@@ -66,7 +74,15 @@ def known_of(diagnosis: Diagnosis) -> Known:
         diagnosis.posterior, diagnosis.verdict, diagnosis.causes, diagnosis.gap.after, diagnosis.learned,
         diagnosis.tracking is not None, diagnosis.learned_model or diagnosis.model, diagnosis.model_missing,
         diagnosis.contradiction or _in_another_unit(diagnosis.posterior, diagnosis.causes, scales),
+        diagnosis.gap.before,
+        _likely(diagnosis.posterior, {one.effect: one.cause_probability for one in diagnosis.ranking}),
     )  # fmt: skip
+
+
+def _likely(posterior: Posterior, of_causes: Mapping[str, float | None]) -> float:
+    """The probability of the likeliest change of the nominal model in a posterior; 0 where none is ranked."""
+    found = [of_causes.get(name) or 0.0 for name in posterior.causes]
+    return max((one for one in found if math.isfinite(one)), default=0.0)
 
 
 def _in_another_unit(posterior: Posterior, causes: Sequence[str], scales: Sequence[float]) -> str:
@@ -152,11 +168,14 @@ def known_in(folder: str | os.PathLike[str], log: Log, *, finished: bool = True)
             one["parameters"]["scale"]["value"] or 1.0 for one in content.get("ranking", []) if one["effect"] == SCALED
         ]
         posterior = load_posterior(folder / FILE)
+        before = content["gap"].get("before")
+        of_causes = {one["effect"]: one.get("cause_probability") for one in content.get("ranking", [])}
         found = Known(
             posterior, content["verdict"], tuple(content["causes"]),
             float(after) if after is not None else math.nan, laws, content.get("tracking") is not None,
             content.get("learned_model") or content["model"], content.get("model_missing", ""),
             content.get("contradiction") or _in_another_unit(posterior, content["causes"], scales),
+            float(before) if before is not None else math.nan, _likely(posterior, of_causes),
         )  # fmt: skip
     except FileNotFoundError:
         raise InputError(

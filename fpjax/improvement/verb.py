@@ -1,6 +1,7 @@
 """improve: from a log and a nominal model to gains that follow better in nearly every machine that the log allows."""
 
 import dataclasses
+import functools
 import math
 import os
 from collections.abc import Callable, Sequence
@@ -18,7 +19,22 @@ from ..model_file import Model, ModelSource, load_model
 from ..output.stages import StageClock
 from ..simulation.precision import double_precision
 from .answer import Change, Range
-from .decision import KEEP, LEFT_OUT, LESS, UNHELD_LOOP, hopeless, objection, plausible, range_of
+from .as_given import lead_as_given
+from .decision import (
+    KEEP,
+    LEFT_OUT,
+    LESS,
+    NOT_APART,
+    UNHELD_LOOP,
+    WORTH,
+    hopeless,
+    objection,
+    plausible,
+    range_of,
+    running,
+    told_apart,
+    too_much,
+)
 from .from_diagnosis import Known, about_left, known_in, known_of, same_controller
 from .gains import Gains, freed, guesses
 from .judge import Judge
@@ -111,7 +127,7 @@ def improve(
     else:
         known = known_in(diagnosis, recorded)
     if diagnosis is not None and not same_controller(known, nominal):
-        known = dataclasses.replace(known, made=False)
+        known = dataclasses.replace(known, made=False, same_gains=False)
     found = improve_known(known, recorded, nominal, table, free, seed, clock, keep, kept)
     clock.done()
     return dataclasses.replace(found, seconds=clock.seconds, diagnosis=done)
@@ -128,13 +144,15 @@ def improve_known(
     records = records_of(log, nominal)
     whole_table = table
     record, table = one_piece(records[0], log, table)
+    known = lead_as_given(known, nominal, records[0])
     ground = make_ground(known, records, seed)
     tuned_on = draw_machines(known.posterior, nominal, ground, TUNED_ON, seed + 1)
     judged_on = draw_machines(known.posterior, nominal, ground, JUDGED_ON, seed + 2)
     one, two = tuned_on.periods(record.dt), judged_on.periods(record.dt)
     longest = max(one[0], two[0]), max(one[1], two[1])
     tuned_on, judged_on = ready(tuned_on, ground, longest), ready(judged_on, ground, longest)
-    machine = corrected_values(judged_on)
+    # Bounds without the user's own are multiples of the reported machine's friction and inertia.
+    machine = corrected_values(judged_on.parts[1] if known.given else judged_on)
     gains = freed(nominal, machine, table, free)
     judge = Judge(gains.model, gains.names, ground, table, seed + 3)
     notes = _notes(known, gains, record, table, judge.start)
@@ -145,8 +163,10 @@ def improve_known(
     told = known.made and ran  # only then can the log's tracking error be compared with the prediction
     measured = measured_error(record, judge, ground) if told else None
     now_tuned = judge(gains.now[None], tuned_on)
-    if told:  # a machine that would not have followed as the log shows did not make it
-        fits, fits_tuned = (plausible(each.of(0), measured) for each in (now, now_tuned))
+    if known.same_gains:
+        # A machine that would not have followed as the log shows did not make it, nor does one that is unstable run.
+        keeps = functools.partial(plausible, measured=measured) if told else running
+        fits, fits_tuned = (keeps(each.of(0)) for each in (now, now_tuned))
         judged_on, tuned_on = judged_on.only(fits), tuned_on.only(fits_tuned)
         now, now_tuned = now.only(fits), now_tuned.only(fits_tuned)
         notes += [LEFT_OUT.format(1.0 - np.mean(fits))] if not fits.all() else []
@@ -187,6 +207,11 @@ def improve_known(
     against = [objection(scores.of(0), scores.of(i), margins[0], margins[i]) for i in range(1, len(tried))]
     costs, fine = robust_costs(scores, limits), [place for place, said in enumerate(against, 1) if not said]
     chosen, reason = min(fine, key=lambda place: costs[place]) if fine else 0, KEEP.format(against[0])
+    last = len(tried) - 1
+    usable = chosen not in (0, last) and last in fine and not too_much(scores.of(last), limits, judged.torque_unit)
+    if usable and not told_apart(scores.error[chosen], scores.error[last]):
+        chosen = last
+        notes += [] if against[0] else [NOT_APART.format(1.0 - WORTH)]
     if chosen and against[0]:
         parts = ["a part of the way"] * len(BLENDS) + ["the feed-forward alone"] * (len(tried) - len(BLENDS) - 2)
         notes.append(LESS.format([*parts, "the gains that are best in the nominal model"][chosen - 1], against[0]))
@@ -296,6 +321,11 @@ def _notes(known: Known, gains: Gains, record: Record, table: Values, settled: f
         notes.append(
             "The log has no position, so that little in it shows what the velocity sensor itself misreads (a scale, a "
             "lag): what it misreads without being found adds to these errors."
+        )
+    if known.given:
+        notes.append(
+            "The diagnosis asserts no cause: most of the machines are the nominal one, with the torque that it misses "
+            "along the log."
         )
     if known.posterior.rivals:
         names = [f"{', '.join(rival.causes) or 'nothing'} ({share:.0%})" for share, rival in known.posterior.rivals]

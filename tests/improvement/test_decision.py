@@ -11,7 +11,7 @@ import fpjax as fp
 from fpjax import Motion
 from fpjax.gap import Learned
 from fpjax.gap.machine import NO_LIMIT
-from fpjax.improvement.decision import hopeless, objection, plausible
+from fpjax.improvement.decision import hopeless, objection, plausible, running, told_apart
 from fpjax.improvement.judge import Score
 from fpjax.improvement.machines import (
     Machines,
@@ -97,6 +97,32 @@ def test_nothing_is_promised_of_a_machine_that_may_be_anything(errors, decision)
 )
 def test_a_machine_that_cannot_have_made_the_log_is_left_out(errors, measured, kept):
     assert plausible(score(errors), measured).tolist() == kept
+
+
+def test_machines_that_cannot_run_are_left_out_where_most_errors_are_off():
+    """Most follow otherwise than the log shows: then the error is not asked, but an unstable one still did not run."""
+    errors = [1.0, 3.0, 3.0, 3.0, np.inf]
+    assert plausible(score(errors), 1.0).tolist() == [True, True, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("errors", "kept"),
+    [
+        ([1.0] * 19 + [np.inf], [True] * 19 + [False]),
+        ([1.0] * 15 + [np.inf] * 5, [True] * 20),  # too little is known: said by `hopeless`
+        ([np.inf, *[1.0] * 19], [True] * 20),
+        ([1.0] * 10 + [9.0] * 10, [True] * 20),
+    ],
+)
+def test_a_machine_that_runs_is_stable(errors, kept):
+    assert running(score(errors)).tolist() == kept
+
+
+def test_gains_stand_before_those_of_the_nominal_model_for_what_a_change_is_worth():
+    nominal = np.ones(9)
+    assert told_apart(np.full(9, 0.9), nominal)
+    assert not told_apart(np.full(9, 0.99), nominal)
+    assert not told_apart(np.full(9, 1.1), nominal)
 
 
 def test_machines_are_left_out_of_every_explanation():

@@ -181,3 +181,17 @@ def test_a_diagnosis_of_several_stretches_of_one_file_is_one_of_that_log(tmp_pat
     dataclasses.replace(known, missing=(known.missing[0], np.zeros(700))).save(tmp_path / "other" / FILE)
     with pytest.raises(fp.InputError, match="diagnosis of 2 logs"):
         known_in(tmp_path / "other", log)
+
+
+def test_how_likely_the_reported_model_is_comes_from_the_ranking(tmp_path):
+    known = dataclasses.replace(case.known().posterior, causes=("inertia_error", "compliance"))
+    ranking = [
+        {"effect": "compliance", "cause_probability": 0.02, "parameters": {}},
+        {"effect": "inertia_error", "cause_probability": None, "parameters": {}},
+        {"effect": "cogging", "cause_probability": 0.4, "parameters": {}},
+    ]
+    folder = folder_of(tmp_path, ranking=ranking, gap={"before": 0.3, "after": 0.01})
+    known.save(tmp_path / "posterior.npz")
+    found = known_in(folder, case.log())
+    assert found.likely == 0.02
+    assert found.gap_before == 0.3
