@@ -26,8 +26,8 @@ def lead_as_given(known: Known, model: Model, record: Record) -> Known:
 
     The model that a diagnosis reports without asserting it (of an unexplained log, or a detail beside no gap) may have
     a structure that the machine does not have, a resonance or a backlash that nobody found. The nominal machine with
-    the torque that it misses along the log makes that log too, whatever the torque is. So it leads, and the reported
-    model is one of its rivals, as likely as the diagnosis holds it to be.
+    the torque that it misses along the log makes that log too, whatever the torque is. So it leads with half of the
+    machines or more, and the reported model is one of its rivals, as often as it is likely beside them.
 
     Args:
         known: of the diagnosis.
@@ -39,6 +39,7 @@ def lead_as_given(known: Known, model: Model, record: Record) -> Known:
         return known
     with double_precision():
         machine = nominal_machine(model.loop.plant, model.loop.actuator, model.loop.sensor)
+        machine = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), machine)  # made under the caller's precision
         if structure_of(machine) != "rigid":
             return known  # bristles and shafts have states that no sensor shows: their missing torque is not told here
         piece = in_one_piece(record)
@@ -84,9 +85,14 @@ def slowest(torque: Values, size: float) -> Values:
 
     Args:
         torque: shape (samples,).
-        size: its rms without noise, as the diagnosis found it, in the unit of the torque.
+        size: its rms without noise, as the diagnosis found it on its windows, in the unit of the torque.
+
+    Returns:
+        The frequencies up to that at which the rms is reached, scaled to it: one strong frequency may hold most.
     """
     spectrum = np.fft.rfft(torque)
-    power = np.cumsum(np.abs(spectrum) ** 2)
-    power[1:] = 2.0 * power[1:] - power[0]
-    return np.fft.irfft(np.where(power <= (size * len(torque)) ** 2, spectrum, 0.0), len(torque))
+    power = np.abs(spectrum) ** 2
+    power[1:] *= 2.0
+    slower = np.cumsum(power) - power
+    kept = np.fft.irfft(np.where(slower < (size * len(torque)) ** 2, spectrum, 0.0), len(torque))
+    return kept * min(size / max(float(np.sqrt(np.mean(kept**2))), 1e-300), 1.0)

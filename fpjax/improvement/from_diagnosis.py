@@ -136,8 +136,9 @@ def about_left(known: Known, torque: float, unit: str) -> str:
         "the motion, other gains change it: "
     )
     if known.verdict == "unexplained":
+        missing = f"the torque that the nominal model misses{size}" if known.given else f"the missing torque{size}"
         return (
-            f"The diagnosis does not explain this log: the missing torque{size} has no known cause, and {means}the "
+            f"The diagnosis does not explain this log: {missing} has no known cause, and {means}the "
             "intervals are expected values, no promise. Try new gains in small steps, and record a log with them."
         )
     return f"A part of the missing torque{size} has no known cause: {means}the intervals hold if it does not."

@@ -324,8 +324,8 @@ def _notes(known: Known, gains: Gains, record: Record, table: Values, settled: f
         )
     if known.given:
         notes.append(
-            "The diagnosis asserts no cause: most of the machines are the nominal one, with the torque that it misses "
-            "along the log."
+            "The diagnosis asserts no cause: half of the machines or more are the nominal one, with the torque that it "
+            "misses along the log."
         )
     if known.posterior.rivals:
         names = [f"{', '.join(rival.causes) or 'nothing'} ({share:.0%})" for share, rival in known.posterior.rivals]

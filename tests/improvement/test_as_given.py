@@ -4,6 +4,8 @@ import dataclasses
 import math
 
 import improve_case as case
+import jax
+import jax.experimental
 import numpy as np
 import numpy_machine
 import pytest
@@ -54,6 +56,29 @@ def test_noise_of_the_acceleration_is_no_missing_torque():
     noise = np.diff(np.random.default_rng(0).standard_normal(2001))
     assert slowest(torque + noise, 1.0 / math.sqrt(2.0)) == pytest.approx(torque, abs=0.3)
     assert slowest(torque, 1.0) == pytest.approx(torque)  # all of it where it is smaller
+
+
+@pytest.mark.parametrize("share", [0.9, 0.99, 1.0, 1.1])
+@pytest.mark.parametrize("kind", ["constant", "whole periods", "between"])
+def test_of_one_strong_frequency_as_much_is_kept_as_is_missing(kind, share):
+    time = 1e-3 * np.arange(2000)
+    turns = {"constant": 0.0, "whole periods": 2.0, "between": 2.7}[kind]
+    torque = np.cos(2.0 * np.pi * turns * time)
+    size = float(np.sqrt(np.mean(torque**2)))
+    found = slowest(torque + 0.02 * np.random.default_rng(0).standard_normal(2000), share * size)
+    assert np.sqrt(np.mean(found**2)) == pytest.approx(min(share, 1.0) * size, rel=0.02)
+    assert np.sqrt(np.mean((found - min(share, 1.0) * torque) ** 2)) < 0.4 * size  # between: it leaks over frequencies
+
+
+@pytest.mark.parametrize("more", ["lag = 0.003", "delay = 0.003", "delay = 0.0"])
+def test_a_model_of_single_precision_has_the_same_missing_torque(pushed, more):
+    with (jax if hasattr(jax, "enable_x64") else jax.experimental).enable_x64(False):
+        model = case.model(f"[actuator]\n{more}\n")
+        record = records_of(pushed, model)[0]
+        single = lead_as_given(unasserted(), model, record)
+    double = lead_as_given(unasserted(), case.model(f"[actuator]\n{more}\n"), record)
+    assert single.given
+    np.testing.assert_allclose(single.posterior.missing[0], double.posterior.missing[0], atol=1e-3 * PUSH)
 
 
 @pytest.mark.parametrize("verdict", ["unexplained", "no_gap"])

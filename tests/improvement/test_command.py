@@ -32,7 +32,8 @@ def diagnosed():
         "provenance": {"inputs": []}, "tracking": {"measured": 1.0}, "learned": [],
     }  # fmt: skip
     return types.SimpleNamespace(
-        posterior=known.posterior, verdict=known.verdict, causes=known.causes, gap=types.SimpleNamespace(after=0.0),
+        posterior=known.posterior, verdict=known.verdict, causes=known.causes,
+        gap=types.SimpleNamespace(before=0.1, after=0.0),
         learned=(), tracking=object(), model=known.model, learned_model="", model_missing="",
         ranking=(), contradiction="", to_dict=lambda: content,
     )  # fmt: skip

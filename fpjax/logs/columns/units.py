@@ -107,8 +107,9 @@ _MULTIPLE = re.compile(r"^(?P<number>\d*[.,]?\d+(?:e-?\d+)?)\s*(?P<unit>[^\d\s/^
 
 def find_unit(text: str) -> Unit | None:
     """The unit that `text` spells ("deg/s", "N m", "N*m", "oz-in", "U/min", "0.1 %", "V (Voltage)"), or None."""
-    text = re.sub(r"\s*\([^)]*\)$", "", text.strip())
-    found = _spelt(text)
+    bare = re.sub(r"\s*\([^)]*\)$", "", text.strip())
+    effective = re.sub(r"\s*\((rms|eff)\)$", r" \1", text.strip(), flags=re.IGNORECASE)  # another size, not a remark
+    found, text = _spelt(effective) or _spelt(bare), bare
     if found is None and (multiple := _MULTIPLE.match(text)) and (whole := _spelt(multiple["unit"])):
         number = float(multiple["number"].replace(",", "."))
         found = whole._replace(factor=number * whole.factor) if number > 0.0 else None

@@ -5,6 +5,7 @@ The file is read in pieces, so that memory holds only the numbers that are neede
 
 import itertools
 import pathlib
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -21,6 +22,8 @@ PIECE = 50_000  # [lines]
 LARGE = 400 << 20  # [bytes]: of a larger file only the columns are kept that the log needs
 HEAD = 400  # [lines] from which the layout is found
 NOT_READ = ("null", "none", "n/a", "na", "-", "--", "---", "#n/a", "nan(ind)", "-nan(ind)", "no value")  # cells
+# Empty, these are no columns: one without a name, and LabVIEW's times where it writes none.
+UNUSED = re.compile(r"X_Value|column \d+")
 FEW_ROWS = 20  # fewer rows than this, and more columns: the table lies on its side
 MOST_BROKEN = 0.5  # share of the rows: with more, the file is not a table
 
@@ -121,7 +124,7 @@ def _read(stream: Iterator[str], path: pathlib.Path, layout: Layout, request: Re
         if example is not None and cells.words[index]:
             warnings.append(f"{path.name}: {cells.words[index]} cells of column {name} are not numbers ({example}).")
         column = np.concatenate([piece[:, place] for piece in found.pieces]) if found.pieces else np.zeros(0)
-        if not column.size or not np.isnan(column).all():  # an empty column is none: LabVIEW leaves X_Value empty
+        if not UNUSED.fullmatch(name) or not column.size or not np.isnan(column).all():
             columns[name] = column
     return RawTable(columns, layout.first_row, text, warnings, layout.units, layout.headless, period=layout.period)
 
@@ -186,12 +189,10 @@ class _Cells:
             parts = split(line, self.layout.separator)
             if len(parts) == width + 1 and not parts[-1].strip():
                 parts = parts[:-1]
-            if len(parts) != width or (not self.layout.worded and self._heading(parts[0].strip())):
+            if len(parts) != width or (not self.layout.worded and self._heading(parts)):
                 found.broken += 1
                 cells = "1 cell" if len(parts) == 1 else f"{len(parts)} cells"
-                what = (
-                    f"{cells} where the header has {width}" if len(parts) != width else f"{parts[0][:30]!r} as a number"
-                )
+                what = f"{cells} where the header has {width}" if len(parts) != width else "words and no number"
                 found.first_broken = found.first_broken or f"row {row + place} has {what}"
                 continue
             rows.append([self._cell(index, parts[index].strip(), row + place) for index in self.chosen])
@@ -200,9 +201,10 @@ class _Cells:
                 self.known_text.add(index)
         return np.array(rows, dtype=np.float64).reshape(len(rows), len(self.chosen))
 
-    def _heading(self, cell: str) -> bool:
-        """Whether the first cell of a row is a word, as where another run's header follows."""
-        return bool(cell) and cell.lower() not in NOT_READ and number(cell, comma=self.layout.decimal_comma) is None
+    def _heading(self, parts: list[str]) -> bool:
+        """Whether the cells of a row are words, as where another run's header follows."""
+        filled = [part.strip() for part in parts if part.strip() and part.strip().lower() not in NOT_READ]
+        return bool(filled) and all(number(part, comma=self.layout.decimal_comma) is None for part in filled)
 
     def _cell(self, index: int, cell: str, row: int) -> float:
         if not cell or cell.lower() in NOT_READ:

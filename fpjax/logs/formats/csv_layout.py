@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 
 from ...errors import InputError
 from ..columns.units import find_unit
+from ..mending.clock import SLOW
 
 NAME_OF = "name of "  # begins the name of a column that only repeats another one's name
 _REMARKS = ("comment", "comments", "kommentar", "remark")  # a last column that most rows leave out
@@ -88,17 +89,22 @@ def number(cell: str, *, comma: bool) -> float | None:
         return {"true": 1.0, "false": 0.0}.get(cell.lower())
 
 
-def has_decimal_comma(cells: Iterable[str]) -> bool:
+def has_decimal_comma(cells: Iterable[str], separator: str | None) -> bool:
     """Whether the commas within cells are decimal ones.
 
-    They are not where all of them stand in groups of three ("12,345") and cells without a comma have a decimal point.
+    They are where one does not stand in groups of three ("1,5", "0,345"), and not where a point or a second group
+    follows ("1,234.5", "1,234,567"). A file of nothing but "12,345" is of where commas separate no cells.
+
+    Args:
+        cells: of the rows of numbers.
+        separator: of the cells; quoted ones may hold it.
     """
-    numbers = [cell.strip() for cell in cells]
+    numbers = [cell.strip() for cell in cells if ":" not in cell]  # a time of day may have either
     commas = [cell for cell in numbers if "," in cell and number(cell, comma=True) is not None]
     if not all(_GROUPED.fullmatch(cell) for cell in commas):
         return True
-    points = any("," not in cell and "." in cell and number(cell, comma=False) is not None for cell in numbers)
-    return bool(commas) and not points and all(cell.count(",") == 1 and "." not in cell for cell in commas)
+    plain = all(cell.count(",") == 1 and "." not in cell for cell in commas)
+    return bool(commas) and plain and separator != ","
 
 
 def _clock(cell: str) -> float | None:
@@ -256,6 +262,8 @@ def _with_header(lines: list[str], filled: list[int], separator: str | None, fir
         line = lines[place].strip()
         line = line.lstrip("#%").strip()
         parts = _cells(line, separator, all_of_them=True)
+        if len(parts) == width and _numeric(parts) > 0.5:
+            continue  # a row of the table in which a word stands
         parts = [part.strip('"').strip() for part in (parts if len(parts) == width else _cells(line, separator))]
         if len(parts) > width and len(named := [part for part in parts if part]) == width:
             parts = named  # two separators between the names, one between the numbers
@@ -272,7 +280,7 @@ def _with_header(lines: list[str], filled: list[int], separator: str | None, fir
         break
     body = [lines[place] for place in filled if place >= first]
     cells = [_cells(line, separator, all_of_them=count) for line in body]
-    comma = has_decimal_comma(cell for row in cells for cell in row)
+    comma = has_decimal_comma((cell for row in cells for cell in row), separator)
     trailing = all(line.rstrip("\r\n").endswith(separator) for line in body) if separator else False
     notes: list[str] = []
     period, labelled = _of_preamble([_cells(lines[place], separator) for place in above], width)
@@ -304,17 +312,19 @@ def sampling_period(row: list[str]) -> float | None:
     """
     # the unit stands in brackets behind the words, or behind the number
     found = _SAMPLING.match(" ".join(row[:2])) or _SAMPLING.match(" ".join(row))
-    value = number(found["number"], comma=True) if found else None
-    if found is None or value is None or value <= 0.0:
+    if found is None:
         return None
     unit = (found["inner"] or found["unit"] or "").strip("[]()")
-    if re.search(r"rate|freq", found["what"], re.IGNORECASE):
+    if rate := re.search(r"rate|freq", found["what"], re.IGNORECASE):
         size = {"": 1.0, "hz": 1.0, "khz": 1e3, "s/s": 1.0}.get(unit.lower())
-        return None if size is None else 1.0 / (size * value)
-    scale = find_unit(unit) if unit else None
-    if unit and (scale is None or scale.quantity != "time"):
-        return None
-    return value * (scale.factor if scale is not None else 1.0)
+    else:
+        scale = find_unit(unit) if unit else None
+        size = scale.factor if scale is not None and scale.quantity == "time" else None if unit else 1.0
+    # 1,000 is a thousand or one: no servo's log has a period as long as that of the wrong reading.
+    values = [number(found["number"], comma=comma) for comma in (False, True)]
+    periods = [1.0 / (size * v) if rate else size * v for v in values if v is not None and v > 0.0 and size is not None]
+    likely = [period for period in periods if period < SLOW]
+    return likely[0] if likely else periods[0] if periods and unit else None
 
 
 def _named_beside(rows: list[list[str]], width: int) -> list[str] | None:

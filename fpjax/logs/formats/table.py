@@ -109,13 +109,17 @@ def read_table(path: pathlib.Path, request: Request) -> RawTable:
 
 
 def _is_json(path: pathlib.Path) -> bool:
-    """Whether the first line of a file is an object of JSON: a log of rows is often saved as .txt."""
+    """Whether the first lines of a file are objects of JSON: a log of rows is often saved as .txt.
+
+    A single one may stand above a table.
+    """
     try:
         with path.open("rb") as stream:
-            first = stream.read(1 << 16).lstrip(b"\xef\xbb\xbf \t\r\n").split(b"\n")[0].strip()
+            lines = stream.read(1 << 16).lstrip(b"\xef\xbb\xbf \t\r\n").split(b"\n")
     except OSError:
         return False
-    return first.startswith(b'{"') and first.endswith(b"}")
+    first = [line.strip() for line in lines if line.strip()][:2]
+    return bool(first) and all(line.startswith(b'{"') and line.endswith(b"}") for line in first)
 
 
 def _rows_of_numbers(path: pathlib.Path) -> bool:

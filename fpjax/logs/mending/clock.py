@@ -31,7 +31,6 @@ MOST_FILLED = LONGEST_FILLED + 2  # [periods per row]: a finer grid would consis
 USUAL = (1e-5, 0.05)  # [s]: control periods of drives and of their loggers
 SLOW = 0.2  # [s]: no servo has a control period this long, so the stamps are probably in another unit
 EPOCH = (1e9, 1e10)  # [s] since 1970: of the years 2001 to 2286
-SPARSE = 60.0  # [s]: rows of a log are not so far apart
 TIME_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # [s]
 
 
@@ -155,8 +154,8 @@ def likely_unit(period: float) -> str | None:
 def since_1970(time: np.ndarray) -> str:
     """The unit of stamps that count from 1970: "ms", "us", "ns"; "" for seconds and for stamps that do not.
 
-    Of the four units, the years 2001 to 2286 have numbers of their own, and rows come less than a minute apart in it:
-    nanoseconds since a computer was started can be as many as milliseconds since 1970.
+    Of the four units, the years 2001 to 2286 have numbers of their own, and rows of a servo's log are close together in
+    it: microseconds since a computer was started can be as many as milliseconds since 1970.
 
     Args:
         time: stamps as recorded, in the unknown unit.
@@ -166,7 +165,7 @@ def since_1970(time: np.ndarray) -> str:
         return ""
     step = float(np.median(np.abs(np.diff(known))))
     for unit, size in TIME_UNITS.items():
-        if EPOCH[0] <= known.min() * size and known.max() * size < EPOCH[1] and step * size < SPARSE:
+        if EPOCH[0] <= known.min() * size and known.max() * size < EPOCH[1] and step * size < SLOW:
             return unit
     return ""
 

@@ -20,6 +20,7 @@ from .wrapping import find_wrapping
 MOST = 16  # stretches: a log that is in more pieces is not worth the time of them all
 PAUSED = 2.0  # times all that was recorded: over so long a whole, time does not count from the first stretch on
 OTHER_ROWS = 0.2  # share of the rows that may be empty: samples that were lost are filled, rows of others are not
+OFF_GRID = 0.1  # [periods]: stamps of one clock are closer to its grid
 LIKE_A_TURN = 0.01  # relative deviation of a wrapping from 360 degrees, or from the counts of an encoder
 LEAST_COUNTS = 256
 SIMILAR = 0.1  # relative difference of the periods of two stretches
@@ -146,7 +147,7 @@ def _longest(
     found = {key: values if everything else values[rows] for key, values in columns.items() if key != "time"}
     extra = {key: values if everything else values[rows] for key, values in extra.items()}
     empty = ~np.any([np.isfinite(values) for values in found.values()], axis=0) if found else np.zeros(rows.size, bool)
-    if empty.mean() > OTHER_ROWS:
+    if empty.mean() > OTHER_ROWS and _between(time, empty):
         notes.append(
             f"{name}: {empty.sum()} of {rows.size} rows hold none of the columns that are needed, as those of other "
             "topics do, and were dropped."
@@ -186,6 +187,24 @@ def check_length(rows: int, name: str) -> None:
     """
     if rows < SHORTEST:
         raise InputError(f"{name} is too short: {rows} rows, where at least {SHORTEST} are needed; record for longer.")
+
+
+def _between(time: np.ndarray, empty: np.ndarray) -> bool:
+    """Whether most rows without a value lie between the periods of those with one: rows of a topic of its own.
+
+    Samples that were lost lie on the same grid as those that were not.
+
+    Args:
+        time: stamps of all rows [s], ascending.
+        empty: which rows hold no value, a boolean for each.
+    """
+    kept, others = time[~empty], time[empty]
+    others = others[others > kept[0]] if kept.size > 2 else others[:0]
+    period = float(np.quantile(np.diff(kept), 0.05)) if kept.size > 2 else 0.0
+    if not others.size or period <= 0.0:
+        return False
+    phase = (others - kept[np.searchsorted(kept, others, side="right") - 1]) / period
+    return float(np.mean(np.abs(phase - np.round(phase)) > OFF_GRID)) > 0.5
 
 
 def _without_empty(found: dict[str, np.ndarray], name: str, notes: list[str]) -> dict[str, np.ndarray]:

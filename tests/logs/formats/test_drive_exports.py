@@ -7,7 +7,9 @@ import pytest
 from log_files import DT, SAMPLES, TURN
 
 from fpjax import FpjaxWarning, InputError, read_log
+from fpjax.logs.columns.units import find_unit
 from fpjax.logs.formats.csv_layout import has_decimal_comma, number, sampling_period
+from fpjax.logs.mending.clock import since_1970
 
 pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")  # each test asks for its own
 RPM, DEGREES = 60 / TURN, 360 / TURN
@@ -223,12 +225,65 @@ def test_separators_of_thousands_and_decimals(cell, comma, value):
 
 
 def test_the_cells_together_tell_what_a_comma_is():
-    assert has_decimal_comma(["1,5", "2,25"])
-    assert has_decimal_comma(["1,234", "-2,345"])  # nothing speaks for thousands
-    assert has_decimal_comma(["1,234", "0,345"])
-    assert not has_decimal_comma(["1,234", "0.5"])
-    assert not has_decimal_comma(["1,234.5"])
-    assert not has_decimal_comma(["1234", "0.5"])
+    assert has_decimal_comma(["1,5", "2,25"], ";")
+    assert has_decimal_comma(["1,5", "2,25"], ",")  # quoted
+    assert has_decimal_comma(["1,234", "-2,345"], ";")  # nothing speaks for thousands
+    assert not has_decimal_comma(["1,234", "999"], ",")  # but here cells are separated by what decimals are not
+    assert has_decimal_comma(["1,234", "0,345"], ";")
+    assert has_decimal_comma(["2024-05-01T10:00:00.123", "150,123", "2.1"], ";")  # a stamp and a version
+    assert not has_decimal_comma(["1,234.5"], ";")
+    assert not has_decimal_comma(["1,234,567"], ";")
+    assert not has_decimal_comma(["1234", "0.5"], ";")
+
+
+def test_a_word_in_a_row_of_numbers_costs_no_row(tmp_path, columns):
+    lines, size = ["id,time,velocity,torque"], len(columns["time"])
+    for i, (t, w, u) in enumerate(zip(columns["time"], columns["velocity"], columns["torque"], strict=True)):
+        lines.append(f"{i if i < size // 2 else f'B{i}'},{t:.4f},{w:.6f},{u:.6f}")
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    log = read_log(tmp_path / "log.csv")
+    assert log.samples == size
+    holds(log, columns)
+
+
+def test_a_word_where_a_stamp_is_missing_is_no_header(tmp_path, columns):
+    lines = ["time,velocity,torque"]
+    for i, (t, w, u) in enumerate(zip(columns["time"], columns["velocity"], columns["torque"], strict=True)):
+        lines.append(f"{'sync' if i % 3 == 0 else f'{t:.4f}'},{w:.6f},{u:.6f}")
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    assert read_log(tmp_path / "log.csv").dt == pytest.approx(DT, rel=0.6)  # no refusal for a header that is none
+
+
+def test_an_object_of_json_may_stand_above_a_table(tmp_path, columns):
+    head = '{"meta": "run 3", "rate": 1000}\ntime,velocity,torque\n'
+    body = rows(columns["time"], columns["velocity"], columns["torque"], separator=",")
+    (tmp_path / "log.txt").write_text(head + body)
+    holds(read_log(tmp_path / "log.txt"), columns)
+
+
+def test_a_column_without_numbers_is_said(tmp_path, columns):
+    lines = ["time,velocity,torque,reference"]
+    for t, w, u in zip(columns["time"], columns["velocity"], columns["torque"], strict=True):
+        lines.append(f"{t:.4f},{w:.6f},{u:.6f},nan")
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    log = read_log(tmp_path / "log.csv")
+    assert any("reference holds no numbers" in warning for warning in log.warnings)
+
+
+def test_lost_samples_are_no_rows_of_other_topics(tmp_path, columns):
+    lost = np.random.default_rng(1).random(len(columns["time"])) < 0.4
+    lines = ["time,velocity,torque"]
+    for t, w, u, gone in zip(columns["time"], columns["velocity"], columns["torque"], lost, strict=True):
+        lines.append(f"{t:.4f},," if gone else f"{t:.4f},{w:.6f},{u:.6f}")
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    log = read_log(tmp_path / "log.csv")
+    assert log.dt == pytest.approx(DT, rel=1e-6)
+    assert not any("other topics" in warning for warning in log.warnings)
+
+
+def test_an_effective_current_in_brackets_is_one():
+    assert find_unit("A (rms)") == find_unit("Arms") == find_unit("A(Eff)")
+    assert find_unit("A (phase)") == find_unit("A")
 
 
 def test_quoted_thousands_are_no_decimals(tmp_path, columns):
@@ -249,6 +304,9 @@ def test_quoted_thousands_are_no_decimals(tmp_path, columns):
         ("Sample rate: 1000 Hz", 1e-3),
         ("Sampling Frequency (kHz),8", 1.25e-4),
         ("Abtastzeit,0.125 ms", 1.25e-4),
+        ("Sample rate,1,000", None),  # a thousand or one
+        ("Sampling interval: 2", None),  # of what?
+        ("Sample time: 1000", None),
         ("Samples,8192", None),
         ("Sampling Frequency (lines),8", None),
         ("Number of sampling data,1024", None),
@@ -280,3 +338,8 @@ def test_nanoseconds_since_a_start_are_not_milliseconds_since_1970(columns):
     with pytest.raises(InputError, match="check the unit of time"):
         read_log(data)
     assert read_log(data, columns="time=timestamp:ns").dt == pytest.approx(DT)
+
+
+def test_microseconds_after_days_of_running_are_not_since_1970():
+    assert since_1970(1.2e12 + 1e3 * np.arange(100.0)) == ""
+    assert since_1970(1.7e12 + 1e1 * np.arange(100.0)) == "ms"
