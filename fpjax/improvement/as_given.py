@@ -44,11 +44,14 @@ def lead_as_given(known: Known, model: Model, record: Record) -> Known:
             return known  # bristles and shafts have states that no sensor shows: their missing torque is not told here
         piece = in_one_piece(record)
         missing = slowest(missing_torque(machine, piece), known.gap_before)
+    # Causes may hold together, so that their probabilities sum to more than one; machines have one explanation each.
+    rivals = ((known.likely, dataclasses.replace(reported, gap=known.gap_after, rivals=())), *reported.rivals)
+    total = max(sum(share for share, _ in rivals), 1.0)
     given = Posterior(
         key=("rigid", reported.key[1] if reported.key[0] == "rigid" else ()),
         names=(), values=np.zeros(0), free=(), covariance=np.zeros((0, 0)), low=np.zeros(0), high=np.zeros(0),
         sensor=reported.sensor, step=reported.step, noise=reported.noise, missing=(missing,), gap=known.gap_before,
-        rivals=((known.likely, dataclasses.replace(reported, gap=known.gap_after, rivals=())), *reported.rivals),
+        rivals=tuple((share / total, rival) for share, rival in rivals),
     )  # fmt: skip
     return dataclasses.replace(known, posterior=given, gap_after=known.gap_before, learned=(), given=True)
 

@@ -92,7 +92,7 @@ def hopeless(now: Score) -> tuple[Decision | None, str]:
     unstable = ~np.isfinite(now.error)
     if unstable[0]:
         return "unstable", (
-            "The corrected model is unstable with the gains in the file, but the machine ran: the diagnosis or the "
+            "The likeliest model is unstable with the gains in the file, but the machine ran: the diagnosis or the "
             "file's gains are wrong, and nothing is proposed; check [controller], and look at the diagnosis."
         )
     share = float(np.mean(unstable))

@@ -11,7 +11,7 @@ WORDS = {
     "change": "Change these gains.",
     "keep": "Keep your gains.",
     "cannot_promise": "No prediction is possible.",
-    "unstable": "The corrected model is unstable.",
+    "unstable": "The likeliest model is unstable.",
 }
 
 UNPROMISED = {"change": "expected", "keep": "expected", "cannot_promise": "possible"}

@@ -95,6 +95,15 @@ def test_without_an_asserted_cause_the_nominal_machine_leads(pushed, verdict):
     assert np.sqrt(np.mean(ground.courses[0] ** 2)) == pytest.approx(known.gap_before, rel=0.1)
 
 
+def test_every_machine_has_one_explanation(pushed):
+    known = unasserted(likely=0.9)
+    other = dataclasses.replace(known.posterior, causes=("coulomb_error",), rivals=())
+    known = dataclasses.replace(known, posterior=dataclasses.replace(known.posterior, rivals=((0.6, other),)))
+    model = case.model(coulomb=0.4)
+    led = lead_as_given(known, model, records_of(pushed, model)[0])
+    assert [share for share, _ in led.posterior.rivals] == pytest.approx([0.6, 0.4])  # both may hold together
+
+
 def test_a_cause_that_is_asserted_leads(pushed):
     model = case.model()
     record = records_of(pushed, model)[0]

@@ -49,7 +49,7 @@ class Candidate:
             prior, shape (free, free).
         occam: log determinant of the start values' posterior precision over that of their prior, fitted windows.
         damping: of Levenberg-Marquardt, for the next iteration.
-        converged: whether no step lowers the cost any more, by what counts.
+        converged: whether no step lowers the cost any more, by what counts beside `beside`.
         beside: cost of the fit that it is compared with; infinite for none.
     """
 

@@ -375,7 +375,7 @@ class Search:
 
 
 def _compared(candidates: Collection[Candidate]) -> None:
-    """Compares candidates with the likeliest of them."""
+    """The likeliest of these candidates becomes the one that all are compared with."""
     best = min((c.cost for c in candidates), default=np.inf)
     for c in candidates:
         c.beside = best

@@ -2,9 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 
-from .names import MOTIONS as MOTIONS
-from .names import TORQUES as TORQUES
-from .names import Guess, taken_apart
+from .names import MOTIONS, TORQUES, Guess, taken_apart
 
 STILL = 1e-3  # of the travel of the machine that moves most: with less, a machine stands still
 # The same of a robot's axes: they are of one controller, which holds those that are not moved; what it leaves of them,

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
 from ...errors import InputError
-from .axes import MOTIONS, TORQUES, axis_of, choose_axis, choose_owner, has, numbered, of_owner
-from .names import WEAK, Guess, bracket_unit, guess
-from .units import QUANTITIES, Unit, find_unit, parse_unit
+from .axes import axis_of, choose_axis, choose_owner, has, numbered, of_owner
+from .names import MOTIONS, TORQUES, WEAK, Guess, bracket_unit, guess
+from .units import QUANTITIES, find_unit, parse_unit
 
 CANONICAL = tuple(QUANTITIES)
 PRESETS = {
@@ -329,8 +329,8 @@ def torque_without_unit(sources: Mapping[str, Source], mapping: Mapping[str, str
     torque = sources.get("torque")
     if torque is None or torque.unit is not None or {"torque", "torque_measured"} & set(mapping):
         return []
-    motions = [sources[name] for name in MOTIONS if name in sources and sources[name].unit is not None]
-    drive = next((each for each in motions if (find_unit(each.unit or "") or _SI).factor != 1.0), None)
+    motions = [(sources[name], find_unit(sources[name].unit or "")) for name in MOTIONS if name in sources]
+    drive = next((motion for motion, unit in motions if unit is not None and unit.factor != 1.0), None)
     if drive is None:
         return []
     return [
@@ -338,9 +338,6 @@ def torque_without_unit(sources: Mapping[str, Source], mapping: Mapping[str, str
         f"drives record per cent of their rated torque; then say so with --columns torque={torque.column}:%, or "
         f"with N m for one of them, such as torque={torque.column}:%*0.024."
     ]
-
-
-_SI = Unit("", 1.0)
 
 
 def _per(source: Source, spelt: str, linear: bool | None) -> float:

@@ -7,6 +7,7 @@ import pytest
 from log_files import DT, TURN
 
 from fpjax import FpjaxWarning, InputError, read_log
+from fpjax.logs.columns.names import guess
 from fpjax.logs.log import asks_for_a_position
 
 pytestmark = pytest.mark.filterwarnings("ignore::fpjax.errors.FpjaxWarning")  # each test asks for its own
@@ -70,6 +71,27 @@ FROM_PEOPLE = {
         {"torque_measured": True},
     ),
     "ROS": ({"stamp": 1, "/joint_states.effort.0": 1, "/joint_states.velocity.0": 1}, "", {"torque_measured": True}),
+    # names made of known words
+    "Copley": ({"Time (sec)": 1, "Commanded Current (A)": 1, "Actual Motor Velocity (rpm)": 60 / TURN}, "A", {}),
+    "German drive": (
+        {"Zeit [ms]": 1e3, "Drehmomentsollwert [Nm]": 1, "Drehzahlistwert geglättet [1/min]": 60 / TURN},
+        "",
+        {"torque_measured": False},
+    ),
+    "CANopen": (
+        {"Time[ms]": 1e3, "Torque actual value (6077h)": 1, "0x606C Velocity actual value": 1},
+        "",
+        {"torque_measured": True},
+    ),
+    "Kollmorgen": ({"Time (ms)": 1e3, "IL.CMD (Arms)": 1, "VL.FB (rpm)": 60 / TURN}, "Arms", {}),
+    "milli in camel case": ({"t_us": 1e6, "tau_mNm": 1e3, "vel_rpm": 60 / TURN}, "", {}),
+    "per cent": ({"time_ms": 1e3, "torque_percent": 1, "speed_rpm": 60 / TURN}, "%", {}),
+    "axes of a Sinumerik": ({"time": 1, "TORQUE|1": 1, "VELOCITY|1": 1}, "", {}),
+    "AdvantageKit": (
+        {"Timestamp": 1, "Arm/CurrentAmps": 1, "Arm/VelocityRadPerSec": 1},
+        "A",
+        {"torque_measured": True},
+    ),
 }
 
 
@@ -96,80 +118,6 @@ def test_a_letter_behind_a_symbol_is_an_index_and_no_unit(columns):
     log = read_log(data)
     assert (log.torque_unit, log.linear) == ("V", False)
     assert read_log({**data, "position_m": columns["position"]}, columns="position=position_m:m").linear
-
-
-def test_one_of_several_axes_is_taken_and_said(columns):
-    data = {"timestamp": columns["time"]}
-    for axis in range(3):
-        data[f"target_moment_{axis}"] = columns["torque"] + axis
-        data[f"actual_qd_{axis}"] = columns["velocity"] + axis
-    with pytest.warns(FpjaxWarning, match=r"3 axes \(0 to 2\): axis 0 was taken; choose with --columns axis=1"):
-        assert read_log(data).torque[0] == columns["torque"][0]
-    with pytest.warns(FpjaxWarning, match="by their names"):
-        assert read_log(data, columns="axis=2").torque[0] == columns["torque"][0] + 2
-    with pytest.raises(InputError, match="no such axis: its axes are 0, 1, 2"):
-        read_log(data, columns="axis=7")
-
-
-def test_an_axis_that_stands_still_is_not_taken(columns):
-    data = {"timestamp": columns["time"]}
-    for axis in range(3):
-        data[f"torque ({axis})"] = columns["torque"] + axis
-        data[f"speed ({axis})"] = columns["velocity"] * (axis == 1)
-    with pytest.warns(FpjaxWarning, match="axis 1 was taken, since axis 0 hardly moves; choose with --columns axis=2"):
-        assert read_log(data).torque[0] == columns["torque"][0] + 1
-    with pytest.warns(FpjaxWarning, match="by their names"):
-        assert read_log(data, columns="axis=2").torque[0] == columns["torque"][0] + 2
-
-
-def test_an_axis_without_a_torque_is_not_taken(columns):
-    data = {"time": columns["time"], "q_1": columns["position"], "q_2": columns["position"] + 2.0}
-    data |= {"dq_2": columns["velocity"], "tau_2": columns["torque"]}
-    with pytest.warns(FpjaxWarning, match="axis 2 was taken, since axis 1 has no torque"):
-        assert read_log(data).position[0] == columns["position"][0] + 2.0
-
-
-def several_axes(columns):
-    data = {"time": columns["time"]}
-    for axis in range(3):
-        data |= {f"tau_measured.{axis}": columns["torque"] + axis, f"qd.{axis}": columns["velocity"] + axis}
-    return data | {f"tau_command.{axis}": 0.0 * columns["torque"] + axis for axis in range(3)}
-
-
-def test_the_axis_of_a_column_that_the_user_mapped_is_that_of_all(columns):
-    log = read_log(several_axes(columns), columns="torque=tau_measured.2")
-    assert log.velocity[0] == columns["velocity"][0] + 2
-
-
-def test_where_all_of_an_axis_is_mapped_nothing_of_another_is_taken(columns):
-    data = {"time": columns["time"]}
-    for axis in range(1, 4):
-        data |= {f"position_{axis}": columns["position"] + axis, f"current_{axis}": columns["torque"] + axis}
-    log = read_log(data, columns="position=position_3,torque=current_3:A")
-    assert not any("current_1" in warning for warning in log.warnings)
-
-
-def test_a_column_may_be_mapped_by_its_name_without_the_chosen_axis(columns):
-    log = read_log(several_axes(columns), columns="axis=1,torque=tau_measured:mNm")
-    np.testing.assert_allclose(log.torque, 1e-3 * (columns["torque"] + 1))
-    assert log.velocity[0] == columns["velocity"][0] + 1
-    with pytest.raises(InputError, match="no column 'tau_measured'"):
-        read_log(several_axes(columns), columns="torque=tau_measured")
-
-
-@pytest.mark.parametrize("mark", [".", "/", ":"])
-def test_the_torque_of_one_machine_is_never_taken_with_the_motion_of_another(columns, mark):
-    data = {"time": columns["time"], f"hip{mark}position": columns["position"] + 1.0}
-    data |= {f"knee{mark}{name}": columns[name] for name in ("position", "velocity", "torque")}
-    log = read_log(data)
-    np.testing.assert_array_equal(log.position, columns["position"])
-    data |= {f"hip{mark}{name}": columns[name] + 1.0 for name in ("velocity", "torque")}
-    with pytest.warns(FpjaxWarning, match="several machines: hip was taken, and not knee"):
-        assert read_log(data).torque[0] == columns["torque"][0] + 1.0
-    assert read_log(data, columns=f"torque=knee{mark}torque").position[0] == columns["position"][0]
-    still = data | {f"hip{mark}{name}": np.zeros_like(columns["time"]) for name in ("position", "velocity")}
-    with pytest.warns(FpjaxWarning, match="knee was taken, and not hip"):
-        assert read_log(still).torque[0] == columns["torque"][0]
 
 
 def test_a_column_with_a_clock_of_its_own_is_told(columns):
@@ -346,14 +294,6 @@ def test_a_rounded_torque_is_noted(columns):
     assert log.torque_step == pytest.approx(0.1)
 
 
-def test_the_axes_of_a_machine_tool_are_letters(columns):
-    data = {"time": columns["time"], "X_ActualVelocity": columns["velocity"], "X_CurrentFeedback": columns["torque"]}
-    data |= {"Z_ActualVelocity": -columns["velocity"], "Z_CurrentFeedback": 3.0 * columns["torque"]}
-    with pytest.warns(FpjaxWarning, match="2 axes"):
-        np.testing.assert_allclose(read_log(data).velocity, columns["velocity"])
-    np.testing.assert_allclose(read_log(data, columns="axis=3").torque, 3.0 * columns["torque"])
-
-
 def test_a_log_without_stamps_is_told_of_the_rate(columns):
     data = {"torque": columns["torque"], "velocity": columns["velocity"]}
     with pytest.raises(InputError, match="--rate"):
@@ -390,50 +330,10 @@ def test_two_letters_are_like_no_word(columns):
     assert "time=Im1" not in str(told.value)
 
 
-MADE_OF_WORDS = {
-    "Copley": ({"Time (sec)": 1, "Commanded Current (A)": 1, "Actual Motor Velocity (rpm)": 60 / TURN}, "A", {}),
-    "German drive": (
-        {"Zeit [ms]": 1e3, "Drehmomentsollwert [Nm]": 1, "Drehzahlistwert geglättet [1/min]": 60 / TURN},
-        "",
-        {"torque_measured": False},
-    ),
-    "CANopen": (
-        {"Time[ms]": 1e3, "Torque actual value (6077h)": 1, "0x606C Velocity actual value": 1},
-        "",
-        {"torque_measured": True},
-    ),
-    "Kollmorgen": ({"Time (ms)": 1e3, "IL.CMD (Arms)": 1, "VL.FB (rpm)": 60 / TURN}, "Arms", {}),
-    "milli in camel case": ({"t_us": 1e6, "tau_mNm": 1e3, "vel_rpm": 60 / TURN}, "", {}),
-    "per cent": ({"time_ms": 1e3, "torque_percent": 1, "speed_rpm": 60 / TURN}, "%", {}),
-    "axes of a Sinumerik": ({"time": 1, "TORQUE|1": 1, "VELOCITY|1": 1}, "", {}),
-    "AdvantageKit": (
-        {"Timestamp": 1, "Arm/CurrentAmps": 1, "Arm/VelocityRadPerSec": 1},
-        "A",
-        {"torque_measured": True},
-    ),
-}
-
-
-@pytest.mark.parametrize("kind", MADE_OF_WORDS)
-def test_names_made_of_known_words(columns, kind):
-    names, label, fields = MADE_OF_WORDS[kind]
-    parts = [columns["time"], columns["torque"], columns["velocity"]]
-    data = {name: part * scale for (name, scale), part in zip(names.items(), parts, strict=True)}
-    log = read_log(data)
-    assert log.dt == pytest.approx(DT)
-    np.testing.assert_allclose(log.torque, columns["torque"], rtol=1e-9)
-    np.testing.assert_allclose(log.velocity, columns["velocity"], rtol=1e-9)
-    assert log.torque_unit == (label or "N m")
-    for name, value in fields.items():
-        assert getattr(log, name) == value
-
-
 @pytest.mark.parametrize(
     "name", ["velocity_error", "max speed", "torque limit", "speed_scaling", "TORQUE_FFW", "wheel speed"]
 )
 def test_one_unknown_word_and_nothing_is_known(name):
-    from fpjax.logs.columns.names import guess
-
     assert guess([name], {}) == {}
 
 
@@ -461,55 +361,6 @@ def test_a_position_of_unknown_counts_is_left_out_where_there_is_a_velocity(colu
         read_log({**data, "position (pulse)": columns["position"] * 1e4})
     with pytest.raises(InputError, match="how large is a count"):  # what the user maps is meant
         read_log({**data, "velocity": columns["velocity"], "enc": columns["position"]}, columns="position=enc:counts")
-
-
-@pytest.mark.parametrize(
-    ("text", "factor", "label"),
-    [
-        ("0.1 rpm", 0.1 * TURN / 60, ""),
-        ("0,1 %", 0.1, "%"),
-        ("‰", 1.0, "‰"),
-        ("V (Voltage)", 1.0, "V"),
-        ("deg/sec", TURN / 360, ""),
-        ("N-m", 1.0, ""),
-        ("oz-in", 0.00706155181422604, ""),
-        ("1/min", TURN / 60, ""),
-        ("min-1", TURN / 60, ""),
-    ],
-)
-def test_units_as_drives_write_them(text, factor, label):
-    from fpjax.logs.columns.units import find_unit
-
-    unit = find_unit(text)
-    assert unit is not None
-    assert unit.factor == pytest.approx(factor)
-    assert unit.label == label
-
-
-@pytest.mark.parametrize("text", ["0 rpm", "10^-3 Nm", "m/s^2", "(None)", "2.5", "MN"])
-def test_what_is_no_unit(text):
-    from fpjax.logs.columns.units import find_unit
-
-    assert find_unit(text) is None
-
-
-def test_an_axis_that_only_creeps_is_not_taken(columns):
-    data = {"time": columns["time"]}
-    for axis in range(2):
-        data |= {f"tau_{axis}": columns["torque"] + axis, f"q_{axis}": columns["position"] * (1.0 if axis else 0.02)}
-    with pytest.warns(FpjaxWarning, match="axis 1 was taken, since axis 0 hardly moves"):
-        read_log(data)
-
-
-def test_parts_of_a_machine_by_their_own_names(columns):
-    data = {"time": columns["time"], "max_torque": columns["torque"] + 9, "max_velocity": columns["velocity"] + 9}
-    for place, part in enumerate(("left_hip", "left_knee")):
-        data |= {f"{part}_torque": columns["torque"] + place, f"{part}_velocity": columns["velocity"] * (place + 1.0)}
-    with pytest.warns(FpjaxWarning, match="several machines: left_hip was taken, and not left_knee"):
-        log = read_log(data)
-    np.testing.assert_array_equal(log.velocity, columns["velocity"])
-    with pytest.raises(InputError, match="no column torque"):  # nothing says that the pitch is what the knee turns
-        read_log({"time": columns["time"], "knee_torque": columns["torque"], "pitch_velocity": columns["velocity"]})
 
 
 def test_the_topic_of_a_single_value_is_its_name(columns):

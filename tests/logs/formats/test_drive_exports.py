@@ -7,7 +7,6 @@ import pytest
 from log_files import DT, SAMPLES, TURN
 
 from fpjax import FpjaxWarning, InputError, read_log
-from fpjax.logs.columns.units import find_unit
 from fpjax.logs.formats.csv_layout import has_decimal_comma, number, sampling_period
 from fpjax.logs.mending.clock import since_1970
 
@@ -279,11 +278,6 @@ def test_lost_samples_are_no_rows_of_other_topics(tmp_path, columns):
     log = read_log(tmp_path / "log.csv")
     assert log.dt == pytest.approx(DT, rel=1e-6)
     assert not any("other topics" in warning for warning in log.warnings)
-
-
-def test_an_effective_current_in_brackets_is_one():
-    assert find_unit("A (rms)") == find_unit("Arms") == find_unit("A(Eff)")
-    assert find_unit("A (phase)") == find_unit("A")
 
 
 def test_quoted_thousands_are_no_decimals(tmp_path, columns):
