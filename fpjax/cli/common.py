@@ -113,7 +113,10 @@ def read_measured(
 
 
 def start_jax(arguments: argparse.Namespace) -> None:
-    """Start jax in double precision, with compiled programs kept for the next process unless --no-cache is given."""
+    """Start jax in double precision, with compiled programs kept for the next process unless --no-cache is given.
+
+    On the CPU, unless the environment names another platform (JAX_PLATFORMS).
+    """
     from ..output.progress import Stages, starting
 
     with starting(), Stages("fpjax") as stages:
@@ -121,6 +124,9 @@ def start_jax(arguments: argparse.Namespace) -> None:
         import jax
 
         jax.config.update("jax_enable_x64", True)
+        if not jax.config.jax_platforms:  # pyright: ignore[reportAttributeAccessIssue]
+            # A command's loops are one or some hundred at a time, where a GPU takes 10 to 100 times as long.
+            jax.config.update("jax_platforms", "cpu")
         from .. import model_file as model_file  # needed by every command; all else is imported where it is used
     if not arguments.no_cache:
         from ..compiled.native import enable_compilation_cache

@@ -152,7 +152,7 @@ def test_bad_batches_are_refused():
         list(iterate_chunks(cost, candidates(300), size=100, start=50))
 
 
-THREADS = {"workers": 2, "devices": jax.local_devices()[:1]}
+THREADS = {"workers": 2, "devices": jax.local_devices(backend="cpu")[:1]}
 
 
 def test_within_a_trace_that_the_arguments_do_not_show():

@@ -94,7 +94,7 @@ def test_same_numbers_on_and_off(where):
 
 
 def test_one_kernel_is_asked_for():
-    with native_mode(True):
+    with native_mode(True), jax.default_device(jax.devices("cpu")[0]):
         text = jax.jit(native(jax.vmap(servo))).lower(GAINS).as_text()
     assert 'xla_cpu_small_call = "true"' in text
     with native_mode(False):
