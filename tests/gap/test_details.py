@@ -7,7 +7,7 @@ import pytest
 
 from fpjax.gap.fit.candidate import NOMINAL
 from fpjax.gap.select import decision
-from fpjax.gap.select.decision import _further, _nominal_for, _numbers_instead, _only_blurs
+from fpjax.gap.select.decision import _further, _mends_numbers, _nominal_for, _numbers_instead, _only_blurs
 from fpjax.gap.select.detectability import blurs
 from fpjax.gap.select.weighed import Weighed
 from fpjax.gap.thresholds import THRESHOLDS
@@ -42,6 +42,23 @@ def test_a_detail_that_shares_a_causes_torque_makes_it_less_known():
     alone = fit([WEIGHT], {"inertia": 1.0, "weight": 0.5})
     assert not blurs(alone, fit([WEIGHT, SPRING], {"inertia": 2.0, "weight": 0.4, "frequency": 9.0}))
     assert blurs(alone, fit([WEIGHT, SPRING], {"inertia": 0.5, "weight": 0.6, "frequency": 9.0}))
+
+
+def test_parameters_are_known_as_a_whole():
+    """One may be less known where the others are far better known for it."""
+    alone = fit([SPRING], {"frequency": 0.5, "share": 0.1})
+    assert not blurs(alone, fit([SPRING, WEIGHT], {"frequency": 0.05, "share": 0.12, "weight": 1.0}))
+    assert blurs(alone, fit([SPRING, WEIGHT], {"frequency": 0.45, "share": 0.12, "weight": 1.0}))
+
+
+def test_a_number_that_one_fit_alone_holds_at_a_bound_is_known_in_neither():
+    """A Coulomb friction at zero makes the Stribeck torque beside it look better known than it is."""
+    numbers = {"coulomb": 0.4, "weight": 0.5}
+    held = fit([WEIGHT], numbers, together=0.9, ends=("coulomb",))
+    beside = fit([WEIGHT, SPRING], numbers | {"weight": 0.3, "frequency": 1.0}, ends=())
+    assert not blurs(held, beside)
+    # At the bound in both, it is known in both: 0.5 (1 - 0.9^2)^(1/2) = 0.22 before.
+    assert blurs(held, fit([WEIGHT, SPRING], {"coulomb": 0.4, "weight": 0.3, "frequency": 1.0}, ends=("coulomb",)))
 
 
 def test_a_parameter_at_a_bound_is_not_traded_with():
@@ -92,6 +109,7 @@ def test_where_the_best_detail_only_blurs_the_next_one_is_taken(monkeypatch):
     for what, stand_in in {
         "settled": lambda search, exact, weighed: weighed, "_whole_left": lambda search, exact, fit, nominal: 2.0,
         "_better": lambda search, exact, chosen, best: best.gain > 130.0,
+        "_mends_numbers": lambda search, exact, chosen, best: False,
     }.items():  # fmt: skip
         monkeypatch.setattr(decision, what, stand_in)
     assert _further(None, exact, chosen, [blurring, good], chosen) is good
@@ -99,6 +117,25 @@ def test_where_the_best_detail_only_blurs_the_next_one_is_taken(monkeypatch):
     poor = Weighed(good.fit, 0.0, 120.0, 0.0)
     assert _further(None, exact, chosen, [blurring, poor, good], chosen) is None
     assert _further(None, exact, chosen, [], chosen) is None
+
+
+@pytest.mark.parametrize(
+    ("first", "then", "mended"),
+    [
+        ({"coulomb": 0.0, "viscous": 6.0}, {"coulomb": 0.7, "viscous": 2.3}, True),
+        ({"coulomb": 0.0, "viscous": 6.0}, {"coulomb": 0.7, "viscous": 7.0}, False),  # one of them alone
+        ({"coulomb": 0.9, "viscous": 1.2}, {"coulomb": 1.0, "viscous": 1.0}, False),  # were guesses
+    ],
+)
+def test_a_detail_beside_which_friction_is_what_was_given_is_taken(monkeypatch, first, then, mended):
+    """A viscous friction of six times the given one, and no Coulomb friction, stood for a drag."""
+    given, chosen, best = (
+        SimpleNamespace(candidate=SimpleNamespace(values=values.copy, wide=frozenset(values)))
+        for values in ({"coulomb": 1.0, "viscous": 1.0}, first, then)
+    )
+    monkeypatch.setattr(decision, "nominal_sizes", lambda setting: {"coulomb": 1.0, "viscous": 1.0})
+    search, exact = SimpleNamespace(setting=None), SimpleNamespace(fit=given)
+    assert _mends_numbers(search, exact, chosen, best) == mended
 
 
 def test_no_number_is_free_beside_a_factor_on_the_torque():

@@ -8,7 +8,7 @@ import pytest
 from fpjax.gap.select.shares import shares_of
 
 
-def shares(energies, held=None, whole=None, given=None):
+def shares(energies, held=None, whole=None, given=None, of=lambda found: found.energy):
     """Shares of the causes of a set, the largest if none is named, from the missing energy [1] of every set of causes.
 
     Args:
@@ -16,6 +16,7 @@ def shares(energies, held=None, whole=None, given=None):
         held: names of the nominal numbers that an effect holds, by effect.
         whole: the set.
         given: nominal numbers by name.
+        of: which shares of what was found.
     """
     energies = {frozenset(names): energy for names, energy in energies.items()}
     whole = frozenset(whole or max(energies, key=len))
@@ -35,8 +36,8 @@ def shares(energies, held=None, whole=None, given=None):
         return [fit(frozenset({e.name for e in s.effects} | {f"{n}_error" for n in s.wide})) for s in starts]
 
     exact = SimpleNamespace(fit=fit(frozenset()), left=lambda one: energies[one.names] ** 0.5)
-    found, alike = shares_of(SimpleNamespace(fitted=fitted), exact, fit(whole), [])
-    return found, {name: others for name, others in alike.items() if others}
+    found = shares_of(SimpleNamespace(fitted=fitted), exact, fit(whole), [])
+    return of(found), {name: others for name, others in found.alike.items() if others}
 
 
 def test_of_a_nominal_model_that_misses_nothing_no_cause_takes_a_share():
@@ -50,6 +51,13 @@ def test_a_cause_takes_what_comes_back_without_it():
     assert found == pytest.approx({"unbalance": 0.6, "inertia_error": 0.3})
     assert list(found) == ["unbalance", "inertia_error"]
     assert not alike
+
+
+def test_evidence_lost_is_a_share_of_what_the_model_brings():
+    """The stand-in's evidence is minus its energy: 0.9 over the nominal model, of which 0.6 and 0.3 go with a cause."""
+    energies = {(): 1.0, ("unbalance",): 0.4, ("cogging",): 0.7, ("unbalance", "cogging"): 0.1}
+    found, _ = shares(energies, of=lambda found: found.evidence)
+    assert found == pytest.approx({"unbalance": 0.6 / 0.9, "cogging": 0.3 / 0.9})
 
 
 @pytest.mark.parametrize(

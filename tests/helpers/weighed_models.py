@@ -29,6 +29,7 @@ def judged(
     left=0.02,
     before=1.0,
     shares=None,
+    lost=None,
     readings=(),
     exact=0.0,
     allowed=(),
@@ -47,6 +48,7 @@ def judged(
         rivals=tuple(rivals),
         shares=shares or dict.fromkeys(chosen.structural, 0.5),
         whole=whole,
+        lost=lost or {},
     )
     torque = 5.0
     share = before / torque if share is None else share

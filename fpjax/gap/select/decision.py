@@ -50,6 +50,7 @@ class Decision:
         judged: windows on which models were compared, one array of indices a record.
         alike: by wrong number, those that would do as well in its place.
         whole: missing torque that counts as all beside `chosen` (`whole_gap`), of the nominal model's [1].
+        lost: of the evidence that `chosen` has over `exact`, what would be lost without each of its causes [1].
     """
 
     exact: Fit
@@ -62,6 +63,7 @@ class Decision:
     judged: tuple[Values, ...]
     alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     whole: float = 1.0
+    lost: Mapping[str, float] = field(default_factory=dict)
 
 
 def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[str, Curve] | None = None) -> Decision:
@@ -116,15 +118,18 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
     stage("simpler causes", 0.0)
     chosen = simpler(search, exact, chosen)
     stage("what each cause takes", 0.0)
-    shares, alike = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
-    instead = _numbers_instead(search, exact, chosen, shares)
+    shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
+    instead = _numbers_instead(search, exact, chosen, shares.energy)
     if instead is not chosen:
         chosen = instead
-        shares, alike = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
+        shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
     path = (*path, chosen.fit)
     all_of_it = exact.left(exact.fit)
     whole = whole_gap(search, exact, chosen.fit) / all_of_it if all_of_it > 0.0 else 1.0
-    return Decision(exact.fit, nominal, tuple(singles), chosen, tuple(rivals), path, shares, exact.judged, alike, whole)
+    return Decision(
+        exact.fit, nominal, tuple(singles), chosen, tuple(rivals), path, shares.energy, exact.judged, shares.alike,
+        whole, shares.evidence,
+    )  # fmt: skip
 
 
 def by_numbers(search: Search, decision: Decision, *, moving: bool = False) -> Decision:
@@ -141,11 +146,11 @@ def by_numbers(search: Search, decision: Decision, *, moving: bool = False) -> D
     if moving:  # what competes is weighed alike
         found = [weighed_fit(search, exact, w.fit, w.evidence) for w in singles]
         singles = tuple(sorted(found, key=lambda w: -w.worth))
-    shares, alike = shares_of(search, exact, numbers.fit, [w.fit for w in (nominal, *singles)])
+    shares = shares_of(search, exact, numbers.fit, [w.fit for w in (nominal, *singles)])
     path = (decision.exact, numbers.fit)
     return replace(
-        decision, nominal=nominal, singles=singles, chosen=numbers, rivals=singles, path=path, shares=shares,
-        alike=alike, whole=1.0,
+        decision, nominal=nominal, singles=singles, chosen=numbers, rivals=singles, path=path,
+        shares=shares.energy, alike=shares.alike, whole=1.0, lost=shares.evidence,
     )  # fmt: skip
 
 
@@ -256,9 +261,17 @@ def _further(
             continue
         if not _better(search, exact, chosen, best):
             return None
-        if not _only_blurs(exact, chosen, best, _whole_left(search, exact, best.fit, nominal)):
+        whole = _whole_left(search, exact, best.fit, nominal)
+        if _mends_numbers(search, exact, chosen.fit, best.fit) or not _only_blurs(exact, chosen, best, whole):
             return best
     return None
+
+
+def _mends_numbers(search: Search, exact: Exact, chosen: Fit, best: Fit) -> bool:
+    """Whether friction numbers that were further off than a guess all come nearer to the given ones."""
+    given, first, then = (fit.candidate.values() for fit in (exact.fit, chosen, best))
+    wild = _wild(search, exact, chosen)
+    return bool(wild) and all(abs(then[n] - given[n]) < abs(first[n] - given[n]) for n in wild)
 
 
 def _only_blurs(exact: Exact, chosen: Weighed, best: Weighed, whole: float) -> bool:
@@ -306,9 +319,7 @@ def _plausible(
     then stand for a drag, a Coulomb level for a dead zone: any law of a recorded variable. Friction that the nominal
     model has none of stands for itself.
     """
-    c, given, sizes = chosen.fit.candidate, exact.fit.candidate.values(), nominal_sizes(search.setting)
-    off = {n for n in c.wide - {"inertia"} if abs(c.values()[n] - given[n]) > THRESHOLDS.wild * sizes[n]}
-    off -= {name.removesuffix("_error") for name in absent_friction(exact.fit)}
+    off = _wild(search, exact, chosen.fit)
     if not off or len(chosen.structural) >= THRESHOLDS.most_causes:
         return chosen, []
     laws = {e.name for e in search.effects if e.follows and not off & set(numbers_of(e))}
@@ -323,6 +334,13 @@ def _plausible(
         if likelier and not off & instead.fit.candidate.wide and resolved(search, instead.fit):
             return instead, found
     return chosen, []
+
+
+def _wild(search: Search, exact: Exact, fit: Fit) -> set[str]:
+    """Friction numbers of a fit that are further off than a guess; not those that the nominal model has none of."""
+    c, given, sizes = fit.candidate, exact.fit.candidate.values(), nominal_sizes(search.setting)
+    off = {n for n in c.wide - {"inertia"} if abs(c.values()[n] - given[n]) > THRESHOLDS.wild * sizes[n]}
+    return off - {name.removesuffix("_error") for name in absent_friction(exact.fit)}
 
 
 def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Mapping[str, float]) -> Weighed:

@@ -1,7 +1,11 @@
 """Resolved: whether a log can show an effect at the values where its fit ended."""
 
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
+from ...logs.arrays import Values
 from ..effects.parameters import AMPLITUDES
 from ..effects.vocabulary import stiffness_of
 from ..fit.candidate import Fit
@@ -50,37 +54,63 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
             return False
         return float(stiffness_of(values)) * t.twist * setting.travel > setting.friction
     if "backlash" in c.structural:
-        return "gap" not in ends and values["gap"] > t.clearance * _deviations(fit, held=False)["gap"]
+        return "gap" not in ends and values["gap"] > t.clearance * _covariance(fit).deviation("gap")
     return True
 
 
 def blurs(fit: Fit, more: Fit) -> bool:
-    """Whether a parameter of a fit's effects is known less well beside a further effect than without it.
+    """Whether the parameters of a fit's effects are known less well beside a further effect than without it.
 
     A detail that is there leaves less torque missing, so that all else is known better. One that only stands for
-    something else shares the causes' torque with them, and moves their parameters to where nothing is known.
+    something else shares the causes' torque with them, and moves their parameters to where nothing is known. Known as a
+    whole, by the volume in which the parameters may lie: one of them may be less so beside others that are better known
+    by a decade.
 
     Args:
         fit: finished.
         more: the same effects and a further one, finished.
     """
     own = {p.name for effect in fit.candidate.effects for p in effect.parameters}
-    before, after = _deviations(fit), _deviations(more)
-    pushed = own & before.keys() & set(more.candidate.at_bound())  # to where nothing is known of it
-    return bool(pushed) or any(after[name] > before[name] for name in own & before.keys() & after.keys())
+    if own & set(more.candidate.at_bound()) - _ends(fit):
+        return True  # to where nothing is known of it
+    # A parameter at a bound counts as known, as in the intervals; but not where only one of the fits holds it there:
+    # beside it the others of that fit would look better known than they are.
+    doubtful = _free(fit) & _free(more) - (_ends(fit) & _ends(more))
+    before, after = (_covariance(each, _ends(each) - doubtful) for each in (fit, more))
+    shared = [name for name in before.names if name in own and name in after.names]
+    return after.log_volume(shared) > before.log_volume(shared)
 
 
-def _deviations(fit: Fit, *, held: bool = True) -> dict[str, float]:
-    """Standard deviation of every free parameter, by the curvature of the cost and its prior; each in its own unit.
+def _free(fit: Fit) -> set[str]:
+    return {fit.candidate.family.parameters[i].name for i in fit.candidate.free}
 
-    Args:
-        fit: finished.
-        held: whether a parameter at a bound counts as known, and is left out.
-    """
+
+def _ends(fit: Fit) -> set[str]:
+    return {*fit.candidate.at_bound(), *fit.candidate.absent()}
+
+
+@dataclass(frozen=True)
+class _Covariance:
+    """Of free parameters, by the curvature of the cost and its prior; each in its own unit."""
+
+    names: tuple[str, ...]
+    matrix: Values
+
+    def deviation(self, name: str) -> float:
+        place = self.names.index(name)
+        return float(np.sqrt(max(self.matrix[place, place], 0.0)))
+
+    def log_volume(self, names: Sequence[str]) -> float:
+        places = [self.names.index(name) for name in names]
+        return float(np.linalg.slogdet(self.matrix[np.ix_(places, places)])[1])
+
+
+def _covariance(fit: Fit, known: Collection[str] = ()) -> _Covariance:
+    """Covariance of the free parameters of a fit, but for those that count as known."""
     c = fit.candidate
-    ends = {*c.at_bound(), *c.absent()} if held else set()
-    named = [(place, name) for place, i in enumerate(c.free) if (name := c.family.parameters[i].name) not in ends]
+    named = [(place, name) for place, i in enumerate(c.free) if (name := c.family.parameters[i].name) not in known]
     places = [place for place, _ in named]
     precision = c.normal[np.ix_(places, places)] + np.diag((c.scale[places] / c.spread[places]) ** 2)
-    variance = np.maximum(np.diag(np.linalg.pinv(precision, hermitian=True)), 0.0)
-    return {name: float(c.scale[place] * np.sqrt(v)) for (place, name), v in zip(named, variance, strict=True)}
+    scale = c.scale[places]
+    matrix = np.linalg.pinv(precision, hermitian=True) * np.outer(scale, scale)
+    return _Covariance(tuple(name for _, name in named), matrix)

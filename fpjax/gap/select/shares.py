@@ -1,6 +1,7 @@
 """Shares: what each cause of a model takes of the missing torque."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 from ..effects.effect import Effect
 from ..fit.candidate import NOMINAL, Fit, Start
@@ -11,8 +12,24 @@ from .weighed import Exact, whole_gap
 Alike = dict[str, tuple[str, ...]]  # by cause, those that would do as well in its place
 
 
-def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> tuple[dict[str, float], Alike]:
-    """What would come back of the nominal model's missing energy without each cause [1], the largest first.
+@dataclass(frozen=True)
+class Shares:
+    """What each cause of a model is worth.
+
+    Attributes:
+        energy: what would come back of the nominal model's missing energy without it [1], the largest first.
+        evidence: what would be lost without it, of the evidence that the model has over the nominal one [1]; not of
+            causes of which one makes up for the other.
+        alike: causes that would do as well in its place.
+    """
+
+    energy: dict[str, float]
+    evidence: dict[str, float] = field(default_factory=dict)
+    alike: Alike = field(default_factory=dict)
+
+
+def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> Shares:
+    """What would come back of the missing energy without each cause of a model, and what evidence would be lost.
 
     What is left without a cause is that of the most likely fit without it: from where the whole stands, from the
     numbers as they were given, or as it was found before. A friction by direction takes what no friction equal in both
@@ -29,17 +46,19 @@ def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> t
     c = fit.candidate
     numbers = [f"{number}_error" for number in NOMINAL if number in c.wide]
     if not whole > 0.0:
-        return dict.fromkeys((*c.structural, *numbers), 0.0), {}
+        return Shares(dict.fromkeys((*c.structural, *numbers), 0.0))
     singly = [(name,) for name in (*c.structural, *numbers)]
     without = _fits_without(search, fit, singly, known)
     shares = {name: min(max(exact.left(without[(name,)]) ** 2 - now, 0.0) / whole, 1.0) for (name,) in singly}
+    brings = max(fit.evidence - exact.fit.evidence, 1e-300)
+    lost = {name: max(fit.evidence - without[(name,)].evidence, 0.0) / brings for (name,) in singly}
     alike: Alike = {}
     for some in (numbers, [*c.structural, *numbers]):
         details = [name for name in some if shares[name] <= THRESHOLDS.matters]
         if len(details) > 1:
             found, others = _one_by_one(search, exact, fit, details, known)
             shares, alike = shares | found, alike | others
-    return dict(sorted(shares.items(), key=lambda item: -item[1])), alike
+    return Shares(dict(sorted(shares.items(), key=lambda item: -item[1])), lost, alike)
 
 
 def _one_by_one(

@@ -117,17 +117,18 @@ def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, flo
 def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, ...]:
     """The causes of the chosen model without which a share that matters would come back, the largest first.
 
-    An effect that takes less of the gap is told too if it takes half of what no choice of the numbers would have
-    closed; where evidence takes one number alone for wrong (however little the errors of others matter), only if it
-    explains what that leaves.
+    An effect that takes less of the gap is told too if it brings a good part of the evidence, or takes half of what no
+    choice of the numbers would have closed; where evidence takes one number alone for wrong (however little the errors
+    of others matter), only if it explains what that leaves.
     """
     size, weight, _ = _sizes(decision, seen, t)
     shown = decision.nominal.left * seen.share > t.nothing
     enough = t.beside if sum(map(is_number, decision.shares)) != 1 else 1.0 - t.closes**2
+    weighs = {n for n, lost in decision.lost.items() if lost > t.weighs}
     names = [
         n
         for n in _in_order(size, seen, t)
-        if decision.shares[n] > t.matters or (shown and not is_number(n) and weight[n] > enough)
+        if decision.shares[n] > t.matters or (shown and not is_number(n) and (n in weighs or weight[n] > enough))
     ]
     if not names and not _counts_as_right(decision, t):
         names = list(decision.chosen.structural[:1])
@@ -231,8 +232,11 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
 def _bends(seen: Seen, chosen: _Set, t: Thresholds) -> bool:
     """Whether a table of one variable holds more than all the named causes do: they only bend after it.
 
-    A law with a name may hold a little less than the table of its own variable.
+    A law with a name may hold a little less than the table of its own variable. Where the causes close the gap as far
+    as it moves the machine, nothing is left that a table could hold instead.
     """
+    if seen.moved < t.closes:
+        return False
     followed = {variable for name in chosen.names for variable in seen.follows.get(name, ())}
     # Where simulations show that the effects take more of what moves the machine than the curves' measure says, that
     # counts: what they take beyond the nominal numbers, which no effect is to be credited with.
