@@ -186,21 +186,30 @@ def test_of_a_nominal_model_that_misses_nothing_nothing_is_taken(missing, left):
     assert weighing.weighed_fit(None, weighing.Exact(fit(missing), ()), fit(0.5), 10.0).left == left
 
 
+GIVEN = {"inertia": 2.0, "coulomb": 0.5, "viscous": 0.1}
+
+
 def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_what_counts_as_right(monkeypatch):
-    def fit(names, wide, bound, left, evidence=990.0):
+    def fit(names, wide, bound, left, evidence=990.0, values=None):
+        values = GIVEN | (values or {})
         candidate = SimpleNamespace(
             structural=names, effects=tuple(effect for effect in EFFECTS if effect.name in names), wide=frozenset(wide),
-            names=names, at_bound=lambda: bound, values=dict,
+            names=names, at_bound=lambda: bound, values=lambda: values,
         )  # fmt: skip
         return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows, moving=False: left)
 
     def of(factor, plain=0.0):
-        asked = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts: [factor])
+        own = set(factor.candidate.structural)
+
+        def fitted(starts):
+            return [factor for start in starts if {effect.name for effect in start.effects} == own]
+
+        asked = SimpleNamespace(effects=EFFECTS, records=[], fitted=fitted)
         asked.refit = lambda fit, wide: SimpleNamespace(evidence=plain)
         return asked
 
     chosen = weighing.Weighed(fit(("stribeck",), ("inertia", "coulomb"), [], 0.1), 1000.0, 1000.0, 0.1)
-    exact = weighing.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows, moving=False: 1.0), ())
+    exact = weighing.Exact(fit((), (), [], 1.0, 0.0), ())
     monkeypatch.setattr(simpler, "resolved", lambda search, fit: True)
     both = ("stribeck", "torque_gain_error")
     for bound, evidence, told in (([], 990.0, both), (["inertia"], 990.0, ("stribeck",)), (["inertia"], 1010.0, both)):
@@ -213,6 +222,13 @@ def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_wha
     chosen = weighing.Weighed(fit(("stribeck",), ("inertia",), [], 0.1), 1000.0, 1000.0, 0.1)
     for evidence, told in ((990.0, ("stribeck",)), (1010.0, both)):
         factor = fit(both, (), [], 0.1, evidence)
+        assert simpler.simpler(of(factor), exact, chosen).structural == told
+    # Unless a friction by direction stands beside it whose means are off by as much, and as they were given beside one.
+    sides = "asymmetric_friction"
+    off = fit((sides,), ("inertia",), [], 0.1, values={"inertia": 1.6, "coulomb": 0.4, "viscous": 0.08})
+    chosen, both = weighing.Weighed(off, 1000.0, 1000.0, 0.1), (sides, "torque_gain_error")
+    for coulomb, told in ((0.5 * 0.99, both), (0.62, (sides,))):
+        factor = fit(both, (), [], 0.1, values={"inertia": 2.0, "coulomb": coulomb, "viscous": 0.1})
         assert simpler.simpler(of(factor), exact, chosen).structural == told
 
 

@@ -61,12 +61,25 @@ def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float, plain: float)
     if set(after.structural) > set(before.structural):
         # One factor. Numbers that end at the bounds of what counts as right are wrong too, and one number is no more
         # than one factor is: then it must be the likelier.
-        doubtful = len(before.wide) == 1 or bool(set(after.at_bound()) & set(NOMINAL))
+        bounded = bool(set(after.at_bound()) & set(NOMINAL))
+        doubtful = bounded or (len(before.wide) == 1 and not _mends(exact.fit, fit, chosen))
         # Of what the numbers bring: beside a cause that brings thousands of nats a hundredth of all is no small loss.
         return slight and _lost(fit, chosen, plain) < THRESHOLDS.factor and (ahead or not doubtful)
     # A model that is less likely than one that it contains has not found its best: less torque left is chance.
     contained = any(a in before.structural and b in after.structural for a, b in CONTAINED.items())
     return (contained and ahead) or (slight and _lost(fit, chosen, exact.fit.evidence) < THRESHOLDS.simpler)
+
+
+def _mends(given: Fit, fit: Fit, chosen: Fit) -> bool:
+    """Whether one factor brings back to the given values what a wrong number stands beside.
+
+    A friction by direction has levels of its own: beside a wrong inertia both of their means are off by the same share,
+    beside the factor all three are as they were given. By chance that is not so.
+    """
+    held = {n for effect in chosen.candidate.effects for n in numbers_of(effect)}
+    old, before, after = (each.candidate.values() for each in (given, chosen, fit))
+    off = {n: (abs(after[n] - old[n]), abs(before[n] - old[n])) for n in {*chosen.candidate.wide, *held}}
+    return len(off) > 1 and all(now < then for now, then in off.values())
 
 
 def _lost(fit: Fit, chosen: Fit, without: float) -> float:
