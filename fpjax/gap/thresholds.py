@@ -148,7 +148,7 @@ class Thresholds:
     right_no_gap: float = 0.02
     right_read: float = 0.98
     matters: float = 0.05
-    weighs: float = 0.25
+    weighs: float = 0.2
     simpler: float = 0.05
     factor: float = 0.01
     beside: float = 0.5

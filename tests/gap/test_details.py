@@ -9,10 +9,11 @@ from fpjax.gap.fit.candidate import NOMINAL
 from fpjax.gap.select import decision
 from fpjax.gap.select.decision import _further, _mends_numbers, _nominal_for, _numbers_instead, _only_blurs
 from fpjax.gap.select.detectability import blurs
+from fpjax.gap.select.shares import Shares
 from fpjax.gap.select.weighed import Weighed
 from fpjax.gap.thresholds import THRESHOLDS
 
-DETAIL = 0.9 * THRESHOLDS.matters
+DETAIL, SLIGHT = 0.9 * THRESHOLDS.matters, 0.9 * THRESHOLDS.weighs
 
 
 def effect(name, *parameters):
@@ -147,15 +148,16 @@ def test_no_number_is_free_beside_a_factor_on_the_torque():
 
 
 @pytest.mark.parametrize(
-    ("name", "share", "left", "replaced"),
+    ("name", "share", "lost", "left", "replaced"),
     [
-        ("torque_gain_error", DETAIL, 0.3, True),
-        ("torque_gain_error", 0.2, 0.3, False),  # a cause
-        ("torque_gain_error", DETAIL, 0.9, False),  # the numbers do not make up for it
-        ("constant_torque", DETAIL, 0.3, False),  # no number does
+        ("torque_gain_error", DETAIL, SLIGHT, 0.3, True),
+        ("torque_gain_error", 0.2, SLIGHT, 0.3, False),  # a cause
+        ("torque_gain_error", DETAIL, 1.1 * THRESHOLDS.weighs, 0.3, False),  # a cause by its evidence
+        ("torque_gain_error", DETAIL, SLIGHT, 0.9, False),  # the numbers do not make up for it
+        ("constant_torque", DETAIL, SLIGHT, 0.3, False),  # no number does
     ],
 )
-def test_a_factor_that_is_a_detail_is_wrong_numbers(monkeypatch, name, share, left, replaced):
+def test_a_factor_that_is_a_detail_is_wrong_numbers(monkeypatch, name, share, lost, left, replaced):
     delay, factor = effect("actuator_delay", "delay"), effect(name, "gain")
     both, without = fit([delay, factor], {"delay": 1.0}), fit([delay], {"delay": 1.0}, wide=("inertia",))
     asked = []
@@ -169,6 +171,8 @@ def test_a_factor_that_is_a_detail_is_wrong_numbers(monkeypatch, name, share, le
     }.items():  # fmt: skip
         monkeypatch.setattr(decision, what, stand_in)
     chosen = Weighed(both, 0.0, 0.0, 0.0)
-    found = _numbers_instead(search, exact, chosen, {"actuator_delay": 0.9, name: share})
+    found = _numbers_instead(
+        search, exact, chosen, Shares({"actuator_delay": 0.9, name: share}, {"actuator_delay": 0.9, name: lost})
+    )
     assert (found.fit is without and found.evidence == 7.0) if replaced else found is chosen
     assert all(one == (both, name) for one in asked)

@@ -215,6 +215,9 @@ def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_wha
     for bound, evidence, told in (([], 990.0, both), (["inertia"], 990.0, ("stribeck",)), (["inertia"], 1010.0, both)):
         factor = fit(both, (), bound, 0.1, evidence)
         assert simpler.simpler(of(factor), exact, chosen).structural == told
+    # As a factor does, a friction that grows with the load: where the motor hardly ever brakes it is nearly one.
+    loaded = ("stribeck", "load_dependent_friction")
+    assert simpler.simpler(of(fit(loaded, (), [], 0.1)), exact, chosen).structural == loaded
     # What it loses is of what the numbers bring: five of a thousand, not five of fifteen.
     assert simpler.simpler(of(fit(both, (), [], 0.1, 985.0)), exact, chosen).structural == both
     assert simpler.simpler(of(fit(both, (), [], 0.1, 985.0), 975.0), exact, chosen).structural == ("stribeck",)

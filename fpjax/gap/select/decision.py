@@ -13,7 +13,7 @@ from ..thresholds import THRESHOLDS
 from .detectability import blurs, resolved
 from .dominant import Curve
 from .nominal_errors import wrong_numbers
-from .shares import absent_friction, numbers_of, shares_of, without_effect
+from .shares import Shares, absent_friction, numbers_of, shares_of, without_effect
 from .simpler import FACTORS, GAIN, simpler
 from .weighed import (
     Exact,
@@ -119,7 +119,7 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
     chosen = simpler(search, exact, chosen)
     stage("what each cause takes", 0.0)
     shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
-    instead = _numbers_instead(search, exact, chosen, shares.energy)
+    instead = _numbers_instead(search, exact, chosen, shares)
     if instead is not chosen:
         chosen = instead
         shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
@@ -343,7 +343,7 @@ def _wild(search: Search, exact: Exact, fit: Fit) -> set[str]:
     return off - {name.removesuffix("_error") for name in absent_friction(exact.fit)}
 
 
-def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Mapping[str, float]) -> Weighed:
+def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shares) -> Weighed:
     """The chosen model with wrong numbers in the place of an effect that they make up for, and that is a detail.
 
     A friction by direction holds numbers of its own, a factor makes several wrong in proportion. What is no cause is
@@ -351,7 +351,9 @@ def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Mapp
     """
     whole = whole_gap(search, exact, chosen.fit)
     for effect in chosen.fit.candidate.effects:
-        if shares[effect.name] > THRESHOLDS.matters or not (numbers_of(effect) or effect.name in FACTORS):
+        if shares.energy[effect.name] > THRESHOLDS.matters or shares.evidence[effect.name] > THRESHOLDS.weighs:
+            continue  # a cause
+        if not (numbers_of(effect) or effect.name in FACTORS):
             continue
         (fit,) = search.fitted([_without(chosen.fit, effect)])
         back = exact.left(fit) ** 2 - exact.left(chosen.fit) ** 2

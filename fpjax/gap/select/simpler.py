@@ -20,6 +20,9 @@ SIMPLER = {
 GAIN = "torque_gain_error"
 FACTORS = (GAIN, "velocity_scale_error")
 """One factor that makes several nominal numbers wrong in proportion."""
+ONE_FOR_MANY = (*FACTORS, "load_dependent_friction")
+"""What one parameter makes of several numbers: a friction that grows with the load is nearly a gain where the motor
+hardly ever brakes."""
 
 
 def simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
@@ -96,7 +99,7 @@ def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[Start]:
                 # What the simpler one does not hold of friction may still be wrong in the nominal numbers.
                 wide = tuple(c.wide | set(() if GAIN in c.structural else numbers_of(effect)))
                 yield Start((*rest, by_name[name]), wide, without_effect(c.values(), effect, rest))
-    for name in FACTORS:
+    for name in ONE_FOR_MANY:
         if c.wide and name in by_name and name not in c.structural:
             values = {k: v for k, v in c.values().items() if k not in NOMINAL}
             yield Start((*c.effects, by_name[name]), (), values)

@@ -99,9 +99,9 @@ def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, flo
     """(by cause of the chosen model: its size, and how much of what the numbers leave is its own; what sizes are of).
 
     A nominal number is measured by the whole gap, an effect by what no choice of the numbers would have closed: with
-    numbers that are guesses, most of a gap is theirs, and what is sought stands beside them. One number whose error
-    matters is no guess: it comes where its share of the gap puts it. Of several effects, the one that follows the
-    dominant variable comes before what mends its details.
+    numbers that are guesses, most of a gap is theirs, and what is sought stands beside them, unless it is slight beside
+    the torque too. One number whose error matters is no guess: it comes where its share of the gap puts it. Of several
+    effects, the one that follows the dominant variable comes before what mends its details.
     """
     left = float(np.clip(decision.nominal.left**2, 1e-12, 1.0))
     energy = {n: s * decision.whole**2 for n, s in decision.shares.items()}  # of the nominal model's
@@ -111,7 +111,9 @@ def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, flo
     }
     guessed = sum(is_number(n) and share > t.matters for n, share in energy.items()) > 1
     whole = left if guessed else 1.0
-    return {n: w if is_number(n) else w * left / whole for n, w in weight.items()}, weight, whole
+    small = {n for n, s in energy.items() if not np.sqrt(s) * seen.share > t.slight}
+    size = {n: w if is_number(n) else w * left / (1.0 if n in small else whole) for n, w in weight.items()}
+    return size, weight, whole
 
 
 def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, ...]:
@@ -157,10 +159,13 @@ def _in_order(size: Mapping[str, float], seen: Seen, t: Thresholds) -> list[str]
 def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
     """Every set of causes that was tried, once, with its greatest worth; the chosen one as it is asserted."""
     best: dict[tuple[str, ...], _Set] = {}
-    told, given = set(decision.chosen.structural), decision.exact.candidate.values()
+    given = decision.exact.candidate.values()
+    told = {name for name in chosen.names if not is_number(name)} or set(decision.chosen.structural)
     for w in (decision.nominal, *decision.singles, *decision.rivals):
-        # The chosen causes with more beside them are the chosen ones with details, which were not worth a cause.
-        if set(w.structural) == told or (told and set(w.structural) > told) or _adds_to(w, chosen, seen, given):
+        # The causes with more beside them are the same causes with details, be they those of the chosen model or others
+        # in their place.
+        more = set(w.structural)
+        if more == set(decision.chosen.structural) or (told and more > told) or _adds_to(w, chosen, seen, given):
             continue
         names = tuple(dict.fromkeys(seen.meaning.get(name, name) for name in _names(w, seen)))
         own = _Set(names, decision.chosen.gain - max(w.behind(decision.chosen), 0.0))
@@ -212,7 +217,7 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
     if seen.contradicted or (chosen.names and chosen.names[0] in seen.unshown):
         return "unexplained"
     # Beside a limit of the torque, of what the drive gives.
-    left = seen.after / (seen.before * decision.whole) if seen.before > 0.0 else 1.0
+    left = _left(seen, decision.whole)
     missing = seen.share * decision.whole * left  # of the commanded torque
     # A cause is reported with what this log cannot distinguish from it; a class of everything says nothing.
     few = bool(chosen.names) and (near <= t.alike or is_number(chosen.names[0]))
@@ -227,6 +232,14 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
         if min(left, seen.moved / decision.whole) < t.part or (left < 1.0 and _follows_dominant(seen, chosen, t))
         else "unexplained"
     )
+
+
+def _left(seen: Seen, whole: float) -> float:
+    """What the causes leave of the missing torque [1], beyond what noise alone shows, as the share closed is told."""
+    before = seen.before * whole
+    if not before > seen.floor:  # nothing stands out of the noise
+        return seen.after / before if before > 0.0 else 1.0
+    return max(seen.after - seen.floor, 0.0) / (before - seen.floor)
 
 
 def _bends(seen: Seen, chosen: _Set, t: Thresholds) -> bool:
