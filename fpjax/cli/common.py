@@ -125,7 +125,7 @@ def start_jax(arguments: argparse.Namespace) -> None:
 
         jax.config.update("jax_enable_x64", True)
         if not jax.config.jax_platforms:  # pyright: ignore[reportAttributeAccessIssue]
-            # A command's loops are one or some hundred at a time, where a GPU takes 10 to 100 times as long.
+            # A command runs one loop, or kernels of some hundred: a GPU takes longer for either (docs/performance.md).
             jax.config.update("jax_platforms", "cpu")
         from .. import model_file as model_file  # needed by every command; all else is imported where it is used
     if not arguments.no_cache:

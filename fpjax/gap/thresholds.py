@@ -34,8 +34,8 @@ class Thresholds:
         few: windows that are left out so, of those in which the machine moves [1], at most; else none is.
         most_causes: effects in a model, wrong nominal numbers not counted.
         nothing: missing torque of the nominal model, of the commanded torque's rms [1], below which there is no gap;
-            of several logs, in each of them. Of 13 opened logs without a gap the largest has 1.1 %, of 150 with one the
-            least 2.1 %.
+            of several logs, in each of them. Of 13 opened logs without a gap (seeds 88 to 94, 206 to 210) the largest
+            has 1.1 %, of 150 with one the least 2.1 %.
         slight: likewise, below which there is no gap if no effect brings evidence either.
         chance: evidence [nats] that the best of all effects brings where there is nothing to find.
         closes: missing torque that may be left, of the nominal model's [1], for causes to explain the gap; below it
@@ -65,8 +65,9 @@ class Thresholds:
         matters: share [1] of the nominal model's missing energy that would come back without a cause, from which on it
             is told as a cause and not as a detail.
         weighs: share [1] of the evidence that all causes bring, lost without an effect, from which on it is told as a
-            cause however little torque it takes. Of 23 effects that were details in explained or partly explained logs
-            of seeds 88 to 94 and 206 to 210, the least with a fifteenth of the evidence, all were there.
+            cause however little torque it takes, where what the numbers leave is a gap. Of 23 effects that were details
+            in explained or partly explained logs of seeds 88 to 94 and 206 to 210, the least with a fifteenth of the
+            evidence, all were there.
         simpler: share [1] of the evidence over the nominal model that a simpler model may lose.
         factor: likewise, for one factor in the place of several wrong nominal numbers.
         beside: share [1] of what the nominal numbers alone leave of the missing energy, from which on an effect is told

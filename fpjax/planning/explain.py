@@ -96,7 +96,7 @@ def not_visible(
         return f"the evidence stays below the {NEEDED:g} nats that are needed: a longer run shows more."
     if share is not None and share < MATERIAL:
         return (
-            f"its torque is less than {MATERIAL:.0%} of what this run commands, which the diagnosis calls no gap: it "
+            f"its torque is less than {MATERIAL:.1%} of what this run commands, which the diagnosis calls no gap: it "
             "shows where friction and not acceleration takes the torque."
         )
     if apart < NEEDED:

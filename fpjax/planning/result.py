@@ -83,7 +83,7 @@ class Plan(Drawable, Answer):
             first = shown[0]
             least = f"; of those the least visible is {_plain(first.effect)}: {first.nats:.3g} nats, {NEEDED:g} needed"
             if math.isfinite(first.share):
-                least += f", and {first.share:.1%} of the commanded torque, {MATERIAL:.0%} needed"
+                least += f", and {first.share:.1%} of the commanded torque, {MATERIAL:.1%} needed"
         return (
             f"The run is expected to show {len(shown)} of the {len(can)} effects that a run can show, at the sizes in "
             f"plan.json{least}."

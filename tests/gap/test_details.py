@@ -52,6 +52,16 @@ def test_parameters_are_known_as_a_whole():
     assert blurs(alone, fit([SPRING, WEIGHT], {"frequency": 0.45, "share": 0.12, "weight": 1.0}))
 
 
+def test_what_a_detail_makes_impossible_to_tell_is_blurred():
+    """A combination of two parameters about which the cost says nothing is not known, however well each was."""
+    alone = fit([WEIGHT], {"weight": 0.5})
+    both = fit([WEIGHT, SPRING], {"weight": 0.4, "frequency": 9.0})
+    both.candidate.normal = np.array([[1.0, 1.0], [1.0, 1.0]]) * 1e17
+    both.candidate.spread = np.full(2, np.inf)
+    assert blurs(alone, both)
+    assert not blurs(alone, fit([WEIGHT, SPRING], {"frequency": 9.0}))  # nothing to compare
+
+
 def test_a_number_that_one_fit_alone_holds_at_a_bound_is_known_in_neither():
     """A Coulomb friction at zero makes the Stribeck torque beside it look better known than it is."""
     numbers = {"coulomb": 0.4, "weight": 0.5}
@@ -126,6 +136,8 @@ def test_where_the_best_detail_only_blurs_the_next_one_is_taken(monkeypatch):
         ({"coulomb": 0.0, "viscous": 6.0}, {"coulomb": 0.7, "viscous": 2.3}, True),
         ({"coulomb": 0.0, "viscous": 6.0}, {"coulomb": 0.7, "viscous": 7.0}, False),  # one of them alone
         ({"coulomb": 0.9, "viscous": 1.2}, {"coulomb": 1.0, "viscous": 1.0}, False),  # were guesses
+        ({"coulomb": 0.0, "viscous": 6.0}, {"coulomb": 0.7, "viscous": 5.9}, False),  # hardly
+        ({"coulomb": 0.9, "viscous": 6.0}, {"coulomb": 5.0, "viscous": 2.0}, False),  # another one goes off
     ],
 )
 def test_a_detail_beside_which_friction_is_what_was_given_is_taken(monkeypatch, first, then, mended):

@@ -43,6 +43,8 @@ def shares(energies, held=None, whole=None, given=None, of=lambda found: found.e
 def test_of_a_nominal_model_that_misses_nothing_no_cause_takes_a_share():
     found, alike = shares({(): 0.0, ("stribeck",): 0.0, ("stribeck", "viscous_error"): 0.01})
     assert found == {"stribeck": 0.0, "viscous_error": 0.0}
+    energies = {(): 0.0, ("stribeck",): 0.0, ("stribeck", "viscous_error"): 0.01}
+    assert shares(energies, of=lambda found: found.evidence)[0] == {"stribeck": 0.0, "viscous_error": 0.0}
     assert alike == {}
 
 

@@ -121,11 +121,10 @@ def test_a_cause_that_a_curve_outdoes_only_bends_after_it():
         chosen, rivals, left=0.5, moved=0.5, moved_by_numbers=0.51, named=-0.01, curves={"torque": Curve(0.44, 28.0)}
     )
     assert beside.word == "unexplained"
-    # Where nothing is left of what moves the machine, no table could hold it instead.
-    nothing_left = judged(
-        chosen, rivals, left=0.5, moved=0.1, moved_by_numbers=0.3, named=0.3, curves={"torque": Curve(0.44, 28.0)}
-    )
-    assert nothing_left.word == "partly_explained"
+    # Where nothing is left of what moves the machine, no table could hold it instead; unless the numbers see to that.
+    for numbers, word in ((0.3, "partly_explained"), (0.15, "unexplained")):
+        sizes = {"moved": 0.1, "moved_by_numbers": numbers, "named": 0.3}
+        assert judged(chosen, rivals, left=0.5, **sizes, curves={"torque": Curve(0.44, 28.0)}).word == word
     by_chance = judged(chosen, rivals, left=0.5, named=0.3, curves={"torque": Curve(0.44, 5.0)})
     assert by_chance.word == "partly_explained"
 
@@ -421,9 +420,20 @@ def test_an_effect_that_brings_much_of_the_evidence_is_a_cause_however_little_to
     assert judged(wide, [], shares=shares, lost=dict.fromkeys(shares, 0.5)).causes == ("load_dependent_friction",)
 
 
+def test_withheld_windows_and_all_of_them_count_their_noise_once():
+    """Of 1 N m 73.75 % are closed on withheld windows with a floor of 0.2: 0.2625 of what stands out are left."""
+    after = judge._withheld_shows(1.0, 0.14, 0.7375)
+    chosen = weighed("cogging", 500.0)
+    assert (after - 0.14) / (1.0 - 0.14) == pytest.approx(0.2625)
+    assert judged(chosen, [], left=after, floor=0.14).word == "partly_explained"
+    assert judge._withheld_shows(0.1, 0.14, 0.7) == 0.1  # nothing stands out
+
+
 def test_what_is_left_is_held_against_what_noise_alone_shows():
     """As the share closed is: 100 % closed is no part."""
     chosen = weighed("cogging", 500.0)
     assert judged(chosen, [], left=0.34, floor=1e-3).word == "partly_explained"
     assert judged(chosen, [], left=0.34, floor=0.35).word == "explained"
     assert judged(chosen, [], left=0.34, floor=0.1).word == "partly_explained"
+    # Where the gap hardly stands out of the noise, one per cent less explains nothing.
+    assert judged(chosen, [], left=0.99, floor=0.98).word == "unexplained"

@@ -62,7 +62,7 @@ def test_what_the_run_does_not_show_is_said_with_its_reason_and_is_not_the_least
     assert "least visible is stribeck: 40 nats, 10 needed, and 7.0% of the commanded torque" in made.sentence()
     limit, drag, viscous = made.unseen()
     assert re.search("torque saturation: no motion that was tried within the limits", limit)
-    assert re.search("quadratic drag: its torque is less than 1% of what this run commands", drag)
+    assert re.search("quadratic drag: its torque is less than 1.5% of what this run commands", drag)
     assert re.search("viscous error: the evidence stays below the 10 nats", viscous)
     assert not_visible(20.0, 0.02, nowhere=False) == ""
     assert not_visible(20.0, None, nowhere=False) == ""

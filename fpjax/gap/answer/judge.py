@@ -168,6 +168,17 @@ def _moved(before: Fit, after: Fit, windows: Sequence[Values]) -> float:
     return float(np.sqrt(max(then, 0.0) / first)) if first > 0.0 else 1.0
 
 
+def _withheld_shows(before: float, floor: float, closed: float) -> float:
+    """Missing torque over all windows [N m], of which as much is closed beyond their noise as of the withheld ones.
+
+    Args:
+        before: of the nominal model [N m].
+        floor: what noise alone would show [N m].
+        closed: share closed on the withheld windows [1].
+    """
+    return min(floor, before) + (1.0 - closed) * max(before - floor, 0.0)
+
+
 def _beside_gap(search: Search, exact: Fit, read: Read, missing: float) -> dict[str, float]:
     """How large each error of the velocity column is beside the missing torque of the nominal model."""
     share = missing / max(read.torque, 1e-300)
@@ -205,10 +216,11 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
     withheld = [np.flatnonzero(record.withheld) for record in search.records]
     moved = max(_moved(decision.exact, chosen, windows), _moved(decision.exact, chosen, withheld))
     gap = replace(gap, closed_moving=1.0 - moved)
+    floor = noise_floor(search, windows)
     seen = Seen(
         before=first,
-        after=max(then, (1.0 - gap.closed) * first),  # over all windows, but not below what the withheld ones show
-        floor=noise_floor(search, windows),
+        after=max(then, _withheld_shows(first, floor, gap.closed)),
+        floor=floor,
         share=max(map(_share, decision.exact.missing, search.records)),
         sizes=nominal_sizes(search.setting),
         readings=tuple(one.effect for one in read.readings),

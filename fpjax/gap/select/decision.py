@@ -14,7 +14,7 @@ from .detectability import blurs, resolved
 from .dominant import Curve
 from .nominal_errors import wrong_numbers
 from .shares import Shares, absent_friction, numbers_of, shares_of, without_effect
-from .simpler import FACTORS, GAIN, simpler
+from .simpler import FACTORS, GAIN, ONE_FOR_MANY, come_back, simpler
 from .weighed import (
     Exact,
     Weighed,
@@ -268,10 +268,9 @@ def _further(
 
 
 def _mends_numbers(search: Search, exact: Exact, chosen: Fit, best: Fit) -> bool:
-    """Whether friction numbers that were further off than a guess all come nearer to the given ones."""
-    given, first, then = (fit.candidate.values() for fit in (exact.fit, chosen, best))
+    """Whether friction numbers that were further off than a guess all come back, and no other goes off."""
     wild = _wild(search, exact, chosen)
-    return bool(wild) and all(abs(then[n] - given[n]) < abs(first[n] - given[n]) for n in wild)
+    return bool(wild) and _wild(search, exact, best) <= wild and come_back(exact.fit, chosen, best, wild)
 
 
 def _only_blurs(exact: Exact, chosen: Weighed, best: Weighed, whole: float) -> bool:
@@ -353,7 +352,7 @@ def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shar
     for effect in chosen.fit.candidate.effects:
         if shares.energy[effect.name] > THRESHOLDS.matters or shares.evidence[effect.name] > THRESHOLDS.weighs:
             continue  # a cause
-        if not (numbers_of(effect) or effect.name in FACTORS):
+        if not (numbers_of(effect) or effect.name in ONE_FOR_MANY):
             continue
         (fit,) = search.fitted([_without(chosen.fit, effect)])
         back = exact.left(fit) ** 2 - exact.left(chosen.fit) ** 2

@@ -1,11 +1,9 @@
 """Resolved: whether a log can show an effect at the values where its fit ended."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from ...logs.arrays import Values
 from ..effects.parameters import AMPLITUDES
 from ..effects.vocabulary import stiffness_of
 from ..fit.candidate import Fit
@@ -54,7 +52,7 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
             return False
         return float(stiffness_of(values)) * t.twist * setting.travel > setting.friction
     if "backlash" in c.structural:
-        return "gap" not in ends and values["gap"] > t.clearance * _covariance(fit).deviation("gap")
+        return "gap" not in ends and values["gap"] > t.clearance * _Known(fit).deviation("gap")
     return True
 
 
@@ -76,7 +74,7 @@ def blurs(fit: Fit, more: Fit) -> bool:
     # A parameter at a bound counts as known, as in the intervals; but not where only one of the fits holds it there:
     # beside it the others of that fit would look better known than they are.
     doubtful = _free(fit) & _free(more) - (_ends(fit) & _ends(more))
-    before, after = (_covariance(each, _ends(each) - doubtful) for each in (fit, more))
+    before, after = (_Known(each, _ends(each) - doubtful) for each in (fit, more))
     shared = [name for name in before.names if name in own and name in after.names]
     return after.log_volume(shared) > before.log_volume(shared)
 
@@ -89,28 +87,34 @@ def _ends(fit: Fit) -> set[str]:
     return {*fit.candidate.at_bound(), *fit.candidate.absent()}
 
 
-@dataclass(frozen=True)
-class _Covariance:
-    """Of free parameters, by the curvature of the cost and its prior; each in its own unit."""
+class _Known:
+    """What a fit knows of its free parameters, by the curvature of the cost and their prior.
 
-    names: tuple[str, ...]
-    matrix: Values
+    Args:
+        fit: finished.
+        held: parameters that count as known exactly, and are left out.
+    """
 
-    def deviation(self, name: str) -> float:
-        place = self.names.index(name)
-        return float(np.sqrt(max(self.matrix[place, place], 0.0)))
+    def __init__(self, fit: Fit, held: Collection[str] = ()):
+        c = fit.candidate
+        named = [(place, name) for place, i in enumerate(c.free) if (name := c.family.parameters[i].name) not in held]
+        places = [place for place, _ in named]
+        self.names = [name for _, name in named]
+        self._scale = c.scale[places]
+        self._precision = c.normal[np.ix_(places, places)] + np.diag((c.scale[places] / c.spread[places]) ** 2)
 
     def log_volume(self, names: Sequence[str]) -> float:
-        places = [self.names.index(name) for name in names]
-        return float(np.linalg.slogdet(self.matrix[np.ix_(places, places)])[1])
+        """Logarithm of the determinant of the covariance of some parameters, each in its own unit; infinite where the
+        fit knows nothing of a combination of them.
+        """
+        own = [self.names.index(name) for name in names]
+        rest = [place for place in range(len(self.names)) if place not in own]
+        # What is left of their precision beside the others, which are free too (Schur's complement).
+        across = self._precision[np.ix_(rest, own)]
+        taken = across.T @ np.linalg.lstsq(self._precision[np.ix_(rest, rest)], across, rcond=None)[0] if rest else 0.0
+        sign, size = np.linalg.slogdet(self._precision[np.ix_(own, own)] - taken)
+        return float(2.0 * np.sum(np.log(self._scale[own])) - size) if sign > 0.0 else np.inf
 
-
-def _covariance(fit: Fit, known: Collection[str] = ()) -> _Covariance:
-    """Covariance of the free parameters of a fit, but for those that count as known."""
-    c = fit.candidate
-    named = [(place, name) for place, i in enumerate(c.free) if (name := c.family.parameters[i].name) not in known]
-    places = [place for place, _ in named]
-    precision = c.normal[np.ix_(places, places)] + np.diag((c.scale[places] / c.spread[places]) ** 2)
-    scale = c.scale[places]
-    matrix = np.linalg.pinv(precision, hermitian=True) * np.outer(scale, scale)
-    return _Covariance(tuple(name for _, name in named), matrix)
+    def deviation(self, name: str) -> float:
+        """Standard deviation of a parameter in its unit; infinite where nothing is known of it."""
+        return float(np.exp(0.5 * self.log_volume([name])))

@@ -30,16 +30,15 @@ def told_readings(found: Verdict, seen: Seen, t: Thresholds) -> tuple[str, ...]:
 
 
 def with_readings(
-    found: Verdict, readings: Sequence[str], size: Mapping[str, float], whole: float, seen: Seen, t: Thresholds
+    found: Verdict, readings: Sequence[str], taken: Mapping[str, float], whole: float, seen: Seen, t: Thresholds
 ) -> Verdict:
     """A wrong reading makes no torque: it is a cause beside the others, in its place by size, or alone without a gap.
 
     Args:
         found: without the readings.
         readings: errors of the velocity column that are told, the largest first.
-        size: by cause, the energy that it takes, as a share of `whole` [1].
-        whole: energy of which sizes are shares, of the gap's [1]: a reading's error that makes more comes before a
-            cause, and before what is not asserted where it makes more than the whole.
+        taken: by cause, the energy that it takes of the gap's [1]: a reading's error that makes more comes before it.
+        whole: energy beside which a reading's error counts where nothing is asserted, of the gap's [1].
         seen: sizes.
         t: thresholds.
     """
@@ -48,7 +47,7 @@ def with_readings(
     among = dict(found.among) | right
     instead = {other: t.right_read * (1.0 - sure) for other, sure in seen.doubts.values() if sure < 1.0}
     among |= {other: max(share, among.get(other, 0.0)) for other, share in instead.items()}
-    energy = {name: size.get(name, 1.0) * whole for name in asserted} | {n: seen.misread.get(n, 0.0) for n in readings}
+    energy = {name: taken.get(name, whole) for name in asserted} | {n: seen.misread.get(n, 0.0) for n in readings}
     first, names = readings[0], _in_place(asserted, readings, energy)
     # One wrong number beside right ones is a cause of the machine; several and nothing else are a guessed model.
     guessed = len(asserted) > 1 and all(is_number(name) for name in asserted)

@@ -46,12 +46,15 @@ def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> S
     c = fit.candidate
     numbers = [f"{number}_error" for number in NOMINAL if number in c.wide]
     if not whole > 0.0:
-        return Shares(dict.fromkeys((*c.structural, *numbers), 0.0))
+        nothing = dict.fromkeys((*c.structural, *numbers), 0.0)
+        return Shares(nothing, nothing)
     singly = [(name,) for name in (*c.structural, *numbers)]
     without = _fits_without(search, fit, singly, known)
     shares = {name: min(max(exact.left(without[(name,)]) ** 2 - now, 0.0) / whole, 1.0) for (name,) in singly}
-    brings = max(fit.evidence - exact.fit.evidence, 1e-300)
-    lost = {name: max(fit.evidence - without[(name,)].evidence, 0.0) / brings for (name,) in singly}
+    brings = fit.evidence - exact.fit.evidence
+    lost = {
+        name: max(fit.evidence - without[(name,)].evidence, 0.0) / brings if brings > 0.0 else 0.0 for (name,) in singly
+    }
     alike: Alike = {}
     for some in (numbers, [*c.structural, *numbers]):
         details = [name for name in some if shares[name] <= THRESHOLDS.matters]

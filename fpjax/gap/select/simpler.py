@@ -1,6 +1,6 @@
 """Simpler: fewer or simpler causes in the place of others, where no torque that matters would be missing for it."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from ..effects.effect import Effect
 from ..fit.candidate import NOMINAL, Fit, Start
@@ -65,7 +65,7 @@ def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float, plain: float)
         # One factor. Numbers that end at the bounds of what counts as right are wrong too, and one number is no more
         # than one factor is: then it must be the likelier.
         bounded = bool(set(after.at_bound()) & set(NOMINAL))
-        doubtful = bounded or (len(before.wide) == 1 and not _mends(exact.fit, fit, chosen))
+        doubtful = bounded or (len(before.wide) == 1 and not _stands_beside_sides(exact.fit, fit, chosen))
         # Of what the numbers bring: beside a cause that brings thousands of nats a hundredth of all is no small loss.
         return slight and _lost(fit, chosen, plain) < THRESHOLDS.factor and (ahead or not doubtful)
     # A model that is less likely than one that it contains has not found its best: less torque left is chance.
@@ -73,16 +73,26 @@ def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float, plain: float)
     return (contained and ahead) or (slight and _lost(fit, chosen, exact.fit.evidence) < THRESHOLDS.simpler)
 
 
-def _mends(given: Fit, fit: Fit, chosen: Fit) -> bool:
-    """Whether one factor brings back to the given values what a wrong number stands beside.
+def come_back(given: Fit, before: Fit, after: Fit, numbers: Collection[str]) -> bool:
+    """Whether numbers that one fit has off come at least half of the way back to the given ones in another.
 
-    A friction by direction has levels of its own: beside a wrong inertia both of their means are off by the same share,
-    beside the factor all three are as they were given. By chance that is not so.
+    Args:
+        given: the nominal model as given.
+        before: a fit.
+        after: another one.
+        numbers: names.
+    """
+    old, first, then = (fit.candidate.values() for fit in (given, before, after))
+    return all(abs(then[n] - old[n]) <= 0.5 * abs(first[n] - old[n]) for n in numbers)
+
+
+def _stands_beside_sides(given: Fit, fit: Fit, chosen: Fit) -> bool:
+    """Whether one factor brings back a wrong inertia and both means of the friction by direction beside it.
+
+    Beside a torque that is off by a factor all three are off by the same share; by chance they hardly are.
     """
     held = {n for effect in chosen.candidate.effects for n in numbers_of(effect)}
-    old, before, after = (each.candidate.values() for each in (given, chosen, fit))
-    off = {n: (abs(after[n] - old[n]), abs(before[n] - old[n])) for n in {*chosen.candidate.wide, *held}}
-    return len(off) > 1 and all(now < then for now, then in off.values())
+    return held >= {"coulomb", "viscous"} and come_back(given, chosen, fit, held | chosen.candidate.wide)
 
 
 def _lost(fit: Fit, chosen: Fit, without: float) -> float:

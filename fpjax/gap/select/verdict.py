@@ -34,18 +34,18 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     if case.word == "unexplained":
         case = _led_by_another(decision, seen, told, thresholds) or case
     asserted = (case.sure or case.chosen.names) if case.word in ("explained", "partly_explained") else ()
-    top = _top(case.word, case.chosen, case.lead, seen, thresholds)
+    top = _top(case.word, case.chosen, case.lead, _left(seen, decision.whole), thresholds)
     shares = _shares(case.sets, top, thresholds.temper)
     main, among = _by_effect(shares)
-    right = _right(asserted, shares, main, exactly=not case.sure)
+    right = _right(asserted, shares, main)
     found = Verdict(case.word, asserted, right, main, among, case.margin, case.lead)
-    size, _, whole = _sizes(decision, seen, thresholds)
+    sizes = _sizes(decision, seen, thresholds)
     readings = tuple(name for name in told_readings(found, seen, thresholds) if name not in found.causes)
     # Beside a position that cannot be right nothing is known of the velocity column.
     if not readings or (seen.contradicted and found.word == "unexplained"):
         return found
     # As an effect is: beside several wrong numbers by what these leave of the gap.
-    return with_readings(found, readings, size, whole, seen, thresholds)
+    return with_readings(found, readings, sizes.energy, sizes.whole, seen, thresholds)
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def _led_by_another(decision: Decision, seen: Seen, told: tuple[str, ...], t: Th
     Of the other causes those are asserted that no set which holds it and does nearly as well can do without. Not where
     the causes together take no part of the whole gap, nor where the largest may be none.
     """
-    if not told or told[0] in seen.unshown or not seen.after < t.part * seen.before:
+    if not told or told[0] in seen.unshown or not _left(seen, decision.whole) < t.part:
         return None
     for name in told[1:]:
         if is_number(name) or decision.shares[name] < t.leads * decision.shares[told[0]]:
@@ -95,8 +95,25 @@ def _led_by_another(decision: Decision, seen: Seen, told: tuple[str, ...], t: Th
     return None
 
 
-def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, float], dict[str, float], float]:
-    """(by cause of the chosen model: its size, and how much of what the numbers leave is its own; what sizes are of).
+@dataclass(frozen=True)
+class _Sizes:
+    """How large each cause of the chosen model is.
+
+    Attributes:
+        order: by which causes are sorted.
+        beside: of what no choice of the nominal numbers would have closed, an effect's share; a number's of the gap.
+        energy: that it takes of the gap's, a number beside others as a guess.
+        whole: energy of which an effect's size is a share, of the gap's.
+    """
+
+    order: dict[str, float]
+    beside: dict[str, float]
+    energy: dict[str, float]
+    whole: float
+
+
+def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> _Sizes:
+    """How large each cause is.
 
     A nominal number is measured by the whole gap, an effect by what no choice of the numbers would have closed: with
     numbers that are guesses, most of a gap is theirs, and what is sought stands beside them, unless it is slight beside
@@ -105,15 +122,16 @@ def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> tuple[dict[str, flo
     """
     left = float(np.clip(decision.nominal.left**2, 1e-12, 1.0))
     energy = {n: s * decision.whole**2 for n, s in decision.shares.items()}  # of the nominal model's
-    weight = {
-        n: s if is_number(n) else s / left * believed(seen.curves, seen.follows.get(n, ()), t)
-        for n, s in energy.items()
-    }
     guessed = sum(is_number(n) and share > t.matters for n, share in energy.items()) > 1
     whole = left if guessed else 1.0
     small = {n for n, s in energy.items() if not np.sqrt(s) * seen.share > t.slight}
-    size = {n: w if is_number(n) else w * left / (1.0 if n in small else whole) for n, w in weight.items()}
-    return size, weight, whole
+    taken = {n: s if is_number(n) else s * believed(seen.curves, seen.follows.get(n, ()), t) for n, s in energy.items()}
+    return _Sizes(
+        {n: e if is_number(n) or n in small else e / whole for n, e in taken.items()},
+        {n: e if is_number(n) else e / left for n, e in taken.items()},
+        {n: e * whole if is_number(n) else e for n, e in taken.items()},
+        whole,
+    )
 
 
 def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, ...]:
@@ -123,14 +141,14 @@ def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, .
     choice of the numbers would have closed; where evidence takes one number alone for wrong (however little the errors
     of others matter), only if it explains what that leaves.
     """
-    size, weight, _ = _sizes(decision, seen, t)
+    sizes = _sizes(decision, seen, t)
     shown = decision.nominal.left * seen.share > t.nothing
     enough = t.beside if sum(map(is_number, decision.shares)) != 1 else 1.0 - t.closes**2
     weighs = {n for n, lost in decision.lost.items() if lost > t.weighs}
     names = [
         n
-        for n in _in_order(size, seen, t)
-        if decision.shares[n] > t.matters or (shown and not is_number(n) and (n in weighs or weight[n] > enough))
+        for n in _in_order(sizes.order, seen, t)
+        if decision.shares[n] > t.matters or (shown and not is_number(n) and (n in weighs or sizes.beside[n] > enough))
     ]
     if not names and not _counts_as_right(decision, t):
         names = list(decision.chosen.structural[:1])
@@ -160,12 +178,10 @@ def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
     """Every set of causes that was tried, once, with its greatest worth; the chosen one as it is asserted."""
     best: dict[tuple[str, ...], _Set] = {}
     given = decision.exact.candidate.values()
-    told = {name for name in chosen.names if not is_number(name)} or set(decision.chosen.structural)
+    told = set(decision.chosen.structural)
     for w in (decision.nominal, *decision.singles, *decision.rivals):
-        # The causes with more beside them are the same causes with details, be they those of the chosen model or others
-        # in their place.
-        more = set(w.structural)
-        if more == set(decision.chosen.structural) or (told and more > told) or _adds_to(w, chosen, seen, given):
+        # The chosen causes with more beside them are the chosen ones with details, which were not worth a cause.
+        if set(w.structural) == told or (told and set(w.structural) > told) or _adds_to(w, chosen, seen, given):
             continue
         names = tuple(dict.fromkeys(seen.meaning.get(name, name) for name in _names(w, seen)))
         own = _Set(names, decision.chosen.gain - max(w.behind(decision.chosen), 0.0))
@@ -218,7 +234,7 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
         return "unexplained"
     # Beside a limit of the torque, of what the drive gives.
     left = _left(seen, decision.whole)
-    missing = seen.share * decision.whole * left  # of the commanded torque
+    missing = seen.share * decision.whole * left  # of the commanded torque, nearly: no more than that
     # A cause is reported with what this log cannot distinguish from it; a class of everything says nothing.
     few = bool(chosen.names) and (near <= t.alike or is_number(chosen.names[0]))
     if few and (left < t.closes or missing < t.nothing):
@@ -235,20 +251,22 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
 
 
 def _left(seen: Seen, whole: float) -> float:
-    """What the causes leave of the missing torque [1], beyond what noise alone shows, as the share closed is told."""
+    """What the causes leave of the missing torque [1], beyond what noise alone shows where it is twice as large at
+    least, as the share closed is told.
+    """
     before = seen.before * whole
-    if not before > seen.floor:  # nothing stands out of the noise
-        return seen.after / before if before > 0.0 else 1.0
-    return max(seen.after - seen.floor, 0.0) / (before - seen.floor)
+    if before > 2.0 * seen.floor:
+        return max(seen.after - seen.floor, 0.0) / (before - seen.floor)
+    return seen.after / before if before > 0.0 else 1.0
 
 
 def _bends(seen: Seen, chosen: _Set, t: Thresholds) -> bool:
     """Whether a table of one variable holds more than all the named causes do: they only bend after it.
 
     A law with a name may hold a little less than the table of its own variable. Where the causes close the gap as far
-    as it moves the machine, nothing is left that a table could hold instead.
+    as it moves the machine, and the numbers alone do not, nothing is left that a table could hold instead.
     """
-    if seen.moved < t.closes:
+    if seen.moved < t.closes <= seen.moved_by_numbers:
         return False
     followed = {variable for name in chosen.names for variable in seen.follows.get(name, ())}
     # Where simulations show that the effects take more of what moves the machine than the curves' measure says, that
@@ -286,13 +304,13 @@ def _lead(decision: Decision, chosen: _Set, margin: float, t: Thresholds) -> flo
     return float(np.clip(margin / decision.chosen.gain, 0.0, 1.0)) if decision.chosen.gain > 0.0 else 0.0
 
 
-def _top(word: Word, chosen: _Set, lead: float, seen: Seen, t: Thresholds) -> float:
+def _top(word: Word, chosen: _Set, lead: float, left: float, t: Thresholds) -> float:
     """Probability that any of the sets tried is right."""
     if word == "no_gap":
         return t.right_no_gap
     if word == "partly_explained" and is_number(chosen.names[0]):
         return t.right_partly_number
-    if word == "partly_explained" and seen.after >= t.part * seen.before:
+    if word == "partly_explained" and not left < t.part:
         return t.right_dominant
     table = {
         "explained": t.right_explained, "partly_explained": t.right_partly, "unexplained": t.right_unexplained,
@@ -319,11 +337,8 @@ def _by_effect(shares: Sequence[tuple[_Set, float]]) -> tuple[dict[str, float], 
     return main, among
 
 
-def _right(
-    asserted: Sequence[str], shares: Sequence[tuple[_Set, float]], main: Mapping[str, float], *, exactly: bool
-) -> float:
-    """Probability that the asserted causes are the right ones [1]; without any, that none of the sets tried is."""
+def _right(asserted: Sequence[str], shares: Sequence[tuple[_Set, float]], main: Mapping[str, float]) -> float:
+    """Probability that the asserted causes are right [1], whatever else is; without any, that no set tried is."""
     if not asserted:
         return max(1.0 - sum(main.values()), 0.0)
-    told = set(asserted)
-    return sum(share for found, share in shares if (told == set(found.names) if exactly else told <= set(found.names)))
+    return sum(share for found, share in shares if set(asserted) <= set(found.names))
