@@ -230,7 +230,7 @@ def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_wha
     sides = "asymmetric_friction"
     off = fit((sides,), ("inertia",), [], 0.1, values={"inertia": 1.6, "coulomb": 0.4, "viscous": 0.08})
     chosen, both = weighing.Weighed(off, 1000.0, 1000.0, 0.1), (sides, "torque_gain_error")
-    for coulomb, told in ((0.5 * 0.99, both), (0.44, (sides,)), (0.62, (sides,))):
+    for coulomb, told in ((0.99 * 0.5, both), (0.94 * 0.5, (sides,)), (1.2 * 0.5, (sides,))):
         factor = fit(both, (), [], 0.1, values={"inertia": 2.0, "coulomb": coulomb, "viscous": 0.1})
         assert simpler.simpler(of(factor), exact, chosen).structural == told
 

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterator
 
 from ..effects.effect import Effect
-from ..fit.candidate import NOMINAL, Fit, Start
+from ..fit.candidate import NOMINAL, SPIKE_RANGE, Fit, Start
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS
 from .detectability import resolved
@@ -89,10 +89,17 @@ def come_back(given: Fit, before: Fit, after: Fit, numbers: Collection[str]) -> 
 def _stands_beside_sides(given: Fit, fit: Fit, chosen: Fit) -> bool:
     """Whether one factor brings back a wrong inertia and both means of the friction by direction beside it.
 
-    Beside a torque that is off by a factor all three are off by the same share; by chance they hardly are.
+    Beside a torque that is off by a factor all three are off by the same share; by chance they hardly are. The inertia
+    and the Coulomb level are right then; of the viscous friction, which a log tells less well, half of the way is
+    enough.
     """
     held = {n for effect in chosen.candidate.effects for n in numbers_of(effect)}
-    return held >= {"coulomb", "viscous"} and come_back(given, chosen, fit, held | chosen.candidate.wide)
+    old, then = given.candidate.values(), fit.candidate.values()
+    return (
+        held >= {"coulomb", "viscous"}
+        and come_back(given, chosen, fit, held | chosen.candidate.wide)
+        and all(abs(then[n] - old[n]) <= SPIKE_RANGE * old[n] for n in ("inertia", "coulomb"))
+    )
 
 
 def _lost(fit: Fit, chosen: Fit, without: float) -> float:
