@@ -160,19 +160,20 @@ def test_no_number_is_free_beside_a_factor_on_the_torque():
 
 
 @pytest.mark.parametrize(
-    ("name", "share", "lost", "left", "replaced"),
+    ("name", "share", "lost", "ahead", "left", "replaced"),
     [
-        ("torque_gain_error", DETAIL, SLIGHT, 0.3, True),
-        ("torque_gain_error", 0.2, SLIGHT, 0.3, False),  # a cause
-        ("torque_gain_error", DETAIL, 1.1 * THRESHOLDS.weighs, 0.3, False),  # a cause by its evidence
-        ("torque_gain_error", DETAIL, SLIGHT, 0.9, False),  # the numbers do not make up for it
-        ("constant_torque", DETAIL, SLIGHT, 0.3, False),  # no number does
+        ("torque_gain_error", DETAIL, SLIGHT, 5.0, 0.3, True),
+        ("torque_gain_error", 0.2, SLIGHT, 5.0, 0.3, False),  # a cause
+        ("torque_gain_error", DETAIL, 1.1 * THRESHOLDS.weighs, 5.0, 0.3, False),  # a cause by its evidence
+        ("torque_gain_error", DETAIL, 1.1 * THRESHOLDS.weighs, -5.0, 0.3, True),  # but the numbers are likelier
+        ("torque_gain_error", DETAIL, SLIGHT, 5.0, 0.9, False),  # the numbers do not make up for it
+        ("constant_torque", DETAIL, SLIGHT, 5.0, 0.3, False),  # no number does
     ],
 )
-def test_a_factor_that_is_a_detail_is_wrong_numbers(monkeypatch, name, share, lost, left, replaced):
+def test_a_factor_that_is_a_detail_is_wrong_numbers(monkeypatch, name, share, lost, ahead, left, replaced):
     delay, factor = effect("actuator_delay", "delay"), effect(name, "gain")
     both, without = fit([delay, factor], {"delay": 1.0}), fit([delay], {"delay": 1.0}, wide=("inertia",))
-    asked = []
+    both.evidence, asked = ahead, []
     search = SimpleNamespace(setting=None, fitted=lambda starts: asked.extend(starts) or [without])
     exact = SimpleNamespace(left=lambda one: left if one is without else 0.25)
     for what, stand_in in {
