@@ -156,6 +156,15 @@ def test_what_hardly_moves_the_machine_makes_no_part_unexplained():
     assert judged(chosen, [weighed("presliding", 499.0)], left=0.8, moved=0.6).word == "unexplained"
 
 
+def test_a_factor_keeps_its_place_beside_effects_that_follow_the_dominant_variable():
+    """A curve is fitted beside free numbers, which make up for a factor on the torque: it says nothing of it."""
+    chosen = weighed("torque_gain_error+unbalance", 500.0)
+    for gain, first in ((0.6, "torque_gain_error"), (0.06, "unbalance")):
+        shares = {"torque_gain_error": gain, "unbalance": 0.1}
+        curves = {"position": Curve(0.9, 200.0), "velocity": Curve(0.1, 20.0)}
+        assert judged(chosen, [], shares=shares, curves=curves, follows=FOLLOWS).causes[0] == first
+
+
 def test_a_name_keeps_of_its_worth_what_its_variable_holds_beside_the_dominant_one():
     found = dominant(VELOCITY)
     assert found is not None

@@ -164,14 +164,16 @@ def _counts_as_right(decision: Decision, t: Thresholds) -> bool:
 def _in_order(size: Mapping[str, float], seen: Seen, t: Thresholds) -> list[str]:
     """Causes by their size, the largest first; effects that follow the dominant variable before the other effects.
 
-    What follows no recorded variable (bristles, a spring) mends details beside a law of the one that dominates.
+    What follows no recorded variable (bristles, a spring) mends details beside a law of the one that dominates. Nominal
+    numbers, and factors that stand for several of them, are free beside every curve and keep their places.
     """
     variable, order = dominant(seen.curves, t), sorted(size, key=lambda n: -size[n])
-    effects = [n for n in order if not is_number(n)]
+    effects = [n for n in order if not is_number(n) and n not in FACTORS]
     if variable is not None:
         effects = sorted(effects, key=lambda n: variable.of not in seen.follows.get(n, ()))
     effect = iter(effects)
-    return [n if is_number(n) else next(effect) for n in order]
+    placed = set(effects)
+    return [next(effect) if n in placed else n for n in order]
 
 
 def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
