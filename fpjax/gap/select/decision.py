@@ -350,10 +350,12 @@ def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shar
     """
     whole = whole_gap(search, exact, chosen.fit)
     for effect in chosen.fit.candidate.effects:
-        if shares.energy[effect.name] > THRESHOLDS.matters or not (numbers_of(effect) or effect.name in ONE_FOR_MANY):
+        held = bool(numbers_of(effect))
+        if shares.energy[effect.name] > THRESHOLDS.matters or not (held or effect.name in ONE_FOR_MANY):
             continue
         (fit,) = search.fitted([_without(chosen.fit, effect)])
-        if shares.evidence[effect.name] > THRESHOLDS.weighs and fit.evidence < chosen.fit.evidence:
+        # Of what holds numbers the evidence is that they are wrong.
+        if not held and shares.evidence[effect.name] > THRESHOLDS.weighs and fit.evidence < chosen.fit.evidence:
             continue  # a cause by its evidence, and the likelier of the two
         back = exact.left(fit) ** 2 - exact.left(chosen.fit) ** 2
         if back < THRESHOLDS.matters * whole**2 and resolved(search, fit):
