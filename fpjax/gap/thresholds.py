@@ -43,6 +43,8 @@ class Thresholds:
             `matters`.
         part: missing torque that may be left, likewise or as far as it moves the machine, for causes to explain a part
             of it: half of its energy.
+        above_noise: missing torque of the nominal model, of what noise alone would show [1], from which on the noise
+            is taken off it and off what is left; below, hardly anything would be divided by hardly anything.
         sure: worth [nats] over the best model without its leading cause, for a cause to be asserted alone.
         alike: causes [1] within that, beside which the leading one is still told where the gap is explained.
         close: worth [nats] within which the data do not decide between two effects.
@@ -90,6 +92,8 @@ class Thresholds:
         wrong_number: log prior odds that one nominal number is wrong [1].
         wild: error [1] of a nominal friction number, of its size, beyond which it is no guess, and may stand for an
             effect. Set on opened logs: one of a third generator, two of seeds 70 to 74, one of seed 60.
+        comes_back: of its distance [1] from the given value, what a wrong number may keep at most beside an effect or a
+            factor for that to bring it back. Set on three opened logs of seeds 201 to 210.
         persists: share [1] of its deviation without an effect, that a nominal number must keep beside the likeliest
             effects to be told as wrong without them.
         no_better: missing torque left, of the nominal model's [1], below which less makes a model worth no more, and no
@@ -135,6 +139,7 @@ class Thresholds:
     chance: float = 5.0
     closes: float = 0.2
     part: float = 0.71
+    above_noise: float = 2.0
     sure: float = 10.0
     alike: int = 2
     close: float = 4.0
@@ -165,6 +170,7 @@ class Thresholds:
     reading: float = 0.01
     wrong_number: float = -1.0
     wild: float = 0.3
+    comes_back: float = 0.5
     persists: float = 0.5
     no_better: float = 0.05
     no_less: float = 0.999

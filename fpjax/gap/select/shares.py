@@ -18,8 +18,7 @@ class Shares:
 
     Attributes:
         energy: what would come back of the nominal model's missing energy without it [1], the largest first.
-        evidence: what would be lost without it, of the evidence that the model has over the nominal one [1]; not of
-            causes of which one makes up for the other.
+        evidence: what would be lost without it alone, of the evidence that the model has over the nominal one [1].
         alike: causes that would do as well in its place.
     """
 

@@ -74,7 +74,7 @@ def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float, plain: float)
 
 
 def come_back(given: Fit, before: Fit, after: Fit, numbers: Collection[str]) -> bool:
-    """Whether numbers that one fit has off come at least half of the way back to the given ones in another.
+    """Whether numbers that one fit has off come back to the given ones in another, at least a good part of the way.
 
     Args:
         given: the nominal model as given.
@@ -83,15 +83,15 @@ def come_back(given: Fit, before: Fit, after: Fit, numbers: Collection[str]) -> 
         numbers: names.
     """
     old, first, then = (fit.candidate.values() for fit in (given, before, after))
-    return all(abs(then[n] - old[n]) <= 0.5 * abs(first[n] - old[n]) for n in numbers)
+    return all(abs(then[n] - old[n]) <= THRESHOLDS.comes_back * abs(first[n] - old[n]) for n in numbers)
 
 
 def _stands_beside_sides(given: Fit, fit: Fit, chosen: Fit) -> bool:
     """Whether one factor brings back a wrong inertia and both means of the friction by direction beside it.
 
     Beside a torque that is off by a factor all three are off by the same share; by chance they hardly are. The inertia
-    and the Coulomb level are right then; of the viscous friction, which a log tells less well, half of the way is
-    enough.
+    and the Coulomb level are right then; of the viscous friction, which a log tells less well, a good part of
+    the way is enough.
     """
     held = {n for effect in chosen.candidate.effects for n in numbers_of(effect)}
     old, then = given.candidate.values(), fit.candidate.values()

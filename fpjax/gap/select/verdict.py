@@ -34,7 +34,7 @@ def verdict(decision: Decision, seen: Seen, thresholds: Thresholds = THRESHOLDS)
     if case.word == "unexplained":
         case = _led_by_another(decision, seen, told, thresholds) or case
     asserted = (case.sure or case.chosen.names) if case.word in ("explained", "partly_explained") else ()
-    top = _top(case.word, case.chosen, case.lead, _left(seen, decision.whole), thresholds)
+    top = _top(case.word, case.chosen, case.lead, _left(seen, decision.whole, thresholds), thresholds)
     shares = _shares(case.sets, top, thresholds.temper)
     main, among = _by_effect(shares)
     right = _right(asserted, shares, main)
@@ -76,7 +76,7 @@ def _led_by_another(decision: Decision, seen: Seen, told: tuple[str, ...], t: Th
     Of the other causes those are asserted that no set which holds it and does nearly as well can do without. Not where
     the causes together take no part of the whole gap, nor where the largest may be none.
     """
-    if not told or told[0] in seen.unshown or not _left(seen, decision.whole) < t.part:
+    if not told or told[0] in seen.unshown or not _left(seen, decision.whole, t) < t.part:
         return None
     for name in told[1:]:
         if is_number(name) or decision.shares[name] < t.leads * decision.shares[told[0]]:
@@ -179,8 +179,7 @@ def _in_order(size: Mapping[str, float], seen: Seen, t: Thresholds) -> list[str]
 def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
     """Every set of causes that was tried, once, with its greatest worth; the chosen one as it is asserted."""
     best: dict[tuple[str, ...], _Set] = {}
-    given = decision.exact.candidate.values()
-    told = set(decision.chosen.structural)
+    told, given = set(decision.chosen.structural), decision.exact.candidate.values()
     for w in (decision.nominal, *decision.singles, *decision.rivals):
         # The chosen causes with more beside them are the chosen ones with details, which were not worth a cause.
         if set(w.structural) == told or (told and set(w.structural) > told) or _adds_to(w, chosen, seen, given):
@@ -235,8 +234,8 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
     if seen.contradicted or (chosen.names and chosen.names[0] in seen.unshown):
         return "unexplained"
     # Beside a limit of the torque, of what the drive gives.
-    left = _left(seen, decision.whole)
-    missing = seen.share * decision.whole * left  # of the commanded torque, nearly: no more than that
+    left = _left(seen, decision.whole, t)
+    missing = seen.share * decision.whole * left  # of the commanded torque, hardly more than it is
     # A cause is reported with what this log cannot distinguish from it; a class of everything says nothing.
     few = bool(chosen.names) and (near <= t.alike or is_number(chosen.names[0]))
     if few and (left < t.closes or missing < t.nothing):
@@ -252,12 +251,10 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
     )
 
 
-def _left(seen: Seen, whole: float) -> float:
-    """What the causes leave of the missing torque [1], beyond what noise alone shows where it is twice as large at
-    least, as the share closed is told.
-    """
+def _left(seen: Seen, whole: float, t: Thresholds) -> float:
+    """What the causes leave of the missing torque [1], beyond what noise alone shows, as the share closed is told."""
     before = seen.before * whole
-    if before > 2.0 * seen.floor:
+    if before > t.above_noise * seen.floor:
         return max(seen.after - seen.floor, 0.0) / (before - seen.floor)
     return seen.after / before if before > 0.0 else 1.0
 
