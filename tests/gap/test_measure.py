@@ -10,6 +10,7 @@ import pytest
 
 from fpjax import load_model
 from fpjax.gap import EFFECTS
+from fpjax.gap.answer.gap_size import noise_floor, rounding_of
 from fpjax.gap.answer.warning_texts import not_answered
 from fpjax.gap.data.setting import Setting
 from fpjax.gap.fit.candidate import Start
@@ -66,6 +67,38 @@ def test_a_torque_that_the_motion_shows_is_none_of_the_sensor(log):
     search = gap_search.search_of(pushed)
     assert np.all(search.modes.unanswered == 0.0)
     assert missing(search) > 1.5
+
+
+@pytest.mark.parametrize(("sensor", "step"), [("velocity", 0.02), ("velocity", 0.1), ("position", 5e-3)])
+def test_what_rounding_makes_of_the_missing_torque_is_what_a_right_model_leaves(sensor, step):
+    """Rounded readings jump where a motion is slow, and noise that is white does not show how much torque that is."""
+    pushed = numpy_machine.record(
+        seconds=6.0, sensors=(sensor,), extra=lambda time, speed, angle, command: 0.5 * np.sin(9.0 * time)
+    )
+    for log, least, most in ((numpy_machine.record(seconds=6.0, sensors=(sensor,)), 0.9, 1.0), (pushed, 0.0, 0.5)):
+        search = gap_search.search_of(replace(log, **{sensor: np.round(getattr(log, sensor) / step) * step}))
+        (fit,), windows = search.finish([search.exact], 0), [np.arange(len(search.records[0].starts))]
+        beyond, of_velocity = rounding_of(search, fit, windows)
+        left = fit.missing_rms(windows)
+        assert left > noise_floor(search, windows)
+        assert least * left <= beyond <= most * left
+        assert (of_velocity > beyond) == (sensor == "velocity")
+    unrounded = gap_search.search_of(log)
+    assert rounding_of(unrounded, unrounded.finish([unrounded.exact], 0)[0]) == (0.0, 0.0)
+
+
+def test_what_counts_as_noise_beside_the_nominal_model_hides_no_torque_where_a_model_explains_it():
+    """A load that rattles vibrates at rates that no loop answers; with its backlash in the model nothing is left."""
+    pushed = numpy_machine.record(
+        seconds=6.0, dt=2e-3, sensors=("position",), extra=lambda time, speed, angle, command: 3.0 * np.sin(9.0 * time)
+    )
+    search = gap_search.search_of(pushed)
+    before = missing(search)
+    fast = np.array(
+        [np.median(search.modes.frequency[search.modes.band == b]) > 30.0 for b in range(search.modes.bands)]
+    )
+    search.modes = replace(search.modes, unanswered=np.where(fast, 100.0, 0.0))  # as it would be without the cause
+    assert missing(search) == pytest.approx(before, rel=0.02)
 
 
 @pytest.mark.parametrize("rate", [45.0, 60.0])

@@ -21,7 +21,7 @@ from ..thresholds import THRESHOLDS, Thresholds
 from .course import Course, course_of
 from .curves import Curves, named_share
 from .gap import Gap
-from .gap_size import gap_of, noise_floor
+from .gap_size import gap_of, noise_floor, rounding_of
 from .insignificant import insignificant_causes
 from .intervals import covariance
 from .ranking import log_of
@@ -179,11 +179,22 @@ def _withheld_shows(before: float, floor: float, closed: float) -> float:
     return min(floor, before) + (1.0 - closed) * max(before - floor, 0.0)
 
 
-def _beside_gap(search: Search, exact: Fit, read: Read, missing: float) -> dict[str, float]:
-    """How large each error of the velocity column is beside the missing torque of the nominal model."""
+def _beside_gap(search: Search, exact: Fit, read: Read, missing: float, rounded: float) -> dict[str, float]:
+    """How large each error of the velocity column is beside the missing torque of the nominal model.
+
+    Args:
+        search: of the logs.
+        exact: the nominal model as given.
+        read: what is known of the logs.
+        missing: torque of that model [N m].
+        rounded: missing torque that the velocity's rounding makes, where the machine is judged by that column [N m].
+    """
     share = missing / max(read.torque, 1e-300)
     moving = float(np.sqrt(max(np.mean(np.concatenate(exact.moving)), 0.0)))
-    return {one.effect: beside_gap(one, share, moving) for one in read.readings}
+    found = {one.effect: beside_gap(one, share, moving) for one in read.readings}
+    if ROUNDING in found and missing > 0.0:
+        found[ROUNDING] = max(found[ROUNDING], (rounded / missing) ** 2)
+    return found
 
 
 def _meaning(search: Search, decision: Decision) -> dict[str, str]:
@@ -216,7 +227,8 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
     withheld = [np.flatnonzero(record.withheld) for record in search.records]
     moved = max(_moved(decision.exact, chosen, windows), _moved(decision.exact, chosen, withheld))
     gap = replace(gap, closed_moving=1.0 - moved)
-    floor = noise_floor(search, windows)
+    rounded, misread = rounding_of(search, chosen, windows)
+    floor = float(np.hypot(noise_floor(search, windows), rounded))
     seen = Seen(
         before=first,
         after=max(then, _withheld_shows(first, floor, gap.closed)),
@@ -224,7 +236,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         share=max(map(_share, decision.exact.missing, search.records)),
         sizes=nominal_sizes(search.setting),
         readings=tuple(one.effect for one in read.readings),
-        misread=_beside_gap(search, decision.exact, read, first),
+        misread=_beside_gap(search, decision.exact, read, first, misread),
         slight=read.slight,
         rounded=max((one.size for one in read.readings if one.effect == ROUNDING), default=0.0),
         moved=moved,

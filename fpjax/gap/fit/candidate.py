@@ -1,7 +1,7 @@
 """Candidate: a set of causes while it is fitted; Fit: the finished one with its scores."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -198,12 +198,19 @@ class Start:
         wide: nominal values that may be wrong.
         values: start values by name; other parameters start at their neutral value.
         like: a fitted candidate whose start states of the windows are taken over.
+        or_given: whether the nominal values as given are tried in the place of those in `values`; the likelier start
+            goes on.
     """
 
     effects: tuple[Effect, ...]
     wide: tuple[str, ...]
     values: dict[str, float]
     like: Candidate | None = None
+    or_given: bool = False
+
+    def as_given(self) -> "Start":
+        """The same start from the nominal values as given."""
+        return replace(self, values={n: v for n, v in self.values.items() if n not in NOMINAL}, or_given=False)
 
 
 @dataclass(frozen=True)

@@ -117,6 +117,12 @@ class Fitter(Response):
         ends = np.cumsum([v.shape[1] for v in vectors])[:-1]
         return np.split(self.modes.coefficients(out), ends, axis=1)
 
+    def residuals(self, c: Candidate, which: int, windows: Values) -> Values:
+        """Simulated less measured readings of a candidate, in standard deviations, (channels, samples, windows)."""
+        vector = np.repeat(c.vector[:, None], len(windows), 1)
+        fields = window_fields(self.records[which], windows, c.hidden[which])
+        return self.runner.run(which, vector, c.states[which][:, windows], fields)[0]
+
     def ends(self, c: Candidate, which: int, windows: Values) -> Values:
         """Hidden states at the ends of windows at the candidate's present values, shape (2, windows)."""
         vector = np.repeat(c.vector[:, None], len(windows), 1)
@@ -197,6 +203,32 @@ class Fitter(Response):
         """Twice the negative log prior of the free parameters."""
         return float(np.sum(((c.vector[c.free] - c.center) / c.spread) ** 2))
 
+    def _cost(self, c: Candidate, parts: Sequence[tuple[int, Values, Values]], torques: Values) -> float:
+        """The cost of a candidate at its level, of its parts (record, windows, coefficients) and counted torques."""
+        windows = sum(
+            float(np.sum(self.window_costs(c, which, chosen, found)))
+            + float(np.sum(self.state_prior(c, which, chosen)))
+            for which, chosen, found in parts
+        )
+        return windows + self.parameter_prior(c) + self.log_volume(c, torques)
+
+    def assess(self, candidates: Sequence[Candidate], windows: Windows, *, white: bool) -> None:
+        """Level and cost of candidates at their present values, without a step; they are changed in place.
+
+        Args:
+            candidates: of this family.
+            windows: indices, one array a record.
+            white: one level of the missing torque for all octaves.
+        """
+        parts: list[list[tuple[int, Values, Values]]] = [[] for _ in candidates]
+        for which, chosen in enumerate(windows):
+            if len(chosen):
+                for own, found in zip(parts, self.coefficients(candidates, which, chosen), strict=True):
+                    own.append((which, chosen, found))
+        for c, own in zip(candidates, parts, strict=True):
+            c.white, c.level = white, self.best_level(own, white=white)
+            c.cost = self._cost(c, own, self.torques(c, windows))
+
     # --- the iteration
 
     def go_on(
@@ -231,11 +263,9 @@ class Fitter(Response):
             if adapt:
                 c.white = white
                 c.level = self.best_level([(p.which, p.windows, p.c) for p in parts], white=white)
-            c.cost = sum(float(np.sum(self.window_costs(c, p.which, p.windows, p.c))) for p in parts)
-            c.cost += sum(float(np.sum(self.state_prior(c, p.which, p.windows))) for p in parts)
             torques = self.torques(c, windows)
             counted.append(torques)
-            c.cost += self.parameter_prior(c) + self.log_volume(c, torques)
+            c.cost = self._cost(c, [(p.which, p.windows, p.c) for p in parts], torques)
             trials.append(self._steps(c, parts, c.damping * np.array(DAMPINGS), torques))
         # The trials of all candidates run as one batch of lanes. Level and counted torques stay those of the candidate,
         # so that the costs of its trials are comparable.

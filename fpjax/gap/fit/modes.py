@@ -354,7 +354,8 @@ class Modes:
     def mean_level(self, level: Values, weight: Values) -> float:
         """q of all octaves together [N m], rms over the modes by a weight of shape (modes,)."""
         weight = np.where(self.sensor, 0.0, weight)
-        return float(np.sqrt(np.sum(weight * level[self.band] ** 2) / np.sum(weight)))
+        whole = np.sum(weight)
+        return float(np.sqrt(np.sum(weight * level[self.band] ** 2) / whole)) if whole > 0.0 else 0.0
 
 
 def _kinds(noise: Values) -> list[tuple[slice, float]]:

@@ -300,7 +300,7 @@ class Search:
             white: one level of the missing torque for all octaves until the last steps. Far from the solution a level
                 for each leads to wrong minima; starts from a finished fit can do without.
         """
-        candidates = [self.candidate(start) for start in starts]
+        candidates = self._started(starts, white=white)
         self._screened(candidates, white=white)
         best: dict[tuple[str, ...], list[Candidate]] = {}
         for c in sorted(candidates, key=lambda c: c.cost):
@@ -339,6 +339,17 @@ class Search:
         found = self.finish(list(finished.values())) + self.finish(list(left.values()), 0)
         self.tick(1.0)
         return found
+
+    def _started(self, starts: Sequence[Start], *, white: bool) -> list[Candidate]:
+        """A candidate at each start; of a start that may be from the values as given, the likelier of the two."""
+        found = [self.candidate(start) for start in starts]
+        # Those with hidden states are not likely or unlikely before these are estimated, which costs as much as a step.
+        open_ = [i for i, s in enumerate(starts) if s.or_given and found[i].family.key not in self.hidden_states]
+        given = {i: self.candidate(starts[i].as_given()) for i in open_}
+        both = [*(found[i] for i in open_), *given.values()]
+        for key in dict.fromkeys(c.family.key for c in both):
+            self.fitters[key].assess([c for c in both if c.family.key == key], self.screening(), white=white)
+        return [given[i] if i in given and not c.cost <= given[i].cost else c for i, c in enumerate(found)]
 
     def _screened(self, candidates: Sequence[Candidate], *, white: bool) -> None:
         """A few steps of every candidate on a few windows, family by family."""
