@@ -189,24 +189,41 @@ def test_of_a_nominal_model_that_misses_nothing_nothing_is_taken(missing, left):
 GIVEN = {"inertia": 2.0, "coulomb": 0.5, "viscous": 0.1}
 
 
+def fit(names, wide, bound, left, evidence=990.0, values=None):
+    values = GIVEN | (values or {})
+    candidate = SimpleNamespace(
+        structural=names, effects=tuple(effect for effect in EFFECTS if effect.name in names), wide=frozenset(wide),
+        names=names, at_bound=lambda: bound, values=lambda: values,
+    )  # fmt: skip
+    return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows, moving=False: left)
+
+
+def simpler_search(fits, hopeless, plain=0.0):
+    """A search in which some sets of effects have these fits, and all others a hopeless one."""
+
+    def fitted(starts):
+        names = [{effect.name for effect in start.effects} for start in starts]
+        return [next((f for f in fits if set(f.candidate.structural) == own), hopeless) for own in names]
+
+    asked = SimpleNamespace(effects=EFFECTS, records=[], fitted=fitted)
+    asked.refit = lambda fit, wide: SimpleNamespace(evidence=plain)
+    return asked
+
+
+def test_what_stands_for_a_detail_is_likelier_than_nothing_in_its_place(monkeypatch):
+    """A ripple of 20 of 1,000 nats: a weight that brings none of them is no simpler form of it."""
+    monkeypatch.setattr(simpler, "resolved", lambda search, fit: True)
+    chosen = weighing.Weighed(fit(("stribeck", "cogging"), (), [], 0.1, 1000.0), 1000.0, 1000.0, 0.1)
+    exact, hopeless = weighing.Exact(fit((), (), [], 1.0, 0.0), ()), fit((), (), [], 9.0, -1e9)
+    weight = fit(("stribeck", "unbalance"), (), [], 0.1, 980.0)
+    for evidence, told in ((985.0, chosen.structural), (970.0, ("stribeck", "unbalance"))):
+        search = simpler_search([weight, fit(("stribeck",), (), [], 0.1, evidence)], hopeless)
+        assert simpler.simpler(search, exact, chosen).structural == told
+
+
 def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_what_counts_as_right(monkeypatch):
-    def fit(names, wide, bound, left, evidence=990.0, values=None):
-        values = GIVEN | (values or {})
-        candidate = SimpleNamespace(
-            structural=names, effects=tuple(effect for effect in EFFECTS if effect.name in names), wide=frozenset(wide),
-            names=names, at_bound=lambda: bound, values=lambda: values,
-        )  # fmt: skip
-        return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows, moving=False: left)
-
     def of(factor, plain=0.0):
-        own = set(factor.candidate.structural)
-
-        def fitted(starts):
-            return [factor for start in starts if {effect.name for effect in start.effects} == own]
-
-        asked = SimpleNamespace(effects=EFFECTS, records=[], fitted=fitted)
-        asked.refit = lambda fit, wide: SimpleNamespace(evidence=plain)
-        return asked
+        return simpler_search([factor], fit((), (), [], 9.0, -1e9), plain)
 
     chosen = weighing.Weighed(fit(("stribeck",), ("inertia", "coulomb"), [], 0.1), 1000.0, 1000.0, 0.1)
     exact = weighing.Exact(fit((), (), [], 1.0, 0.0), ())

@@ -311,7 +311,7 @@ def test_beside_a_limit_what_is_left_is_of_what_the_drive_gives():
     assert found.causes == ("velocity_scale_error", "torque_saturation", "unbalance")
 
 
-def test_an_effect_that_brings_much_of_the_evidence_is_a_cause_however_little_torque_it_takes():
+def test_what_brings_much_of_the_evidence_is_a_cause_however_little_torque_it_takes():
     """A delay that takes 4 % of the gap's energy beside a friction by load, and a third of all the evidence."""
     chosen = weighed("load_dependent_friction+actuator_delay", 1700.0)
     shares = {"load_dependent_friction": 0.07, "actuator_delay": 0.038}
@@ -320,10 +320,12 @@ def test_an_effect_that_brings_much_of_the_evidence_is_a_cause_however_little_to
         for lost in (0.9 * THRESHOLDS.weighs, 1.1 * THRESHOLDS.weighs)
     ]
     assert told == [("load_dependent_friction",), ("load_dependent_friction", "actuator_delay")]
-    # A number that the log corrects is no cause for it.
-    wide = weighed("load_dependent_friction", 1700.0, wide=("inertia",))
-    shares = {"load_dependent_friction": 0.07, "inertia_error": 0.038}
-    assert judged(wide, [], shares=shares, lost=dict.fromkeys(shares, 0.5)).causes == ("load_dependent_friction",)
+    # So is a number: a viscous friction a quarter off beside a weight, a 300th of the gap and a fifth of the nats.
+    wide = weighed("unbalance", 1700.0, wide=("viscous",))
+    shares = {"unbalance": 0.97, "viscous_error": 0.003}
+    weighs = THRESHOLDS.weighs
+    for lost, causes in ((0.9 * weighs, ("unbalance",)), (1.1 * weighs, tuple(shares))):
+        assert judged(wide, [], shares=shares, lost={"unbalance": 0.9, "viscous_error": lost}).causes == causes
 
 
 def test_withheld_windows_and_all_of_them_count_their_noise_once():

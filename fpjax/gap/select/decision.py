@@ -204,7 +204,11 @@ def _bases_beside(chosen: Weighed, rivals: Sequence[Weighed]) -> list[Weighed]:
 
 
 def _beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> list[Start]:
-    """Every likely effect beside those of the bases, from its own starts and the base's fit."""
+    """Every likely effect beside those of the bases, from its own starts and the base's fit.
+
+    Without the effect the base's numbers make up for it, and may lie in another valley: an actuator's lag alone lowers
+    the viscous friction by as much as a dead zone beside it asks for.
+    """
     starts = []
     for base in bases:
         values, setting = base.fit.candidate.values(), search.setting_beside(base.fit.candidate)
@@ -221,7 +225,8 @@ def _beside(search: Search, bases: Sequence[Weighed], likely: Sequence[str]) -> 
                 for wide in _nominal_for(*base.fit.candidate.effects, effect):
                     # A twin of the nominal numbers starts from the numbers as they were given.
                     kept = values if wide else {k: v for k, v in values.items() if k not in NOMINAL}
-                    starts.append(Start((*base.fit.candidate.effects, effect), wide, kept | start, base.fit.candidate))
+                    effects = (*base.fit.candidate.effects, effect)
+                    starts.append(Start(effects, wide, kept | start, base.fit.candidate, or_given=bool(wide)))
     return starts
 
 
@@ -231,11 +236,15 @@ def _whole_left(search: Search, exact: Exact, fit: Fit, nominal: Weighed) -> flo
     With numbers that are guesses most of the gap is theirs, and what is sought stands beside them.
     """
     left, whole = exact.left(fit), whole_gap(search, exact, fit)
-    if len(wrong_numbers(nominal.fit, nominal_sizes(search.setting))[1]) > 1:
-        torque = np.concatenate([record.torque for record in search.records])
-        if left > THRESHOLDS.nothing * float(np.sqrt(np.mean(torque**2))):
-            whole *= min(nominal.left, 1.0)
+    if len(wrong_numbers(nominal.fit, nominal_sizes(search.setting))[1]) > 1 and _is_gap(search, left):
+        whole *= min(nominal.left, 1.0)
     return max(whole, 1e-300)
+
+
+def _is_gap(search: Search, missing: float) -> bool:
+    """Whether a missing torque [N m] is one that counts, beside the commanded torque of the logs."""
+    torque = np.concatenate([record.torque for record in search.records])
+    return missing > THRESHOLDS.nothing * float(np.sqrt(np.mean(torque**2)))
 
 
 def _better(search: Search, exact: Exact, chosen: Weighed, best: Weighed) -> bool:
@@ -276,7 +285,7 @@ def _mends_numbers(search: Search, exact: Exact, chosen: Fit, best: Fit) -> bool
 def _only_blurs(exact: Exact, chosen: Weighed, best: Weighed, whole: float) -> bool:
     """Whether a further cause is a detail beside which the parameters of those that are there are known less well.
 
-    One that brings more evidence than all of them together is no detail, however little torque it takes.
+    One that brings a good part of the evidence is no detail, however little torque it takes.
 
     Args:
         exact: what models are weighed against.
@@ -284,7 +293,7 @@ def _only_blurs(exact: Exact, chosen: Weighed, best: Weighed, whole: float) -> b
         best: with it.
         whole: what a cause is a share of [N m].
     """
-    if not set(chosen.structural) < set(best.structural) or best.gain - chosen.gain > chosen.gain:
+    if not set(chosen.structural) < set(best.structural) or best.gain - chosen.gain > THRESHOLDS.weighs * best.gain:
         return False
     takes = exact.left(chosen.fit) ** 2 - exact.left(best.fit) ** 2
     return takes < THRESHOLDS.matters * whole**2 and blurs(chosen.fit, best.fit)
@@ -315,24 +324,25 @@ def _plausible(
     """(what is chosen; what was tried in its place): an effect for a friction number that is further off than a guess.
 
     Where causes explain the gap no further one is looked for, and a viscous friction of five times the given one may
-    then stand for a drag, a Coulomb level for a dead zone: any law of a recorded variable. Friction that the nominal
-    model has none of stands for itself.
+    then stand for a drag, a Coulomb level for a dead zone: any law of a recorded variable, or a factor on all numbers.
+    Friction that the nominal model has none of stands for itself.
     """
     off = _wild(search, exact, chosen.fit)
     if not off or len(chosen.structural) >= THRESHOLDS.most_causes:
         return chosen, []
-    laws = {e.name for e in search.effects if e.follows and not off & set(numbers_of(e))}
+    laws = {e.name for e in search.effects if e.name in FACTORS or (e.follows and not off & set(numbers_of(e)))}
     found = [w for w in singles if set(w.structural) <= laws]
     if chosen.structural:
         starts = _beside(search, [chosen], sorted(laws))
         found = weigh(search, exact, search.explore(starts, PAIR_KEEP, white=False)) if starts else []
+    likelier = []
     for w in found:
         instead = settled(search, exact, w)
-        likelier = instead.evidence - chosen.evidence > THRESHOLDS.decisive and instead.left < chosen.left
+        more = instead.evidence - chosen.evidence > THRESHOLDS.decisive and instead.left < chosen.left
         # Beside the effect the number is right.
-        if likelier and not off & instead.fit.candidate.wide and resolved(search, instead.fit):
-            return instead, found
-    return chosen, []
+        if more and not off & instead.fit.candidate.wide and resolved(search, instead.fit):
+            likelier.append(instead)
+    return (max(likelier, key=lambda one: one.evidence), found) if likelier else (chosen, [])
 
 
 def _wild(search: Search, exact: Exact, fit: Fit) -> set[str]:
@@ -354,8 +364,9 @@ def _numbers_instead(search: Search, exact: Exact, chosen: Weighed, shares: Shar
         if shares.energy[effect.name] > THRESHOLDS.matters or not (held or effect.name in ONE_FOR_MANY):
             continue
         (fit,) = search.fitted([_without(chosen.fit, effect)])
-        # Of what holds numbers the evidence is that they are wrong.
-        if not held and shares.evidence[effect.name] > THRESHOLDS.weighs and fit.evidence < chosen.fit.evidence:
+        # Of what holds numbers the evidence is that they are wrong, unless these leave a gap of their own.
+        weighs = shares.evidence[effect.name] > THRESHOLDS.weighs and (not held or _is_gap(search, exact.left(fit)))
+        if weighs and fit.evidence < chosen.fit.evidence:
             continue  # a cause by its evidence, and the likelier of the two
         back = exact.left(fit) ** 2 - exact.left(chosen.fit) ** 2
         if back < THRESHOLDS.matters * whole**2 and resolved(search, fit):

@@ -32,11 +32,14 @@ def simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
     """
     by_name = {effect.name: effect for effect in search.effects}
     while True:
-        starts = list(_instead(chosen.fit, by_name))
-        if not starts:
+        options = list(_instead(chosen.fit, by_name))
+        if not options:
             return chosen
         whole = whole_gap(search, exact, chosen.fit)
-        fits = [fit for fit in search.fitted(starts) if resolved(search, fit)]
+        fits = iter(search.fitted([start for option in options for start in option]))
+        # A detail may be a small share of the evidence: what stands for it must be likelier than nothing in its place.
+        tried = [tuple(next(fits) for _ in option) for option in options]
+        fits = [fit for fit, *none in tried if resolved(search, fit) and all(fit.evidence > n.evidence for n in none)]
         c = chosen.fit.candidate
         plain = exact.fit.evidence
         if c.wide and c.effects and any(set(fit.candidate.structural) > set(c.structural) for fit in fits):
@@ -44,7 +47,7 @@ def simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
         near = [fit for fit in fits if _stands_for(exact, fit, chosen.fit, whole, plain)]
         if not near:
             return chosen
-        best = min(near, key=exact.left)
+        best = max(near, key=lambda fit: fit.evidence)  # none lacks torque that matters
         chosen = weighed_fit(search, exact, best, best.evidence - len(best.candidate.wide))
 
 
@@ -107,16 +110,19 @@ def _lost(fit: Fit, chosen: Fit, without: float) -> float:
     return (chosen.evidence - fit.evidence) / max(chosen.evidence - without, 1e-300)
 
 
-def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[Start]:
+def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[tuple[Start, ...]]:
+    """Starts of what may stand for causes of a fit; behind one for an effect, that of the fit without the effect."""
     c = fit.candidate
     for effect in c.effects:
         rest = tuple(e for e in c.effects if e is not effect)
+        values = without_effect(c.values(), effect, rest)
         for name in SIMPLER.get(effect.name, ()):
             if name in by_name and name not in c.structural:
                 # What the simpler one does not hold of friction may still be wrong in the nominal numbers.
                 wide = tuple(c.wide | set(() if GAIN in c.structural else numbers_of(effect)))
-                yield Start((*rest, by_name[name]), wide, without_effect(c.values(), effect, rest))
+                simple = Start((*rest, by_name[name]), wide, values)
+                yield (simple, Start(rest, wide, values)) if rest else (simple,)
     for name in ONE_FOR_MANY:
         if c.wide and name in by_name and name not in c.structural:
             values = {k: v for k, v in c.values().items() if k not in NOMINAL}
-            yield Start((*c.effects, by_name[name]), (), values)
+            yield (Start((*c.effects, by_name[name]), (), values),)

@@ -10,7 +10,7 @@ from .decision import Decision
 from .dominant import believed, dominant
 from .misread import told_readings, with_readings
 from .nominal_errors import wrong_numbers
-from .simpler import FACTORS
+from .simpler import FACTORS, ONE_FOR_MANY
 from .statement import Seen, Verdict, Word, is_number
 from .weighed import CONTAINED, Weighed
 
@@ -84,14 +84,10 @@ def _led_by_another(decision: Decision, seen: Seen, told: tuple[str, ...], t: Th
         case = _case(decision, seen, (name, *(other for other in told if other != name)), t)
         if case.word != "partly_explained":
             continue
-        # It leads every set that holds it.
-        sets = [
-            _Set((name, *(n for n in one.names if n != name)), one.worth) if name in one.names else one
-            for one in case.sets
-        ]
-        near = [one for one in sets if one.names[0] == name and one.worth >= (1.0 - t.contested) * case.chosen.worth]
+        enough = (1.0 - t.contested) * case.chosen.worth
+        near = [one for one in case.sets if one.names[0] == name and one.worth >= enough]
         sure = tuple(n for n in case.chosen.names if all(n in one.names for one in near))
-        return replace(case, sets=sets, sure=sure)
+        return replace(case, sure=sure)
     return None
 
 
@@ -137,9 +133,9 @@ def _sizes(decision: Decision, seen: Seen, t: Thresholds) -> _Sizes:
 def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, ...]:
     """The causes of the chosen model without which a share that matters would come back, the largest first.
 
-    An effect that takes less of the gap is told too if it brings a good part of the evidence, or takes half of what no
-    choice of the numbers would have closed; where evidence takes one number alone for wrong (however little the errors
-    of others matter), only if it explains what that leaves.
+    What takes less of the gap is told too if it brings a good part of the evidence; an effect also if it takes half of
+    what no choice of the numbers would have closed; where evidence takes one number alone for wrong (however little the
+    errors of others matter), only if it explains what that leaves.
     """
     sizes = _sizes(decision, seen, t)
     shown = decision.nominal.left * seen.share > t.nothing
@@ -148,7 +144,9 @@ def _chosen_names(decision: Decision, seen: Seen, t: Thresholds) -> tuple[str, .
     names = [
         n
         for n in _in_order(sizes.order, seen, t)
-        if decision.shares[n] > t.matters or (shown and not is_number(n) and (n in weighs or sizes.beside[n] > enough))
+        if decision.shares[n] > t.matters
+        or (n in weighs and (shown or is_number(n)))
+        or (shown and not is_number(n) and sizes.beside[n] > enough)
     ]
     if not names and not _counts_as_right(decision, t):
         names = list(decision.chosen.structural[:1])
@@ -179,30 +177,32 @@ def _in_order(size: Mapping[str, float], seen: Seen, t: Thresholds) -> list[str]
 def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
     """Every set of causes that was tried, once, with its greatest worth; the chosen one as it is asserted."""
     best: dict[tuple[str, ...], _Set] = {}
-    told, given = set(decision.chosen.structural), decision.exact.candidate.values()
+    told = set(decision.chosen.structural)
     for w in (decision.nominal, *decision.singles, *decision.rivals):
         # The chosen causes with more beside them are the chosen ones with details, which were not worth a cause.
-        if set(w.structural) == told or (told and set(w.structural) > told) or _adds_to(w, chosen, seen, given):
+        if set(w.structural) == told or (told and set(w.structural) > told) or _adds_to(w, chosen, seen, decision):
             continue
         names = tuple(dict.fromkeys(seen.meaning.get(name, name) for name in _names(w, seen)))
+        # It stands beside what leads, or else what it has in its place leads.
+        names = tuple(sorted(names, key=lambda name: (name not in chosen.names[:1], name in told)))
         own = _Set(names, decision.chosen.gain - max(w.behind(decision.chosen), 0.0))
         if own.names and (own.names not in best or best[own.names].worth < own.worth):
             best[own.names] = own
     return ([chosen] if chosen.names else []) + list(best.values())
 
 
-def _adds_to(w: Weighed, chosen: _Set, seen: Seen, given: Mapping[str, float]) -> bool:
+def _adds_to(w: Weighed, chosen: _Set, seen: Seen, decision: Decision) -> bool:
     """Whether a model with an effect says no other thing, since its wrong nominal numbers say what leads.
 
-    Where a wrong number leads, the model has the same number wrong; where a factor leads, it has several wrong in one
-    direction, as the factor makes them together.
+    Where a wrong number leads, the model has the same number wrong; where a factor leads, or a friction by load beside
+    which every number is right, it has several wrong in one direction, as that makes them together.
     """
     if not chosen.names or not w.structural or set(w.structural) & set(FACTORS):
         return False
     lead = chosen.names[0]
-    if lead in FACTORS:
+    if lead in FACTORS or (lead in ONE_FOR_MANY and not decision.chosen.fit.candidate.wide):
         wrong = wrong_numbers(w.fit, seen.sizes)[1] if len(w.fit.candidate.wide) > 1 else ()
-        values = w.fit.candidate.values()
+        values, given = w.fit.candidate.values(), decision.exact.candidate.values()
         return len(wrong) > 1 and len({values[name] > given[name] for name in wrong}) == 1
     number = lead.removesuffix("_error")
     return is_number(lead) and number in w.fit.candidate.wide and number in wrong_numbers(w.fit, seen.sizes)[1]
