@@ -24,7 +24,7 @@ def model(effects, evidence, left, numbers=None, given=None):
         effects=tuple(law(name, ("position",) if name == "cogging" else ("velocity",)) for name in effects),
         structural=tuple(effects), wide=frozenset(numbers), values=lambda: GIVEN | (given or {}) | numbers,
     )  # fmt: skip
-    return Weighed(SimpleNamespace(candidate=candidate), evidence, evidence, left)
+    return Weighed(SimpleNamespace(candidate=candidate, evidence=evidence), evidence, evidence, left)
 
 
 def replaced(monkeypatch, chosen, found, given=None):
@@ -80,6 +80,15 @@ def test_a_viscous_friction_of_five_times_the_given_one_stands_for_a_likelier_dr
     assert told([]) is wild
     # Friction that the nominal model has none of stands for itself.
     assert replaced(monkeypatch, wild, [drag], given={"viscous": 0.0})[0] is wild
+
+
+def test_a_factor_stands_for_wild_numbers_where_a_friction_by_load_is_hardly_likelier(monkeypatch):
+    """A motor that hardly ever brakes, with a gain of 0.78."""
+    wild, sure = model(("cogging",), 1500.0, 0.13, {"coulomb": 0.7, "viscous": 0.14}), THRESHOLDS.decisive
+    for ahead, factor in ((0.9, True), (1.1, False)):
+        loaded = model(("cogging", "load_dependent_friction"), 1500.0 + 1.5 * sure, 0.12)
+        gain = model(("cogging", "torque_gain_error"), loaded.evidence - ahead * sure, 0.12)
+        assert replaced(monkeypatch, wild, [loaded, gain])[0] is (gain if factor else loaded)
 
 
 @pytest.mark.parametrize(("count", "tried"), [(1, 1), (2, 1), (3, 0)])

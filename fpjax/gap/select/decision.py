@@ -14,7 +14,7 @@ from .detectability import blurs, resolved
 from .dominant import Curve
 from .nominal_errors import wrong_numbers
 from .shares import Shares, absent_friction, numbers_of, shares_of, without_effect
-from .simpler import FACTORS, GAIN, ONE_FOR_MANY, come_back, simpler
+from .simpler import FACTORS, GAIN, ONE_FOR_MANY, come_back, plainest, simpler
 from .weighed import (
     Exact,
     Weighed,
@@ -335,14 +335,16 @@ def _plausible(
     if chosen.structural:
         starts = _beside(search, [chosen], sorted(laws))
         found = weigh(search, exact, search.explore(starts, PAIR_KEEP, white=False)) if starts else []
-    likelier = []
+    options = []
     for w in found:
         instead = settled(search, exact, w)
-        more = instead.evidence - chosen.evidence > THRESHOLDS.decisive and instead.left < chosen.left
         # Beside the effect the number is right.
-        if more and not off & instead.fit.candidate.wide and resolved(search, instead.fit):
-            likelier.append(instead)
-    return (max(likelier, key=lambda one: one.evidence), found) if likelier else (chosen, [])
+        if instead.left < chosen.left and not off & instead.fit.candidate.wide and resolved(search, instead.fit):
+            options.append(instead)
+    if max((one.evidence for one in options), default=-np.inf) - chosen.evidence <= THRESHOLDS.decisive:
+        return chosen, []
+    best = plainest([one.fit for one in options])
+    return next(one for one in options if one.fit is best), found
 
 
 def _wild(search: Search, exact: Exact, fit: Fit) -> set[str]:

@@ -1,6 +1,6 @@
 """Simpler: fewer or simpler causes in the place of others, where no torque that matters would be missing for it."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 
 from ..effects.effect import Effect
 from ..fit.candidate import NOMINAL, SPIKE_RANGE, Fit, Start
@@ -47,8 +47,23 @@ def simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
         near = [fit for fit in fits if _stands_for(exact, fit, chosen.fit, whole, plain)]
         if not near:
             return chosen
-        best = max(near, key=lambda fit: fit.evidence)  # none lacks torque that matters
+        best = plainest(near)  # none lacks torque that matters
         chosen = weighed_fit(search, exact, best, best.evidence - len(best.candidate.wide))
+
+
+def plainest(fits: Sequence[Fit]) -> Fit:
+    """The likeliest of some fits, or one with a factor in its place that is nearly as likely.
+
+    Where the motor hardly ever brakes a friction that grows with the load does what a factor on the torque does, and a
+    torque constant that is off is more usual.
+
+    Args:
+        fits: at least one.
+    """
+    best = max(fits, key=lambda fit: fit.evidence)
+    near = [fit for fit in fits if best.evidence - fit.evidence <= THRESHOLDS.decisive]
+    factors = [fit for fit in near if set(fit.candidate.structural) & set(FACTORS)]
+    return max(factors, key=lambda fit: fit.evidence, default=best)
 
 
 def _stands_for(exact: Exact, fit: Fit, chosen: Fit, whole: float, plain: float) -> bool:
