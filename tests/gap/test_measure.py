@@ -10,8 +10,9 @@ import pytest
 
 from fpjax import load_model
 from fpjax.gap import EFFECTS
-from fpjax.gap.answer.gap_size import noise_floor, rounding_of
-from fpjax.gap.answer.warning_texts import not_answered
+from fpjax.gap.answer.gap_size import noise_floor
+from fpjax.gap.answer.rounded import rounding_of
+from fpjax.gap.answer.warning_texts import not_answered, rounding_left
 from fpjax.gap.data.setting import Setting
 from fpjax.gap.fit.candidate import Start
 from fpjax.gap.select.weighed import judged_windows
@@ -79,6 +80,8 @@ def test_what_rounding_makes_of_the_missing_torque_is_what_a_right_model_leaves(
         search = gap_search.search_of(replace(log, **{sensor: np.round(getattr(log, sensor) / step) * step}))
         (fit,), windows = search.finish([search.exact], 0), [np.arange(len(search.records[0].starts))]
         beyond, of_velocity = rounding_of(search, fit, windows)
+        said = rounding_left(beyond, SimpleNamespace(after=fit.missing_rms(windows), noise_floor=0.0, unit="N m"))
+        assert bool(said) == (least > 0.0)
         left = fit.missing_rms(windows)
         assert left > noise_floor(search, windows)
         assert least * left <= beyond <= most * left

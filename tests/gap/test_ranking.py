@@ -275,6 +275,6 @@ def test_a_likelier_special_case_takes_the_place_of_what_contains_it(monkeypatch
     chosen = weighing.Weighed(fit("backlash", 1000.0, 0.4), 1000.0, 1000.0, 0.4)
     exact = weighing.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows, moving=False: 1.0), ())
     for evidence, told in ((1020.0, "compliance"), (1005.0, "backlash"), (990.0, "backlash")):
-        spring = fit("compliance", evidence, 0.6)  # leaves a fifth of the energy more
-        search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, spring=spring: [spring])
+        fits = [fit("compliance", evidence, 0.6), fit("", -1e9, 1.0)]  # leaves a fifth of the energy more; nothing
+        search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, fits=fits: fits)
         assert simpler.simpler(search, exact, chosen).structural == (told,)

@@ -5,6 +5,7 @@ import hashlib
 import io
 import os
 import pickle
+from dataclasses import replace
 
 import gap_search
 import numpy as np
@@ -14,6 +15,7 @@ from numpy_machine import record
 from fpjax import InputError, load_model
 from fpjax.gap import EFFECTS
 from fpjax.gap.fit import saved_fits as module
+from fpjax.gap.fit.candidate import Start
 from fpjax.gap.fit.saved_fits import SavedFits, key_of
 from fpjax.gap.select.decision import decide
 from fpjax.gap.verb import make_search
@@ -223,3 +225,9 @@ def test_the_key_follows_log_and_model(log, model):
         key_of([log], [], load_model(gap_search.MODEL.replace("0.05", "0.06")), FEW),
     ]
     assert len({key, *others}) == 5
+
+
+def test_a_question_holds_all_that_a_start_does():
+    one = Start((), ("inertia",), {"inertia": 0.05})
+    others = [replace(one, wide=()), replace(one, values={"inertia": 0.06}), replace(one, or_given=True)]
+    assert len({module._of_starts([start]) for start in (one, *others)}) == 4

@@ -10,6 +10,7 @@ from weighed_models import BOTH, NOMINAL, RATE_ONLY, judged, weighed
 from fpjax.gap.answer import judge
 from fpjax.gap.answer.judge import _persist, _with_effects_behind
 from fpjax.gap.effects.twins import single_twins
+from fpjax.gap.select.readings import ROUNDING, Reading
 from fpjax.gap.select.statement import Verdict
 from fpjax.gap.thresholds import THRESHOLDS
 
@@ -345,3 +346,46 @@ def test_what_is_left_is_held_against_what_noise_alone_shows():
     assert judged(chosen, [], left=0.34, floor=0.1).word == "partly_explained"
     # Where the gap hardly stands out of the noise, one per cent less explains nothing.
     assert judged(chosen, [], left=0.99, floor=0.98).word == "unexplained"
+
+
+def test_what_rounding_makes_is_not_left():
+    """Its energy is no torque's: 0.3 of rounding in 0.31 leave 0.08, 0.2 of it 0.24."""
+    chosen = weighed("velocity_delay", 500.0)
+    words = [judged(chosen, [], left=0.31, of_rounding=rounding).word for rounding in (0.0, 0.2, 0.3)]
+    assert words == ["partly_explained", "partly_explained", "explained"]
+    # Where it is all that the nominal model misses, nothing was explained.
+    assert judged(chosen, [], left=0.9, of_rounding=1.1).word == "unexplained"
+
+
+def test_a_rival_that_shares_a_detail_is_named_by_what_it_has_in_the_place_of_what_leads():
+    chosen = weighed("stribeck+load_dependent_friction", 500.0)
+    shares = {"load_dependent_friction": 0.9, "stribeck": 0.01}
+    rivals = [weighed("stribeck+torque_gain_error", 499.0), weighed("stribeck+actuator_delay", 498.0)]
+    found = judged(chosen, rivals, shares=shares)
+    assert {n for n, p in found.main.items() if p > 0.1} == {
+        "load_dependent_friction",
+        "torque_gain_error",
+        "actuator_delay",
+    }
+    # Two others may do as well in its place; three say nothing.
+    assert found.word == "explained"
+    assert judged(chosen, [*rivals, weighed("stribeck+actuator_lag", 498.0)], shares=shares).word == "unexplained"
+
+
+def test_numbers_that_are_all_too_large_say_the_same_as_a_friction_by_load(monkeypatch):
+    monkeypatch.setattr("fpjax.gap.select.verdict.wrong_numbers", lambda fit, sizes: (0.0, tuple(fit.candidate.wide)))
+    chosen, large = weighed("load_dependent_friction", 500.0), ("inertia", "coulomb")
+    same = weighed("unbalance", 499.0, wide=large)
+    small = weighed("unbalance", 499.0, wide=large, wrong={name: 0.8 * NOMINAL[name] for name in large})
+    assert "unbalance" not in judged(chosen, [same]).main
+    assert "unbalance" in judged(chosen, [small]).main
+    # Beside a number that is wrong all the same it is another explanation.
+    assert "unbalance" in judged(weighed("load_dependent_friction", 500.0, wide=("viscous",)), [same]).main
+
+
+def test_a_rounding_counts_by_what_it_makes_of_the_missing_torque():
+    exact = SimpleNamespace(moving=(np.ones(4),))
+    coarse = Reading(ROUNDING, {"step": (0.1, 1e-6, "rad/s")}, 0.01, 0.01, np.inf)
+    read = judge.Read(1.0, (coarse,), ())
+    assert judge._beside_gap(exact, read, 0.5, 0.0)[ROUNDING] < 0.01
+    assert judge._beside_gap(exact, read, 0.5, 0.2)[ROUNDING] == pytest.approx(0.16)

@@ -30,6 +30,7 @@ from .judge import Read, judge
 from .learned import learn
 from .posterior import left_open, make_posterior
 from .ranking import rank
+from .rounded import is_rounded, rounding_of
 from .tracking import Side, tracking_error
 from .warning_texts import (
     at_bounds,
@@ -38,15 +39,12 @@ from .warning_texts import (
     load_error,
     not_answered,
     pushes,
+    rounding_left,
     slight_readings,
     slight_rounding,
     where_fitted_alone,
 )
 from .where import locate
-
-# A rate reading whose rounding step is above this many standard deviations of its noise is named as rounded: rounding,
-# of standard deviation step / sqrt(12), is then half of the noise's energy. Below that the other half dithers it away.
-ROUNDED = math.sqrt(6.0)
 
 
 def assemble(
@@ -112,7 +110,7 @@ def assemble(
     # Over fitted and withheld windows, to notice a gap that the withheld ones do not show.
     everywhere = decision.exact.missing_rms([np.arange(len(record.starts)) for record in records])
     said = [*at_bounds(chosen, search.setting.units), *beyond_torque(gap, torque), *warnings]
-    said += [] if gapless else pushes(decision, records)
+    said += [] if gapless else [*pushes(decision, records), *rounding_left(rounding_of(search, chosen)[0], gap)]
     said += not_answered(search.modes, search.setting.units, torque)
     said += [
         *details(chosen, causes),
@@ -198,7 +196,7 @@ def _step(record: Record) -> float:
     if record.velocity is None and channel is not None and record.position is not None:
         # Derived from the encoder by the drive: its steps are the encoder's resolution, not an error of a sensor.
         channel = None if is_derived(channel.values, record.position.values) else channel
-    return channel.step if channel is not None and channel.step > ROUNDED * channel.noise else 0.0
+    return channel.step if channel is not None and is_rounded(channel) else 0.0
 
 
 def _comparisons(search: Search, before: Sequence[Course], after: Sequence[Course]) -> tuple[Comparison, ...]:

@@ -24,7 +24,7 @@ def gap_of(search: Search, decision: Decision, unit: str) -> Gap:
         unit: of the missing torque.
     """
     before, after = (withheld(search, fit) for fit in (decision.exact, decision.chosen.fit))
-    floor = float(np.hypot(noise_floor(search), rounding_of(search, decision.chosen.fit)[0]))
+    floor = noise_floor(search)
     # The same windows are drawn for both, so that the interval of `closed` is that of paired differences.
     which = draws(len(before))
     many_before, many_after = _root(np.mean(before[which], 1)), _root(np.mean(after[which], 1))
@@ -115,44 +115,6 @@ def noise_floor(search: Search, windows: Sequence[Values] | None = None) -> floa
     # the upper tail.
     scale, degrees = square / mean, mean**2 / square
     return float(np.sqrt(max(scale * float(chdtri(degrees, 0.05)) - mean, 0.0)))
-
-
-def rounding_of(search: Search, fit: Fit, windows: Sequence[Values] | None = None) -> tuple[float, float]:
-    """What the rounding of the readings makes of the missing torque beside a model [N m].
-
-    Rounding is white only in fast motion: a slow one that passes a step now and then reads as jumps, which no torque
-    made. Where a model is right within a step, this is what it leaves.
-
-    Args:
-        search: of the logs.
-        fit: of the model, whose simulated readings are rounded as the measured ones are.
-        windows: one array of indices for each log; None for the withheld ones.
-
-    Returns:
-        (of all readings, beyond what counts as noise, and no more than the model leaves; of the velocity, all of it).
-    """
-    windows = search.withheld if windows is None else windows
-    c, modes = fit.candidate, search.modes
-    fitter = search.fitters[c.family.key]
-    scale = fitter.torque_scale(c)
-    every, of_velocity = [np.zeros(0)], [np.zeros(0)]
-    for which, (record, chosen) in enumerate(zip(search.records, windows, strict=True)):
-        channels = [one for one in (record.velocity, record.position) if one is not None]
-        error = np.zeros((len(channels), record.samples, len(chosen)))
-        if len(chosen) and any(one.step for one in channels):
-            error = fitter.residuals(c, which, chosen)
-        for own, one in zip(error, channels, strict=True):
-            step = one.step / one.noise
-            # The measured readings lie on the grid, so that a rounded simulation is whole steps from them.
-            own[:] = step * np.round(own / step) - own if step > 0.0 else 0.0
-        noise = fitter.noise[which][chosen]
-        weight = search.measure.weight(noise, scale)
-        squares = modes.plain(modes.coefficients(error).T) ** 2
-        every.append(np.sum((squares - search.real_noise * noise[:, None]) * weight, axis=1))
-        error[0 if record.velocity is None else 1 :] = 0.0  # the position
-        of_velocity.append(np.sum(modes.plain(modes.coefficients(error).T) ** 2 * weight, axis=1))
-    beyond, alone = (float(_root(np.sum(m) / max(len(m), 1))) for m in map(np.concatenate, (every, of_velocity)))
-    return (min(beyond, fit.missing_rms(windows)), alone) if alone or beyond else (0.0, 0.0)
 
 
 def _step(name: str, squares: Values) -> Step:

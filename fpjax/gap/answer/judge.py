@@ -21,10 +21,11 @@ from ..thresholds import THRESHOLDS, Thresholds
 from .course import Course, course_of
 from .curves import Curves, named_share
 from .gap import Gap
-from .gap_size import gap_of, noise_floor, rounding_of
+from .gap_size import gap_of, noise_floor
 from .insignificant import insignificant_causes
 from .intervals import covariance
 from .ranking import log_of
+from .rounded import rounding_of
 
 
 @dataclass(frozen=True)
@@ -179,11 +180,10 @@ def _withheld_shows(before: float, floor: float, closed: float) -> float:
     return min(floor, before) + (1.0 - closed) * max(before - floor, 0.0)
 
 
-def _beside_gap(search: Search, exact: Fit, read: Read, missing: float, rounded: float) -> dict[str, float]:
+def _beside_gap(exact: Fit, read: Read, missing: float, rounded: float) -> dict[str, float]:
     """How large each error of the velocity column is beside the missing torque of the nominal model.
 
     Args:
-        search: of the logs.
         exact: the nominal model as given.
         read: what is known of the logs.
         missing: torque of that model [N m].
@@ -227,16 +227,17 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
     withheld = [np.flatnonzero(record.withheld) for record in search.records]
     moved = max(_moved(decision.exact, chosen, windows), _moved(decision.exact, chosen, withheld))
     gap = replace(gap, closed_moving=1.0 - moved)
-    rounded, misread = rounding_of(search, chosen, windows)
-    floor = float(np.hypot(noise_floor(search, windows), rounded))
+    floor = noise_floor(search, windows)
+    of_rounding, of_velocity = rounding_of(search, chosen, windows)
     seen = Seen(
         before=first,
         after=max(then, _withheld_shows(first, floor, gap.closed)),
         floor=floor,
+        of_rounding=of_rounding,
         share=max(map(_share, decision.exact.missing, search.records)),
         sizes=nominal_sizes(search.setting),
         readings=tuple(one.effect for one in read.readings),
-        misread=_beside_gap(search, decision.exact, read, first, misread),
+        misread=_beside_gap(decision.exact, read, first, of_velocity),
         slight=read.slight,
         rounded=max((one.size for one in read.readings if one.effect == ROUNDING), default=0.0),
         moved=moved,

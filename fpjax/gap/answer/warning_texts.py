@@ -121,6 +121,22 @@ def details(chosen: Fit, causes: Sequence[str]) -> list[str]:
     ]
 
 
+def rounding_left(rounding: float, gap: Gap) -> list[str]:
+    """A warning where much of what the causes leave is what the rounding of the readings makes.
+
+    Args:
+        rounding: that missing torque on withheld windows [N m] (`fpjax.gap.answer.rounded.rounding_of`).
+        gap: on the same windows.
+    """
+    if not 2.0 * rounding > max(gap.after, gap.noise_floor):
+        return []
+    return [
+        f"Of the {gap.after:.3g} {gap.unit} that are missing with the causes in, {rounding:.3g} {gap.unit} rms come of "
+        "the rounding of the readings, which jump where the motion is slow: it is no torque, and the verdict does not "
+        "count it."
+    ]
+
+
 def slight_rounding(step: float, share: float, units: Units) -> list[str]:
     """A warning about a rounded velocity column that is no cause."""
     return [

@@ -198,8 +198,8 @@ class Start:
         wide: nominal values that may be wrong.
         values: start values by name; other parameters start at their neutral value.
         like: a fitted candidate whose start states of the windows are taken over.
-        or_given: whether the nominal values as given are tried in the place of those in `values`; the likelier start
-            goes on.
+        or_given: whether the nominal values as given are tried in the place of those in `values`, and the likelier
+            start goes on; not of a machine with hidden states (a shaft, bristles), which no start alone is judged by.
     """
 
     effects: tuple[Effect, ...]

@@ -227,7 +227,8 @@ class Fitter(Response):
                     own.append((which, chosen, found))
         for c, own in zip(candidates, parts, strict=True):
             c.white, c.level = white, self.best_level(own, white=white)
-            c.cost = self._cost(c, own, self.torques(c, windows))
+            cost = self._cost(c, own, self.torques(c, windows))
+            c.cost = cost if np.isfinite(cost) else np.inf  # a simulation that diverges
 
     # --- the iteration
 

@@ -353,6 +353,7 @@ def _of_starts(starts: Sequence[Start]) -> str:
     digest = hashlib.sha256()
     for start in starts:
         like = "" if start.like is None else _of_candidate(start.like)
-        words = (*(e.name for e in start.effects), "|", *sorted(start.wide), repr(sorted(start.values.items())), like)
+        values = repr(sorted(start.values.items()))
+        words = (*(e.name for e in start.effects), "|", *sorted(start.wide), values, like, repr(start.or_given))
         digest.update("\0".join(words).encode())
     return f"{len(starts)} {digest.hexdigest()[:16]}"

@@ -141,14 +141,19 @@ def _missing(
     noises = [fitter.noise[p.which][p.windows] for p in parts]
     weights = [search.measure.weight(noise, scale) for noise in noises]
     beside = [modes.plain(p.c) ** 2 - search.real_noise * n[:, None] for p, n in zip(parts, noises, strict=True)]
-    # What the nominal model leaves and no loop answers may be what this one explains (a load that rattles): then it is
-    # no noise, and taken out it would hide what the model lacks in other octaves.
-    own = np.array([np.sum(each * weight, axis=0) for each, weight in zip(beside, weights, strict=True)])
-    taken = modes.variance(np.zeros(1))[0] * np.sum([np.sum(weight, axis=0) for weight in weights], axis=0)
-    own, taken = (np.bincount(modes.band, of, modes.bands) for of in (np.sum(own, axis=0), taken))
-    share = np.clip(own / np.where(taken > 0.0, taken, 1.0), 0.0, 1.0)[modes.band]
+    still = modes.variance(np.zeros(1))[0]  # what no loop answers, shape (modes,)
     for p, each, weight in zip(parts, beside, weights, strict=True):
-        each = (each - share * modes.variance(np.zeros(1))) * weight
+        if np.any(still > 0.0):
+            # What the nominal model leaves and no loop answers may be what this one explains (a load that rattles):
+            # then it is no noise, and taken out it would hide what the model lacks in other octaves.
+            rows = np.all(np.isfinite(each), axis=1)
+            own, taken = (
+                np.bincount(modes.band, np.sum(energy[rows] * weight[rows], axis=0), modes.bands)
+                for energy in (each, np.broadcast_to(still, each.shape))
+            )
+            share = np.clip(own / np.where(taken > 0.0, taken, 1.0), 0.0, 1.0)[modes.band]
+            each = each - share * still
+        each = each * weight
         found[p.which][p.windows] = np.sum(each, axis=1)
         moving[p.which][p.windows] = each @ search.moves
     return tuple(found), tuple(moving)

@@ -344,12 +344,12 @@ class Search:
         """A candidate at each start; of a start that may be from the values as given, the likelier of the two."""
         found = [self.candidate(start) for start in starts]
         # Those with hidden states are not likely or unlikely before these are estimated, which costs as much as a step.
-        open_ = [i for i, s in enumerate(starts) if s.or_given and found[i].family.key not in self.hidden_states]
-        given = {i: self.candidate(starts[i].as_given()) for i in open_}
-        both = [*(found[i] for i in open_), *given.values()]
+        tried = [i for i, s in enumerate(starts) if s.or_given and found[i].family.key not in self.hidden_states]
+        given = {i: self.candidate(starts[i].as_given()) for i in tried}
+        both = [*(found[i] for i in tried), *given.values()]
         for key in dict.fromkeys(c.family.key for c in both):
             self.fitters[key].assess([c for c in both if c.family.key == key], self.screening(), white=white)
-        return [given[i] if i in given and not c.cost <= given[i].cost else c for i, c in enumerate(found)]
+        return [given[i] if i in given and given[i].cost < c.cost else c for i, c in enumerate(found)]
 
     def _screened(self, candidates: Sequence[Candidate], *, white: bool) -> None:
         """A few steps of every candidate on a few windows, family by family."""

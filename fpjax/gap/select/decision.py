@@ -285,7 +285,7 @@ def _mends_numbers(search: Search, exact: Exact, chosen: Fit, best: Fit) -> bool
 def _only_blurs(exact: Exact, chosen: Weighed, best: Weighed, whole: float) -> bool:
     """Whether a further cause is a detail beside which the parameters of those that are there are known less well.
 
-    One that brings a good part of the evidence is no detail, however little torque it takes.
+    One that brings a fifth of the evidence (`weighs`) is no detail, however little torque it takes.
 
     Args:
         exact: what models are weighed against.

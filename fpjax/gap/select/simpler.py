@@ -52,7 +52,7 @@ def simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
 
 
 def plainest(fits: Sequence[Fit]) -> Fit:
-    """The likeliest of some fits, or one with a factor in its place that is nearly as likely.
+    """The likeliest of some fits; in the place of a friction by load a factor that is nearly as likely.
 
     Where the motor hardly ever brakes a friction that grows with the load does what a factor on the torque does, and a
     torque constant that is off is more usual.
@@ -61,6 +61,9 @@ def plainest(fits: Sequence[Fit]) -> Fit:
         fits: at least one.
     """
     best = max(fits, key=lambda fit: fit.evidence)
+    by_load = set(ONE_FOR_MANY) - set(FACTORS)
+    if not by_load & set(best.candidate.structural):
+        return best
     near = [fit for fit in fits if best.evidence - fit.evidence <= THRESHOLDS.decisive]
     factors = [fit for fit in near if set(fit.candidate.structural) & set(FACTORS)]
     return max(factors, key=lambda fit: fit.evidence, default=best)
@@ -136,7 +139,7 @@ def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[tuple[Start, ...]
                 # What the simpler one does not hold of friction may still be wrong in the nominal numbers.
                 wide = tuple(c.wide | set(() if GAIN in c.structural else numbers_of(effect)))
                 simple = Start((*rest, by_name[name]), wide, values)
-                yield (simple, Start(rest, wide, values)) if rest else (simple,)
+                yield simple, Start(rest, wide, values)
     for name in ONE_FOR_MANY:
         if c.wide and name in by_name and name not in c.structural:
             values = {k: v for k, v in c.values().items() if k not in NOMINAL}

@@ -36,6 +36,7 @@ class Seen:
         misread: by error of the velocity column, how large it is beside the gap (`beside_gap`) [1].
         slight: readings that are late for sure, and no causes where anything else is amiss.
         rounded: error of a velocity that is rounded, of the speed's rms [1].
+        of_rounding: what the rounding of the readings makes of `after`, which no torque made [N m].
         moved: `after` over `before` [1], each frequency weighted by how far it moves the machine: vibration that hardly
             does, and that no cause of the vocabulary holds, is most of what many real machines leave.
         moved_by_numbers: likewise, of the model of the nominal numbers alone [1].
@@ -59,6 +60,7 @@ class Seen:
     misread: Mapping[str, float] = field(default_factory=dict)
     slight: frozenset[str] = frozenset()
     rounded: float = 0.0
+    of_rounding: float = 0.0
     moved: float = 1.0
     moved_by_numbers: float = 1.0
     contradicted: bool = False

@@ -178,13 +178,14 @@ def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
     """Every set of causes that was tried, once, with its greatest worth; the chosen one as it is asserted."""
     best: dict[tuple[str, ...], _Set] = {}
     told = set(decision.chosen.structural)
+    shared = told | set(chosen.names)
     for w in (decision.nominal, *decision.singles, *decision.rivals):
         # The chosen causes with more beside them are the chosen ones with details, which were not worth a cause.
         if set(w.structural) == told or (told and set(w.structural) > told) or _adds_to(w, chosen, seen, decision):
             continue
         names = tuple(dict.fromkeys(seen.meaning.get(name, name) for name in _names(w, seen)))
         # It stands beside what leads, or else what it has in its place leads.
-        names = tuple(sorted(names, key=lambda name: (name not in chosen.names[:1], name in told)))
+        names = tuple(sorted(names, key=lambda name: (name not in chosen.names[:1], name in shared)))
         own = _Set(names, decision.chosen.gain - max(w.behind(decision.chosen), 0.0))
         if own.names and (own.names not in best or best[own.names].worth < own.worth):
             best[own.names] = own
@@ -194,16 +195,19 @@ def _sets(decision: Decision, chosen: _Set, seen: Seen) -> list[_Set]:
 def _adds_to(w: Weighed, chosen: _Set, seen: Seen, decision: Decision) -> bool:
     """Whether a model with an effect says no other thing, since its wrong nominal numbers say what leads.
 
-    Where a wrong number leads, the model has the same number wrong; where a factor leads, or a friction by load beside
-    which every number is right, it has several wrong in one direction, as that makes them together.
+    Where a wrong number leads, the model has the same number wrong; where a factor leads, it has several wrong in one
+    direction, as the factor makes them together; so it has, and all too large, where a friction by load leads beside
+    which every number is right.
     """
     if not chosen.names or not w.structural or set(w.structural) & set(FACTORS):
         return False
     lead = chosen.names[0]
-    if lead in FACTORS or (lead in ONE_FOR_MANY and not decision.chosen.fit.candidate.wide):
+    by_load = lead in ONE_FOR_MANY and lead not in FACTORS
+    if lead in FACTORS or (by_load and not decision.chosen.fit.candidate.wide):
         wrong = wrong_numbers(w.fit, seen.sizes)[1] if len(w.fit.candidate.wide) > 1 else ()
         values, given = w.fit.candidate.values(), decision.exact.candidate.values()
-        return len(wrong) > 1 and len({values[name] > given[name] for name in wrong}) == 1
+        ways = {values[name] > given[name] for name in wrong}
+        return len(wrong) > 1 and len(ways) == 1 and (True in ways or not by_load)
     number = lead.removesuffix("_error")
     return is_number(lead) and number in w.fit.candidate.wide and number in wrong_numbers(w.fit, seen.sizes)[1]
 
@@ -252,11 +256,16 @@ def _word(decision: Decision, seen: Seen, chosen: _Set, near: int, lead: float, 
 
 
 def _left(seen: Seen, whole: float, t: Thresholds) -> float:
-    """What the causes leave of the missing torque [1], beyond what noise alone shows, as the share closed is told."""
-    before = seen.before * whole
+    """What the causes leave of the missing torque [1], beyond what noise alone shows, as the share closed is told.
+
+    What rounding makes in a log's own motion is none of it: energies, since it has nothing to do with the torque.
+    """
+    before, after = (
+        float(np.sqrt(max(each**2 - seen.of_rounding**2, 0.0))) for each in (seen.before * whole, seen.after)
+    )
     if before > t.above_noise * seen.floor:
-        return max(seen.after - seen.floor, 0.0) / (before - seen.floor)
-    return seen.after / before if before > 0.0 else 1.0
+        return max(after - seen.floor, 0.0) / (before - seen.floor)
+    return after / before if before > 0.0 else 1.0
 
 
 def _bends(seen: Seen, chosen: _Set, t: Thresholds) -> bool:
