@@ -131,9 +131,9 @@ def rounding_left(rounding: float, gap: Gap) -> list[str]:
     if not 2.0 * rounding > max(gap.after, gap.noise_floor):
         return []
     return [
-        f"Of the {gap.after:.3g} {gap.unit} that are missing with the causes in, {rounding:.3g} {gap.unit} rms come from "
-        "the rounding of the readings, which jump where the motion is slow: this is no torque, and the verdict does not "
-        "count it."
+        f"Of the {gap.after:.3g} {gap.unit} that are missing with the causes in, {rounding:.3g} {gap.unit} rms come "
+        "from the rounding of the readings, which jump where the motion is slow: this is no torque, and the verdict "
+        "does not count it."
     ]
 
 
