@@ -19,6 +19,7 @@ from ...logs.arrays import Values
 from ..data.setting import Setting
 from ..effects.vocabulary import stiffness_of
 from ..simulate.family import Runner, window_fields
+from .bounded import bounded_step
 from .candidate import Candidate
 from .modes import COMPARED, Modes
 from .response import Response, Windows
@@ -119,15 +120,16 @@ class Fitter(Response):
 
     def residuals(self, c: Candidate, which: int, windows: Values) -> Values:
         """Simulated less measured readings of a candidate, in standard deviations, (channels, samples, windows)."""
-        vector = np.repeat(c.vector[:, None], len(windows), 1)
-        fields = window_fields(self.records[which], windows, c.hidden[which])
-        return self.runner.run(which, vector, c.states[which][:, windows], fields)[0]
+        return self._simulated(c, which, windows)[0]
 
     def ends(self, c: Candidate, which: int, windows: Values) -> Values:
         """Hidden states at the ends of windows at the candidate's present values, shape (2, windows)."""
+        return self._simulated(c, which, windows)[1]
+
+    def _simulated(self, c: Candidate, which: int, windows: Values) -> tuple[Values, Values]:
         vector = np.repeat(c.vector[:, None], len(windows), 1)
         fields = window_fields(self.records[which], windows, c.hidden[which])
-        return self.runner.run(which, vector, c.states[which][:, windows], fields)[1]
+        return self.runner.run(which, vector, c.states[which][:, windows], fields)
 
     def linearise(
         self, candidates: Sequence[Candidate], windows: Windows, *, hidden: bool = True, known: Known | None = None
@@ -316,7 +318,7 @@ class Fitter(Response):
         pull = (c.vector[c.free] - c.center) / c.spread * unit + self.log_volume_slope(c, torques)
         stepped = []
         for place, damping in enumerate(dampings):
-            step = _bounded(c, matrix[place] + prior, slope[place] + pull, damping) if count else np.zeros(0)
+            step = bounded_step(c, matrix[place] + prior, slope[place] + pull, damping) if count else np.zeros(0)
             vector = c.vector.copy()
             move = np.clip(step * c.scale, -c.reach, c.reach)
             vector[c.free] = np.clip(vector[c.free] + move, c.low, c.high)
@@ -381,27 +383,6 @@ class Fitter(Response):
         pull = (weighted.transpose(0, 2, 1) @ here[:, :, None])[:, :, 0]
         pull[:, len(c.free) :] += (c.states[part.which][live][:, part.windows] / deviation[live][:, None]).T
         return products, pull, deviation, live
-
-
-def _bounded(c: Candidate, matrix: Values, slope: Values, damping: float) -> Values:
-    """The step of the damped normal equations; a parameter at a bound, whose step leads outside, is held there."""
-    value, edge = c.vector[c.free], 1e-9 * c.scale
-    low, high = value <= c.low + edge, value >= c.high - edge
-    # Marquardt's scaling by the diagonal; the small term keeps a parameter without influence solvable.
-    damped = matrix + np.diag(damping * np.diag(matrix) + 1e-12)
-    step = np.linalg.lstsq(damped, -slope, rcond=1e-13)[0]
-    held = np.zeros(len(value), bool)
-    for _ in range(3):  # holding one parameter may drive another out
-        out = (low & (step < 0)) | (high & (step > 0))
-        if not np.any(out & ~held):
-            break
-        held |= out
-        go = ~held
-        step = np.zeros(len(value))
-        if not np.any(go):
-            break
-        step[go] = np.linalg.lstsq(damped[np.ix_(go, go)], -slope[go], rcond=1e-13)[0]
-    return step
 
 
 def _shaft(c: Candidate) -> tuple[float, float]:
