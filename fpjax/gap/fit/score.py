@@ -138,11 +138,11 @@ def _missing(
     found, moving = ([np.full(len(record.starts), np.nan) for record in search.records] for _ in range(2))
     # d = V diag(1 / sqrt(lambda)) c, filtered; V is orthonormal, so that squares of coefficients add up.
     scale, modes = fitter.torque_scale(c), search.modes
-    noises = [fitter.noise[p.which][p.windows] for p in parts]
-    weights = [search.measure.weight(noise, scale) for noise in noises]
-    beside = [modes.plain(p.c) ** 2 - search.real_noise * n[:, None] for p, n in zip(parts, noises, strict=True)]
     still = modes.variance(np.zeros(1))[0]  # what no loop answers, shape (modes,)
-    for p, each, weight in zip(parts, beside, weights, strict=True):
+    for p in parts:
+        noise = fitter.noise[p.which][p.windows]
+        weight = search.measure.weight(noise, scale)
+        each = modes.plain(p.c) ** 2 - search.real_noise * noise[:, None]
         if np.any(still > 0.0):
             # What the nominal model leaves and no loop answers may be what this one explains (a load that rattles):
             # then it is no noise, and taken out it would hide what the model lacks in other octaves.
@@ -151,9 +151,8 @@ def _missing(
                 np.bincount(modes.band, np.sum(energy[rows] * weight[rows], axis=0), modes.bands)
                 for energy in (each, np.broadcast_to(still, each.shape))
             )
-            share = np.clip(own / np.where(taken > 0.0, taken, 1.0), 0.0, 1.0)[modes.band]
-            each = each - share * still
-        each = each * weight
+            each -= np.clip(own / np.where(taken > 0.0, taken, 1.0), 0.0, 1.0)[modes.band] * still
+        each *= weight
         found[p.which][p.windows] = np.sum(each, axis=1)
         moving[p.which][p.windows] = each @ search.moves
     return tuple(found), tuple(moving)
