@@ -35,6 +35,7 @@ F = TypeVar("F", bound=Callable[..., object])
 C = TypeVar("C")
 X = TypeVar("X")
 Y = TypeVar("Y")
+T = TypeVar("T")
 
 CHECKPOINTS = ("none", "step", "nested", "auto")  # in the order of their levels of blocks: 0, 1, 2, by size
 MOST_LEVELS = 4
@@ -162,6 +163,17 @@ def scan_loop(
         return lax.scan(step if platform() in GPUS else _whole_carry(step), carry, xs, length=length, unroll=unroll)
     kept = jax.checkpoint(step, prevent_cse=False, policy=_is_expensive)
     return _in_blocks(_whole_carry(kept), carry, xs, length, levels, unroll)
+
+
+def once(value: T) -> T:
+    """`value`, computed once: on a CPU XLA else computes a cheap operation anew in every fusion that uses its result.
+
+    In a long step without expensive operations that multiplies: half the time of a diagnosis' loops went into it.
+
+    Args:
+        value: a pytree of arrays, of any size.
+    """
+    return value if platform() in GPUS or not jax.tree.leaves(value) else lax.optimization_barrier(value)
 
 
 def alike_on_devices(step: Callable[[C, X], tuple[C, Y]], carry: C, xs: X) -> tuple[Callable[[C, X], tuple[C, Y]], C]:

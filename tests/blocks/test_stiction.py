@@ -5,6 +5,10 @@ import numpy as np
 import pytest
 
 import fpjax as fp
+from fpjax.blocks.friction.general import GeneralFriction
+from fpjax.blocks.plants import TwoMassState
+from fpjax.blocks.plants.sticking import advance_exact
+from fpjax.blocks.plants.transmission import Transmission
 
 
 def _push(torque, solver, stepping, duration=1.0):
@@ -60,3 +64,26 @@ def test_a_sliding_body_comes_to_rest_and_stays(solver, stepping):
 def test_a_body_does_not_break_away_below_what_slides(make):
     with pytest.raises(fp.InputError, match="static must be at least coulomb = 20 N m, got 15 N m"):
         make()
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        GeneralFriction(0.02, 0.05),
+        GeneralFriction(0.02, 0.05, stribeck_torque=0.3, stribeck_velocity=2.0),
+        GeneralFriction(0.02, 0.05, drag_coefficient=0.03),
+    ],
+    ids=["viscous", "stribeck", "drag"],
+)
+def test_two_masses_slide_in_second_order(law):
+    # A push without a reversal: half the step, a quarter of the error.
+    plant = Transmission(0.05, 0.5, 300.0, 0.05, law)
+    start = TwoMassState(*(jnp.float64(value) for value in (3.0, 0.0, 3.0, 0.0)), ())
+
+    def end(substeps):
+        after = advance_exact(plant, start, jnp.float64(1.0), jnp.float64(0.0), jnp.float64(0.02), substeps)
+        return np.array([after.motor_velocity, after.load_velocity])
+
+    truth = end(2000)
+    errors = [np.max(np.abs(end(substeps) - truth)) for substeps in (16, 32, 64)]
+    assert errors[0] > 3.5 * errors[1] > 3.5**2 * errors[2] > 0.0

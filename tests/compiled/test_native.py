@@ -21,6 +21,7 @@ from fpjax.compiled.native import (
     native,
     native_enabled,
     native_mode,
+    once,
     reverse_pass,
     scan_loop,
 )
@@ -388,3 +389,29 @@ def test_without_jit_it_is_the_function():
     expected = run(start)
     with jax.disable_jit():
         np.testing.assert_allclose(run(start), expected, rtol=1e-14)
+
+
+def _multiplications(hold):
+    """How many multiplications XLA compiles of a chain whose results are all used twice."""
+
+    def chain(x):
+        for _ in range(8):
+            x = hold(x * jnp.roll(x, 1) + 0.5)
+        return x
+
+    return jax.jit(chain).lower(jnp.ones(64)).compile().as_text().count(" multiply(")
+
+
+def test_once_computes_a_value_once():
+    assert _multiplications(once) <= 8 < _multiplications(lambda x: x)
+
+
+def test_once_changes_no_number():
+    def chain(x, hold):
+        pair = hold({"a": x * x, "b": jnp.sin(x)})
+        return pair["a"] * pair["b"] + pair["a"]
+
+    x = jnp.linspace(0.1, 1.0, 7)
+    assert once(()) == ()
+    for of in (lambda f: f, lambda f: jax.vmap(jax.grad(f)), lambda f: jax.jit(jax.vmap(jax.jacfwd(f)))):
+        np.testing.assert_allclose(of(lambda x: chain(x, once))(x), of(lambda x: chain(x, lambda y: y))(x), rtol=1e-14)

@@ -11,6 +11,7 @@ from jaxtyping import Array, PyTree
 
 from ...compiled.elementary import log
 from ...compiled.hyperbolic import tanh
+from ...compiled.native import once
 from ...errors import InputError
 from ..block import Block
 from ..signals import Motion
@@ -137,35 +138,37 @@ class AbstractStaticFriction(AbstractFriction):
         Reference: the event is that of Karnopp, "Computer simulation of stick-slip friction in mechanical dynamic
         systems", 1985, resolved in time instead of by a band of speeds.
         """
-        velocity, half = start.velocity, 0.5 * dt
-        side = jnp.sign(velocity)
         # Every evaluation uses the position and time of the step's middle, so that the sines and exponentials of a law
         # are the same expressions and are computed once.
-        place, moment = start.position + half * velocity, start.time + half
-        at_start = Motion(velocity, place, moment, torque)
-        free = torque - load(at_start)
-        first = free - self.drag(at_start) - side * self.level(at_start)
-        halfway = velocity + half * first / inertia
-        # Where the body stops within the first half, the mean speed until then stands in for the middle of its slide.
-        halfway = jnp.where(halfway * side > 0.0, halfway, 0.5 * velocity)
-        middle = Motion(halfway, place, moment, torque)
-        sliding = (free - self.drag(middle) - side * self.level(middle)) / inertia
-        after, position = self._slip(velocity, start.position, free, sliding, middle, inertia, dt)
-        return after, position, state
+        half = 0.5 * dt
+        motion = Motion(start.velocity, start.position + half * start.velocity, start.time + half, torque)
+        return *self._advanced(motion, start.position, torque - load(motion), inertia, 1.0, dt), state
 
     def turn(self, motion: Motion, free: Array, inertia: Array, share: Array, dt: Array) -> Array:
         """Speed [rad/s] of a body after dt [s] under a share of this law; at rest it sticks exactly.
 
         Args:
-            motion: the motion at which level and drag are evaluated; its velocity is that of the start.
+            motion: the velocity at the start of the step, the position and time at its middle.
             free: torque on the body but for friction [N m].
             inertia: of the body [kg m^2].
             share: the share of the friction that acts on this body [1].
             dt: length of the step [s].
         """
-        braking = share * (self.drag(motion) + jnp.sign(motion.velocity) * self.level(motion))
-        sliding = (free - braking) / inertia
-        return self._slip(motion.velocity, motion.position, free, sliding, motion, inertia, dt, share)[0]
+        return self._advanced(motion, motion.position, free, inertia, share, dt)[0]
+
+    def _advanced(
+        self, motion: Motion, position: Array, free: Array, inertia: Array, share: ArrayLike, dt: Array
+    ) -> tuple[Array, Array]:
+        """(velocity, position) after dt, from `position`; the other arguments as of `turn`."""
+        velocity, side = motion.velocity, jnp.sign(motion.velocity)
+        mobility = 1.0 / inertia  # one division, which a loop over time does once
+        first = free - share * (self.drag(motion) + side * self.level(motion))
+        halfway = velocity + 0.5 * dt * first * mobility
+        # Where the body stops within the first half, the mean speed until then stands in for the middle of its slide.
+        halfway = jnp.where(halfway * side > 0.0, halfway, 0.5 * velocity)
+        middle = Motion(halfway, motion.position, motion.time, motion.torque)
+        sliding = (free - share * (self.drag(middle) + side * self.level(middle))) * mobility
+        return self._slip(velocity, position, free, sliding, middle, mobility, dt, share)
 
     def _slip(
         self,
@@ -174,11 +177,15 @@ class AbstractStaticFriction(AbstractFriction):
         free: Array,
         sliding: Array,
         middle: Motion,
-        inertia: Array,
+        mobility: Array,
         dt: Array,
-        share: ArrayLike = 1.0,
+        share: ArrayLike,
     ) -> tuple[Array, Array]:
-        """(velocity, position) after dt: slides at `sliding` [rad/s^2] until it stops, then sticks or breaks away."""
+        """(velocity, position) after dt: slides at `sliding` [rad/s^2] until it stops, then sticks or breaks away.
+
+        `mobility` is 1 / inertia [1 / (kg m^2)].
+        """
+        free, sliding = once((free, sliding))
         after = velocity + dt * sliding
         crosses = velocity * after <= 0.0  # a body at rest counts as crossing, at time zero
         # `until` is the time of the stop, from w + until w' = 0. The divisor is replaced where it is not used: a
@@ -189,12 +196,12 @@ class AbstractStaticFriction(AbstractFriction):
         toward = jnp.where(free < 0.0, -NEARLY_REST, NEARLY_REST)
         rest = Motion(toward, middle.position, middle.time, middle.torque)
         level = share * self.breakaway(rest)
-        left = (free - jnp.clip(free, -level, level)) / inertia  # soft(T, k) / J
+        left = (free - jnp.clip(free, -level, level)) * mobility  # soft(T, k) / J
         turned = left * (dt - until)
         # Both parts move at a constant acceleration, so the travel is the mean speed times the time.
         slid = position + 0.5 * dt * (velocity + after)
         stopped = position + 0.5 * until * velocity + 0.5 * (dt - until) * turned
-        return jnp.where(crosses, turned, after), jnp.where(crosses, stopped, slid)
+        return once((jnp.where(crosses, turned, after), jnp.where(crosses, stopped, slid)))
 
 
 def direction(velocity: Array, steepness: Array | None) -> Array:

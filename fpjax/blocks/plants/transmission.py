@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from ...compiled.native import once
 from ...errors import InputError
 from ..block import as_parameter, require_below, require_not_negative, require_positive
 from ..friction import AbstractFriction, AbstractStaticFriction
@@ -133,11 +134,13 @@ class Transmission(AbstractPlant):
         law, half = self.friction, 0.5 * dt
         if not isinstance(law, AbstractStaticFriction):
             return super().advance(state, torque, time, dt)
+        state = once(state)
         motor_position = state.motor_position + half * state.motor_velocity
         load_position = state.load_position + half * state.load_velocity
         twist, relative = motor_position - load_position, state.motor_velocity - state.load_velocity
-        mobility = 1.0 / self.motor_inertia + 1.0 / self.load_inertia
-        shaft = self.mean_shaft(twist, relative, torque / self.motor_inertia, mobility, dt)
+        of_motor = 1.0 / self.motor_inertia
+        mobility = of_motor + 1.0 / self.load_inertia
+        shaft = once(self.mean_shaft(twist, relative, torque * of_motor, mobility, dt))
         motor = Motion(state.motor_velocity, motor_position, time + half, torque)
         load = Motion(state.load_velocity, load_position, time + half, shaft)
         on_load = shaft - self.load.readout(load)

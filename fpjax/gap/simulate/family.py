@@ -194,7 +194,7 @@ class Runner:
         result, ends = np.empty((self.channels, self.samples, count)), np.zeros((2, count))
         # JAX's settings (precision, default device) belong to a thread: every thread is given this one's.
         own, fixed = settings(), self.fixed[which]
-        (device,) = jnp.zeros(()).devices()
+        (device,) = self.tables[which].torque.devices()
         # On a GPU one thread: its chunks queue on the device anyway.
         threads = max(1, min(cores(), chunks // CHUNKS)) if device.platform == "cpu" else 1
 

@@ -21,6 +21,7 @@ from ...blocks.plants import OneMassState, TwoMassState
 from ...blocks.plants.sticking import advance_exact
 from ...blocks.servo_sensor import ServoSensor
 from ...blocks.signals import Motion, PlantOutput
+from ...compiled.native import once
 from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, EffectParameter
 from ..machine import Machine, Structure, lanes, structure_of
@@ -29,8 +30,9 @@ from .windows import Windows, from_rows
 LANES = 64  # run by one call: the fastest chunk in double precision on a core, smaller ones waste its vectors
 # Start values of a window: rate and position; the bristles' deflection; the twist and the relative speed.
 STATES: dict[Structure, int] = {"rigid": 2, "bristles": 3, "transmission": 4}
-# Integration steps in a control period: bristles and shafts are stiffer than a rigid mass.
-SUBSTEPS: dict[Structure, int] = {"rigid": 1, "bristles": 2, "transmission": 4}
+# Integration steps in a control period: bristles and shafts are stiffer than a rigid mass. A resonance that is
+# looked for lies below a sixth of the sampling frequency (`highest_frequency`), which two steps get right to 1 %.
+SUBSTEPS: dict[Structure, int] = {"rigid": 1, "bristles": 2, "transmission": 2}
 FINER = 3  # times as many substeps, to measure the integration error
 LEAST_SPEED = 0.5  # of the measured speed: friction of a simulated machine that is slower acts as at this one
 WORST = 1e8  # a residual of more standard deviations counts as this many: a diverged lane must not overflow
@@ -199,7 +201,8 @@ def advance(
     measured = _measured(sensor, tables.moving[at], windows.integrated)
     least = LEAST_SPEED * measured
     behind = jnp.where(jnp.sign(least) * (guided_rate - least) < 0.0, least - guided_rate, 0.0)
-    following = _moved(machine, state, applied, (behind, aside), measured, time, tables.dt, substeps)
+    applied, shift, measured = once((applied, (behind, aside), measured))
+    following = once(_moved(machine, state, applied, shift, measured, time, tables.dt, substeps))
     # The guide's acceleration [rad/s^2], constant over the period.
     turning = guide.stiffness * (guide.angle[at] - guided_angle)
     # Beside an encoder the guide follows its rate, which is the true one; without, what the rate sensor's reading says
