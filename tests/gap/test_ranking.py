@@ -198,14 +198,15 @@ def fit(names, wide, bound, left, evidence=990.0, values=None):
     return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows, moving=False: left)
 
 
-def simpler_search(fits, hopeless, plain=0.0):
+def simpler_search(fits, hopeless, plain=0.0, turning_load=False):
     """A search in which some sets of effects have these fits, and all others a hopeless one."""
 
     def fitted(starts):
         names = [{effect.name for effect in start.effects} for start in starts]
         return [next((f for f in fits if set(f.candidate.structural) == own), hopeless) for own in names]
 
-    asked = SimpleNamespace(effects=EFFECTS, records=[], fitted=fitted)
+    setting = SimpleNamespace(turning_load=turning_load)
+    asked = SimpleNamespace(effects=EFFECTS, records=[], fitted=fitted, setting=setting)
     asked.refit = lambda fit, wide: SimpleNamespace(evidence=plain)
     return asked
 
@@ -252,6 +253,17 @@ def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_wha
         assert simpler.simpler(of(factor), exact, chosen).structural == told
 
 
+@pytest.mark.parametrize("turning_load", [True, False])
+def test_a_factor_stands_for_the_error_of_a_known_load_and_of_the_numbers_together(monkeypatch, turning_load):
+    monkeypatch.setattr(simpler, "resolved", lambda search, fit: True)
+    chosen = weighing.Weighed(fit(("cogging", "unbalance"), ("coulomb",), [], 0.1, 1000.0), 1000.0, 1000.0, 0.1)
+    exact, hopeless = weighing.Exact(fit((), (), [], 1.0, 0.0), ()), fit((), (), [], 9.0, -1e9)
+    factor, rest = fit(("cogging", "torque_gain_error"), (), [], 0.1, 990.0), fit(("cogging",), (), [], 0.3, 900.0)
+    search = simpler_search([factor, rest], hopeless, turning_load=turning_load)
+    told = ("cogging", "torque_gain_error") if turning_load else ("cogging", "unbalance")
+    assert simpler.simpler(search, exact, chosen).structural == told
+
+
 def test_a_model_that_is_less_likely_than_one_it_contains_leaves_no_less_torque():
     likelier, less = weighed("compliance+cogging", 500.0, left=0.5), weighed("backlash+cogging", 480.0, left=0.4)
     other = weighed("backlash+stribeck", 400.0, left=0.3)
@@ -276,5 +288,6 @@ def test_a_likelier_special_case_takes_the_place_of_what_contains_it(monkeypatch
     exact = weighing.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows, moving=False: 1.0), ())
     for evidence, told in ((1020.0, "compliance"), (1005.0, "backlash"), (990.0, "backlash")):
         fits = [fit("compliance", evidence, 0.6), fit("", -1e9, 1.0)]  # leaves a fifth of the energy more; nothing
-        search = SimpleNamespace(effects=EFFECTS, records=[], fitted=lambda starts, fits=fits: fits)
+        setting = SimpleNamespace(turning_load=False)
+        search = SimpleNamespace(effects=EFFECTS, records=[], setting=setting, fitted=lambda starts, fits=fits: fits)
         assert simpler.simpler(search, exact, chosen).structural == (told,)

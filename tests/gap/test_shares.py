@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from fpjax.gap.select.shares import shares_of
+from fpjax.gap.select.shares import lost_of, shares_of
 
 
 def shares(energies, held=None, whole=None, given=None, of=lambda found: found.energy):
@@ -30,7 +30,9 @@ def shares(energies, held=None, whole=None, given=None, of=lambda found: found.e
         wide = frozenset(n.removesuffix("_error") for n in names if n.endswith("_error"))
         structural = tuple(effect.name for effect in effects)
         candidate = SimpleNamespace(effects=effects, wide=wide, structural=structural, values=lambda: given or {})
-        return SimpleNamespace(names=frozenset(names), evidence=-energies[names], candidate=candidate)
+        return SimpleNamespace(
+            names=frozenset(names), evidence=-energies[names], told=-energies[names], candidate=candidate
+        )
 
     def fitted(starts):
         return [fit(frozenset({e.name for e in s.effects} | {f"{n}_error" for n in s.wide})) for s in starts]
@@ -60,6 +62,19 @@ def test_evidence_lost_is_a_share_of_what_the_model_brings():
     energies = {(): 1.0, ("unbalance",): 0.4, ("cogging",): 0.7, ("unbalance", "cogging"): 0.1}
     found, _ = shares(energies, of=lambda found: found.evidence)
     assert found == pytest.approx({"unbalance": 0.6 / 0.9, "cogging": 0.3 / 0.9})
+
+
+def test_evidence_in_what_tells_no_torque_makes_no_cause():
+    """A third of all evidence, but hardly any of that in the modes that tell a torque."""
+
+    def of(evidence, told):
+        return SimpleNamespace(evidence=evidence, told=told)
+
+    given, chosen = of(0.0, 0.0), of(900.0, 500.0)
+    assert lost_of(given, chosen, of(600.0, 490.0)) == pytest.approx(10.0 / 500.0)
+    assert lost_of(given, chosen, of(600.0, 100.0)) == pytest.approx(300.0 / 900.0)
+    assert lost_of(given, chosen, of(950.0, 400.0)) == 0.0  # found without it, and likelier
+    assert lost_of(given, of(900.0, -1.0), of(600.0, -2.0)) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -143,11 +158,11 @@ def test_the_most_likely_fit_without_a_friction_by_direction_starts_from_its_mea
     candidate = SimpleNamespace(
         effects=(effect,), wide=frozenset({"inertia"}), structural=(effect.name,), values=lambda: values
     )
-    fit = SimpleNamespace(candidate=candidate, evidence=0.0)
+    fit = SimpleNamespace(candidate=candidate, evidence=0.0, told=0.0)
 
     def fitted(starts):
         seen.extend(starts)
-        return [SimpleNamespace(candidate=candidate, evidence=0.0) for _ in starts]
+        return [SimpleNamespace(candidate=candidate, evidence=0.0, told=0.0) for _ in starts]
 
     exact = SimpleNamespace(fit=fit, left=lambda one: 1.0)
     shares_of(SimpleNamespace(fitted=fitted), exact, fit, [])

@@ -224,6 +224,8 @@ class Fit:
             (windows,) a record, weighed by `Search.measure`. A window may be below zero by chance.
         level: q of all octaves together, rms over the modes in the same frequencies [N m].
         moving: as `missing`, each frequency weighted by how far it moves the machine (`Search.moves`).
+        told: log likelihood of the modes alone that tell a torque (`fpjax.gap.fit.measure.Measure.told`), and of those
+            that show the difference between the sensors [nats].
     """
 
     candidate: Candidate
@@ -231,6 +233,7 @@ class Fit:
     missing: tuple[Values, ...]
     level: float
     moving: tuple[Values, ...] = ()
+    told: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -3,12 +3,13 @@
 The missing torque is told at the command, rms, with the share of noise taken out. Two weights, both of the nominal
 model, so that no candidate changes what it is measured by:
 
-* Wiener's filter: what a window's sensors tell from noise. A window of equal readings tells next to nothing, and counts
-  so.
+* Wiener's filter: what a window's sensors tell from noise, and nothing where they hold more noise than torque. A window
+  of equal readings tells next to nothing, and counts so.
 * A model that answers less to a torque lacks more of it, as far as the motion is imposed by a loop that answers with
   the command. Where the torque makes the motion, what is missing is missing at the mass.
 """
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,15 +41,16 @@ class Measure:
         modes = response.modes
         return Measure(modes, response.records[0].samples, level, response.imposed(level))
 
-    @property
+    @functools.cached_property
     def told(self) -> Values:
-        """Whether a mode can tell a torque, shape (modes,).
+        """Whether a mode tells a torque, shape (modes,).
 
-        An octave of which the readings hold more noise than torque tells none: what stands out there for a while, as
-        the steps of an encoder that pass at nearly the sampling rate, is noise too. Where that is every octave, all do.
+        One in which the readings hold more noise than torque tells none: noise is never known to a few per cent in
+        every octave (an encoder's steps and its errors within a line are no white noise), and what it has above its
+        assumed variance would be a torque there, of the first model that follows it. Where that is every mode, all do.
         """
-        told = (self.modes.unanswered <= self.level)[self.modes.band]
-        return told if np.any(told & ~self.modes.sensor) else np.ones_like(told)
+        told = self.modes.wiener(self.level, np.ones(1))[0] >= 0.5
+        return told if np.any(told) else np.ones_like(told)
 
     def filter(self, noise: Values) -> Values:
         """Share of a coefficient that is told as missing torque [1], shape (windows, modes).

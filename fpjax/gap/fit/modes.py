@@ -175,10 +175,22 @@ class Modes:
             coefficients: rotated, shape (windows, modes).
             white: one burst for all tiles of a side of a window.
         """
+        return np.sum(self._costs(level, noise, coefficients, white), axis=1)
+
+    def cost_in(self, some: Values, level: Values, noise: Values, coefficients: Values) -> Values:
+        """`cost` of the tiles that hold mostly some of the modes, as of shape (modes,), and not white."""
+        share = np.add.reduceat(some.astype(float), self._first_modes) / np.add.reduceat(
+            np.ones(len(some)), self._first_modes
+        )
+        return np.sum(self._costs(level, noise, coefficients, False)[:, share >= 0.5], axis=1)
+
+    def _costs(self, level: Values, noise: Values, coefficients: Values, white: bool) -> Values:
+        """`cost` by tile, or by side if white."""
         order = np.argsort(noise, kind="stable")
-        found = np.empty(len(noise))
         by_burst = self._by_burst(level, noise[order], coefficients[order], white)
-        found[order] = np.sum(mixed_likelihood(by_burst, bursts(self.tails)[1]), axis=1)
+        mixed = mixed_likelihood(by_burst, bursts(self.tails)[1])
+        found = np.empty_like(mixed)
+        found[order] = mixed
         return found
 
     def precision(self, level: Values, noise: Values, coefficients: Values, *, white: bool) -> Values:

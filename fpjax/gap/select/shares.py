@@ -18,7 +18,8 @@ class Shares:
 
     Attributes:
         energy: what would come back of the nominal model's missing energy without it [1], the largest first.
-        evidence: what would be lost without it alone, of the evidence that the model has over the nominal one [1].
+        evidence: what would be lost without it alone, of the evidence that the model has over the nominal one [1],
+            where that is in what tells a torque.
         alike: causes that would do as well in its place.
     """
 
@@ -50,10 +51,7 @@ def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> S
     singly = [(name,) for name in (*c.structural, *numbers)]
     without = _fits_without(search, fit, singly, known)
     shares = {name: min(max(exact.left(without[(name,)]) ** 2 - now, 0.0) / whole, 1.0) for (name,) in singly}
-    brings = fit.evidence - exact.fit.evidence
-    lost = {
-        name: max(fit.evidence - without[(name,)].evidence, 0.0) / brings if brings > 0.0 else 0.0 for (name,) in singly
-    }
+    lost = {name: lost_of(exact.fit, fit, without[(name,)]) for (name,) in singly}
     alike: Alike = {}
     for some in (numbers, [*c.structural, *numbers]):
         details = [name for name in some if shares[name] <= THRESHOLDS.matters]
@@ -61,6 +59,21 @@ def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> S
             found, others = _one_by_one(search, exact, fit, details, known)
             shares, alike = shares | found, alike | others
     return Shares(dict(sorted(shares.items(), key=lambda item: -item[1])), lost, alike)
+
+
+def lost_of(given: Fit, fit: Fit, without: Fit) -> float:
+    """Share of the evidence over the nominal model that is lost without a cause [1].
+
+    In all modes or in those that tell a torque (`Fit.told`), whichever is less: what follows the noise of the readings
+    or of a measured torque is no cause by that.
+
+    Args:
+        given: the nominal model as given.
+        fit: of all causes.
+        without: of all but one.
+    """
+    all_of_it = ((fit.evidence - one.evidence, fit.told - one.told) for one in (given, without))
+    return min(max(lost, 0.0) / brings if brings > 0.0 else 0.0 for brings, lost in zip(*all_of_it, strict=True))
 
 
 def _one_by_one(

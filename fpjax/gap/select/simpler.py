@@ -32,7 +32,7 @@ def simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
     """
     by_name = {effect.name: effect for effect in search.effects}
     while True:
-        options = list(_instead(chosen.fit, by_name))
+        options = list(_instead(chosen.fit, by_name, search.setting.turning_load))
         if not options:
             return chosen
         whole = whole_gap(search, exact, chosen.fit)
@@ -128,8 +128,14 @@ def _lost(fit: Fit, chosen: Fit, without: float) -> float:
     return (chosen.evidence - fit.evidence) / max(chosen.evidence - without, 1e-300)
 
 
-def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[tuple[Start, ...]]:
-    """Starts of what may stand for causes of a fit; behind one for an effect, that of the fit without the effect."""
+def _instead(fit: Fit, by_name: dict[str, Effect], turning_load: bool) -> Iterator[tuple[Start, ...]]:
+    """Starts of what may stand for causes of a fit; behind one for an effect, that of the fit without the effect.
+
+    Args:
+        fit: of the chosen causes.
+        by_name: the vocabulary.
+        turning_load: whether the nominal model has a known load that turns: an unbalance is then its error.
+    """
     c = fit.candidate
     for effect in c.effects:
         rest = tuple(e for e in c.effects if e is not effect)
@@ -140,6 +146,10 @@ def _instead(fit: Fit, by_name: dict[str, Effect]) -> Iterator[tuple[Start, ...]
                 wide = tuple(c.wide | set(() if GAIN in c.structural else numbers_of(effect)))
                 simple = Start((*rest, by_name[name]), wide, values)
                 yield simple, Start(rest, wide, values)
+        if effect.name == "unbalance" and turning_load and GAIN in by_name and GAIN not in c.structural:
+            # A factor on the torque makes the known load wrong in proportion, as it does the numbers.
+            given = {k: v for k, v in values.items() if k not in NOMINAL}
+            yield Start((*rest, by_name[GAIN]), (), given), Start(rest, tuple(c.wide), values)
     for name in ONE_FOR_MANY:
         if c.wide and name in by_name and name not in c.structural:
             values = {k: v for k, v in c.values().items() if k not in NOMINAL}
