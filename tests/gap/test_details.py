@@ -25,7 +25,7 @@ def effect(name, *parameters):
 WEIGHT, SPRING = effect("unbalance", "weight"), effect("compliance", "frequency", "share")
 
 
-def fit(effects, deviations, together=0.0, ends=(), wide=()):
+def fit(effects, deviations, together=0.0, ends=(), wide=(), evidence=0.0, told=None):
     """A fit whose free parameters have these standard deviations, each pair of them with one correlation."""
     names, sizes = tuple(deviations), np.array(list(deviations.values()))
     correlation = np.full((len(names), len(names)), together)
@@ -38,7 +38,7 @@ def fit(effects, deviations, together=0.0, ends=(), wide=()):
         free=np.arange(len(names)), normal=normal, scale=scale, spread=np.full(len(names), 1e6),
         at_bound=lambda: list(ends), absent=lambda: [],
     )  # fmt: skip
-    return SimpleNamespace(candidate=candidate, evidence=0.0)
+    return SimpleNamespace(candidate=candidate, evidence=evidence, told=evidence if told is None else told)
 
 
 def test_a_detail_that_shares_a_causes_torque_makes_it_less_known():
@@ -87,17 +87,25 @@ def test_a_parameter_at_a_bound_is_not_traded_with():
 def energies(*fits):
     """What fits leave: stands for what models are weighed against."""
     by_fit = {id(fit): energy for fit, energy in fits}
-    return SimpleNamespace(left=lambda one: np.sqrt(by_fit[id(one)]))
+    nominal = SimpleNamespace(evidence=0.0, told=0.0)
+    return SimpleNamespace(fit=nominal, left=lambda one: np.sqrt(by_fit[id(one)]))
 
 
 @pytest.mark.parametrize(
-    ("takes", "deviation", "gain", "refused"),
-    [(DETAIL, 0.6, FEW, True), (DETAIL, 0.4, FEW, False), (0.2, 0.6, FEW, False), (DETAIL, 0.6, MANY, False)],
+    ("takes", "deviation", "gain", "told", "refused"),
+    [
+        (DETAIL, 0.6, FEW, FEW, True),
+        (DETAIL, 0.4, FEW, FEW, False),
+        (0.2, 0.6, FEW, FEW, False),
+        (DETAIL, 0.6, MANY, MANY, False),
+        (DETAIL, 0.6, MANY, FEW, True),  # evidence in what tells no torque
+    ],
 )
-def test_only_a_detail_is_refused_for_it(takes, deviation, gain, refused):
+def test_only_a_detail_is_refused_for_it(takes, deviation, gain, told, refused):
     """A cause of its own, by torque or by evidence, is told whatever it does to the others."""
-    alone, both = fit([WEIGHT], {"weight": 0.5}), fit([WEIGHT, SPRING], {"weight": deviation, "frequency": 1.0})
-    chosen, best = (Weighed(one, 0.0, own, 0.0) for one, own in ((alone, 100.0), (both, gain)))
+    alone = fit([WEIGHT], {"weight": 0.5}, evidence=100.0)
+    both = fit([WEIGHT, SPRING], {"weight": deviation, "frequency": 1.0}, evidence=gain, told=told)
+    chosen, best = (Weighed(one, one.evidence, one.evidence, 0.0) for one in (alone, both))
     assert _only_blurs(energies((alone, 1.0), (both, 1.0 - takes * 2.0**2)), chosen, best, 2.0) == refused
 
 
@@ -112,10 +120,10 @@ def test_other_causes_are_no_detail_of_the_chosen_ones():
 def test_where_the_best_detail_only_blurs_the_next_one_is_taken(monkeypatch):
     wave = effect("cogging", "wave")
     chosen, blurring, good = (
-        Weighed(one, 0.0, gain, 0.0)
-        for one, gain in (
-            (fit([WEIGHT], {"weight": 0.5}), 100.0), (fit([WEIGHT, SPRING], {"weight": 0.6}), 110.0),
-            (fit([WEIGHT, wave], {"weight": 0.4}), 108.0),
+        Weighed(one, one.evidence, one.evidence, 0.0)
+        for one in (
+            fit([WEIGHT], {"weight": 0.5}, evidence=100.0), fit([WEIGHT, SPRING], {"weight": 0.6}, evidence=110.0),
+            fit([WEIGHT, wave], {"weight": 0.4}, evidence=108.0),
         )
     )  # fmt: skip
     exact = energies((chosen.fit, 1.0), (blurring.fit, 0.99), (good.fit, 0.99))

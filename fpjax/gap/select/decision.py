@@ -13,7 +13,7 @@ from ..thresholds import THRESHOLDS
 from .detectability import blurs, resolved
 from .dominant import Curve
 from .nominal_errors import wrong_numbers
-from .shares import Shares, absent_friction, numbers_of, shares_of, without_effect
+from .shares import Shares, absent_friction, lost_of, numbers_of, shares_of, without_effect
 from .simpler import FACTORS, GAIN, ONE_FOR_MANY, come_back, plainest, simpler
 from .weighed import (
     Exact,
@@ -293,7 +293,9 @@ def _only_blurs(exact: Exact, chosen: Weighed, best: Weighed, whole: float) -> b
         best: with it.
         whole: what a cause is a share of [N m].
     """
-    if not set(chosen.structural) < set(best.structural) or best.gain - chosen.gain > THRESHOLDS.weighs * best.gain:
+    if not set(chosen.structural) < set(best.structural):
+        return False
+    if lost_of(exact.fit, best.fit, chosen.fit) > THRESHOLDS.weighs:
         return False
     takes = exact.left(chosen.fit) ** 2 - exact.left(best.fit) ** 2
     return takes < THRESHOLDS.matters * whole**2 and blurs(chosen.fit, best.fit)

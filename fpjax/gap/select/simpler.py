@@ -32,7 +32,7 @@ def simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
     """
     by_name = {effect.name: effect for effect in search.effects}
     while True:
-        options = list(_instead(chosen.fit, by_name, search.setting.turning_load))
+        options = list(_instead(chosen.fit, by_name, bool(search.setting.turning_load)))
         if not options:
             return chosen
         whole = whole_gap(search, exact, chosen.fit)
