@@ -117,8 +117,7 @@ def _operations(jaxpr: Jaxpr) -> tuple[float, float]:
         inner = [_operations(program) for program in programs]
         most = max((within for _, within in inner), default=0.0)
         if equation.primitive.name in ("scan", "while", "cond"):
-            parted = any(e.primitive.name == "optimization_barrier" for p in programs for e in p.eqns)
-            turns = 1 if parted else int(equation.params.get("unroll", 1))
+            turns = 1 if _is_parted(equation) else int(equation.params.get("unroll", 1))
             apart = max(apart, most, *(turns * own for own, _ in inner))
         elif inner:
             total, apart = total + sum(own for own, _ in inner), max(apart, most)
@@ -126,6 +125,16 @@ def _operations(jaxpr: Jaxpr) -> tuple[float, float]:
             size = max((_size(v.aval) for v in equation.outvars), default=0)
             total += math.inf if size * 8 > _SAFE_BYTES else size * _COSTS.get(equation.primitive.name, 1)
     return total, apart
+
+
+def _is_parted(loop: JaxprEqn) -> bool:
+    """Whether a barrier holds all that one step of a scan hands to the next: one on a part of it parts no steps."""
+    for body in _inner_programs(loop):
+        held = {id(v) for e in body.eqns if e.primitive.name == "optimization_barrier" for v in e.outvars}
+        carried = body.outvars[: loop.params.get("num_carry", len(body.outvars))]
+        if not carried or not all(id(v) in held for v in carried):
+            return False
+    return True
 
 
 # Operations that XLA expands into many: counted as 40 each, a generous bound (our written-out sine and cosine together

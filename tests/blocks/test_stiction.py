@@ -1,5 +1,6 @@
 """Stiction sticks, holds and breaks away; the exact solver does so without a band."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from fpjax.blocks.friction.general import GeneralFriction
 from fpjax.blocks.plants import TwoMassState
 from fpjax.blocks.plants.sticking import advance_exact
 from fpjax.blocks.plants.transmission import Transmission
+from fpjax.blocks.signals import Motion
 
 
 def _push(torque, solver, stepping, duration=1.0):
@@ -66,24 +68,74 @@ def test_a_body_does_not_break_away_below_what_slides(make):
         make()
 
 
-@pytest.mark.parametrize(
-    "law",
-    [
-        GeneralFriction(0.02, 0.05),
-        GeneralFriction(0.02, 0.05, stribeck_torque=0.3, stribeck_velocity=2.0),
-        GeneralFriction(0.02, 0.05, drag_coefficient=0.03),
-    ],
-    ids=["viscous", "stribeck", "drag"],
-)
-def test_two_masses_slide_in_second_order(law):
-    # A push without a reversal: half the step, a quarter of the error.
-    plant = Transmission(0.05, 0.5, 300.0, 0.05, law)
-    start = TwoMassState(*(jnp.float64(value) for value in (3.0, 0.0, 3.0, 0.0)), ())
+SLIDING = {
+    "viscous": (GeneralFriction(0.02, 0.05), {}),
+    "stribeck": (GeneralFriction(0.02, 0.05, stribeck_torque=0.3, stribeck_velocity=2.0), {}),
+    "drag": (GeneralFriction(0.02, 0.05, drag_coefficient=0.03), {}),
+    "both sides": (GeneralFriction(0.5, 0.05), {"friction_share": 0.3}),
+    "damped": (GeneralFriction(1.0, 0.05), {"damping": 1.0}),
+    "by load": (GeneralFriction(0.5, 0.05, load_coefficient=0.1), {"damping": 0.5}),
+}
 
-    def end(substeps):
-        after = advance_exact(plant, start, jnp.float64(1.0), jnp.float64(0.0), jnp.float64(0.02), substeps)
-        return np.array([after.motor_velocity, after.load_velocity])
 
-    truth = end(2000)
-    errors = [np.max(np.abs(end(substeps) - truth)) for substeps in (16, 32, 64)]
+def _transmission(law, load_share=0.5, stiffness=300.0, damping=0.05, **others):
+    return Transmission(0.05, load_share, stiffness, damping, law, **others)
+
+
+def _end(plant, speed, torque, substeps, duration=0.02):
+    start = TwoMassState(*(jnp.float64(value) for value in (speed, 0.0, speed, 0.0)), ())
+    step = duration / substeps
+
+    @jax.jit
+    def run(start):
+        return jax.lax.fori_loop(
+            0, substeps, lambda i, state: advance_exact(plant, state, torque, i * step, jnp.float64(step)), start
+        )
+
+    after = run(start)
+    return np.array([after.motor_velocity, after.load_velocity])
+
+
+@pytest.mark.parametrize("name", SLIDING)
+def test_two_masses_slide_in_second_order(name):
+    """A push without a reversal: half the step, a quarter of the error."""
+    law, others = SLIDING[name]
+    plant, torque = _transmission(law, **others), jnp.float64(1.0)
+    truth = _end(plant, 30.0, torque, 20_000)
+    errors = [np.max(np.abs(_end(plant, 30.0, torque, substeps) - truth)) for substeps in (40, 80, 160)]
     assert errors[0] > 3.5 * errors[1] > 3.5**2 * errors[2] > 0.0
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_two_masses_at_rest_stick_and_have_slopes(share):
+    plant = _transmission(GeneralFriction(1.0, 0.05), friction_share=share)
+
+    def speeds(torque):
+        start = TwoMassState(*(jnp.float64(0.0) for _ in range(4)), ())
+        after = advance_exact(plant, start, torque, jnp.float64(0.0), jnp.float64(1e-3))
+        return after.motor_velocity, after.load_velocity
+
+    # The motor's own share of the level holds it; without any it starts at once.
+    motor, load = speeds(jnp.float64(0.5 * (1.0 - share)))
+    assert motor == load == 0.0
+    assert speeds(jnp.float64(1.5))[0] > 0.0
+    for torque in (0.0, 0.01, 1.5):
+        slopes = jax.jacfwd(speeds)(jnp.float64(torque)), jax.jacrev(speeds)(jnp.float64(torque))
+        assert np.all(np.isfinite(slopes))
+        np.testing.assert_allclose(slopes[0], slopes[1], atol=1e-12)
+
+
+def test_the_speed_after_a_step_is_continuous_in_that_before_it():
+    """A body that stops just within the step and one that just does not: no jump between neighbours."""
+    law = GeneralFriction(0.1, 0.0, stribeck_torque=0.4, stribeck_velocity=0.1)
+    speeds = np.linspace(0.05, 0.6, 5501)
+    after = jax.vmap(
+        lambda v: law.turn(Motion(v, 0.0 * v, 0.0 * v), -20.0 + 0.0 * v, jnp.float64(0.05), 1.0, jnp.float64(1e-3))
+    )(jnp.asarray(speeds))
+    assert np.max(np.abs(np.diff(after))) < 3.0 * (speeds[1] - speeds[0])
+
+
+def test_a_speed_too_small_to_be_squared_is_no_division_by_zero():
+    law, none = GeneralFriction(0.0, 0.0), jnp.float64(0.0)
+    after = law.turn(Motion(jnp.float64(1e-170), none, none), none, jnp.float64(0.05), 1.0, jnp.float64(1e-3))
+    assert float(after) == 1e-170

@@ -25,7 +25,7 @@ def effect(name, *parameters):
 WEIGHT, SPRING = effect("unbalance", "weight"), effect("compliance", "frequency", "share")
 
 
-def fit(effects, deviations, together=0.0, ends=(), wide=(), evidence=0.0, told=None):
+def fit(effects, deviations, together=0.0, ends=(), wide=(), evidence=0.0, heard=None):
     """A fit whose free parameters have these standard deviations, each pair of them with one correlation."""
     names, sizes = tuple(deviations), np.array(list(deviations.values()))
     correlation = np.full((len(names), len(names)), together)
@@ -38,7 +38,7 @@ def fit(effects, deviations, together=0.0, ends=(), wide=(), evidence=0.0, told=
         free=np.arange(len(names)), normal=normal, scale=scale, spread=np.full(len(names), 1e6),
         at_bound=lambda: list(ends), absent=lambda: [],
     )  # fmt: skip
-    return SimpleNamespace(candidate=candidate, evidence=evidence, told=evidence if told is None else told)
+    return SimpleNamespace(candidate=candidate, evidence=evidence, heard=evidence if heard is None else heard)
 
 
 def test_a_detail_that_shares_a_causes_torque_makes_it_less_known():
@@ -87,24 +87,24 @@ def test_a_parameter_at_a_bound_is_not_traded_with():
 def energies(*fits):
     """What fits leave: stands for what models are weighed against."""
     by_fit = {id(fit): energy for fit, energy in fits}
-    nominal = SimpleNamespace(evidence=0.0, told=0.0)
+    nominal = SimpleNamespace(evidence=0.0, heard=0.0)
     return SimpleNamespace(fit=nominal, left=lambda one: np.sqrt(by_fit[id(one)]))
 
 
 @pytest.mark.parametrize(
-    ("takes", "deviation", "gain", "told", "refused"),
+    ("takes", "deviation", "gain", "heard", "refused"),
     [
         (DETAIL, 0.6, FEW, FEW, True),
         (DETAIL, 0.4, FEW, FEW, False),
         (0.2, 0.6, FEW, FEW, False),
         (DETAIL, 0.6, MANY, MANY, False),
-        (DETAIL, 0.6, MANY, FEW, True),  # evidence in what tells no torque
+        (DETAIL, 0.6, MANY, FEW, True),  # evidence in what is noise more than torque
     ],
 )
-def test_only_a_detail_is_refused_for_it(takes, deviation, gain, told, refused):
+def test_only_a_detail_is_refused_for_it(takes, deviation, gain, heard, refused):
     """A cause of its own, by torque or by evidence, is told whatever it does to the others."""
     alone = fit([WEIGHT], {"weight": 0.5}, evidence=100.0)
-    both = fit([WEIGHT, SPRING], {"weight": deviation, "frequency": 1.0}, evidence=gain, told=told)
+    both = fit([WEIGHT, SPRING], {"weight": deviation, "frequency": 1.0}, evidence=gain, heard=heard)
     chosen, best = (Weighed(one, one.evidence, one.evidence, 0.0) for one in (alone, both))
     assert _only_blurs(energies((alone, 1.0), (both, 1.0 - takes * 2.0**2)), chosen, best, 2.0) == refused
 

@@ -54,7 +54,7 @@ def test_where_an_octave_is_noise_a_burst_of_it_is_none_of_the_machine_either(lo
     noisy = search.modes.unanswered[search.modes.band] > search.measure.level[search.modes.band]
     assert np.any(noisy)
     told = search.measure.filter(np.ones(2))
-    assert np.all(told[:, noisy] == 0.0)
+    assert np.all(told[:, noisy] < 0.05)
     assert np.all(told[:, ~noisy & ~search.modes.sensor] > 0.0)
     # 2 mrad at 75 Hz for a fifth of a second are 22 N m.
     assert missing(search) < 0.1 * 22.0 * np.sqrt(0.2 / 6.0)
@@ -70,13 +70,13 @@ def test_a_torque_that_the_motion_shows_is_none_of_the_sensor(log):
     assert missing(search) > 1.5
 
 
-@pytest.mark.parametrize(("sensor", "step"), [("velocity", 0.05), ("velocity", 0.1), ("position", 5e-3)])
+@pytest.mark.parametrize(("sensor", "step"), [("velocity", 0.05), ("velocity", 0.1), ("position", 0.04)])
 def test_what_rounding_makes_of_the_missing_torque_is_what_a_right_model_leaves(sensor, step):
     """Rounded readings jump where a motion is slow, and noise that is white does not show how much torque that is."""
     pushed = numpy_machine.record(
-        seconds=12.0, sensors=(sensor,), extra=lambda time, speed, angle, command: 0.5 * np.sin(9.0 * time)
+        seconds=6.0, sensors=(sensor,), extra=lambda time, speed, angle, command: 0.5 * np.sin(9.0 * time)
     )
-    for log, least, most in ((numpy_machine.record(seconds=12.0, sensors=(sensor,)), 0.9, 1.0), (pushed, 0.0, 0.5)):
+    for log, least, most in ((numpy_machine.record(seconds=6.0, sensors=(sensor,)), 0.9, 1.0), (pushed, 0.0, 0.5)):
         search = gap_search.search_of(replace(log, **{sensor: np.round(getattr(log, sensor) / step) * step}))
         (fit,), windows = search.finish([search.exact], 0), [np.arange(len(search.records[0].starts))]
         beyond, of_velocity = rounding_of(search, fit, windows)
@@ -132,13 +132,41 @@ def test_a_window_of_equal_readings_counts_as_far_as_it_tells(log):
     assert np.all(hardly[near] <= 1e-3 * usual[near])
 
 
-def test_a_mode_that_holds_more_noise_than_torque_tells_none(log):
+def test_noise_above_what_was_assumed_is_hardly_a_torque(log):
+    """8 % more variance than assumed in an octave of noise, as an encoder's errors within a line are."""
+    search = gap_search.search_of(log)
+    modes, measure = search.modes, search.measure
+    last = ~modes.sensor & (modes.band == modes.band[~modes.sensor].max())
+    level = np.where(np.arange(modes.bands) == modes.band[last][0], np.sqrt(0.08 / modes.gain[last].mean()), 0.0)
+    noisy = replace(measure, level=level)
+    told = noisy.filter(np.ones(1))[0]
+    assert np.all(told[last] <= 0.1 * modes.wiener(level, np.ones(1))[0][last] + 1e-12)
+    loud = replace(measure, level=1e3 * level)  # a torque: Wiener's share of it
+    np.testing.assert_allclose(loud.filter(np.ones(1)), modes.wiener(loud.level, np.ones(1)))
+
+
+def test_what_is_told_grows_with_the_torque_without_a_jump(log):
     measure = gap_search.search_of(log).measure
-    share = measure.modes.wiener(measure.level, np.ones(1))[0]
-    assert 0 < np.sum(measure.told) < np.sum(share > 0.0)
-    np.testing.assert_array_equal(measure.filter(np.ones(1))[0], np.where(share >= 0.5, share, 0.0))
-    silent = replace(measure, level=1e-3 * measure.level)  # no mode tells a torque: all are heard for what they are
-    np.testing.assert_array_equal(silent.filter(np.ones(1)), silent.modes.wiener(silent.level, np.ones(1)))
+    weights = [
+        float(np.sum(replace(measure, level=factor * measure.level).weight(np.ones(1), np.ones(len(measure.imposed)))))
+        for factor in np.geomspace(1e-3, 1e3, 1201)  # steps of 1.2 %
+    ]
+    assert np.all(np.diff(weights) >= 0.0)
+    assert np.max(np.diff(np.log(weights))) < 0.2
+
+
+def test_all_of_half_an_octave_is_drowned_or_none_of_it(log):
+    """Tiles lie side by side in time: a cause in the second half of a window counts as one in the first."""
+    measure = gap_search.search_of(log).measure
+    modes = measure.modes
+    for factor in np.geomspace(1e-4, 1e2, 40):
+        drowned = replace(measure, level=factor * measure.level).drowned
+        by_flat = {}
+        for flat, own in zip(modes.by_tile(modes.flat), drowned, strict=True):
+            by_flat.setdefault(round(float(np.log(flat + 1e-300)), 6), set()).add(bool(own))
+        assert all(len(own) == 1 for own in by_flat.values())
+        assert not np.all(drowned)
+    assert np.any(measure.drowned)
 
 
 def test_models_are_not_compared_on_a_push_that_none_of_them_takes():

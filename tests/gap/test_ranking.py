@@ -198,7 +198,7 @@ def fit(names, wide, bound, left, evidence=990.0, values=None):
     return SimpleNamespace(candidate=candidate, evidence=evidence, missing_rms=lambda windows, moving=False: left)
 
 
-def simpler_search(fits, hopeless, plain=0.0, turning_load=False):
+def simpler_search(fits, hopeless, plain=0.0, turning_load=0j):
     """A search in which some sets of effects have these fits, and all others a hopeless one."""
 
     def fitted(starts):
@@ -253,14 +253,19 @@ def test_a_factor_is_no_simpler_cause_where_the_numbers_end_at_the_bounds_of_wha
         assert simpler.simpler(of(factor), exact, chosen).structural == told
 
 
-@pytest.mark.parametrize("turning_load", [True, False])
-def test_a_factor_stands_for_the_error_of_a_known_load_and_of_the_numbers_together(monkeypatch, turning_load):
+@pytest.mark.parametrize(
+    ("turning_load", "wide", "stands"),
+    [(3.0 + 1.0j, ("coulomb",), True), (0j, ("coulomb",), False), (3.0 + 1.0j, (), False)],  # a weight alone is one
+)
+def test_a_factor_stands_for_the_error_of_a_known_load_and_of_the_numbers_together(
+    monkeypatch, turning_load, wide, stands
+):
     monkeypatch.setattr(simpler, "resolved", lambda search, fit: True)
-    chosen = weighing.Weighed(fit(("cogging", "unbalance"), ("coulomb",), [], 0.1, 1000.0), 1000.0, 1000.0, 0.1)
+    chosen = weighing.Weighed(fit(("cogging", "unbalance"), wide, [], 0.1, 1000.0), 1000.0, 1000.0, 0.1)
     exact, hopeless = weighing.Exact(fit((), (), [], 1.0, 0.0), ()), fit((), (), [], 9.0, -1e9)
     factor, rest = fit(("cogging", "torque_gain_error"), (), [], 0.1, 990.0), fit(("cogging",), (), [], 0.3, 900.0)
     search = simpler_search([factor, rest], hopeless, turning_load=turning_load)
-    told = ("cogging", "torque_gain_error") if turning_load else ("cogging", "unbalance")
+    told = ("cogging", "torque_gain_error") if stands else ("cogging", "unbalance")
     assert simpler.simpler(search, exact, chosen).structural == told
 
 
@@ -288,6 +293,6 @@ def test_a_likelier_special_case_takes_the_place_of_what_contains_it(monkeypatch
     exact = weighing.Exact(SimpleNamespace(evidence=0.0, missing_rms=lambda windows, moving=False: 1.0), ())
     for evidence, told in ((1020.0, "compliance"), (1005.0, "backlash"), (990.0, "backlash")):
         fits = [fit("compliance", evidence, 0.6), fit("", -1e9, 1.0)]  # leaves a fifth of the energy more; nothing
-        setting = SimpleNamespace(turning_load=False)
+        setting = SimpleNamespace(turning_load=0j)
         search = SimpleNamespace(effects=EFFECTS, records=[], setting=setting, fitted=lambda starts, fits=fits: fits)
         assert simpler.simpler(search, exact, chosen).structural == (told,)

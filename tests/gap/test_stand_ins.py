@@ -102,7 +102,7 @@ def test_no_more_causes_are_tried_than_there_may_be(monkeypatch, count, tried):
 
 def test_missing_torque_may_count_as_far_as_it_moves_the_machine():
     missing, moving = (np.array([1.0, 4.0, 9.0]),), (np.array([0.25, 1.0, 0.0]),)
-    fit = Fit(SimpleNamespace(), 0.0, missing, 0.0, moving)
+    fit = Fit(SimpleNamespace(), 0.0, 0.0, missing, 0.0, moving)
     windows = [np.array([0, 1])]
     assert fit.missing_rms(windows) == pytest.approx(2.5**0.5)
     assert fit.missing_rms(windows, moving=True) == pytest.approx(0.625**0.5)

@@ -156,6 +156,17 @@ class AbstractStaticFriction(AbstractFriction):
         """
         return self._advanced(motion, motion.position, free, inertia, share, dt)[0]
 
+    def net(self, motion: Motion, free: Array, share: Array) -> Array:
+        """What a share of this law leaves of a torque `free` on a body [N m]; at rest what is above the level."""
+        sliding = free - share * (self.drag(motion) + jnp.sign(motion.velocity) * self.level(motion))
+        level = share * self._rest_level(motion, free)
+        return jnp.where(motion.velocity == 0.0, free - jnp.clip(free, -level, level), sliding)
+
+    def _rest_level(self, motion: Motion, free: Array) -> Array:
+        """`breakaway` at a motion's place and time: after a stop a body can only start in the direction of `free`."""
+        toward = jnp.where(free < 0.0, -NEARLY_REST, NEARLY_REST)
+        return self.breakaway(Motion(toward, motion.position, motion.time, motion.torque))
+
     def _advanced(
         self, motion: Motion, position: Array, free: Array, inertia: Array, share: ArrayLike, dt: Array
     ) -> tuple[Array, Array]:
@@ -163,9 +174,9 @@ class AbstractStaticFriction(AbstractFriction):
         velocity, side = motion.velocity, jnp.sign(motion.velocity)
         mobility = 1.0 / inertia  # one division, which a loop over time does once
         first = free - share * (self.drag(motion) + side * self.level(motion))
-        halfway = velocity + 0.5 * dt * first * mobility
-        # Where the body stops within the first half, the mean speed until then stands in for the middle of its slide.
-        halfway = jnp.where(halfway * side > 0.0, halfway, 0.5 * velocity)
+        gained = dt * first * mobility
+        # Where the body stops within the step, its mean speed until then is half of that at the start.
+        halfway = velocity + 0.5 * jnp.where((velocity + gained) * side > 0.0, gained, -velocity)
         middle = Motion(halfway, motion.position, motion.time, motion.torque)
         sliding = (free - share * (self.drag(middle) + side * self.level(middle))) * mobility
         return self._slip(velocity, position, free, sliding, middle, mobility, dt, share)
@@ -187,15 +198,12 @@ class AbstractStaticFriction(AbstractFriction):
         """
         free, sliding = once((free, sliding))
         after = velocity + dt * sliding
-        crosses = velocity * after <= 0.0  # a body at rest counts as crossing, at time zero
+        crosses = jnp.sign(velocity) * after <= 0.0  # a body at rest counts as crossing, at time zero
         # `until` is the time of the stop, from w + until w' = 0. The divisor is replaced where it is not used: a
         # division by zero in an unselected branch still makes the gradient NaN.
         safe = jnp.where(crosses & (velocity != 0.0), sliding, 1.0)
         until = jnp.where(velocity != 0.0, -velocity / safe, 0.0)
-        # After the stop the body can only start in the direction of what pushes it.
-        toward = jnp.where(free < 0.0, -NEARLY_REST, NEARLY_REST)
-        rest = Motion(toward, middle.position, middle.time, middle.torque)
-        level = share * self.breakaway(rest)
+        level = share * self._rest_level(middle, free)
         left = (free - jnp.clip(free, -level, level)) * mobility  # soft(T, k) / J
         turned = left * (dt - until)
         # Both parts move at a constant acceleration, so the travel is the mean speed times the time.

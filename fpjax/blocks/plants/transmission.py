@@ -138,14 +138,19 @@ class Transmission(AbstractPlant):
         motor_position = state.motor_position + half * state.motor_velocity
         load_position = state.load_position + half * state.load_velocity
         twist, relative = motor_position - load_position, state.motor_velocity - state.load_velocity
-        of_motor = 1.0 / self.motor_inertia
-        mobility = of_motor + 1.0 / self.load_inertia
-        shaft = once(self.mean_shaft(twist, relative, torque * of_motor, mobility, dt))
+        of_motor, of_load = 1.0 / self.motor_inertia, 1.0 / self.load_inertia
+        # What turns the masses against each other, but for the shaft: its damper answers to the speed that this makes.
+        started, share = self.shaft(state), self.friction_share
         motor = Motion(state.motor_velocity, motor_position, time + half, torque)
+        load = Motion(state.load_velocity, load_position, time + half, started)
+        held = self.load.readout(load)
+        ahead = law.net(motor, torque - started, 1.0 - share) + started
+        behind = started - law.net(load, started - held, share)
+        push = once(ahead * of_motor + behind * of_load)
+        shaft = once(self.mean_shaft(twist, relative, push, of_motor + of_load, dt))
         load = Motion(state.load_velocity, load_position, time + half, shaft)
-        on_load = shaft - self.load.readout(load)
-        motor_velocity = law.turn(motor, torque - shaft, self.motor_inertia, 1.0 - self.friction_share, dt)
-        load_velocity = law.turn(load, on_load, self.load_inertia, self.friction_share, dt)
+        motor_velocity = law.turn(motor, torque - shaft, self.motor_inertia, 1.0 - share, dt)
+        load_velocity = law.turn(load, shaft - held, self.load_inertia, share, dt)
         return TwoMassState(
             motor_velocity,
             motor_position + half * motor_velocity,

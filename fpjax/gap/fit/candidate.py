@@ -220,20 +220,20 @@ class Fit:
     Attributes:
         candidate: its parameters and start values.
         evidence: log evidence of the fitted windows plus log likelihood of the withheld ones [nats].
+        heard: `evidence` without the likelihood in what holds more noise than torque
+            (`fpjax.gap.fit.measure.Measure.drowned`) [nats].
         missing: mean square of the missing torque in each window, noise's share taken out [N^2 m^2], one array
             (windows,) a record, weighed by `Search.measure`. A window may be below zero by chance.
         level: q of all octaves together, rms over the modes in the same frequencies [N m].
         moving: as `missing`, each frequency weighted by how far it moves the machine (`Search.moves`).
-        told: log likelihood of the modes alone that tell a torque (`fpjax.gap.fit.measure.Measure.told`), and of those
-            that show the difference between the sensors [nats].
     """
 
     candidate: Candidate
     evidence: float
+    heard: float
     missing: tuple[Values, ...]
     level: float
     moving: tuple[Values, ...] = ()
-    told: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:

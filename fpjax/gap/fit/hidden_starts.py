@@ -1,6 +1,7 @@
 """Hidden starts: what no sensor sees (bristles, the load behind a spring) at the start of each window."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,32 +36,44 @@ def estimate_hidden_states(
         vectors = np.concatenate([np.repeat(c.vector[:, None], count, 1) for c in candidates], 1)
         centers = hidden_states.centers(vectors, which, np.tile(chosen, len(candidates)))
         options = [[centers[:, i * count : (i + 1) * count] for i in range(len(candidates))]]
-        options.append([_continued(fitter, records[which], c, which, chosen) for c in candidates])
+        options.append(_continued(fitter, records[which], candidates, which, chosen))
         if backlash:
             halves = [0.5 * c.values()["gap"] for c in candidates]
             for side in (1.0, -1.0):
                 options.append([np.stack([np.full(count, side * h), np.zeros(count)]) for h in halves])
         best = _costs(fitter, candidates, which, chosen)
-        for option in options:
-            kept = [(c.hidden[which].copy(), c.states[which].copy()) for c in candidates]
-            for c, at in zip(candidates, option, strict=True):
-                c.hidden[which][:, chosen] = at
-                c.states[which][2:, chosen] = 0.0
-            after = _costs(fitter, candidates, which, chosen)
-            for i, (c, (hidden, states)) in enumerate(zip(candidates, kept, strict=True)):
-                worse = chosen[~(after[i] < best[i])]
-                c.hidden[which][:, worse], c.states[which][:, worse] = hidden[:, worse], states[:, worse]
-                best[i] = np.minimum(best[i], after[i])
+        trials = [[_started(c, which, chosen, at) for c, at in zip(candidates, one, strict=True)] for one in options]
+        # All of them in one run: alone most have fewer lanes than the loop runs at once.
+        costs = iter(_costs(fitter, [trial for one in trials for trial in one], which, chosen))
+        for one in trials:
+            for i, (c, trial) in enumerate(zip(candidates, one, strict=True)):
+                after = next(costs)
+                better = chosen[after < best[i]]
+                c.hidden[which][:, better] = trial.hidden[which][:, better]
+                c.states[which][:, better] = trial.states[which][:, better]
+                best[i] = np.minimum(best[i], after)
 
 
-def _continued(fitter: Fitter, record: Record, c: Candidate, which: int, chosen: Values) -> Values:
-    """Hidden states at the end of the window before, (2, windows); unchanged where no window is directly before."""
-    found = c.hidden[which][:, chosen].copy()
+def _started(c: Candidate, which: int, chosen: Values, at: Values) -> Candidate:
+    """A copy of a candidate whose chosen windows start from hidden states of shape (2, windows)."""
+    hidden, states = list(c.hidden), list(c.states)
+    hidden[which], states[which] = c.hidden[which].copy(), c.states[which].copy()
+    hidden[which][:, chosen] = at
+    states[which][2:, chosen] = 0.0
+    return replace(c, hidden=hidden, states=states)
+
+
+def _continued(
+    fitter: Fitter, record: Record, candidates: Sequence[Candidate], which: int, chosen: Values
+) -> list[Values]:
+    """Hidden states at the end of the window before, (2, windows) of each candidate; unchanged where none is before."""
+    found = [c.hidden[which][:, chosen].copy() for c in candidates]
     before = chosen - 1
     follows = (before >= 0) & (record.starts[chosen] - record.starts[np.maximum(before, 0)] == record.samples)
     if np.any(follows):
-        found[:, follows] = fitter.ends(c, which, before[follows])
-    return np.where(np.isfinite(found), found, 0.0)
+        for own, ends in zip(found, fitter.ends(candidates, which, before[follows]), strict=True):
+            own[:, follows] = ends
+    return [np.where(np.isfinite(own), own, 0.0) for own in found]
 
 
 def _costs(fitter: Fitter, candidates: Sequence[Candidate], which: int, chosen: Values) -> list[Values]:

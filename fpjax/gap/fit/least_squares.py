@@ -106,30 +106,25 @@ class Fitter(Response):
 
     def coefficients(self, candidates: Sequence[Candidate], which: int, windows: Values) -> list[Values]:
         """c of each candidate at its present values, each of shape (windows, modes)."""
-        vectors = [np.repeat(c.vector[:, None], len(windows), 1) for c in candidates]
-        states = [c.states[which][:, windows] for c in candidates]
-        fields = [window_fields(self.records[which], windows, c.hidden[which]) for c in candidates]
-        return [out.T for out in self._run(which, vectors, states, fields)]
-
-    def _run(self, which: int, vectors: list, states: list, fields: list) -> list[Values]:
-        """Coefficients of several groups of lanes, each of shape (modes, lanes), in one run of the loop."""
-        merged = {name: np.concatenate([f[name] for f in fields], axis=-1) for name in fields[0]}
-        out, _ = self.runner.run(which, np.concatenate(vectors, 1), np.concatenate(states, 1), merged)
-        ends = np.cumsum([v.shape[1] for v in vectors])[:-1]
-        return np.split(self.modes.coefficients(out), ends, axis=1)
+        out, _ = self._simulated(candidates, which, windows)
+        return [own.T for own in np.split(self.modes.coefficients(out), len(candidates), axis=1)]
 
     def residuals(self, c: Candidate, which: int, windows: Values) -> Values:
         """Simulated less measured readings of a candidate, in standard deviations, (channels, samples, windows)."""
-        return self._simulated(c, which, windows)[0]
+        return self._simulated([c], which, windows)[0]
 
-    def ends(self, c: Candidate, which: int, windows: Values) -> Values:
-        """Hidden states at the ends of windows at the candidate's present values, shape (2, windows)."""
-        return self._simulated(c, which, windows)[1]
+    def ends(self, candidates: Sequence[Candidate], which: int, windows: Values) -> list[Values]:
+        """Hidden states at the ends of windows, of each candidate at its present values, each of shape (2, windows)."""
+        return np.split(self._simulated(candidates, which, windows)[1], len(candidates), axis=1)
 
-    def _simulated(self, c: Candidate, which: int, windows: Values) -> tuple[Values, Values]:
-        vector = np.repeat(c.vector[:, None], len(windows), 1)
-        fields = window_fields(self.records[which], windows, c.hidden[which])
-        return self.runner.run(which, vector, c.states[which][:, windows], fields)
+    def _simulated(self, candidates: Sequence[Candidate], which: int, windows: Values) -> tuple[Values, Values]:
+        """What `Runner.run` gives of the same windows of all candidates, one candidate after the other."""
+        vectors = np.concatenate([np.repeat(c.vector[:, None], len(windows), 1) for c in candidates], 1)
+        states = np.concatenate([c.states[which][:, windows] for c in candidates], 1)
+        fields = window_fields(self.records[which], windows, candidates[0].hidden[which])
+        merged = {name: np.tile(value, len(candidates)) for name, value in fields.items() if name != "hidden"}
+        merged["hidden"] = np.concatenate([c.hidden[which][:, windows] for c in candidates], 1)
+        return self.runner.run(which, vectors, states, merged)
 
     def linearise(
         self, candidates: Sequence[Candidate], windows: Windows, *, hidden: bool = True, known: Known | None = None
@@ -167,7 +162,10 @@ class Fitter(Response):
                 field = window_fields(self.records[which], chosen, c.hidden[which])
                 fields.append({name: np.repeat(value, count, axis=-1) for name, value in field.items()})
                 steps.append(np.concatenate([h, 1e-3 * deviation[live]]))
-            blocks = self._run(which, vectors, states, fields)
+            merged = {name: np.concatenate([f[name] for f in fields], axis=-1) for name in fields[0]}
+            out, _ = self.runner.run(which, np.concatenate(vectors, 1), np.concatenate(states, 1), merged)
+            last = np.cumsum([v.shape[1] for v in vectors])[:-1]
+            blocks = np.split(self.modes.coefficients(out), last, axis=1)
             for c, block, size, parts in zip(candidates, blocks, steps, found, strict=True):
                 # From (modes, windows x count) to (windows, modes, count).
                 shaped = block.reshape(len(block), len(chosen), block.shape[1] // len(chosen)).transpose(1, 0, 2)

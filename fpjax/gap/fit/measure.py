@@ -3,8 +3,8 @@
 The missing torque is told at the command, rms, with the share of noise taken out. Two weights, both of the nominal
 model, so that no candidate changes what it is measured by:
 
-* Wiener's filter: what a window's sensors tell from noise, and nothing where they hold more noise than torque. A window
-  of equal readings tells next to nothing, and counts so.
+* Wiener's filter: what a window's sensors tell from noise, and hardly anything where they hold more noise than torque.
+  A window of equal readings tells next to nothing, and counts so.
 * A model that answers less to a torque lacks more of it, as far as the motion is imposed by a loop that answers with
   the command. Where the torque makes the motion, what is missing is missing at the mass.
 """
@@ -17,6 +17,8 @@ import numpy as np
 from ...logs.arrays import Values
 from .modes import Modes
 from .response import Response
+
+FAINT = 0.1  # of Wiener's share, what a mode keeps in which the readings hold twice as much noise as torque
 
 
 @dataclass(frozen=True)
@@ -41,24 +43,37 @@ class Measure:
         modes = response.modes
         return Measure(modes, response.records[0].samples, level, response.imposed(level))
 
-    @functools.cached_property
-    def told(self) -> Values:
-        """Whether a mode tells a torque, shape (modes,).
-
-        One in which the readings hold more noise than torque tells none: noise is never known to a few per cent in
-        every octave (an encoder's steps and its errors within a line are no white noise), and what it has above its
-        assumed variance would be a torque there, of the first model that follows it. Where that is every mode, all do.
-        """
-        told = self.modes.wiener(self.level, np.ones(1))[0] >= 0.5
-        return told if np.any(told) else np.ones_like(told)
-
     def filter(self, noise: Values) -> Values:
         """Share of a coefficient that is told as missing torque [1], shape (windows, modes).
+
+        Wiener's share, and hardly any of it where the readings hold more noise than torque: noise is never known to a
+        few per cent in every octave (an encoder's steps and its errors within a line are no white noise), and what it
+        has above its assumed variance would be a torque there, of the first model that follows it. Such modes keep
+        `FAINT` of it, for a log that has no others.
 
         Args:
             noise: s^2 of each window [1], shape (windows,).
         """
-        return np.where(self.told, self.modes.wiener(self.level, noise), 0.0)
+        share = self.modes.wiener(self.level, noise)
+        return share * (FAINT + (1.0 - FAINT) * np.clip(3.0 * share - 1.0, 0.0, 1.0))
+
+    @property
+    def heard(self) -> Values:
+        """`filter` over Wiener's share in a window of usual noise [1], shape (modes,)."""
+        share = self.modes.wiener(self.level, np.ones(1))[0]
+        return self.filter(np.ones(1))[0] / np.where(share > 0.0, share, 1.0)
+
+    @functools.cached_property
+    def drowned(self) -> Values:
+        """Whether the readings hold more noise than torque in a tile, shape (tiles,); in all of them means in none.
+
+        A tile is a stretch of time within half an octave, and all of that half octave count alike.
+        """
+        modes = self.modes
+        signal = self.level[modes.band] ** 2 * modes.flat
+        torque = modes.by_tile(~modes.sensor) > 0.5
+        drowned = torque & (modes.by_tile(signal < 1.0 + modes.unanswered[modes.band] ** 2 * modes.flat) > 0.5)
+        return drowned & ~np.all(drowned[torque])
 
     def root(self, noise: Values, scale: Values) -> Values:
         """Missing torque at the command of a coefficient [N m], shape (windows, modes).

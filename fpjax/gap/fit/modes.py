@@ -177,12 +177,14 @@ class Modes:
         """
         return np.sum(self._costs(level, noise, coefficients, white), axis=1)
 
-    def cost_in(self, some: Values, level: Values, noise: Values, coefficients: Values) -> Values:
-        """`cost` of the tiles that hold mostly some of the modes, as of shape (modes,), and not white."""
-        share = np.add.reduceat(some.astype(float), self._first_modes) / np.add.reduceat(
-            np.ones(len(some)), self._first_modes
-        )
-        return np.sum(self._costs(level, noise, coefficients, False)[:, share >= 0.5], axis=1)
+    def cost_in(self, tiles: Values, level: Values, noise: Values, coefficients: Values) -> Values:
+        """`cost` of some tiles alone, given as a mask of shape (tiles,); not white."""
+        return np.sum(self._costs(level, noise, coefficients, False)[:, tiles], axis=1)
+
+    def by_tile(self, some: Values) -> Values:
+        """Mean of a number of each rotated coefficient, (modes,), in every tile, shape (tiles,)."""
+        first = self._first_modes
+        return np.add.reduceat(np.asarray(some, float), first) / np.diff(np.append(first, len(self.tile)))
 
     def _costs(self, level: Values, noise: Values, coefficients: Values, white: bool) -> Values:
         """`cost` by tile, or by side if white."""

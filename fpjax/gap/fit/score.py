@@ -80,12 +80,12 @@ def _scores(search: Scoring, candidates: Sequence[Candidate]) -> list[Fit]:
         c.states, c.hidden = fixed.states, fixed.hidden
         missing, moving = _missing(search, c, [*parts, *withheld], fitter)
         seen = search.measure.filter(np.ones(1))[0]
-        some = search.measure.told | judge.modes.sensor
-        told = -0.5 * sum(
-            float(np.sum(judge.modes.cost_in(some, level, judge.noise[which][chosen], found)))
+        drowned = 0.5 * sum(
+            float(np.sum(judge.modes.cost_in(search.measure.drowned, level, judge.noise[which][chosen], found)))
             for which, chosen, found in everywhere
         )
-        fits.append(Fit(c, evidence, missing, search.modes.mean_level(c.level, seen), moving, told))
+        level_of_all = search.modes.mean_level(c.level, seen)
+        fits.append(Fit(c, evidence, evidence + drowned, missing, level_of_all, moving))
     return fits
 
 

@@ -18,8 +18,8 @@ class Shares:
 
     Attributes:
         energy: what would come back of the nominal model's missing energy without it [1], the largest first.
-        evidence: what would be lost without it alone, of the evidence that the model has over the nominal one [1],
-            where that is in what tells a torque.
+        evidence: what would be lost without it alone, of the evidence that the model has over the nominal one [1]: the
+            smaller of two shares (`lost_of`).
         alike: causes that would do as well in its place.
     """
 
@@ -64,16 +64,16 @@ def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> S
 def lost_of(given: Fit, fit: Fit, without: Fit) -> float:
     """Share of the evidence over the nominal model that is lost without a cause [1].
 
-    In all modes or in those that tell a torque (`Fit.told`), whichever is less: what follows the noise of the readings
-    or of a measured torque is no cause by that.
+    Of all of it, or of that in modes that hold more torque than noise (`Fit.heard`), whichever share is smaller: what
+    follows the noise of the readings or of a measured torque is no cause by that.
 
     Args:
         given: the nominal model as given.
         fit: of all causes.
         without: of all but one.
     """
-    all_of_it = ((fit.evidence - one.evidence, fit.told - one.told) for one in (given, without))
-    return min(max(lost, 0.0) / brings if brings > 0.0 else 0.0 for brings, lost in zip(*all_of_it, strict=True))
+    both = ((fit.evidence - one.evidence, fit.heard - one.heard) for one in (given, without))
+    return min(max(lost, 0.0) / brings if brings > 0.0 else 0.0 for brings, lost in zip(*both, strict=True))
 
 
 def _one_by_one(

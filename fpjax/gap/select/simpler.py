@@ -146,8 +146,8 @@ def _instead(fit: Fit, by_name: dict[str, Effect], turning_load: bool) -> Iterat
                 wide = tuple(c.wide | set(() if GAIN in c.structural else numbers_of(effect)))
                 simple = Start((*rest, by_name[name]), wide, values)
                 yield simple, Start(rest, wide, values)
-        if effect.name == "unbalance" and turning_load and GAIN in by_name and GAIN not in c.structural:
-            # A factor on the torque makes the known load wrong in proportion, as it does the numbers.
+        if effect.name == "unbalance" and turning_load and c.wide and GAIN in by_name and GAIN not in c.structural:
+            # A factor on the torque makes the known load and the numbers wrong in proportion.
             given = {k: v for k, v in values.items() if k not in NOMINAL}
             yield Start((*rest, by_name[GAIN]), (), given), Start(rest, tuple(c.wide), values)
     for name in ONE_FOR_MANY:
