@@ -30,9 +30,9 @@ from .windows import Windows, from_rows
 LANES = 64  # run by one call: the fastest chunk in double precision on a core, smaller ones waste its vectors
 # Start values of a window: rate and position; the bristles' deflection; the twist and the relative speed.
 STATES: dict[Structure, int] = {"rigid": 2, "bristles": 3, "transmission": 4}
-# Integration steps in a control period: bristles and shafts are stiffer than a rigid mass. Two of them are off by 1 % in
-# the frequency of the highest resonance that is looked for, a sixth of the sampling frequency (`highest_frequency`), and
-# by 5 % in that of the hardest contact of a backlash, at a third of it.
+# Integration steps in a control period: bristles and shafts are stiffer than a rigid mass. Two of them are off by 1 %
+# in the frequency of the highest resonance that is looked for, a sixth of the sampling frequency (`highest_frequency`),
+# and by 5 % in that of the hardest contact of a backlash, at a third of it.
 SUBSTEPS: dict[Structure, int] = {"rigid": 1, "bristles": 2, "transmission": 2}
 FINER = 3  # times as many substeps, to measure the integration error
 LEAST_SPEED = 0.5  # of the measured speed: friction of a simulated machine that is slower acts as at this one
