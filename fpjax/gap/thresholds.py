@@ -111,6 +111,9 @@ class Thresholds:
         uniform: variation of the speed, of its rms [1], below which no effect shows in a log.
         heard: share of the speed's power [1], above whose frequency a torque hardly moves the machine.
         octave: standard deviations of the noise's energy that an octave must exceed to hold a torque [1].
+        faint: share [1] of the missing torque that a mode tells, which still counts where the readings hold twice as
+            much noise as torque; all of it counts where they hold half as much, and evenly more between the two. Set on
+            logs of the open half of a sixth generator, with an encoder alone or a noisy current.
         unfelt: share of the commanded torque that the nominal model misses [1], from which on a table of the commanded
             torque says nothing: both are then nearly the same column.
         unloaded: inertial torque, of the commanded one [1], up to which friction alone loads the gear.
@@ -184,6 +187,7 @@ class Thresholds:
     uniform: float = 0.02
     heard: float = 0.99
     octave: float = 3.0
+    faint: float = 0.1
     unfelt: float = 0.5
     unloaded: float = 0.2
     fitted_tails: float = 0.05

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...logs.arrays import Values
+from ..thresholds import THRESHOLDS
 from .modes import Modes
 from .response import Response
-
-FAINT = 0.1  # of Wiener's share, what a mode keeps in which the readings hold twice as much noise as torque
 
 
 @dataclass(frozen=True)
@@ -49,13 +48,14 @@ class Measure:
         Wiener's share, and hardly any of it where the readings hold more noise than torque: noise is never known to a
         few per cent in every octave (an encoder's steps and its errors within a line are no white noise), and what it
         has above its assumed variance would be a torque there, of the first model that follows it. Such modes keep
-        `FAINT` of it, for a log that has no others.
+        a share of it (`Thresholds.faint`), for a log that has no others.
 
         Args:
             noise: s^2 of each window [1], shape (windows,).
         """
         share = self.modes.wiener(self.level, noise)
-        return share * (FAINT + (1.0 - FAINT) * np.clip(3.0 * share - 1.0, 0.0, 1.0))
+        # From twice as much noise as torque (a share of 1 / 3) to half as much (2 / 3).
+        return share * (THRESHOLDS.faint + (1.0 - THRESHOLDS.faint) * np.clip(3.0 * share - 1.0, 0.0, 1.0))
 
     @property
     def heard(self) -> Values:
