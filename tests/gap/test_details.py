@@ -25,7 +25,7 @@ def effect(name, *parameters):
 WEIGHT, SPRING = effect("unbalance", "weight"), effect("compliance", "frequency", "share")
 
 
-def fit(effects, deviations, together=0.0, ends=(), wide=(), evidence=0.0, heard=None):
+def fit(effects, deviations, together=0.0, ends=(), wide=(), evidence=0.0, undrowned=None):
     """A fit whose free parameters have these standard deviations, each pair of them with one correlation."""
     names, sizes = tuple(deviations), np.array(list(deviations.values()))
     correlation = np.full((len(names), len(names)), together)
@@ -38,7 +38,9 @@ def fit(effects, deviations, together=0.0, ends=(), wide=(), evidence=0.0, heard
         free=np.arange(len(names)), normal=normal, scale=scale, spread=np.full(len(names), 1e6),
         at_bound=lambda: list(ends), absent=lambda: [],
     )  # fmt: skip
-    return SimpleNamespace(candidate=candidate, evidence=evidence, heard=evidence if heard is None else heard)
+    return SimpleNamespace(
+        candidate=candidate, evidence=evidence, undrowned=evidence if undrowned is None else undrowned
+    )
 
 
 def test_a_detail_that_shares_a_causes_torque_makes_it_less_known():
@@ -87,12 +89,12 @@ def test_a_parameter_at_a_bound_is_not_traded_with():
 def energies(*fits):
     """What fits leave: stands for what models are weighed against."""
     by_fit = {id(fit): energy for fit, energy in fits}
-    nominal = SimpleNamespace(evidence=0.0, heard=0.0)
+    nominal = SimpleNamespace(evidence=0.0, undrowned=0.0)
     return SimpleNamespace(fit=nominal, left=lambda one: np.sqrt(by_fit[id(one)]))
 
 
 @pytest.mark.parametrize(
-    ("takes", "deviation", "gain", "heard", "refused"),
+    ("takes", "deviation", "gain", "undrowned", "refused"),
     [
         (DETAIL, 0.6, FEW, FEW, True),
         (DETAIL, 0.4, FEW, FEW, False),
@@ -101,10 +103,10 @@ def energies(*fits):
         (DETAIL, 0.6, MANY, FEW, True),  # evidence in what is noise more than torque
     ],
 )
-def test_only_a_detail_is_refused_for_it(takes, deviation, gain, heard, refused):
+def test_only_a_detail_is_refused_for_it(takes, deviation, gain, undrowned, refused):
     """A cause of its own, by torque or by evidence, is told whatever it does to the others."""
     alone = fit([WEIGHT], {"weight": 0.5}, evidence=100.0)
-    both = fit([WEIGHT, SPRING], {"weight": deviation, "frequency": 1.0}, evidence=gain, heard=heard)
+    both = fit([WEIGHT, SPRING], {"weight": deviation, "frequency": 1.0}, evidence=gain, undrowned=undrowned)
     chosen, best = (Weighed(one, one.evidence, one.evidence, 0.0) for one in (alone, both))
     assert _only_blurs(energies((alone, 1.0), (both, 1.0 - takes * 2.0**2)), chosen, best, 2.0) == refused
 

@@ -31,7 +31,7 @@ def shares(energies, held=None, whole=None, given=None, of=lambda found: found.e
         structural = tuple(effect.name for effect in effects)
         candidate = SimpleNamespace(effects=effects, wide=wide, structural=structural, values=lambda: given or {})
         return SimpleNamespace(
-            names=frozenset(names), evidence=-energies[names], heard=-energies[names], candidate=candidate
+            names=frozenset(names), evidence=-energies[names], undrowned=-energies[names], candidate=candidate
         )
 
     def fitted(starts):
@@ -67,8 +67,8 @@ def test_evidence_lost_is_a_share_of_what_the_model_brings():
 def test_evidence_in_what_is_mostly_noise_makes_no_cause():
     """A third of all evidence, but hardly any of that in what holds more torque than noise."""
 
-    def of(evidence, heard):
-        return SimpleNamespace(evidence=evidence, heard=heard)
+    def of(evidence, undrowned):
+        return SimpleNamespace(evidence=evidence, undrowned=undrowned)
 
     given, chosen = of(0.0, 0.0), of(900.0, 500.0)
     assert lost_of(given, chosen, of(600.0, 490.0)) == pytest.approx(10.0 / 500.0)
@@ -158,11 +158,11 @@ def test_the_most_likely_fit_without_a_friction_by_direction_starts_from_its_mea
     candidate = SimpleNamespace(
         effects=(effect,), wide=frozenset({"inertia"}), structural=(effect.name,), values=lambda: values
     )
-    fit = SimpleNamespace(candidate=candidate, evidence=0.0, heard=0.0)
+    fit = SimpleNamespace(candidate=candidate, evidence=0.0, undrowned=0.0)
 
     def fitted(starts):
         seen.extend(starts)
-        return [SimpleNamespace(candidate=candidate, evidence=0.0, heard=0.0) for _ in starts]
+        return [SimpleNamespace(candidate=candidate, evidence=0.0, undrowned=0.0) for _ in starts]
 
     exact = SimpleNamespace(fit=fit, left=lambda one: 1.0)
     shares_of(SimpleNamespace(fitted=fitted), exact, fit, [])

@@ -91,7 +91,7 @@ def _compliance(values: dict[str, float], setting: Setting) -> dict[str, tuple[f
         "frequency": (values["frequency"] * steeper**0.5, "Hz"),
         "stiffness": (plain * steeper, "N m/rad"),
     }
-    return found | ({"hardening": (hard * plain**3, "N m/rad^3")} if hard > 0.0 else {})
+    return found | ({"hardening": (float(_hardening_of(values)), "N m/rad^3")} if hard > 0.0 else {})
 
 
 def _steeper(hardening: float, torque: np.ndarray) -> float:
@@ -109,6 +109,12 @@ def stiffness_of(values: Values) -> Any:
     """
     share = values["load_share"]
     return values["inertia"] * share * (1.0 - share) * (2.0 * pi * values["frequency"]) ** 2
+
+
+def _hardening_of(values: Values) -> Any:
+    """Hardening of the transmission [N m/rad^3]; a product, which Python and jax round alike, as they do no power."""
+    stiffness = stiffness_of(values)
+    return values[HARDENING.name] * (stiffness * stiffness * stiffness)
 
 
 def shaft_values(machine: Machine) -> dict[str, float]:
@@ -178,7 +184,7 @@ def _joined(*more: EffectParameter) -> Callable[[Machine, Values], Machine]:
         damping = 2.0 * values["damping_ratio"] * jnp.sqrt(stiffness * reduced)
         found = {p.path: values[p.name] for p in parameters}
         if HARDENING.name in values:  # else no compliance may be told, and the nominal shaft keeps its own
-            found["plant.hardening"] = values[HARDENING.name] * stiffness**3
+            found["plant.hardening"] = _hardening_of(values)
         return place(machine, found | {"plant.stiffness": stiffness, "plant.damping": damping})
 
     return apply

@@ -220,7 +220,7 @@ class Fit:
     Attributes:
         candidate: its parameters and start values.
         evidence: log evidence of the fitted windows plus log likelihood of the withheld ones [nats].
-        heard: `evidence` without the likelihood in what holds more noise than torque
+        undrowned: `evidence` without the likelihood in what holds more noise than torque
             (`fpjax.gap.fit.measure.Measure.drowned`) [nats].
         missing: mean square of the missing torque in each window, noise's share taken out [N^2 m^2], one array
             (windows,) a record, weighed by `Search.measure`. A window may be below zero by chance.
@@ -230,7 +230,7 @@ class Fit:
 
     candidate: Candidate
     evidence: float
-    heard: float
+    undrowned: float
     missing: tuple[Values, ...]
     level: float
     moving: tuple[Values, ...] = ()

@@ -58,7 +58,7 @@ class Measure:
         return share * (THRESHOLDS.faint + (1.0 - THRESHOLDS.faint) * np.clip(3.0 * share - 1.0, 0.0, 1.0))
 
     @property
-    def heard(self) -> Values:
+    def trusted(self) -> Values:
         """`filter` over Wiener's share in a window of usual noise [1], shape (modes,)."""
         share = self.modes.wiener(self.level, np.ones(1))[0]
         return self.filter(np.ones(1))[0] / np.where(share > 0.0, share, 1.0)

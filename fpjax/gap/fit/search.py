@@ -237,7 +237,7 @@ class Search:
         # The posterior mean V diag(w / sqrt(lambda)) c with the Wiener filter w. The residual is simulated less
         # measured, so that a torque that the simulation lacks has the opposite sign.
         reach = np.where(self.modes.sensor, 0.0, 1.0 / np.sqrt(np.where(self.modes.sensor, 1.0, self.modes.gain)))
-        reach = reach * self.measure.heard * self.fitters[c.family.key].torque_scale(c) ** self.measure.imposed
+        reach = reach * self.measure.trusted * self.fitters[c.family.key].torque_scale(c) ** self.measure.imposed
         for which, record in enumerate(self.records):
             course, chosen = np.full(len(record.time), np.nan), self.train[which]
             if len(chosen):

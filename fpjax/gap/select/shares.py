@@ -64,15 +64,15 @@ def shares_of(search: Search, exact: Exact, fit: Fit, known: Sequence[Fit]) -> S
 def lost_of(given: Fit, fit: Fit, without: Fit) -> float:
     """Share of the evidence over the nominal model that is lost without a cause [1].
 
-    Of all of it, or of that in modes that hold more torque than noise (`Fit.heard`), whichever share is smaller: what
-    follows the noise of the readings or of a measured torque is no cause by that.
+    Of all of it, or of that in modes that hold more torque than noise (`Fit.undrowned`), whichever share is smaller:
+    what follows the noise of the readings or of a measured torque is no cause by that.
 
     Args:
         given: the nominal model as given.
         fit: of all causes.
         without: of all but one.
     """
-    both = ((fit.evidence - one.evidence, fit.heard - one.heard) for one in (given, without))
+    both = ((fit.evidence - one.evidence, fit.undrowned - one.undrowned) for one in (given, without))
     return min(max(lost, 0.0) / brings if brings > 0.0 else 0.0 for brings, lost in zip(*both, strict=True))
 
 
