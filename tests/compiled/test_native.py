@@ -21,11 +21,10 @@ from fpjax.compiled.native import (
     native,
     native_enabled,
     native_mode,
-    once,
     reverse_pass,
     scan_loop,
 )
-from fpjax.compiled.one_kernel import _operations, what_forbids_one_kernel
+from fpjax.compiled.one_kernel import what_forbids_one_kernel
 
 STEPS = 300
 
@@ -221,23 +220,6 @@ def test_operations_are_counted_through_calls(unroll):
         np.testing.assert_allclose(on, run(x), rtol=1e-10)
 
 
-def test_a_barrier_on_a_part_of_the_carry_parts_no_steps():
-    def most(step, unroll):
-        def run(x):
-            return lax.scan(step, (x, x), None, length=20, unroll=unroll)[0]
-
-        return max(_operations(jax.make_jaxpr(run)(jnp.ones(50)).jaxpr))
-
-    def whole(carry, _):
-        return once((jnp.tanh(carry[0]), carry[0] * carry[1])), None
-
-    def part(carry, _):
-        return (once(jnp.tanh(carry[0])), carry[0] * carry[1]), None
-
-    assert most(whole, 4) == most(whole, 1)
-    assert most(part, 4) == 4 * most(part, 1)
-
-
 def test_constants_captured_tracers_and_passed_through_arguments():
     """XLA before 0.12 ends the process where an argument of the kernel is a constant array."""
     table, kept = jnp.sin(jnp.linspace(0.0, 30.0, STEPS)), jnp.linspace(0.0, 1.0, STEPS)
@@ -406,30 +388,3 @@ def test_without_jit_it_is_the_function():
     expected = run(start)
     with jax.disable_jit():
         np.testing.assert_allclose(run(start), expected, rtol=1e-14)
-
-
-def _multiplications(hold):
-    """How many multiplications XLA compiles of a chain whose results are all used twice."""
-
-    def chain(x):
-        for _ in range(8):
-            x = hold(x * jnp.roll(x, 1) + 0.5)
-        return x
-
-    return jax.jit(chain).lower(jnp.ones(64)).compile().as_text().count(" multiply(")
-
-
-@pytest.mark.skipif(jax.__version_info__ < (0, 12), reason="XLA drops the barrier before it fuses (seen on jax 0.7)")
-def test_once_computes_a_value_once():
-    assert _multiplications(once) <= 8 < _multiplications(lambda x: x)
-
-
-def test_once_changes_no_number():
-    def chain(x, hold):
-        pair = hold({"a": x * x, "b": jnp.sin(x)})
-        return pair["a"] * pair["b"] + pair["a"]
-
-    x = jnp.linspace(0.1, 1.0, 7)
-    assert once(()) == ()
-    for of in (lambda f: f, lambda f: jax.vmap(jax.grad(f)), lambda f: jax.jit(jax.vmap(jax.jacfwd(f)))):
-        np.testing.assert_allclose(of(lambda x: chain(x, once))(x), of(lambda x: chain(x, lambda y: y))(x), rtol=1e-14)

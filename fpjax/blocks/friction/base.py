@@ -156,16 +156,29 @@ class AbstractStaticFriction(AbstractFriction):
         """
         return self._advanced(motion, motion.position, free, inertia, share, dt)[0]
 
-    def net(self, motion: Motion, free: Array, share: Array) -> Array:
-        """What a share of this law leaves of a torque `free` on a body [N m]; at rest what is above the level."""
-        sliding = free - share * (self.drag(motion) + jnp.sign(motion.velocity) * self.level(motion))
-        level = share * self._rest_level(motion, free)
-        return jnp.where(motion.velocity == 0.0, free - jnp.clip(free, -level, level), sliding)
+    def net(self, motion: Motion, free: Array, share: ArrayLike) -> Array:
+        """What a share of this law leaves of a torque on a body [N m]; of one at rest, what is above the level.
 
-    def _rest_level(self, motion: Motion, free: Array) -> Array:
-        """`breakaway` at a motion's place and time: after a stop a body can only start in the direction of `free`."""
+        Args:
+            motion: of the body.
+            free: torque on the body but for friction [N m].
+            share: the share of the friction that acts on this body [1].
+        """
+        sliding = self._sliding(motion, free, share, jnp.sign(motion.velocity))
+        return jnp.where(motion.velocity == 0.0, self._above(motion, free, share), sliding)
+
+    def _sliding(self, motion: Motion, free: Array, share: ArrayLike, side: Array) -> Array:
+        """What is left of a torque on a body that slides in the direction of `side` [N m]."""
+        return free - share * (self.drag(motion) + side * self.level(motion))
+
+    def _above(self, motion: Motion, free: Array, share: ArrayLike) -> Array:
+        """soft(T, k) [N m]: what a torque on a body at rest is above the level, at a motion's place and time.
+
+        The body can only start in the direction of what pushes it.
+        """
         toward = jnp.where(free < 0.0, -NEARLY_REST, NEARLY_REST)
-        return self.breakaway(Motion(toward, motion.position, motion.time, motion.torque))
+        level = share * self.breakaway(Motion(toward, motion.position, motion.time, motion.torque))
+        return free - jnp.clip(free, -level, level)
 
     def _advanced(
         self, motion: Motion, position: Array, free: Array, inertia: Array, share: ArrayLike, dt: Array
@@ -173,12 +186,11 @@ class AbstractStaticFriction(AbstractFriction):
         """(velocity, position) after dt, from `position`; the other arguments as of `turn`."""
         velocity, side = motion.velocity, jnp.sign(motion.velocity)
         mobility = 1.0 / inertia  # one division, which a loop over time does once
-        first = free - share * (self.drag(motion) + side * self.level(motion))
-        gained = dt * first * mobility
+        gained = dt * self._sliding(motion, free, share, side) * mobility
         # Where the body stops within the step, its mean speed until then is half of that at the start.
         halfway = velocity + 0.5 * jnp.where((velocity + gained) * side > 0.0, gained, -velocity)
         middle = Motion(halfway, motion.position, motion.time, motion.torque)
-        sliding = (free - share * (self.drag(middle) + side * self.level(middle))) * mobility
+        sliding = self._sliding(middle, free, share, side) * mobility
         return self._slip(velocity, position, free, sliding, middle, mobility, dt, share)
 
     def _slip(
@@ -203,9 +215,7 @@ class AbstractStaticFriction(AbstractFriction):
         # division by zero in an unselected branch still makes the gradient NaN.
         safe = jnp.where(crosses & (velocity != 0.0), sliding, 1.0)
         until = jnp.where(velocity != 0.0, -velocity / safe, 0.0)
-        level = share * self._rest_level(middle, free)
-        left = (free - jnp.clip(free, -level, level)) * mobility  # soft(T, k) / J
-        turned = left * (dt - until)
+        turned = self._above(middle, free, share) * mobility * (dt - until)
         # Both parts move at a constant acceleration, so the travel is the mean speed times the time.
         slid = position + 0.5 * dt * (velocity + after)
         stopped = position + 0.5 * until * velocity + 0.5 * (dt - until) * turned
