@@ -30,6 +30,7 @@ from jaxtyping import PyTree
 from ..errors import InputError
 from .elementary import NAME as ELEMENTARY
 from .one_kernel import one_kernel
+from .stored import store_in
 
 F = TypeVar("F", bound=Callable[..., object])
 C = TypeVar("C")
@@ -324,7 +325,7 @@ def reverse_pass(*, candidates: int, scratch: int) -> Iterator[None]:
 
 
 def enable_compilation_cache(directory: str | os.PathLike[str] | None = None) -> pathlib.Path:
-    """Keep compiled programs on disk for the next process. Never on by itself.
+    """Keep compiled programs on disk for the next process: jax's cache and `fpjax.compiled.stored`. Never on by itself.
 
     Args:
         directory: by default `FPJAX_CACHE`, or else a folder of ours in the user's cache folder.
@@ -347,6 +348,7 @@ def enable_compilation_cache(directory: str | os.PathLike[str] | None = None) ->
     # By default jax keeps only what took over a second to compile, which would leave out most programs here.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    store_in(folder / "stored")
     return folder
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...logs.arrays import Values
-from ..data.record import Record
 from ..effects.twins import single_twins
 from ..fit.candidate import NOMINAL, Fit, nominal_sizes
 from ..fit.search import Search
@@ -16,7 +15,7 @@ from ..select.readings import ROUNDING, Reading, beside_gap
 from ..select.shares import absent_friction
 from ..select.statement import Seen, Verdict
 from ..select.verdict import verdict
-from ..select.weighed import CONTAINED
+from ..select.weighed import CONTAINED, gap_share
 from ..thresholds import THRESHOLDS, Thresholds
 from .course import Course, course_of
 from .curves import Curves, named_share
@@ -156,11 +155,6 @@ def _persist(numbers: Judged, decision: Decision, t: Thresholds = THRESHOLDS) ->
     )
 
 
-def _share(missing: Values, record: Record) -> float:
-    """Missing torque over the commanded one [1], each rms over one log."""
-    return float(np.sqrt(max(np.mean(missing), 0.0) / max(np.mean(record.torque**2), 1e-300)))
-
-
 def _moved(before: Fit, after: Fit, windows: Sequence[Values]) -> float:
     """Missing torque of one fit over that of another [1], as far as it moves the machine, rms over windows."""
     first, then = (
@@ -234,7 +228,7 @@ def _judge(search: Search, decision: Decision, read: Read, curves: Curves, unit:
         after=max(then, _withheld_shows(first, floor, gap.closed)),
         floor=floor,
         of_rounding=of_rounding,
-        share=max(map(_share, decision.exact.missing, search.records)),
+        share=gap_share(search, decision.exact),
         sizes=nominal_sizes(search.setting),
         readings=tuple(one.effect for one in read.readings),
         misread=_beside_gap(decision.exact, read, first, of_velocity),

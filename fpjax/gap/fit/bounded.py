@@ -1,4 +1,4 @@
-"""Bounded: a damped Gauss-Newton step that leaves no parameter outside its bounds.
+"""Bounded: damped Gauss-Newton steps that leave no parameter outside its bounds.
 
 Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", 1963; bounds by an active set.
 """
@@ -9,32 +9,44 @@ from ...logs.arrays import Values
 from .candidate import Candidate
 
 
-def bounded_step(c: Candidate, matrix: Values, slope: Values, damping: float) -> Values:
-    """The step of the damped normal equations; a parameter at a bound, whose step leads outside, is held there.
+def bounded_steps(c: Candidate, matrices: Values, slopes: Values, dampings: Values) -> Values:
+    """The steps of damped normal equations; a parameter at a bound, whose step leads outside, is held there.
 
     Args:
-        c: whose step it is; a parameter within a billionth of its scale of a bound is at it.
-        matrix: normal matrix in units of `Candidate.scale`, shape (free, free).
-        slope: gradient in these units, shape (free,).
-        damping: Marquardt's, times the diagonal [1].
+        c: whose steps they are; a parameter within a billionth of its scale of a bound is at it.
+        matrices: normal matrices in units of `Candidate.scale`, positive definite, shape (dampings, free, free).
+        slopes: gradients in these units, shape (dampings, free).
+        dampings: Marquardt's, times the diagonal [1].
 
     Returns:
-        In units of `Candidate.scale`, shape (free,).
+        In units of `Candidate.scale`, shape (dampings, free).
     """
     value, edge = c.vector[c.free], 1e-9 * c.scale
     low, high = value <= c.low + edge, value >= c.high - edge
     # Marquardt's scaling by the diagonal; the small term keeps a parameter without influence solvable.
-    damped = matrix + np.diag(damping * np.diag(matrix) + 1e-12)
-    step = np.linalg.lstsq(damped, -slope, rcond=1e-13)[0]
-    held = np.zeros(len(value), bool)
-    for _ in range(3):  # holding one parameter may drive another out
-        out = (low & (step < 0)) | (high & (step > 0))
-        if not np.any(out & ~held):
-            break
-        held |= out
-        go = ~held
-        step = np.zeros(len(value))
-        if not np.any(go):
-            break
-        step[go] = np.linalg.lstsq(damped[np.ix_(go, go)], -slope[go], rcond=1e-13)[0]
-    return step
+    diagonal, index = np.einsum("dii->di", matrices), np.arange(len(value))
+    damped = matrices.copy()
+    damped[:, index, index] += dampings[:, None] * diagonal + 1e-12
+    steps = _solved(damped, slopes)
+    for step, matrix, slope in zip(steps, damped, slopes, strict=True):
+        held = np.zeros(len(value), bool)
+        for _ in range(3):  # holding one parameter may drive another out
+            out = (low & (step < 0)) | (high & (step > 0))
+            if not np.any(out & ~held):
+                break
+            held |= out
+            go = ~held
+            step[held] = 0.0
+            step[go] = _solved(matrix[None][:, go][:, :, go], slope[None, go])[0]
+    return steps
+
+
+def _solved(matrices: Values, slopes: Values) -> Values:
+    """Solutions of A x = -b, (equations, unknowns), the diagonal scaled to one; by least squares where that fails."""
+    size = 1.0 / np.sqrt(np.einsum("dii->di", matrices))
+    scaled, right = matrices * size[:, :, None] * size[:, None, :], -slopes * size
+    try:
+        return np.linalg.solve(scaled, right[:, :, None])[:, :, 0] * size
+    except np.linalg.LinAlgError:
+        each = zip(scaled, right, strict=True)
+        return np.array([np.linalg.lstsq(a, b, rcond=1e-13)[0] for a, b in each]) * size

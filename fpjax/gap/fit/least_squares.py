@@ -19,7 +19,7 @@ from ...logs.arrays import Values
 from ..data.setting import Setting
 from ..effects.vocabulary import stiffness_of
 from ..simulate.family import Runner, window_fields
-from .bounded import bounded_step
+from .bounded import bounded_steps
 from .candidate import Candidate
 from .modes import COMPARED, Modes
 from .response import Response, Windows
@@ -205,12 +205,13 @@ class Fitter(Response):
 
     def _cost(self, c: Candidate, parts: Sequence[tuple[int, Values, Values]], torques: Values) -> float:
         """The cost of a candidate at its level, of its parts (record, windows, coefficients) and counted torques."""
-        windows = sum(
-            float(np.sum(self.window_costs(c, which, chosen, found)))
-            + float(np.sum(self.state_prior(c, which, chosen)))
-            for which, chosen, found in parts
-        )
-        return windows + self.parameter_prior(c) + self.log_volume(c, torques)
+        windows = sum(float(np.sum(self.window_costs(c, which, chosen, found))) for which, chosen, found in parts)
+        return windows + self._beside_windows(c, [(which, chosen) for which, chosen, _ in parts], torques)
+
+    def _beside_windows(self, c: Candidate, parts: Sequence[tuple[int, Values]], torques: Values) -> float:
+        """The part of the cost that the readings have none in: priors of parameters and start values, the volume."""
+        states = sum(float(np.sum(self.state_prior(c, which, chosen))) for which, chosen in parts)
+        return states + self.parameter_prior(c) + self.log_volume(c, torques)
 
     def assess(self, candidates: Sequence[Candidate], windows: Windows, *, white: bool) -> None:
         """Level and cost of candidates at their present values, without a step; they are changed in place.
@@ -259,25 +260,26 @@ class Fitter(Response):
         """
         linear = self.linearise(active, windows, known=known)
         trials: list[list[Candidate]] = []
-        counted: list[Values] = []
+        costs = np.zeros(0)
         for c, parts in zip(active, linear, strict=True):
             if adapt:
                 c.white = white
                 c.level = self.best_level([(p.which, p.windows, p.c) for p in parts], white=white)
             torques = self.torques(c, windows)
-            counted.append(torques)
-            c.cost = self._cost(c, [(p.which, p.windows, p.c) for p in parts], torques)
-            trials.append(self._steps(c, parts, c.damping * np.array(DAMPINGS), torques))
+            weighed = [
+                self.modes.cost_and_precision(c.level, self.noise[p.which][p.windows], p.c, white=c.white)
+                for p in parts
+            ]
+            c.cost = sum(float(np.sum(own)) for own, _ in weighed) + self._beside_windows(
+                c, [(p.which, p.windows) for p in parts], torques
+            )
+            own = self._steps(c, parts, [weight for _, weight in weighed], c.damping * np.array(DAMPINGS), torques)
+            trials.append(own)
+            priors = [self.parameter_prior(trial) for trial in own]
+            costs = np.append(costs, priors + self.log_volumes(np.array([trial.vector for trial in own]), torques))
         # The trials of all candidates run as one batch of lanes. Level and counted torques stay those of the candidate,
         # so that the costs of its trials are comparable.
         everything = [trial for group in trials for trial in group]
-        costs = np.array(
-            [
-                self.parameter_prior(c) + self.log_volume(c, torques)
-                for group, torques in zip(trials, counted, strict=True)
-                for c in group
-            ]
-        )
         tried: dict[int, list[Values]] = {}
         for which, chosen in enumerate(windows):
             if len(chosen):
@@ -306,17 +308,20 @@ class Fitter(Response):
             c.converged = bool(gain < max(GAINED, SLIGHT * (c.cost - c.beside)))
         return after
 
-    def _steps(self, c: Candidate, parts: list[Linear], dampings: Values, torques: Values) -> list[Candidate]:
-        """Copies of the candidate after one step, one for each damping."""
+    def _steps(
+        self, c: Candidate, parts: list[Linear], weights: list[Values], dampings: Values, torques: Values
+    ) -> list[Candidate]:
+        """Copies of the candidate after one step, one for each damping; `weights` are the parts' `Modes.precision`."""
         count = len(c.free)
-        matrix, slope, kept = self.reduced(c, parts, dampings)
+        matrix, slope, kept = self.reduced(c, parts, dampings, weights)
         c.normal = matrix[-1]
         unit = c.scale / c.spread
         prior = np.diag(unit**2)
         pull = (c.vector[c.free] - c.center) / c.spread * unit + self.log_volume_slope(c, torques)
-        stepped = []
-        for place, damping in enumerate(dampings):
-            step = bounded_step(c, matrix[place] + prior, slope[place] + pull, damping) if count else np.zeros(0)
+        stepped, steps = [], np.zeros((len(dampings), 0))
+        if count:
+            steps = bounded_steps(c, matrix + prior, slope + pull, dampings)
+        for place, (damping, step) in enumerate(zip(dampings, steps, strict=True)):
             vector = c.vector.copy()
             move = np.clip(step * c.scale, -c.reach, c.reach)
             vector[c.free] = np.clip(vector[c.free] + move, c.low, c.high)
@@ -329,13 +334,16 @@ class Fitter(Response):
             stepped.append(replace(c, vector=vector, states=states, damping=float(damping)))
         return stepped
 
-    def reduced(self, c: Candidate, parts: list[Linear], dampings: Values) -> tuple:
+    def reduced(
+        self, c: Candidate, parts: list[Linear], dampings: Values, weights: Sequence[Values | None] | None = None
+    ) -> tuple:
         """Normal equations of the free parameters with the start values of the windows eliminated.
 
         Args:
             c: a candidate; its `occam` is set.
             parts: its linearisation.
             dampings: shape (dampings,).
+            weights: `Modes.precision` of each part, where it is known.
 
         Returns:
             (normal matrices (dampings, free, free), gradients (dampings, free), both in units of `scale` and without
@@ -346,8 +354,8 @@ class Fitter(Response):
         gradient = np.zeros((len(dampings), count))
         kept = []
         c.occam = 0.0
-        for part in parts:
-            products, pull, deviation, live = self._products(c, part)
+        for part, weight in zip(parts, weights or [None] * len(parts), strict=True):
+            products, pull, deviation, live = self._products(c, part, weight)
             own = products[:, count:, count:]
             index = np.arange(len(live))
             own[:, index, index] += 1.0
@@ -364,7 +372,7 @@ class Fitter(Response):
             kept.append((part, live, solved, deviation))
         return matrix, gradient, kept
 
-    def _products(self, c: Candidate, part: Linear) -> tuple[Values, Values, Values, Values]:
+    def _products(self, c: Candidate, part: Linear, weight: Values | None) -> tuple[Values, Values, Values, Values]:
         """(J' W J, J' W c plus the start values' prior, prior deviations, indices of the free ones), in scaled units.
 
         Of each window: shapes (windows, columns, columns) and (windows, columns), parameters first.
@@ -375,7 +383,8 @@ class Fitter(Response):
         # A window whose simulation diverged, here or at a neighbour, has no say in the step (its cost is infinite).
         known, found = np.isfinite(part.c), np.isfinite(part.slope)
         here, slope = np.where(known, part.c, 0.0), np.where(found, part.slope, 0.0) * size
-        weight = self.modes.precision(c.level, self.noise[part.which][part.windows], here, white=c.white)
+        if weight is None or not np.all(known):
+            weight = self.modes.precision(c.level, self.noise[part.which][part.windows], here, white=c.white)
         weighted = slope * np.where(known, weight, 0.0)[:, :, None]
         products = slope.transpose(0, 2, 1) @ weighted
         pull = (weighted.transpose(0, 2, 1) @ here[:, :, None])[:, :, 0]

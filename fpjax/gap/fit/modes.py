@@ -143,15 +143,18 @@ class Modes:
         """
         return noise[:, None] + np.where(self.sensor, 0.0, self.unanswered[self.band] ** 2 * self.gain)
 
-    def response(self, inertia: float, viscous: float, gain: float, guide: tuple[float, float] = (0.0, 0.0)) -> Values:
-        """Frequency response of the motion to a missing torque, over that of the nominal rigid mass [1].
+    def response(
+        self, inertia: Values, viscous: Values, gain: Values, guide: tuple[float, float] = (0.0, 0.0)
+    ) -> Values:
+        """Frequency responses of the motion to a missing torque, over that of the nominal rigid mass [1], (machines,
+        modes).
 
         Its magnitude by mode: g J_nominal / J |s^2 + K| / |s^2 + s B / J + K|. The gain makes it a torque in units of
         the command. An actuator's lag has no part in it: friction and load act on the mass, behind the actuator. (With
         it, what a lag leaves was read as several times the torque that it is, and a delay was told in its place.)
 
         Args:
-            inertia: J [kg m^2].
+            inertia: J [kg m^2], shape (machines,), as the other two.
             viscous: B [N m s/rad].
             gain: of the torque g [1].
             guide: its stiffness k [1/s^2] and damping d [1/s], with K = k + d s.
@@ -159,8 +162,8 @@ class Modes:
         square = (2.0 * np.pi * self.frequency) ** 2
         # |s^2 + K|^2 and |s^2 + s B / J + K|^2 at s = j w, in real numbers, three times as fast as complex ones.
         apart, damping = (guide[0] - square) ** 2, guide[1]
-        held = apart + square * damping**2
-        return gain * self.inertia / inertia * np.sqrt(held / (apart + square * (damping + viscous / inertia) ** 2))
+        held, own = apart + square * damping**2, (damping + viscous / inertia)[:, None] ** 2
+        return (gain * self.inertia / inertia)[:, None] * np.sqrt(held / (apart + square * own))
 
     def plain(self, coefficients: Values) -> Values:
         """c = U' r from rotated coefficients; both of shape (windows, modes)."""
@@ -201,14 +204,24 @@ class Modes:
         The weights of a least-squares step that lowers `cost`: the E step of expectation-maximisation. Arguments as of
         `cost`.
         """
+        return self.cost_and_precision(level, noise, coefficients, white=white)[1]
+
+    def cost_and_precision(
+        self, level: Values, noise: Values, coefficients: Values, *, white: bool
+    ) -> tuple[Values, Values]:
+        """`cost` and `precision`, whose most work is the same."""
         order = np.argsort(noise, kind="stable")
         factors, law = bursts(self.tails)
         share = self._by_burst(level, noise[order], coefficients[order], white)
-        share -= np.min(share, axis=0)
+        least = np.min(share, axis=0)
+        share -= least
         share *= -0.5
         np.exp(share, out=share)
         share *= law[:, None, None]
-        share /= np.sum(share, axis=0)
+        mean = np.sum(share, axis=0)
+        share /= mean
+        cost = np.empty(len(noise))
+        cost[order] = np.sum(least - 2.0 * np.log(mean), axis=1)
         atoms = self._atoms
         signal = (level[atoms.band] ** 2 * atoms.flat) * 4.0 ** factors[:, None]
         out = np.empty((len(noise), len(atoms.first)))
@@ -219,7 +232,7 @@ class Modes:
                     out[order[rows], own] = share[:, rows, side].T @ sharper[:, own]
             else:
                 out[order[rows]] = np.einsum("bwa,ba->wa", share[:, rows, atoms.tile], sharper)
-        return out[:, atoms.place]
+        return cost, out[:, atoms.place]
 
     def best_level(self, noise: Values, coefficients: Values, *, white: bool) -> Values:
         """The most likely level of each octave, bursts integrated out, shape (bands,).
@@ -377,6 +390,5 @@ def _kinds(noise: Values) -> list[tuple[slice, float]]:
 
     Noises are powers of two (`fpjax.gap.fit.least_squares.Fitter.noise`), so that there are few.
     """
-    kinds, first = np.unique(noise, return_index=True)
-    ends = np.append(first[1:], len(noise))
-    return [(slice(a, b), float(kind)) for kind, a, b in zip(kinds, first, ends, strict=True)]
+    ends = [0, *(np.flatnonzero(np.diff(noise)) + 1), len(noise)]
+    return [(slice(a, b), float(noise[a])) for a, b in itertools.pairwise(ends) if b > a]

@@ -46,7 +46,8 @@ class Response:
         self.rate_alone = self.records[0].position is None
         guide = runner.tables[0].guide
         self.guide = float(guide.stiffness), float(guide.damping)
-        self._nominal = self._response(self.family.neutral(setting))
+        self._places = {p.name: index for index, p in enumerate(self.family.parameters)}
+        self._nominal = self._response(self.family.neutral(setting)[None])[0]
         # s^2 of each window: windows with repeated readings have more noise. Rounded to powers of two, so that many
         # windows share their weights.
         self.noise = [2.0 ** np.round(np.log2(record.runs)) for record in self.records]
@@ -98,7 +99,7 @@ class Response:
         """Share of the command in what it and the missing torque hold together [1], shape (modes,)."""
         return np.where(self.modes.sensor, 0.0, self.commanded / (self.commanded + missing))
 
-    def torque_scale(self, c: Candidate, vector: Values | None = None) -> Values:
+    def torque_scale(self, c: Candidate) -> Values:
         """Factor of a candidate's missing torque at the command over that which `Modes` infers from its residual.
 
         `Modes` infers it through the nominal mass, so the factor is the ratio of the nominal model's frequency response
@@ -110,45 +111,56 @@ class Response:
         Returns:
             Shape (modes,) [1]; 1 for modes without torque.
         """
-        return np.maximum(self.lost_response(c, vector), 1.0)
+        return np.maximum(self.lost_response(c), 1.0)
 
-    def lost_response(self, c: Candidate, vector: Values | None = None) -> Values:
+    def lost_response(self, c: Candidate) -> Values:
         """Ratio of the nominal model's frequency response to a candidate's [1], shape (modes,)."""
-        own = self._response(c.vector if vector is None else vector)
-        return np.where(self.modes.sensor, 1.0, self._nominal / own)
+        return self._lost(c.vector[None])[0]
 
-    def _response(self, vector: Values) -> Values:
-        """Relative frequency response (`Modes.response`) of a machine with a parameter vector, shape (modes,)."""
-        found = dict(zip([p.name for p in self.family.parameters], vector, strict=True))
+    def _lost(self, vectors: Values) -> Values:
+        """`lost_response` of parameter vectors, (vectors, parameters), shape (vectors, modes)."""
+        return np.where(self.modes.sensor, 1.0, self._nominal / self._response(vectors))
+
+    def _response(self, vectors: Values) -> Values:
+        """`Modes.response` of parameter vectors, (vectors, parameters), shape (vectors, modes)."""
+
+        def of(name: str, neutral: float) -> Values:
+            at = self._places.get(name)
+            return np.full(len(vectors), neutral) if at is None else vectors[:, at]
+
         # Quadratic drag and the limits, linearised: the slope at the rms speed, and the share of the log's samples in
         # which the command is neither within the dead zone nor above the limit.
-        viscous = found["viscous"] + 2.0 * found.get("drag_coefficient", 0.0) * self.speed
-        above, within = found.get("dead_zone", 0.0), found.get("limit", np.inf)
-        count = np.searchsorted(self.effort, within, "right") - np.searchsorted(self.effort, above, "left")
-        passed = max(count, 0) / len(self.effort)
-        gain = found.get("gain", 1.0) * max(1.0 - found.get("load_coefficient", 0.0) * self.driving, LEAST_PASSED)
+        viscous = of("viscous", 0.0) + 2.0 * of("drag_coefficient", 0.0) * self.speed
+        count = np.searchsorted(self.effort, of("limit", np.inf), "right")
+        count = count - np.searchsorted(self.effort, of("dead_zone", 0.0), "left")
+        passed = np.maximum(count / len(self.effort), LEAST_PASSED)
+        gain = of("gain", 1.0) * np.maximum(1.0 - of("load_coefficient", 0.0) * self.driving, LEAST_PASSED)
         if self.rate_alone:
-            gain *= found.get("scale", 1.0)
-        return self.modes.response(found["inertia"], max(viscous, 0.0), gain * max(passed, LEAST_PASSED), self.guide)
+            gain = gain * of("scale", 1.0)
+        return self.modes.response(of("inertia", 0.0), np.maximum(viscous, 0.0), gain * passed, self.guide)
 
-    def log_volume(self, c: Candidate, torques: Values, vector: Values | None = None) -> float:
+    def log_volume(self, c: Candidate, torques: Values) -> float:
         """Twice the negative log of the Jacobian from torques to motion, over the `torques` counted in each mode.
 
         A likelihood of torques instead of motions: without it, a model that responds less is favoured. Where the motion
         is imposed, one that responds more than the nominal model is not favoured either: that tells nothing of a mass.
         """
+        return float(self.log_volumes(c.vector[None], torques)[0])
+
+    def log_volumes(self, vectors: Values, torques: Values) -> Values:
+        """`log_volume` of parameter vectors, (vectors, parameters), shape (vectors,)."""
         if not np.any(torques > 0.0):
-            return 0.0
-        lost = np.log(self.lost_response(c, vector))
-        return 2.0 * float(torques[0] @ lost + torques[1] @ np.maximum(lost, 0.0))
+            return np.zeros(len(vectors))
+        lost = np.log(self._lost(vectors))
+        return 2.0 * (lost @ torques[0] + np.maximum(lost, 0.0) @ torques[1])
 
     def log_volume_slope(self, c: Candidate, torques: Values) -> Values:
         """Half the gradient of `log_volume` by the free parameters in units of their scale, shape (free,)."""
-        found, here = np.zeros(len(c.free)), self.log_volume(c, torques)
-        for place, index in enumerate(c.free):
-            if c.family.parameters[index].name in RESPONSE:
-                step = 1e-4 * c.scale[place]
-                moved = c.vector.copy()
-                moved[index] += step
-                found[place] = 0.5 * (self.log_volume(c, torques, moved) - here) / 1e-4
+        found = np.zeros(len(c.free))
+        places = [k for k, index in enumerate(c.free) if c.family.parameters[index].name in RESPONSE]
+        if places:
+            vectors = np.repeat(c.vector[None], len(places) + 1, 0)
+            vectors[np.arange(len(places)), c.free[places]] += 1e-4 * c.scale[places]
+            volumes = self.log_volumes(vectors, torques)
+            found[places] = 0.5 * (volumes[:-1] - volumes[-1]) / 1e-4
         return found

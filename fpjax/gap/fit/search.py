@@ -30,6 +30,9 @@ from .score import scores
 # Successive halving: every start gets a few steps on a few windows, then ever fewer sets get ever more steps on all.
 SCREEN = 6  # windows on which starts are screened
 SCREEN_STEPS = 3
+# Beside fitted causes the first step tells already: after it the better half of each set's starts go on, of so many
+# times the sets that will be left after screening [1]. (Starts of one cause alone still change places after it.)
+SCREEN_SETS = 1.5
 STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # (steps on all fitted windows, number of sets that get them)
 # Share of the run time that is over after screening, and after each of `STAGES` [1]; for the progress display alone.
 SCREENED, AFTER = 0.45, (0.56, 0.62, 0.67, 0.78)
@@ -300,8 +303,7 @@ class Search:
             white: one level of the missing torque for all octaves until the last steps. Far from the solution a level
                 for each leads to wrong minima; starts from a finished fit can do without.
         """
-        candidates = self._started(starts, white=white)
-        self._screened(candidates, white=white)
+        candidates = self._screened(self._started(starts, white=white), keep[0] if keep else 0, white=white)
         best: dict[tuple[str, ...], list[Candidate]] = {}
         for c in sorted(candidates, key=lambda c: c.cost):
             group = best.setdefault(c.names, [])
@@ -351,17 +353,42 @@ class Search:
             self.fitters[key].assess([c for c in both if c.family.key == key], self.screening(), white=white)
         return [given[i] if i in given and given[i].cost < c.cost else c for i, c in enumerate(found)]
 
-    def _screened(self, candidates: Sequence[Candidate], *, white: bool) -> None:
-        """A few steps of every candidate on a few windows, family by family."""
+    def _screened(self, candidates: list[Candidate], most: int, *, white: bool) -> list[Candidate]:
+        """A few steps of every candidate on a few windows, family by family.
+
+        Args:
+            candidates: at their starts.
+            most: number of sets that will be left, beside fitted causes; 0 otherwise.
+            white: one level of the missing torque for all octaves.
+
+        Returns:
+            Those that are worth more steps.
+        """
+        if not most:
+            self._few_steps(candidates, SCREEN_STEPS, (0.0, SCREENED), white=white)
+            return candidates
+        self._few_steps(candidates, 1, (0.0, 0.5 * SCREENED), white=white)
+        best: dict[tuple[str, ...], list[Candidate]] = {}
+        for c in sorted(candidates, key=lambda c: c.cost):
+            best.setdefault(c.names, []).append(c)
+        sets = list(best.values())[: int(SCREEN_SETS * most)]
+        candidates = [c for group in sets for c in group[: -(-len(group) // 2)]]
+        self._few_steps(candidates, SCREEN_STEPS - 1, (0.5 * SCREENED, SCREENED), white=white)
+        return candidates
+
+    def _few_steps(
+        self, candidates: Sequence[Candidate], steps: int, ticks: tuple[float, float], *, white: bool
+    ) -> None:
+        """Steps on a few windows, family by family; `ticks` are the shares done before and after [1]."""
         weights = dict.fromkeys((c.family.key for c in candidates), 0.0)
         for c in candidates:
             weights[c.family.key] += HEAVY if c.family.key[0] == "transmission" else 1.0
         done = 0.0
         for key, weight in weights.items():
             group = [c for c in candidates if c.family.key == key]
-            self.go_on(group, self.screening(), SCREEN_STEPS, white=white)
-            done += weight
-            self.tick(SCREENED * done / sum(weights.values()))
+            self.go_on(group, self.screening(), steps, white=white)
+            done += weight / sum(weights.values())
+            self.tick(ticks[0] + (ticks[1] - ticks[0]) * done)
 
     def fitted(self, starts: Sequence[Start]) -> list[Fit]:
         """Each start fitted on all windows with the same number of steps, in the order of `starts`."""

@@ -19,6 +19,7 @@ from .weighed import (
     Exact,
     Weighed,
     first_settled,
+    gap_share,
     judged_windows,
     moving_windows,
     settled,
@@ -91,7 +92,9 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
         chosen = numbers  # an effect alone that hardly takes more torque than wrong numbers do is a detail beside them
     tried = list(weighed)
     rivals, path, likely = weighed, [exact.fit], [effect.name for effect in search.effects]
-    for size in range(2, THRESHOLDS.most_causes + 1):
+    # Without a gap nothing will be told of causes, nor of details beside them.
+    most = THRESHOLDS.most_causes if gap_share(search, given) >= THRESHOLDS.nothing else 1
+    for size in range(2, most + 1):
         missing = exact.left(chosen.fit) / _whole_left(search, exact, chosen.fit, nominal)
         # Where the causes explain the gap, what more there is are details beside them; beside numbers alone every
         # effect was tried already.

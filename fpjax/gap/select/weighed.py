@@ -164,6 +164,14 @@ def weighed_fit(search: Search, exact: Exact, fit: Fit, evidence: float) -> Weig
     return Weighed(fit, evidence, evidence - exact.fit.evidence, left, share)
 
 
+def gap_share(search: Search, exact: Fit) -> float:
+    """Missing torque of the nominal model over the commanded one [1], each rms over the log where that is the most."""
+    return max(
+        float(np.sqrt(max(np.mean(missing), 0.0) / max(np.mean(record.torque**2), 1e-300)))
+        for missing, record in zip(exact.missing, search.records, strict=True)
+    )
+
+
 def whole_gap(search: Search, exact: Exact, fit: Fit) -> float:
     """The missing torque that a model's causes are shares of [N m]: all that the nominal model as given misses.
 

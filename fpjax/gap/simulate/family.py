@@ -22,8 +22,8 @@ from ..data.record import LONGEST, Record
 from ..data.setting import Setting
 from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, EffectParameter, free, leaf
-from ..effects.parameters import ACTUATOR_DELAY, NOMINAL, UNBALANCE
-from ..effects.vocabulary import LATE_TORQUE, shaft_values
+from ..effects.parameters import ACTUATOR_DELAY, NOMINAL
+from ..effects.vocabulary import LATE_TORQUE, LOAD_ERROR, NOMINAL_VALUES, shaft_values
 from ..machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
 from .replay import LANES, STATES, residual_kernel
 from .windows import as_rows
@@ -97,7 +97,7 @@ def make_family(key: Key, nominal: Nominal, effects: tuple[Effect, ...], setting
     fitting = tuple(e for e in effects if e.structure in ("rigid", structure) and set(e.features) <= set(features))
     if not any(p in e.parameters for e in fitting for p in (ACTUATOR_DELAY, *LATE_TORQUE.parameters)):
         fitting = (*fitting, LATE_TORQUE)  # an error of the log, whichever causes are asked for
-    always = (_BASE, _LOAD_ERROR) if setting.turning_load and "torque" in features else (_BASE,)
+    always = (NOMINAL_VALUES, LOAD_ERROR) if setting.turning_load and "torque" in features else (NOMINAL_VALUES,)
     named: dict[str, EffectParameter] = {}
     for parameter in free((*always, *fitting)):
         named.setdefault(parameter.name, parameter)
@@ -123,10 +123,6 @@ def _known(effect: Effect, machine: Machine, setting: Setting) -> dict[str, floa
 _SHAPES = frozenset(
     {"stribeck_velocity", "stribeck_exponent", "bristle_exponent", "ripple_periods", "cogging_periods", "drift_time"}
 )
-
-
-_BASE = Effect("nominal", NOMINAL, features=())
-_LOAD_ERROR = Effect("load_error", UNBALANCE, features=("torque",))  # of a known load that turns
 
 
 def key_for(effects: tuple[Effect, ...], setting: Setting) -> Key:

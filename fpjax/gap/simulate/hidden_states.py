@@ -114,7 +114,7 @@ def _kernel(
         nominal, tables = fixed
         return observe(assembled(nominal, effects, parameters, vector), angle, speed, past, tables)
 
-    return lane_kernel(run, fixed)
+    return lane_kernel(run, fixed, effects, parameters, structure)
 
 
 @functools.lru_cache(maxsize=16)
@@ -131,7 +131,7 @@ def _whole_kernel(
 
         return _driven(machine, alike(angle), alike(speed), alike(past), tables, lambda mean: mean)[2]
 
-    return lane_kernel(run, fixed)
+    return lane_kernel(run, fixed, effects, parameters)
 
 
 def _bristles(machine: Machine, angle: Array, speed: Array, past: Array, tables: PyTree) -> tuple[Array, Array]:

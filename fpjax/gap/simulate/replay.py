@@ -22,8 +22,10 @@ from ...blocks.plants.sticking import advance_exact
 from ...blocks.servo_sensor import ServoSensor
 from ...blocks.signals import Motion, PlantOutput
 from ...compiled.native import once
+from ...compiled.stored import Stored, description
 from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, EffectParameter
+from ..effects.vocabulary import names_of_own
 from ..machine import Machine, Structure, lanes, structure_of
 from .windows import Windows, from_rows
 
@@ -39,12 +41,21 @@ LEAST_SPEED = 0.5  # of the measured speed: friction of a simulated machine that
 WORST = 1e8  # a residual of more standard deviations counts as this many: a diverged lane must not overflow
 
 
-def lane_kernel(run: Callable[..., PyTree], fixed: PyTree) -> Callable[..., PyTree]:
-    """`run(fixed, *lanes)`, compiled for `LANES` lanes at once.
+def lane_kernel(
+    run: Callable[..., PyTree],
+    fixed: PyTree,
+    effects: tuple[Effect, ...],
+    parameters: tuple[EffectParameter, ...],
+    *made_of: object,
+) -> Callable[..., PyTree]:
+    """`run(fixed, *lanes)`, compiled for `LANES` lanes at once; kept on disk where programs are (`Stored`).
 
     Args:
         run: a function of a pytree that stays from call to call, and of the lanes.
         fixed: the structure of that pytree. It is passed as its leaves: flattening blocks takes as long as a window.
+        effects: that `run` sets from a vector; a user's own are compiled in every process.
+        parameters: of these effects, in the order of the vector.
+        made_of: whatever else the trace of `run` depends on (`fpjax.compiled.stored.description`).
 
     512 bit vectors are a fifth faster; one native kernel (`fpjax.compiled.native`) is not, since a step
     computes so much here.
@@ -54,7 +65,9 @@ def lane_kernel(run: Callable[..., PyTree], fixed: PyTree) -> Callable[..., PyTr
         return run(jax.tree.unflatten(fixed, leaves), *lanes)
 
     options = {"xla_cpu_prefer_vector_width": "512"} if jax.default_backend() == "cpu" else None
-    return jax.jit(flat, compiler_options=options)
+    names = names_of_own(effects)
+    of = None if names is None else description(run.__qualname__, names, [p.name for p in parameters], fixed, made_of)
+    return Stored(jax.jit(flat, compiler_options=options), of)
 
 
 def assembled(
@@ -370,7 +383,7 @@ def residual_kernel(
         last, found = jax.lax.fori_loop(jnp.int32(0), samples, step, (carry, room))
         return found, hidden_of(last.plant)
 
-    return lane_kernel(run, fixed)
+    return lane_kernel(run, fixed, effects, parameters, longest, channels, fine)
 
 
 def hidden_of(state: PyTree) -> Array:

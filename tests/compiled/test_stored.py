@@ -1,0 +1,195 @@
+"""Programs on disk: found by what they were made from, called without a trace, never in the place of another one."""
+
+import subprocess
+import sys
+import threading
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import fpjax
+from fpjax.blocks.servo_sensor import ServoSensor
+from fpjax.compiled import stored
+from fpjax.compiled.stored import MOST_FOLDERS, Stored, description, store_in
+
+# A process that calls a stored program and says whether it was traced.
+PROGRAM = """
+import sys, pathlib, jax, jax.numpy as jnp
+from fpjax.compiled.stored import Stored, store_in
+jax.config.update("jax_enable_x64", True)
+store_in(pathlib.Path(sys.argv[1]))
+
+def double(leaves, x):
+    print("traced")
+    return [jnp.sin(leaf) * x for leaf in leaves], jnp.cumsum(x)
+
+many, total = Stored(jax.jit(double), "double")([jnp.arange(3.0), jnp.ones(3)], jnp.arange(3.0))
+print(*(float(value) for value in [*many[0], *many[1], *total]))
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    store_in(tmp_path)
+    yield tmp_path
+    store_in(None)
+
+
+def files(folder):
+    return [path for path in folder.rglob("*") if path.is_file()]
+
+
+def in_a_process(folder):
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(folder)], capture_output=True, text=True, check=True, timeout=120
+    )
+    return done.stdout.splitlines()
+
+
+def traced_counter():
+    """(function, the list that each trace of it makes longer)."""
+    traces = []
+
+    def function(x):
+        traces.append(x.shape)
+        return jnp.sin(x) * 2.0
+
+    return function, traces
+
+
+def test_a_later_process_calls_the_program_without_a_trace(tmp_path):
+    first, second = in_a_process(tmp_path), in_a_process(tmp_path)
+    assert first == ["traced", second[0]]
+    assert len(second) == 1
+    assert len(files(tmp_path)) == 1
+
+
+def test_a_damaged_file_is_compiled_anew_and_mended(tmp_path):
+    whole = in_a_process(tmp_path)
+    (path,) = files(tmp_path)
+    good = path.read_bytes()
+    for bad in (b"", good[: len(good) // 2], b"no program"):
+        path.write_bytes(bad)
+        assert in_a_process(tmp_path) == whole
+        assert in_a_process(tmp_path) == whole[1:]
+
+
+def test_one_trace_for_all_stored_ones_of_a_process(folder):
+    function, traces = traced_counter()
+    x = jnp.arange(4.0)
+    expected = jnp.sin(x) * 2.0
+    for _ in range(2):
+        np.testing.assert_array_equal(Stored(jax.jit(function), "sine")(x), expected)
+    assert len(traces) == 1  # the second one came from the file
+    other, traced = traced_counter()
+    np.testing.assert_array_equal(Stored(jax.jit(other), "another")(x), expected)
+    assert len(traced) == 1
+    assert len(files(folder)) == 2
+
+
+def test_shapes_types_and_settings_have_programs_of_their_own(folder):
+    function, _ = traced_counter()
+    program = Stored(jax.jit(function), "sine")
+    assert program(jnp.arange(4.0)).shape == (4,)
+    assert program(jnp.arange(5.0)).shape == (5,)
+    assert program(jnp.arange(4.0, dtype=jnp.float32)).dtype == jnp.float32
+    with jax.default_matmul_precision("highest"):
+        program(jnp.arange(4.0))
+    assert len(files(folder)) == 4
+
+
+@pytest.mark.parametrize("made_of", [None, "sine"])
+def test_nothing_is_stored_without_a_description_or_a_folder(tmp_path, made_of):
+    store_in(tmp_path if made_of is None else None)
+    try:
+        function, traces = traced_counter()
+        np.testing.assert_array_equal(Stored(jax.jit(function), made_of)(jnp.ones(2)), 2.0 * jnp.sin(jnp.ones(2)))
+        assert traces
+        assert not files(tmp_path)
+    finally:
+        store_in(None)
+
+
+def test_other_sources_other_programs_and_only_the_latest_are_kept(folder, monkeypatch):
+    for version in range(MOST_FOLDERS + 2):
+        stored._surroundings.cache_clear()
+        monkeypatch.setattr(stored, "_sources", lambda within, version=version: [f"a file {version}"])
+        function, traces = traced_counter()
+        Stored(jax.jit(function), "sine")(jnp.ones(2))
+        assert len(traces) == 1
+    stored._surroundings.cache_clear()
+    assert len(list(folder.iterdir())) == MOST_FOLDERS
+
+
+def test_a_folder_that_cannot_be_written_costs_nothing_but_time(tmp_path):
+    (tmp_path / "file").write_text("")
+    store_in(tmp_path / "file" / "stored")
+    try:
+        function, _ = traced_counter()
+        np.testing.assert_array_equal(Stored(jax.jit(function), "sine")(jnp.ones(2)), 2.0 * jnp.sin(jnp.ones(2)))
+    finally:
+        store_in(None)
+
+
+def test_threads_that_come_at_once_compile_once(folder):
+    function, traces = traced_counter()
+    program, ready, found = Stored(jax.jit(function), "sine"), threading.Barrier(4), []
+
+    def call():
+        ready.wait()
+        found.append(program(jnp.ones(3)))
+
+    threads = [threading.Thread(target=call) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(found) == 4
+    assert len(traces) == 1
+
+
+def test_jax_uses_its_own_cache_again_afterwards(folder):
+    before = jax.config.jax_enable_compilation_cache
+    Stored(jax.jit(lambda x: x + 1.0), "one more")(jnp.ones(2))
+    assert jax.config.jax_enable_compilation_cache == before
+
+
+# --- what a program is made of
+
+
+class Own(fpjax.OneMass):
+    """A user's own plant."""
+
+
+def structure(block):
+    return jax.tree.structure(block)
+
+
+def test_a_description_tells_blocks_apart_and_not_their_numbers():
+    light, heavy = fpjax.OneMass(1.0, fpjax.Coulomb(1.0)), fpjax.OneMass(2.0, fpjax.Coulomb(3.0))
+    told = description("kind", structure(light), (1, True, "rigid", None))
+    assert told is not None
+    assert told == description("kind", structure(heavy), (1, True, "rigid", None))
+    others = [
+        description(
+            "kind", structure(fpjax.OneMass(1.0, fpjax.Stribeck(1.0, 2.0, 0.1, 0.5))), (1, True, "rigid", None)
+        ),
+        description("other", structure(light), (1, True, "rigid", None)),
+        description("kind", structure(light), (2, True, "rigid", None)),
+        description("kind", structure(light), (1, False, "rigid", None)),
+    ]
+    assert len({told, *others}) == 5
+
+
+def test_a_static_setting_of_a_block_is_in_the_description():
+    told = {description(structure(ServoSensor(longest_delay=periods))) for periods in (8, 8, 16)}
+    assert len(told) == 2
+    assert None not in told
+
+
+def test_what_a_user_wrote_has_no_description():
+    assert description(structure(Own(1.0, fpjax.Coulomb(1.0)))) is None
+    assert description(lambda x: x) is None
+    assert description(np.ones(2)) is None
