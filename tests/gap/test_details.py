@@ -7,9 +7,10 @@ import pytest
 
 from fpjax.gap.fit.candidate import NOMINAL
 from fpjax.gap.select import decision
-from fpjax.gap.select.decision import _further, _mends_numbers, _nominal_for, _numbers_instead, _only_blurs
+from fpjax.gap.select.decision import _further, _mends_numbers, _numbers_instead, _only_blurs
 from fpjax.gap.select.detectability import blurs
 from fpjax.gap.select.shares import Shares
+from fpjax.gap.select.starts import nominal_for
 from fpjax.gap.select.weighed import Weighed
 from fpjax.gap.thresholds import THRESHOLDS
 
@@ -165,10 +166,10 @@ def test_a_detail_beside_which_friction_is_what_was_given_is_taken(monkeypatch, 
 
 def test_no_number_is_free_beside_a_factor_on_the_torque():
     delay, gain, scale = (effect(name) for name in ("actuator_delay", "torque_gain_error", "velocity_scale_error"))
-    assert _nominal_for(delay) == [NOMINAL]
-    assert _nominal_for(delay, gain) == _nominal_for(gain) == [()]
+    assert nominal_for(delay) == [NOMINAL]
+    assert nominal_for(delay, gain) == nominal_for(gain) == [()]
     # One on the rate leaves the Coulomb friction as it is.
-    assert _nominal_for(scale, delay) == [NOMINAL, ()]
+    assert nominal_for(scale, delay) == [NOMINAL, ()]
 
 
 @pytest.mark.parametrize(("gap", "replaced"), [(True, False), (False, True)])

@@ -14,7 +14,7 @@ from fpjax.gap.data.record import make_records
 from fpjax.gap.data.replay_tables import tables_of
 from fpjax.gap.simulate import family as families
 from fpjax.gap.simulate.family import Runner, window_fields
-from fpjax.gap.simulate.replay import LANES
+from fpjax.gap.simulate.lane_kernel import LANES
 from fpjax.gap.simulate.windows import as_rows, from_rows
 from fpjax.simulation.precision import double_precision
 
@@ -98,7 +98,7 @@ def test_threads_have_the_callers_settings_and_errors_reach_it(search, runner, m
 
 def test_a_log_of_another_length_or_rate_compiles_nothing(search, runner):
     runner.run(0, *lanes(search, 3))
-    compiled = runner.kernel._cache_size()
+    compiled = runner.kernel.function._cache_size()
     for seconds, dt in ((4.3, 1e-3), (5.0, 2e-3)):
         others = make_records([record(seconds=seconds, dt=dt)], [], search.setting.inertia)
         assert others[0].samples != search.records[0].samples
@@ -108,7 +108,7 @@ def test_a_log_of_another_length_or_rate_compiles_nothing(search, runner):
         found, _ = other.run(0, lanes(search, 3)[0], np.zeros((2, 3)), fields)
         assert found.shape == (other.channels, others[0].samples, 3)
         assert other.kernel is runner.kernel
-    assert runner.kernel._cache_size() == compiled
+    assert runner.kernel.function._cache_size() == compiled
 
 
 def test_a_window_whose_simulation_diverges_has_no_say_in_the_step(search):

@@ -55,13 +55,13 @@ def _amplitude(name: str, path: str) -> EffectParameter:
     return EffectParameter(name, "N m", _ZERO, _times("effort", -2), _times("effort", 2), _times("friction", 0.2), path)
 
 
-def _periods(name: str, start: float, least: float, path: str) -> EffectParameter:
-    """Number of periods of a torque within a turn [1/rev]; at least one within the travel."""
+def _periods(name: str, start: float, least: float, path: str, within: float = 1.0) -> EffectParameter:
+    """Number of periods of a torque within a turn [1/rev]; at least `within` of one within the travel."""
     return EffectParameter(
         name,
         "1/rev",
         lambda s: max(start, fewest_periods(s)),
-        lambda s: max(least, fewest_periods(s)),
+        lambda s: max(least, within * fewest_periods(s)),
         lambda s: most_periods(s),
         _constant(0.05),
         path,
@@ -178,7 +178,7 @@ RIPPLE = tuple(
     for part in ("cosine", "sine")
 )
 # From once in two turns; cogging from 1.5, as once a turn is an unbalance.
-RIPPLE_PERIODS = _periods("ripple_periods", 3.0, 0.5, "law.position_periods")
+RIPPLE_PERIODS = _periods("ripple_periods", 3.0, 0.5, "law.position_periods", within=0.5)
 # Extra Coulomb friction at the start, which decays: a machine that warms up.
 DRIFT = EffectParameter(
     "drift_amplitude",

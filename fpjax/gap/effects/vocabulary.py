@@ -44,7 +44,6 @@ from .parameters import (
     LOAD_COEFFICIENT,
     LOAD_SHARE,
     LOAD_SIDE,
-    NOMINAL,
     OFFSET,
     RIPPLE,
     RIPPLE_PERIODS,
@@ -52,7 +51,6 @@ from .parameters import (
     STRIBECK_EXPONENT,
     STRIBECK_TORQUE,
     STRIBECK_VELOCITY,
-    TORQUE_LATE,
     UNBALANCE,
     VELOCITY_DELAY,
     VELOCITY_LAG,
@@ -384,25 +382,6 @@ EFFECTS: tuple[Effect, ...] = (
     _effect("velocity_scale_error", (SCALE,)),
 )
 """Every effect that changes the simulation; `velocity_quantisation` is read from the column itself."""
-
-LATE_TORQUE = _effect("late_torque", (TORQUE_LATE,), starts=lambda s: [{"actuator_delay": -0.8 * s.dt}])
-"""A torque recorded after it acted, as one that the drive measures and filters: a dead time below zero.
-
-It is an error of the log and no cause of a gap, so that it is not among `EFFECTS` (`fpjax.gap.select.late_torque`).
-"""
-
-
-NOMINAL_VALUES = Effect("nominal", NOMINAL, features=())
-"""The nominal model's own numbers, which every family holds."""
-
-LOAD_ERROR = Effect("load_error", UNBALANCE, features=("torque",))
-"""The error of a known load that turns, which the families of such a machine hold."""
-
-
-def names_of_own(effects: tuple[Effect, ...]) -> tuple[str, ...] | None:
-    """Names of effects that are all this module's, so that the name tells the effect; None where one is not."""
-    own = {effect.name: effect for effect in (*EFFECTS, LATE_TORQUE, NOMINAL_VALUES, LOAD_ERROR)}
-    return tuple(e.name for e in effects) if all(own.get(e.name) is e for e in effects) else None
 
 
 def on_rate_sensor(effect: Effect) -> bool:

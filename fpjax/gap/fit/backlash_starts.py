@@ -13,7 +13,7 @@ from ..data.record import Record
 from ..data.setting import Setting
 from ..effects.parameters import highest_contact, highest_frequency
 from ..simulate.hidden_states import HiddenStates
-from ..simulate.replay import LANES
+from ..simulate.lane_kernel import LANES
 
 # A grid over the five parameters, then a random search around its best points, in logarithms of the parameters.
 NAMES = ("gap", "load_share", "frequency", "damping_ratio", "friction_share")  # rows of an array of parameters

@@ -270,9 +270,8 @@ class Fitter(Response):
                 self.modes.cost_and_precision(c.level, self.noise[p.which][p.windows], p.c, white=c.white)
                 for p in parts
             ]
-            c.cost = sum(float(np.sum(own)) for own, _ in weighed) + self._beside_windows(
-                c, [(p.which, p.windows) for p in parts], torques
-            )
+            beside = self._beside_windows(c, [(p.which, p.windows) for p in parts], torques)
+            c.cost = beside + sum(float(np.sum(own)) for own, _ in weighed)
             own = self._steps(c, parts, [weight for _, weight in weighed], c.damping * np.array(DAMPINGS), torques)
             trials.append(own)
             priors = [self.parameter_prior(trial) for trial in own]

@@ -26,8 +26,8 @@ from ...errors import InputError
 from ...logs import Log
 from ...model_file import Model
 from ...output.runfile import sync_folder, versions
+from ..effects.always import LATE_TORQUE
 from ..effects.effect import Effect
-from ..effects.vocabulary import LATE_TORQUE
 from ..simulate.family import Family
 from .candidate import Candidate, Fit
 from .search import Search, Start

@@ -26,17 +26,11 @@ from .measure import Measure
 from .modes import Modes
 from .period_starts import repeating_waves, turning_weight
 from .score import scores
+from .screen import few_windows, screened
 
-# Successive halving: every start gets a few steps on a few windows, then ever fewer sets get ever more steps on all.
-SCREEN = 6  # windows on which starts are screened
-SCREEN_STEPS = 3
-# Beside fitted causes the first step tells already: after it the better half of each set's starts go on, of so many
-# times the sets that will be left after screening [1]. (Starts of one cause alone still change places after it.)
-SCREEN_SETS = 1.5
+# Successive halving: after screening ever fewer sets get ever more steps.
 STAGES = ((3, 40), (4, 14), (8, 8), (25, 6))  # (steps on all fitted windows, number of sets that get them)
-# Share of the run time that is over after screening, and after each of `STAGES` [1]; for the progress display alone.
-SCREENED, AFTER = 0.45, (0.56, 0.62, 0.67, 0.78)
-HEAVY = 3.0  # run time of a candidate with a transmission over that of a rigid one
+AFTER = (0.56, 0.62, 0.67, 0.78)  # share of the run time that is over after each [1]; for the progress display alone
 COLOURED = 25  # most steps with a level of the missing torque for each octave (coloured, not white)
 BAND = 0.25  # of the Nyquist frequency: above it residuals show the drive's sampling and rounding, not a cause of a gap
 
@@ -277,21 +271,9 @@ class Search:
                 done += 3
 
     def screening(self) -> list[Values]:
-        """A few fitted windows, one array a record: spread evenly, and those where the nominal model is worst."""
-        if self._screen:
-            return self._screen
-        fitter = self.fitters[self.exact.family.key]
-        for which, train in enumerate(self.train):
-            if not len(train):
-                self._screen.append(train)
-                continue
-            few = max(2, SCREEN // len(self.train))
-            index = np.unique(np.linspace(0, len(train) - 1, max(few - 3, 1)).round().astype(int))
-            plain = self.modes.plain(fitter.coefficients([self.exact], which, train)[0])
-            noise = fitter.noise[which][train]
-            worst = np.argsort(-np.sum((plain * self.measure.filter(noise)) ** 2, axis=1))
-            extra = [i for i in worst if i not in index][: few - len(index)]
-            self._screen.append(train[np.unique(np.concatenate([index, np.array(extra, int)]))])
+        """The few fitted windows on which starts are screened, one array a record."""
+        if not self._screen:
+            self._screen = few_windows(self)
         return self._screen
 
     def explore(self, starts: Sequence[Start], keep: Sequence[int] = (), *, white: bool = True) -> list[Fit]:
@@ -303,7 +285,7 @@ class Search:
             white: one level of the missing torque for all octaves until the last steps. Far from the solution a level
                 for each leads to wrong minima; starts from a finished fit can do without.
         """
-        candidates = self._screened(self._started(starts, white=white), keep[0] if keep else 0, white=white)
+        candidates = screened(self, self._started(starts, white=white), keep[0] if keep else 0, white=white)
         best: dict[tuple[str, ...], list[Candidate]] = {}
         for c in sorted(candidates, key=lambda c: c.cost):
             group = best.setdefault(c.names, [])
@@ -352,43 +334,6 @@ class Search:
         for key in dict.fromkeys(c.family.key for c in both):
             self.fitters[key].assess([c for c in both if c.family.key == key], self.screening(), white=white)
         return [given[i] if i in given and given[i].cost < c.cost else c for i, c in enumerate(found)]
-
-    def _screened(self, candidates: list[Candidate], most: int, *, white: bool) -> list[Candidate]:
-        """A few steps of every candidate on a few windows, family by family.
-
-        Args:
-            candidates: at their starts.
-            most: number of sets that will be left, beside fitted causes; 0 otherwise.
-            white: one level of the missing torque for all octaves.
-
-        Returns:
-            Those that are worth more steps.
-        """
-        if not most:
-            self._few_steps(candidates, SCREEN_STEPS, (0.0, SCREENED), white=white)
-            return candidates
-        self._few_steps(candidates, 1, (0.0, 0.5 * SCREENED), white=white)
-        best: dict[tuple[str, ...], list[Candidate]] = {}
-        for c in sorted(candidates, key=lambda c: c.cost):
-            best.setdefault(c.names, []).append(c)
-        sets = list(best.values())[: int(SCREEN_SETS * most)]
-        candidates = [c for group in sets for c in group[: -(-len(group) // 2)]]
-        self._few_steps(candidates, SCREEN_STEPS - 1, (0.5 * SCREENED, SCREENED), white=white)
-        return candidates
-
-    def _few_steps(
-        self, candidates: Sequence[Candidate], steps: int, ticks: tuple[float, float], *, white: bool
-    ) -> None:
-        """Steps on a few windows, family by family; `ticks` are the shares done before and after [1]."""
-        weights = dict.fromkeys((c.family.key for c in candidates), 0.0)
-        for c in candidates:
-            weights[c.family.key] += HEAVY if c.family.key[0] == "transmission" else 1.0
-        done = 0.0
-        for key, weight in weights.items():
-            group = [c for c in candidates if c.family.key == key]
-            self.go_on(group, self.screening(), steps, white=white)
-            done += weight / sum(weights.values())
-            self.tick(ticks[0] + (ticks[1] - ticks[0]) * done)
 
     def fitted(self, starts: Sequence[Start]) -> list[Fit]:
         """Each start fitted on all windows with the same number of steps, in the order of `starts`."""

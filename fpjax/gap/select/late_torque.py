@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..effects.vocabulary import LATE_TORQUE
+from ..effects.always import LATE_TORQUE
 from ..fit.candidate import NOMINAL, Fit, Start
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS

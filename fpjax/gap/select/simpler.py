@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterator, Sequence
 
 from ..effects.effect import Effect
-from ..fit.candidate import NOMINAL, SPIKE_RANGE, Fit, Start
+from ..fit.candidate import NOMINAL, SPIKE_RANGE, Candidate, Fit, Start
 from ..fit.search import Search
 from ..thresholds import THRESHOLDS
 from .detectability import resolved
@@ -18,8 +18,11 @@ SIMPLER = {
 }
 """What an effect holds as a special case, or is in a short travel, with fewer parameters."""
 GAIN = "torque_gain_error"
-FACTORS = (GAIN, "velocity_scale_error")
+SCALE = "velocity_scale_error"
+FACTORS = (GAIN, SCALE)
 """One factor that makes several nominal numbers wrong in proportion."""
+POWERS = {"kg m^2": -1, "N m s/rad": -1, "N m s^2/rad^2": -2, "rad/s": 1, "rad": 1, "1/rev": -1}
+"""Power of the scale of an angle by which a parameter changes, by its unit."""
 ONE_FOR_MANY = (*FACTORS, "load_dependent_friction")
 """What one parameter makes of several numbers: a friction that grows with the load is nearly a gain where the motor
 hardly ever brakes."""
@@ -32,7 +35,7 @@ def simpler(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
     """
     by_name = {effect.name: effect for effect in search.effects}
     while True:
-        options = list(_instead(chosen.fit, by_name, bool(search.setting.turning_load)))
+        options = list(_instead(search, chosen.fit, by_name))
         if not options:
             return chosen
         whole = whole_gap(search, exact, chosen.fit)
@@ -128,15 +131,28 @@ def _lost(fit: Fit, chosen: Fit, without: float) -> float:
     return (chosen.evidence - fit.evidence) / max(chosen.evidence - without, 1e-300)
 
 
-def _instead(fit: Fit, by_name: dict[str, Effect], turning_load: bool) -> Iterator[tuple[Start, ...]]:
+def _as_read(c: Candidate) -> dict[str, float]:
+    """Values of the machine that a right rate sensor shows as a candidate's sensor with a scale shows its own.
+
+    A scale is fitted where the rate alone is measured, so that an angle counts in the readings' unit: an inertia and a
+    damping go down with the scale, a speed of friction goes up, and a torque repeats after another angle.
+    """
+    values = c.values()
+    scale, own = values["scale"], [p for p in c.family.parameters if p.name not in ("scale", "bias")]
+    return {p.name: values[p.name] * scale ** POWERS[p.unit] for p in own if p.unit in POWERS}
+
+
+def _instead(search: Search, fit: Fit, by_name: dict[str, Effect]) -> Iterator[tuple[Start, ...]]:
     """Starts of what may stand for causes of a fit; behind one for an effect, that of the fit without the effect.
 
     Args:
+        search: of the logs.
         fit: of the chosen causes.
         by_name: the vocabulary.
-        turning_load: whether the nominal model has a known load that turns: an unbalance is then its error.
     """
     c = fit.candidate
+    # With a known load that turns in the nominal model an unbalance is its error.
+    turning_load = bool(search.setting.turning_load)
     for effect in c.effects:
         rest = tuple(e for e in c.effects if e is not effect)
         values = without_effect(c.values(), effect, rest)
@@ -146,6 +162,9 @@ def _instead(fit: Fit, by_name: dict[str, Effect], turning_load: bool) -> Iterat
                 wide = tuple(c.wide | set(() if GAIN in c.structural else numbers_of(effect)))
                 simple = Start((*rest, by_name[name]), wide, values)
                 yield simple, Start(rest, wide, values)
+        if effect.name == SCALE and (c.wide or set(c.at_bound()) & set(NOMINAL)):
+            # With numbers wrong beside it a factor on the reading makes nothing simpler: they alone do what it does.
+            yield (Start(rest, tuple(c.wide | {"inertia", "viscous"}), values | _as_read(c)),)
         if effect.name == "unbalance" and turning_load and c.wide and GAIN in by_name and GAIN not in c.structural:
             # A factor on the torque makes the known load and the numbers wrong in proportion.
             given = {k: v for k, v in values.items() if k not in NOMINAL}

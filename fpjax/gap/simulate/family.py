@@ -21,11 +21,13 @@ from ...simulation.precision import double_precision
 from ..data.record import LONGEST, Record
 from ..data.setting import Setting
 from ..data.tables import TAPS, Tables
+from ..effects.always import LATE_TORQUE, LOAD_ERROR, NOMINAL_VALUES
 from ..effects.effect import Effect, EffectParameter, free, leaf
 from ..effects.parameters import ACTUATOR_DELAY, NOMINAL
-from ..effects.vocabulary import LATE_TORQUE, LOAD_ERROR, NOMINAL_VALUES, shaft_values
+from ..effects.vocabulary import shaft_values
 from ..machine import FEATURES, Feature, Machine, Structure, nominal_machine, structure_of, with_structure
-from .replay import LANES, STATES, residual_kernel
+from .lane_kernel import LANES
+from .replay import STATES, residual_kernel
 from .windows import as_rows
 
 Key = tuple[Structure, tuple[str, ...]]

@@ -26,7 +26,8 @@ from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, EffectParameter
 from ..machine import Machine, Structure
 from .family import Family
-from .replay import LANES, SUBSTEPS, assembled, command_at, lane_kernel
+from .lane_kernel import LANES, lane_kernel
+from .replay import SUBSTEPS, assembled, command_at
 
 PAST = 384  # periods of the past that a hidden state is integrated over; it forgets its start within them
 BLOCK = 4096  # samples: a whole log is padded to a multiple, so that few lengths are compiled

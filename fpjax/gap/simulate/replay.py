@@ -22,14 +22,12 @@ from ...blocks.plants.sticking import advance_exact
 from ...blocks.servo_sensor import ServoSensor
 from ...blocks.signals import Motion, PlantOutput
 from ...compiled.native import once
-from ...compiled.stored import Stored, description
 from ..data.tables import TAPS, Tables
 from ..effects.effect import Effect, EffectParameter
-from ..effects.vocabulary import names_of_own
 from ..machine import Machine, Structure, lanes, structure_of
+from .lane_kernel import lane_kernel
 from .windows import Windows, from_rows
 
-LANES = 64  # run by one call: the fastest chunk in double precision on a core, smaller ones waste its vectors
 # Start values of a window: rate and position; the bristles' deflection; the twist and the relative speed.
 STATES: dict[Structure, int] = {"rigid": 2, "bristles": 3, "transmission": 4}
 # Integration steps in a control period: bristles and shafts are stiffer than a rigid mass. Two of them are off by 1 %
@@ -39,35 +37,6 @@ SUBSTEPS: dict[Structure, int] = {"rigid": 1, "bristles": 2, "transmission": 2}
 FINER = 3  # times as many substeps, to measure the integration error
 LEAST_SPEED = 0.5  # of the measured speed: friction of a simulated machine that is slower acts as at this one
 WORST = 1e8  # a residual of more standard deviations counts as this many: a diverged lane must not overflow
-
-
-def lane_kernel(
-    run: Callable[..., PyTree],
-    fixed: PyTree,
-    effects: tuple[Effect, ...],
-    parameters: tuple[EffectParameter, ...],
-    *made_of: object,
-) -> Callable[..., PyTree]:
-    """`run(fixed, *lanes)`, compiled for `LANES` lanes at once; kept on disk where programs are (`Stored`).
-
-    Args:
-        run: a function of a pytree that stays from call to call, and of the lanes.
-        fixed: the structure of that pytree. It is passed as its leaves: flattening blocks takes as long as a window.
-        effects: that `run` sets from a vector; a user's own are compiled in every process.
-        parameters: of these effects, in the order of the vector.
-        made_of: whatever else the trace of `run` depends on (`fpjax.compiled.stored.description`).
-
-    512 bit vectors are a fifth faster; one native kernel (`fpjax.compiled.native`) is not, since a step
-    computes so much here.
-    """
-
-    def flat(leaves: list[Array], *lanes: Array) -> PyTree:
-        return run(jax.tree.unflatten(fixed, leaves), *lanes)
-
-    options = {"xla_cpu_prefer_vector_width": "512"} if jax.default_backend() == "cpu" else None
-    names = names_of_own(effects)
-    of = None if names is None else description(run.__qualname__, names, [p.name for p in parameters], fixed, made_of)
-    return Stored(jax.jit(flat, compiler_options=options), of)
 
 
 def assembled(

@@ -1,0 +1,105 @@
+"""Screen: a few steps of every start on a few windows, and which of them are worth more."""
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from ...logs.arrays import Values
+from ..simulate.family import Key
+from .candidate import NOMINAL, Candidate
+from .least_squares import Fitter
+from .measure import Measure
+from .modes import Modes
+
+WINDOWS = 6
+STEPS = 3
+# Beside fitted causes the first step tells much already: after it the better half of each set's starts go on, of so
+# many times the sets that will be left after screening [1]. (Those of one cause alone still change places after it.)
+SETS = 1.5
+SCREENED = 0.45  # share of an exploration's run time that is over then [1]; for the progress display alone
+HEAVY = 3.0  # run time of a candidate with a transmission over that of a rigid one
+
+
+class Screening(Protocol):
+    """The part of `fpjax.gap.fit.search.Search` that screening uses; as there."""
+
+    train: list[Values]
+    exact: Candidate
+    modes: Modes
+    measure: Measure
+    fitters: dict[Key, Fitter]
+    tick: Callable[[float], None]
+
+    def screening(self) -> list[Values]:
+        """Windows."""
+        ...
+
+    def go_on(self, candidates: Sequence[Candidate], windows: Sequence[Values], steps: int, *, white: bool) -> None:
+        """Steps."""
+        ...
+
+
+def few_windows(search: Screening) -> list[Values]:
+    """A few fitted windows, one array a record: spread evenly, and those where the nominal model is worst."""
+    found: list[Values] = []
+    fitter = search.fitters[search.exact.family.key]
+    for which, train in enumerate(search.train):
+        if not len(train):
+            found.append(train)
+            continue
+        few = max(2, WINDOWS // len(search.train))
+        index = np.unique(np.linspace(0, len(train) - 1, max(few - 3, 1)).round().astype(int))
+        plain = search.modes.plain(fitter.coefficients([search.exact], which, train)[0])
+        noise = fitter.noise[which][train]
+        worst = np.argsort(-np.sum((plain * search.measure.filter(noise)) ** 2, axis=1))
+        extra = [i for i in worst if i not in index][: few - len(index)]
+        found.append(train[np.unique(np.concatenate([index, np.array(extra, int)]))])
+    return found
+
+
+def screened(search: Screening, candidates: list[Candidate], most: int, *, white: bool) -> list[Candidate]:
+    """A few steps of every candidate on a few windows; all but the first of those alone that are worth them.
+
+    Args:
+        search: that they belong to.
+        candidates: at their starts.
+        most: number of sets that will be left, beside fitted causes; 0 otherwise.
+        white: one level of the missing torque for all octaves.
+
+    Returns:
+        Those that were worth all steps.
+    """
+    starts = [_own_start(c) for c in candidates]
+    _steps(search, candidates, 1, (0.0, 0.5 * SCREENED), white=white)
+    # Of one start beside the nominal numbers as given and beside fitted ones the better goes on.
+    best = {start: c for c, start in sorted(zip(candidates, starts, strict=True), key=lambda pair: -pair[0].cost)}
+    candidates = sorted(best.values(), key=lambda c: c.cost)
+    if most:
+        sets: dict[tuple[str, ...], list[Candidate]] = {}
+        for c in candidates:
+            sets.setdefault(c.names, []).append(c)
+        leading = list(sets.values())[: int(SETS * most)]
+        candidates = [c for group in leading for c in group[: -(-len(group) // 2)]]
+    _steps(search, candidates, STEPS - 1, (0.5 * SCREENED, SCREENED), white=white)
+    return candidates
+
+
+def _own_start(c: Candidate) -> tuple[object, ...]:
+    """What tells starts apart beside the nominal numbers: the causes, and their own parameters' values."""
+    values, own = c.values(), [p.name for effect in c.effects for p in (*effect.parameters, *effect.fixed)]
+    return (c.names, *(values[name] for name in own if name not in NOMINAL))
+
+
+def _steps(
+    search: Screening, candidates: Sequence[Candidate], steps: int, ticks: tuple[float, float], *, white: bool
+) -> None:
+    """Steps on the few windows, family by family; `ticks` are the shares of the run time before and after [1]."""
+    weights = dict.fromkeys((c.family.key for c in candidates), 0.0)
+    for c in candidates:
+        weights[c.family.key] += HEAVY if c.family.key[0] == "transmission" else 1.0
+    done = 0.0
+    for key, weight in weights.items():
+        search.go_on([c for c in candidates if c.family.key == key], search.screening(), steps, white=white)
+        done += weight / sum(weights.values())
+        search.tick(ticks[0] + (ticks[1] - ticks[0]) * done)
