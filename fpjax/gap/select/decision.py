@@ -119,7 +119,7 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
     stage("simpler causes", 0.0)
     chosen = simpler(search, exact, chosen)
     if most > 1:
-        chosen = _with_laws_of_velocity(search, exact, chosen)
+        chosen = _with_stribeck(search, exact, chosen)
     stage("what each cause takes", 0.0)
     shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
     instead = _numbers_instead(search, exact, chosen, shares)
@@ -276,21 +276,19 @@ def _plausible(
     return next(one for one in options if one.fit is best), found
 
 
-def _with_laws_of_velocity(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
-    """The chosen model with the laws of the velocity that are sure beside it, however little torque they take.
+def _with_stribeck(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
+    """The chosen model with a Stribeck friction that is sure beside it, however little torque it takes.
 
-    Without a small Stribeck friction the Coulomb and viscous numbers stand for it: 8 % too large and 34 % too small to
-    leave a hundredth of the torque more.
+    Hardly a bearing has none, and without it the Coulomb and viscous numbers stand for it: 8 % too large and 34 % too
+    small to leave a hundredth of the torque more. (A drag beside it followed the form of its law, to their cost.)
     """
-    laws = [e.name for e in search.effects if e.follows == ("velocity",) and not numbers_of(e)]
-    while starts := beside(search, [chosen], laws):
-        found = weigh(search, exact, search.explore(starts, PAIR_KEEP, white=False))
-        best = settled(search, exact, max(found, key=lambda w: w.evidence))
-        sure = best.evidence - chosen.evidence > THRESHOLDS.decisive and exact.left(best.fit) < exact.left(chosen.fit)
-        if not (sure and resolved(search, best.fit)):
-            break
-        chosen = best
-    return chosen
+    starts = beside(search, [chosen], ["stribeck"])
+    if not starts:
+        return chosen
+    (found,) = weigh(search, exact, search.explore(starts, PAIR_KEEP, white=False))
+    best = settled(search, exact, found)
+    sure = best.evidence - chosen.evidence > THRESHOLDS.decisive and exact.left(best.fit) < exact.left(chosen.fit)
+    return best if sure and resolved(search, best.fit) else chosen
 
 
 def _wild(search: Search, exact: Exact, fit: Fit) -> set[str]:
