@@ -7,7 +7,7 @@ import pytest
 
 from fpjax.gap.fit.candidate import NOMINAL
 from fpjax.gap.select import decision
-from fpjax.gap.select.decision import _further, _mends_numbers, _numbers_instead, _only_blurs
+from fpjax.gap.select.decision import _further, _mends_numbers, _numbers_instead, _only_blurs, _with_stribeck
 from fpjax.gap.select.detectability import blurs
 from fpjax.gap.select.shares import Shares
 from fpjax.gap.select.starts import nominal_for
@@ -216,3 +216,31 @@ def test_a_factor_that_is_a_detail_is_wrong_numbers(monkeypatch, name, share, lo
     delay, factor = effect("actuator_delay", "delay"), effect(name, "gain")
     found, without = numbers_instead(monkeypatch, delay, factor, share, lost, ahead=ahead, left=left)
     assert (found.fit is without and found.evidence == 7.0) if replaced else found.fit is not without
+
+
+@pytest.mark.parametrize(
+    ("gains", "left", "resolved", "taken"),
+    [
+        (1.1 * THRESHOLDS.decisive, 0.249, True, True),  # however little torque it takes
+        (0.9 * THRESHOLDS.decisive, 0.1, True, False),
+        (1.1 * THRESHOLDS.decisive, 0.251, True, False),  # it follows details at the others' cost
+        (1.1 * THRESHOLDS.decisive, 0.1, False, False),
+    ],
+)
+def test_a_stribeck_friction_is_taken_on_by_its_evidence(monkeypatch, gains, left, resolved, taken):
+    plain, curved = fit([WEIGHT], {"weight": 1.0}), fit([WEIGHT, effect("stribeck", "torque")], {"weight": 1.0})
+    chosen, best = Weighed(plain, 50.0, 50.0, 0.25), Weighed(curved, 50.0 + gains, 50.0 + gains, left)
+    for what, stand_in in {
+        "beside": lambda search, bases, names: [(base, *names) for base in bases],
+        "weigh": lambda search, exact, fits: fits,
+        "settled": lambda search, exact, weighed: weighed,
+        "resolved": lambda search, fit: resolved,
+    }.items():
+        monkeypatch.setattr(decision, what, stand_in)
+    asked = []
+    search = SimpleNamespace(explore=lambda starts, keep, white: asked.extend(starts) or [best])
+    exact = SimpleNamespace(left=lambda one: left if one is curved else 0.25)
+    assert _with_stribeck(search, exact, chosen) is (best if taken else chosen)
+    assert asked == [(chosen, "stribeck")]
+    monkeypatch.setattr(decision, "beside", lambda search, bases, names: [])  # it is among the causes already
+    assert _with_stribeck(None, exact, chosen) is chosen

@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from fpjax.gap.fit.backlash_starts import ORDER, _filters, _passed
+from fpjax.gap.fit.bounded import bounded_steps
 from fpjax.gap.fit.period_starts import _energies, _wave
 from fpjax.gap.select.readings import _lagged
 
@@ -75,3 +76,52 @@ def test_waves_over_a_small_part_of_their_period_have_no_huge_amplitudes():
     course = 0.3 * record.angle + 1e-3 * np.random.default_rng(3).standard_normal(len(time))
     start = _wave("friction", 2.0, course, record, SimpleNamespace(speed=0.05))
     assert max(abs(value) for name, value in start.items() if name != "ripple_periods") < 1.0
+
+
+def equations(count, dampings, sizes, singular=False):
+    """(normal matrices, gradients) with the given sizes of the parameters; the last two may be one and the same."""
+    rng = np.random.default_rng(5)
+    columns = rng.standard_normal((40, count)) * sizes
+    if singular:
+        columns[:, -1] = columns[:, -2]
+    matrix, slope = columns.T @ columns, columns.T @ rng.standard_normal(40)
+    return np.repeat(matrix[None], len(dampings), 0), np.repeat(slope[None], len(dampings), 0)
+
+
+def parameters(count, at_low=(), at_high=()):
+    value = np.zeros(count)
+    low, high = np.full(count, -1.0), np.full(count, 1.0)
+    low[list(at_low)], high[list(at_high)] = 0.0, 0.0
+    return SimpleNamespace(free=np.arange(count), vector=value, low=low, high=high, scale=np.full(count, 0.1))
+
+
+@pytest.mark.parametrize("singular", [False, True])
+def test_damped_steps_are_those_of_least_squares(singular):
+    dampings = np.array([1e-6, 1e-2, 1.0, 100.0])
+    matrices, slopes = equations(5, dampings, np.array([1.0, 1e-3, 1e3, 10.0, 10.0]), singular)
+    found = bounded_steps(parameters(5), matrices, slopes, dampings)
+    for step, matrix, slope, damping in zip(found, matrices, slopes, dampings, strict=True):
+        damped = matrix + np.diag(damping * np.diag(matrix))
+        np.testing.assert_allclose(damped @ step, -slope, rtol=1e-4, atol=1e-7 * np.max(np.abs(slope)))
+
+
+@pytest.mark.parametrize("every", [False, True])
+def test_a_parameter_at_a_bound_is_held_and_the_others_go_on_without_it(every):
+    dampings = np.array([1e-3, 10.0])
+    matrices, slopes = equations(4, dampings, np.ones(4))
+    free = bounded_steps(parameters(4), matrices, slopes, dampings)
+    outwards = list(range(4)) if every else [1]
+    c = parameters(
+        4, at_low=[k for k in outwards if free[0, k] < 0.0], at_high=[k for k in outwards if free[0, k] > 0.0]
+    )
+    found = bounded_steps(c, matrices, slopes, dampings)[0]
+    assert np.all(found[outwards] == 0.0)
+    assert np.all((found >= 0.0) | (c.low < 0.0))
+    assert np.all((found <= 0.0) | (c.high > 0.0))
+    go = np.flatnonzero(found)
+    damped = (matrices[0] + np.diag(dampings[0] * np.diag(matrices[0])))[np.ix_(go, go)]
+    np.testing.assert_allclose(damped @ found[go], -slopes[0][go], atol=1e-8)
+
+
+def test_without_free_parameters_there_is_no_step():
+    assert bounded_steps(parameters(0), np.zeros((2, 0, 0)), np.zeros((2, 0)), np.ones(2)).shape == (2, 0)
