@@ -348,7 +348,7 @@ def enable_compilation_cache(directory: str | os.PathLike[str] | None = None) ->
     # By default jax keeps only what took over a second to compile, which would leave out most programs here.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    store_in(folder / "stored")
+    store_in(folder)
     return folder
 
 

@@ -1,7 +1,7 @@
 """Stored programs: compiled ones on disk that a later process calls without tracing them again.
 
 jax's own cache (`fpjax.compiled.native.enable_compilation_cache`) spares the compiling alone: to find a program in it,
-the program must be traced and lowered first, which took a diagnosis with twenty loops a third of its time. A stored
+the program must be traced and lowered first, which took a diagnosis with twenty loops a sixth of its time. A stored
 program is found by what it was made from: the package's sources, a description of the function, shapes and settings.
 """
 
@@ -15,10 +15,12 @@ import os
 import pathlib
 import pickle
 import platform
+import re
 import shutil
 import sys
 import tempfile
 import threading
+import time
 import zlib
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any
@@ -32,17 +34,23 @@ from .threads import settings
 
 PACKAGE = pathlib.Path(__file__).parents[1]
 # What a stored program may be traced through, relative to the package: if one of these files changes, all programs are
-# compiled anew (`tests/compiled/test_stored.py` looks at what is called while the diagnosis' loops are traced).
+# compiled anew (`tests/gap/test_stored_loops.py` looks at what is called while the diagnosis' loops are traced).
 SOURCES = ("blocks", "compiled", "gap/data", "gap/effects", "gap/machine.py", "gap/simulate", "simulation")
-MOST_FOLDERS = 3  # of programs from different sources that are kept: some 20 MB each
+FOLDER = "fpjax-programs"  # within the cache's folder; in it one folder for each state of the sources and the machine
+MOST_FOLDERS = 4  # that are kept: some 20 MB each
+MOST_PROGRAMS = 300  # in each
+NAME = re.compile("[0-9a-f]{32}")
 
+# Of this process: when it began to read the sources, and what XLA read.
+_STARTED, _XLA_FLAGS = time.time(), os.environ.get("XLA_FLAGS", "")
 _folder: pathlib.Path | None = None
+_switching = threading.Lock()
 
 
-def store_in(folder: pathlib.Path | None) -> None:
-    """Keep the programs of `Stored` functions in a folder from now on; None: nowhere, as at the start."""
+def store_in(cache: pathlib.Path | None) -> None:
+    """Keep the programs of `Stored` functions within a cache's folder from now on; None: nowhere, as at the start."""
     global _folder
-    _folder = folder
+    _folder = None if cache is None else cache / FOLDER
 
 
 class _UnknownError(Exception):
@@ -53,27 +61,30 @@ def description(*of: object) -> str | None:
     """What a function was made of, as text that is the same in every process; None where there is none.
 
     Args:
-        of: numbers, texts, None, tuples of these, blocks of the package, and structures (`jax.tree.structure`) of
-            pytrees of them. Arrays count by their place alone: their shapes are those of a call's arguments.
+        of: numbers, texts, None, tuples, lists and dictionaries of these, blocks of the package, and structures
+            (`jax.tree.structure`) of pytrees of them. Arrays count by their place alone: their shapes are those of a
+            call's arguments.
     """
     try:
-        return _told(of)
+        return _described(of)
     except _UnknownError:
         return None
 
 
-def _told(value: Any) -> str:
+def _described(value: Any) -> str:
     if isinstance(value, jax.tree_util.PyTreeDef):
-        return _told(jax.tree.unflatten(value, [_Leaf] * value.num_leaves))
+        return _described(jax.tree.unflatten(value, [_Leaf] * value.num_leaves))
     if value is _Leaf:
         return "*"
     if value is None or isinstance(value, bool | int | float | str):
         return repr(value)
-    if isinstance(value, tuple | list):
-        return f"({','.join(_told(one) for one in value)})"
     kind = type(value)
+    if kind in (tuple, list):
+        return f"{kind.__name__}({','.join(_described(one) for one in value)})"
+    if kind is dict:
+        return f"dict({','.join(f'{name!r}:{_described(one)}' for name, one in value.items())})"
     if dataclasses.is_dataclass(value) and kind.__module__.partition(".")[0] == PACKAGE.name:
-        fields = (f"{field.name}={_told(getattr(value, field.name))}" for field in dataclasses.fields(value))
+        fields = (f"{field.name}={_described(getattr(value, field.name))}" for field in dataclasses.fields(value))
         return f"{kind.__module__}.{kind.__qualname__}({','.join(fields)})"
     raise _UnknownError(f"{kind.__module__}.{kind.__qualname__}")
 
@@ -86,7 +97,8 @@ class Stored:
     """A jitted function whose programs are stored where `store_in` named a folder and it runs on the CPU.
 
     Args:
-        function: jitted, of arrays and pytrees of arrays alone.
+        function: jitted, of arrays and of lists, tuples and dictionaries of arrays alone. One that calls a library
+            (linear algebra, FFT) is compiled in every process.
         made_of: `description` of all that its trace depends on beside the arguments; None: never stored.
     """
 
@@ -97,41 +109,52 @@ class Stored:
 
     def __call__(self, *arguments: PyTree) -> PyTree:
         """The function's result."""
-        if self.made_of is None or _folder is None:
+        folder, config = _folder, jax.config
+        if self.made_of is None or folder is None or config.jax_disable_jit:  # pyright: ignore[reportAttributeAccessIssue]
             return self.function(*arguments)
-        # 9 us for forty arrays, where a call takes 500.
-        key = settings(), tuple([(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(arguments)])
+        leaves, structure = jax.tree.flatten(arguments)
+        # 10 us for forty arrays, where a call takes 500.
+        shapes = tuple([(leaf.shape, leaf.dtype) for leaf in leaves])
+        key = shapes, structure, settings(), config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
         program = self._programs.get(key)
         if program is None:
             with self._lock:  # several threads come here at once: one of them loads or compiles
                 program = self._programs.get(key)
                 if program is None:
-                    program = self._programs[key] = self._find(_folder, repr(key), arguments)
+                    program = self._programs[key] = self._find(folder, f"{shapes}{structure}{settings()}", arguments)
         return program(*arguments)
 
-    def _find(self, folder: pathlib.Path, key: str, arguments: PyTree) -> Callable[..., PyTree]:
+    def _find(self, folder: pathlib.Path, call: str, arguments: PyTree) -> Callable[..., PyTree]:
         """The program for arguments like these: from its file, or compiled and written to it; else the function."""
-        device = jax.config.jax_default_device or jax.devices()[0]  # pyright: ignore[reportAttributeAccessIssue]
-        if getattr(device, "platform", "") != "cpu" or jax.config.jax_disable_jit:  # pyright: ignore[reportAttributeAccessIssue]
+        device = jax.config.jax_default_device or jax.local_devices()[0]  # pyright: ignore[reportAttributeAccessIssue]
+        surroundings = _surroundings()
+        if getattr(device, "platform", "") != "cpu" or surroundings is None or _changed():
             return self.function
-        structure = str(jax.tree.structure(arguments))
-        name = hashlib.sha256("\n".join((str(self.made_of), key, structure, str(device))).encode()).hexdigest()[:32]
-        path = folder / _surroundings() / name
-        # A file that is damaged, or one that this jax cannot read, is as good as none.
+        words = (str(self.made_of), call, str(device), *_options())
+        path = folder / surroundings / hashlib.sha256("\n".join(words).encode()).hexdigest()[:32]
+        # Whatever is wrong with a file (damaged, of another jax), the program is then compiled as if there were none.
         with contextlib.suppress(Exception):
-            return _load(path, device)
+            program = _loaded(path.read_bytes(), device)
+            with contextlib.suppress(OSError):  # a folder that can be read alone
+                os.utime(path)
+                os.utime(path.parent)
+            return program
         with _without_cache():
             compiled = self.function.lower(*arguments).compile()  # type: ignore[attr-defined]
-        with contextlib.suppress(Exception):  # a full disk, or a jax that cannot: compiled for this process alone
-            _save(path, compiled)
+        with contextlib.suppress(Exception):  # a full disk, a jax that cannot: compiled for this process alone
+            # A library's functions are made known while a program is lowered: without that a call ends the process.
+            if "custom-call" not in compiled.as_text():
+                packed = zlib.compress(pickle.dumps(serialize_executable.serialize(compiled)), 1)
+                _loaded(packed, device)
+                _write(path, packed)
         return compiled
 
 
 @contextlib.contextmanager
 def _without_cache() -> Iterator[None]:
     """jax's own cache is not asked: a program that comes from there cannot be stored (it lacks its functions)."""
-    used = jax.config.jax_enable_compilation_cache  # pyright: ignore[reportAttributeAccessIssue]
     with _switching:
+        used = jax.config.jax_enable_compilation_cache  # pyright: ignore[reportAttributeAccessIssue]
         jax.config.update("jax_enable_compilation_cache", False)
         compilation_cache.reset_cache()  # jax reads the setting once, and again after this
         try:
@@ -141,11 +164,8 @@ def _without_cache() -> Iterator[None]:
             compilation_cache.reset_cache()
 
 
-_switching = threading.Lock()
-
-
-def _load(path: pathlib.Path, device: Any) -> Callable[..., PyTree]:
-    made, structure_in, structure_out = pickle.loads(zlib.decompress(path.read_bytes()))
+def _loaded(packed: bytes, device: Any) -> Callable[..., PyTree]:
+    made, structure_in, structure_out = pickle.loads(zlib.decompress(packed))
     one = {} if "execution_devices" not in _parameters_of_loading else {"execution_devices": [device]}
     return serialize_executable.deserialize_and_load(made, structure_in, structure_out, backend=device.client, **one)
 
@@ -153,38 +173,62 @@ def _load(path: pathlib.Path, device: Any) -> Callable[..., PyTree]:
 _parameters_of_loading = inspect.signature(serialize_executable.deserialize_and_load).parameters
 
 
-def _save(path: pathlib.Path, compiled: Any) -> None:
-    packed = zlib.compress(pickle.dumps(serialize_executable.serialize(compiled)), 1)
-    if not path.parent.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _forget(path.parent.parent)
+def _write(path: pathlib.Path, packed: bytes) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
     # Written beside it and renamed: another process sees the whole file or none.
     with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
         file.write(packed)
-    os.replace(file.name, path)
+    try:
+        os.replace(file.name, path)
+    except OSError:
+        os.unlink(file.name)
+        raise
+    os.utime(path.parent)
+    with contextlib.suppress(OSError):  # another process may remove the same
+        _forget(path.parent, MOST_PROGRAMS, os.unlink)
+        _forget(path.parent.parent, MOST_FOLDERS, shutil.rmtree)
 
 
-def _forget(folder: pathlib.Path) -> None:
-    """Remove the programs of older sources and versions."""
-    inside = sorted((one for one in folder.iterdir() if one.is_dir()), key=lambda one: one.stat().st_mtime)
-    for old in inside[:-MOST_FOLDERS]:
-        shutil.rmtree(old, ignore_errors=True)
+def _forget(folder: pathlib.Path, most: int, remove: Callable[[pathlib.Path], object]) -> None:
+    """Of what this module has written into a folder, remove what was used the longest ago."""
+    own = [path for path in folder.iterdir() if NAME.fullmatch(path.name)]
+    for old in sorted(own, key=lambda path: path.stat().st_mtime)[:-most]:
+        remove(old)
 
 
 @functools.lru_cache(maxsize=1)
-def _surroundings() -> str:
-    """Name of the folder for programs of these sources, versions, settings of XLA and this kind of processor."""
-    versions = [f"{name} {importlib.metadata.version(name)}" for name in ("jax", "jaxlib", "equinox")]
-    words = [*versions, sys.version, os.environ.get("XLA_FLAGS", ""), _processor(), *_sources(SOURCES)]
-    return hashlib.sha256("\n".join(words).encode()).hexdigest()[:16]
+def _surroundings() -> str | None:
+    """Name of the folder for programs of these sources, versions and this kind of processor; None: not known."""
+    try:
+        versions = [f"{name} {importlib.metadata.version(name)}" for name in ("jax", "jaxlib", "equinox")]
+        words = [*versions, sys.version, _XLA_FLAGS, _processor(), *_digests(SOURCES)]
+    except (OSError, importlib.metadata.PackageNotFoundError):  # an installation without sources, or without records
+        return None
+    return hashlib.sha256("\n".join(words).encode()).hexdigest()[:32]
 
 
-def _sources(within: Sequence[str]) -> Iterator[str]:
-    """Names and digests of the package's source files within some folders."""
-    for part in within:
-        place = PACKAGE / part
-        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
-            yield f"{path.relative_to(PACKAGE)} {hashlib.sha256(path.read_bytes()).hexdigest()}"
+def _files(within: Sequence[str]) -> list[pathlib.Path]:
+    """The package's source files within some folders."""
+    places = [PACKAGE / part for part in within]
+    return [path for place in places for path in (sorted(place.rglob("*.py")) if place.is_dir() else [place])]
+
+
+def _digests(within: Sequence[str]) -> list[str]:
+    digests = ((path, hashlib.sha256(path.read_bytes()).hexdigest()) for path in _files(within))
+    return [f"{path.relative_to(PACKAGE)} {digest}" for path, digest in digests]
+
+
+def _changed() -> bool:
+    """Whether a source file is younger than this process, which then may run what is not in it any more."""
+    return any(path.stat().st_mtime > _STARTED for path in _files(SOURCES))
+
+
+def _options() -> list[str]:
+    """jax's options as they are in this thread, but for its cache's and those that only say something."""
+    silent = ("cache", "logging", "_log_", "dump")
+    values = {n: v for n, v in getattr(jax.config, "values", {}).items() if not any(word in n for word in silent)}
+    # Of most a thread may have a value of its own, which is an attribute; of the others there is one for all.
+    return [f"{name}={getattr(jax.config, name, values[name])!r}" for name in sorted(values)]
 
 
 def _processor() -> str:
@@ -194,3 +238,13 @@ def _processor() -> str:
             if line.partition(":")[0].strip() in ("flags", "Features"):
                 return " ".join(sorted(line.partition(":")[2].split()))
     return f"{platform.machine()} {platform.processor()} {platform.node()}"
+
+
+def _forked() -> None:
+    """A forked child inherits none of the threads, but would inherit the lock as held."""
+    global _switching
+    _switching = threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forked)

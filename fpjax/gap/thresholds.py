@@ -32,7 +32,7 @@ class Thresholds:
         gross: missing torque that the best models leave in a window, over that in the median one [1], above which they
             are not compared on it if none of them takes half of its energy.
         few: windows that are left out so, of those in which the machine moves [1], at most; else none is.
-        most_causes: effects in a model, wrong nominal numbers not counted.
+        most_causes: effects in a model, wrong nominal numbers and a Stribeck friction beside them not counted.
         nothing: missing torque of the nominal model, of the commanded torque's rms [1], below which there is no gap;
             of several logs, in each of them. Of 13 opened logs without a gap (seeds 88 to 94, 206 to 210) the largest
             has 1.1 %, of 150 with one the least 2.1 %.

@@ -1,8 +1,10 @@
 """Programs on disk: found by what they were made from, called without a trace, never in the place of another one."""
 
+import os
 import subprocess
 import sys
 import threading
+import time
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +14,7 @@ import pytest
 import fpjax
 from fpjax.blocks.servo_sensor import ServoSensor
 from fpjax.compiled import stored
-from fpjax.compiled.stored import MOST_FOLDERS, Stored, description, store_in
+from fpjax.compiled.stored import FOLDER, MOST_FOLDERS, Stored, description, store_in
 
 # A process that calls a stored program and says whether it was traced.
 PROGRAM = """
@@ -112,15 +114,89 @@ def test_nothing_is_stored_without_a_description_or_a_folder(tmp_path, made_of):
         store_in(None)
 
 
-def test_other_sources_other_programs_and_only_the_latest_are_kept(folder, monkeypatch):
-    for version in range(MOST_FOLDERS + 2):
+@pytest.fixture
+def other_sources(monkeypatch):
+    """As if the package's sources were others: a function of their version."""
+
+    def change(version):
         stored._surroundings.cache_clear()
-        monkeypatch.setattr(stored, "_sources", lambda within, version=version: [f"a file {version}"])
+        monkeypatch.setattr(stored, "_digests", lambda within: [f"a file {version}"])
+
+    yield change
+    stored._surroundings.cache_clear()
+
+
+def test_other_sources_other_programs_and_only_the_latest_are_kept(folder, other_sources):
+    mine = [folder / FOLDER / "my thesis", folder / FOLDER / "0123"]
+    for path in mine:
+        path.mkdir(parents=True)
+        os.utime(path, (1.0, 1.0))
+    for version in range(MOST_FOLDERS + 2):
+        other_sources(version)
         function, traces = traced_counter()
         Stored(jax.jit(function), "sine")(jnp.ones(2))
         assert len(traces) == 1
-    stored._surroundings.cache_clear()
-    assert len(list(folder.iterdir())) == MOST_FOLDERS
+    assert len(list((folder / FOLDER).iterdir())) == MOST_FOLDERS + len(mine)
+    assert all(path.is_dir() for path in mine)  # what is not ours is never removed
+
+
+def test_a_folder_that_is_used_stays(folder, other_sources):
+    for version in (0, *range(1, MOST_FOLDERS + 2)):
+        for used in (0, version):
+            other_sources(used)
+            function, traces = traced_counter()
+            Stored(jax.jit(function), "sine")(jnp.ones(2))
+            time.sleep(0.01)
+        assert len(traces) == 1 or version == 0
+    other_sources(0)
+    function, traces = traced_counter()
+    Stored(jax.jit(function), "sine")(jnp.ones(2))
+    assert not traces
+
+
+def test_no_more_programs_than_allowed_are_kept(folder, monkeypatch):
+    monkeypatch.setattr(stored, "MOST_PROGRAMS", 2)
+    for kind in range(4):
+        Stored(jax.jit(lambda x: x + 1.0), f"kind {kind}")(jnp.ones(2))
+    assert len(files(folder)) == 2
+
+
+def test_a_process_older_than_its_sources_stores_nothing(folder, monkeypatch):
+    monkeypatch.setattr(stored, "_STARTED", 1.0)
+    function, _ = traced_counter()
+    np.testing.assert_array_equal(Stored(jax.jit(function), "sine")(jnp.ones(2)), 2.0 * jnp.sin(jnp.ones(2)))
+    assert not files(folder)
+
+
+def test_what_calls_a_library_is_not_stored(folder):
+    """Its functions are made known where it is lowered: called without, it ends the process."""
+    found = Stored(jax.jit(jnp.linalg.inv), "inverse")(2.0 * jnp.eye(3))
+    np.testing.assert_allclose(found, 0.5 * np.eye(3))
+    assert not files(folder)
+
+
+def test_devices_structures_and_plain_python_in_one_process(folder):
+    function, _ = traced_counter()
+    program, x = Stored(jax.jit(function), "sine"), np.ones(2)
+    first = program(x)
+    with jax.default_device(jax.devices()[1]):
+        np.testing.assert_array_equal(program(x), first)
+    with jax.disable_jit():
+        np.testing.assert_array_equal(program(x), first)
+    np.testing.assert_array_equal(program(x), first)
+    pair = Stored(jax.jit(lambda pair: jnp.sin(jax.tree.leaves(pair)[0])), "first of a pair")
+    np.testing.assert_array_equal(pair((x, 2.0 * x)), pair([x, 2.0 * x]))
+
+
+@pytest.mark.parametrize("option", ["jax_disable_most_optimizations", "jax_debug_infs"])
+def test_options_of_the_compiler_have_programs_of_their_own(folder, option):
+    for on in (False, True):
+        jax.config.update(option, on)
+        try:
+            Stored(jax.jit(lambda x: x + 1.0), "one more")(jnp.ones(2))
+        finally:
+            jax.config.update(option, False)
+    assert len(files(folder)) == 2
 
 
 def test_a_folder_that_cannot_be_written_costs_nothing_but_time(tmp_path):
@@ -152,7 +228,19 @@ def test_threads_that_come_at_once_compile_once(folder):
 
 def test_jax_uses_its_own_cache_again_afterwards(folder):
     before = jax.config.jax_enable_compilation_cache
-    Stored(jax.jit(lambda x: x + 1.0), "one more")(jnp.ones(2))
+    assert before
+    ready = threading.Barrier(3)
+
+    def call(number):
+        ready.wait()
+        Stored(jax.jit(lambda x: jnp.sin(x) + number), f"plus {number}")(jnp.ones(2))
+
+    threads = [threading.Thread(target=call, args=(number,)) for number in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(files(folder)) == 3
     assert jax.config.jax_enable_compilation_cache == before
 
 

@@ -7,7 +7,7 @@ from numpy_machine import record
 
 from fpjax.gap.effects.vocabulary import EFFECTS
 from fpjax.gap.fit.candidate import Start
-from fpjax.gap.select.simpler import SCALE, _as_read, _instead
+from fpjax.gap.select.simpler import POWERS, SCALE, _as_read, _instead
 
 NAMES = ("stribeck", "quadratic_drag", "position_dependent_friction", "cogging", SCALE)
 VALUES = {
@@ -40,6 +40,11 @@ def test_a_right_sensor_shows_the_same_of_it(rate_alone, given):
     one, other = (fitter.residuals(c, 0, windows) for c in (scaled, right))
     assert np.max(np.abs(one)) > 5.0
     np.testing.assert_allclose(one, other, atol=2e-3 * np.max(np.abs(one)))
+
+
+def test_every_unit_of_the_vocabulary_is_known_to_change_or_not():
+    units = {p.unit for effect in EFFECTS for p in (*effect.parameters, *effect.fixed)}
+    assert units == {*POWERS, "N m", "1", "s", "Hz", "1/(N m)^2"}
 
 
 @pytest.mark.parametrize(("wide", "asked"), [(("inertia",), True), ((), False)])

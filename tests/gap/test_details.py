@@ -219,15 +219,16 @@ def test_a_factor_that_is_a_detail_is_wrong_numbers(monkeypatch, name, share, lo
 
 
 @pytest.mark.parametrize(
-    ("gains", "left", "resolved", "taken"),
+    ("gains", "left", "resolved", "blurs", "taken"),
     [
-        (1.1 * THRESHOLDS.decisive, 0.249, True, True),  # however little torque it takes
-        (0.9 * THRESHOLDS.decisive, 0.1, True, False),
-        (1.1 * THRESHOLDS.decisive, 0.251, True, False),  # it follows details at the others' cost
-        (1.1 * THRESHOLDS.decisive, 0.1, False, False),
+        (1.1 * THRESHOLDS.decisive, 0.249, True, False, True),  # however little torque it takes
+        (0.9 * THRESHOLDS.decisive, 0.1, True, False, False),
+        (1.1 * THRESHOLDS.decisive, 0.251, True, False, False),  # it follows details at the others' cost
+        (1.1 * THRESHOLDS.decisive, 0.1, False, False, False),
+        (1.1 * THRESHOLDS.decisive, 0.1, True, True, False),
     ],
 )
-def test_a_stribeck_friction_is_taken_on_by_its_evidence(monkeypatch, gains, left, resolved, taken):
+def test_a_stribeck_friction_is_taken_on_by_its_evidence(monkeypatch, gains, left, resolved, blurs, taken):
     plain, curved = fit([WEIGHT], {"weight": 1.0}), fit([WEIGHT, effect("stribeck", "torque")], {"weight": 1.0})
     chosen, best = Weighed(plain, 50.0, 50.0, 0.25), Weighed(curved, 50.0 + gains, 50.0 + gains, left)
     for what, stand_in in {
@@ -235,12 +236,16 @@ def test_a_stribeck_friction_is_taken_on_by_its_evidence(monkeypatch, gains, lef
         "weigh": lambda search, exact, fits: fits,
         "settled": lambda search, exact, weighed: weighed,
         "resolved": lambda search, fit: resolved,
+        "_whole_left": lambda search, exact, fit, nominal: 2.0,
+        "_only_blurs": lambda exact, chosen, best, whole: blurs,
     }.items():
         monkeypatch.setattr(decision, what, stand_in)
     asked = []
     search = SimpleNamespace(explore=lambda starts, keep, white: asked.extend(starts) or [best])
     exact = SimpleNamespace(left=lambda one: left if one is curved else 0.25)
-    assert _with_stribeck(search, exact, chosen) is (best if taken else chosen)
+    found, tried = _with_stribeck(search, exact, chosen, chosen)
+    assert found is (best if taken else chosen)
+    assert tried == [best]
     assert asked == [(chosen, "stribeck")]
     monkeypatch.setattr(decision, "beside", lambda search, bases, names: [])  # it is among the causes already
-    assert _with_stribeck(None, exact, chosen) is chosen
+    assert _with_stribeck(None, exact, chosen, chosen) == (chosen, [])

@@ -86,6 +86,9 @@ def test_a_shaft_that_carries_nothing_until_it_is_wound_up_is_none():
     values = {"inertia": 4.8, "frequency": 10.0, "load_share": 0.5, "relative_hardening": 0.1}
     assert resolved(search, fitted(values, effects=("compliance",)))
     assert not resolved(search, fitted(values, effects=("compliance",), bounds=("relative_hardening",)))
+    # Of two masses one is next to nothing.
+    assert not resolved(search, fitted(values, effects=("compliance",), bounds=("load_share",)))
+    assert resolved(search, fitted(values, effects=("compliance",), bounds=("friction_share",)))
 
 
 @pytest.mark.parametrize(("deviation", "shown"), [(0.003, True), (0.01, False)])

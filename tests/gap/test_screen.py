@@ -1,9 +1,13 @@
 """Screening: which starts go on after one step, and which windows they are tried on."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
+from gap_search import search_of
+from numpy_machine import record
 
+from fpjax.gap.fit.candidate import NOMINAL, Start
 from fpjax.gap.fit.screen import SETS, STEPS, screened
 
 COGGING = SimpleNamespace(parameters=(SimpleNamespace(name="periods"),), fixed=(SimpleNamespace(name="side"),))
@@ -53,6 +57,18 @@ def test_of_one_start_beside_given_and_fitted_numbers_the_better_goes_on():
     twins = [candidate(0, 5.0, inertia=1.0), candidate(1, 3.0, inertia=1.2)]
     others = [candidate(2, 9.0, periods=7.0), candidate(3, 8.0, name="unbalance")]
     assert left([*twins, *others]) == {1, 2, 3}
+
+
+def test_a_start_that_diverges_takes_no_others_place():
+    assert left([candidate(0, math.inf), candidate(1, 3.0, inertia=1.2)]) == {1}
+    assert left([candidate(0, 3.0), candidate(1, math.inf, inertia=1.2)]) == {0}
+
+
+def test_a_start_that_diverges_has_an_infinite_cost():
+    search = search_of(record(seconds=6.0))
+    c = search.candidate(Start((), NOMINAL, {"inertia": math.nan}))
+    search.go_on([c], search.screening(), 1, white=True)
+    assert c.cost == math.inf
 
 
 def test_alone_every_other_start_goes_on_however_far_behind():

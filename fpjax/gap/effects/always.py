@@ -19,6 +19,6 @@ LOAD_ERROR = Effect("load_error", UNBALANCE, features=("torque",))
 
 
 def names_of_own(effects: tuple[Effect, ...]) -> tuple[str, ...] | None:
-    """Names of effects that are all this module's, so that the name tells the effect; None where one is not."""
+    """Names of effects that are all the package's, so that the name tells the effect; None where one is a user's."""
     own = {effect.name: effect for effect in (*EFFECTS, LATE_TORQUE, NOMINAL_VALUES, LOAD_ERROR)}
     return tuple(e.name for e in effects) if all(own.get(e.name) is e for e in effects) else None

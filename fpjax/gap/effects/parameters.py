@@ -26,7 +26,7 @@ _ZERO = _constant(0.0)
 
 
 def fewest_periods(setting: Setting) -> float:
-    """Fewest periods of a position-dependent torque [1/rev]: it must repeat at least once within the travel."""
+    """Periods of a torque of the position that repeats once within the travel [1/rev]: the fewest that starts have."""
     return 2.0 * pi / max(setting.travel, 1e-9)
 
 
@@ -177,7 +177,8 @@ RIPPLE = tuple(
     for order in range(3)
     for part in ("cosine", "sine")
 )
-# From once in two turns; cogging from 1.5, as once a turn is an unbalance.
+# From once in two turns, and half a period within the travel (a period 4 % longer than the travel was told as a scale
+# of 1.96 of the rate sensor); cogging from 1.5, as once a turn is an unbalance.
 RIPPLE_PERIODS = _periods("ripple_periods", 3.0, 0.5, "law.position_periods", within=0.5)
 # Extra Coulomb friction at the start, which decays: a machine that warms up.
 DRIFT = EffectParameter(

@@ -229,7 +229,7 @@ class Fitter(Response):
         for c, own in zip(candidates, parts, strict=True):
             c.white, c.level = white, self.best_level(own, white=white)
             cost = self._cost(c, own, self.torques(c, windows))
-            c.cost = cost if np.isfinite(cost) else np.inf  # a simulation that diverges
+            c.cost = cost if np.isfinite(cost) else np.inf
 
     # --- the iteration
 
@@ -266,12 +266,11 @@ class Fitter(Response):
                 c.white = white
                 c.level = self.best_level([(p.which, p.windows, p.c) for p in parts], white=white)
             torques = self.torques(c, windows)
-            weighed = [
-                self.modes.cost_and_precision(c.level, self.noise[p.which][p.windows], p.c, white=c.white)
-                for p in parts
-            ]
+            each = [(self.noise[p.which][p.windows], p.c) for p in parts]
+            weighed = [self.modes.cost_and_precision(c.level, *one, white=c.white) for one in each]
             beside = self._beside_windows(c, [(p.which, p.windows) for p in parts], torques)
-            c.cost = beside + sum(float(np.sum(own)) for own, _ in weighed)
+            cost = beside + sum(float(np.sum(own)) for own, _ in weighed)
+            c.cost = cost if np.isfinite(cost) else np.inf  # a simulation that diverges
             own = self._steps(c, parts, [weight for _, weight in weighed], c.damping * np.array(DAMPINGS), torques)
             trials.append(own)
             priors = [self.parameter_prior(trial) for trial in own]
@@ -294,7 +293,7 @@ class Fitter(Response):
         after: Known = {}
         for place, (c, parts, group, cost) in enumerate(zip(active, linear, trials, costs, strict=True)):
             best = int(np.argmin(cost))
-            gain = c.cost - cost[best]
+            gain = c.cost - cost[best] if np.isfinite(cost[best]) else 0.0
             if not gain > 0:
                 # No trial was better: larger dampings in the next iteration; converged where they are of no use.
                 c.damping *= 1e3

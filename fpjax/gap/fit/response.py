@@ -130,14 +130,15 @@ class Response:
 
         # Quadratic drag and the limits, linearised: the slope at the rms speed, and the share of the log's samples in
         # which the command is neither within the dead zone nor above the limit.
-        viscous = of("viscous", 0.0) + 2.0 * of("drag_coefficient", 0.0) * self.speed
+        inertia, viscous = (vectors[:, self._places[name]] for name in ("inertia", "viscous"))
+        viscous = viscous + 2.0 * of("drag_coefficient", 0.0) * self.speed
         count = np.searchsorted(self.effort, of("limit", np.inf), "right")
         count = count - np.searchsorted(self.effort, of("dead_zone", 0.0), "left")
         passed = np.maximum(count / len(self.effort), LEAST_PASSED)
         gain = of("gain", 1.0) * np.maximum(1.0 - of("load_coefficient", 0.0) * self.driving, LEAST_PASSED)
         if self.rate_alone:
             gain = gain * of("scale", 1.0)
-        return self.modes.response(of("inertia", 0.0), np.maximum(viscous, 0.0), gain * passed, self.guide)
+        return self.modes.response(inertia, np.maximum(viscous, 0.0), gain * passed, self.guide)
 
     def log_volume(self, c: Candidate, torques: Values) -> float:
         """Twice the negative log of the Jacobian from torques to motion, over the `torques` counted in each mode.

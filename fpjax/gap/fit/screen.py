@@ -32,11 +32,11 @@ class Screening(Protocol):
     tick: Callable[[float], None]
 
     def screening(self) -> list[Values]:
-        """Windows."""
+        """The few fitted windows on which starts are screened, one array a record."""
         ...
 
     def go_on(self, candidates: Sequence[Candidate], windows: Sequence[Values], steps: int, *, white: bool) -> None:
-        """Steps."""
+        """More steps for candidates of any families."""
         ...
 
 
@@ -59,7 +59,7 @@ def few_windows(search: Screening) -> list[Values]:
 
 
 def screened(search: Screening, candidates: list[Candidate], most: int, *, white: bool) -> list[Candidate]:
-    """A few steps of every candidate on a few windows; all but the first of those alone that are worth them.
+    """One step of every candidate on a few windows, then the other steps of those that are still worth them.
 
     Args:
         search: that they belong to.

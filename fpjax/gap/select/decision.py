@@ -91,7 +91,8 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
     tried = list(weighed)
     rivals, path, likely = weighed, [exact.fit], [effect.name for effect in search.effects]
     # Without a gap nothing will be told of causes, nor of details beside them.
-    most = THRESHOLDS.most_causes if gap_share(search, given) >= THRESHOLDS.nothing else 1
+    gap = gap_share(search, given) >= THRESHOLDS.nothing
+    most = THRESHOLDS.most_causes if gap else 1
     for size in range(2, most + 1):
         missing = exact.left(chosen.fit) / _whole_left(search, exact, chosen.fit, nominal)
         # Where the causes explain the gap, what more there is are details beside them; beside numbers alone every
@@ -118,8 +119,9 @@ def decide(search: Search, stage: Callable[[str, float], None], curves: Mapping[
         chosen, rivals, tried = instead, found, [*tried, *found]
     stage("simpler causes", 0.0)
     chosen = simpler(search, exact, chosen)
-    if most > 1:
-        chosen = _with_stribeck(search, exact, chosen)
+    if gap:
+        chosen, found = _with_stribeck(search, exact, chosen, nominal)
+        tried += found
     stage("what each cause takes", 0.0)
     shares = shares_of(search, exact, chosen.fit, [w.fit for w in tried])
     instead = _numbers_instead(search, exact, chosen, shares)
@@ -276,19 +278,25 @@ def _plausible(
     return next(one for one in options if one.fit is best), found
 
 
-def _with_stribeck(search: Search, exact: Exact, chosen: Weighed) -> Weighed:
-    """The chosen model with a Stribeck friction that is sure beside it, however little torque it takes.
+def _with_stribeck(
+    search: Search, exact: Exact, chosen: Weighed, nominal: Weighed
+) -> tuple[Weighed, Sequence[Weighed]]:
+    """(the chosen model, with a Stribeck friction if that is sure beside it; what was tried).
 
-    Hardly a bearing has none, and without it the Coulomb and viscous numbers stand for it: 8 % too large and 34 % too
-    small to leave a hundredth of the torque more. (A drag beside it followed the form of its law, to their cost.)
+    However little torque it takes, but not where it only blurs the causes: hardly a bearing has none, and without it
+    the Coulomb and viscous numbers stand for it, 8 % too large and 34 % too small to leave a hundredth of the torque
+    more. (A drag beside it followed the form of its law, to their cost.)
     """
     starts = beside(search, [chosen], ["stribeck"])
     if not starts:
-        return chosen
-    (found,) = weigh(search, exact, search.explore(starts, PAIR_KEEP, white=False))
-    best = settled(search, exact, found)
+        return chosen, []
+    found = weigh(search, exact, search.explore(starts, PAIR_KEEP, white=False))
+    best = settled(search, exact, found[0])
     sure = best.evidence - chosen.evidence > THRESHOLDS.decisive and exact.left(best.fit) < exact.left(chosen.fit)
-    return best if sure and resolved(search, best.fit) else chosen
+    if not (sure and resolved(search, best.fit)):
+        return chosen, found
+    blurs_them = _only_blurs(exact, chosen, best, _whole_left(search, exact, best.fit, nominal))
+    return chosen if blurs_them else best, found
 
 
 def _wild(search: Search, exact: Exact, fit: Fit) -> set[str]:

@@ -18,7 +18,8 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
 
     A spring absorbs at the end of what the data can show, overdamped, or so soft that friction winds it up by a
     good part of the travel: it follows any slow torque, and is no machine's transmission; one that carries next to
-    nothing until it is wound up is a backlash. A backlash may be overdamped, its contacts tell of it; with a gap
+    nothing until it is wound up is a backlash. A mass at one of its ends that is a twentieth of all or less is no
+    second mass. A backlash may be overdamped, its contacts tell of it; with a gap
     that may be none it is such a spring, and at its largest one the load is loose. A ripple that passes faster than
     the samples can tell is one of their own making. A torque amplitude that ends at its largest value, more than
     any torque of the log, is a difference of two large torques that cancel each other over a short travel. A dead
@@ -47,6 +48,8 @@ def resolved(search: Search, fit: Fit, t: Thresholds = THRESHOLDS) -> bool:
     for effect, periods in PERIODIC.items():
         if effect in c.structural and values[periods] * usual / (2.0 * np.pi) > t.ripple / setting.dt:
             return False
+    if {"compliance", "backlash"} & set(c.structural) and "load_share" in ends:
+        return False
     if "compliance" in c.structural:
         if {"frequency", "damping_ratio", "relative_hardening"} & ends:
             return False

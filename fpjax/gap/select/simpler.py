@@ -22,7 +22,7 @@ SCALE = "velocity_scale_error"
 FACTORS = (GAIN, SCALE)
 """One factor that makes several nominal numbers wrong in proportion."""
 POWERS = {"kg m^2": -1, "N m s/rad": -1, "N m s^2/rad^2": -2, "rad/s": 1, "rad": 1, "1/rev": -1}
-"""Power of the scale of an angle by which a parameter changes, by its unit."""
+"""Power of the scale of an angle by which a parameter changes, by its unit; one of another unit does not."""
 ONE_FOR_MANY = (*FACTORS, "load_dependent_friction")
 """What one parameter makes of several numbers: a friction that grows with the load is nearly a gain where the motor
 hardly ever brakes."""
@@ -134,8 +134,8 @@ def _lost(fit: Fit, chosen: Fit, without: float) -> float:
 def _as_read(c: Candidate) -> dict[str, float]:
     """Values of the machine that a right rate sensor shows as a candidate's sensor with a scale shows its own.
 
-    A scale is fitted where the rate alone is measured, so that an angle counts in the readings' unit: an inertia and a
-    damping go down with the scale, a speed of friction goes up, and a torque repeats after another angle.
+    Where the rate alone is measured, an angle counts in the readings' unit: an inertia and a damping go down with the
+    scale, a speed of friction goes up, and a torque repeats after another angle.
     """
     values = c.values()
     scale, own = values["scale"], [p for p in c.family.parameters if p.name not in ("scale", "bias")]
@@ -150,7 +150,7 @@ def _instead(search: Search, fit: Fit, by_name: dict[str, Effect]) -> Iterator[t
         fit: of the chosen causes.
         by_name: the vocabulary.
     """
-    c = fit.candidate
+    c, rate_alone = fit.candidate, search.records[0].position is None
     # With a known load that turns in the nominal model an unbalance is its error.
     turning_load = bool(search.setting.turning_load)
     for effect in c.effects:
@@ -162,7 +162,7 @@ def _instead(search: Search, fit: Fit, by_name: dict[str, Effect]) -> Iterator[t
                 wide = tuple(c.wide | set(() if GAIN in c.structural else numbers_of(effect)))
                 simple = Start((*rest, by_name[name]), wide, values)
                 yield simple, Start(rest, wide, values)
-        if effect.name == SCALE and (c.wide or set(c.at_bound()) & set(NOMINAL)):
+        if effect.name == SCALE and rate_alone and (c.wide or set(c.at_bound()) & set(NOMINAL)):
             # With numbers wrong beside it a factor on the reading makes nothing simpler: they alone do what it does.
             yield (Start(rest, tuple(c.wide | {"inertia", "viscous"}), values | _as_read(c)),)
         if effect.name == "unbalance" and turning_load and c.wide and GAIN in by_name and GAIN not in c.structural:
