@@ -25,6 +25,7 @@ def fitted(values, *, effects=(), wide=(), bounds=(), load_error=()):
         family=SimpleNamespace(parameters=[SimpleNamespace(name=name) for name in values]),
         free=np.arange(len(values)),
         scale=np.ones(len(values)),
+        vector=np.array(list(values.values())),
         values=lambda: dict(values),
         at_bound=lambda: list(bounds),
         load_error=load_error,
@@ -100,6 +101,26 @@ def test_a_backlash_whose_gap_may_be_none_is_a_spring_of_stiff_faces(deviation, 
     assert resolved(search, fit) == shown
     fit.candidate.at_bound = lambda: ["gap"]
     assert not resolved(search, fit)
+
+
+@pytest.mark.parametrize(("apart", "told"), [(0.02, True), (0.5, False)])
+def test_harmonics_that_stand_for_each_other_are_a_friction_all_the_same(apart, told):
+    """Over less than a period neither amplitude is known, and their sum is: zero is not among what both may be."""
+    names = [p.name for p in BY_NAME["position_dependent_friction"].parameters]
+    values = dict.fromkeys(names, 0.0) | {"ripple_cosine_1": 2.0, "ripple_cosine_2": 1.0, "ripple_periods": 2.0}
+    spread = np.diag([1e-6] * len(names))
+    first, second = (names.index(f"ripple_cosine_{n}") for n in (1, 2))
+    # Their difference may be anything, their sum is 3 within `apart`.
+    for a, b, sign in ((first, first, 1), (second, second, 1), (first, second, -1), (second, first, -1)):
+        spread[a, b] = 9.0 * sign + apart**2
+    records = [SimpleNamespace(linear=False, speed=np.full(100, 3.0))]
+    search = SimpleNamespace(setting=SETTING, records=records)
+    fit = fitted(values, effects=("position_dependent_friction",))
+    if not told:
+        fit.candidate.vector[[first, second]] = 0.9, -0.5  # a sum of 0.4, and a difference that may be zero
+        fit.candidate.values = lambda: dict(zip(names, fit.candidate.vector, strict=True))
+    missing = insignificant_causes(search, fit, spread)
+    assert missing == (frozenset() if told else {"position_dependent_friction"})
 
 
 def gap(before, closed=0.0):

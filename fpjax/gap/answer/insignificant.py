@@ -1,11 +1,13 @@
 """Effects of a model whose size cannot be distinguished from zero, so that they are not asserted."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..effects.estimate import NINETY
+from ..effects.parameters import COGGING, RIPPLE
 from ..fit.candidate import Fit
 from ..fit.search import Search
 from .intervals import estimates
@@ -31,6 +33,8 @@ SIZES = {
     "velocity_bias": "bias",
 }
 """By effect, the reported parameter whose interval holds 0 when the log does not tell the effect from nothing."""
+WAVES = {"position_dependent_friction": RIPPLE, "cogging": COGGING}
+"""By effect, amplitudes that are all zero when the effect is absent."""
 FACTORS = {"torque_gain_error": "gain", "velocity_scale_error": "scale"}
 """By effect, the reported parameter that is 1 when the effect is absent."""
 
@@ -56,7 +60,9 @@ def insignificant_causes(search: Search, fit: Fit, spread: np.ndarray) -> frozen
             # A size that ended at its bound has no interval: it is neutral only if it is exactly the neutral value.
             known = math.isfinite(size.low) and math.isfinite(size.high)
             if (size.low <= neutral <= size.high) if known else size.value == neutral:
-                found.add(effect.name)
+                waves = [p.name for p in WAVES.get(effect.name, ())]
+                if not waves or _may_be_none(fit, waves, spread):
+                    found.add(effect.name)
     names = [c.family.parameters[index].name for index in c.free]
     for number in c.wide:
         place = names.index(number)
@@ -64,3 +70,23 @@ def insignificant_causes(search: Search, fit: Fit, spread: np.ndarray) -> frozen
         if abs(c.values()[number] - getattr(search.setting, number)) <= half:
             found.add(f"{number}_error")
     return frozenset(found)
+
+
+def _may_be_none(fit: Fit, amplitudes: Sequence[str], spread: np.ndarray) -> bool:
+    """Whether some amplitudes may all be zero, by their 90 % region.
+
+    Over a travel of hardly a period each harmonic may stand for the others, and none is known for itself.
+    """
+    c = fit.candidate
+    names = [c.family.parameters[index].name for index in c.free]
+    places = [names.index(name) for name in amplitudes]
+    values, own = c.vector[c.free][places], spread[np.ix_(places, places)]
+    free = np.diag(own) > 0.0  # one that is not counts as known
+    if np.any(values[~free] != 0.0):
+        return False
+    size = values[free] / np.sqrt(np.diag(own)[free])
+    between = own[np.ix_(free, free)] / np.sqrt(np.outer(np.diag(own)[free], np.diag(own)[free]))
+    distance = float(size @ np.linalg.pinv(between, hermitian=True) @ size)
+    # The 90 % quantile of a chi-square (Wilson and Hilferty, "The distribution of chi-square", 1931).
+    count = max(int(np.sum(free)), 1)
+    return distance <= count * (1.0 - 2.0 / (9.0 * count) + 1.2816 * math.sqrt(2.0 / (9.0 * count))) ** 3
