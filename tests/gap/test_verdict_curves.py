@@ -73,6 +73,15 @@ def test_of_several_effects_the_one_that_follows_the_dominant_variable_comes_fir
     assert judged(chosen, [], shares=shares, named=0.9, follows=FOLLOWS).causes[0] == "presliding"
 
 
+def test_a_constant_torque_is_part_of_every_curve():
+    """One of nineteen twentieths of the gap came after a Stribeck friction of a sixtieth that follows the velocity."""
+    chosen = weighed("constant_torque+asymmetric_friction", 500.0)
+    for constant, first in ((0.9, "constant_torque"), (0.1, "asymmetric_friction")):
+        shares = {"constant_torque": constant, "asymmetric_friction": 0.2}
+        found = judged(chosen, [], shares=shares, curves=VELOCITY, named=0.9, follows=FOLLOWS)
+        assert found.causes[0] == first
+
+
 def test_what_hardly_moves_the_machine_makes_no_part_unexplained():
     """Vibration is most of the missing torque of many real machines, and hardly any of what moves them."""
     chosen, rivals = weighed("unbalance", 500.0), [weighed("presliding", 200.0)]

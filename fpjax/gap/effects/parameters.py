@@ -177,9 +177,9 @@ RIPPLE = tuple(
     for order in range(3)
     for part in ("cosine", "sine")
 )
-# From once in two turns, and half a period within the travel (a period 4 % longer than the travel was told as a scale
-# of 1.96 of the rate sensor); cogging from 1.5, as once a turn is an unbalance.
-RIPPLE_PERIODS = _periods("ripple_periods", 3.0, 0.5, "law.position_periods", within=0.5)
+# From once in two turns, and nine tenths of a period within the travel: one that is 4 % longer than the travel was told
+# as a scale of 1.96 of the rate sensor, half of one stands for a Coulomb level. Cogging from 1.5: once is a weight.
+RIPPLE_PERIODS = _periods("ripple_periods", 3.0, 0.5, "law.position_periods", within=0.9)
 # Extra Coulomb friction at the start, which decays: a machine that warms up.
 DRIFT = EffectParameter(
     "drift_amplitude",

@@ -10,9 +10,10 @@ from .detectability import resolved
 from .shares import numbers_of, without_effect
 from .weighed import CONTAINED, Exact, Weighed, weighed_fit, whole_gap
 
+CONSTANT = "constant_torque"
 SIMPLER = {
-    "asymmetric_friction": ("constant_torque",),
-    "unbalance": ("constant_torque",),
+    "asymmetric_friction": (CONSTANT,),
+    "unbalance": (CONSTANT,),
     "cogging": ("unbalance",),
     "backlash": ("compliance",),
 }

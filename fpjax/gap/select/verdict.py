@@ -10,7 +10,7 @@ from .decision import Decision
 from .dominant import believed, dominant
 from .misread import told_readings, with_readings
 from .nominal_errors import wrong_numbers
-from .simpler import FACTORS, ONE_FOR_MANY
+from .simpler import CONSTANT, FACTORS, ONE_FOR_MANY
 from .statement import Seen, Verdict, Word, is_number
 from .weighed import CONTAINED, Weighed
 
@@ -162,13 +162,14 @@ def _counts_as_right(decision: Decision, t: Thresholds) -> bool:
 def _in_order(size: Mapping[str, float], seen: Seen, t: Thresholds) -> list[str]:
     """Causes by their size, the largest first; effects that follow the dominant variable before the other effects.
 
-    What follows no recorded variable (bristles, a spring) mends details beside a law of the one that dominates. Nominal
-    numbers, and factors that stand for several of them, are free beside every curve and keep their places.
+    What follows no recorded variable (bristles, a spring) mends details beside a law of the one that dominates; a
+    constant torque is part of every such law. Nominal numbers, and factors that stand for several of them, are free
+    beside every curve and keep their places.
     """
     variable, order = dominant(seen.curves, t), sorted(size, key=lambda n: -size[n])
     effects = [n for n in order if not is_number(n) and n not in FACTORS]
     if variable is not None:
-        effects = sorted(effects, key=lambda n: variable.of not in seen.follows.get(n, ()))
+        effects = sorted(effects, key=lambda n: n != CONSTANT and variable.of not in seen.follows.get(n, ()))
     effect = iter(effects)
     placed = set(effects)
     return [next(effect) if n in placed else n for n in order]
