@@ -32,7 +32,7 @@ def replaced(monkeypatch, chosen, found, given=None):
     monkeypatch.setattr(decision, "nominal_sizes", lambda setting: GIVEN)
     monkeypatch.setattr(decision, "settled", lambda search, exact, weighed: weighed)
     monkeypatch.setattr(decision, "weigh", lambda search, exact, fits: fits)
-    monkeypatch.setattr(decision, "_beside", lambda search, bases, likely: tried.append((bases, likely)) or [1])
+    monkeypatch.setattr(decision, "beside", lambda search, bases, likely: tried.append((bases, likely)) or [1])
     monkeypatch.setattr(decision, "resolved", lambda search, fit: "unresolved" not in fit.candidate.structural)
     tried = []
     laws = [law(name) for name in ("quadratic_drag", "stribeck", "unresolved")] + [law("compliance", ())]

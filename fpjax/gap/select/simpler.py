@@ -151,7 +151,7 @@ def _instead(search: Search, fit: Fit, by_name: dict[str, Effect]) -> Iterator[t
         fit: of the chosen causes.
         by_name: the vocabulary.
     """
-    c, rate_alone = fit.candidate, search.records[0].position is None
+    c, rate_alone = fit.candidate, all(record.position is None for record in search.records)
     # With a known load that turns in the nominal model an unbalance is its error.
     turning_load = bool(search.setting.turning_load)
     for effect in c.effects:
