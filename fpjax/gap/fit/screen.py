@@ -1,7 +1,7 @@
 """Screen: a few steps of every start on a few windows, and which of them are worth more."""
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,6 +21,7 @@ SCREENED = 0.45  # share of an exploration's run time that is over then [1]; for
 HEAVY = 3.0  # run time of a candidate with a transmission over that of a rigid one
 
 
+@runtime_checkable
 class Screening(Protocol):
     """The part of `fpjax.gap.fit.search.Search` that screening uses; as there."""
 
