@@ -121,7 +121,7 @@ class Stored:
             with self._lock:  # several threads come here at once: one of them loads or compiles
                 program = self._programs.get(key)
                 if program is None:
-                    program = self._programs[key] = self._find(folder, f"{shapes}{structure}{settings()}", arguments)
+                    program = self._programs[key] = self._find(folder, f"{shapes}{structure}", arguments)
         return program(*arguments)
 
     def _find(self, folder: pathlib.Path, call: str, arguments: PyTree) -> Callable[..., PyTree]:

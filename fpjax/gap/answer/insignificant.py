@@ -77,6 +77,8 @@ def _may_be_none(fit: Fit, amplitudes: Sequence[str], spread: np.ndarray) -> boo
 
     Over a travel of hardly a period each harmonic may stand for the others, and none is known for itself.
     """
+    from scipy.special import chdtri  # scipy.stats takes a second to import
+
     c = fit.candidate
     names = [c.family.parameters[index].name for index in c.free]
     places = [names.index(name) for name in amplitudes]
@@ -87,6 +89,4 @@ def _may_be_none(fit: Fit, amplitudes: Sequence[str], spread: np.ndarray) -> boo
     size = values[free] / np.sqrt(np.diag(own)[free])
     between = own[np.ix_(free, free)] / np.sqrt(np.outer(np.diag(own)[free], np.diag(own)[free]))
     distance = float(size @ np.linalg.pinv(between, hermitian=True) @ size)
-    # The 90 % quantile of a chi-square (Wilson and Hilferty, "The distribution of chi-square", 1931).
-    count = max(int(np.sum(free)), 1)
-    return distance <= count * (1.0 - 2.0 / (9.0 * count) + 1.2816 * math.sqrt(2.0 / (9.0 * count))) ** 3
+    return distance <= float(chdtri(max(int(np.sum(free)), 1), 0.1))  # the 90 % quantile of a chi-square

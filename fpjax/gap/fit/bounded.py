@@ -24,7 +24,7 @@ def bounded_steps(c: Candidate, matrices: Values, slopes: Values, dampings: Valu
     value, edge = c.vector[c.free], 1e-9 * c.scale
     low, high = value <= c.low + edge, value >= c.high - edge
     # Marquardt's scaling by the diagonal; the small term keeps a parameter without influence solvable.
-    diagonal, index = np.einsum("dii->di", matrices), np.arange(len(value))
+    diagonal, index = np.diagonal(matrices, axis1=1, axis2=2), np.arange(len(value))
     damped = matrices.copy()
     damped[:, index, index] += dampings[:, None] * diagonal + 1e-12
     steps = _solved(damped, slopes)
@@ -43,7 +43,7 @@ def bounded_steps(c: Candidate, matrices: Values, slopes: Values, dampings: Valu
 
 def _solved(matrices: Values, slopes: Values) -> Values:
     """Solutions of A x = -b, (equations, unknowns), the diagonal scaled to one; by least squares where that fails."""
-    size = 1.0 / np.sqrt(np.einsum("dii->di", matrices))
+    size = 1.0 / np.sqrt(np.diagonal(matrices, axis1=1, axis2=2))
     scaled, right = matrices * size[:, :, None] * size[:, None, :], -slopes * size
     try:
         return np.linalg.solve(scaled, right[:, :, None])[:, :, 0] * size

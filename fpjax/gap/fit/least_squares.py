@@ -381,7 +381,7 @@ class Fitter(Response):
         # A window whose simulation diverged, here or at a neighbour, has no say in the step (its cost is infinite).
         known, found = np.isfinite(part.c), np.isfinite(part.slope)
         here, slope = np.where(known, part.c, 0.0), np.where(found, part.slope, 0.0) * size
-        if weight is None or not np.all(known):
+        if weight is None:
             weight = self.modes.precision(c.level, self.noise[part.which][part.windows], here, white=c.white)
         weighted = slope * np.where(known, weight, 0.0)[:, :, None]
         products = slope.transpose(0, 2, 1) @ weighted

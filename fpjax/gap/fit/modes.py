@@ -212,16 +212,11 @@ class Modes:
         """`cost` and `precision`, whose most work is the same."""
         order = np.argsort(noise, kind="stable")
         factors, law = bursts(self.tails)
-        share = self._by_burst(level, noise[order], coefficients[order], white)
-        least = np.min(share, axis=0)
-        share -= least
-        share *= -0.5
-        np.exp(share, out=share)
-        share *= law[:, None, None]
-        mean = np.sum(share, axis=0)
-        share /= mean
+        by_burst = self._by_burst(level, noise[order], coefficients[order], white)
+        mixed = mixed_likelihood(by_burst, law)
+        share = law[:, None, None] * np.exp(-0.5 * (by_burst - mixed))
         cost = np.empty(len(noise))
-        cost[order] = np.sum(least - 2.0 * np.log(mean), axis=1)
+        cost[order] = np.sum(mixed, axis=1)
         atoms = self._atoms
         signal = (level[atoms.band] ** 2 * atoms.flat) * 4.0 ** factors[:, None]
         out = np.empty((len(noise), len(atoms.first)))

@@ -36,10 +36,6 @@ def lane_kernel(
         return run(jax.tree.unflatten(fixed, leaves), *lanes)
 
     options = {"xla_cpu_prefer_vector_width": "512"} if jax.default_backend() == "cpu" else None
-    names = names_of_own(effects)
-    of = (
-        None
-        if names is None
-        else description(run.__qualname__, options, names, [p.name for p in parameters], fixed, made_of)
-    )
+    names, own = names_of_own(effects), [p.name for p in parameters]
+    of = None if names is None else description(run.__qualname__, options, names, own, fixed, made_of)
     return Stored(jax.jit(flat, compiler_options=options), of)
