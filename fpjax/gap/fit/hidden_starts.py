@@ -19,7 +19,9 @@ def estimate_hidden_states(
     """Estimate the hidden states at the windows' starts, and keep in each window the estimate that fits best.
 
     Tried are the present one, the estimate from the past, the end of the window before, and either face of a
-    backlash.
+    backlash; each beside the rate and the angle as they are fitted, and as they were read. (A window that fits its
+    speed to the wrong phase of a shaft's vibration does not find out by itself; its misfit then raised the level, and
+    with it every other window's.)
 
     Args:
         fitter: of the candidates' family.
@@ -42,7 +44,11 @@ def estimate_hidden_states(
             for side in (1.0, -1.0):
                 options.append([np.stack([np.full(count, side * h), np.zeros(count)]) for h in halves])
         best = _costs(fitter, candidates, which, chosen)
-        trials = [[_started(c, which, chosen, at) for c, at in zip(candidates, one, strict=True)] for one in options]
+        trials = [
+            [_started(c, which, chosen, at, first) for c, at in zip(candidates, one, strict=True)]
+            for one in options
+            for first in (2, 0)
+        ]
         # All of them in one run: alone most have fewer lanes than the loop runs at once.
         costs = iter(_costs(fitter, [trial for one in trials for trial in one], which, chosen))
         for one in trials:
@@ -54,12 +60,15 @@ def estimate_hidden_states(
                 best[i] = np.minimum(best[i], after)
 
 
-def _started(c: Candidate, which: int, chosen: Values, at: Values) -> Candidate:
-    """A copy of a candidate whose chosen windows start from hidden states of shape (2, windows)."""
+def _started(c: Candidate, which: int, chosen: Values, at: Values, first: int) -> Candidate:
+    """A copy of a candidate whose chosen windows start from hidden states of shape (2, windows).
+
+    States from the index `first` on start from their estimates again: 2 the hidden ones, 0 the rate and the angle too.
+    """
     hidden, states = list(c.hidden), list(c.states)
     hidden[which], states[which] = c.hidden[which].copy(), c.states[which].copy()
     hidden[which][:, chosen] = at
-    states[which][2:, chosen] = 0.0
+    states[which][first:, chosen] = 0.0
     return replace(c, hidden=hidden, states=states)
 
 
