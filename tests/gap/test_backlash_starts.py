@@ -7,6 +7,8 @@ import pytest
 
 from fpjax import diagnose, load_model
 from fpjax.gap import EFFECTS
+from fpjax.gap.fit.candidate import NOMINAL, Start
+from fpjax.gap.select.starts import alone
 from fpjax.gap.verb import make_search
 
 GAP, LOAD = 0.02, 0.02  # rad, kg m^2 of the 0.05
@@ -61,3 +63,15 @@ def test_a_load_that_rattles_is_told_as_backlash_with_its_gap(log):
     assert found.verdict in ("explained", "partly_explained")
     gap = found.ranking[0].parameters["gap"]
     assert gap.value == pytest.approx(GAP, rel=0.05)
+
+
+@pytest.mark.long  # makes a search of its own
+def test_a_further_cause_that_begins_badly_ends_no_worse_than_the_backlash_alone(log):
+    search = gap_search.search_of(log)
+    by_name = {effect.name: effect for effect in EFFECTS}
+    backlash, stribeck = by_name["backlash"], by_name["stribeck"]
+    base = search.explore([start for start in alone(search) if start.effects == (backlash,)])[0].candidate
+    begins = base.values() | {"gap": 3.0 * GAP, "load_share": 0.1, "stribeck_torque": 1.0}
+    both = search.explore([Start((backlash, stribeck), NOMINAL, begins, base)], white=False)[0]
+    assert both.candidate.cost < base.cost + 1.0
+    assert both.candidate.values()["gap"] == pytest.approx(GAP, rel=0.05)

@@ -89,6 +89,13 @@ class Candidate:
         """All parameters by name."""
         return {p.name: float(v) for p, v in zip(self.family.parameters, self.vector, strict=True)}
 
+    def known_to(self, other: "Candidate") -> dict[str, float]:
+        """Its values by name that mean something to another candidate: of what both fit, or a start of both set."""
+        set_by_both = {p.name for e in self.effects if e in other.effects for p in e.fixed}
+        own = set_by_both | {self.family.parameters[i].name for i in self.free}
+        others = set_by_both | {other.family.parameters[i].name for i in other.free}
+        return {name: value for name, value in self.values().items() if name in own & others}
+
     @property
     def load_error(self) -> tuple[str, ...]:
         """Parameters of it that are the error of a known load, and not an unbalance of their own."""

@@ -14,14 +14,14 @@ from .least_squares import Fitter
 
 def estimate_hidden_states(
     fitter: Fitter, hidden_states: HiddenStates, records: Sequence[Record], candidates: Sequence[Candidate],
-    windows: Sequence[Values],
+    windows: Sequence[Values], *, afresh: bool = False,
 ) -> None:  # fmt: skip
     """Estimate the hidden states at the windows' starts, and keep in each window the estimate that fits best.
 
     Tried are the present one, the estimate from the past, the end of the window before, and either face of a
-    backlash; each beside the rate and the angle as they are fitted, and as they were read. (A window that fits its
-    speed to the wrong phase of a shaft's vibration does not find out by itself; its misfit then raised the level, and
-    with it every other window's.)
+    backlash; each beside the rate and the angle as they are fitted, and where asked for as they were read. (A window
+    that fits its speed to the wrong phase of a shaft's vibration does not find out by itself; its misfit then raised
+    the level, and with it every other window's.)
 
     Args:
         fitter: of the candidates' family.
@@ -29,6 +29,7 @@ def estimate_hidden_states(
         records: the logs.
         candidates: of one family; their hidden states are changed.
         windows: indices of the windows, one array a record.
+        afresh: whether the rate and the angle as they were read are tried too.
     """
     backlash = any(p.name == "gap" for c in candidates for e in c.effects for p in e.parameters)
     for which, chosen in enumerate(windows):
@@ -47,7 +48,7 @@ def estimate_hidden_states(
         trials = [
             [_started(c, which, chosen, at, first) for c, at in zip(candidates, one, strict=True)]
             for one in options
-            for first in (2, 0)
+            for first in ((0, 2) if afresh else (2,))
         ]
         # All of them in one run: alone most have fewer lanes than the loop runs at once.
         costs = iter(_costs(fitter, [trial for one in trials for trial in one], which, chosen))

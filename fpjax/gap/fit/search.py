@@ -13,6 +13,7 @@ from ..data.setting import Setting
 from ..data.split import fairer_split
 from ..data.tables import Tables
 from ..effects.effect import Effect
+from ..effects.parameters import SHAPES
 from ..simulate.family import Family, Key, Nominal, Runner, key_for, make_family
 from ..simulate.hidden_states import HiddenStates
 from .backlash_starts import contact_starts
@@ -266,7 +267,8 @@ class Search:
                 continue
             done = 0
             while done < steps and (active := [c for c in group if not c.converged]):
-                estimate_hidden_states(fitter, self.hidden_states[key], self.records, active, windows)
+                hidden = self.hidden_states[key]
+                estimate_hidden_states(fitter, hidden, self.records, active, windows, afresh=done == 0)
                 fitter.go_on(active, windows, min(3, steps - done), white=white)
                 done += 3
 
@@ -285,7 +287,9 @@ class Search:
             white: one level of the missing torque for all octaves until the last steps. Far from the solution a level
                 for each leads to wrong minima; starts from a finished fit can do without.
         """
-        candidates = screened(self, self._started(starts, white=white), keep[0] if keep else 0, white=white)
+        started = self._started(starts, white=white)
+        bases = {id(c): start.like for c, start in zip(started, starts, strict=True)}
+        candidates = screened(self, started, keep[0] if keep else 0, white=white)
         best: dict[tuple[str, ...], list[Candidate]] = {}
         for c in sorted(candidates, key=lambda c: c.cost):
             group = best.setdefault(c.names, [])
@@ -308,6 +312,7 @@ class Search:
                 for c in going:
                     # From a few windows to all of them: the level is estimated anew.
                     c.converged, c.damping, c.level = False, min(c.damping, 1.0), np.zeros(0)
+                going += self._bases_ahead(going, [bases[id(c)] for c in going], white=white)
             for c in going:
                 if c.names not in sets:
                     left.setdefault(c.names, c)
@@ -334,6 +339,29 @@ class Search:
         for key in dict.fromkeys(c.family.key for c in both):
             self.fitters[key].assess([c for c in both if c.family.key == key], self.screening(), white=white)
         return [given[i] if i in given and given[i].cost < c.cost else c for i, c in enumerate(found)]
+
+    def _bases_ahead(
+        self, candidates: Sequence[Candidate], bases: Sequence[Candidate | None], *, white: bool
+    ) -> list[Candidate]:
+        """Causes beside a shaft at the fit that they began beside, where that is likelier on all windows than they are.
+
+        A few windows do not hold all that a base has learned, and steps on them may leave its valley: beside a backlash
+        every further cause could end behind the backlash alone. (One rigid mass comes back in the next steps.)
+
+        Args:
+            candidates: screened; costs are those of all windows afterwards.
+            bases: the fitted candidate that each began beside, if any.
+            white: one level of the missing torque for all octaves.
+        """
+        pairs = []
+        for c, base in zip(candidates, bases, strict=True):
+            if base is not None and base.family.key[0] == c.family.key[0] == "transmission":
+                shapes = {name: value for name, value in c.values().items() if name in SHAPES}
+                pairs.append((c, self.candidate(Start(c.effects, tuple(c.wide), shapes | base.known_to(c), base))))
+        for key in dict.fromkeys(c.family.key for c, _ in pairs):
+            both = [c for pair in pairs if pair[0].family.key == key for c in pair]
+            self.fitters[key].assess(both, self.train, white=white)
+        return [origin for c, origin in pairs if origin.cost < c.cost]
 
     def fitted(self, starts: Sequence[Start]) -> list[Fit]:
         """Each start fitted on all windows with the same number of steps, in the order of `starts`."""
