@@ -15,6 +15,7 @@ GAP, LOAD = 0.02, 0.02  # rad, kg m^2 of the 0.05
 # N m/rad, N m s/rad: a contact that rings at 50 Hz (J_r = 0.03 x 0.02 / 0.05), with a third of its critical damping.
 STIFFNESS, DAMPING = 1200.0, 2.4
 RUBBING = 0.15  # N m on the load, of 0.55
+BY_NAME = {effect.name: effect for effect in EFFECTS}
 NAMES = ("backlash", "compliance", "constant_torque", "stribeck", "actuator_lag")
 
 
@@ -41,14 +42,18 @@ def log():
     )  # fmt: skip
 
 
-@pytest.mark.long  # makes a search of its own: 7 s
-def test_the_motion_shows_the_gap_before_anything_is_fitted(log):
-    search = gap_search.search_of(log)
+@pytest.fixture(scope="module")
+def search(log):
+    return gap_search.search_of(log)
+
+
+@pytest.mark.long  # makes a search: 7 s
+def test_the_motion_shows_the_gap_before_anything_is_fitted(search):
     first = search.setting.contacts[0]
     assert first["gap"] == pytest.approx(GAP, rel=0.25)
     assert first["load_share"] == pytest.approx(LOAD / 0.05, abs=0.2)
-    (backlash,) = (effect for effect in EFFECTS if effect.name == "backlash")
-    assert [start["gap"] for start in backlash.starts(search.setting)] == [s["gap"] for s in search.setting.contacts]
+    starts = BY_NAME["backlash"].starts(search.setting)
+    assert [start["gap"] for start in starts] == [start["gap"] for start in search.setting.contacts]
 
 
 def test_without_the_effect_nobody_looks_for_contacts(log):
@@ -65,13 +70,23 @@ def test_a_load_that_rattles_is_told_as_backlash_with_its_gap(log):
     assert gap.value == pytest.approx(GAP, rel=0.05)
 
 
-@pytest.mark.long  # makes a search of its own
-def test_a_further_cause_that_begins_badly_ends_no_worse_than_the_backlash_alone(log):
-    search = gap_search.search_of(log)
-    by_name = {effect.name: effect for effect in EFFECTS}
-    backlash, stribeck = by_name["backlash"], by_name["stribeck"]
+@pytest.mark.long
+def test_a_further_cause_that_begins_badly_ends_no_worse_than_the_backlash_alone(search):
+    backlash, stribeck = (BY_NAME[name] for name in ("backlash", "stribeck"))
     base = search.explore([start for start in alone(search) if start.effects == (backlash,)])[0].candidate
     begins = base.values() | {"gap": 3.0 * GAP, "load_share": 0.1, "stribeck_torque": 1.0}
     both = search.explore([Start((backlash, stribeck), NOMINAL, begins, base)], white=False)[0]
     assert both.candidate.cost < base.cost + 1.0
     assert both.candidate.values()["gap"] == pytest.approx(GAP, rel=0.05)
+
+
+@pytest.mark.long
+def test_a_cause_that_is_left_out_leaves_nothing_in_the_fit_without_it(search):
+    backlash, offset = (BY_NAME[name] for name in ("backlash", "constant_torque"))
+    both = search.candidate(Start((backlash, offset), NOMINAL, {"gap": GAP, "torque": 0.2, "load_side": 1.0}))
+    one = search.candidate(Start((backlash,), NOMINAL, {}))
+    known = both.known_to(one)
+    assert {name: known[name] for name in ("gap", "load_side")} == {"gap": GAP, "load_side": 1.0}
+    assert known["inertia"] == both.values()["inertia"]
+    assert "torque" not in known
+    assert one.known_to(both).keys() == known.keys()
