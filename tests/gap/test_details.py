@@ -219,17 +219,19 @@ def test_a_factor_that_is_a_detail_is_wrong_numbers(monkeypatch, name, share, lo
 
 
 @pytest.mark.parametrize(
-    ("gains", "left", "resolved", "blurs", "taken"),
+    ("gains", "left", "resolved", "blurs", "ends", "taken"),
     [
-        (1.1 * THRESHOLDS.decisive, 0.249, True, False, True),  # however little torque it takes
-        (0.9 * THRESHOLDS.decisive, 0.1, True, False, False),
-        (1.1 * THRESHOLDS.decisive, 0.251, True, False, False),  # it follows details at the others' cost
-        (1.1 * THRESHOLDS.decisive, 0.1, False, False, False),
-        (1.1 * THRESHOLDS.decisive, 0.1, True, True, False),
+        (1.1 * THRESHOLDS.decisive, 0.249, True, False, (), True),  # however little torque it takes
+        (0.9 * THRESHOLDS.decisive, 0.1, True, False, (), False),
+        (1.1 * THRESHOLDS.decisive, 0.251, True, False, (), False),  # it follows details at the others' cost
+        (1.1 * THRESHOLDS.decisive, 0.1, False, False, (), False),
+        (1.1 * THRESHOLDS.decisive, 0.1, True, True, (), False),
+        (1.1 * THRESHOLDS.decisive, 0.1, True, False, ("stribeck_torque",), False),  # none: the others fit better now
     ],
 )
-def test_a_stribeck_friction_is_taken_on_by_its_evidence(monkeypatch, gains, left, resolved, blurs, taken):
-    plain, curved = fit([WEIGHT], {"weight": 1.0}), fit([WEIGHT, effect("stribeck", "torque")], {"weight": 1.0})
+def test_a_stribeck_friction_is_taken_on_by_its_evidence(monkeypatch, gains, left, resolved, blurs, ends, taken):
+    with_it = [WEIGHT, effect("stribeck", "stribeck_torque")]
+    plain, curved = fit([WEIGHT], {"weight": 1.0}), fit(with_it, {"weight": 1.0}, ends=ends)
     chosen, best = Weighed(plain, 50.0, 50.0, 0.25), Weighed(curved, 50.0 + gains, 50.0 + gains, left)
     for what, stand_in in {
         "beside": lambda search, bases, names: [(base, *names) for base in bases],

@@ -293,7 +293,9 @@ def _with_stribeck(
     found = weigh(search, exact, search.explore(starts, PAIR_KEEP, white=False))
     best = settled(search, exact, found[0])
     sure = best.evidence - chosen.evidence > THRESHOLDS.decisive and exact.left(best.fit) < exact.left(chosen.fit)
-    if not (sure and resolved(search, best.fit)):
+    # One of no torque is none, though a better valley of the other parameters was found beside it.
+    none = "stribeck_torque" in best.fit.candidate.at_bound()
+    if none or not (sure and resolved(search, best.fit)):
         return chosen, found
     blurs_them = _only_blurs(exact, chosen, best, _whole_left(search, exact, best.fit, nominal))
     return chosen if blurs_them else best, found
